@@ -1,0 +1,39 @@
+# `make test` and `make reproduce` need Python 3.11, pip and make; both create .venv and reuse it.
+PYTHON ?= python3
+BIN := .venv/bin
+OUT ?= results/section3
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name __pycache__)
+
+.PHONY: setup check test reproduce clean
+
+setup: .venv/.package
+
+# torch comes first and pinned: asked for later, another package would pull its GPU build.
+.venv/.dependencies: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(PIP) "torch==2.13.0"
+	$(PIP) --editable ".[dev]" --config-settings editable_mode=strict
+	touch $@
+
+# A strict editable install links single files, so it is renewed when a folder gains or loses one;
+# it lets type checkers see `baselines` and `agents` under their installed names.
+.venv/.package: .venv/.dependencies $(PACKAGE_FOLDERS)
+	$(PIP) --no-deps --editable . --config-settings editable_mode=strict
+	touch $@
+
+check: setup
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: check
+	$(BIN)/python -m pytest
+
+reproduce: setup
+	$(BIN)/coopmap reproduce --quick --out $(OUT)
+
+clean:
+	rm -rf .venv build *.egg-info .mypy_cache .ruff_cache .pytest_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

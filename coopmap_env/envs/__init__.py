@@ -1,0 +1,1 @@
+"""The environments: orchestration, actions, observations, rewards, rendering."""

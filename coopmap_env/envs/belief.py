@@ -1,0 +1,74 @@
+"""Belief: what the robots of a team know, which is all that a policy may look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.geometry import to_camera_frame
+from coopmap_env.information import RatingFunction
+from coopmap_env.mapping import OccupancyMap
+from coopmap_env.robots import PoseLattice, Reach, straight_path_is_free
+
+
+@dataclass(frozen=True)
+class Belief:
+    """The team's map, its own poses and its own limits; never the truth.
+
+    Look, do not touch: `map` is the environment's own, not a copy.
+    """
+
+    agents: tuple[str, ...]
+    """Names of the robots; every list below is in this order."""
+    map: OccupancyMap
+    """The fused map of the whole team."""
+    pose_ids: tuple[int, ...]
+    """Where each camera is: its lattice number."""
+    rating: RatingFunction
+    """Rates poses with the constants of the environment; holds the pose lattice."""
+    reach: float
+    """Metres; see `PlanarSettings.reach`."""
+    offers: tuple[NDArray[np.int64], ...] | None = None
+    """The candidates offered to each robot, lattice numbers, in "candidates" mode."""
+
+    @property
+    def lattice(self) -> PoseLattice:
+        """The configuration space."""
+        return self.rating.lattice
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Camera poses (n_robots, 3) [x, y, heading], metres and radians."""
+        return self.lattice.poses(np.array(self.pose_ids))
+
+    def within_reach(self, robot: int, cells: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """Which cells one action can bring the robot to, walls aside, shape (k,)."""
+        here = self.lattice.poses(self.pose_ids[robot])
+        centers = self.lattice.poses(cells.astype(np.int64) * self.lattice.n_headings)
+        relative = np.abs(to_camera_frame(centers, here)[:, :2])
+        # a cell counts if its centre is in reach, but for the rounding of the rotation
+        return (relative <= self.reach * (1 + 1e-9)).all(axis=1)
+
+    def feasible_cells(self, robot: int) -> NDArray[np.int32]:
+        """Cells that satisfy constraints i and ii and lie within reach, nearest by path first."""
+        cells = Reach.search(self.map, self.cell(robot)).cells
+        return cells[self.within_reach(robot, cells)]
+
+    def cell(self, robot: int) -> int:
+        """Flat number of the cell in which the robot's camera is."""
+        return self.pose_ids[robot] // self.lattice.n_headings
+
+    def why_not(self, robot: int, pose_id: int) -> str:
+        """Why the robot cannot take this pose; empty if it can."""
+        if pose_id < 0:
+            return "outside the world"
+        start, goal = self.cell(robot), pose_id // self.lattice.n_headings
+        if start == goal or straight_path_is_free(self.map, start, goal):
+            return ""
+        if not self.map.sampled_cells[goal]:
+            return "goal is unknown"
+        if not Reach.search(self.map, start).steps[goal]:
+            return "goal is not known to be free, or no path through known free space leads there"
+        return ""

@@ -1,0 +1,211 @@
+"""What each robot observes, and what a centralised critic may see.
+
+Observation of one robot, a `Dict`:
+
+``map``: uint8 (4, V, V), V = `PlanarSettings.view_cells`. The local probabilistic map in the
+camera's frame: cell [i, j] lies i + 1/2 - V/2 cells ahead of the camera and j + 1/2 - V/2 cells to
+its left (nearest cell of the map).
+
+=======  ====================  ===================================================
+channel  content               values
+=======  ====================  ===================================================
+0        occupancy             255 P(occupied), rounded; 128 where nothing is known
+1        sampled               255 if the cell was ever sampled
+2        teammates             255 at the 3 x 3 cells around a teammate's camera
+3        inside the world      255 inside
+=======  ====================  ===================================================
+
+``pose``: float32 (4,) in [-1, 1].
+
+=======  ==========================================
+index    content
+=======  ==========================================
+0, 1     x, y as shares of the world's sides, 0 to 1
+2, 3     cosine and sine of the heading
+=======  ==========================================
+
+``teammates``: float32 (n_robots - 1, 4) in [-1, 1], in order of their numbers; absent for a single
+robot.
+
+=======  ================================================================
+index    content
+=======  ================================================================
+0, 1     ahead, left in the own camera frame, in diagonals of the world
+2, 3     cosine and sine of the teammate's heading relative to the own
+=======  ================================================================
+
+In "candidates" mode also ``candidates``: float32 (m, 9), zeros where masked, and ``action_mask``:
+int8 (m,), 1 where the candidate can be taken.
+
+=======  ===================================================================
+index    content
+=======  ===================================================================
+0, 1     ahead, left of the camera now, in diagonals of the world
+2, 3     cosine and sine of the turn
+4        NI (Eqs. 6-8) as a share of its maximum, ln(n_gray)
+5        motion cost K d**n (Eqs. 5, 9) as a share of ln(n_gray), at most 10
+6        P at the camera position
+7        rating (Eq. 9) as a share of ln(n_gray), at least -10
+8        never-sampled cells in view, as a share of the most the camera sees
+=======  ===================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numba import njit
+from numpy.typing import NDArray
+
+from coopmap_env.envs.belief import Belief
+from coopmap_env.geometry import to_camera_frame
+
+N_CHANNELS = 4
+N_FEATURES = 9
+FEATURE_LIMIT = 10.0
+Observation = dict[str, NDArray[Any]]
+
+
+@njit(cache=True, nogil=True)
+def draw_local_map(levels, sampled, nx, ny, x, y, heading, shades, clamp, out):
+    """Fill channels 0, 1 and 3; x and y in cells. `shades` is the uint8 of each level."""
+    side = out.shape[1]
+    c, s = math.cos(heading), math.sin(heading)
+    half = side / 2.0
+    for i in range(side):
+        ahead = i + 0.5 - half
+        for j in range(side):
+            left = j + 0.5 - half
+            ix = int(math.floor(x + c * ahead - s * left))
+            iy = int(math.floor(y + s * ahead + c * left))
+            if 0 <= ix < nx and 0 <= iy < ny:
+                cell = ix * ny + iy
+                out[0, i, j] = shades[levels[cell] + clamp]
+                out[1, i, j] = 255 * sampled[cell]
+                out[3, i, j] = 255
+            else:
+                out[0, i, j] = shades[clamp]
+                out[1, i, j] = 0
+                out[3, i, j] = 0
+            out[2, i, j] = 0
+
+
+class Observer:
+    """Fills observations; one object per environment, its spaces declared beside."""
+
+    def __init__(self, belief: Belief, view_cells: int, n_candidates: int | None) -> None:
+        grid = belief.map.grid
+        self._n_robots = len(belief.agents)
+        self._view_cells = view_cells
+        self._n_candidates = n_candidates
+        self._shape = grid.shape
+        self._lower = np.array(grid.origin)
+        self._size = np.array(grid.shape) * grid.resolution
+        self._diagonal = float(np.hypot(*self._size))
+        self._shades = np.round(255 * belief.map.range.probability).astype(np.uint8)
+        self._scale = math.log(belief.rating.settings.n_gray)
+
+    def space(self) -> spaces.Dict:
+        """A new observation space of one robot."""
+        v, m = self._view_cells, self._n_candidates
+        parts: dict[str, spaces.Space[Any]] = {
+            "map": spaces.Box(0, 255, (N_CHANNELS, v, v), np.uint8),
+            "pose": spaces.Box(-1.0, 1.0, (4,), np.float32),
+        }
+        if self._n_robots > 1:
+            parts["teammates"] = spaces.Box(-1.0, 1.0, (self._n_robots - 1, 4), np.float32)
+        if m is not None:
+            parts["candidates"] = spaces.Box(
+                -FEATURE_LIMIT, FEATURE_LIMIT, (m, N_FEATURES), np.float32
+            )
+            parts["action_mask"] = spaces.Box(0, 1, (m,), np.int8)
+        return spaces.Dict(parts)
+
+    def observe(self, belief: Belief, robot: int) -> Observation:
+        """The observation of one robot, as new arrays."""
+        poses = belief.poses
+        observation: Observation = {
+            "map": self._local_map(belief, poses, robot),
+            "pose": self._pose(poses[robot]),
+        }
+        if self._n_robots > 1:
+            others = np.delete(poses, robot, axis=0)
+            observation["teammates"] = self._relative(others, poses[robot])
+        if belief.offers is not None and self._n_candidates is not None:
+            offers = belief.offers[robot]
+            features = np.zeros((self._n_candidates, N_FEATURES), dtype=np.float32)
+            features[: len(offers)] = self._features(belief, robot, offers)
+            observation["candidates"] = features
+            observation["action_mask"] = (np.arange(self._n_candidates) < len(offers)).astype(
+                np.int8
+            )
+        return observation
+
+    def state_space(self) -> spaces.Box:
+        """Box (2 nx ny + 4 n_robots,) float32 in [-1, 1]; see `state`."""
+        size = 2 * math.prod(self._shape) + 4 * self._n_robots
+        return spaces.Box(-1.0, 1.0, (size,), np.float32)
+
+    def state(self, belief: Belief) -> NDArray[np.float32]:
+        """The team map and all poses in one vector, for centralised critics.
+
+        First P(occupied), then sampled (each nx ny values, row-major), then four values a robot
+        as in the observation's ``pose``.
+        """
+        map_ = belief.map
+        poses = np.concatenate([self._pose(pose) for pose in belief.poses])
+        parts = [map_.probability.ravel(), map_.sampled_cells, poses]
+        return np.concatenate(parts, dtype=np.float32, casting="same_kind")
+
+    def _local_map(
+        self, belief: Belief, poses: NDArray[np.float64], robot: int
+    ) -> NDArray[np.uint8]:
+        map_, side = belief.map, self._view_cells
+        out = np.empty((N_CHANNELS, side, side), dtype=np.uint8)
+        x, y = ((poses[robot, :2] - self._lower) / map_.grid.resolution).tolist()
+        nx, ny = map_.grid.shape
+        draw_local_map(
+            map_.levels, map_.sampled_cells, nx, ny, x, y, poses[robot, 2],
+            self._shades, map_.range.clamp, out,
+        )  # fmt: skip
+        for other in range(self._n_robots):
+            if other != robot:
+                ahead, left, _ = to_camera_frame(poses[other], poses[robot]).tolist()
+                i = math.floor(ahead / map_.grid.resolution + side / 2)
+                j = math.floor(left / map_.grid.resolution + side / 2)
+                out[2, max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)] = 255
+        return out
+
+    def _pose(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
+        x, y = ((pose[:2] - self._lower) / self._size).tolist()
+        heading = float(pose[2])
+        return np.array([x, y, math.cos(heading), math.sin(heading)], dtype=np.float32)
+
+    def _relative(
+        self, poses: NDArray[np.float64], reference: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        """Poses (k, 3) as seen from a camera: rows [ahead, left, cos, sin]."""
+        relative = to_camera_frame(poses, reference)
+        out = np.empty((len(relative), 4), dtype=np.float32)
+        out[:, :2] = relative[:, :2] / self._diagonal
+        out[:, 2] = np.cos(relative[:, 2])
+        out[:, 3] = np.sin(relative[:, 2])
+        return out
+
+    def _features(
+        self, belief: Belief, robot: int, offers: NDArray[np.int64]
+    ) -> NDArray[np.float32]:
+        rating = belief.rating
+        rated = rating.rate(belief.map, offers, belief.pose_ids[robot])
+        out = np.empty((len(offers), N_FEATURES), dtype=np.float32)
+        out[:, :4] = self._relative(belief.lattice.poses(offers), belief.poses[robot])
+        out[:, 4] = rated.new_information / self._scale
+        cost = rating.settings.K * rated.distance**rating.settings.exponent
+        out[:, 5] = np.minimum(cost / self._scale, FEATURE_LIMIT)
+        out[:, 6] = rated.occupancy
+        out[:, 7] = np.maximum(rated.rating / self._scale, -FEATURE_LIMIT)
+        out[:, 8] = rating.unknown_cells(belief.map, offers) / rating.fan.n_visible
+        return out

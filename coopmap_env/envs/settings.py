@@ -1,0 +1,69 @@
+"""Settings of the planar world, in metres and radians."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+from coopmap_env.information import RatingSettings
+from coopmap_env.mapping import BeamModel, LogOddsRange
+from coopmap_env.sensing import PlanarCamera, RangeNoise
+
+
+@dataclass(frozen=True)
+class PlanarSettings:
+    """Everything about robots, camera and map that is not the scene.
+
+    The defaults fit cells of one metre. `for_resolution` keeps the same geometry in cells on a
+    finer or coarser grid; `dataclasses.replace` changes single values.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    camera: PlanarCamera = field(default_factory=PlanarCamera)
+    noise: RangeNoise = field(default_factory=RangeNoise)
+    beam: BeamModel = field(default_factory=BeamModel)
+    log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
+    rating: RatingSettings = field(default_factory=RatingSettings)
+    n_headings: int = 16
+    """Headings of the configuration space; see `PoseLattice`."""
+    reach: float = 20.0
+    """Metres: one action moves the camera at most so far ahead or back, and so far to a side.
+    Less than the depth of field, so that most of the reach can be known."""
+    start_radius: float = 3.0
+    """Metres around each start that are known to be free: the robot stands there."""
+    start_spread: float = 6.0
+    """Metres: teammates start no further than this from the first robot."""
+    view_cells: int = 64
+    """Side of the observed local map, cells: reach and depth of field lie mostly inside."""
+
+    def __post_init__(self) -> None:
+        for name in ("reach", "start_radius", "start_spread"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"PlanarSettings.{name} must be finite and > 0, got {value}")
+        if self.view_cells < 4:
+            raise ValueError(f"PlanarSettings.view_cells must be at least 4, got {self.view_cells}")
+
+    @classmethod
+    def for_resolution(cls, resolution: float) -> PlanarSettings:
+        """The defaults with every length scaled, so that a view spans as many cells as before.
+
+        Range noise keeps its size in cells, and the rating its weight of a move by one cell.
+        """
+        base = cls()
+        return replace(
+            base,
+            camera=replace(base.camera, depth_of_field=base.camera.depth_of_field * resolution),
+            noise=replace(
+                base.noise,
+                intrinsic=base.noise.intrinsic * resolution ** (1 - base.noise.exponent),
+            ),
+            rating=replace(base.rating, alpha_position=base.rating.alpha_position / resolution**2),
+            reach=base.reach * resolution,
+            start_radius=base.start_radius * resolution,
+            start_spread=base.start_spread * resolution,
+        )

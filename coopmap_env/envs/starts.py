@@ -1,0 +1,69 @@
+"""Where a team starts: close together, in the largest free region of the world."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.robots import PoseLattice
+from coopmap_env.simulation.scenes import World, largest_free_region
+
+
+def place_team(
+    world: World,
+    lattice: PoseLattice,
+    n_robots: int,
+    spread: float,
+    radius: float,
+    rng: np.random.Generator,
+) -> tuple[tuple[int, ...], NDArray[np.int64]]:
+    """Draw the start poses and the cells that are known to be free because robots stand there.
+
+    Parameters
+    ----------
+    world : World
+    lattice : PoseLattice
+    n_robots : int
+    spread : float
+        Metres: teammates start no further than this from the first robot.
+    radius : float
+        Metres around each start whose free cells are known.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    pose_ids : tuple of int
+        Lattice numbers, cells different as long as there are enough.
+    known : ndarray, shape (k,)
+        Flat numbers of the known cells: the truly free ones around the starts.
+    """
+    region = largest_free_region(world.occupied)
+    cells = np.flatnonzero(region)
+    first = int(rng.choice(cells))
+    near = _disc(region, first, spread / world.resolution)
+    mates = rng.choice(near[near != first], n_robots - 1, replace=len(near) < n_robots)
+    starts = [first, *mates.tolist()]
+    headings = rng.integers(lattice.n_headings, size=n_robots).tolist()
+    pose_ids = tuple(
+        cell * lattice.n_headings + heading for cell, heading in zip(starts, headings, strict=True)
+    )
+    free = ~world.occupied
+    known = np.concatenate([_disc(free, cell, radius / world.resolution) for cell in starts])
+    return pose_ids, np.unique(known)
+
+
+def _disc(
+    mask: NDArray[np.bool_], cell: int, radius: float
+) -> NDArray[np.int64]:
+    """Flat numbers of the cells of `mask` no further than `radius` cells from a cell."""
+    nx, ny = mask.shape
+    x, y = divmod(cell, ny)
+    reach = math.floor(radius)
+    i = np.arange(max(x - reach, 0), min(x + reach + 1, nx))
+    j = np.arange(max(y - reach, 0), min(y + reach + 1, ny))
+    near = (i[:, None] - x) ** 2 + (j - y) ** 2 <= radius**2
+    near &= mask[i[0] : i[-1] + 1, j[0] : j[-1] + 1]
+    flat = i[:, None] * ny + j
+    return flat[near]

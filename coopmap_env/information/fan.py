@@ -1,0 +1,100 @@
+"""Which cells a camera pose would see: a beam fan prepared once per heading.
+
+A camera at the centre of a cell sends the same beams whatever the cell. So the traversal of all
+beams is done once for each heading: every crossed cell is listed with the set of beams that cross
+it, as bits. A view of the known map is then one pass over the list, nearest cell first: a cell is
+visible if any of its beams is still alive, and an occupied cell ends its beams. The result is that
+of walking every beam (tested so), for a tenth of the work, as near the camera many beams share a
+cell. Sorting by |dx| + |dy| keeps the order along every beam, as each step of a traversal adds one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.geometry.traversal import traverse
+from coopmap_env.sensing import PlanarCamera
+
+BEAMS_PER_WORD = 64
+
+
+@dataclass(frozen=True)
+class Fan:
+    """The cells of an unobstructed view, for every heading of a lattice.
+
+    The cells of heading h are entries `start[h]` to `start[h + 1]` of the arrays.
+    """
+
+    start: NDArray[np.int64]
+    """Shape (n_headings + 1,)."""
+    offsets: NDArray[np.int16]
+    """Shape (k, 2): cell offsets (dx, dy) from the camera's cell, nearest first."""
+    beams: NDArray[np.uint64]
+    """Shape (k, words): bit b of word w is set if beam 64 w + b crosses the cell."""
+    distance: NDArray[np.float64]
+    """Shape (k,): centre to centre, cells."""
+    all_beams: NDArray[np.uint64]
+    """Shape (words,): the bits of all beams of the camera."""
+    depth: float
+    """Depth of field, cells."""
+
+    @property
+    def n_headings(self) -> int:
+        """Headings of the lattice."""
+        return len(self.start) - 1
+
+    @property
+    def reach(self) -> int:
+        """Largest offset along an axis, cells."""
+        return int(np.abs(self.offsets).max())
+
+    @property
+    def n_visible(self) -> int:
+        """N of Eq. 7: the most cells that the camera can see, in empty space; a constant."""
+        return int(np.diff(self.start).max())
+
+    @classmethod
+    def of(cls, camera: PlanarCamera, resolution: float, n_headings: int) -> Fan:
+        """Prepare the fan of a camera on cells of `resolution` metres."""
+        depth = camera.depth_of_field / resolution
+        words = -(-camera.n_beams // BEAMS_PER_WORD)
+        lists = [
+            _beams_by_cell(camera.bearings + h * 2 * np.pi / n_headings, depth, words)
+            for h in range(n_headings)
+        ]
+        offsets = np.concatenate([offsets for offsets, _ in lists])
+        return cls(
+            start=np.cumsum([0, *(len(offsets) for offsets, _ in lists)]),
+            offsets=offsets.astype(np.int16),
+            beams=np.concatenate([bits for _, bits in lists]),
+            distance=np.hypot(*offsets.T.astype(np.float64)),
+            all_beams=_bits(range(camera.n_beams), words),
+            depth=depth,
+        )
+
+
+def _bits(beams: range, words: int) -> NDArray[np.uint64]:
+    value = sum(1 << beam for beam in beams)
+    mask = (1 << BEAMS_PER_WORD) - 1
+    return np.array([value >> (BEAMS_PER_WORD * w) & mask for w in range(words)], dtype=np.uint64)
+
+
+def _beams_by_cell(
+    angles: NDArray[np.float64], depth: float, words: int
+) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
+    """Cell offsets crossed by beams at these angles, nearest first, and the bits of the beams."""
+    half = int(np.ceil(depth)) + 2
+    size = 2 * half + 1
+    beams = np.zeros((size, size, words), dtype=np.uint64)
+    for beam, angle in enumerate(angles):
+        direction = [np.cos(angle), np.sin(angle)]
+        cells = traverse([half + 0.5] * 2, direction, depth, (size, size)).cells
+        word, bit = divmod(beam, BEAMS_PER_WORD)
+        beams[cells[:, 0], cells[:, 1], word] |= np.uint64(1 << bit)
+    offsets = np.argwhere(beams.any(axis=2)) - half
+    order = np.lexsort((offsets[:, 1], offsets[:, 0], np.abs(offsets).sum(axis=1)))
+    offsets = offsets[order]
+    return offsets, beams[offsets[:, 0] + half, offsets[:, 1] + half]

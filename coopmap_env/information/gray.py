@@ -1,0 +1,91 @@
+"""Gray levels of the new-information measure: Eqs. 8a and 8b, and their bins (Eq. 7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.mapping.log_odds import LogOddsRange
+
+Reading = Literal["literal", "distance_free"]
+
+
+def gray_of_sampled(
+    probability: ArrayLike, distance: ArrayLike, reading: Reading = "literal"
+) -> NDArray[np.float64]:
+    """Eq. 8a: gray level in [0, 1] of sampled voxels.
+
+    p < 1/2: p' = 1 / ((1 - p) d), p'' = (p' - 1) / 2, clamped to [0, 1/2];
+    p >= 1/2: p' = 1 / (p d), p'' = 1 - (p' - 1) / 2, clamped to [1/2, 1].
+
+    Parameters
+    ----------
+    probability : array_like
+        P(occupied).
+    distance : array_like
+        From the camera, in voxels; below 1 counts as 1.
+    reading : {"literal", "distance_free"}
+        With the distance as printed, or with d = 1 everywhere.
+    """
+    p = np.asarray(probability, dtype=np.float64)
+    d = np.ones_like(p) if reading == "distance_free" else np.maximum(distance, 1.0)
+    free = np.clip((1.0 / ((1.0 - p) * d) - 1.0) / 2.0, 0.0, 0.5)
+    occupied = np.clip(1.0 - (1.0 / (np.maximum(p, 0.5) * d) - 1.0) / 2.0, 0.5, 1.0)
+    return np.where(p < 0.5, free, occupied)
+
+
+def gray_of_unknown(distance: ArrayLike, depth: float) -> NDArray[np.float64]:
+    """Eq. 8b: gray level in (1, 2] of never-sampled voxels; `depth` is d_max, the depth of field.
+
+    The centre of a voxel at the rim may lie a little further than the depth of field: it counts
+    as d_max.
+    """
+    return 1.0 + np.minimum(np.asarray(distance, dtype=np.float64) / depth, 1.0)
+
+
+def gray_bin(gray: ArrayLike, n_gray: int) -> NDArray[np.int64]:
+    """Which of `n_gray` uniform bins over [0, 2] each gray level falls into."""
+    bins = (np.asarray(gray) * (n_gray / 2)).astype(np.int64)
+    return np.minimum(bins, n_gray - 1)
+
+
+@dataclass(frozen=True)
+class GrayTable:
+    """Eqs. 8a and 8b looked up: the bin of a voxel from its class of distance and its level.
+
+    Eq. 8a depends on the distance only below two voxels: from there on 1 / ((1 - p) d) <= 1 and
+    the clamp decides. So a few classes of distance and the map's finite levels hold all of it.
+    """
+
+    sampled: NDArray[np.uint8]
+    """Shape (classes, levels): bin of a sampled voxel; the last class is "two voxels or more"."""
+    distance_class: NDArray[np.uint8]
+    """Shape (k,): class of each cell of the fan."""
+    unknown: NDArray[np.uint8]
+    """Shape (k,): bin of each cell of the fan if it was never sampled."""
+
+    @classmethod
+    def of(
+        cls,
+        distance: NDArray[np.float64],
+        depth: float,
+        n_gray: int,
+        reading: Reading,
+        log_odds_range: LogOddsRange,
+    ) -> GrayTable:
+        """Tables for cells at these distances (voxels) from the camera."""
+        near = np.unique(np.maximum(distance[distance < 2.0], 1.0))
+        bounded = np.maximum(distance, 1.0)
+        classes = np.minimum(np.searchsorted(near, bounded), len(near))
+        rows = [
+            gray_bin(gray_of_sampled(log_odds_range.probability, d, reading), n_gray)
+            for d in (*near, 2.0)
+        ]
+        return cls(
+            np.array(rows, dtype=np.uint8),
+            classes.astype(np.uint8),
+            gray_bin(gray_of_unknown(distance, depth), n_gray).astype(np.uint8),
+        )

@@ -1,0 +1,208 @@
+"""The rating function: motion distance (Eq. 5), new information (Eqs. 6-8), rating (Eq. 9)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.geometry import wrap_angle
+from coopmap_env.information.entropy import minus_q_ln_q
+from coopmap_env.information.fan import Fan
+from coopmap_env.information.gray import GrayTable, Reading
+from coopmap_env.information.views import compose, new_information, unknown_cells, view
+from coopmap_env.mapping import LogOddsRange, OccupancyMap
+from coopmap_env.robots import PoseLattice
+from coopmap_env.sensing import PlanarCamera
+
+
+@dataclass(frozen=True)
+class RatingSettings:
+    """Constants of Eqs. 5 to 9.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    K: float = 0.1
+    """Weight of the motion, nats per unit of d**n."""
+    exponent: float = 1.0
+    """n of Eq. 9."""
+    alpha_position: float = 1.0
+    """Weight of squared metres in Eq. 5."""
+    alpha_heading: float = 0.0
+    """Weight of squared radians in Eq. 5: turning a camera on its mount costs next to nothing."""
+    n_gray: int = 64
+    """Bins over the gray levels [0, 2] (Eq. 7): half of them tell unknown cells apart by
+    distance, in steps of less than one cell at the default depth of field."""
+    reading: Reading = "literal"
+    """Of Eq. 8a: with the distance as printed, or distance free."""
+
+    def __post_init__(self) -> None:
+        for name in ("K", "exponent", "alpha_position", "alpha_heading"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"RatingSettings.{name} must be finite and >= 0, got {value}")
+        if not 2 <= self.n_gray <= 256:
+            raise ValueError(f"RatingSettings.n_gray must lie in 2 ... 256, got {self.n_gray}")
+        if self.reading not in ("literal", "distance_free"):
+            raise ValueError(
+                f"RatingSettings.reading is 'literal' or 'distance_free', got {self.reading!r}"
+            )
+
+
+def motion_distance(
+    poses: ArrayLike, current: ArrayLike, alpha_position: float, alpha_heading: float
+) -> NDArray[np.float64]:
+    """Eq. 5: d = sqrt(sum of alpha_i (c_i - c'_i)^2), the angle wrapped.
+
+    Parameters
+    ----------
+    poses : array_like, shape (..., 3)
+        New camera poses [x, y, heading], metres and radians.
+    current : array_like, shape (3,)
+        Where the camera is.
+    """
+    delta = np.asarray(poses, dtype=np.float64) - current
+    turn = wrap_angle(delta[..., 2])
+    squares = alpha_position * (delta[..., 0] ** 2 + delta[..., 1] ** 2) + alpha_heading * turn**2
+    return np.sqrt(squares)
+
+
+@dataclass(frozen=True)
+class Ratings:
+    """What Eq. 9 is made of, for k poses."""
+
+    new_information: NDArray[np.float64]
+    """NI, nats, shape (k,)."""
+    distance: NDArray[np.float64]
+    """d of Eq. 5, shape (k,)."""
+    occupancy: NDArray[np.float64]
+    """P at the camera's position, shape (k,)."""
+    rating: NDArray[np.float64]
+    """RF, shape (k,)."""
+
+
+class RatingFunction:
+    """Rates lattice poses on a known map; one object serves planner and reward alike.
+
+    Parameters
+    ----------
+    camera : PlanarCamera
+    lattice : PoseLattice
+        Its grid must be the map's.
+    settings : RatingSettings
+    log_odds_range : LogOddsRange
+        That of the maps to be rated on.
+    """
+
+    def __init__(
+        self,
+        camera: PlanarCamera,
+        lattice: PoseLattice,
+        settings: RatingSettings,
+        log_odds_range: LogOddsRange,
+    ) -> None:
+        self.lattice = lattice
+        self.settings = settings
+        self.fan = Fan.of(camera, lattice.grid.resolution, lattice.n_headings)
+        self.gray = GrayTable.of(
+            self.fan.distance, self.fan.depth, settings.n_gray, settings.reading, log_odds_range
+        )
+        self._fan = (self.fan.start, self.fan.offsets, self.fan.beams, self.fan.all_beams)
+        self._gray = (
+            self.gray.sampled,
+            self.gray.distance_class,
+            self.gray.unknown,
+            log_odds_range.clamp,
+        )
+        self._terms = minus_q_ln_q(self.fan.n_visible)
+        self._nobody = np.zeros(lattice.grid.n_cells, dtype=np.uint8)
+
+    def new_information(
+        self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
+    ) -> NDArray[np.float64]:
+        """NI (Eqs. 6-8) of poses, nats, shape (k,).
+
+        Parameters
+        ----------
+        map_ : OccupancyMap
+        ids : array_like, shape (k,)
+            Lattice numbers.
+        claimed : ndarray of uint8, shape (n_cells,), optional
+            1 at cells that a teammate is about to see: they are left out of the histogram.
+        """
+        ids = np.asarray(ids, dtype=np.int64)
+        out = np.empty(len(ids))
+        nx, ny = map_.grid.shape
+        new_information(
+            map_.levels, map_.sampled_cells, self._nobody if claimed is None else claimed,
+            nx, ny, ids, self._fan, self._gray, self._terms, self.settings.n_gray, out,
+        )  # fmt: skip
+        return out
+
+    def unknown_cells(
+        self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
+    ) -> NDArray[np.int64]:
+        """Number of never-sampled cells in view of each pose, shape (k,)."""
+        ids = np.asarray(ids, dtype=np.int64)
+        out = np.empty(len(ids), dtype=np.int64)
+        nx, ny = map_.grid.shape
+        unknown_cells(
+            map_.levels, map_.sampled_cells, self._nobody if claimed is None else claimed,
+            nx, ny, ids, self._fan, out,
+        )  # fmt: skip
+        return out
+
+    def visible_cells(self, map_: OccupancyMap, pose_id: int) -> NDArray[np.int64]:
+        """Flat numbers of the cells that a pose would see on the known map, nearest first."""
+        alive = np.empty(len(self.fan.all_beams), dtype=np.uint64)
+        visible, entries = np.empty((2, self.fan.n_visible), dtype=np.int64)
+        nx, ny = map_.grid.shape
+        n = view(
+            map_.levels, map_.sampled_cells, nx, ny, pose_id, self._fan, alive, visible, entries
+        )
+        return visible[:n].copy()
+
+    def motion_cost(self, distance: float) -> float:
+        """K d**n, the second term of Eq. 9, nats."""
+        return float(self.settings.K * distance**self.settings.exponent)
+
+    def rate(
+        self,
+        map_: OccupancyMap,
+        ids: ArrayLike,
+        current: int,
+        claimed: NDArray[np.uint8] | None = None,
+    ) -> Ratings:
+        """Eq. 9 of lattice poses: RF = (NI - K d**n) (1 - P).
+
+        Parameters
+        ----------
+        map_ : OccupancyMap
+        ids : array_like, shape (k,)
+        current : int
+            Where the camera is.
+        claimed : ndarray of uint8, shape (n_cells,), optional
+            See `new_information`.
+        """
+        return self.compose(map_, ids, current, self.new_information(map_, ids, claimed))
+
+    def compose(
+        self, map_: OccupancyMap, ids: ArrayLike, current: int, ni: NDArray[np.float64]
+    ) -> Ratings:
+        """Eq. 9 from new information that is known already."""
+        ids = np.asarray(ids, dtype=np.int64)
+        d, p, rating = np.empty((3, len(ids)))
+        lattice, s = self.lattice, self.settings
+        compose(
+            map_.levels, lattice.grid.shape[1], ids, current,
+            (lattice.n_headings, lattice.grid.resolution),
+            (s.K, s.exponent, s.alpha_position, s.alpha_heading),
+            map_.range.probability, map_.range.clamp, ni, d, p, rating,
+        )  # fmt: skip
+        return Ratings(ni, d, p, rating)

@@ -1,0 +1,113 @@
+"""Kernels over the cells that a pose would see on the known map.
+
+A pose is a lattice number; `fan` is the tuple (start, offsets, beams, all_beams) of a `Fan`.
+A sampled cell with P >= 1/2 is taken as occupied and ends the beams that cross it; unknown cells
+let them pass. `claimed` marks cells that a teammate is about to see: they are not counted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def view(levels, sampled, nx, ny, pose, fan, alive, visible, entries):
+    """Write the visible cells and their entries in the fan; return how many there are."""
+    start, offsets, beams, all_beams = fan
+    n_headings = len(start) - 1
+    cell, heading = pose // n_headings, pose % n_headings
+    x, y = cell // ny, cell % ny
+    words = len(all_beams)
+    for w in range(words):
+        alive[w] = all_beams[w]
+    count = 0
+    for k in range(start[heading], start[heading + 1]):
+        i, j = x + offsets[k, 0], y + offsets[k, 1]
+        if i < 0 or i >= nx or j < 0 or j >= ny:
+            continue
+        lit = np.uint64(0)
+        for w in range(words):
+            lit |= alive[w] & beams[k, w]
+        if lit == 0:
+            continue
+        seen = i * ny + j
+        visible[count] = seen
+        entries[count] = k
+        count += 1
+        if sampled[seen] and levels[seen] >= 0:
+            left = np.uint64(0)
+            for w in range(words):
+                alive[w] &= ~beams[k, w]
+                left |= alive[w]
+            if left == 0:
+                break
+    return count
+
+
+@njit(cache=True, nogil=True)
+def histogram_entropy(counts, minus_q_ln_q):
+    """H of Eq. 6 over the bins, from a table of -q ln q by count; clears the counts."""
+    h = 0.0
+    for b in range(len(counts)):
+        h += minus_q_ln_q[counts[b]]
+        counts[b] = 0
+    return h
+
+
+@njit(cache=True, nogil=True)
+def new_information(levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out):
+    """NI (Eqs. 6-8) of each pose; `gray` is (table, distance class, unknown bin, clamp)."""
+    table, distance_class, unknown_bin, clamp = gray
+    size = fan[1].shape[0]
+    alive = np.empty(len(fan[3]), np.uint64)
+    visible = np.empty(size, np.int64)
+    entries = np.empty(size, np.int64)
+    counts = np.zeros(n_gray, np.int64)
+    for p in range(len(poses)):
+        n = view(levels, sampled, nx, ny, poses[p], fan, alive, visible, entries)
+        for v in range(n):
+            cell, k = visible[v], entries[v]
+            if claimed[cell]:
+                continue
+            if sampled[cell]:
+                counts[table[distance_class[k], levels[cell] + clamp]] += 1
+            else:
+                counts[unknown_bin[k]] += 1
+        out[p] = histogram_entropy(counts, minus_q_ln_q)
+
+
+@njit(cache=True, nogil=True)
+def unknown_cells(levels, sampled, claimed, nx, ny, poses, fan, out):
+    """Number of never-sampled visible cells of each pose."""
+    size = fan[1].shape[0]
+    alive = np.empty(len(fan[3]), np.uint64)
+    visible = np.empty(size, np.int64)
+    entries = np.empty(size, np.int64)
+    for p in range(len(poses)):
+        n = view(levels, sampled, nx, ny, poses[p], fan, alive, visible, entries)
+        total = 0
+        for v in range(n):
+            total += sampled[visible[v]] == 0 and claimed[visible[v]] == 0
+        out[p] = total
+
+
+@njit(cache=True, nogil=True)
+def compose(levels, ny, poses, current, lattice, weights, probability, clamp, ni, d, p, rating):
+    """Eqs. 5 and 9 of each pose from its NI; writes d, P and RF.
+
+    `lattice` is (headings, resolution); `weights` is (K, exponent, alpha position, alpha heading).
+    """
+    n_headings, resolution = lattice
+    K, exponent, alpha_position, alpha_heading = weights
+    turn = 2.0 * np.pi / n_headings
+    here, facing = current // n_headings, current % n_headings
+    for k in range(len(poses)):
+        cell, heading = poses[k] // n_headings, poses[k] % n_headings
+        dx = (cell // ny - here // ny) * resolution
+        dy = (cell % ny - here % ny) * resolution
+        turns = abs(heading - facing)
+        angle = min(turns, n_headings - turns) * turn
+        d[k] = np.sqrt(alpha_position * (dx * dx + dy * dy) + alpha_heading * angle * angle)
+        p[k] = probability[levels[cell] + clamp]
+        rating[k] = (ni[k] - K * d[k] ** exponent) * (1.0 - p[k])

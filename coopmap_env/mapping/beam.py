@@ -1,0 +1,138 @@
+"""The inverse sensor model: what one beam with a Gaussian range says of the cells it crosses.
+
+A beam crosses cells 0, 1, 2, ... and reports the distance z with standard deviation sigma. Before
+the look each cell is occupied with probability 1/2, independently, and the beam ends at the first
+occupied cell. Bayes' rule on exactly this gives, with L_k the likelihood of z if cell k is the one,
+
+    w_k     proportional to (1/2)**k * L_k        probability that the beam ended at cell k
+    P_k     = w_k + (1/2) * sum of w_j over j < k occupancy of cell k after the look.
+
+So a cell is free before the surface, occupied around it, and unchanged (1/2) behind it; and as the
+w_k at least halve from cell to cell behind z, P_k is never below one half there.
+
+Loop, Cai, Orts-Escolano & Chou 2016 ("A closed-form Bayesian fusion equation using occupancy
+probabilities") solve the same model for infinitely fine cells: P(s) = F(s) - F(s - 3)/2 in units of
+sigma. That limit says nothing definite where sigma is smaller than a cell, which is the usual case
+near the camera; the sum above is exact for cells of any size and costs the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.mapping.log_odds import LEVELS_PER_NAT, level_of
+
+WINDOW = 4.0
+"""Standard deviations around z inside which a cell can be the one; beyond lie 6e-5 of the mass."""
+CUT = 0.95
+"""The beam says nothing of cells behind this share of the posterior mass."""
+
+
+@dataclass(frozen=True)
+class BeamModel:
+    """Constants of the inverse sensor model, tuned on training worlds only.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    free: float = 0.01
+    """Lowest occupancy that a single scan may claim for a cell."""
+    occupied: float = 0.97
+    """Highest occupancy that a single scan may claim for a cell."""
+    surface: Literal["entry", "anywhere"] = "entry"
+    """Where the surface of an occupied cell lies: at the face by which the beam enters, if the
+    cells are the obstacles; anywhere inside, if cells merely contain surfaces (recorded data)."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.free < 0.5 < self.occupied < 1:
+            raise ValueError(
+                f"BeamModel needs 0 < free < 0.5 < occupied < 1, got {self.free}, {self.occupied}"
+            )
+        if self.surface not in ("entry", "anywhere"):
+            raise ValueError(f"BeamModel.surface is 'entry' or 'anywhere', got {self.surface!r}")
+
+    @property
+    def levels(self) -> tuple[int, int]:
+        """The two bounds as fixed-point log-odds."""
+        return level_of(self.free), level_of(self.occupied)
+
+    @property
+    def enters(self) -> bool:
+        """Whether surfaces lie at the entry face."""
+        return self.surface == "entry"
+
+
+@njit(cache=True, nogil=True)
+def end_weights(entries, exits, n, z, sigma, enters, weights):
+    """Write w_k, the probability that the beam ended at cell k of n; return the best k.
+
+    `entries` and `exits` are the distances at which the beam enters and leaves each cell. If no
+    cell explains z, the cell that holds z does.
+    """
+    total = 0.0
+    prior = 1.0
+    best = 0
+    for k in range(n):
+        if enters:
+            a = (z - entries[k]) / sigma
+            likelihood = math.exp(-0.5 * a * a)
+        else:
+            scale = 1.0 / (sigma * math.sqrt(2.0))
+            mass = math.erf((exits[k] - z) * scale) - math.erf((entries[k] - z) * scale)
+            likelihood = mass / max(exits[k] - entries[k], 1e-9)
+        weights[k] = prior * likelihood
+        total += weights[k]
+        prior *= 0.5
+        if weights[k] > weights[best]:
+            best = k
+    if total <= 0.0:
+        best = n - 1
+        for k in range(n):
+            weights[k] = 0.0
+            if z < exits[k]:
+                best = min(best, k)
+        weights[best] = 1.0
+        return best
+    for k in range(n):
+        weights[k] /= total
+    return best
+
+
+@njit(cache=True, nogil=True)
+def level_of_beam(weight, before, lowest, highest):
+    """Fixed-point log-odds of P_k = w_k + before / 2, inside what one scan may claim."""
+    p = weight + 0.5 * before
+    if p <= 0.0:
+        return lowest
+    if p >= 1.0:
+        return highest
+    level = math.floor(math.log(p / (1.0 - p)) * LEVELS_PER_NAT + 0.5)
+    return min(max(level, lowest), highest)
+
+
+def beam_occupancy(
+    entries: ArrayLike, exits: ArrayLike, z: float, sigma: float, model: BeamModel
+) -> NDArray[np.float64]:
+    """P_k of every cell that a beam crosses, before a scan's bounds; for looking and testing.
+
+    Parameters
+    ----------
+    entries, exits : array_like, shape (n,)
+        Distances at which the beam enters and leaves each cell, in any unit.
+    z, sigma : float
+        Observed distance and its standard deviation, same unit; sigma > 0.
+    """
+    entries, exits = np.asarray(entries, dtype=np.float64), np.asarray(exits, dtype=np.float64)
+    weights = np.empty(len(entries))
+    end_weights(entries, exits, len(entries), z, sigma, model.enters, weights)
+    before = np.concatenate([[0.0], np.cumsum(weights)[:-1]])
+    return weights + 0.5 * before

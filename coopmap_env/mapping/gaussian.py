@@ -1,0 +1,76 @@
+"""Gaussian observations and their fusion: Eqs. 2 and 4, and the information form of both."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+
+def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
+    """Eq. 2: N(x; mean, C) of points (..., D); the exponent is the Mahalanobis distance."""
+    delta = np.asarray(x, dtype=np.float64) - mean
+    C = np.asarray(covariance, dtype=np.float64)
+    mahalanobis = np.einsum("...i,ij,...j->...", delta, np.linalg.inv(C), delta)
+    normaliser = math.sqrt((2 * math.pi) ** C.shape[0] * np.linalg.det(C))
+    return np.exp(-0.5 * mahalanobis) / normaliser
+
+
+def merge(
+    mean_1: ArrayLike, C_1: ArrayLike, mean_2: ArrayLike, C_2: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Merge two Gaussian observations of one point by multiplying their densities (Eq. 4).
+
+    C_m = C1 - C1 (C1 + C2)^-1 C1, mean_m = mean_1 + C1 (C1 + C2)^-1 (mean_2 - mean_1).
+    Symmetric and associative: any order gives the same result. The map keeps the same product in
+    information form, where merging is a sum.
+
+    Parameters
+    ----------
+    mean_1, mean_2 : array_like, shape (D,)
+    C_1, C_2 : array_like, shape (D, D)
+        Covariances, positive definite.
+
+    Returns
+    -------
+    mean : ndarray, shape (D,)
+    covariance : ndarray, shape (D, D)
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If C1 + C2 is singular.
+    """
+    mean_1, C_1 = np.asarray(mean_1, dtype=np.float64), np.asarray(C_1, dtype=np.float64)
+    gain = np.linalg.solve(C_1 + np.asarray(C_2), C_1).T
+    return mean_1 + gain @ (np.asarray(mean_2) - mean_1), C_1 - gain @ C_1
+
+
+@njit(cache=True, nogil=True)
+def add_observation(precision, vector, cell, C, deviation, floor):
+    """Merge one observation into a cell's information form: two sums (Eqs. 2 and 4).
+
+    `precision[cell]` += P and `vector[cell]` += P @ deviation with P = (C + floor I)^-1, the
+    deviation being the point minus the cell's centre, so that nothing cancels far from the origin.
+    """
+    xx, xy, yy = C[0, 0] + floor, C[0, 1], C[1, 1] + floor
+    if C.shape[0] == 2:
+        scale = 1.0 / (xx * yy - xy * xy)
+        precision[cell, 0, 0] += yy * scale
+        precision[cell, 0, 1] -= xy * scale
+        precision[cell, 1, 0] -= xy * scale
+        precision[cell, 1, 1] += xx * scale
+        vector[cell, 0] += (yy * deviation[0] - xy * deviation[1]) * scale
+        vector[cell, 1] += (xx * deviation[1] - xy * deviation[0]) * scale
+        return
+    xz, yz, zz = C[0, 2], C[1, 2], C[2, 2] + floor
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    scale = 1.0 / (xx * a + xy * b + xz * c)
+    rows = ((a, b, c), (b, d, e), (c, e, f))
+    for i in range(3):
+        for j in range(3):
+            precision[cell, i, j] += rows[i][j] * scale
+            vector[cell, i] += rows[i][j] * scale * deviation[j]

@@ -1,0 +1,150 @@
+"""Kernels that fuse one scan: walk its beams, then apply one update to each touched cell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from coopmap_env.geometry.traversal import advance, begin
+from coopmap_env.mapping.beam import CUT, WINDOW, end_weights, level_of_beam
+from coopmap_env.mapping.gaussian import add_observation
+
+MIN_SIGMA = 0.01
+"""Cells: no observation is trusted beyond a hundredth of a cell, so a noise-free camera is fine."""
+DIAGONAL = 1.75
+"""Cells: no less than the longest way through one, so that no cell in which the beam may have
+ended is left among the free ones."""
+
+
+@njit(cache=True, nogil=True)
+def _center_offset(point, cell, lower, resolution, shape, offset):
+    """Write `point` minus the centre of flat cell `cell`, metres."""
+    for axis in range(len(point) - 1, -1, -1):
+        offset[axis] = point[axis] - ((cell % shape[axis] + 0.5) * resolution + lower[axis])
+        cell //= shape[axis]
+
+
+@njit(cache=True, nogil=True)
+def walk_beams(
+    origin, points, covariances, hit, lower, resolution, shape,
+    bounds, enters, precision, vector, pending, touched,
+):  # fmt: skip
+    """Walk every beam of a scan; sum what they say per cell; merge the hits' Gaussians.
+
+    `pending` (n_cells,) int32 holds the summed levels, zero between scans and kept off zero for
+    the cells of this one, which `touched` (n_cells + 1,) lists. Returns how many there are.
+    """
+    nx, ny, nz = shape
+    lowest, highest = bounds
+    dimension = points.shape[1]
+    capacity = nx + ny + nz + 3
+    cells = np.empty(capacity, np.int64)
+    entries = np.empty(capacity)
+    exits = np.empty(capacity)
+    weights = np.empty(capacity)
+    offset = np.zeros(dimension)
+    p = np.full(3, 0.5)
+    u = np.zeros(3)
+    for axis in range(dimension):
+        p[axis] = (origin[axis] - lower[axis]) / resolution
+    count = 0
+    for beam in range(points.shape[0]):
+        z = 0.0
+        for axis in range(dimension):
+            u[axis] = (points[beam, axis] - origin[axis]) / resolution
+            z += u[axis] * u[axis]
+        z = math.sqrt(z)
+        if z == 0.0:
+            continue
+        for axis in range(dimension):
+            u[axis] /= z
+        clear = z
+        stop = z
+        sigma = 0.0
+        if hit[beam]:
+            variance = 0.0
+            for i in range(dimension):
+                for j in range(dimension):
+                    variance += u[i] * covariances[beam, i, j] * u[j]
+            sigma = max(math.sqrt(variance) / resolution, MIN_SIGMA)
+            clear = z - WINDOW * sigma - DIAGONAL
+            stop = z + WINDOW * sigma
+        cx, sx, tx, dx, end_x = begin(p[0], u[0], nx, ny * nz)
+        cy, sy, ty, dy, end_y = begin(p[1], u[1], ny, nz)
+        cz, sz, tz, dz, end_z = begin(p[2], u[2], nz, 1)
+        cell = cx + cy + cz
+        end = min(end_x, end_y, end_z)
+        t = 0.0
+        # free for certain
+        until = min(clear, end)
+        while t < until:
+            so_far = pending[cell]
+            touched[count] = cell
+            count += so_far == 0
+            pending[cell] = so_far + lowest if so_far != -lowest else 1
+            cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
+        if not hit[beam]:
+            continue
+        # cells in which the beam may have ended
+        n = 0
+        until = min(stop, end)
+        while t < until:
+            cells[n] = cell
+            entries[n] = t
+            cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
+            exits[n] = t
+            n += 1
+        outside = t < z  # the surface lies beyond the grid
+        best = 0
+        if not outside:
+            best = end_weights(entries, exits, n, z, sigma, enters, weights)
+        before = 0.0
+        for k in range(n):
+            level = lowest
+            if not outside:
+                level = level_of_beam(weights[k], before, lowest, highest)
+                before += weights[k]
+            so_far = pending[cells[k]]
+            touched[count] = cells[k]
+            count += so_far == 0
+            pending[cells[k]] = so_far + level if so_far != -level else 1
+            if before > CUT and k >= best:
+                break
+        if not outside:
+            _center_offset(points[beam], cells[best], lower, resolution, shape, offset)
+            floor = (MIN_SIGMA * resolution) ** 2
+            add_observation(precision, vector, cells[best], covariances[beam], offset, floor)
+    return count
+
+
+@njit(cache=True, nogil=True)
+def apply_updates(levels, sampled, pending, touched, bounds, clamp, entropy):
+    """Add one bounded update to each touched cell; return new cells and the drop of entropy.
+
+    Levels are left unclamped, so that the scans of one team step can be added in any order;
+    `clamp_levels` ends the step. The entropy is always that of the clamped level.
+    """
+    drop = 0.0
+    new = 0
+    for k in range(len(touched)):
+        cell = touched[k]
+        update = min(max(pending[cell], bounds[0]), bounds[1])
+        pending[cell] = 0
+        before = levels[cell]
+        after = before + update
+        levels[cell] = after
+        drop += entropy[min(max(before, -clamp), clamp) + clamp]
+        drop -= entropy[min(max(after, -clamp), clamp) + clamp]
+        new += 1 - sampled[cell]
+        sampled[cell] = 1
+    return new, drop
+
+
+@njit(cache=True, nogil=True)
+def clamp_levels(levels, touched, clamp):
+    """Clamp the touched cells."""
+    for k in range(len(touched)):
+        cell = touched[k]
+        levels[cell] = min(max(levels[cell], -clamp), clamp)

@@ -1,0 +1,169 @@
+"""OccupancyMap: the team's probabilistic map, made from scans alone."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.mapping.beam import BeamModel
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping.integration import apply_updates, clamp_levels, walk_beams
+from coopmap_env.mapping.log_odds import LEVELS_PER_NAT, LogOddsRange
+from coopmap_env.sensing.scan import Scan
+
+
+@dataclass(frozen=True)
+class ScanGain:
+    """What one scan brought, counted in the order in which the scans were given."""
+
+    new_cells: int
+    """Cells sampled for the first time."""
+    entropy_drop: float
+    """Nats, summed over the touched cells; negative where a scan contradicts the map."""
+
+
+class OccupancyMap:
+    """Per cell: occupancy probability, whether it was ever sampled, and a surface estimate.
+
+    Parameters
+    ----------
+    grid : VoxelGrid
+    model : BeamModel, optional
+        The inverse sensor model.
+    log_odds_range : LogOddsRange, optional
+        The clamp, which belongs to the map, not to the sensor.
+
+    Notes
+    -----
+    Each cell is updated once per scan: what the beams of one scan say of a cell is summed, bounded
+    by what a single scan may claim, and added to its log-odds. The scans of one `integrate` call
+    may come in any order.
+    """
+
+    def __init__(
+        self,
+        grid: VoxelGrid,
+        model: BeamModel | None = None,
+        log_odds_range: LogOddsRange | None = None,
+    ) -> None:
+        self.grid = grid
+        self.model = model or BeamModel()
+        self.range = log_odds_range or LogOddsRange()
+        n, d = grid.n_cells, grid.dimension
+        self._lower = np.array(grid.origin)
+        self._bounds = self.model.levels
+        self.levels = np.zeros(n, dtype=np.int32)
+        """Log-odds in fixed point, flat; see `log_odds`."""
+        self.sampled_cells = np.zeros(n, dtype=np.uint8)
+        """1 where a scan ever told something of the cell, flat; see `sampled`."""
+        self._precision = np.zeros((n, d, d))
+        self._vector = np.zeros((n, d))
+        self._pending = np.zeros(n, dtype=np.int32)
+        self._touched = np.empty(n + 1, dtype=np.int64)
+
+    def clear(self) -> None:
+        """Forget everything; cheaper than a new map."""
+        for array in (self.levels, self.sampled_cells, self._precision, self._vector):
+            array.fill(0)
+
+    def integrate(self, scans: Scan | Sequence[Scan]) -> list[ScanGain]:
+        """Fuse scans taken at the same time; the map does not depend on their order.
+
+        Raises
+        ------
+        ValueError
+            If a scan's dimension is not the map's, its camera is outside the grid, or a hit has a
+            value that is not finite. Nothing is fused then.
+        """
+        scans = [scans] if isinstance(scans, Scan) else list(scans)
+        for scan in scans:
+            self._check(scan)
+        gains, touched_cells = [], []
+        for scan in scans:
+            count = walk_beams(
+                scan.origin, scan.points, scan.covariances, scan.hit,
+                self._lower, self.grid.resolution, self.grid.shape3,
+                self._bounds, self.model.enters,
+                self._precision, self._vector, self._pending, self._touched,
+            )  # fmt: skip
+            touched = self._touched[:count].copy()
+            new, drop = apply_updates(
+                self.levels, self.sampled_cells, self._pending, touched,
+                self._bounds, self.range.clamp, self.range.entropy,
+            )  # fmt: skip
+            gains.append(ScanGain(int(new), float(drop)))
+            touched_cells.append(touched)
+        for touched in touched_cells:
+            clamp_levels(self.levels, touched, self.range.clamp)
+        return gains
+
+    def _check(self, scan: Scan) -> None:
+        d = self.grid.dimension
+        if scan.points.shape[1] != d:
+            raise ValueError(f"a {scan.points.shape[1]}-D scan cannot enter a {d}-D map")
+        camera = (scan.origin - self._lower) / self.grid.resolution
+        if not all(0 <= c < n for c, n in zip(camera, self.grid.shape, strict=True)):
+            raise ValueError(f"camera at {scan.origin} is outside the map's grid {self.grid}")
+        if not math.isfinite(scan.points.sum() + scan.covariances.sum()):
+            beam = int(np.argmin(np.isfinite(scan.points).all(axis=1)))
+            raise ValueError(f"scan has a value that is not finite (first at beam {beam})")
+
+    def mark_free(self, cells: ArrayLike) -> None:
+        """Declare cells (flat numbers) as known to be free, such as a robot's own place."""
+        cells = np.asarray(cells)
+        self.levels[cells] = -self.range.clamp
+        self.sampled_cells[cells] = 1
+
+    @property
+    def log_odds(self) -> NDArray[np.float64]:
+        """Log-odds of occupancy, nats, shape of the grid."""
+        return self.levels.reshape(self.grid.shape) / LEVELS_PER_NAT
+
+    @property
+    def probability(self) -> NDArray[np.float64]:
+        """P(occupied) in (0, 1), one half where nothing is known, shape of the grid."""
+        return self.range.probability[self.levels + self.range.clamp].reshape(self.grid.shape)
+
+    @property
+    def sampled(self) -> NDArray[np.bool_]:
+        """Where a scan ever told something, kept apart from p (Eq. 8), shape of the grid."""
+        return self.sampled_cells.astype(bool).reshape(self.grid.shape)
+
+    @property
+    def entropy(self) -> float:
+        """Sum of the cells' entropies (Eq. 6 of occupied and free), nats."""
+        return float(self.range.entropy[self.levels + self.range.clamp].sum())
+
+    @property
+    def viewed_share(self) -> float:
+        """Share of the world's cells that were ever sampled."""
+        return float(np.count_nonzero(self.sampled_cells)) / self.grid.n_cells
+
+    def surfaces(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Surface estimates of the hit cells (Eqs. 2 and 4).
+
+        Returns
+        -------
+        cells : ndarray, shape (k,)
+            Flat numbers of the cells in which at least one beam ended.
+        means : ndarray, shape (k, D)
+            Merged surface points, metres.
+        covariances : ndarray, shape (k, D, D)
+            Their merged covariances, square metres.
+        """
+        cells = np.flatnonzero(self._precision[:, 0, 0])
+        covariances = np.linalg.inv(self._precision[cells])
+        centers = self.grid.center(np.stack(np.unravel_index(cells, self.grid.shape), axis=-1))
+        means = centers + np.einsum("kij,kj->ki", covariances, self._vector[cells])
+        return cells, means, covariances
+
+    def copy(self) -> OccupancyMap:
+        """An independent copy."""
+        return copy.deepcopy(self)

@@ -1,0 +1,37 @@
+"""Planar-v0: a team of cameras maps an unknown planar world.
+
+=================  =====================================================================
+import             ``from coopmap_env import planar_v0``
+id                 ``coopmap/Planar-v0`` (PettingZoo "parallel", and Gymnasium for one
+                   controller that moves the whole team)
+agents             ``robot_0`` ... , 2 by default
+actions            `coopmap_env.envs.actions`: ``Box(-1, 1, (3,))`` or ``Discrete(m)``
+observations       `coopmap_env.envs.observations`, index by index
+rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage"
+settings           `PlanarSettings`: camera, noise, map, rating function, reach
+end                truncation after ``max_scans`` scans of each robot; no termination
+=================  =====================================================================
+
+Every robot is a planar camera that stands at a cell centre of the known free space and looks in
+one of 16 directions. In a step all robots move, then all look; their scans are fused into one
+probabilistic map, whose cells hold P(occupied). The first scans are taken with the first step: a
+reset shows only the few cells around the robots. Cameras are points: they neither hide the world
+from each other nor stand in each other's way.
+
+``infos[agent]`` holds ``terms`` (all reward terms), ``refused`` (why the camera stayed, or ""),
+``new_information``, ``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and
+``action_mask`` in "candidates" mode.
+
+Version history
+---------------
+v0: first version.
+"""
+
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.team import TeamEnv
+
+parallel_env = PlanarEnv
+team_env = TeamEnv
+
+__all__ = ["PlanarSettings", "parallel_env", "team_env"]

@@ -1,0 +1,61 @@
+"""The configuration space of a planar camera: cell centres times headings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.geometry import wrap_angle
+from coopmap_env.mapping import VoxelGrid
+
+
+@dataclass(frozen=True)
+class PoseLattice:
+    """The discrete points of the configuration space that the paper searches.
+
+    A camera stands at the centre of a cell and looks in one of `n_headings` directions; a pose is
+    numbered `cell * n_headings + heading`, the cell being its flat number in the grid.
+    """
+
+    grid: VoxelGrid
+    n_headings: int = 16
+    """Every 22.5 degrees: a third of the default field of view, so neighbouring views overlap."""
+
+    def __post_init__(self) -> None:
+        if self.grid.dimension != 2:
+            raise ValueError(f"PoseLattice needs a planar grid, got {self.grid.shape}")
+        if self.n_headings < 1:
+            raise ValueError(f"PoseLattice.n_headings must be at least 1, got {self.n_headings}")
+
+    @property
+    def n_poses(self) -> int:
+        """Number of poses, free or not."""
+        return self.grid.n_cells * self.n_headings
+
+    def poses(self, ids: ArrayLike) -> NDArray[np.float64]:
+        """Poses (..., 3) [x, y, heading in [-pi, pi)], metres and radians, of pose numbers."""
+        ids = np.asarray(ids)
+        cell, heading = np.divmod(ids, self.n_headings)
+        ix, iy = np.divmod(cell, self.grid.shape[1])
+        resolution, (x0, y0) = self.grid.resolution, self.grid.origin
+        return np.stack(
+            [
+                (ix + 0.5) * resolution + x0,
+                (iy + 0.5) * resolution + y0,
+                wrap_angle(heading * (2 * math.pi / self.n_headings)),
+            ],
+            axis=-1,
+        )
+
+    def nearest(self, pose: ArrayLike) -> int:
+        """Number of the lattice pose nearest to a pose (3,), or -1 if it lies outside the grid."""
+        x, y, heading = np.asarray(pose, dtype=np.float64).tolist()
+        (nx, ny), resolution, (x0, y0) = self.grid.shape, self.grid.resolution, self.grid.origin
+        ix, iy = math.floor((x - x0) / resolution), math.floor((y - y0) / resolution)
+        if not (0 <= ix < nx and 0 <= iy < ny):
+            return -1
+        turn = round(heading * self.n_headings / (2 * math.pi)) % self.n_headings
+        return int((ix * ny + iy) * self.n_headings + turn)

@@ -1,0 +1,110 @@
+"""Constraints i and ii of the paper: collision-free goals, reached by collision-free paths.
+
+Both are decided on the *known* map alone: a cell is free if it was sampled and P < 0.05, and a
+path leads through face-neighbouring free cells only. A camera therefore never moves through the
+unknown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from coopmap_env.geometry.traversal import advance, begin
+from coopmap_env.mapping import OccupancyMap
+from coopmap_env.mapping.log_odds import level_of
+
+P_EMPTY = 0.05
+"""Occupancy below which a sampled cell counts as unoccupied (the paper's 2 sigma)."""
+LEVEL_EMPTY = level_of(P_EMPTY)
+
+
+def free_cells(map_: OccupancyMap) -> NDArray[np.bool_]:
+    """Cells known to be free, flat: sampled and P < 0.05 (constraint i)."""
+    return (map_.levels < LEVEL_EMPTY) & (map_.sampled_cells != 0)
+
+
+@njit(cache=True, nogil=True)
+def is_free(levels, sampled, cell):
+    """Whether one cell is known to be free."""
+    return sampled[cell] != 0 and levels[cell] < LEVEL_EMPTY
+
+
+@njit(cache=True, nogil=True)
+def flood(levels, sampled, nx, ny, start, marks, queue):
+    """Breadth-first search over free cells from `start`; return how many it reached.
+
+    `queue` lists them, nearest first by steps; `marks` counts steps + 1, 0 where not reached.
+    """
+    queue[0] = start
+    marks[start] = 1
+    head, tail = 0, 1
+    while head < tail:
+        cell = queue[head]
+        head += 1
+        iy = cell % ny
+        steps = marks[cell] + 1
+        for side in range(4):
+            if side == 0:
+                neighbour, inside = cell - ny, cell >= ny
+            elif side == 1:
+                neighbour, inside = cell + ny, cell + ny < nx * ny
+            elif side == 2:
+                neighbour, inside = cell - 1, iy > 0
+            else:
+                neighbour, inside = cell + 1, iy + 1 < ny
+            if inside and marks[neighbour] == 0 and is_free(levels, sampled, neighbour):
+                marks[neighbour] = steps
+                queue[tail] = neighbour
+                tail += 1
+    return tail
+
+
+@njit(cache=True, nogil=True)
+def _straight_path(levels, sampled, nx, ny, start, goal):
+    """Whether the straight segment between two cell centres crosses free cells only."""
+    x0, y0 = start // ny + 0.5, start % ny + 0.5
+    ux, uy = goal // ny + 0.5 - x0, goal % ny + 0.5 - y0
+    length = np.sqrt(ux * ux + uy * uy)
+    if length == 0.0:
+        return True
+    cx, sx, tx, dx, _ = begin(x0, ux / length, nx, ny)
+    cy, sy, ty, dy, _ = begin(y0, uy / length, ny, 1)
+    cell = cx + cy
+    t = 0.0
+    while t < length and cell != goal:
+        if cell != start and not is_free(levels, sampled, cell):
+            return False
+        cell, tx, ty, _, t = advance(cell, sx, sy, 0, tx, ty, np.inf, dx, dy, np.inf)
+    return is_free(levels, sampled, goal)
+
+
+def straight_path_is_free(map_: OccupancyMap, start: int, goal: int) -> bool:
+    """Whether the straight segment between the centres of two cells is known to be free.
+
+    The start cell is where the camera already stands and is not asked about.
+    """
+    nx, ny = map_.grid.shape
+    return bool(_straight_path(map_.levels, map_.sampled_cells, nx, ny, start, goal))
+
+
+@dataclass(frozen=True)
+class Reach:
+    """All cells that a camera can reach from where it stands, nearest first."""
+
+    cells: NDArray[np.int32]
+    """Shape (k,): flat cell numbers by number of steps; the first is the start."""
+    steps: NDArray[np.int32]
+    """Shape (n_cells,): 1 + steps from the start, 0 where there is no path."""
+
+    @classmethod
+    def search(cls, map_: OccupancyMap, start: int) -> Reach:
+        """Search the known free space from flat cell `start` (constraint ii)."""
+        nx, ny = map_.grid.shape
+        steps = np.zeros(nx * ny, dtype=np.int32)
+        queue = np.empty(nx * ny, dtype=np.int32)
+        count = flood(map_.levels, map_.sampled_cells, nx, ny, start, steps, queue)
+        return cls(queue[:count].copy(), steps)

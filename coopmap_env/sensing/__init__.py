@@ -1,0 +1,7 @@
+"""What a camera is, how uncertain it is, and what it hands to the map."""
+
+from coopmap_env.sensing.camera import PlanarCamera
+from coopmap_env.sensing.noise import RangeNoise, rotate_covariances
+from coopmap_env.sensing.scan import Scan
+
+__all__ = ["PlanarCamera", "RangeNoise", "Scan", "rotate_covariances"]

@@ -1,0 +1,59 @@
+"""Frozen splits: worlds to learn from, to choose by and to report on never meet.
+
+A generated world is named by a split and a seed. The split enters the spawn key of the
+`numpy.random.SeedSequence`, apart from the seed, so
+
+- seed 7 of ``train`` and seed 7 of ``test`` are unrelated streams, whatever the seeds: nobody
+  has to keep ranges of numbers apart by discipline, and no split can run out of seeds;
+- worlds of a split never change: ``test`` with seeds 0 to 99 is the same set in each paper;
+- the key starts with a number of our own, because the n-th child of ``SeedSequence(7)`` has the
+  spawn key ``(n,)``: without it, an environment that spawns its streams from a plain seed would
+  draw its first one from the very stream of a split.
+
+The order of `SPLITS` is part of the promise: a new split goes to its end.
+"""
+
+import operator
+
+import numpy as np
+
+SPLITS = ("train", "validation", "test")
+"""Learn on the first, choose settings on the second, report the third once."""
+
+_NAMESPACE = 0x5CE2E
+"""First word of each spawn key: far above any number of children that somebody spawns."""
+
+
+def world_seed(split: str, seed: int) -> np.random.SeedSequence:
+    """Seed sequence of one world of a split.
+
+    Parameters
+    ----------
+    split : str
+        One of `SPLITS`.
+    seed : int
+        Number of the world in its split, 0 or more.
+
+    Returns
+    -------
+    numpy.random.SeedSequence
+        For ``numpy.random.default_rng``; spawn children of it for more than one purpose.
+
+    Raises
+    ------
+    ValueError
+        With the value, if the split is unknown or the seed no whole number of at least 0.
+    """
+    if split not in SPLITS:
+        raise ValueError(f"split must be one of {', '.join(SPLITS)}, not {split!r}")
+    return np.random.SeedSequence(_whole_number(seed), spawn_key=(_NAMESPACE, SPLITS.index(split)))
+
+
+def _whole_number(seed: int) -> int:
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if number < 0 or isinstance(seed, bool | np.bool_):
+        raise ValueError(f"seed must be a whole number of at least 0, not {seed!r}")
+    return number

@@ -1,0 +1,133 @@
+"""The planar truth that robots map, and the seam behind which scenes make it.
+
+A `World` is a grid of cells that are occupied or free. A `Scene` makes worlds: the same one
+each time (a recorded map) or a new one for each state of the Generator that it is given.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+SMALLEST_SIDE = 8
+"""Cells along a side: less than this leaves no room for a robot and something to look at."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """One planar world: which cells are occupied, and where they lie in metres.
+
+    The world ends at the border of the grid: there is nothing beyond, not even a wall.
+
+    Attributes
+    ----------
+    occupied : (nx, ny) bool array
+        True where something stands. The first axis is x, the second y. C-contiguous and
+        read-only: a copy is kept, so the caller's array stays as it is.
+    resolution : float
+        Side of a cell in metres.
+    origin : (float, float)
+        Position in metres of the lower corner of cell (0, 0).
+    name : str
+        What this world is called in reports.
+
+    Raises
+    ------
+    ValueError
+        With the value, if a field is not as described, the grid is smaller than 8 x 8 cells
+        or no cell is free.
+    """
+
+    occupied: NDArray[np.bool_]
+    resolution: float
+    origin: tuple[float, float]
+    name: str
+
+    def __post_init__(self) -> None:
+        occupied = np.asarray(self.occupied)
+        if occupied.ndim != 2:
+            raise ValueError(f"occupied must have 2 axes (x, y), not shape {occupied.shape}")
+        if occupied.dtype != np.bool_:
+            raise ValueError(f"occupied must be a bool array, not {occupied.dtype}")
+        check_shape(occupied.shape)
+        if occupied.all():
+            raise ValueError(f"occupied has no free cell: all {occupied.size} are occupied")
+        check_resolution(self.resolution)
+        if len(self.origin) != 2 or not all(math.isfinite(metres) for metres in self.origin):
+            raise ValueError(f"origin must be two finite numbers (x, y), not {self.origin!r}")
+        kept = np.array(occupied, order="C")
+        kept.setflags(write=False)
+        object.__setattr__(self, "occupied", kept)
+        object.__setattr__(self, "resolution", float(self.resolution))
+        object.__setattr__(self, "origin", (float(self.origin[0]), float(self.origin[1])))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of cells along x and y."""
+        n_x, n_y = self.occupied.shape
+        return n_x, n_y
+
+
+@runtime_checkable
+class Scene(Protocol):
+    """Whatever makes worlds of one shape, resolution and origin."""
+
+    @property
+    def name(self) -> str:
+        """What the scene is called in reports."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of cells along x and y, the same for each world."""
+
+    @property
+    def resolution(self) -> float:
+        """Side of a cell in metres."""
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Position in metres of the lower corner of cell (0, 0)."""
+
+    def world(self, rng: np.random.Generator) -> World:
+        """Make one world; every random choice comes from `rng`."""
+
+
+def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells of the largest 4-connected region of free space.
+
+    Two cells that touch at a corner only are apart: nothing passes between their neighbours.
+    Of two regions of the same size the one that comes first in C order is taken.
+
+    Parameters
+    ----------
+    occupied : (nx, ny) bool array
+        True where something stands.
+
+    Returns
+    -------
+    (nx, ny) bool array
+        True in the region; all False if no cell is free.
+    """
+    labels, n_regions = ndimage.label(~occupied)
+    if n_regions == 0:
+        return np.zeros(occupied.shape, dtype=np.bool_)
+    n_cells = np.bincount(labels.ravel())
+    largest: NDArray[np.bool_] = labels == 1 + np.argmax(n_cells[1:])
+    return largest
+
+
+def check_shape(shape: tuple[int, ...]) -> None:
+    """Raise ValueError unless `shape` is two sides of at least `SMALLEST_SIDE` cells."""
+    if len(shape) != 2 or min(shape) < SMALLEST_SIDE:
+        raise ValueError(
+            f"shape must be at least {SMALLEST_SIDE} x {SMALLEST_SIDE} cells, not {tuple(shape)}"
+        )
+
+
+def check_resolution(resolution: float) -> None:
+    """Raise ValueError unless `resolution` is a finite number of metres above 0."""
+    if not (math.isfinite(resolution) and resolution > 0.0):
+        raise ValueError(f"resolution must be finite and above 0 m, not {resolution!r}")

@@ -1,0 +1,15 @@
+"""The one seam between the environment and the world."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coopmap_env.sensing import Scan
+
+
+class Simulator(Protocol):
+    """Answers looks; nothing else of the truth leaves it on the way to a robot."""
+
+    def scan(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
+        """What a camera at `pose` measures, all noise drawn from `rng`."""

@@ -1,0 +1,244 @@
+import numpy as np
+import pytest
+
+from coopmap_env.envs.rendering import (
+    FREE,
+    NEVER_SAMPLED,
+    OCCUPIED,
+    ROBOT_COLORS,
+    HumanWindow,
+    render_team,
+    robot_color,
+)
+
+pytest.importorskip("PIL")
+pygame = pytest.importorskip("pygame")
+
+NOBODY = np.empty((0, 3))
+
+
+def picture(nx=20, ny=20, **changes):
+    """Render an empty, unsampled world without robots, but for the changes."""
+    arguments = {
+        "truth": np.zeros((nx, ny), dtype=bool),
+        "probability": np.full((nx, ny), 0.5),
+        "sampled": np.zeros((nx, ny), dtype=bool),
+        "poses": NOBODY,
+        "field_of_view": np.pi / 3,
+        "depth_of_field": 5.0,
+    }
+    return render_team(**(arguments | changes))
+
+
+def halves(frame):
+    """Split a picture into the one of the truth and the one of the map."""
+    middle = frame.shape[1] // 2
+    return frame[:, :middle], frame[:, middle:]
+
+
+def center_of(frame, color):
+    """Return the mean (column, row) of the pixels of a colour, and how many they are."""
+    rows, columns = np.nonzero((frame == color).all(axis=-1))
+    return columns.mean(), rows.mean(), len(rows)
+
+
+def changed(frame, other):
+    """Return the (column, row) of all pixels that differ."""
+    rows, columns = np.nonzero((frame != other).any(axis=-1))
+    return columns, rows
+
+
+def test_a_frame_is_an_rgb_image_of_two_panels_of_about_600_pixels():
+    frame = picture(200, 200)
+    assert frame.dtype == np.uint8
+    assert frame.ndim == 3
+    assert frame.shape[2] == 3
+    assert 600 < frame.shape[0] < 700
+    assert 1200 < frame.shape[1] < 1300
+
+
+def test_a_cell_is_a_whole_number_of_pixels_wide():
+    truth = np.zeros((20, 20), dtype=bool)
+    truth[7, 11] = True
+    left, _ = halves(picture(truth=truth))
+    rows, columns = np.nonzero((left == OCCUPIED).all(axis=-1))
+    assert np.ptp(rows) + 1 == np.ptp(columns) + 1 == 600 // 20
+    assert len(rows) == 30 * 30
+
+
+def test_x_points_right_and_y_up():
+    truth = np.zeros((20, 20), dtype=bool)
+    truth[0, 0] = True
+    left, _ = halves(picture(truth=truth))
+    column, row, _ = center_of(left, OCCUPIED)
+    panel_column, panel_row, _ = center_of(left, FREE)
+    assert column < panel_column
+    assert row > panel_row
+
+
+def test_the_truth_shows_obstacles_that_the_map_does_not_know():
+    left, right = halves(picture(truth=np.ones((20, 20), dtype=bool)))
+    assert center_of(left, OCCUPIED)[2] == 600 * 600
+    assert center_of(right, NEVER_SAMPLED)[2] >= 600 * 600
+
+
+def test_the_map_tells_free_occupied_undecided_and_never_sampled_apart():
+    probability = np.full((20, 20), 0.5)
+    probability[0], probability[1] = 0.0, 1.0
+    sampled = np.zeros((20, 20), dtype=bool)
+    sampled[:3] = True
+    _, right = halves(picture(probability=probability, sampled=sampled))
+    strip = 600 * 30
+    # the legend above adds a few pixels of each
+    assert strip <= center_of(right, FREE)[2] < strip + 300
+    assert strip <= center_of(right, OCCUPIED)[2] < strip + 300
+    assert 17 * strip <= center_of(right, NEVER_SAMPLED)[2] < 17 * strip + 300
+    undecided = np.rint((np.array(FREE) + OCCUPIED) / 2)
+    assert (np.abs(right.astype(int) - undecided) <= 1).all(axis=-1).sum() >= strip
+
+
+def test_what_an_unsampled_cell_holds_does_not_show():
+    np.testing.assert_array_equal(picture(probability=np.full((20, 20), np.nan)), picture())
+
+
+@pytest.mark.parametrize(
+    ("heading", "right", "up"), [(0, 1, 0), (np.pi / 2, 0, 1), (np.pi, -1, 0), (-np.pi / 2, 0, -1)]
+)
+def test_the_view_opens_along_the_heading_in_both_panels(heading, right, up):
+    pose = [[10.0, 10.0, heading]]
+    for panel, empty in zip(halves(picture(poses=pose)), halves(picture()), strict=True):
+        columns, rows = changed(panel, empty)
+        dot_column, dot_row, _ = center_of(panel, ROBOT_COLORS[0])
+        # 5 cells of 30 pixels: the wedge reaches 150 pixels, its centre of mass about 90
+        assert np.mean(columns - dot_column) == pytest.approx(90 * right, abs=30)
+        assert np.mean(dot_row - rows) == pytest.approx(90 * up, abs=30)
+
+
+def test_a_wider_view_tints_more():
+    pose = [[10.0, 10.0, 0.3]]
+    sizes = [
+        len(changed(picture(poses=pose, field_of_view=angle), picture())[0])
+        for angle in (0.5, 1.5, 3.0, 2 * np.pi)
+    ]
+    assert sizes == sorted(sizes)
+    # a full circle on each panel
+    assert sizes[-1] == pytest.approx(2 * np.pi * 150**2, rel=0.05)
+
+
+def test_robots_have_colours_of_their_own():
+    frame = picture(poses=[[3.0, 3.0, 0.0], [15.0, 15.0, 0.0]])
+    for color in ROBOT_COLORS[:2]:
+        assert center_of(frame, color)[2] > 100
+    assert robot_color(len(ROBOT_COLORS)) == robot_color(0)
+    assert len(set(ROBOT_COLORS)) == len(ROBOT_COLORS)
+
+
+def test_a_trail_runs_through_the_visited_positions():
+    trail = np.array([[2.0, 10.0], [18.0, 10.0]])
+    left, _ = halves(picture(trails=[trail]))
+    columns, rows = changed(left, halves(picture())[0])
+    # 16 cells of 30 pixels, and a knot at either end
+    assert np.ptp(columns) == pytest.approx(16 * 30, abs=10)
+    assert np.ptp(rows) < 10
+
+
+@pytest.mark.parametrize("trail", [np.empty((0, 2)), [[4.0, 4.0]]])
+def test_a_trail_may_be_empty_or_a_single_position(trail):
+    assert picture(trails=[trail]).shape == picture().shape
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0), (20.0, 20.0), (-500.0, 7.0)])
+def test_a_camera_at_or_beyond_the_edge_draws_only_inside_its_panel(position):
+    frame, empty = picture(poses=[[*position, 2.0]]), picture()
+    panel_columns, panel_rows = np.nonzero((empty == FREE).all(axis=-1))[::-1]
+    columns, rows = changed(halves(frame)[0], halves(empty)[0])
+    assert np.isin(columns, panel_columns).all()
+    assert np.isin(rows, panel_rows).all()
+
+
+def test_the_caption_is_written_below_the_panels():
+    _, rows = changed(picture(caption="scan 3 of 32"), picture())
+    _, panel_rows = changed(picture(truth=np.ones((20, 20), dtype=bool)), picture())
+    assert rows.min() > panel_rows.max()
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(200, 30), (30, 200), (1, 1), (700, 650)])
+def test_worlds_of_any_size_keep_their_proportions(nx, ny):
+    left, _ = halves(picture(nx, ny, truth=np.ones((nx, ny), dtype=bool)))
+    rows, columns = np.nonzero((left == OCCUPIED).all(axis=-1))
+    assert (np.ptp(columns) + 1) * ny == (np.ptp(rows) + 1) * nx
+
+
+def test_drawing_leaves_its_inputs_alone_and_repeats_itself():
+    arguments = {"probability": np.full((20, 20), 0.3), "poses": np.array([[5.0, 5.0, 1.0]])}
+    copies = {name: array.copy() for name, array in arguments.items()}
+    np.testing.assert_array_equal(picture(**arguments), picture(**arguments))
+    for name, array in arguments.items():
+        np.testing.assert_array_equal(array, copies[name])
+
+
+def test_maps_and_poses_of_the_wrong_shape_are_refused():
+    with pytest.raises(ValueError, match=r"\(20, 20\), \(20, 20\) and \(20, 19\)"):
+        picture(sampled=np.zeros((20, 19), dtype=bool))
+    with pytest.raises(ValueError, match=r"poses must have shape \(n, 3\), got \(2,\)"):
+        picture(poses=[1.0, 2.0])
+
+
+@pytest.fixture
+def window(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    window = HumanWindow()
+    yield window
+    window.close()
+
+
+def frame_of(color, height=40, width=60):
+    return np.full((height, width, 3), color, dtype=np.uint8)
+
+
+def test_the_window_shows_the_frame_under_its_title(window):
+    frame = frame_of((10, 20, 30))
+    frame[5, 7] = (200, 100, 50)
+    window.show(frame)
+    screen = pygame.display.get_surface()
+    assert screen.get_size() == (60, 40)
+    assert tuple(screen.get_at((0, 0)))[:3] == (10, 20, 30)
+    assert tuple(screen.get_at((7, 5)))[:3] == (200, 100, 50)
+    assert pygame.display.get_caption()[0] == "coopmap"
+
+
+def test_the_window_follows_a_frame_of_another_size(window):
+    window.show(frame_of((1, 2, 3)))
+    window.show(frame_of((1, 2, 3), height=80, width=90))
+    assert pygame.display.get_surface().get_size() == (90, 80)
+
+
+def test_no_window_opens_before_the_first_frame(window):
+    assert not pygame.display.get_init()
+    window.close()
+
+
+def test_closing_the_window_by_hand_drops_later_frames(window):
+    window.show(frame_of((1, 2, 3)))
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    window.show(frame_of((1, 2, 3)))
+    assert window.dismissed
+    window.show(frame_of((1, 2, 3)))
+    assert not pygame.display.get_init()
+
+
+def test_a_window_closed_by_the_program_may_be_closed_again_and_reopened(window):
+    window.show(frame_of((1, 2, 3)))
+    window.close()
+    window.close()
+    window.show(frame_of((4, 5, 6)))
+    assert tuple(pygame.display.get_surface().get_at((0, 0)))[:3] == (4, 5, 6)
+
+
+def test_a_window_survives_another_one_that_closes(window):
+    other = HumanWindow()
+    window.show(frame_of((1, 2, 3)))
+    other.show(frame_of((1, 2, 3)))
+    other.close()
+    window.show(frame_of((7, 8, 9)))
+    assert tuple(pygame.display.get_surface().get_at((0, 0)))[:3] == (7, 8, 9)
