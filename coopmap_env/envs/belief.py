@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,10 @@ from numpy.typing import NDArray
 from coopmap_env.geometry import to_camera_frame
 from coopmap_env.information import RatingFunction
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import PoseLattice, Reach, straight_path_is_free
+from coopmap_env.robots import PoseLattice, Reach, is_free, straight_path_is_free
+
+if TYPE_CHECKING:
+    from coopmap_env.envs.actions import ActionMode
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,8 @@ class Belief:
     """Rates poses with the constants of the environment; holds the pose lattice."""
     reach: float
     """Metres; see `PlanarSettings.reach`."""
+    actions: ActionMode
+    """How actions are written."""
     offers: tuple[NDArray[np.int64], ...] | None = None
     """The candidates offered to each robot, lattice numbers, in "candidates" mode."""
 
@@ -38,10 +45,10 @@ class Belief:
         """The configuration space."""
         return self.rating.lattice
 
-    @property
+    @cached_property
     def poses(self) -> NDArray[np.float64]:
         """Camera poses (n_robots, 3) [x, y, heading], metres and radians."""
-        return self.lattice.poses(np.array(self.pose_ids))
+        return np.array([self.lattice.pose(pose_id) for pose_id in self.pose_ids])
 
     def within_reach(self, robot: int, cells: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Which cells one action can bring the robot to, walls aside, shape (k,)."""
@@ -60,15 +67,29 @@ class Belief:
         """Flat number of the cell in which the robot's camera is."""
         return self.pose_ids[robot] // self.lattice.n_headings
 
+    def action_for(self, robot: int, pose_id: int) -> Any:
+        """The action that leads the robot to a lattice pose.
+
+        Raises
+        ------
+        InvalidActionError
+            If no single action does.
+        """
+        return self.actions.encode(robot, pose_id, self)
+
     def why_not(self, robot: int, pose_id: int) -> str:
         """Why the robot cannot take this pose; empty if it can."""
         if pose_id < 0:
             return "outside the world"
         start, goal = self.cell(robot), pose_id // self.lattice.n_headings
-        if start == goal or straight_path_is_free(self.map, start, goal):
+        if start == goal:
             return ""
         if not self.map.sampled_cells[goal]:
             return "goal is unknown"
+        if not is_free(self.map.levels, self.map.sampled_cells, goal):
+            return "goal is not known to be free"
+        if straight_path_is_free(self.map, start, goal):
+            return ""
         if not Reach.search(self.map, start).steps[goal]:
-            return "goal is not known to be free, or no path through known free space leads there"
+            return "no path through known free space leads there"
         return ""

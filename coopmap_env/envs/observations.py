@@ -69,28 +69,58 @@ FEATURE_LIMIT = 10.0
 Observation = dict[str, NDArray[Any]]
 
 
+def view_offsets(side: int, n_headings: int) -> NDArray[np.int32]:
+    """Cell offsets (n_headings, side * side, 2) of the local map's cells from the camera's cell."""
+    steps = np.arange(side) + 0.5 - side / 2
+    ahead, left = np.meshgrid(steps, steps, indexing="ij")
+    angles = np.arange(n_headings)[:, None] * (2 * math.pi / n_headings)
+    c, s = np.cos(angles), np.sin(angles)
+    x = c * ahead.ravel() - s * left.ravel()
+    y = s * ahead.ravel() + c * left.ravel()
+    # 1e-9: a point on the border between two cells goes to the same side for every heading
+    return np.floor(np.stack([x, y], axis=-1) + 0.5 + 1e-9).astype(np.int32)
+
+
 @njit(cache=True, nogil=True)
-def draw_local_map(levels, sampled, nx, ny, x, y, heading, shades, clamp, out):
-    """Fill channels 0, 1 and 3; x and y in cells. `shades` is the uint8 of each level."""
+def draw_local_map(levels, sampled, nx, ny, cell, offsets, shades, clamp, out):
+    """Fill channels 0, 1 and 3 and clear 2; `out` is (4, side * side)."""
+    cx, cy = cell // ny, cell % ny
+    unknown = shades[clamp]
+    for k in range(out.shape[1]):
+        ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
+        out[2, k] = 0
+        if np.uint32(ix) < np.uint32(nx) and np.uint32(iy) < np.uint32(ny):
+            at = np.uint64(ix * ny + iy)
+            out[0, k] = shades[np.uint64(levels[at] + clamp)]
+            out[1, k] = np.uint8(255) * sampled[at]
+            out[3, k] = 255
+        else:
+            out[0, k] = unknown
+            out[1, k] = 0
+            out[3, k] = 0
+
+
+@njit(cache=True, nogil=True)
+def draw_teammates(poses, robot, resolution, diagonal, out, teammates):
+    """Fill channel 2 and the rows of `teammates`."""
     side = out.shape[1]
-    c, s = math.cos(heading), math.sin(heading)
-    half = side / 2.0
-    for i in range(side):
-        ahead = i + 0.5 - half
-        for j in range(side):
-            left = j + 0.5 - half
-            ix = int(math.floor(x + c * ahead - s * left))
-            iy = int(math.floor(y + s * ahead + c * left))
-            if 0 <= ix < nx and 0 <= iy < ny:
-                cell = ix * ny + iy
-                out[0, i, j] = shades[levels[cell] + clamp]
-                out[1, i, j] = 255 * sampled[cell]
-                out[3, i, j] = 255
-            else:
-                out[0, i, j] = shades[clamp]
-                out[1, i, j] = 0
-                out[3, i, j] = 0
-            out[2, i, j] = 0
+    c, s = math.cos(poses[robot, 2]), math.sin(poses[robot, 2])
+    row = 0
+    for mate in range(len(poses)):
+        if mate == robot:
+            continue
+        dx, dy = poses[mate, 0] - poses[robot, 0], poses[mate, 1] - poses[robot, 1]
+        ahead, left, turn = c * dx + s * dy, c * dy - s * dx, poses[mate, 2] - poses[robot, 2]
+        teammates[row, 0] = ahead / diagonal
+        teammates[row, 1] = left / diagonal
+        teammates[row, 2] = math.cos(turn)
+        teammates[row, 3] = math.sin(turn)
+        row += 1
+        i = int(math.floor(ahead / resolution + side / 2.0))
+        j = int(math.floor(left / resolution + side / 2.0))
+        for u in range(max(i - 1, 0), min(i + 2, side)):
+            for v in range(max(j - 1, 0), min(j + 2, side)):
+                out[2, u, v] = 255
 
 
 class Observer:
@@ -102,10 +132,11 @@ class Observer:
         self._view_cells = view_cells
         self._n_candidates = n_candidates
         self._shape = grid.shape
-        self._lower = np.array(grid.origin)
-        self._size = np.array(grid.shape) * grid.resolution
-        self._diagonal = float(np.hypot(*self._size))
+        self._origin = grid.origin
+        self._size = tuple(n * grid.resolution for n in grid.shape)
+        self._diagonal = math.hypot(*self._size)
         self._shades = np.round(255 * belief.map.range.probability).astype(np.uint8)
+        self._offsets = view_offsets(view_cells, belief.lattice.n_headings)
         self._scale = math.log(belief.rating.settings.n_gray)
 
     def space(self) -> spaces.Dict:
@@ -126,14 +157,20 @@ class Observer:
 
     def observe(self, belief: Belief, robot: int) -> Observation:
         """The observation of one robot, as new arrays."""
-        poses = belief.poses
-        observation: Observation = {
-            "map": self._local_map(belief, poses, robot),
-            "pose": self._pose(poses[robot]),
-        }
+        map_, poses, side = belief.map, belief.poses, self._view_cells
+        image = np.empty((N_CHANNELS, side, side), dtype=np.uint8)
+        teammates = np.empty((self._n_robots - 1, 4), dtype=np.float32)
+        pose = self._pose(poses[robot])
+        nx, ny = self._shape
+        cell, heading = divmod(belief.pose_ids[robot], belief.lattice.n_headings)
+        draw_local_map(
+            map_.levels, map_.sampled_cells, nx, ny, cell, self._offsets[heading],
+            self._shades, map_.range.clamp, image.reshape(N_CHANNELS, -1),
+        )  # fmt: skip
+        draw_teammates(poses, robot, map_.grid.resolution, self._diagonal, image, teammates)
+        observation: Observation = {"map": image, "pose": np.array(pose, dtype=np.float32)}
         if self._n_robots > 1:
-            others = np.delete(poses, robot, axis=0)
-            observation["teammates"] = self._relative(others, poses[robot])
+            observation["teammates"] = teammates
         if belief.offers is not None and self._n_candidates is not None:
             offers = belief.offers[robot]
             features = np.zeros((self._n_candidates, N_FEATURES), dtype=np.float32)
@@ -156,44 +193,15 @@ class Observer:
         as in the observation's ``pose``.
         """
         map_ = belief.map
-        poses = np.concatenate([self._pose(pose) for pose in belief.poses])
+        poses = np.ravel([self._pose(pose) for pose in belief.poses])
         parts = [map_.probability.ravel(), map_.sampled_cells, poses]
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
-    def _local_map(
-        self, belief: Belief, poses: NDArray[np.float64], robot: int
-    ) -> NDArray[np.uint8]:
-        map_, side = belief.map, self._view_cells
-        out = np.empty((N_CHANNELS, side, side), dtype=np.uint8)
-        x, y = ((poses[robot, :2] - self._lower) / map_.grid.resolution).tolist()
-        nx, ny = map_.grid.shape
-        draw_local_map(
-            map_.levels, map_.sampled_cells, nx, ny, x, y, poses[robot, 2],
-            self._shades, map_.range.clamp, out,
-        )  # fmt: skip
-        for other in range(self._n_robots):
-            if other != robot:
-                ahead, left, _ = to_camera_frame(poses[other], poses[robot]).tolist()
-                i = math.floor(ahead / map_.grid.resolution + side / 2)
-                j = math.floor(left / map_.grid.resolution + side / 2)
-                out[2, max(i - 1, 0) : max(i + 2, 0), max(j - 1, 0) : max(j + 2, 0)] = 255
-        return out
-
-    def _pose(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
-        x, y = ((pose[:2] - self._lower) / self._size).tolist()
-        heading = float(pose[2])
-        return np.array([x, y, math.cos(heading), math.sin(heading)], dtype=np.float32)
-
-    def _relative(
-        self, poses: NDArray[np.float64], reference: NDArray[np.float64]
-    ) -> NDArray[np.float32]:
-        """Poses (k, 3) as seen from a camera: rows [ahead, left, cos, sin]."""
-        relative = to_camera_frame(poses, reference)
-        out = np.empty((len(relative), 4), dtype=np.float32)
-        out[:, :2] = relative[:, :2] / self._diagonal
-        out[:, 2] = np.cos(relative[:, 2])
-        out[:, 3] = np.sin(relative[:, 2])
-        return out
+    def _pose(self, pose: NDArray[np.float64]) -> tuple[float, float, float, float]:
+        """The observation's ``pose``."""
+        x, y, heading = pose.tolist()
+        (x0, y0), (width, height) = self._origin, self._size
+        return (x - x0) / width, (y - y0) / height, math.cos(heading), math.sin(heading)
 
     def _features(
         self, belief: Belief, robot: int, offers: NDArray[np.int64]
@@ -201,7 +209,10 @@ class Observer:
         rating = belief.rating
         rated = rating.rate(belief.map, offers, belief.pose_ids[robot])
         out = np.empty((len(offers), N_FEATURES), dtype=np.float32)
-        out[:, :4] = self._relative(belief.lattice.poses(offers), belief.poses[robot])
+        relative = to_camera_frame(belief.lattice.poses(offers), belief.poses[robot])
+        out[:, :2] = relative[:, :2] / self._diagonal
+        out[:, 2] = np.cos(relative[:, 2])
+        out[:, 3] = np.sin(relative[:, 2])
         out[:, 4] = rated.new_information / self._scale
         cost = rating.settings.K * rated.distance**rating.settings.exponent
         out[:, 5] = np.minimum(cost / self._scale, FEATURE_LIMIT)

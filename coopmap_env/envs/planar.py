@@ -101,12 +101,12 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         self.agents: list[str] = []
         self._reward = reward
         self._shared = team_reward == "shared"
+        self._actions: ActionMode = (
+            PoseMode(self.settings.reach)
+            if action_mode == "pose"
+            else CandidateMode(n_candidates)
+        )
         self._belief = self._blank_belief()
-        self._actions: ActionMode
-        if action_mode == "pose":
-            self._actions = PoseMode(self.settings.reach)
-        else:
-            self._actions = CandidateMode(n_candidates)
         self._observer = Observer(
             self._belief,
             self.settings.view_cells,
@@ -115,7 +115,6 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         self.action_spaces = {agent: self._actions.space() for agent in self.possible_agents}
         self.observation_spaces = {agent: self._observer.space() for agent in self.possible_agents}
         self.state_space = self._observer.state_space()
-        self._claimed = np.zeros(self._belief.map.grid.n_cells, dtype=np.uint8)
         self._window: HumanWindow | None = None
         self._seeds = np.random.default_rng()
         self._simulator: PlanarSimulator | None = None
@@ -199,27 +198,34 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             before.pose_ids[robot] if refused else pose_id
             for robot, (pose_id, refused) in enumerate(wanted)
         )
-        looks = self._rate(before, executed)
+        rated = before.rating.rate_team(before.map, executed, before.pose_ids)
         self._belief = replace(before, pose_ids=executed, offers=None)
         gains = self._scan()
         self._scans_done += 1
         self._offer_candidates()
-        terms = [
-            terms_of(replace(look, gain=gain), before.rating, before.map.grid.n_cells)
-            for look, gain in zip(looks, gains, strict=True)
+        looks = [
+            Look(*values)
+            for values in zip(
+                rated.new_information.tolist(),
+                rated.distance.tolist(),
+                rated.rating.tolist(),
+                gains,
+                strict=True,
+            )
         ]
+        terms = [terms_of(look, before.rating, before.map.grid.n_cells) for look in looks]
         common = self._common_info()
         infos = {
             agent: {
                 **common,
-                "refused": refused,
+                "refused": wanted[robot][1],
                 "terms": terms[robot],
                 "new_information": looks[robot].new_information,
                 "distance": looks[robot].distance,
                 "new_cells": gains[robot].new_cells,
                 "entropy_drop": gains[robot].entropy_drop,
             }
-            for robot, (agent, (_, refused)) in enumerate(zip(self.agents, wanted, strict=True))
+            for robot, agent in enumerate(self.agents)
         }
         infos = self._with_masks(infos)
         rewards = self._pay(terms)
@@ -247,16 +253,6 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         """
         self._require_reset()
         return self._belief
-
-    def encode_action(self, agent: str, pose_id: int) -> Any:
-        """The action that leads a robot to a lattice pose.
-
-        Raises
-        ------
-        InvalidActionError
-            If no single action does.
-        """
-        return self._actions.encode(self.possible_agents.index(agent), pose_id, self.belief())
 
     @property
     def truth(self) -> World:
@@ -302,6 +298,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             (0,) * len(self.possible_agents),
             RatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
             s.reach,
+            self._actions,
         )
 
     def _require_reset(self) -> PlanarSimulator:
@@ -319,29 +316,6 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         return [
             self._actions.decode(agent, actions[agent], self._belief) for agent in self.agents
         ]
-
-    def _rate(self, belief: Belief, executed: tuple[int, ...]) -> list[Look]:
-        """Rate the executed poses, each without what earlier robots are looking at."""
-        looks, marked = [], []
-        for robot, pose_id in enumerate(executed):
-            rated = belief.rating.rate(
-                belief.map, (pose_id,), belief.pose_ids[robot], self._claimed
-            )
-            looks.append(
-                Look(
-                    float(rated.new_information[0]),
-                    float(rated.distance[0]),
-                    float(rated.rating[0]),
-                    ScanGain(0, 0.0),
-                )
-            )
-            if robot + 1 < len(executed):
-                cells = belief.rating.visible_cells(belief.map, pose_id)
-                self._claimed[cells] = 1
-                marked.append(cells)
-        for cells in marked:
-            self._claimed[cells] = 0
-        return looks
 
     def _scan(self) -> list[ScanGain]:
         simulator, poses = self._require_reset(), self._belief.poses

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from coopmap_env.information import RatingFunction
 from coopmap_env.mapping import ScanGain
 
 
-@dataclass(frozen=True)
-class Look:
-    """What is known of one robot's look after a step."""
+class Look(NamedTuple):
+    """What one robot's look brought."""
 
     new_information: float
     """NI (Eqs. 6-8) of the executed pose on the map before the scans, without the cells that

@@ -35,16 +35,16 @@ def place_team(
     Returns
     -------
     pose_ids : tuple of int
-        Lattice numbers, cells different as long as there are enough.
+        Lattice numbers, cells different as long as there are enough within `spread`.
     known : ndarray, shape (k,)
         Flat numbers of the known cells: the truly free ones around the starts.
     """
     region = largest_free_region(world.occupied)
     cells = np.flatnonzero(region)
-    first = int(rng.choice(cells))
+    first = int(cells[rng.integers(len(cells))])
     near = _disc(region, first, spread / world.resolution)
-    mates = rng.choice(near[near != first], n_robots - 1, replace=len(near) < n_robots)
-    starts = [first, *mates.tolist()]
+    others = rng.permutation(near[near != first])
+    starts = np.resize(np.append(first, others), n_robots).tolist()  # repeats if too few
     headings = rng.integers(lattice.n_headings, size=n_robots).tolist()
     pose_ids = tuple(
         cell * lattice.n_headings + heading for cell, heading in zip(starts, headings, strict=True)

@@ -1,1 +1,1 @@
-"""TODO"""
+"""One honest evaluation for planners and learned policies alike."""

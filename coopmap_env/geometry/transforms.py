@@ -63,7 +63,9 @@ class Pose:
 
 def wrap_angle(angle: ArrayLike) -> NDArray[np.float64]:
     """Angles wrapped to [-pi, pi), radians."""
-    return np.mod(np.asarray(angle, dtype=np.float64) + math.pi, TURN) - math.pi
+    turned = np.mod(np.asarray(angle, dtype=np.float64) + math.pi, TURN)
+    # just below -pi, the remainder of a tiny negative number rounds to a whole turn
+    return np.where(turned < TURN, turned, 0.0) - math.pi
 
 
 def to_camera_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
@@ -71,25 +73,19 @@ def to_camera_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float6
     poses, reference = np.asarray(poses, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     delta = poses - reference
     c, s = math.cos(reference[2]), math.sin(reference[2])
-    return np.stack(
-        [
-            c * delta[..., 0] + s * delta[..., 1],
-            -s * delta[..., 0] + c * delta[..., 1],
-            wrap_angle(delta[..., 2]),
-        ],
-        axis=-1,
-    )
+    out = np.empty_like(delta)
+    out[..., 0] = c * delta[..., 0] + s * delta[..., 1]
+    out[..., 1] = c * delta[..., 1] - s * delta[..., 0]
+    out[..., 2] = wrap_angle(delta[..., 2])
+    return out
 
 
 def to_world_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
     """Planar poses (..., 3) given in the frame of `reference` (3,), in the world frame."""
     poses, reference = np.asarray(poses, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     c, s = math.cos(reference[2]), math.sin(reference[2])
-    return np.stack(
-        [
-            reference[0] + c * poses[..., 0] - s * poses[..., 1],
-            reference[1] + s * poses[..., 0] + c * poses[..., 1],
-            wrap_angle(poses[..., 2] + reference[2]),
-        ],
-        axis=-1,
-    )
+    out = np.empty_like(poses)
+    out[..., 0] = reference[0] + c * poses[..., 0] - s * poses[..., 1]
+    out[..., 1] = reference[1] + s * poses[..., 0] + c * poses[..., 1]
+    out[..., 2] = wrap_angle(poses[..., 2] + reference[2])
+    return out

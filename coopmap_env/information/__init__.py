@@ -9,8 +9,10 @@ from coopmap_env.information.rating import (
     RatingSettings,
     motion_distance,
 )
+from coopmap_env.information.shannon import BeamInformation
 
 __all__ = [
+    "BeamInformation",
     "Fan",
     "RatingFunction",
     "RatingSettings",

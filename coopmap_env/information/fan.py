@@ -11,6 +11,7 @@ cell. Sorting by |dx| + |dy| keeps the order along every beam, as each step of a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +47,12 @@ class Fan:
         """Headings of the lattice."""
         return len(self.start) - 1
 
-    @property
+    @cached_property
     def reach(self) -> int:
         """Largest offset along an axis, cells."""
         return int(np.abs(self.offsets).max())
 
-    @property
+    @cached_property
     def n_visible(self) -> int:
         """N of Eq. 7: the most cells that the camera can see, in empty space; a constant."""
         return int(np.diff(self.start).max())

@@ -32,7 +32,7 @@ def gray_of_sampled(
     """
     p = np.asarray(probability, dtype=np.float64)
     d = np.ones_like(p) if reading == "distance_free" else np.maximum(distance, 1.0)
-    free = np.clip((1.0 / ((1.0 - p) * d) - 1.0) / 2.0, 0.0, 0.5)
+    free = np.clip((1.0 / (np.maximum(1.0 - p, 0.5) * d) - 1.0) / 2.0, 0.0, 0.5)
     occupied = np.clip(1.0 - (1.0 / (np.maximum(p, 0.5) * d) - 1.0) / 2.0, 0.5, 1.0)
     return np.where(p < 0.5, free, occupied)
 

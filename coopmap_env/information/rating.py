@@ -12,7 +12,13 @@ from coopmap_env.geometry import wrap_angle
 from coopmap_env.information.entropy import minus_q_ln_q
 from coopmap_env.information.fan import Fan
 from coopmap_env.information.gray import GrayTable, Reading
-from coopmap_env.information.views import compose, new_information, unknown_cells, view
+from coopmap_env.information.views import (
+    compose,
+    new_information,
+    new_information_in_turn,
+    unknown_cells,
+    view,
+)
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
@@ -190,17 +196,34 @@ class RatingFunction:
         claimed : ndarray of uint8, shape (n_cells,), optional
             See `new_information`.
         """
-        return self.compose(map_, ids, current, self.new_information(map_, ids, claimed))
+        return self.compose(map_, ids, [current], self.new_information(map_, ids, claimed))
+
+    def rate_team(self, map_: OccupancyMap, ids: ArrayLike, current: ArrayLike) -> Ratings:
+        """Eq. 9 of one pose for each robot, looking at once.
+
+        What a robot sees is left out of the histograms of the robots after it, so that an overlap
+        counts once. `ids` and `current`, both of shape (n_robots,), are the new poses and the
+        ones before.
+        """
+        ids = np.asarray(ids, dtype=np.int64)
+        ni = np.empty(len(ids))
+        nx, ny = map_.grid.shape
+        new_information_in_turn(
+            map_.levels, map_.sampled_cells, self._nobody,
+            nx, ny, ids, self._fan, self._gray, self._terms, self.settings.n_gray, ni,
+        )  # fmt: skip
+        return self.compose(map_, ids, current, ni)
 
     def compose(
-        self, map_: OccupancyMap, ids: ArrayLike, current: int, ni: NDArray[np.float64]
+        self, map_: OccupancyMap, ids: ArrayLike, current: ArrayLike, ni: NDArray[np.float64]
     ) -> Ratings:
-        """Eq. 9 from new information that is known already."""
+        """Eq. 9 from new information that is known already; `current` is one pose or one each."""
         ids = np.asarray(ids, dtype=np.int64)
+        start = np.asarray(current, dtype=np.int64)
         d, p, rating = np.empty((3, len(ids)))
         lattice, s = self.lattice, self.settings
         compose(
-            map_.levels, lattice.grid.shape[1], ids, current,
+            map_.levels, lattice.grid.shape[1], ids, start,
             (lattice.n_headings, lattice.grid.resolution),
             (s.K, s.exponent, s.alpha_position, s.alpha_heading),
             map_.range.probability, map_.range.clamp, ni, d, p, rating,

@@ -46,8 +46,20 @@ def view(levels, sampled, nx, ny, pose, fan, alive, visible, entries):
 
 
 @njit(cache=True, nogil=True)
-def histogram_entropy(counts, minus_q_ln_q):
-    """H of Eq. 6 over the bins, from a table of -q ln q by count; clears the counts."""
+def entropy_of_view(levels, sampled, claimed, visible, entries, n, gray, minus_q_ln_q, counts):
+    """NI of one view: the gray levels' histogram (Eqs. 7, 8), then H (Eq. 6) from a table.
+
+    `gray` is (table, distance class, unknown bin, clamp); `counts` comes and goes as zeros.
+    """
+    table, distance_class, unknown_bin, clamp = gray
+    for v in range(n):
+        cell, k = visible[v], entries[v]
+        if claimed[cell]:
+            continue
+        if sampled[cell]:
+            counts[table[distance_class[k], levels[cell] + clamp]] += 1
+        else:
+            counts[unknown_bin[k]] += 1
     h = 0.0
     for b in range(len(counts)):
         h += minus_q_ln_q[counts[b]]
@@ -57,8 +69,7 @@ def histogram_entropy(counts, minus_q_ln_q):
 
 @njit(cache=True, nogil=True)
 def new_information(levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out):
-    """NI (Eqs. 6-8) of each pose; `gray` is (table, distance class, unknown bin, clamp)."""
-    table, distance_class, unknown_bin, clamp = gray
+    """NI (Eqs. 6-8) of each pose."""
     size = fan[1].shape[0]
     alive = np.empty(len(fan[3]), np.uint64)
     visible = np.empty(size, np.int64)
@@ -66,15 +77,32 @@ def new_information(levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_
     counts = np.zeros(n_gray, np.int64)
     for p in range(len(poses)):
         n = view(levels, sampled, nx, ny, poses[p], fan, alive, visible, entries)
-        for v in range(n):
-            cell, k = visible[v], entries[v]
-            if claimed[cell]:
-                continue
-            if sampled[cell]:
-                counts[table[distance_class[k], levels[cell] + clamp]] += 1
-            else:
-                counts[unknown_bin[k]] += 1
-        out[p] = histogram_entropy(counts, minus_q_ln_q)
+        out[p] = entropy_of_view(
+            levels, sampled, claimed, visible, entries, n, gray, minus_q_ln_q, counts
+        )
+
+
+@njit(cache=True, nogil=True)
+def new_information_in_turn(
+    levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out
+):
+    """NI of each pose without what the poses before it see; leaves `claimed` as it was (zeros)."""
+    size = fan[1].shape[0]
+    alive = np.empty(len(fan[3]), np.uint64)
+    visible = np.empty((len(poses), size), np.int64)
+    entries = np.empty(size, np.int64)
+    counts = np.zeros(n_gray, np.int64)
+    seen = np.zeros(len(poses), np.int64)
+    for p in range(len(poses)):
+        seen[p] = view(levels, sampled, nx, ny, poses[p], fan, alive, visible[p], entries)
+        out[p] = entropy_of_view(
+            levels, sampled, claimed, visible[p], entries, seen[p], gray, minus_q_ln_q, counts
+        )
+        for v in range(seen[p]):
+            claimed[visible[p, v]] = 1
+    for p in range(len(poses)):
+        for v in range(seen[p]):
+            claimed[visible[p, v]] = 0
 
 
 @njit(cache=True, nogil=True)
@@ -96,13 +124,14 @@ def unknown_cells(levels, sampled, claimed, nx, ny, poses, fan, out):
 def compose(levels, ny, poses, current, lattice, weights, probability, clamp, ni, d, p, rating):
     """Eqs. 5 and 9 of each pose from its NI; writes d, P and RF.
 
-    `lattice` is (headings, resolution); `weights` is (K, exponent, alpha position, alpha heading).
+    `current` holds one pose for each, or one for all; `lattice` is (headings, resolution); `weights` is (K, exponent, alpha position, alpha heading).
     """
     n_headings, resolution = lattice
     K, exponent, alpha_position, alpha_heading = weights
     turn = 2.0 * np.pi / n_headings
-    here, facing = current // n_headings, current % n_headings
     for k in range(len(poses)):
+        start = current[k] if len(current) > 1 else current[0]
+        here, facing = start // n_headings, start % n_headings
         cell, heading = poses[k] // n_headings, poses[k] % n_headings
         dx = (cell // ny - here // ny) * resolution
         dy = (cell % ny - here % ny) * resolution

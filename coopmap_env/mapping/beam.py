@@ -87,8 +87,12 @@ def end_weights(entries, exits, n, z, sigma, enters, weights):
             likelihood = math.exp(-0.5 * a * a)
         else:
             scale = 1.0 / (sigma * math.sqrt(2.0))
-            mass = math.erf((exits[k] - z) * scale) - math.erf((entries[k] - z) * scale)
-            likelihood = mass / max(exits[k] - entries[k], 1e-9)
+            a = (entries[k] - z) * scale
+            width = (exits[k] - entries[k]) * scale
+            if width > 1e-6:
+                likelihood = (math.erf(a + width) - math.erf(a)) / width
+            else:  # a touched corner, over which the density is even
+                likelihood = 2.0 / math.sqrt(math.pi) * math.exp(-a * a)
         weights[k] = prior * likelihood
         total += weights[k]
         prior *= 0.5

@@ -19,6 +19,21 @@ ended is left among the free ones."""
 
 
 @njit(cache=True, nogil=True)
+def first_not_finite(points, covariances, hit):
+    """First beam with a NaN or an infinity, or -1; without a hit its covariance is not asked."""
+    for beam in range(points.shape[0]):
+        total = 0.0
+        for i in range(points.shape[1]):
+            total += points[beam, i]
+            for j in range(points.shape[1]):
+                if hit[beam]:
+                    total += covariances[beam, i, j]
+        if not math.isfinite(total):
+            return beam
+    return -1
+
+
+@njit(cache=True, nogil=True)
 def _center_offset(point, cell, lower, resolution, shape, offset):
     """Write `point` minus the centre of flat cell `cell`, metres."""
     for axis in range(len(point) - 1, -1, -1):
@@ -68,7 +83,8 @@ def walk_beams(
             for i in range(dimension):
                 for j in range(dimension):
                     variance += u[i] * covariances[beam, i, j] * u[j]
-            sigma = max(math.sqrt(variance) / resolution, MIN_SIGMA)
+            # rounding takes the variance across a flat covariance below zero
+            sigma = max(math.sqrt(max(variance, 0.0)) / resolution, MIN_SIGMA)
             clear = z - WINDOW * sigma - DIAGONAL
             stop = z + WINDOW * sigma
         cx, sx, tx, dx, end_x = begin(p[0], u[0], nx, ny * nz)
@@ -96,23 +112,23 @@ def walk_beams(
             cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
             exits[n] = t
             n += 1
-        outside = t < z  # the surface lies beyond the grid
-        best = 0
-        if not outside:
-            best = end_weights(entries, exits, n, z, sigma, enters, weights)
+        candidates = n
+        if t < z:  # the surface may lie beyond the grid: one more cell, which no one maps
+            entries[n] = z
+            exits[n] = z + 1.0
+            candidates = n + 1
+        best = end_weights(entries, exits, candidates, z, sigma, enters, weights)
         before = 0.0
         for k in range(n):
-            level = lowest
-            if not outside:
-                level = level_of_beam(weights[k], before, lowest, highest)
-                before += weights[k]
+            level = level_of_beam(weights[k], before, lowest, highest)
+            before += weights[k]
             so_far = pending[cells[k]]
             touched[count] = cells[k]
             count += so_far == 0
             pending[cells[k]] = so_far + level if so_far != -level else 1
             if before > CUT and k >= best:
                 break
-        if not outside:
+        if best < n:
             _center_offset(points[beam], cells[best], lower, resolution, shape, offset)
             floor = (MIN_SIGMA * resolution) ** 2
             add_observation(precision, vector, cells[best], covariances[beam], offset, floor)

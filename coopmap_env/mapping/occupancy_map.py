@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,7 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.mapping.integration import apply_updates, clamp_levels, walk_beams
+from coopmap_env.mapping.integration import (
+    apply_updates,
+    clamp_levels,
+    first_not_finite,
+    walk_beams,
+)
 from coopmap_env.mapping.log_odds import LEVELS_PER_NAT, LogOddsRange
 from coopmap_env.sensing.scan import Scan
 
@@ -77,8 +81,8 @@ class OccupancyMap:
         Raises
         ------
         ValueError
-            If a scan's dimension is not the map's, its camera is outside the grid, or a hit has a
-            value that is not finite. Nothing is fused then.
+            If a scan's dimension is not the map's, its camera is outside the grid, or a beam has
+            a value that is not finite. Nothing is fused then.
         """
         scans = [scans] if isinstance(scans, Scan) else list(scans)
         for scan in scans:
@@ -106,12 +110,15 @@ class OccupancyMap:
         d = self.grid.dimension
         if scan.points.shape[1] != d:
             raise ValueError(f"a {scan.points.shape[1]}-D scan cannot enter a {d}-D map")
-        camera = (scan.origin - self._lower) / self.grid.resolution
+        camera = ((scan.origin - self._lower) / self.grid.resolution).tolist()
         if not all(0 <= c < n for c, n in zip(camera, self.grid.shape, strict=True)):
             raise ValueError(f"camera at {scan.origin} is outside the map's grid {self.grid}")
-        if not math.isfinite(scan.points.sum() + scan.covariances.sum()):
-            beam = int(np.argmin(np.isfinite(scan.points).all(axis=1)))
-            raise ValueError(f"scan has a value that is not finite (first at beam {beam})")
+        beam = first_not_finite(scan.points, scan.covariances, scan.hit)
+        if beam >= 0:
+            raise ValueError(
+                f"beam {beam} of a scan has a value that is not finite: point "
+                f"{scan.points[beam]}, covariance {scan.covariances[beam].tolist()}"
+            )
 
     def mark_free(self, cells: ArrayLike) -> None:
         """Declare cells (flat numbers) as known to be free, such as a robot's own place."""
@@ -132,7 +139,7 @@ class OccupancyMap:
     @property
     def sampled(self) -> NDArray[np.bool_]:
         """Where a scan ever told something, kept apart from p (Eq. 8), shape of the grid."""
-        return self.sampled_cells.astype(bool).reshape(self.grid.shape)
+        return self.sampled_cells.astype(np.bool_).reshape(self.grid.shape)
 
     @property
     def entropy(self) -> float:
@@ -142,7 +149,7 @@ class OccupancyMap:
     @property
     def viewed_share(self) -> float:
         """Share of the world's cells that were ever sampled."""
-        return float(np.count_nonzero(self.sampled_cells)) / self.grid.n_cells
+        return np.count_nonzero(self.sampled_cells.view(np.bool_)) / self.grid.n_cells
 
     def surfaces(
         self,

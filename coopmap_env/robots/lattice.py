@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry import wrap_angle
 from coopmap_env.mapping import VoxelGrid
 
 
@@ -41,18 +40,29 @@ class PoseLattice:
         cell, heading = np.divmod(ids, self.n_headings)
         ix, iy = np.divmod(cell, self.grid.shape[1])
         resolution, (x0, y0) = self.grid.resolution, self.grid.origin
-        return np.stack(
-            [
-                (ix + 0.5) * resolution + x0,
-                (iy + 0.5) * resolution + y0,
-                wrap_angle(heading * (2 * math.pi / self.n_headings)),
-            ],
-            axis=-1,
+        heading = np.where(2 * heading < self.n_headings, heading, heading - self.n_headings)
+        out = np.empty((*ids.shape, 3))
+        out[..., 0] = (ix + 0.5) * resolution + x0
+        out[..., 1] = (iy + 0.5) * resolution + y0
+        out[..., 2] = heading * (2 * math.pi / self.n_headings)
+        return out
+
+    def pose(self, pose_id: int) -> tuple[float, float, float]:
+        """One pose (x, y, heading) of a pose number; as `poses`, without arrays."""
+        cell, heading = divmod(pose_id, self.n_headings)
+        ix, iy = divmod(cell, self.grid.shape[1])
+        resolution, (x0, y0) = self.grid.resolution, self.grid.origin
+        if 2 * heading >= self.n_headings:
+            heading -= self.n_headings
+        return (
+            (ix + 0.5) * resolution + x0,
+            (iy + 0.5) * resolution + y0,
+            heading * (2 * math.pi / self.n_headings),
         )
 
-    def nearest(self, pose: ArrayLike) -> int:
-        """Number of the lattice pose nearest to a pose (3,), or -1 if it lies outside the grid."""
-        x, y, heading = np.asarray(pose, dtype=np.float64).tolist()
+    def nearest(self, pose: tuple[float, float, float]) -> int:
+        """Number of the lattice pose nearest to (x, y, heading), or -1 if it lies outside the grid."""
+        x, y, heading = pose
         (nx, ny), resolution, (x0, y0) = self.grid.shape, self.grid.resolution, self.grid.origin
         ix, iy = math.floor((x - x0) / resolution), math.floor((y - y0) / resolution)
         if not (0 <= ix < nx and 0 <= iy < ny):

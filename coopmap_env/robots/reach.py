@@ -102,8 +102,16 @@ class Reach:
 
     @classmethod
     def search(cls, map_: OccupancyMap, start: int) -> Reach:
-        """Search the known free space from flat cell `start` (constraint ii)."""
+        """Search the known free space from flat cell `start` (constraint ii).
+
+        Raises
+        ------
+        ValueError
+            If the start lies outside the map.
+        """
         nx, ny = map_.grid.shape
+        if not 0 <= start < nx * ny:
+            raise ValueError(f"cell {start} lies outside the map of {nx} x {ny} cells")
         steps = np.zeros(nx * ny, dtype=np.int32)
         queue = np.empty(nx * ny, dtype=np.int32)
         count = flood(map_.levels, map_.sampled_cells, nx, ny, start, steps, queue)

@@ -32,27 +32,31 @@ def first_hit(occupied, px, py, ux, uy, reach):
 
 @njit(cache=True, nogil=True)
 def look(
-    occupied, lower, resolution, pose, bearings, reach, noise, draws, points, covariances, hit
+    occupied, lower, resolution, pose, beams, reach, noise, draws, points, covariances, hit
 ):
     """Fill a scan: cast each beam, disturb the hits (Eq. 1), turn covariances to the world (Eq. 3).
 
-    `noise` is (S, T depth, T lateral, n); `draws` (n, 2) are standard normal numbers.
+    `beams` (n, 2) are unit directions in the camera frame; `noise` is (S, T depth, T lateral, n);
+    `draws` (n, 2) are standard normal numbers.
     """
     px, py = (pose[0] - lower[0]) / resolution, (pose[1] - lower[1]) / resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    for beam in range(len(bearings)):
-        # unit direction in the camera frame, then in the world frame
-        vx, vy = math.cos(bearings[beam]), math.sin(bearings[beam])
-        ux, uy = c * vx - s * vy, s * vx + c * vy
+    intrinsic, depth_factor, lateral_factor, exponent = noise
+    for beam in range(len(beams)):
+        ux = c * beams[beam, 0] - s * beams[beam, 1]
+        uy = s * beams[beam, 0] + c * beams[beam, 1]
         d = first_hit(occupied, px, py, ux, uy, reach / resolution) * resolution
         hit[beam] = d < math.inf
         if not hit[beam]:
             points[beam, 0] = pose[0] + reach * ux
             points[beam, 1] = pose[1] + reach * uy
-            covariances[beam] = 0.0
+            covariances[beam, 0, 0] = 0.0
+            covariances[beam, 0, 1] = 0.0
+            covariances[beam, 1, 0] = 0.0
+            covariances[beam, 1, 1] = 0.0
             continue
-        scale = noise[0] * d ** noise[3]
-        depth, lateral = scale * noise[1], scale * noise[2]
+        scale = intrinsic * (d * d if exponent == 2.0 else d**exponent)
+        depth, lateral = scale * depth_factor, scale * lateral_factor
         ex, ey = depth * draws[beam, 0], lateral * draws[beam, 1]
         points[beam, 0] = pose[0] + d * ux + c * ex - s * ey
         points[beam, 1] = pose[1] + d * uy + s * ex + c * ey
@@ -70,7 +74,7 @@ class PlanarSimulator:
         self.world = world
         self.camera = camera
         self._lower = np.array(world.origin)
-        self._bearings = camera.bearings
+        self._beams = np.column_stack([np.cos(camera.bearings), np.sin(camera.bearings)])
         self._noise = (
             float(noise.intrinsic),
             float(noise.depth),
@@ -79,14 +83,25 @@ class PlanarSimulator:
         )
 
     def scan(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
-        """Look from a planar pose (3,) [x, y, heading]: metres, radians."""
-        n = len(self._bearings)
+        """Look from a planar pose (3,) [x, y, heading]: metres, radians.
+
+        Raises
+        ------
+        ValueError
+            If the pose is not finite, or lies outside the world.
+        """
+        n = len(self._beams)
         points, covariances = np.empty((n, 2)), np.empty((n, 2, 2))
         hit = np.empty(n, dtype=np.bool_)
-        pose_array: NDArray[np.float64] = np.asarray(pose, dtype=np.float64)
+        at: NDArray[np.float64] = np.array(pose, dtype=np.float64)
+        x, y, heading = at.tolist()
+        (nx, ny), resolution, (x0, y0) = self.world.shape, self.world.resolution, self.world.origin
+        inside = 0 <= (x - x0) / resolution < nx and 0 <= (y - y0) / resolution < ny
+        if not (inside and math.isfinite(heading)):
+            raise ValueError(f"a camera at {at} looks from outside of the {nx} x {ny} cells")
         look(
-            self.world.occupied, self._lower, self.world.resolution, pose_array, self._bearings,
+            self.world.occupied, self._lower, self.world.resolution, at, self._beams,
             self.camera.depth_of_field, self._noise, rng.standard_normal((n, 2)),
             points, covariances, hit,
         )  # fmt: skip
-        return Scan(pose_array[:2].copy(), points, covariances, hit)
+        return Scan(at[:2], points, covariances, hit)

@@ -19,9 +19,10 @@ from .map_server import read_map_server
 from .map_server_writer import save_map_server
 from .obstacles import Obstacles
 from .recorded import RecordedMap, SceneError, max_pool
+from .regions import largest_free_region
 from .rooms import Rooms
 from .splits import SPLITS, world_seed
-from .world import Scene, World, largest_free_region
+from .world import Scene, World
 
 __all__ = [
     "SPLITS",

@@ -11,13 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import strew_blocks
 from .world import World, check_resolution, check_shape
 
 MOST_OCCUPIED = 0.5
 """Above this share the free space falls apart into pockets, and a robot sees one of them."""
 
+_MOST_EDGES = 6
 _CUT = (0.7, 1.0)
 """Distance of a polygon's edges from its centre, as a share of its half side."""
+_JITTER = 0.1
+"""How far a polygon's edges are turned, as a share of the gap between them: so little that each
+gap stays well under half a turn, which keeps the block bounded and no needle."""
+_BATCH = 128
+"""Blocks drawn at once: twice what a world of the default settings takes."""
 
 
 @dataclass(frozen=True)
@@ -69,56 +76,42 @@ class Obstacles:
         occupied = np.zeros(self.shape, dtype=np.bool_)
         missing = round(self.occupied_share * occupied.size)
         while missing > 0:
-            missing -= self._strew_block(rng, occupied, missing)
+            centres = rng.random((_BATCH, 2)) * self.shape
+            turns, distances, reaches = self._random_blocks(rng, _BATCH)
+            slopes = np.stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=-1)
+            slopes /= distances[:, :, None]
+            missing = strew_blocks(occupied, missing, centres, reaches, slopes)
         return World(occupied, self.resolution, self.origin, self.name)
 
-    def _strew_block(
-        self, rng: np.random.Generator, occupied: NDArray[np.bool_], at_most: int
-    ) -> int:
-        """Occupy the cells of one random block, `at_most` new ones; return how many were new."""
-        turns, distances = self._random_block(rng)
-        centre = rng.random(2) * self.shape
-        # Within half a gap of an edge's normal the block ends at distance / cos(half gap).
-        widest_gap = np.diff(turns, append=turns[0] + 1.0).max()
-        reach = distances.max() / math.cos(math.pi * widest_gap)
-        lower = np.maximum(centre - reach, 0).astype(int)
-        upper = np.minimum(centre + reach + 1, self.shape).astype(int)
-        patch = occupied[lower[0] : upper[0], lower[1] : upper[1]]
-        x = np.arange(lower[0], upper[0]) + 0.5 - centre[0]
-        y = np.arange(lower[1], upper[1]) + 0.5 - centre[1]
-        # The gauge of a convex block: 0 at its centre, 1 on its edge, s on the block scaled by s.
-        slope_x = np.cos(2 * np.pi * turns) / distances
-        slope_y = np.sin(2 * np.pi * turns) / distances
-        gauge = (slope_x[:, None, None] * x[:, None] + slope_y[:, None, None] * y).max(axis=0)
-        gauge[patch] = np.inf
-        new = np.flatnonzero(gauge <= 1.0)
-        if len(new) > at_most:
-            new = new[np.argsort(gauge.ravel()[new], kind="stable")[:at_most]]
-        patch[np.unravel_index(new, patch.shape)] = True
-        return len(new)
-
-    def _random_block(
-        self, rng: np.random.Generator
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw a block about the origin, as the edges that bound it.
+    def _random_blocks(
+        self, rng: np.random.Generator, n: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Draw blocks about the origin, as the edges that bound them.
 
         Half sides are log-uniform: many small blocks, few large ones.
 
         Returns
         -------
-        turns : (k,) float array
+        turns : (n, 6) float array
             Headings of the outward normals in full turns, ascending within one turn.
-        distances : (k,) float array
-            Distances of the edges from the origin in cells.
+        distances : (n, 6) float array
+            Distances of the edges from the origin in cells; infinite where a block has fewer.
+        reaches : (n,) float array
+            No point of a block lies further than this from the origin, in cells.
         """
-        heading, kind, *sides = rng.random(4)
-        half_sides = (
-            0.5 * self.side_min * (self.side_max / self.side_min) ** np.array(sides)
-        ) / self.resolution
-        if kind >= self.polygon_share:
-            return heading + np.arange(4) / 4, np.tile(half_sides, 2)
-        n_edges = int(rng.integers(3, 7))
-        # The jitter keeps each gap well under half a turn: the block is bounded and no needle.
-        turns = heading + (np.arange(n_edges) + 0.1 * rng.random(n_edges)) / n_edges
-        cut = _CUT[0] + (_CUT[1] - _CUT[0]) * rng.random(n_edges)
-        return turns, half_sides.mean() * cut
+        ratio = self.side_max / self.side_min
+        half_sides = 0.5 * self.side_min / self.resolution * ratio ** rng.random((n, 2))
+        is_polygon = rng.random((n, 1)) < self.polygon_share
+        n_edges = np.where(is_polygon, rng.integers(3, _MOST_EDGES + 1, size=(n, 1)), 4)
+        jitter = np.where(is_polygon, _JITTER * rng.random((n, _MOST_EDGES)), 0.0)
+        edges = np.arange(_MOST_EDGES)
+        turns = rng.random((n, 1)) + (edges + jitter) / n_edges
+        cut = _CUT[0] + (_CUT[1] - _CUT[0]) * rng.random((n, _MOST_EDGES))
+        rectangle = half_sides[:, edges % 2]
+        polygon = half_sides.mean(axis=1, keepdims=True) * cut
+        distances = np.where(is_polygon, polygon, rectangle)
+        distances[edges >= n_edges] = np.inf
+        # Within half a gap of an edge's normal the block ends at distance / cos(half gap).
+        widest_gap = 2 * np.pi * (1 + _JITTER) / n_edges
+        reaches = half_sides.max(axis=1) / np.cos(widest_gap[:, 0] / 2)
+        return turns, distances, reaches

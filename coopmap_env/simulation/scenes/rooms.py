@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .floor_plan import Cells, Door, Measures, Part, choose_doors, split_floor
+from .floor_plan import Measures, choose_doors, split_floor
+from .furniture import place_furniture
 from .world import World, check_resolution, check_shape
 
 
@@ -93,7 +94,13 @@ class Rooms:
         occupied = np.ones(self.shape, dtype=np.bool_)
         for free in [*parts, *doors]:
             occupied[free.slices] = False
-        self._place_furniture(rng, occupied, parts, doors)
+        aisle = self._cells(self.aisle)
+        kept_free = np.zeros(self.shape, dtype=np.bool_)
+        for door in doors:
+            kept_free[door.grown(aisle).slices] = True
+        rooms = [(room.x, room.y, room.n_x, room.n_y) for room in parts if not room.is_corridor]
+        pieces = self._random_furniture(rng, np.array(rooms).reshape(-1, 4))
+        place_furniture(occupied, kept_free, pieces, aisle)
         return World(occupied, self.resolution, self.origin, self.name)
 
     @property
@@ -110,48 +117,31 @@ class Rooms:
     def _cells(self, metres: float) -> int:
         return max(1, round(metres / self.resolution))
 
-    def _place_furniture(
-        self,
-        rng: np.random.Generator,
-        occupied: NDArray[np.bool_],
-        parts: list[Part],
-        doors: list[Door],
-    ) -> None:
-        aisle = self._cells(self.aisle)
-        kept_free = np.zeros(self.shape, dtype=np.bool_)
-        for door in doors:
-            kept_free[door.grown(aisle).slices] = True
-        for room in parts:
-            if room.is_corridor:
-                continue
-            area = room.n_x * room.n_y * self.resolution**2
-            for _ in range(rng.poisson(self.furniture * area)):
-                piece = self._random_piece(rng, room, aisle)
-                if piece is not None and not kept_free[piece.slices].any():
-                    occupied[piece.slices] = True
-                    kept_free[piece.grown(aisle).slices] = True
+    def _random_furniture(
+        self, rng: np.random.Generator, rooms: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Draw the pieces to try, room by room, each with an aisle to the walls opposite.
 
-    def _random_piece(self, rng: np.random.Generator, room: Cells, aisle: int) -> Cells | None:
-        """Draw a piece in a room, or None if it would not leave an aisle to walls opposite."""
+        Both the rooms (n, 4) and the pieces (k, 4) are rectangles [x, y, n_x, n_y] of cells.
+        """
+        tries = rng.poisson(self.furniture * self.resolution**2 * rooms[:, 2] * rooms[:, 3])
+        room = np.repeat(rooms, tries, axis=0)
+        drawn = rng.random((len(room), 4))
         shortest, longest = self.furniture_sides
-        drawn = rng.random(4)
-        n_x, n_y = (self._cells(shortest + (longest - shortest) * share) for share in drawn[:2])
-        x = _position(drawn[2], room.n_x, n_x, aisle)
-        y = _position(drawn[3], room.n_y, n_y, aisle)
-        if x is None or y is None:
-            return None
-        return Cells(room.x + x, room.y + y, n_x, n_y)
+        sides = (shortest + (longest - shortest) * drawn[:, :2]) / self.resolution
+        cells = np.maximum(1, np.rint(sides)).astype(np.int64)
+        start, fits = _positions(drawn[:, 2:], room[:, 2:] - cells, self._cells(self.aisle))
+        return np.hstack([room[:, :2] + start, cells])[fits.all(axis=1)]
 
 
-def _position(drawn: float, room: int, piece: int, aisle: int) -> int | None:
-    """Where a piece starts along one side of a room.
+def _positions(
+    drawn: NDArray[np.float64], spare: NDArray[np.int64], aisle: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Where pieces start along a side of their rooms that is `spare` cells longer, if they fit.
 
     One time in three at the lower wall, one in three at the upper, else an aisle from both.
     """
-    spare = room - piece
-    if drawn < 1 / 3:
-        return 0 if spare >= aisle else None
-    if drawn < 2 / 3:
-        return spare if spare >= aisle else None
     places = spare - 2 * aisle + 1
-    return aisle + int((3 * drawn - 2) * places) if places > 0 else None
+    between = aisle + ((3 * drawn - 2) * places).astype(np.int64)
+    start = np.where(drawn < 1 / 3, 0, np.where(drawn < 2 / 3, spare, between))
+    return start, np.where(drawn < 2 / 3, spare >= aisle, places > 0)

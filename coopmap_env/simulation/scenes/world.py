@@ -10,7 +10,6 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 SMALLEST_SIDE = 8
 """Cells along a side: less than this leaves no room for a robot and something to look at."""
@@ -93,30 +92,6 @@ class Scene(Protocol):
 
     def world(self, rng: np.random.Generator) -> World:
         """Make one world; every random choice comes from `rng`."""
-
-
-def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Cells of the largest 4-connected region of free space.
-
-    Two cells that touch at a corner only are apart: nothing passes between their neighbours.
-    Of two regions of the same size the one that comes first in C order is taken.
-
-    Parameters
-    ----------
-    occupied : (nx, ny) bool array
-        True where something stands.
-
-    Returns
-    -------
-    (nx, ny) bool array
-        True in the region; all False if no cell is free.
-    """
-    labels, n_regions = ndimage.label(~occupied)
-    if n_regions == 0:
-        return np.zeros(occupied.shape, dtype=np.bool_)
-    n_cells = np.bincount(labels.ravel())
-    largest: NDArray[np.bool_] = labels == 1 + np.argmax(n_cells[1:])
-    return largest
 
 
 def check_shape(shape: tuple[int, ...]) -> None:

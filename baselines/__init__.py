@@ -1,0 +1,64 @@
+"""The reference planners, all through the `Policy` protocol.
+
+====================  ==========================================================================
+name                  next poses
+====================  ==========================================================================
+rating_function       highest rating (Eq. 9), exhaustively or among m random poses (the paper's)
+information_gain      highest mutual information of the beams with the map, minus motion
+coverage              most never-sampled cells in view, minus motion
+frontier              nearest free cell next to the unknown
+raster                the next of the available poses, in sequence
+random                any feasible pose
+====================  ==========================================================================
+"""
+
+from typing import Any
+
+from coopmap_env.evaluation.policy import Policy
+
+from .coverage import CoveragePolicy
+from .frontier import FrontierPolicy
+from .information_gain import InformationGainPolicy
+from .random_poses import RandomPolicy
+from .raster import RasterPolicy
+from .rating_function import RatingFunctionPolicy
+
+__all__ = [
+    "POLICIES",
+    "CoveragePolicy",
+    "FrontierPolicy",
+    "InformationGainPolicy",
+    "RandomPolicy",
+    "RasterPolicy",
+    "RatingFunctionPolicy",
+    "make",
+]
+
+POLICIES: dict[str, type[Policy]] = {
+    "rating_function": RatingFunctionPolicy,
+    "information_gain": InformationGainPolicy,
+    "coverage": CoveragePolicy,
+    "frontier": FrontierPolicy,
+    "raster": RasterPolicy,
+    "random": RandomPolicy,
+}
+
+
+def make(name: str, **options: Any) -> Policy:
+    """Make a baseline by its name.
+
+    Parameters
+    ----------
+    name : str
+        A key of `POLICIES`.
+    **options
+        As the policy's class takes them, such as ``search=100`` or ``coordination="sequential"``.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown or an option's value is not accepted.
+    """
+    if name not in POLICIES:
+        raise ValueError(f"unknown policy {name!r}; choose from {', '.join(POLICIES)}")
+    return POLICIES[name](**options)

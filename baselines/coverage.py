@@ -1,0 +1,39 @@
+"""Expected coverage: the pose that shows the most never-sampled cells for the least motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.belief import Belief
+
+from .planner import Claimed, Coordination, Planner, Search
+from .utility import minus_motion
+
+
+class CoveragePolicy(Planner):
+    """Never-sampled cells in view, as a share of the most that the camera sees, minus motion.
+
+    Parameters
+    ----------
+    search, coordination
+        See `Planner`.
+    motion_weight : float
+        Share of a full view that a motion by one unit of d (Eq. 5) must bring.
+    """
+
+    def __init__(
+        self,
+        search: Search = 100,
+        coordination: Coordination = "independent",
+        motion_weight: float = 0.02,
+    ) -> None:
+        super().__init__(search, coordination)
+        self.motion_weight = motion_weight
+
+    def score(
+        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+    ) -> NDArray[np.float64]:
+        """Share of a full view that is new, minus the weighted distance."""
+        gain = belief.rating.unknown_cells(belief.map, ids, claimed) / belief.rating.fan.n_visible
+        return minus_motion(gain, belief, robot, ids, self.motion_weight)

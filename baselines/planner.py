@@ -1,0 +1,98 @@
+"""What the planners share: where they search, and how a team coordinates."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.observations import Observation
+
+Search = int | Literal["exhaustive"]
+Coordination = Literal["independent", "sequential"]
+Claimed = NDArray[np.uint8] | None
+
+
+def feasible_poses(belief: Belief, robot: int) -> NDArray[np.int64]:
+    """All poses that satisfy constraints i and ii, in the order of the reachable cells."""
+    cells, n = belief.feasible_cells(robot).astype(np.int64), belief.lattice.n_headings
+    return (cells[:, None] * n + np.arange(n)).ravel()
+
+
+def random_poses(
+    belief: Belief, robot: int, m: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Up to m different feasible poses, uniformly at random; the offered ones if there are any."""
+    if belief.offers is not None:
+        return belief.offers[robot]
+    cells, n = belief.feasible_cells(robot), belief.lattice.n_headings
+    picks = rng.choice(len(cells) * n, min(m, len(cells) * n), replace=False)
+    return cells[picks // n].astype(np.int64) * n + picks % n
+
+
+class Planner(ABC):
+    """Gives each robot the best-scored pose of its search.
+
+    Parameters
+    ----------
+    search : int or "exhaustive"
+        Best of m random feasible poses, or of all. In "candidates" mode always among those on
+        offer.
+    coordination : {"independent", "sequential"}
+        Whether robots plan as if alone (the paper's), or in turn, each leaving out the cells that
+        the robots before it are about to see.
+
+    Raises
+    ------
+    ValueError
+        If an option is none of its choices.
+    """
+
+    def __init__(
+        self, search: Search = "exhaustive", coordination: Coordination = "independent"
+    ) -> None:
+        if search != "exhaustive" and (
+            not isinstance(search, int) or isinstance(search, bool) or search < 1
+        ):
+            raise ValueError(f"search is 'exhaustive' or a number of poses >= 1, got {search!r}")
+        if coordination not in ("independent", "sequential"):
+            raise ValueError(
+                f"coordination is 'independent' or 'sequential', got {coordination!r}"
+            )
+        self.search = search
+        self.coordination = coordination
+        self.rng = np.random.default_rng(0)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Start an episode; `rng` draws the random poses."""
+        self.rng = rng
+
+    @abstractmethod
+    def score(
+        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+    ) -> NDArray[np.float64]:
+        """Score of each pose, higher is better; `claimed` cells are left out."""
+
+    def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
+        """The best pose of each robot, as actions."""
+        sequential = self.coordination == "sequential" and len(belief.agents) > 1
+        claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
+        actions = {}
+        for robot, agent in enumerate(belief.agents):
+            ids = self.candidates(belief, robot)
+            best = int(ids[np.argmax(self.score(belief, robot, ids, claimed))])
+            actions[agent] = belief.action_for(robot, best)
+            if claimed is not None:
+                claimed[belief.rating.visible_cells(belief.map, best)] = 1
+        return actions
+
+    def candidates(self, belief: Belief, robot: int) -> NDArray[np.int64]:
+        """The poses to choose from."""
+        if self.search == "exhaustive" and belief.offers is None:
+            return feasible_poses(belief, robot)
+        m = self.search if isinstance(self.search, int) else 0
+        return random_poses(belief, robot, m, self.rng)

@@ -1,0 +1,23 @@
+"""Random poses: the floor under every comparison."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.belief import Belief
+
+from .planner import Claimed, Planner
+
+
+class RandomPolicy(Planner):
+    """Any feasible pose, uniformly at random."""
+
+    def __init__(self) -> None:
+        super().__init__(1, "independent")
+
+    def score(
+        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+    ) -> NDArray[np.float64]:
+        """The same for all but in random order, so that a choice among offers is random too."""
+        return self.rng.random(len(ids))

@@ -1,0 +1,42 @@
+"""The reference planner of Sujan & Dubowsky: the pose of the highest rating (Eq. 9)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.belief import Belief
+
+from .planner import Claimed, Coordination, Planner, Search
+from .rating_cache import NewInformationCache
+
+
+class RatingFunctionPolicy(Planner):
+    """Rates poses by Eq. 9 with the constants of the environment.
+
+    Parameters
+    ----------
+    search : int or "exhaustive"
+        m of the paper's random search, or the whole known configuration space.
+    coordination : {"independent", "sequential"}
+        See `Planner`. With "sequential" and an exhaustive search, each robot's pose maximises the
+        reward "rating" of the environment, given the poses of the robots before it.
+    """
+
+    def __init__(
+        self, search: Search = 100, coordination: Coordination = "independent"
+    ) -> None:
+        super().__init__(search, coordination)
+        self._cache: NewInformationCache | None = None
+
+    def score(
+        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+    ) -> NDArray[np.float64]:
+        """RF of each pose (Eq. 9)."""
+        rating, current = belief.rating, belief.pose_ids[robot]
+        if self.search != "exhaustive":
+            return rating.rate(belief.map, ids, current, claimed).rating
+        if self._cache is None or self._cache.rating is not rating:
+            self._cache = NewInformationCache(rating)
+        ni = self._cache.new_information(belief.map, ids, claimed)
+        return rating.compose(belief.map, ids, [current], ni).rating

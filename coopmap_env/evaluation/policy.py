@@ -1,0 +1,72 @@
+"""The Policy protocol, and how policies are found by name.
+
+A distribution offers policies under the entry-point group ``coopmap.policies``; this one offers its
+baselines so. A policy of one's own, registered the same way, is then known to `coopmap evaluate`.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.observations import Observation
+
+GROUP = "coopmap.policies"
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """Chooses the team's actions from what the robots know; planner and learned policy alike."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Forget the last episode; all randomness of the next one comes from `rng`."""
+
+    def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
+        """One action for each robot."""
+
+
+def policy_names() -> list[str]:
+    """Names of all installed policies."""
+    return sorted(point.name for point in entry_points(group=GROUP))
+
+
+def make_policy(spec: str) -> Policy:
+    """Make a policy from its name and options, such as ``"rating_function:search=100"``.
+
+    Several options are separated by ``+``: ``"rating_function:search=100+coordination=sequential"``
+    (a comma separates policies on the command line).
+
+    Raises
+    ------
+    ValueError
+        If the name or an option is unknown, or an option's value is not accepted.
+    """
+    name, _, text = spec.partition(":")
+    found = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in found:
+        raise ValueError(f"unknown policy {name!r}; installed are {', '.join(sorted(found))}")
+    options: dict[str, Any] = {}
+    for part in filter(None, text.split("+")):
+        key, equals, value = part.partition("=")
+        if not equals:
+            raise ValueError(f"policy {spec!r}: an option is written key=value, got {part!r}")
+        options[key] = _literal(value)
+    try:
+        policy = found[name].load()(**options)
+    except TypeError as error:
+        raise ValueError(f"policy {spec!r}: {error}") from error
+    if not isinstance(policy, Policy):
+        raise ValueError(f"policy {name!r} has no reset and act: {policy!r}")
+    return policy
+
+
+def _literal(text: str) -> Any:
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return text

@@ -1,0 +1,89 @@
+"""Convex blocks, drawn row by row.
+
+A block is known by the slopes n_k / d_k of its edges: the outward normals over the distances from
+the centre. Its gauge is 0 at its centre, 1 on its edge and s on the edge of the block scaled by s
+about its centre:
+
+    gauge(p) = max_k p . n_k / d_k.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def strew_blocks(occupied, missing, centres, reaches, slopes):
+    """Occupy the cells of one block after the other until `missing` more cells are occupied.
+
+    The block that would overshoot is shrunk about its centre until it adds just the cells that
+    are missing; of cells on the same edge the first in C order are taken.
+
+    Parameters
+    ----------
+    occupied : (nx, ny) bool array
+        Changed in place.
+    missing : int
+        Number of cells to occupy.
+    centres : (n, 2) float array
+        In cells from the lower corner of the world.
+    reaches : (n,) float array
+        No cell of a block lies further than this from its centre along x or y.
+    slopes : (n, k, 2) float array
+        n_k / d_k of the edges; zeros stand for no edge.
+
+    Returns
+    -------
+    int
+        Number of cells that are missing still: above 0 if the blocks were too few.
+    """
+    nx, ny = occupied.shape
+    flat = occupied.ravel()
+    cells = np.empty(nx * ny, np.int64)
+    for block in range(len(centres)):
+        if missing == 0:
+            break
+        cx, cy, reach = centres[block, 0], centres[block, 1], reaches[block]
+        n = 0
+        for x in range(max(int(cx - reach), 0), min(int(cx + reach) + 1, nx)):
+            low, high = chord(slopes[block], x + 0.5 - cx, reach)
+            first, last = math.ceil(cy + low - 0.5), math.floor(cy + high - 0.5)
+            for cell in range(x * ny + max(first, 0), x * ny + min(last + 1, ny)):
+                cells[n] = cell
+                n += not flat[cell]
+        new = cells[:n]
+        if n > missing:
+            gauges = np.empty(n)
+            for k in range(n):
+                x, y = divmod(new[k], ny)
+                gauges[k] = gauge(slopes[block], x + 0.5 - cx, y + 0.5 - cy)
+            new = new[np.argsort(gauges, kind="mergesort")[:missing]]
+        for cell in new:
+            flat[cell] = True
+        missing -= len(new)
+    return missing
+
+
+@njit(cache=True, nogil=True)
+def chord(slopes, x, reach):
+    """Lowest and highest y of the block at x cells from its centre; empty if lowest > highest."""
+    low, high = -reach, reach
+    for edge in range(len(slopes)):
+        rest, slope = 1.0 - slopes[edge, 0] * x, slopes[edge, 1]
+        if slope > 0.0:
+            high = min(high, rest / slope)
+        elif slope < 0.0:
+            low = max(low, rest / slope)
+        elif rest < 0.0:
+            low = math.inf
+    return (low, high) if low <= high else (1.0, -1.0)
+
+
+@njit(cache=True, nogil=True)
+def gauge(slopes, x, y):
+    """Gauge at (x, y) cells from the centre of the block whose edges have these slopes (k, 2)."""
+    largest = 0.0
+    for edge in range(len(slopes)):
+        largest = max(largest, slopes[edge, 0] * x + slopes[edge, 1] * y)
+    return largest

@@ -1,0 +1,51 @@
+"""Fixed-point log-odds and their tables."""
+
+import math
+
+import numpy as np
+import pytest
+
+from coopmap_env.mapping import LogOddsRange
+from coopmap_env.mapping.log_odds import LEVELS_PER_NAT, level_of
+
+
+def test_levels_of_known_probabilities():
+    assert level_of(0.5) == 0
+    # ln 9 = 2.1972 nats
+    assert level_of(0.9) == 2250
+    assert level_of(0.1) == -2250
+
+
+def test_the_clamp_keeps_a_cell_between_one_minus_the_maximum_and_the_maximum():
+    limits = LogOddsRange(max_probability=0.999)
+    assert limits.clamp == level_of(0.999)
+    # a level is 1 / 1024 nat: 0.001 is known to half of that
+    assert limits.probability[[0, -1]] == pytest.approx([0.001, 0.999], rel=1e-3)
+    assert len(limits.probability) == len(limits.entropy) == 2 * limits.clamp + 1
+
+
+def test_the_middle_of_the_tables_is_one_half_and_ln_two():
+    limits = LogOddsRange()
+    assert limits.probability[limits.clamp] == 0.5
+    assert limits.entropy[limits.clamp] == pytest.approx(math.log(2))
+
+
+def test_tables_are_the_logistic_function_and_its_entropy():
+    limits = LogOddsRange(max_probability=0.9)
+    for k in range(0, 2 * limits.clamp + 1, 97):
+        p = 1 / (1 + math.exp(-(k - limits.clamp) / LEVELS_PER_NAT))
+        assert limits.probability[k] == pytest.approx(p)
+        assert limits.entropy[k] == pytest.approx(-p * math.log(p) - (1 - p) * math.log(1 - p))
+
+
+def test_probability_rises_with_the_level_and_entropy_falls_to_both_sides():
+    limits = LogOddsRange(max_probability=0.9999)
+    assert (np.diff(limits.probability) > 0).all()
+    assert (np.diff(limits.entropy[: limits.clamp + 1]) > 0).all()
+    assert limits.entropy == pytest.approx(limits.entropy[::-1])
+
+
+@pytest.mark.parametrize("value", [0.5, 1.0, -1.0, math.nan])
+def test_a_clamp_outside_of_a_half_to_one_is_refused(value):
+    with pytest.raises(ValueError, match=r"max_probability must lie in \(0\.5, 1\)"):
+        LogOddsRange(max_probability=value)

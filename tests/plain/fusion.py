@@ -1,0 +1,100 @@
+"""A probabilistic map with a dictionary of cells, one Python loop after the other."""
+
+import math
+
+import numpy as np
+from plain.crossings import crossed_cells
+
+WINDOW, CUT, DIAGONAL, MIN_SIGMA, LEVELS_PER_NAT = 4.0, 0.95, 1.75, 0.01, 1024
+
+
+def level(p, lowest, highest):
+    if p <= 0:
+        return lowest
+    if p >= 1:
+        return highest
+    return min(max(math.floor(math.log(p / (1 - p)) * LEVELS_PER_NAT + 0.5), lowest), highest)
+
+
+def likelihood(entry, leave, z, sigma, surface):
+    """Of the distance z, if the beam ends in this cell; up to a constant."""
+    if surface == "entry":
+        return math.exp(-0.5 * ((z - entry) / sigma) ** 2)
+    scale = sigma * math.sqrt(2)
+    return (math.erf((leave - z) / scale) - math.erf((entry - z) / scale)) / (leave - entry) * sigma
+
+
+def end_probabilities(intervals, z, sigma, surface):
+    """w_k of each (entry, exit): prior (1/2)**k times likelihood, normalised."""
+    w = [0.5**k * likelihood(a, b, z, sigma, surface) for k, (a, b) in enumerate(intervals)]
+    if sum(w) == 0:  # nothing explains z: the cell that holds it does
+        holder = next((k for k, (_, b) in enumerate(intervals) if z < b), len(intervals) - 1)
+        return [float(k == holder) for k in range(len(intervals))]
+    return [x / sum(w) for x in w]
+
+
+def occupancies(intervals, z, sigma, surface):
+    """P_k = w_k + half of the w before it."""
+    w = end_probabilities(intervals, z, sigma, surface)
+    return [w[k] + 0.5 * sum(w[:k]) for k in range(len(w))]
+
+
+def binary_entropy(level_):
+    p = 1 / (1 + math.exp(-level_ / LEVELS_PER_NAT))
+    return -p * math.log(p) - (1 - p) * math.log(1 - p)
+
+
+class PlainMap:
+    """What `OccupancyMap` must be equal to."""
+
+    def __init__(self, grid, lowest, highest, clamp, surface):
+        self.grid, self.bounds, self.clamp, self.surface = grid, (lowest, highest), clamp, surface
+        self.levels = np.zeros(grid.shape, dtype=int)
+        self.sampled = np.zeros(grid.shape, dtype=bool)
+        self.observations = {}
+
+    def integrate(self, scan):
+        """Fuse one scan; return the number of new cells and the drop of entropy."""
+        said = {}
+        for point, covariance, hit in zip(scan.points, scan.covariances, scan.hit, strict=True):
+            for cell, value in self.beam(scan.origin, point, covariance, hit):
+                said[cell] = said.get(cell, 0) + value or 1  # a touched cell is kept off zero
+        drop, new = 0.0, 0
+        for cell, value in said.items():
+            update = min(max(value, self.bounds[0]), self.bounds[1])
+            after = min(max(int(self.levels[cell]) + update, -self.clamp), self.clamp)
+            drop += binary_entropy(int(self.levels[cell])) - binary_entropy(after)
+            new += not self.sampled[cell]
+            self.levels[cell], self.sampled[cell] = after, True
+        return new, drop
+
+    def beam(self, origin, point, covariance, hit):
+        """List (cell, level) of what one beam says; keep the point with the cell it ended in."""
+        grid, (lowest, highest) = self.grid, self.bounds
+        ray = (point - origin) / grid.resolution
+        z = float(np.linalg.norm(ray))
+        if z == 0:
+            return []
+        start = (origin - np.array(grid.origin)) / grid.resolution
+        if not hit:
+            return [(cell, lowest) for cell, _, _ in crossed_cells(start, ray, z, grid.shape)]
+        u = ray / z
+        sigma = max(math.sqrt(max(u @ covariance @ u, 0.0)) / grid.resolution, MIN_SIGMA)
+        crossed = crossed_cells(start, ray, 1e6, grid.shape)
+        border = crossed[-1][2]
+        clear = z - WINDOW * sigma - DIAGONAL
+        said = [(cell, lowest) for cell, entry, _ in crossed if entry < clear]
+        ends = [c for c in crossed if clear <= c[1] < z + WINDOW * sigma]
+        intervals = [(entry, leave) for _, entry, leave in ends]
+        if border < z:
+            intervals.append((z, z + 1))
+        w = end_probabilities(intervals, z, sigma, self.surface)
+        best = w.index(max(w))
+        for k, (cell, _, _) in enumerate(ends):
+            said.append((cell, level(w[k] + 0.5 * sum(w[:k]), lowest, highest)))
+            if sum(w[: k + 1]) > CUT and k >= best:
+                break
+        if best < len(ends):
+            floor = (MIN_SIGMA * grid.resolution) ** 2 * np.eye(len(point))
+            self.observations.setdefault(ends[best][0], []).append((point, covariance + floor))
+        return said

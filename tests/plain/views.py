@@ -1,0 +1,48 @@
+"""What a pose would see and tell: every beam walked, every voxel counted by hand."""
+
+import math
+
+import numpy as np
+
+from coopmap_env.geometry import traverse
+
+
+def visible_cells(map_, camera, lattice, pose_id):
+    """Set of cells (ix, iy) crossed by any beam up to and with the first one with P >= 1/2."""
+    x, y, heading = lattice.pose(pose_id)
+    start = lattice.grid.cells([x, y])
+    depth = camera.depth_of_field / lattice.grid.resolution
+    blocked = map_.sampled & (map_.probability >= 0.5)
+    seen = set()
+    for bearing in camera.bearings:
+        # the heading from its number: both sides must round alike where beams pass through corners
+        turn = pose_id % lattice.n_headings * 2 * np.pi / lattice.n_headings
+        assert math.isclose(math.cos(turn), math.cos(heading), abs_tol=1e-12)
+        direction = [np.cos(bearing + turn), np.sin(bearing + turn)]
+        for cell in map(tuple, traverse(start, direction, depth, lattice.grid.shape).cells):
+            seen.add(cell)
+            if blocked[cell]:
+                break
+    return seen
+
+
+def gray(p, sampled, d, depth, reading):
+    """Eqs. 8a and 8b of one voxel at d voxels."""
+    if not sampled:
+        return 1 + min(d / depth, 1)
+    d = 1.0 if reading == "distance_free" else max(d, 1.0)
+    if p < 0.5:
+        return min(max((1 / ((1 - p) * d) - 1) / 2, 0.0), 0.5)
+    return min(max(1 - (1 / (p * d) - 1) / 2, 0.5), 1.0)
+
+
+def new_information(map_, camera, lattice, pose_id, settings, n_visible, claimed=()):
+    """NI: entropy of the histogram of gray levels over what is visible (Eqs. 6 to 8)."""
+    ix, iy = divmod(pose_id // lattice.n_headings, lattice.grid.shape[1])
+    depth = camera.depth_of_field / lattice.grid.resolution
+    counts = [0] * settings.n_gray
+    for cell in visible_cells(map_, camera, lattice, pose_id) - set(claimed):
+        d = math.hypot(cell[0] - ix, cell[1] - iy)
+        level = gray(map_.probability[cell], map_.sampled[cell], d, depth, settings.reading)
+        counts[min(int(level * settings.n_gray / 2), settings.n_gray - 1)] += 1
+    return -sum(f / n_visible * math.log(f / n_visible) for f in counts if f)
