@@ -31,12 +31,12 @@ class PlanarSettings:
     n_headings: int = 16
     """Headings of the configuration space; see `PoseLattice`."""
     reach: float = 20.0
-    """Metres: one action moves the camera at most so far ahead or back, and so far to a side.
-    Less than the depth of field, so that most of the reach can be known."""
+    """Metres: one action moves the camera at most so far ahead or back, and so far to a side: a
+    depth of field, beyond which little can be known."""
     start_radius: float = 3.0
     """Metres around each start that are known to be free: the robot stands there."""
-    start_spread: float = 6.0
-    """Metres: teammates start no further than this from the first robot."""
+    start_spread: float = 20.0
+    """Metres: teammates start no further than this from the first robot, a depth of field."""
     view_cells: int = 64
     """Side of the observed local map, cells: reach and depth of field lie mostly inside."""
 

@@ -11,9 +11,13 @@ So a cell is free before the surface, occupied around it, and unchanged (1/2) be
 w_k at least halve from cell to cell behind z, P_k is never below one half there.
 
 Loop, Cai, Orts-Escolano & Chou 2016 ("A closed-form Bayesian fusion equation using occupancy
-probabilities") solve the same model for infinitely fine cells: P(s) = F(s) - F(s - 3)/2 in units of
-sigma. That limit says nothing definite where sigma is smaller than a cell, which is the usual case
-near the camera; the sum above is exact for cells of any size and costs the same.
+probabilities") give P(s) = F(s) - F(s - 3)/2, s in units of sigma behind z: obstacles three sigma
+thick, met at any distance alike. The sum above is that for cells of three sigma, but for the prior
+(1/2)**k, and it follows the cells where sigma is smaller, which is the usual case near the camera.
+
+It is not made for cells much finer than sigma: the prior moves the end of the beam by
+sigma**2 ln 2 / h toward the camera, h being the length of a cell, and P goes to half of a normal
+distribution function there. Such a beam frees the cells far before z and says nothing about z.
 """
 
 from __future__ import annotations
@@ -44,9 +48,9 @@ class BeamModel:
         If a value is outside of its range.
     """
 
-    free: float = 0.01
+    free: float = 0.001
     """Lowest occupancy that a single scan may claim for a cell."""
-    occupied: float = 0.97
+    occupied: float = 0.998
     """Highest occupancy that a single scan may claim for a cell."""
     surface: Literal["entry", "anywhere"] = "entry"
     """Where the surface of an occupied cell lies: at the face by which the beam enters, if the
@@ -134,8 +138,17 @@ def beam_occupancy(
         Distances at which the beam enters and leaves each cell, in any unit.
     z, sigma : float
         Observed distance and its standard deviation, same unit; sigma > 0.
+
+    Raises
+    ------
+    ValueError
+        If there is not one exit for each entry, or sigma is not above 0.
     """
     entries, exits = np.asarray(entries, dtype=np.float64), np.asarray(exits, dtype=np.float64)
+    if entries.ndim != 1 or entries.shape != exits.shape:
+        raise ValueError(f"entries {entries.shape} and exits {exits.shape} do not fit together")
+    if not sigma > 0:
+        raise ValueError(f"sigma must be > 0, got {sigma}")
     weights = np.empty(len(entries))
     end_weights(entries, exits, len(entries), z, sigma, model.enters, weights)
     before = np.concatenate([[0.0], np.cumsum(weights)[:-1]])

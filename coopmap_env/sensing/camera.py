@@ -21,10 +21,10 @@ class PlanarCamera:
 
     field_of_view: float = math.radians(60.0)
     """Radians, in (0, 2 pi]. 60 degrees is that of a usual stereo camera."""
-    depth_of_field: float = 25.0
+    depth_of_field: float = 20.0
     """Metres: surfaces further than this are not seen."""
-    n_beams: int = 48
-    """Pixels of the row: at the end of the default depth of field the beams are 0.55 m apart, so
+    n_beams: int = 40
+    """Pixels of the row: at the end of the default depth of field the beams are 0.5 m apart, so
     no 1 m cell falls between two of them."""
 
     def __post_init__(self) -> None:

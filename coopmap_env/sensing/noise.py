@@ -24,7 +24,7 @@ class RangeNoise:
 
     intrinsic: float = 0.0015
     """S, per metre at n = 2: stereo disparity error grows with range squared. 0.0015 is 0.15 m at
-    10 m and 0.94 m at 25 m: at the end of the default depth of field, one cell."""
+    10 m and 0.6 m at 20 m: at the end of the default depth of field, more than half a cell."""
     depth: float = 1.0
     """T along the optical axis."""
     lateral: float = 0.25

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from coopmap_env.simulation.scenes import SPLITS, Obstacles, largest_free_region, world_seed
 
-GOLDEN = {"train": "9f4de10a318306c1", "validation": "0584acba41c875ff", "test": "5133bd0eeab89656"}
+GOLDEN = {"train": "4d9736c9b5a83c61", "validation": "a7b0eaed2ab289e6", "test": "600d87ddf41d96e2"}
 """SHA-256 of the first world of each split: changing one changes every published result."""
 
 
@@ -57,35 +57,50 @@ def test_obstacles_are_as_likely_in_each_quarter_of_the_world():
     np.testing.assert_allclose(quarters, 0.12, rtol=0.2)
 
 
-def test_a_lone_rectangle_has_the_area_of_its_sides():
-    scene = Obstacles(shape=(101, 101), polygon_share=0.0, side_min=20.0, side_max=20.0)
-    turns, distances = scene._random_block(np.random.default_rng(0))
-    np.testing.assert_allclose(distances, 10.0)
-    np.testing.assert_allclose(np.diff(turns), 0.25)
-    areas = []
-    for seed in range(20):
-        occupied = np.zeros((101, 101), dtype=bool)
-        new = scene._strew_block(np.random.default_rng(seed), occupied, at_most=10**6)
-        assert new == np.count_nonzero(occupied)
-        inside = not (occupied[[0, -1]].any() or occupied[:, [0, -1]].any())
-        areas += [new] if inside else []
-    # 400 cells but for those along its edges that fall to one side by chance.
-    np.testing.assert_allclose(areas, 400, rtol=0.03)
+def test_a_rectangle_has_two_pairs_of_parallel_edges():
+    scene = Obstacles(polygon_share=0.0)
+    turns, distances, _ = scene._random_blocks(np.random.default_rng(0), 50)
+    np.testing.assert_allclose(np.diff(turns[:, :4]), 0.25)
+    np.testing.assert_array_equal(distances[:, :2], distances[:, 2:4])
+    assert np.isinf(distances[:, 4:]).all()
+    sides = 2 * distances[:, :2]
+    assert (sides >= scene.side_min).all()
+    assert (sides <= scene.side_max).all()
 
 
-def test_a_block_is_convex_and_never_cut_by_its_patch():
-    scene = Obstacles(shape=(80, 80), polygon_share=1.0, side_min=16.0, side_max=16.0)
-    for seed in range(30):
-        rng = np.random.default_rng(seed)
-        turns, distances = scene._random_block(rng)
-        centre = np.array(rng.random(2) * 80)
-        cells = np.stack(np.meshgrid(*[np.arange(80) + 0.5] * 2, indexing="ij"), axis=-1)
-        normals = np.stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)])
-        expected = ((cells - centre) @ normals <= distances).all(axis=-1)
-        occupied = np.zeros((80, 80), dtype=bool)
-        scene._strew_block(np.random.default_rng(seed), occupied, at_most=10**6)
-        # A cell centre within rounding of an edge may fall to either side.
-        assert np.count_nonzero(occupied != expected) <= 1
+def test_polygons_have_3_to_6_edges_around_them():
+    turns, distances, _ = Obstacles(polygon_share=1.0)._random_blocks(np.random.default_rng(0), 200)
+    n_edges = np.isfinite(distances).sum(axis=1)
+    assert set(n_edges.tolist()) == {3, 4, 5, 6}
+    for heading, n in zip(turns, n_edges, strict=True):
+        gaps = np.diff(heading[:n], append=heading[0] + 1.0)
+        assert (gaps > 0.0).all()
+        assert (gaps < 0.5).all()
+
+
+def test_the_polygon_share_is_the_share_of_polygons():
+    turns, _, _ = Obstacles(polygon_share=0.4)._random_blocks(np.random.default_rng(0), 2000)
+    is_rectangle = np.isclose(np.diff(turns[:, :4]), 0.25).all(axis=1)
+    # Three standard errors of a share of 0.4 among 2000.
+    assert np.mean(~is_rectangle) == pytest.approx(0.4, abs=0.033)
+
+
+def test_no_corner_of_a_block_lies_beyond_its_reach():
+    turns, distances, reaches = Obstacles()._random_blocks(np.random.default_rng(0), 200)
+    for heading, distance, reach in zip(turns, distances, reaches, strict=True):
+        angle = 2 * np.pi * heading[np.isfinite(distance)]
+        normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        distance = distance[np.isfinite(distance)]
+        for k in range(len(distance)):
+            pair = [k - 1, k]
+            corner = np.linalg.solve(normals[pair], distance[pair])
+            assert np.hypot(*corner) <= reach
+
+
+def test_a_crowded_world_takes_more_blocks_than_are_drawn_at_once():
+    scene = Obstacles(side_max=4.0, occupied_share=0.3)
+    occupied = scene.world(np.random.default_rng(0)).occupied
+    assert np.count_nonzero(occupied) == 12_000  # 750 blocks of 4 x 4 cells at least
 
 
 def test_the_same_generator_state_makes_the_same_world():

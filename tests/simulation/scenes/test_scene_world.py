@@ -3,7 +3,7 @@ import pickle
 import numpy as np
 import pytest
 
-from coopmap_env.simulation.scenes import Scene, World, largest_free_region
+from coopmap_env.simulation.scenes import Scene, World
 
 
 def free(*shape):
@@ -61,21 +61,3 @@ def test_whatever_has_the_attributes_of_a_scene_is_one():
 
     assert isinstance(Field(), Scene)
     assert not isinstance(object(), Scene)
-
-
-def test_regions_that_touch_at_a_corner_are_apart():
-    occupied = np.array([[0, 0, 1], [1, 1, 0], [1, 1, 0]], dtype=bool)
-    expected = np.array([[1, 1, 0], [0, 0, 0], [0, 0, 0]], dtype=bool)
-    # Two regions of two cells each: the first in C order is taken.
-    np.testing.assert_array_equal(largest_free_region(occupied), expected)
-
-
-def test_the_largest_free_region_wins_wherever_it_lies():
-    occupied = np.array([[0, 1, 0], [1, 1, 0], [0, 0, 0]], dtype=bool)
-    expected = ~occupied
-    expected[0, 0] = False
-    np.testing.assert_array_equal(largest_free_region(occupied), expected)
-
-
-def test_a_full_grid_has_no_free_region():
-    assert not largest_free_region(~free(3, 4)).any()

@@ -1,0 +1,192 @@
+"""Evaluate one policy in process, or compare many on the same worlds in worker processes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode
+from coopmap_env.evaluation.jobs import Job, Result, run_jobs, write_atomically
+from coopmap_env.evaluation.policy import Policy, make_policy
+from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
+from coopmap_env.evaluation.statistics import (
+    bootstrap_interquartile_mean,
+    bootstrap_mean,
+    bootstrap_paired_difference,
+    probability_of_improvement,
+)
+
+SCORES = (
+    "coverage",
+    "coverage_auc",
+    "reward",
+    "entropy",
+    "log_loss",
+    "brier",
+    "motion_cost",
+    "planning_ms",
+)
+"""Columns that the summary gives with intervals."""
+BOOTSTRAP_SEED = 20_011
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Episodes of one policy, one for each seed."""
+
+    episodes: tuple[Episode, ...]
+
+    @property
+    def table(self) -> dict[str, NDArray[np.float64]]:
+        """Scores by column, each of shape (n_episodes,)."""
+        rows = [episode.row() for episode in self.episodes]
+        return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+
+    @property
+    def curves(self) -> dict[str, NDArray[np.float64]]:
+        """Curves by name, each of shape (n_episodes, n_scans + 1), beginning before a scan."""
+        return {
+            "viewed": np.array([episode.viewed for episode in self.episodes]),
+            "entropy": np.array([episode.entropy for episode in self.episodes]),
+        }
+
+
+def evaluate(env: PlanarEnv, policy: Policy, seeds: Iterable[int]) -> Evaluation:
+    """Play one episode on the world of each seed of the environment's split.
+
+    Parameters
+    ----------
+    env : PlanarEnv
+        Made by `coopmap_env.planar_v0.parallel_env`.
+    policy : Policy
+        A baseline, a learned policy, or one's own.
+    seeds : iterable of int
+
+    Raises
+    ------
+    ValueError
+        If there is no seed.
+    """
+    episodes = tuple(run_episode(env, policy, seed) for seed in seeds)
+    if not episodes:
+        raise ValueError("evaluate needs at least one seed")
+    return Evaluation(episodes)
+
+
+def make_job(policy: str, seed: int, env: dict[str, Any], settings: PlanarSettings | None) -> Job:
+    """One episode as JSON: the policy's spec, the seed, and the environment's arguments."""
+    return {
+        "policy": policy,
+        "seed": seed,
+        "env": env,
+        "settings": None if settings is None else settings_to_dict(settings),
+    }
+
+
+@lru_cache(maxsize=4)
+def _env(arguments: str) -> PlanarEnv:
+    values = json.loads(arguments)
+    settings = values.pop("settings")
+    return PlanarEnv(**values, settings=settings and settings_from_dict(settings))
+
+
+@lru_cache(maxsize=16)
+def _policy(spec: str) -> Policy:
+    return make_policy(spec)
+
+
+def run_job(job: Job) -> Result:
+    """Play the episode of a job; environments and policies are kept from job to job."""
+    env = _env(json.dumps({**job["env"], "settings": job["settings"]}, sort_keys=True))
+    return asdict(run_episode(env, _policy(job["policy"]), job["seed"]))
+
+
+def compare(
+    policies: Sequence[str],
+    seeds: Sequence[int],
+    env: dict[str, Any],
+    store: Path,
+    settings: PlanarSettings | None = None,
+    workers: int = 1,
+    progress: bool = True,
+) -> dict[str, Evaluation]:
+    """Play every policy on the same worlds; resumable, and the same for any number of workers.
+
+    Parameters
+    ----------
+    policies : sequence of str
+        Specs, see `make_policy`.
+    seeds : sequence of int
+    env : dict
+        Arguments of `PlanarEnv` as JSON values, without the settings.
+    store : Path
+        Folder for finished episodes.
+    """
+    for policy in policies:
+        make_policy(policy)  # refuses bad specs before any work
+    jobs = [make_job(policy, seed, env, settings) for policy in policies for seed in seeds]
+    results = iter(run_jobs(run_job, jobs, store, workers, progress))
+    return {
+        policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
+        for policy in policies
+    }
+
+
+def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict[str, Any]:
+    """Scores of each policy with 95 % intervals, and how it fares against a reference policy.
+
+    For every score: the mean, and the interquartile mean with its stratified bootstrap interval
+    (the worlds of one policy are one stratum; learned policies have one for each training seed).
+    Against the reference, over the paired worlds: the probability of improvement and the mean
+    difference in the area under the coverage curve.
+    """
+    summary: dict[str, Any] = {}
+    for name, evaluation in evaluations.items():
+        rng = np.random.default_rng(BOOTSTRAP_SEED)
+        table = evaluation.table
+        entry: dict[str, Any] = {"episodes": len(evaluation.episodes)}
+        if len(evaluation.episodes) > 1:
+            for score in SCORES:
+                entry[score] = {
+                    "mean": bootstrap_mean(table[score], rng).as_dict(),
+                    "interquartile_mean": bootstrap_interquartile_mean(
+                        [table[score]], rng
+                    ).as_dict(),
+                }
+            if reference is not None and name != reference:
+                ours, theirs = table["coverage_auc"], evaluations[reference].table["coverage_auc"]
+                entry["against"] = {
+                    "policy": reference,
+                    "score": "coverage_auc",
+                    "probability_of_improvement": probability_of_improvement(
+                        ours, theirs, rng
+                    ).as_dict(),
+                    "difference": bootstrap_paired_difference(ours, theirs, rng).as_dict(),
+                }
+        summary[name] = entry
+    return summary
+
+
+def write_episodes(evaluations: dict[str, Evaluation], path: Path) -> None:
+    """One CSV row per policy and world."""
+    text = io.StringIO()
+    writer: Any = None
+    for name, evaluation in evaluations.items():
+        for episode in evaluation.episodes:
+            row = {"policy": name, **episode.row()}
+            if writer is None:
+                writer = csv.DictWriter(text, fieldnames=list(row), lineterminator="\n")
+                writer.writeheader()
+            writer.writerow(row)
+    write_atomically(path, text.getvalue())

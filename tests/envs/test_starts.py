@@ -1,0 +1,114 @@
+import numpy as np
+import pytest
+
+from coopmap_env.envs.starts import place_team
+from coopmap_env.mapping import VoxelGrid
+from coopmap_env.robots import PoseLattice
+from coopmap_env.simulation.scenes import Obstacles, Rooms, World, largest_free_region
+
+SPREAD, RADIUS = 3.0, 1.5
+
+
+def world_of(occupied, resolution=0.5):
+    return World(occupied, resolution, (-1.0, 2.0), "drawn")
+
+
+def lattice_of(world):
+    return PoseLattice(VoxelGrid(world.shape, world.resolution, world.origin), 12)
+
+
+def place(world, n_robots, seed, spread=SPREAD, radius=RADIUS):
+    rng = np.random.default_rng(seed)
+    lattice = lattice_of(world)
+    pose_ids, known = place_team(world, lattice, n_robots, spread, radius, rng)
+    assert len(pose_ids) == n_robots
+    cells = np.array(pose_ids) // lattice.n_headings
+    return pose_ids, cells, known
+
+
+def centres(world, cells):
+    """Cell centres (n, 2) in metres from the lower corner."""
+    return (np.column_stack(np.unravel_index(cells, world.shape)) + 0.5) * world.resolution
+
+
+@pytest.fixture(
+    params=[Obstacles(occupied_share=0.5, resolution=0.5), Rooms()], ids=lambda s: s.name
+)
+def worlds(request):
+    return [request.param.world(np.random.default_rng(seed)) for seed in range(10)]
+
+
+@pytest.mark.parametrize("n_robots", [1, 2, 5])
+def test_robots_start_in_different_cells_of_the_largest_region_close_together(worlds, n_robots):
+    for seed, world in enumerate(worlds):
+        _, cells, _ = place(world, n_robots, seed)
+        assert len(set(cells.tolist())) == n_robots
+        assert largest_free_region(world.occupied).ravel()[cells].all()
+        apart = centres(world, cells) - centres(world, cells[:1])
+        assert (np.hypot(*apart.T) <= SPREAD + 1e-9).all()  # but for rounding
+
+
+def test_known_cells_are_the_free_ones_within_the_radius_of_a_start(worlds):
+    for seed, world in enumerate(worlds):
+        _, cells, known = place(world, 3, seed)
+        every = centres(world, np.arange(world.occupied.size))
+        offsets = every[:, None] - centres(world, cells)
+        near = (np.hypot(offsets[..., 0], offsets[..., 1]) <= RADIUS + 1e-9).any(axis=1)
+        np.testing.assert_array_equal(known, np.flatnonzero(near & ~world.occupied.ravel()))
+
+
+def test_the_generator_decides_all(worlds):
+    world = worlds[0]
+    first, _, known = place(world, 3, 7)
+    again, _, known_again = place(world, 3, 7)
+    assert first == again
+    np.testing.assert_array_equal(known, known_again)
+    assert len({place(world, 3, seed)[0] for seed in range(20)}) == 20
+
+
+def test_every_cell_of_the_region_every_heading_and_every_mate_is_as_likely():
+    occupied = np.ones((8, 8), dtype=bool)
+    occupied[2:4, 2:4] = False
+    world = world_of(occupied)
+    starts = np.array([place(world, 2, seed)[0] for seed in range(2400)])
+    cells, headings = np.divmod(starts, 12)
+    # Four standard errors: 85 of 600 starts in a cell, 54 of 200 pairs, 77 of 400 headings.
+    for robot in range(2):
+        counts = np.unique(cells[:, robot], return_counts=True)[1]
+        np.testing.assert_allclose(counts, 600, atol=85)
+    counts = np.unique(cells, axis=0, return_counts=True)[1]
+    assert len(counts) == 12
+    np.testing.assert_allclose(counts, 200, atol=54)
+    counts = np.bincount(headings.ravel(), minlength=12)
+    np.testing.assert_allclose(counts, 400, atol=77)
+
+
+def test_more_robots_than_cells_share_them_evenly():
+    occupied = np.ones((8, 8), dtype=bool)
+    occupied[3, 4:7] = False
+    for seed in range(20):
+        _, cells, known = place(world_of(occupied), 5, seed)
+        assert sorted(np.unique(cells, return_counts=True)[1].tolist()) == [1, 2, 2]
+        np.testing.assert_array_equal(known, [28, 29, 30])
+
+
+@pytest.mark.parametrize("n_robots", [1, 3])
+def test_a_lone_free_cell_holds_the_whole_team(n_robots):
+    occupied = np.ones((8, 9), dtype=bool)
+    occupied[7, 8] = False
+    _, cells, known = place(world_of(occupied), n_robots, 0)
+    assert cells.tolist() == [71] * n_robots
+    assert known.tolist() == [71]
+
+
+def test_a_radius_of_three_cells_is_that_even_if_its_division_rounds_down():
+    assert 0.6 / 0.2 < 3.0
+    world = world_of(np.zeros((40, 40), dtype=bool), resolution=0.2)
+    # A disc of radius 3 has 29 cells, fewer at the border of the world.
+    assert max(len(place(world, 1, seed, radius=0.6)[2]) for seed in range(20)) == 29
+
+
+def test_without_spread_or_radius_the_team_shares_and_knows_one_cell():
+    _, cells, known = place(world_of(np.zeros((8, 8), dtype=bool)), 3, 0, spread=0.0, radius=0.0)
+    assert len(set(cells.tolist())) == 1
+    assert known.tolist() == [cells[0]]
