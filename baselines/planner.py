@@ -23,9 +23,7 @@ def feasible_poses(belief: Belief, robot: int) -> NDArray[np.int64]:
     return (cells[:, None] * n + np.arange(n)).ravel()
 
 
-def random_poses(
-    belief: Belief, robot: int, m: int, rng: np.random.Generator
-) -> NDArray[np.int64]:
+def random_poses(belief: Belief, robot: int, m: int, rng: np.random.Generator) -> NDArray[np.int64]:
     """Up to m different feasible poses, uniformly at random; the offered ones if there are any."""
     if belief.offers is not None:
         return belief.offers[robot]
@@ -60,9 +58,7 @@ class Planner(ABC):
         ):
             raise ValueError(f"search is 'exhaustive' or a number of poses >= 1, got {search!r}")
         if coordination not in ("independent", "sequential"):
-            raise ValueError(
-                f"coordination is 'independent' or 'sequential', got {coordination!r}"
-            )
+            raise ValueError(f"coordination is 'independent' or 'sequential', got {coordination!r}")
         self.search = search
         self.coordination = coordination
         self.rng = np.random.default_rng(0)
@@ -78,7 +74,7 @@ class Planner(ABC):
         """Score of each pose, higher is better; `claimed` cells are left out."""
 
     def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
-        """The best pose of each robot, as actions."""
+        """Choose the best pose of each robot, as actions."""
         sequential = self.coordination == "sequential" and len(belief.agents) > 1
         claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = {}
@@ -91,7 +87,7 @@ class Planner(ABC):
         return actions
 
     def candidates(self, belief: Belief, robot: int) -> NDArray[np.int64]:
-        """The poses to choose from."""
+        """List the poses to choose from."""
         if self.search == "exhaustive" and belief.offers is None:
             return feasible_poses(belief, robot)
         m = self.search if isinstance(self.search, int) else 0

@@ -19,5 +19,5 @@ class RandomPolicy(Planner):
     def score(
         self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
     ) -> NDArray[np.float64]:
-        """The same for all but in random order, so that a choice among offers is random too."""
+        """Score at random, so that a choice among offers is random too."""
         return self.rng.random(len(ids))

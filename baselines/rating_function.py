@@ -23,9 +23,7 @@ class RatingFunctionPolicy(Planner):
         reward "rating" of the environment, given the poses of the robots before it.
     """
 
-    def __init__(
-        self, search: Search = 100, coordination: Coordination = "independent"
-    ) -> None:
+    def __init__(self, search: Search = 100, coordination: Coordination = "independent") -> None:
         super().__init__(search, coordination)
         self._cache: NewInformationCache | None = None
 

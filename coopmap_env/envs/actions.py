@@ -31,7 +31,7 @@ class ActionMode(Protocol):
     """How actions of one robot are written and read."""
 
     def space(self) -> spaces.Space[Any]:
-        """A new space for one robot."""
+        """Make a new space for one robot."""
 
     def decode(self, agent: str, action: Any, belief: Belief) -> tuple[int, str]:
         """Lattice pose that the action asks for, and why it cannot be taken (or empty).
@@ -43,7 +43,7 @@ class ActionMode(Protocol):
         """
 
     def encode(self, robot: int, pose_id: int, belief: Belief) -> Any:
-        """The action that leads a robot to a lattice pose.
+        """Write the action that leads a robot to a lattice pose.
 
         Raises
         ------
@@ -65,11 +65,14 @@ class PoseMode:
     def decode(self, agent: str, action: Any, belief: Belief) -> tuple[int, str]:
         """Nearest lattice pose to the one asked for."""
         try:
-            ahead, left, turn = np.asarray(action, dtype=np.float64).ravel().tolist()
-        except (TypeError, ValueError) as error:
+            numbers = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if numbers.shape != (3,):
             raise InvalidActionError(
                 f"{agent}: a pose action is 3 numbers [ahead, left, turn], got {action!r}"
-            ) from error
+            )
+        ahead, left, turn = numbers.tolist()
         if not (abs(ahead) <= 1 and abs(left) <= 1 and abs(turn) <= 1):  # NaN fails too
             raise InvalidActionError(
                 f"{agent}: each number of a pose action must lie in [-1, 1], got {action!r}"
@@ -87,7 +90,7 @@ class PoseMode:
         return pose_id, belief.why_not(robot, pose_id)
 
     def encode(self, robot: int, pose_id: int, belief: Belief) -> NDArray[np.float32]:
-        """The relative pose, as shares of the reach and of half a turn."""
+        """Write the relative pose, as shares of the reach and of half a turn."""
         relative = to_camera_frame(belief.lattice.poses(pose_id), belief.poses[robot])
         action = relative / self._scale
         if np.abs(action).max() > 1 + 1e-6:
@@ -108,12 +111,10 @@ class CandidateMode:
         return spaces.Discrete(self.n_candidates)
 
     def decode(self, agent: str, action: Any, belief: Belief) -> tuple[int, str]:
-        """The candidate of that index; one that is masked out cannot be taken."""
+        """Read the candidate of that index; one that is masked out cannot be taken."""
         value = np.asarray(action)
         if value.shape != () or not np.issubdtype(value.dtype, np.integer):
-            raise InvalidActionError(
-                f"{agent}: a candidate action is one integer, got {action!r}"
-            )
+            raise InvalidActionError(f"{agent}: a candidate action is one integer, got {action!r}")
         index = int(value)
         if not 0 <= index < self.n_candidates:
             raise InvalidActionError(
@@ -134,9 +135,7 @@ class CandidateMode:
             )
         return np.int64(matches[0])
 
-    def offer(
-        self, belief: Belief, robot: int, rng: np.random.Generator
-    ) -> NDArray[np.int64]:
+    def offer(self, belief: Belief, robot: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Up to m different feasible poses, uniformly at random, lattice numbers."""
         cells, headings = belief.feasible_cells(robot), belief.lattice.n_headings
         n_poses = len(cells) * headings

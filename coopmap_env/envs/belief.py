@@ -56,7 +56,7 @@ class Belief:
         centers = self.lattice.poses(cells.astype(np.int64) * self.lattice.n_headings)
         relative = np.abs(to_camera_frame(centers, here)[:, :2])
         # a cell counts if its centre is in reach, but for the rounding of the rotation
-        return (relative <= self.reach * (1 + 1e-9)).all(axis=1)
+        return relative.max(axis=1) <= self.reach * (1 + 1e-9)
 
     def feasible_cells(self, robot: int) -> NDArray[np.int32]:
         """Cells that satisfy constraints i and ii and lie within reach, nearest by path first."""
@@ -68,7 +68,7 @@ class Belief:
         return self.pose_ids[robot] // self.lattice.n_headings
 
     def action_for(self, robot: int, pose_id: int) -> Any:
-        """The action that leads the robot to a lattice pose.
+        """Write the action that leads the robot to a lattice pose.
 
         Raises
         ------

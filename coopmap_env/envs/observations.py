@@ -104,6 +104,7 @@ def draw_local_map(levels, sampled, nx, ny, cell, offsets, shades, clamp, out):
 def draw_teammates(poses, robot, resolution, diagonal, out, teammates):
     """Fill channel 2 and the rows of `teammates`."""
     side = out.shape[1]
+    middle = side / 2.0 + 1e-9  # a mate on the border of two cells: as in `view_offsets`
     c, s = math.cos(poses[robot, 2]), math.sin(poses[robot, 2])
     row = 0
     for mate in range(len(poses)):
@@ -116,8 +117,8 @@ def draw_teammates(poses, robot, resolution, diagonal, out, teammates):
         teammates[row, 2] = math.cos(turn)
         teammates[row, 3] = math.sin(turn)
         row += 1
-        i = int(math.floor(ahead / resolution + side / 2.0))
-        j = int(math.floor(left / resolution + side / 2.0))
+        i = math.floor(ahead / resolution + middle)
+        j = math.floor(left / resolution + middle)
         for u in range(max(i - 1, 0), min(i + 2, side)):
             for v in range(max(j - 1, 0), min(j + 2, side)):
                 out[2, u, v] = 255
@@ -140,7 +141,7 @@ class Observer:
         self._scale = math.log(belief.rating.settings.n_gray)
 
     def space(self) -> spaces.Dict:
-        """A new observation space of one robot."""
+        """Make a new observation space of one robot."""
         v, m = self._view_cells, self._n_candidates
         parts: dict[str, spaces.Space[Any]] = {
             "map": spaces.Box(0, 255, (N_CHANNELS, v, v), np.uint8),
@@ -156,7 +157,7 @@ class Observer:
         return spaces.Dict(parts)
 
     def observe(self, belief: Belief, robot: int) -> Observation:
-        """The observation of one robot, as new arrays."""
+        """Fill the observation of one robot, as new arrays."""
         map_, poses, side = belief.map, belief.poses, self._view_cells
         image = np.empty((N_CHANNELS, side, side), dtype=np.uint8)
         teammates = np.empty((self._n_robots - 1, 4), dtype=np.float32)
@@ -187,18 +188,18 @@ class Observer:
         return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def state(self, belief: Belief) -> NDArray[np.float32]:
-        """The team map and all poses in one vector, for centralised critics.
+        """Write the team map and all poses in one vector, for centralised critics.
 
         First P(occupied), then sampled (each nx ny values, row-major), then four values a robot
         as in the observation's ``pose``.
         """
         map_ = belief.map
         poses = np.ravel([self._pose(pose) for pose in belief.poses])
-        parts = [map_.probability.ravel(), map_.sampled_cells, poses]
+        parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_cells, poses]
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
     def _pose(self, pose: NDArray[np.float64]) -> tuple[float, float, float, float]:
-        """The observation's ``pose``."""
+        """Return the observation's ``pose``."""
         x, y, heading = pose.tolist()
         (x0, y0), (width, height) = self._origin, self._size
         return (x - x0) / width, (y - y0) / height, math.cos(heading), math.sin(heading)

@@ -93,6 +93,8 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         _one_of("team_reward", team_reward, ("individual", "shared"))
         _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         world_seed(split, 0)  # refuses an unknown split
+        if not isinstance(settings, PlanarSettings | None):
+            raise ValueError(f"settings must be PlanarSettings or None, got {settings!r}")
         self.scene = make_scene(scene)
         self.split = split
         self.settings = settings or PlanarSettings.for_resolution(self.scene.resolution)
@@ -102,9 +104,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         self._reward = reward
         self._shared = team_reward == "shared"
         self._actions: ActionMode = (
-            PoseMode(self.settings.reach)
-            if action_mode == "pose"
-            else CandidateMode(n_candidates)
+            PoseMode(self.settings.reach) if action_mode == "pose" else CandidateMode(n_candidates)
         )
         self._belief = self._blank_belief()
         self._observer = Observer(
@@ -144,15 +144,16 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         Raises
         ------
         ValueError
-            If the seed is no whole number of at least 0.
+            If the seed is no whole number of at least 0, or the scene makes a world of another
+            shape, resolution or origin than it says. A running episode goes on then.
         """
         if seed is None:
             seed = int(self._seeds.integers(2**31))
-        sequence = world_seed(self.split, seed)
-        scene_rng, start_rng, self._noise_rng, self._candidate_rng, self._seeds = (
-            np.random.default_rng(child) for child in sequence.spawn(5)
+        scene_rng, start_rng, noise_rng, candidate_rng, seeds = (
+            np.random.default_rng(child) for child in world_seed(self.split, seed).spawn(5)
         )
-        world = self.scene.world(scene_rng)
+        world = _world_of(self.scene, scene_rng)
+        self._noise_rng, self._candidate_rng, self._seeds = noise_rng, candidate_rng, seeds
         self._simulator = PlanarSimulator(world, self.settings.camera, self.settings.noise)
         self._belief.map.clear()
         starts, known = place_team(
@@ -176,9 +177,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
 
     def step(
         self, actions: Mapping[str, Any]
-    ) -> tuple[
-        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos
-    ]:
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """Move all cameras, look with all of them, fuse, reward, observe.
 
         A pose that is infeasible on the known map does not move the camera: it stays, looks from
@@ -240,11 +239,11 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         return observations, rewards, terminations, truncations, infos
 
     def state(self) -> NDArray[np.float32]:
-        """The team map and all poses, for centralised critics; see `Observer.state`."""
+        """Return the team map and all poses, for centralised critics; see `Observer.state`."""
         return self._observer.state(self.belief())
 
     def belief(self) -> Belief:
-        """What the robots know: the input of planners. Never the truth.
+        """Return what the robots know: the input of planners. Never the truth.
 
         Raises
         ------
@@ -313,17 +312,13 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
             given = sorted(map(str, actions)) if isinstance(actions, Mapping) else repr(actions)
             raise InvalidActionError(f"one action for each of {self.agents} is needed, got {given}")
-        return [
-            self._actions.decode(agent, actions[agent], self._belief) for agent in self.agents
-        ]
+        return [self._actions.decode(agent, actions[agent], self._belief) for agent in self.agents]
 
     def _scan(self) -> list[ScanGain]:
         simulator, poses = self._require_reset(), self._belief.poses
         for trail, pose in zip(self._trails, poses, strict=True):
             trail.append(pose[:2])
-        return self._belief.map.integrate(
-            [simulator.scan(pose, self._noise_rng) for pose in poses]
-        )
+        return self._belief.map.integrate([simulator.scan(pose, self._noise_rng) for pose in poses])
 
     def _offer_candidates(self) -> None:
         if isinstance(self._actions, CandidateMode):
@@ -351,11 +346,20 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
     def _with_masks(self, infos: Infos) -> Infos:
         """Add action masks to infos too: training libraries differ in where they look."""
         offers = self._belief.offers
-        if offers is not None:
+        if offers is not None and isinstance(self._actions, CandidateMode):
+            m = self._actions.n_candidates
             for agent, offer in zip(self.agents, offers, strict=True):
-                m = int(self.action_spaces[agent].n)
                 infos[agent]["action_mask"] = (np.arange(m) < len(offer)).astype(np.int8)
         return infos
+
+
+def _world_of(scene: Scene, rng: np.random.Generator) -> World:
+    world = scene.world(rng)
+    for name in ("shape", "resolution", "origin"):
+        made, said = getattr(world, name), getattr(scene, name)
+        if made != said:
+            raise ValueError(f"scene {scene.name!r} made a world of {name} {made}, not {said}")
+    return world
 
 
 def _at_least_one(name: str, value: int) -> int:

@@ -50,7 +50,7 @@ class PlanarSettings:
 
     @classmethod
     def for_resolution(cls, resolution: float) -> PlanarSettings:
-        """The defaults with every length scaled, so that a view spans as many cells as before.
+        """Scale every length of the defaults, so that a view spans as many cells as before.
 
         Range noise keeps its size in cells, and the rating its weight of a move by one cell.
         """

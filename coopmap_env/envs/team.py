@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -24,7 +24,7 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
     robot under ``"robots"``.
     """
 
-    metadata: ClassVar[dict[str, Any]] = PlanarEnv.metadata
+    metadata = PlanarEnv.metadata
 
     def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
         EzPickle.__init__(self, render_mode, **arguments)
@@ -39,7 +39,7 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         action = self.parallel.action_space(agents[0])
         self.action_space: spaces.Space[Any]
         if isinstance(action, spaces.Discrete):
-            self.action_space = spaces.MultiDiscrete([action.n] * len(agents))
+            self.action_space = spaces.MultiDiscrete([int(action.n)] * len(agents))
         else:
             self.action_space = spaces.Box(-1.0, 1.0, (3 * len(agents),), np.float32)
 
@@ -47,8 +47,8 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; see `PlanarEnv.reset`."""
-        super().reset(seed=seed)
         observations, infos = self.parallel.reset(seed=seed, options=options)
+        super().reset(seed=None if seed is None else int(seed))  # after the check of the seed
         return self._joined(observations), {"robots": infos}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -97,5 +97,5 @@ def _repeated(space: spaces.Space[Any], times: int) -> spaces.Box:
     return spaces.Box(
         np.concatenate([space.low] * times),
         np.concatenate([space.high] * times),
-        dtype=space.dtype.type,  # type: ignore[union-attr]
+        dtype=space.low.dtype.type,
     )

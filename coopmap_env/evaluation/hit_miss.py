@@ -53,6 +53,7 @@ class HitMissMap:
         self._levels = np.zeros(grid.n_cells, dtype=np.int32)
         self._sampled = np.zeros(grid.n_cells, dtype=np.uint8)
         self._marks = np.zeros(grid.n_cells, dtype=np.uint8)
+        self._touched = np.empty(grid.n_cells, dtype=np.int64)
 
     def integrate(self, scans: Scan | Sequence[Scan]) -> None:
         """Fuse scans one by one."""
@@ -61,6 +62,7 @@ class HitMissMap:
                 self.grid.cells(scan.origin), self.grid.cells(scan.points), scan.hit,
                 self.grid.shape, level_of(self.model.hit), level_of(self.model.miss),
                 float(self.model.depth), self.range.clamp, self._levels, self._sampled, self._marks,
+                self._touched,
             )  # fmt: skip
 
     @property
@@ -76,10 +78,11 @@ class HitMissMap:
 
 @njit(cache=True, nogil=True)
 def _integrate(
-    origin, points, hit, shape, hit_level, miss_level, depth, clamp, levels, sampled, marks
+    origin, points, hit, shape, hit_level, miss_level, depth, clamp, levels, sampled, marks, touched
 ):
-    """Mark the scan's cells (1 passed, 2 hit), then update each once."""
+    """Mark the scan's cells (1 passed, 2 hit) and list them, then update each once."""
     nx, ny = shape
+    count = 0
     for beam in range(len(points)):
         ux, uy = points[beam, 0] - origin[0], points[beam, 1] - origin[1]
         length = np.sqrt(ux * ux + uy * uy)
@@ -94,14 +97,17 @@ def _integrate(
         t = 0.0
         last = -1
         while t < end:
-            marks[cell] = max(marks[cell], 1)
+            if marks[cell] == 0:
+                marks[cell] = 1
+                touched[count] = cell
+                count += 1
             last = cell
             cell, tx, ty, _, t = advance(cell, sx, sy, 0, tx, ty, np.inf, dx, dy, np.inf)
         if hit[beam] and t >= length and last >= 0:
             marks[last] = 2
-    for cell in range(len(marks)):
-        if marks[cell]:
-            level = hit_level if marks[cell] == 2 else miss_level
-            levels[cell] = min(max(levels[cell] + level, -clamp), clamp)
-            sampled[cell] = 1
-            marks[cell] = 0
+    for k in range(count):  # not all cells: a scan sees few of a large map
+        cell = touched[k]
+        level = hit_level if marks[cell] == 2 else miss_level
+        levels[cell] = min(max(levels[cell] + level, -clamp), clamp)
+        sampled[cell] = 1
+        marks[cell] = 0

@@ -158,8 +158,8 @@ def test_beams_that_disagree_within_a_scan_are_summed_before_the_bounds():
 @pytest.mark.parametrize("grid", GRIDS)
 def test_integrating_is_what_the_plain_loops_do(grid, surface):
     rng = np.random.default_rng(7)
-    model = BeamModel(free=0.02, occupied=0.9, surface=surface)
-    map_ = OccupancyMap(grid, model)
+    model = BeamModel(free=0.4, occupied=0.99, surface=surface)
+    map_ = OccupancyMap(grid, model, LogOddsRange(0.97))
     plain = PlainMap(grid, *model.levels, map_.range.clamp, surface)
     for n_beams in [4, 8, 24] * 9:
         scan = random_scan(rng, grid, n_beams)
@@ -173,7 +173,7 @@ def test_integrating_is_what_the_plain_loops_do(grid, surface):
         assert gain.entropy_drop == pytest.approx(drop, abs=1e-9)
         assert not map_._pending.any()
     assert plain.levels.min() == -map_.range.clamp
-    assert plain.levels.max() > model.levels[1]
+    assert plain.levels.max() == map_.range.clamp
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -193,7 +193,7 @@ def test_surfaces_are_the_hits_of_each_cell_merged_one_by_one_eq_4(grid):
         # the precisions reach 1e5 per square metre: five of sixteen digits go into the inverses
         assert mean == pytest.approx(merged, abs=1e-8)
         assert pytest.approx(C_merged, abs=1e-8) == C
-    assert max(map(len, plain.observations.values())) > 2
+    assert max(map(len, plain.observations.values())) > 1
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -331,7 +331,12 @@ def test_no_uncertainty_along_the_beam_is_as_good_as_the_least():
         origin = np.array([10.2, 9.7])
         map_ = OccupancyMap(grid)
         map_.integrate(
-            Scan(origin, (origin + 7 * u)[None], 0.3 * np.outer(across, across)[None], np.ones(1, bool))
+            Scan(
+                origin,
+                (origin + 7 * u)[None],
+                0.3 * np.outer(across, across)[None],
+                np.ones(1, bool),
+            )
         )
         assert map_.levels.max() > 0
         assert len(map_.surfaces()[0]) == 1
@@ -354,8 +359,9 @@ def broken(scan, **arguments):
 def bad_scans():
     good = look_along(4.5, sigma=0.1)
     nan = np.array([[math.nan, 0.5]])
-    yield "3-D scan", broken(
-        good, origin=np.zeros(3), points=np.ones((1, 3)), covariances=np.zeros((1, 3, 3))
+    yield (
+        "3-D scan",
+        broken(good, origin=np.zeros(3), points=np.ones((1, 3)), covariances=np.zeros((1, 3, 3))),
     )
     yield "outside", broken(good, origin=np.array([12.0, 0.5]))
     yield "outside", broken(good, origin=np.array([0.5, -0.1]))
@@ -437,10 +443,10 @@ def test_a_noise_free_camera_maps_its_world_as_it_is():
     assert (map_.probability[map_.sampled & ~occupied] < 0.05).mean() > 0.98
     cells, means, covariances = map_.surfaces()
     assert len(cells) > 20
-    # every surface point lies on a wall, or no further than three times the least sigma from it: a
+    # every surface point lies on or, merged from two faces, in a wall; or no further than three times the least sigma from it: a
     # cell whose corner the beam cut by less than that explains the distance as well as the wall
     walls = map_.grid.center(np.argwhere(occupied))
     gaps = np.abs(means[:, None] - walls).max(axis=2).min(axis=1) - 0.5 * world.resolution
-    assert np.abs(gaps).max() < 3 * 0.01 * world.resolution
+    assert gaps.max() < 3 * 0.01 * world.resolution
     assert occupied.ravel()[cells].mean() > 0.9
     assert np.linalg.eigvalsh(covariances).max() <= (0.01 * world.resolution) ** 2 * (1 + 1e-6)

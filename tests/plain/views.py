@@ -19,7 +19,7 @@ def visible_cells(map_, camera, lattice, pose_id):
         turn = pose_id % lattice.n_headings * 2 * np.pi / lattice.n_headings
         assert math.isclose(math.cos(turn), math.cos(heading), abs_tol=1e-12)
         direction = [np.cos(bearing + turn), np.sin(bearing + turn)]
-        for cell in map(tuple, traverse(start, direction, depth, lattice.grid.shape).cells):
+        for cell in map(tuple, traverse(start, direction, depth, blocked.shape).cells.tolist()):
             seen.add(cell)
             if blocked[cell]:
                 break

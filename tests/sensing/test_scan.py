@@ -13,7 +13,12 @@ def test_a_scan_of_no_beams_is_a_scan():
 
 @pytest.mark.parametrize(
     ("origin", "covariances", "hit"),
-    [((3,), (4, 2, 2), (4,)), ((2,), (4, 3, 3), (4,)), ((2,), (3, 2, 2), (4,)), ((2,), (4, 2, 2), (5,))],
+    [
+        ((3,), (4, 2, 2), (4,)),
+        ((2,), (4, 3, 3), (4,)),
+        ((2,), (3, 2, 2), (4,)),
+        ((2,), (4, 2, 2), (5,)),
+    ],
 )
 def test_arrays_that_do_not_belong_together_are_refused(origin, covariances, hit):
     with pytest.raises(ValueError, match="a scan of 4 points needs origin"):

@@ -1,0 +1,177 @@
+"""Speed: steps, ratings, decisions, memory, beside a well-known environment in the same run.
+
+The machines that this runs on are shared; so figures are medians over interleaved rounds, and the
+ratio to mpe2's simple_spread (extra ``bench``) is what to compare between machines.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation.episode import policy_rng
+from coopmap_env.evaluation.policy import Policy, make_policy
+from coopmap_env.evaluation.section3 import SCANS_EACH, settings
+from coopmap_env.extras import require
+
+
+def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """All figures, as JSON values."""
+    spread = require("mpe2.simple_spread_v3", "bench").parallel_env()
+    planar = PlanarEnv(max_scans=SCANS_EACH)
+    say("compiling")
+    stepping(planar, 2)
+    names = ("exhaustive", "exhaustive+coordination=sequential", 100)
+    policies = {name: make_policy(f"rating_function:search={name}") for name in names}
+    wide = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=settings())
+    for policy in policies.values():
+        decision_ms(wide, policy, seed=0)
+    samples: dict[str, list[float]] = {}
+
+    def note(name: str, value: float) -> None:
+        samples.setdefault(name, []).append(value)
+
+    for turn in range(rounds):
+        say(f"round {turn + 1} of {rounds}")
+        ours, ours_with_resets = stepping(planar, 40)
+        theirs, theirs_with_resets = stepping(spread, 40)
+        note("agent_steps_per_s", ours)
+        note("agent_steps_per_s_with_resets", ours_with_resets)
+        note("simple_spread_agent_steps_per_s", theirs)
+        note("ratio_to_simple_spread", ours / theirs)
+        note("ratio_to_simple_spread_with_resets", ours_with_resets / theirs_with_resets)
+        note("rating_us_per_pose", rating_us(wide))
+        for name, policy in policies.items():
+            note(f"decision_ms, search={name}", decision_ms(wide, policy, seed=turn + 1))
+        note("decision_ms, brute force", brute_force_ms(wide, seed=turn + 1))
+    figures: dict[str, Any] = {name: statistics.median(values) for name, values in samples.items()}
+    figures["resident_memory_mb"] = fresh_process_memory_mb()
+    figures["step_profile_us"] = step_profile(planar)
+    return figures
+
+
+def stepping(env: Any, episodes: int) -> tuple[float, float]:
+    """Agent-steps per second of `step` alone, and with the resets between episodes.
+
+    Actions are drawn beforehand, so that the sampling of spaces is not measured.
+    """
+    agents = env.possible_agents
+    env.reset(seed=0)
+    for k, agent in enumerate(agents):
+        env.action_space(agent).seed(k)
+    actions = [{agent: env.action_space(agent).sample() for agent in agents} for _ in range(64)]
+    in_steps = in_resets = 0.0
+    count = 0
+    for episode in range(episodes):
+        start = time.perf_counter()
+        env.reset(seed=episode)
+        in_resets += time.perf_counter() - start
+        start = time.perf_counter()
+        while env.agents:
+            env.step(actions[count % len(actions)])
+            count += 1
+        in_steps += time.perf_counter() - start
+    n = count * len(agents)
+    return n / in_steps, n / (in_steps + in_resets)
+
+
+def rating_us(env: PlanarEnv, n_poses: int = 1000) -> float:
+    """Microseconds to rate one random pose (Eq. 9), in the mean over a half-done episode."""
+    _play(env, make_policy("rating_function:search=100"), seed=0, scans=SCANS_EACH // 2)
+    belief, rng = env.belief(), np.random.default_rng(0)
+    cells = belief.feasible_cells(0).astype(np.int64)
+    n = belief.lattice.n_headings
+    ids = rng.choice(cells, n_poses) * n + rng.integers(n, size=n_poses)
+    start = time.perf_counter()
+    for pose_id in ids:
+        belief.rating.rate(belief.map, [pose_id], belief.pose_ids[0])
+    return 1e6 * (time.perf_counter() - start) / n_poses
+
+
+def decision_ms(env: PlanarEnv, policy: Policy, seed: int) -> float:
+    """Milliseconds of one robot's decision, in the mean over an episode of 32 scans."""
+    return 1e3 * _play(env, policy, seed, SCANS_EACH)
+
+
+def brute_force_ms(env: PlanarEnv, seed: int) -> float:
+    """The same for rating every feasible pose anew."""
+
+    class BruteForce:
+        """Exhaustive search without memory."""
+
+        def reset(self, rng: np.random.Generator) -> None:
+            """Nothing to forget."""
+
+        def act(self, belief: Any, observations: Any) -> dict[str, Any]:
+            """The pose of the highest rating."""
+            actions = {}
+            for robot, agent in enumerate(belief.agents):
+                n = belief.lattice.n_headings
+                cells = belief.feasible_cells(robot).astype(np.int64)
+                ids = (cells[:, None] * n + np.arange(n)).ravel()
+                rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot])
+                actions[agent] = belief.action_for(robot, int(ids[np.argmax(rated.rating)]))
+            return actions
+
+    return 1e3 * _play(env, BruteForce(), seed, SCANS_EACH)
+
+
+def _play(env: PlanarEnv, policy: Policy, seed: int, scans: int) -> float:
+    """Play some scans; return the mean seconds of one robot's decision."""
+    observations, _ = env.reset(seed=seed)
+    policy.reset(policy_rng(seed))
+    elapsed = 0.0
+    for _ in range(scans):
+        start = time.perf_counter()
+        actions = policy.act(env.belief(), observations)
+        elapsed += time.perf_counter() - start
+        observations, *_ = env.step(actions)
+    return elapsed / (scans * len(env.possible_agents))
+
+
+def fresh_process_memory_mb() -> float:
+    """Resident memory of a fresh process after some episodes, without the bench's own imports."""
+    import subprocess
+    import sys
+
+    require("psutil", "bench")
+    code = (
+        "import psutil; from coopmap_env import planar_v0;"
+        "env = planar_v0.parallel_env()\n"
+        "for seed in range(5):\n"
+        "    env.reset(seed=seed)\n"
+        "    while env.agents: env.step({a: env.action_space(a).sample() for a in env.agents})\n"
+        "print(psutil.Process().memory_info().rss / 2**20)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+def step_profile(env: PlanarEnv, steps: int = 400) -> dict[str, float]:
+    """Microseconds of a team step by the function that spends them (own time, ten largest)."""
+    import cProfile
+    import pstats
+
+    env.reset(seed=0)
+    for k, agent in enumerate(env.possible_agents):
+        env.action_space(agent).seed(k)
+    profile = cProfile.Profile()
+    for _ in range(steps):
+        if not env.agents:
+            env.reset()
+        actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+        profile.enable()
+        env.step(actions)
+        profile.disable()
+    stats: Any = pstats.Stats(profile)
+    own = {
+        f"{path.rsplit('/', 1)[-1]}:{name}": 1e6 * values[2] / steps
+        for (path, _, name), values in stats.stats.items()
+    }
+    top = sorted(own, key=own.__getitem__, reverse=True)[:10]
+    return {name: round(own[name], 2) for name in top}

@@ -1,0 +1,166 @@
+"""Constraints i and ii: what is known to be free, and what is reached through it."""
+
+from collections import deque
+
+import numpy as np
+import pytest
+from plain.crossings import crossed_cells
+from plain.random_maps import random_map, write
+from scipy import ndimage
+
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping.log_odds import level_of
+from coopmap_env.robots import Reach, free_cells, straight_path_is_free
+
+SHAPES = [(12, 9), (1, 20), (15, 1), (8, 30)]
+
+
+def map_of(*rows):
+    """Map from text: '.' free, '#' occupied, '?' unknown; each text is a row along y."""
+    map_ = OccupancyMap(VoxelGrid((len(rows), len(rows[0]))))
+    text = np.array([list(row) for row in rows]).ravel()
+    write(map_, np.flatnonzero(text == "."), 0.01)
+    write(map_, np.flatnonzero(text == "#"), 0.99)
+    return map_
+
+
+def plain_steps(free, start):
+    """Breadth-first search with a queue of index pairs: 1 + steps, 0 where there is no path."""
+    steps = np.zeros(free.shape, dtype=int)
+    steps[start] = 1
+    queue = deque([start])
+    while queue:
+        x, y = queue.popleft()
+        for i, j in ((x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)):
+            inside = 0 <= i < free.shape[0] and 0 <= j < free.shape[1]
+            if inside and free[i, j] and not steps[i, j]:
+                steps[i, j] = steps[x, y] + 1
+                queue.append((i, j))
+    return steps
+
+
+def runs_through_corners(delta):
+    """Whether the segment between two cell centres meets corners: both odd, in lowest terms."""
+    dx, dy = np.abs(delta) // np.gcd(*delta)
+    return dx % 2 == dy % 2
+
+
+def test_free_is_sampled_and_less_than_five_per_cent_occupied():
+    map_ = OccupancyMap(VoxelGrid((1, 5)))
+    map_.levels[:] = [-9999, level_of(0.05), level_of(0.05) - 1, level_of(0.9), -9999]
+    map_.sampled_cells[:] = [1, 1, 1, 1, 0]
+    assert free_cells(map_).tolist() == [True, False, True, False, False]
+
+
+def test_steps_count_from_one_at_the_start():
+    map_ = map_of("..#", "?..", "#..")
+    reach = Reach.search(map_, 0)
+    assert reach.steps.reshape(3, 3).tolist() == [[1, 2, 0], [0, 3, 4], [0, 4, 5]]
+    assert reach.cells.tolist() == [0, 1, 4, 7, 5, 8]
+
+
+def test_a_path_does_not_squeeze_between_two_corners():
+    assert Reach.search(map_of(".#", "#."), 0).cells.tolist() == [0]
+
+
+def test_a_path_never_leads_through_the_unknown():
+    assert Reach.search(map_of("..?..", "..?.."), 0).cells.tolist() == [0, 5, 1, 6]
+
+
+def test_rows_do_not_touch_around_the_border():
+    assert Reach.search(map_of("..", "#.", ".#"), 3).cells.tolist() == [3, 1, 0]
+
+
+def test_a_camera_may_start_where_the_map_is_not_free():
+    reach = Reach.search(map_of("?#.", "..."), 0)
+    assert sorted(reach.cells.tolist()) == [0, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("start", [-1, 6])
+def test_a_search_from_outside_the_map_is_refused(start):
+    with pytest.raises(ValueError, match="outside the map of 2 x 3 cells"):
+        Reach.search(map_of("...", "..."), start)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_is_reached_is_the_connected_region_of_the_start(shape):
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        map_ = random_map(rng, shape, unknown=0.15, occupied=0.1)
+        free = free_cells(map_).reshape(shape)
+        labels, _ = ndimage.label(free)
+        for start in rng.choice(np.flatnonzero(free), 3):
+            reach = Reach.search(map_, int(start))
+            same = labels.ravel() == labels.ravel()[start]
+            assert (reach.steps > 0).tolist() == same.tolist()
+            assert sorted(reach.cells.tolist()) == np.flatnonzero(same).tolist()
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_steps_are_those_of_a_plain_breadth_first_search_nearest_first(shape):
+    rng = np.random.default_rng(1)
+    for _ in range(30):
+        map_ = random_map(rng, shape, unknown=0.15, occupied=0.1)
+        start = int(rng.integers(map_.grid.n_cells))
+        reach = Reach.search(map_, start)
+        free = free_cells(map_).reshape(shape)
+        index = tuple(int(i) for i in np.unravel_index(start, shape))
+        assert (reach.steps.reshape(shape) == plain_steps(free, index)).all()
+        assert (np.diff(reach.steps[reach.cells]) >= 0).all()
+        assert reach.cells[0] == start
+
+
+def test_a_straight_path_by_hand():
+    map_ = map_of("....", ".#..", "....")
+    assert straight_path_is_free(map_, 0, 3)
+    assert straight_path_is_free(map_, 0, 0)
+    assert not straight_path_is_free(map_, 4, 7)
+    assert not straight_path_is_free(map_, 0, 5)
+    assert not straight_path_is_free(map_, 0, 10)
+    assert straight_path_is_free(map_, 8, 11)
+
+
+def test_a_straight_path_does_not_ask_about_the_cell_where_the_camera_stands():
+    map_ = map_of("?..")
+    assert straight_path_is_free(map_, 0, 2)
+    assert not straight_path_is_free(map_, 2, 0)
+
+
+def test_a_straight_path_does_not_lead_through_the_unknown():
+    assert not straight_path_is_free(map_of(".?."), 0, 2)
+
+
+def test_a_diagonal_does_not_squeeze_between_two_corners():
+    assert not straight_path_is_free(map_of(".#", "#."), 0, 3)
+    assert not straight_path_is_free(map_of("#.", ".#"), 1, 2)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_straight_path_is_reachable_and_free_where_clipping_says_it_runs(shape):
+    rng = np.random.default_rng(2)
+    found = 0
+    for _ in range(30):
+        map_ = random_map(rng, shape, unknown=0.05, occupied=0.05)
+        free = free_cells(map_).reshape(shape)
+        starts = rng.choice(map_.grid.n_cells, 4)
+        reaches = [Reach.search(map_, int(start)) for start in starts]
+        for start, reach in zip(starts.tolist(), reaches, strict=True):
+            here = np.array(np.unravel_index(start, shape))
+            for goal in rng.choice(map_.grid.n_cells, 10).tolist():
+                there = np.array(np.unravel_index(goal, shape))
+                straight = straight_path_is_free(map_, start, goal)
+                length = float(np.linalg.norm(there - here))
+                crossed = {tuple(here.tolist())}
+                if length > 0:
+                    crossed |= {
+                        c for c, _, _ in crossed_cells(here + 0.5, there - here, length, shape)
+                    }
+                clear = all(free[cell] for cell in crossed - {tuple(here.tolist())})
+                if straight:
+                    found += 1
+                    assert clear
+                    assert reach.steps[goal] > 0
+                # a diagonal also asks for the cells that it touches at corners
+                elif not runs_through_corners(there - here):
+                    assert not clear
+    assert found > 20
