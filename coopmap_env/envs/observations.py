@@ -85,19 +85,22 @@ def view_offsets(side: int, n_headings: int) -> NDArray[np.int32]:
 def draw_local_map(levels, sampled, nx, ny, cell, offsets, shades, clamp, out):
     """Fill channels 0, 1 and 3 and clear 2; `out` is (4, side * side)."""
     cx, cy = cell // ny, cell % ny
-    unknown = shades[clamp]
+    margin = max(-offsets.min(), offsets.max())
+    out[2] = 0
+    if margin <= cx < nx - margin and margin <= cy < ny - margin:  # the world is all around
+        out[3] = 255
+        for k in range(out.shape[1]):
+            at = cell + offsets[k, 0] * ny + offsets[k, 1]
+            out[0, k] = shades[levels[at] + clamp]
+            out[1, k] = np.uint8(255) * sampled[at]
+        return
     for k in range(out.shape[1]):
         ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
-        out[2, k] = 0
-        if np.uint32(ix) < np.uint32(nx) and np.uint32(iy) < np.uint32(ny):
-            at = np.uint64(ix * ny + iy)
-            out[0, k] = shades[np.uint64(levels[at] + clamp)]
-            out[1, k] = np.uint8(255) * sampled[at]
-            out[3, k] = 255
-        else:
-            out[0, k] = unknown
-            out[1, k] = 0
-            out[3, k] = 0
+        inside = 0 <= ix < nx and 0 <= iy < ny
+        at = ix * ny + iy if inside else 0
+        out[0, k] = shades[levels[at] + clamp] if inside else shades[clamp]
+        out[1, k] = np.uint8(255) * sampled[at] if inside else 0
+        out[3, k] = 255 if inside else 0
 
 
 @njit(cache=True, nogil=True)

@@ -37,8 +37,8 @@ class PlanarSettings:
     """Metres around each start that are known to be free: the robot stands there."""
     start_spread: float = 20.0
     """Metres: teammates start no further than this from the first robot, a depth of field."""
-    view_cells: int = 64
-    """Side of the observed local map, cells: reach and depth of field lie mostly inside."""
+    view_cells: int = 48
+    """Side of the observed local map, cells: the default depth of field lies inside."""
 
     def __post_init__(self) -> None:
         for name in ("reach", "start_radius", "start_spread"):

@@ -17,7 +17,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-
 INSIDE = 1.0 - 1e-9
 """Share of the way to the grid's border: entering distances are sums and carry rounding errors of
 1e-13, which must not carry a walk out of the grid."""

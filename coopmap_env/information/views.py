@@ -12,6 +12,16 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
+def most_visible(fan):
+    """Cells of the largest fan: as many as a view can show."""
+    start = fan[0]
+    most = 0
+    for h in range(len(start) - 1):
+        most = max(most, start[h + 1] - start[h])
+    return most
+
+
+@njit(cache=True, nogil=True)
 def view(levels, sampled, nx, ny, pose, fan, alive, visible, entries):
     """Write the visible cells and their entries in the fan; return how many there are."""
     start, offsets, beams, all_beams = fan
@@ -70,7 +80,7 @@ def entropy_of_view(levels, sampled, claimed, visible, entries, n, gray, minus_q
 @njit(cache=True, nogil=True)
 def new_information(levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out):
     """NI (Eqs. 6-8) of each pose."""
-    size = fan[1].shape[0]
+    size = most_visible(fan)
     alive = np.empty(len(fan[3]), np.uint64)
     visible = np.empty(size, np.int64)
     entries = np.empty(size, np.int64)
@@ -87,7 +97,7 @@ def new_information_in_turn(
     levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out
 ):
     """NI of each pose without what the poses before it see; leaves `claimed` as it was (zeros)."""
-    size = fan[1].shape[0]
+    size = most_visible(fan)
     alive = np.empty(len(fan[3]), np.uint64)
     visible = np.empty((len(poses), size), np.int64)
     entries = np.empty(size, np.int64)
@@ -108,7 +118,7 @@ def new_information_in_turn(
 @njit(cache=True, nogil=True)
 def unknown_cells(levels, sampled, claimed, nx, ny, poses, fan, out):
     """Number of never-sampled visible cells of each pose."""
-    size = fan[1].shape[0]
+    size = most_visible(fan)
     alive = np.empty(len(fan[3]), np.uint64)
     visible = np.empty(size, np.int64)
     entries = np.empty(size, np.int64)

@@ -18,16 +18,22 @@ DIAGONAL = 1.75
 ended is left among the free ones."""
 
 
+OUTSIDE = -2
+
+
 @njit(cache=True, nogil=True)
-def first_not_finite(points, covariances, hit):
-    """First beam with a NaN or an infinity, or -1; without a hit its covariance is not asked."""
+def find_fault(origin, points, covariances, lower, resolution, shape):
+    """First beam with a NaN or an infinity, OUTSIDE if the camera is out of the grid, else -1."""
+    for axis in range(len(origin)):
+        cell = (origin[axis] - lower[axis]) / resolution
+        if not 0.0 <= cell < shape[axis]:
+            return OUTSIDE
     for beam in range(points.shape[0]):
         total = 0.0
         for i in range(points.shape[1]):
             total += points[beam, i]
             for j in range(points.shape[1]):
-                if hit[beam]:
-                    total += covariances[beam, i, j]
+                total += covariances[beam, i, j]
         if not math.isfinite(total):
             return beam
     return -1
@@ -136,7 +142,7 @@ def walk_beams(
 
 
 @njit(cache=True, nogil=True)
-def apply_updates(levels, sampled, pending, touched, bounds, clamp, entropy):
+def apply_updates(levels, sampled, pending, touched, count, bounds, clamp, entropy):
     """Add one bounded update to each touched cell; return new cells and the drop of entropy.
 
     Levels are left unclamped, so that the scans of one team step can be added in any order;
@@ -144,7 +150,7 @@ def apply_updates(levels, sampled, pending, touched, bounds, clamp, entropy):
     """
     drop = 0.0
     new = 0
-    for k in range(len(touched)):
+    for k in range(count):
         cell = touched[k]
         update = min(max(pending[cell], bounds[0]), bounds[1])
         pending[cell] = 0
@@ -156,6 +162,20 @@ def apply_updates(levels, sampled, pending, touched, bounds, clamp, entropy):
         new += 1 - sampled[cell]
         sampled[cell] = 1
     return new, drop
+
+
+@njit(cache=True, nogil=True)
+def integrate_scan(
+    origin, points, covariances, hit, lower, resolution, shape, bounds, enters,
+    precision, vector, pending, touched, levels, sampled, clamp, entropy,
+):  # fmt: skip
+    """Fuse one scan; return the touched cells' number, the new ones', the drop of entropy."""
+    count = walk_beams(
+        origin, points, covariances, hit, lower, resolution, shape, bounds, enters,
+        precision, vector, pending, touched,
+    )  # fmt: skip
+    new, drop = apply_updates(levels, sampled, pending, touched, count, bounds, clamp, entropy)
+    return count, new, drop
 
 
 @njit(cache=True, nogil=True)

@@ -11,12 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.mapping.integration import (
-    apply_updates,
-    clamp_levels,
-    first_not_finite,
-    walk_beams,
-)
+from coopmap_env.mapping.integration import OUTSIDE, clamp_levels, find_fault, integrate_scan
 from coopmap_env.mapping.log_odds import LEVELS_PER_NAT, LogOddsRange
 from coopmap_env.sensing.scan import Scan
 
@@ -60,7 +55,9 @@ class OccupancyMap:
         self.range = log_odds_range or LogOddsRange()
         n, d = grid.n_cells, grid.dimension
         self._lower = np.array(grid.origin)
+        self._shape3 = grid.shape3
         self._bounds = self.model.levels
+        self._enters = self.model.enters
         self.levels = np.zeros(n, dtype=np.int32)
         """Log-odds in fixed point, flat; see `log_odds`."""
         self.sampled_cells = np.zeros(n, dtype=np.uint8)
@@ -89,19 +86,15 @@ class OccupancyMap:
             self._check(scan)
         gains, touched_cells = [], []
         for scan in scans:
-            count = walk_beams(
+            count, new, drop = integrate_scan(
                 scan.origin, scan.points, scan.covariances, scan.hit,
-                self._lower, self.grid.resolution, self.grid.shape3,
-                self._bounds, self.model.enters,
+                self._lower, self.grid.resolution, self._shape3,
+                self._bounds, self._enters,
                 self._precision, self._vector, self._pending, self._touched,
+                self.levels, self.sampled_cells, self.range.clamp, self.range.entropy,
             )  # fmt: skip
-            touched = self._touched[:count].copy()
-            new, drop = apply_updates(
-                self.levels, self.sampled_cells, self._pending, touched,
-                self._bounds, self.range.clamp, self.range.entropy,
-            )  # fmt: skip
-            gains.append(ScanGain(int(new), float(drop)))
-            touched_cells.append(touched)
+            gains.append(ScanGain(new, drop))
+            touched_cells.append(self._touched[:count].copy())
         for touched in touched_cells:
             clamp_levels(self.levels, touched, self.range.clamp)
         return gains
@@ -110,14 +103,16 @@ class OccupancyMap:
         d = self.grid.dimension
         if scan.points.shape[1] != d:
             raise ValueError(f"a {scan.points.shape[1]}-D scan cannot enter a {d}-D map")
-        camera = ((scan.origin - self._lower) / self.grid.resolution).tolist()
-        if not all(0 <= c < n for c, n in zip(camera, self.grid.shape, strict=True)):
+        fault = find_fault(
+            scan.origin, scan.points, scan.covariances,
+            self._lower, self.grid.resolution, self._shape3,
+        )  # fmt: skip
+        if fault == OUTSIDE:
             raise ValueError(f"camera at {scan.origin} is outside the map's grid {self.grid}")
-        beam = first_not_finite(scan.points, scan.covariances, scan.hit)
-        if beam >= 0:
+        if fault >= 0:
             raise ValueError(
-                f"beam {beam} of a scan has a value that is not finite: point "
-                f"{scan.points[beam]}, covariance {scan.covariances[beam].tolist()}"
+                f"beam {fault} of a scan has a value that is not finite: point "
+                f"{scan.points[fault]}, covariance {scan.covariances[fault].tolist()}"
             )
 
     def mark_free(self, cells: ArrayLike) -> None:

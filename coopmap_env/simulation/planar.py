@@ -31,9 +31,7 @@ def first_hit(occupied, px, py, ux, uy, reach):
 
 
 @njit(cache=True, nogil=True)
-def look(
-    occupied, lower, resolution, pose, beams, reach, noise, draws, points, covariances, hit
-):
+def look(occupied, lower, resolution, pose, beams, reach, noise, draws, points, covariances, hit):
     """Fill a scan: cast each beam, disturb the hits (Eq. 1), turn covariances to the world (Eq. 3).
 
     `beams` (n, 2) are unit directions in the camera frame; `noise` is (S, T depth, T lateral, n);
