@@ -29,7 +29,7 @@ def begin(position, direction, size, stride):
     Returns the first cell's share of the flat cell number, the change of it at each step, the
     distance to the first face, between faces, and to the border of the grid.
     """
-    cell = int(math.floor(position))
+    cell = math.floor(position)
     if direction > 0.0:
         first, delta = (cell + 1.0 - position) / direction, 1.0 / direction
         return cell * stride, stride, first, delta, (first + (size - 1 - cell) * delta) * INSIDE
@@ -55,11 +55,12 @@ def advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz):
 
 
 @njit(cache=True, nogil=True)
-def _traverse(px, py, pz, ux, uy, uz, length, nx, ny, nz, cells, entries):
+def _traverse(p, u, length, shape, cells, entries):
     """Write the crossed cells and their entry distances; return how many."""
-    cx, sx, tx, dx, end_x = begin(px, ux, nx, ny * nz)
-    cy, sy, ty, dy, end_y = begin(py, uy, ny, nz)
-    cz, sz, tz, dz, end_z = begin(pz, uz, nz, 1)
+    nx, ny, nz = shape
+    cx, sx, tx, dx, end_x = begin(p[0], u[0], nx, ny * nz)
+    cy, sy, ty, dy, end_y = begin(p[1], u[1], ny, nz)
+    cz, sz, tz, dz, end_z = begin(p[2], u[2], nz, 1)
     cell = cx + cy + cz
     end = min(length, end_x, end_y, end_z)
     t = 0.0
@@ -118,5 +119,5 @@ def traverse(
     shape3 = (*shape, *(1,) * pad)
     cells = np.empty(sum(shape3) + 3, dtype=np.int64)
     entries = np.empty(len(cells))
-    n = _traverse(*p3, *u3, length, *shape3, cells, entries)
+    n = _traverse(p3, u3, float(length), shape3, cells, entries)
     return Traversal(np.stack(np.unravel_index(cells[:n], shape), axis=-1), entries[:n].copy())

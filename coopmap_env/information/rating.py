@@ -74,7 +74,7 @@ def motion_distance(
     current : array_like, shape (3,)
         Where the camera is.
     """
-    delta = np.asarray(poses, dtype=np.float64) - current
+    delta = np.asarray(poses, dtype=np.float64) - np.asarray(current, dtype=np.float64)
     turn = wrap_angle(delta[..., 2])
     squares = alpha_position * (delta[..., 0] ** 2 + delta[..., 1] ** 2) + alpha_heading * turn**2
     return np.sqrt(squares)

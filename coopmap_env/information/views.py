@@ -134,7 +134,8 @@ def unknown_cells(levels, sampled, claimed, nx, ny, poses, fan, out):
 def compose(levels, ny, poses, current, lattice, weights, probability, clamp, ni, d, p, rating):
     """Eqs. 5 and 9 of each pose from its NI; writes d, P and RF.
 
-    `current` holds one pose for each, or one for all; `lattice` is (headings, resolution); `weights` is (K, exponent, alpha position, alpha heading).
+    `current` holds one pose for each, or one for all; `lattice` is (headings, resolution);
+    `weights` is (K, exponent, alpha position, alpha heading).
     """
     n_headings, resolution = lattice
     K, exponent, alpha_position, alpha_heading = weights

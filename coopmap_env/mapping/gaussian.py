@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
     """Eq. 2: N(x; mean, C) of points (..., D); the exponent is the Mahalanobis distance."""
-    delta = np.asarray(x, dtype=np.float64) - mean
+    delta = np.asarray(x, dtype=np.float64) - np.asarray(mean, dtype=np.float64)
     C = np.asarray(covariance, dtype=np.float64)
     mahalanobis = np.einsum("...i,ij,...j->...", delta, np.linalg.inv(C), delta)
     normaliser = math.sqrt((2 * math.pi) ** C.shape[0] * np.linalg.det(C))

@@ -75,7 +75,8 @@ class VoxelGrid:
     def contains(self, index: ArrayLike) -> NDArray[np.bool_]:
         """Whether each index (..., D) lies inside the grid."""
         index = np.asarray(index)
-        return np.logical_and(index >= 0, index < self.shape).all(axis=-1)
+        inside: NDArray[np.bool_] = np.logical_and(index >= 0, index < self.shape)
+        return np.asarray(inside.all(axis=-1))
 
     def flat(self, index: ArrayLike) -> NDArray[np.int64]:
         """Flat (row-major) cell numbers of indices (..., D) inside the grid."""

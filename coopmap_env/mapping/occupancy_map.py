@@ -160,8 +160,8 @@ class OccupancyMap:
         covariances : ndarray, shape (k, D, D)
             Their merged covariances, square metres.
         """
-        cells = np.flatnonzero(self._precision[:, 0, 0])
-        covariances = np.linalg.inv(self._precision[cells])
+        cells = np.flatnonzero(self._precision[:, 0, 0]).astype(np.int64)
+        covariances = np.linalg.inv(self._precision[cells]).astype(np.float64, copy=False)
         centers = self.grid.center(np.stack(np.unravel_index(cells, self.grid.shape), axis=-1))
         means = centers + np.einsum("kij,kj->ki", covariances, self._vector[cells])
         return cells, means, covariances

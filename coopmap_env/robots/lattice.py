@@ -61,7 +61,7 @@ class PoseLattice:
         )
 
     def nearest(self, pose: tuple[float, float, float]) -> int:
-        """Number of the lattice pose nearest to (x, y, heading), or -1 if it lies outside the grid."""
+        """Number of the lattice pose nearest to (x, y, heading), -1 if that is outside the grid."""
         x, y, heading = pose
         (nx, ny), resolution, (x0, y0) = self.grid.shape, self.grid.resolution, self.grid.origin
         ix, iy = math.floor((x - x0) / resolution), math.floor((y - y0) / resolution)

@@ -43,4 +43,4 @@ class PlanarCamera:
     def bearings(self) -> NDArray[np.float64]:
         """Angles of the beams to the optical axis, shape (n_beams,), radians: pixel centres."""
         pixel = self.field_of_view / self.n_beams
-        return (np.arange(self.n_beams) + 0.5) * pixel - self.field_of_view / 2
+        return (np.arange(self.n_beams, dtype=np.float64) + 0.5) * pixel - self.field_of_view / 2

@@ -1,5 +1,6 @@
 """Which cells a pose sees: the prepared fan is as good as walking every beam."""
 
+import itertools
 import math
 
 import numpy as np
@@ -167,5 +168,5 @@ def test_four_quarter_turns_see_the_same_cells_turned():
         np.array(sorted(seen(rating, map_, pose_at(map_, 15, 15, h, 4)))) - 15 for h in range(4)
     ]
     R = np.array([[0, -1], [1, 0]])
-    for view, turned in zip(views, views[1:], strict=False):
+    for view, turned in itertools.pairwise(views):
         assert sorted((view @ R.T).tolist()) == sorted(turned.tolist())

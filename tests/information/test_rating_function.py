@@ -54,7 +54,7 @@ def test_new_information_of_three_cells_by_hand_eqs_6_to_8():
     assert rating.fan.n_visible == 3
     pose_id = pose_at(4, 4, 0, 4, 9)
     assert ni(rating, map_, pose_id) == pytest.approx(math.log(3))
-    # an occupied neighbour, gray 1 - (1 / 0.999 - 1) / 2, hides the rest: bins 0 and 1, a third each
+    # an occupied neighbour, gray 1 - (1 / 0.999 - 1) / 2, hides the rest: bins 0 and 1
     write(map_, 5 * 9 + 4, 0.999)
     assert ni(rating, map_, pose_id) == pytest.approx(2 / 3 * math.log(3))
     # two bins only: gray 1.4 and 1.8 in one of two bins, 0 in the other

@@ -443,8 +443,9 @@ def test_a_noise_free_camera_maps_its_world_as_it_is():
     assert (map_.probability[map_.sampled & ~occupied] < 0.05).mean() > 0.98
     cells, means, covariances = map_.surfaces()
     assert len(cells) > 20
-    # every surface point lies on or, merged from two faces, in a wall; or no further than three times the least sigma from it: a
-    # cell whose corner the beam cut by less than that explains the distance as well as the wall
+    # every surface point lies on a wall, or in it where two faces merged, or no further than three
+    # times the least sigma before it: a cell whose corner the beam cut by less than that explains
+    # the distance as well as the wall
     walls = map_.grid.center(np.argwhere(occupied))
     gaps = np.abs(means[:, None] - walls).max(axis=2).min(axis=1) - 0.5 * world.resolution
     assert gaps.max() < 3 * 0.01 * world.resolution

@@ -1,7 +1,5 @@
 """Maps of random knowledge, written down cell by cell rather than scanned."""
 
-import numpy as np
-
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.mapping.log_odds import level_of
 

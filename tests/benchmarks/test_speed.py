@@ -1,0 +1,58 @@
+"""Speed, for comparing versions: `pytest tests/benchmarks --benchmark-enable`; no time is asserted."""
+
+import numpy as np
+import pytest
+
+import coopmap_baselines
+from coopmap_env import planar_v0
+from coopmap_env.evaluation.section3 import settings
+
+
+@pytest.fixture
+def half_done_env():
+    env = planar_v0.parallel_env(settings=settings(), split="train")
+    policy = coopmap_baselines.make("rating_function", search=50)
+    observations, _ = env.reset(seed=0)
+    policy.reset(np.random.default_rng(0))
+    for _ in range(8):
+        observations, *_ = env.step(policy.act(env.belief(), observations))
+    return env
+
+
+def test_reset(benchmark):
+    env = planar_v0.parallel_env()
+    benchmark(env.reset, seed=0)
+    assert env.agents
+
+
+def test_step_with_random_actions(benchmark):
+    env = planar_v0.parallel_env(max_scans=10**9)
+    env.reset(seed=0)
+    for k, agent in enumerate(env.agents):
+        env.action_space(agent).seed(k)
+    actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+    _, rewards, *_ = benchmark(env.step, actions)
+    assert set(rewards) == set(env.possible_agents)
+
+
+@pytest.mark.parametrize("search", [100, "exhaustive"])
+def test_decision_of_the_rating_function(benchmark, half_done_env, search):
+    policy = coopmap_baselines.make("rating_function", search=search)
+    policy.reset(np.random.default_rng(0))
+    actions = benchmark(policy.act, half_done_env.belief(), {})
+    assert set(actions) == set(half_done_env.agents)
+
+
+def test_rating_a_thousand_poses(benchmark, half_done_env):
+    belief = half_done_env.belief()
+    cells = belief.feasible_cells(0).astype(np.int64)
+    ids = np.random.default_rng(0).choice(cells, 1000) * belief.lattice.n_headings
+    rated = benchmark(belief.rating.rate, belief.map, ids, belief.pose_ids[0])
+    assert np.isfinite(rated.rating).all()
+
+
+def test_fusing_the_scans_of_a_team(benchmark, half_done_env):
+    rng = np.random.default_rng(0)
+    scans = [half_done_env._simulator.scan(pose, rng) for pose in half_done_env.belief().poses]
+    gains = benchmark(half_done_env.belief().map.integrate, scans)
+    assert len(gains) == 2

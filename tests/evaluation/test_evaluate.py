@@ -1,0 +1,182 @@
+import csv
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+import coopmap_baselines
+from coopmap_env import evaluation, planar_v0
+from coopmap_env.evaluation.episode import Episode, Extent, episode_from_dict, run_episode
+from coopmap_env.evaluation.evaluate import Evaluation, compare, summarize, write_episodes
+from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
+from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.simulation.scenes import Obstacles
+
+POLICIES = ["rating_function:search=10", "raster"]
+
+
+def small_env(**arguments):
+    arguments = {"scene": Obstacles(shape=(60, 60)), "max_scans": 4, "split": "test", **arguments}
+    return planar_v0.parallel_env(**arguments)
+
+
+def timeless(episode):
+    return replace(episode, planning_ms=0.0)
+
+
+def episode(seed=0, viewed=(0.0, 0.1, 0.3), sigma=1.0, farthest=9.0):
+    return Episode(
+        seed=seed,
+        viewed=list(viewed),
+        entropy=[3.0] * len(viewed),
+        reward=1.0,
+        motion_cost=2.0,
+        log_loss=0.1,
+        brier=0.01,
+        extent=Extent(farthest, 3.0, sigma),
+        refused=0,
+        planning_ms=0.5,
+    )
+
+
+def test_the_area_under_the_curve_is_the_mean_of_its_trapezoids():
+    # (0 + 0.1) / 2 = 0.05 and (0.1 + 0.3) / 2 = 0.2
+    assert episode().coverage_auc == pytest.approx((0.05 + 0.2) / 2)
+    assert episode().coverage == 0.3
+
+
+def test_the_extent_of_two_viewed_cells_by_hand():
+    map_ = OccupancyMap(VoxelGrid((8, 8)))
+    map_.mark_free([0 * 8 + 0, 3 * 8 + 4])  # centres (0.5, 0.5) and (3.5, 4.5)
+    extent = Extent.of(map_, np.array([0.5, 0.5]))
+    assert (extent.farthest, extent.mean_radius, extent.sigma) == (5.0, 2.5, 2.5)
+
+
+def test_an_episode_measures_what_the_environment_did():
+    env, policy = small_env(), make_policy("rating_function:search=10")
+    result = run_episode(env, policy, seed=3)
+    map_ = env.belief().map
+    assert len(result.viewed) == 5
+    assert result.coverage == map_.viewed_share
+    assert result.entropy[-1] == map_.entropy
+    assert result.refused == 0
+    assert np.all(np.diff(result.viewed) >= 0)
+
+
+def test_the_same_seed_gives_the_same_episode_but_for_the_time():
+    first = run_episode(small_env(), make_policy("rating_function:search=10"), seed=5)
+    env, policy = small_env(), make_policy("rating_function:search=10")
+    run_episode(env, policy, seed=1)
+    assert timeless(run_episode(env, policy, seed=5)) == timeless(first)
+
+
+def test_evaluate_takes_a_policy_object_and_returns_table_and_curves():
+    result = evaluation.evaluate(small_env(), coopmap_baselines.make("random"), seeds=range(3))
+    assert result.table["seed"].tolist() == [0, 1, 2]
+    assert result.curves["viewed"].shape == (3, 5)
+    assert np.array_equal(result.table["coverage"], result.curves["viewed"][:, -1])
+
+
+def test_evaluate_without_seeds_says_so():
+    with pytest.raises(ValueError, match="at least one seed"):
+        evaluation.evaluate(small_env(), make_policy("random"), seeds=[])
+
+
+def test_episodes_survive_json():
+    original = run_episode(small_env(), make_policy("raster"), seed=0)
+    assert episode_from_dict(json.loads(json.dumps(asdict(original)))) == original
+
+
+def test_the_numbers_do_not_depend_on_the_number_of_workers(tmp_path):
+    arguments = {"max_scans": 3, "split": "test"}
+    one = compare(POLICIES, range(2), arguments, tmp_path / "a", progress=False)
+    two = compare(POLICIES, range(2), arguments, tmp_path / "b", workers=2, progress=False)
+    for name in POLICIES:
+        assert list(map(timeless, one[name].episodes)) == list(map(timeless, two[name].episodes))
+
+
+def test_splits_give_different_worlds_for_the_same_seed(tmp_path):
+    coverage = {
+        split: compare(["raster"], [0], {"max_scans": 2, "split": split}, tmp_path, progress=False)[
+            "raster"
+        ]
+        .episodes[0]
+        .coverage
+        for split in ("train", "validation", "test")
+    }
+    assert len(set(coverage.values())) == 3
+
+
+def test_a_bad_policy_is_refused_before_any_work(tmp_path):
+    with pytest.raises(ValueError, match="unknown policy 'nobody'"):
+        compare(["raster", "nobody"], range(2), {}, tmp_path / "new", progress=False)
+    assert not (tmp_path / "new").exists()
+
+
+def test_every_installed_policy_is_made_by_name():
+    assert set(policy_names()) >= set(coopmap_baselines.POLICIES)
+    for name in coopmap_baselines.POLICIES:
+        assert isinstance(make_policy(name), Policy)
+
+
+def test_options_of_a_spec_are_numbers_or_words():
+    policy = make_policy("rating_function:search=exhaustive+coordination=sequential")
+    assert (policy.search, policy.coordination) == ("exhaustive", "sequential")
+    assert make_policy("rating_function:search=50").search == 50
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("raster:speed=3", "unexpected keyword argument 'speed'"),
+        ("rating_function:search", "written key=value, got 'search'"),
+        ("rating_function:search=0", "got 0"),
+    ],
+)
+def test_bad_specs_name_the_option(spec, message):
+    with pytest.raises(ValueError, match=message):
+        make_policy(spec)
+
+
+def test_settings_survive_json():
+    settings = planar_v0.PlanarSettings.for_resolution(0.2)
+    assert settings_from_dict(json.loads(json.dumps(settings_to_dict(settings)))) == settings
+
+
+def test_unknown_settings_are_named():
+    with pytest.raises(ValueError, match="unknown settings \\['colour'\\]"):
+        settings_from_dict({"colour": 1})
+    with pytest.raises(ValueError, match="settings: .*'zoom'"):
+        settings_from_dict({"camera": {"zoom": 2}})
+
+
+def test_the_summary_compares_with_the_reference():
+    better = Evaluation(tuple(episode(s, (0.0, 0.2, 0.4 + 0.01 * s)) for s in range(8)))
+    worse = Evaluation(tuple(episode(s, (0.0, 0.1, 0.3 + 0.01 * s)) for s in range(8)))
+    summary = summarize({"ref": worse, "new": better}, reference="ref")
+    assert "against" not in summary["ref"]
+    against = summary["new"]["against"]
+    assert against["policy"] == "ref"
+    assert against["probability_of_improvement"]["estimate"] == 1.0
+    assert against["difference"]["estimate"] == pytest.approx(0.075)
+    assert summary["ref"]["coverage"]["mean"]["estimate"] == pytest.approx(0.335)
+
+
+def test_a_single_episode_has_no_interval():
+    summary = summarize({"only": Evaluation((episode(),))}, reference="only")
+    assert summary == {"only": {"episodes": 1}}
+
+
+def test_the_table_has_one_row_for_each_policy_and_world(tmp_path):
+    evaluations = {name: Evaluation((episode(0), episode(1))) for name in ("a", "b")}
+    write_episodes(evaluations, tmp_path / "episodes.csv")
+    rows = list(csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines()))
+    assert [(row["policy"], row["seed"]) for row in rows] == [
+        ("a", "0"),
+        ("a", "1"),
+        ("b", "0"),
+        ("b", "1"),
+    ]
+    assert float(rows[0]["coverage_auc"]) == episode().coverage_auc
