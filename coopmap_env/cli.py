@@ -18,7 +18,7 @@ class Reproduce:
     Writes report.html, table1.csv, figure7.png, figure8.png, summary.json and more pictures into
     the folder, and prints Table 1 beside the paper's. An interrupted run goes on where it was.
 
-    Examples:
+    Such as:
       coopmap reproduce --out results/section3 --quick
       coopmap reproduce --out results/section3 --workers 2
     """
@@ -48,7 +48,7 @@ class Evaluate:
     Writes episodes.csv (one row per policy and world) and summary.json (means, interquartile
     means, probability of improvement over the first policy; 95 % bootstrap intervals).
 
-    Examples:
+    Such as:
       coopmap evaluate --policies rating_function:search=100,raster --episodes 50 --out results/e
       coopmap evaluate --policies frontier,random --scene my_map.yaml --max-scans 32 --out results/m
       coopmap evaluate --policies rating_function:search=50+coordination=sequential --out results/s
@@ -126,7 +126,7 @@ class Bench:
     Everything runs in one process on one core, interleaved, so that ratios mean something on a
     busy machine too.
 
-    Examples:
+    Such as:
       coopmap bench --out results/bench.json
     """
 

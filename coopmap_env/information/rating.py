@@ -120,7 +120,8 @@ class RatingFunction:
         self.gray = GrayTable.of(
             self.fan.distance, self.fan.depth, settings.n_gray, settings.reading, log_odds_range
         )
-        self._fan = (self.fan.start, self.fan.offsets, self.fan.beams, self.fan.all_beams)
+        fan = self.fan
+        self._fan = (fan.start, fan.offsets, fan.beams, fan.all_beams, fan.reach)
         self._gray = (
             self.gray.sampled,
             self.gray.distance_class,

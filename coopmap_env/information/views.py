@@ -1,6 +1,6 @@
 """Kernels over the cells that a pose would see on the known map.
 
-A pose is a lattice number; `fan` is the tuple (start, offsets, beams, all_beams) of a `Fan`.
+A pose is a lattice number; `fan` is the tuple (start, offsets, beams, all_beams, reach) of a `Fan`.
 A sampled cell with P >= 1/2 is taken as occupied and ends the beams that cross it; unknown cells
 let them pass. `claimed` marks cells that a teammate is about to see: they are not counted.
 """
@@ -24,7 +24,7 @@ def most_visible(fan):
 @njit(cache=True, nogil=True)
 def view(levels, sampled, nx, ny, pose, fan, alive, visible, entries):
     """Write the visible cells and their entries in the fan; return how many there are."""
-    start, offsets, beams, all_beams = fan
+    start, offsets, beams, all_beams, _ = fan
     n_headings = len(start) - 1
     cell, heading = pose // n_headings, pose % n_headings
     x, y = cell // ny, cell % ny
@@ -80,6 +80,11 @@ def entropy_of_view(levels, sampled, claimed, visible, entries, n, gray, minus_q
 @njit(cache=True, nogil=True)
 def new_information(levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out):
     """NI (Eqs. 6-8) of each pose."""
+    if len(fan[3]) == 1:
+        _new_information_of_64_beams(
+            levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out
+        )
+        return
     size = most_visible(fan)
     alive = np.empty(len(fan[3]), np.uint64)
     visible = np.empty(size, np.int64)
@@ -90,6 +95,47 @@ def new_information(levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_
         out[p] = entropy_of_view(
             levels, sampled, claimed, visible, entries, n, gray, minus_q_ln_q, counts
         )
+
+
+@njit(cache=True, nogil=True)
+def _new_information_of_64_beams(
+    levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out
+):
+    """`view` and `entropy_of_view` in one pass, for cameras whose beams fit one word.
+
+    This is where planners spend their time; it takes a third of the two passes.
+    """
+    start, offsets, beams, all_beams, reach = fan
+    table, distance_class, unknown_bin, clamp = gray
+    n_headings = len(start) - 1
+    counts = np.zeros(n_gray, np.int64)
+    for p in range(len(poses)):
+        cell, heading = poses[p] // n_headings, poses[p] % n_headings
+        x, y = cell // ny, cell % ny
+        inland = reach <= x < nx - reach and reach <= y < ny - reach
+        alive = all_beams[0]
+        for k in range(start[heading], start[heading + 1]):
+            if alive & beams[k, 0] == 0:
+                continue
+            i, j = x + offsets[k, 0], y + offsets[k, 1]
+            if not inland and (i < 0 or i >= nx or j < 0 or j >= ny):
+                continue
+            seen = i * ny + j
+            if sampled[seen]:
+                level = levels[seen]
+                if not claimed[seen]:
+                    counts[table[distance_class[k], level + clamp]] += 1
+                if level >= 0:
+                    alive &= ~beams[k, 0]
+                    if alive == 0:
+                        break
+            elif not claimed[seen]:
+                counts[unknown_bin[k]] += 1
+        h = 0.0
+        for b in range(n_gray):
+            h += minus_q_ln_q[counts[b]]
+            counts[b] = 0
+        out[p] = h
 
 
 @njit(cache=True, nogil=True)
@@ -150,4 +196,5 @@ def compose(levels, ny, poses, current, lattice, weights, probability, clamp, ni
         angle = min(turns, n_headings - turns) * turn
         d[k] = np.sqrt(alpha_position * (dx * dx + dy * dy) + alpha_heading * angle * angle)
         p[k] = probability[levels[cell] + clamp]
-        rating[k] = (ni[k] - K * d[k] ** exponent) * (1.0 - p[k])
+        cost = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power costs 20 ns
+        rating[k] = (ni[k] - cost) * (1.0 - p[k])

@@ -22,8 +22,11 @@ OUTSIDE = -2
 
 
 @njit(cache=True, nogil=True)
-def find_fault(origin, points, covariances, lower, resolution, shape):
-    """First beam with a NaN or an infinity, OUTSIDE if the camera is out of the grid, else -1."""
+def find_fault(origin, points, covariances, hit, lower, resolution, shape):
+    """First beam with a NaN or an infinity, OUTSIDE if the camera is out of the grid, else -1.
+
+    The covariance of a beam without return is not asked.
+    """
     for axis in range(len(origin)):
         cell = (origin[axis] - lower[axis]) / resolution
         if not 0.0 <= cell < shape[axis]:
@@ -33,7 +36,8 @@ def find_fault(origin, points, covariances, lower, resolution, shape):
         for i in range(points.shape[1]):
             total += points[beam, i]
             for j in range(points.shape[1]):
-                total += covariances[beam, i, j]
+                if hit[beam]:
+                    total += covariances[beam, i, j]
         if not math.isfinite(total):
             return beam
     return -1

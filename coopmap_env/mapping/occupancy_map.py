@@ -104,7 +104,7 @@ class OccupancyMap:
         if scan.points.shape[1] != d:
             raise ValueError(f"a {scan.points.shape[1]}-D scan cannot enter a {d}-D map")
         fault = find_fault(
-            scan.origin, scan.points, scan.covariances,
+            scan.origin, scan.points, scan.covariances, scan.hit,
             self._lower, self.grid.resolution, self._shape3,
         )  # fmt: skip
         if fault == OUTSIDE:

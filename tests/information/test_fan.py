@@ -73,15 +73,14 @@ def test_a_camera_within_an_occupied_cell_sees_that_cell_only():
 def test_a_view_is_what_walking_every_beam_finds(camera, n_headings):
     rng = np.random.default_rng(0)
     for shape in ((17, 13), (3, 30)):
-        for _ in range(2):
-            map_ = random_map(rng, shape, unknown=0.4, occupied=0.1)
-            rating = rating_of(map_, camera, n_headings)
-            corners = [(0, 0), (0, shape[1] - 1), (shape[0] - 1, 0), (shape[0] - 1, shape[1] - 1)]
-            for x, y in [*corners, *rng.integers(0, shape, (4, 2)).tolist()]:
-                for heading in range(n_headings):
-                    pose_id = pose_at(map_, x, y, heading, n_headings)
-                    plain = visible_cells(map_, camera, rating.lattice, pose_id)
-                    assert seen(rating, map_, pose_id) == plain
+        map_ = random_map(rng, shape, unknown=0.4, occupied=0.1)
+        rating = rating_of(map_, camera, n_headings)
+        corners = [(0, 0), (0, shape[1] - 1), (shape[0] - 1, 0), (shape[0] - 1, shape[1] - 1)]
+        for x, y in [*corners, *rng.integers(0, shape, (4, 2)).tolist()]:
+            for heading in range(n_headings):
+                pose_id = pose_at(map_, x, y, heading, n_headings)
+                plain = visible_cells(map_, camera, rating.lattice, pose_id)
+                assert seen(rating, map_, pose_id) == plain
 
 
 def test_a_view_along_diagonals_is_what_walking_every_beam_finds_away_from_the_border():

@@ -1,0 +1,72 @@
+"""The checkers that users' libraries bring, over every registered id, mode, team and scene."""
+
+import gymnasium
+import pettingzoo
+import pytest
+from gymnasium.utils.env_checker import check_env
+from plain.rollouts import MODES
+
+from coopmap_env import planar_v0
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.team import TeamEnv
+
+# importing pettingzoo.test imports a board game of theirs that warns about its own old name
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:The old environment creation API has been deprecated:DeprecationWarning"
+)
+
+TEAM_IDS = [name for name in gymnasium.registry if name.startswith("coopmap/")]
+PARALLEL_IDS = [name for name in pettingzoo.parallel_registry if name.startswith("coopmap/")]
+
+
+def test_the_documented_id_is_in_both_registries():
+    assert TEAM_IDS == PARALLEL_IDS == ["coopmap/Planar-v0"]
+    assert planar_v0.__doc__.count(TEAM_IDS[0]) == 1
+
+
+@pytest.fixture(params=MODES)
+def mode(request):
+    return request.param
+
+
+@pytest.fixture(params=[1, 2, 3])
+def arguments(request, mode, scene):
+    return {"n_robots": request.param, "action_mode": mode, "scene": scene, "max_scans": 3}
+
+
+@pytest.mark.parametrize("name", PARALLEL_IDS)
+def test_pettingzoo_accepts_the_parallel_environment(name, arguments, capsys):
+    from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+    def make():
+        return pettingzoo.make("parallel", name, **arguments)
+
+    assert isinstance(make(), PlanarEnv)
+    parallel_api_test(make(), num_cycles=8)
+    parallel_seed_test(make, num_cycles=4)
+    assert "Passed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", TEAM_IDS)
+def test_gymnasium_accepts_the_team_environment(name, arguments):
+    env = gymnasium.make(name, **arguments)
+    assert isinstance(env.unwrapped, TeamEnv)
+    check_env(env.unwrapped, skip_render_check=True)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())  # gymnasium.make's own checks
+
+
+def test_gymnasium_accepts_the_team_environment_with_its_pictures():
+    pytest.importorskip("PIL")
+    env = gymnasium.make("coopmap/Planar-v0", render_mode="rgb_array", max_scans=3)
+    check_env(env.unwrapped)
+
+
+# The candidate table (m, 9) and the teammates (n - 1, 4) are neither image nor vector. They are
+# flattened by the default feature extractor, which is what the checker advises.
+@pytest.mark.filterwarnings(
+    "ignore:Your observation (candidates|teammates) has an unconventional shape:UserWarning"
+)
+def test_stable_baselines_accepts_the_team_environment(arguments):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(planar_v0.team_env(**arguments))

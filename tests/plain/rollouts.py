@@ -1,0 +1,73 @@
+"""Whole episodes of random actions, and everything that they show in one hash."""
+
+import hashlib
+
+import numpy as np
+
+from coopmap_env.envs.planar import PlanarEnv
+
+MODES = ("pose", "candidates")
+
+
+def random_actions(env, rng):
+    """Any action in every second place; in "pose" mode the others lead to feasible poses."""
+    belief, actions = env.belief(), {}
+    for robot, agent in enumerate(env.agents):
+        space = env.action_space(agent)
+        if hasattr(space, "n") or rng.random() < 0.5:
+            actions[agent] = any_action(space, rng)
+        else:
+            actions[agent] = belief.action_for(robot, random_feasible(belief, robot, rng))
+    return actions
+
+
+def any_action(space, rng):
+    """A member of a Box or Discrete space; all randomness from `rng`."""
+    if hasattr(space, "n"):
+        return rng.integers(space.n)
+    return rng.uniform(space.low, space.high).astype(space.dtype)
+
+
+def random_feasible(belief, robot, rng):
+    """Number of a feasible pose."""
+    cell = int(rng.choice(belief.feasible_cells(robot)))
+    return cell * belief.lattice.n_headings + int(rng.integers(belief.lattice.n_headings))
+
+
+def play(env, seed, rng, wrong=None):
+    """Everything that one episode shows, step by step; `wrong` is called before every action."""
+    yield *env.reset(seed=seed), env.state()
+    while env.agents:
+        actions = random_actions(env, rng)
+        if wrong is not None:
+            wrong(env)
+        yield *env.step(actions), env.state()
+
+
+def trajectory_hash(env, seed, wrong=None):
+    """SHA-256 over observations, rewards, ends, infos and states of an episode."""
+    sha = hashlib.sha256()
+    for shown in play(env, seed, np.random.default_rng(seed), wrong):
+        feed(sha, shown)
+    return sha.hexdigest()
+
+
+def feed(sha, value):
+    """Add a value with its types to a hash, down to the last bit."""
+    if isinstance(value, dict):
+        for key in sorted(value):
+            sha.update(key.encode())
+            feed(sha, value[key])
+    elif isinstance(value, tuple | list):
+        for part in value:
+            feed(sha, part)
+    elif isinstance(value, np.ndarray):
+        sha.update(f"{value.dtype}{value.shape}".encode())
+        sha.update(value.tobytes())
+    else:
+        sha.update(f"{type(value).__name__} {value!r}".encode())
+
+
+def hash_of(arguments, seed):
+    """`trajectory_hash` of a new environment; what a second process runs."""
+    return trajectory_hash(PlanarEnv(**arguments), seed)

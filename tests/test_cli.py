@@ -1,0 +1,76 @@
+import csv
+import json
+import subprocess
+import sys
+
+import pytest
+
+from coopmap_env.cli import main
+
+
+def run(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "coopmap_env.cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+
+
+def test_evaluate_writes_a_row_for_each_policy_and_world_and_a_summary(tmp_path, capsys):
+    main([
+        "evaluate", "--policies", "rating_function:search=10,raster", "--episodes", "2",
+        "--split", "validation", "--seed", "5", "--max-scans", "2", "--out", str(tmp_path),
+    ])  # fmt: skip
+    rows = list(csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines()))
+    assert [(row["policy"], row["seed"]) for row in rows] == [
+        ("rating_function:search=10", "5"),
+        ("rating_function:search=10", "6"),
+        ("raster", "5"),
+        ("raster", "6"),
+    ]
+    wanted = "coverage coverage_auc reward entropy log_loss motion_cost planning_ms"
+    assert set(wanted.split()) < set(rows[0])
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["env"]["split"] == "validation"
+    assert "probability_of_improvement" in summary["policies"]["raster"]["against"]
+    assert "raster" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["reproduce", "evaluate", "bench"])
+def test_help_shows_examples(command):
+    done = run(command, "--help")
+    assert done.returncode == 0
+    assert f"coopmap {command} --" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--policies", "nobody"], "unknown policy 'nobody'"),
+        (["--episodes", "0"], "--episodes must be at least 1, got 0"),
+        (["--scene", "missing.yaml"], "missing.yaml"),
+        (["--scene", "moon"], "'moon'"),
+        (["--robots", "0"], "n_robots must be a whole number of at least 1"),
+        (["--seed", "-3"], "seed"),
+        (["--workers", "0"], "workers must be at least 1"),
+        (["--policies", ","], "names no policy"),
+    ],
+)
+def test_bad_input_gives_one_clear_line_and_a_failure(arguments, message, tmp_path):
+    with pytest.raises(SystemExit) as raised:
+        main(["evaluate", "--out", str(tmp_path), "--max-scans", "1", *arguments])
+    text = str(raised.value)
+    assert message in text
+    assert text.startswith("coopmap: ")
+    assert "\n" not in text
+
+
+def test_a_failure_exits_with_status_one(tmp_path):
+    done = run("evaluate", "--policies", "nobody", "--out", tmp_path)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+
+
+def test_unknown_options_are_refused(tmp_path):
+    assert run("evaluate", "--colour", "red", "--out", tmp_path).returncode != 0

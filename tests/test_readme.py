@@ -1,0 +1,78 @@
+"""Every block of the README runs: Python as it stands, commands through the command line."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"(<!-- slow -->\n)?```(python|bash)\n(.*?)```", TEXT, re.DOTALL)
+PYTHON = [
+    pytest.param(code, id=f"block{k}", marks=[pytest.mark.slow] if slow else [])
+    for k, (slow, language, code) in enumerate(BLOCKS)
+    if language == "python"
+]
+COMMANDS = [
+    line for _, language, code in BLOCKS if language == "bash" for line in code.splitlines()
+]
+
+
+@pytest.mark.parametrize("code", PYTHON)
+def test_python_block_runs(code, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error::DeprecationWarning:coopmap_env", "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_readme_holds_the_commands_that_are_tested_here():
+    kinds = {shlex.split(command)[0] for command in COMMANDS}
+    assert kinds == {"pip", "make", "coopmap"}
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("coopmap evaluate")])
+def test_evaluate_command_runs(command, tmp_path):
+    words = shlex.split(command)
+    done = subprocess.run(
+        [sys.executable, "-m", "coopmap_env.cli", *words[1:]],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    out = tmp_path / words[words.index("--out") + 1]
+    assert {path.name for path in out.iterdir()} >= {"episodes.csv", "summary.json"}
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("make")])
+def test_make_target_exists(command):
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed")
+    done = subprocess.run(
+        ["make", "--dry-run", *shlex.split(command)[1:]], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_extras_named_in_the_readme_exist():
+    import tomllib
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    named = set(re.findall(r"`(maps|render|report|cli|data|rl|bench)`", TEXT))
+    assert named <= set(project["optional-dependencies"])
+    assert 'pip install "coopmap[all]"' in TEXT
+
+
+def test_pictures_exist():
+    for path in re.findall(r"!\[.*?\]\((.*?)\)", TEXT):
+        assert (ROOT / path).is_file(), path
