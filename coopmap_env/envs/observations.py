@@ -57,74 +57,16 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numba import njit
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.local_map import draw_team, view_offsets
 from coopmap_env.geometry import to_camera_frame
 
 N_CHANNELS = 4
 N_FEATURES = 9
 FEATURE_LIMIT = 10.0
 Observation = dict[str, NDArray[Any]]
-
-
-def view_offsets(side: int, n_headings: int) -> NDArray[np.int32]:
-    """Cell offsets (n_headings, side * side, 2) of the local map's cells from the camera's cell."""
-    steps = np.arange(side) + 0.5 - side / 2
-    ahead, left = np.meshgrid(steps, steps, indexing="ij")
-    angles = np.arange(n_headings)[:, None] * (2 * math.pi / n_headings)
-    c, s = np.cos(angles), np.sin(angles)
-    x = c * ahead.ravel() - s * left.ravel()
-    y = s * ahead.ravel() + c * left.ravel()
-    # 1e-9: a point on the border between two cells goes to the same side for every heading
-    return np.floor(np.stack([x, y], axis=-1) + 0.5 + 1e-9).astype(np.int32)
-
-
-@njit(cache=True, nogil=True)
-def draw_local_map(levels, sampled, nx, ny, cell, offsets, shades, clamp, out):
-    """Fill channels 0, 1 and 3 and clear 2; `out` is (4, side * side)."""
-    cx, cy = cell // ny, cell % ny
-    margin = max(-offsets.min(), offsets.max())
-    out[2] = 0
-    if margin <= cx < nx - margin and margin <= cy < ny - margin:  # the world is all around
-        out[3] = 255
-        for k in range(out.shape[1]):
-            at = cell + offsets[k, 0] * ny + offsets[k, 1]
-            out[0, k] = shades[levels[at] + clamp]
-            out[1, k] = np.uint8(255) * sampled[at]
-        return
-    for k in range(out.shape[1]):
-        ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
-        inside = 0 <= ix < nx and 0 <= iy < ny
-        at = ix * ny + iy if inside else 0
-        out[0, k] = shades[levels[at] + clamp] if inside else shades[clamp]
-        out[1, k] = np.uint8(255) * sampled[at] if inside else 0
-        out[3, k] = 255 if inside else 0
-
-
-@njit(cache=True, nogil=True)
-def draw_teammates(poses, robot, resolution, diagonal, out, teammates):
-    """Fill channel 2 and the rows of `teammates`."""
-    side = out.shape[1]
-    middle = side / 2.0 + 1e-9  # a mate on the border of two cells: as in `view_offsets`
-    c, s = math.cos(poses[robot, 2]), math.sin(poses[robot, 2])
-    row = 0
-    for mate in range(len(poses)):
-        if mate == robot:
-            continue
-        dx, dy = poses[mate, 0] - poses[robot, 0], poses[mate, 1] - poses[robot, 1]
-        ahead, left, turn = c * dx + s * dy, c * dy - s * dx, poses[mate, 2] - poses[robot, 2]
-        teammates[row, 0] = ahead / diagonal
-        teammates[row, 1] = left / diagonal
-        teammates[row, 2] = math.cos(turn)
-        teammates[row, 3] = math.sin(turn)
-        row += 1
-        i = math.floor(ahead / resolution + middle)
-        j = math.floor(left / resolution + middle)
-        for u in range(max(i - 1, 0), min(i + 2, side)):
-            for v in range(max(j - 1, 0), min(j + 2, side)):
-                out[2, u, v] = 255
 
 
 class Observer:
@@ -136,11 +78,11 @@ class Observer:
         self._view_cells = view_cells
         self._n_candidates = n_candidates
         self._shape = grid.shape
-        self._origin = grid.origin
         self._size = tuple(n * grid.resolution for n in grid.shape)
         self._diagonal = math.hypot(*self._size)
         self._shades = np.round(255 * belief.map.range.probability).astype(np.uint8)
         self._offsets = view_offsets(view_cells, belief.lattice.n_headings)
+        self._margin = int(np.abs(self._offsets).max())
         self._scale = math.log(belief.rating.settings.n_gray)
 
     def space(self) -> spaces.Dict:
@@ -159,31 +101,24 @@ class Observer:
             parts["action_mask"] = spaces.Box(0, 1, (m,), np.int8)
         return spaces.Dict(parts)
 
-    def observe(self, belief: Belief, robot: int) -> Observation:
-        """Fill the observation of one robot, as new arrays."""
-        map_, poses, side = belief.map, belief.poses, self._view_cells
-        image = np.empty((N_CHANNELS, side, side), dtype=np.uint8)
-        teammates = np.empty((self._n_robots - 1, 4), dtype=np.float32)
-        pose = self._pose(poses[robot])
-        nx, ny = self._shape
-        cell, heading = divmod(belief.pose_ids[robot], belief.lattice.n_headings)
-        draw_local_map(
-            map_.levels, map_.sampled_cells, nx, ny, cell, self._offsets[heading],
-            self._shades, map_.range.clamp, image.reshape(N_CHANNELS, -1),
-        )  # fmt: skip
-        draw_teammates(poses, robot, map_.grid.resolution, self._diagonal, image, teammates)
-        observation: Observation = {"map": image, "pose": np.array(pose, dtype=np.float32)}
-        if self._n_robots > 1:
-            observation["teammates"] = teammates
-        if belief.offers is not None and self._n_candidates is not None:
-            offers = belief.offers[robot]
-            features = np.zeros((self._n_candidates, N_FEATURES), dtype=np.float32)
-            features[: len(offers)] = self._features(belief, robot, offers)
-            observation["candidates"] = features
-            observation["action_mask"] = (np.arange(self._n_candidates) < len(offers)).astype(
-                np.int8
-            )
-        return observation
+    def observe(self, belief: Belief) -> list[Observation]:
+        """Observations of all robots, as new arrays."""
+        images, vectors, teammates = self._draw(belief)
+        observations: list[Observation] = []
+        for robot in range(self._n_robots):
+            observation: Observation = {"map": images[robot], "pose": vectors[robot]}
+            if self._n_robots > 1:
+                observation["teammates"] = teammates[robot]
+            if belief.offers is not None and self._n_candidates is not None:
+                offers = belief.offers[robot]
+                features = np.zeros((self._n_candidates, N_FEATURES), dtype=np.float32)
+                features[: len(offers)] = self._features(belief, robot, offers)
+                observation["candidates"] = features
+                observation["action_mask"] = (
+                    np.arange(self._n_candidates) < len(offers)
+                ).astype(np.int8)
+            observations.append(observation)
+        return observations
 
     def state_space(self) -> spaces.Box:
         """Box (2 nx ny + 4 n_robots,) float32 in [-1, 1]; see `state`."""
@@ -197,15 +132,26 @@ class Observer:
         as in the observation's ``pose``.
         """
         map_ = belief.map
-        poses = np.ravel([self._pose(pose) for pose in belief.poses])
-        parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_cells, poses]
+        _, poses, _ = self._draw(belief)
+        parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_cells, poses.ravel()]
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
-    def _pose(self, pose: NDArray[np.float64]) -> tuple[float, float, float, float]:
-        """Return the observation's ``pose``."""
-        x, y, heading = pose.tolist()
-        (x0, y0), (width, height) = self._origin, self._size
-        return (x - x0) / width, (y - y0) / height, math.cos(heading), math.sin(heading)
+    def _draw(
+        self, belief: Belief
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+        """The entries ``map``, ``pose`` and ``teammates`` of all robots."""
+        map_, n, side = belief.map, self._n_robots, self._view_cells
+        images = np.empty((n, N_CHANNELS, side, side), dtype=np.uint8)
+        vectors = np.empty((n, 4), dtype=np.float32)
+        teammates = np.empty((n, n - 1, 4), dtype=np.float32)
+        nx, ny = self._shape
+        draw_team(
+            map_.levels, map_.sampled_cells, nx, ny,
+            np.array(belief.pose_ids), belief.poses, map_.grid.origin, self._size, map_.grid.resolution,
+            self._offsets, self._margin, self._shades, map_.range.clamp,
+            images, vectors, teammates,
+        )  # fmt: skip
+        return images, vectors, teammates
 
     def _features(
         self, belief: Belief, robot: int, offers: NDArray[np.int64]

@@ -329,10 +329,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             self._belief = replace(self._belief, offers=offers)
 
     def _observe(self) -> dict[str, Observation]:
-        return {
-            agent: self._observer.observe(self._belief, robot)
-            for robot, agent in enumerate(self.agents)
-        }
+        return dict(zip(self.agents, self._observer.observe(self._belief), strict=True))
 
     def _pay(self, terms: list[dict[str, float]]) -> dict[str, float]:
         paid = [term[self._reward] for term in terms]

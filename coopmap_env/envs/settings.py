@@ -45,8 +45,11 @@ class PlanarSettings:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"PlanarSettings.{name} must be finite and > 0, got {value}")
-        if self.view_cells < 4:
-            raise ValueError(f"PlanarSettings.view_cells must be at least 4, got {self.view_cells}")
+        if not isinstance(self.view_cells, int) or self.view_cells < 4:
+            raise ValueError(
+                f"PlanarSettings.view_cells must be a whole number of at least 4, "
+                f"got {self.view_cells}"
+            )
 
     @classmethod
     def for_resolution(cls, resolution: float) -> PlanarSettings:

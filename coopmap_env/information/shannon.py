@@ -3,7 +3,7 @@
 For a beam without noise the reading is the first occupied cell, a function of the map; so the
 mutual information equals the reading's entropy, and by the chain rule
 
-    I(map; beam) = sum over cells k of v_k H(p_k),   v_k = product of (1 - p_j) over cells j before k
+    I(map; beam) = sum over cells k of v_k H(p_k),   v_k = product of 1 - p_j over cells j before k
 
 with H the entropy of a cell (Eq. 6 of its two outcomes): the entropy of the cells, weighted by the
 chance that the beam gets there. This is the noise-free case of the beam-based mutual information of

@@ -69,8 +69,9 @@ class OccupancyMap:
 
     def clear(self) -> None:
         """Forget everything; cheaper than a new map."""
+        known = np.flatnonzero(self.sampled_cells.view(np.bool_))
         for array in (self.levels, self.sampled_cells, self._precision, self._vector):
-            array.fill(0)
+            array[known] = 0
 
     def integrate(self, scans: Scan | Sequence[Scan]) -> list[ScanGain]:
         """Fuse scans taken at the same time; the map does not depend on their order.

@@ -154,6 +154,23 @@ def test_beams_that_disagree_within_a_scan_are_summed_before_the_bounds():
     assert map_.levels[5] == HIGHEST + LOWEST
 
 
+def test_beams_that_cancel_each_other_list_their_cell_once():
+    """The sum is kept off zero, which stands for cells not touched, by one level."""
+    map_ = OccupancyMap(VoxelGrid((12, 1)), BeamModel(free=0.1, occupied=0.9))
+    wall, through = look_along(4.5), look_along(8.0, hit=False)
+    n = 200
+    (gain,) = map_.integrate(
+        Scan(
+            wall.origin,
+            np.tile(np.concatenate([wall.points, through.points]), (n, 1)),
+            np.tile(np.concatenate([wall.covariances, through.covariances]), (n, 1, 1)),
+            np.tile([True, False], n),
+        )
+    )
+    assert map_.levels[5] == 1
+    assert gain.new_cells == 9
+
+
 @SURFACE
 @pytest.mark.parametrize("grid", GRIDS)
 def test_integrating_is_what_the_plain_loops_do(grid, surface):

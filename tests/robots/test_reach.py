@@ -50,6 +50,18 @@ def test_free_is_sampled_and_less_than_five_per_cent_occupied():
     map_.levels[:] = [-9999, level_of(0.05), level_of(0.05) - 1, level_of(0.9), -9999]
     map_.sampled_cells[:] = [1, 1, 1, 1, 0]
     assert free_cells(map_).tolist() == [True, False, True, False, False]
+    assert [Reach.search(map_, k).steps[k - 1] > 0 for k in range(1, 5)] == [
+        True,
+        False,
+        True,
+        False,
+    ]
+    assert [straight_path_is_free(map_, k - 1, k) for k in range(1, 5)] == [
+        False,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_steps_count_from_one_at_the_start():

@@ -1,0 +1,95 @@
+"""Kernels that draw what robots observe: the local map, their own pose, their teammates."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+def view_offsets(side: int, n_headings: int) -> NDArray[np.int32]:
+    """Cell offsets (n_headings, side * side, 2) of the local map's cells from the camera's cell."""
+    steps = np.arange(side) + 0.5 - side / 2
+    ahead, left = np.meshgrid(steps, steps, indexing="ij")
+    angles = np.arange(n_headings)[:, None] * (2 * math.pi / n_headings)
+    c, s = np.cos(angles), np.sin(angles)
+    x = c * ahead.ravel() - s * left.ravel()
+    y = s * ahead.ravel() + c * left.ravel()
+    # 1e-9: a point on the border between two cells goes to the same side for every heading
+    return np.floor(np.stack([x, y], axis=-1) + 0.5 + 1e-9).astype(np.int32)
+
+
+@njit(cache=True, nogil=True)
+def draw_local_map(levels, sampled, nx, ny, cell, offsets, margin, shades, clamp, out):
+    """Fill channels 0, 1 and 3 and clear 2; `out` is (4, side * side).
+
+    `margin` is the largest offset along an axis: further than this from the border of the world no
+    cell needs to be asked whether it lies inside.
+    """
+    cx, cy = cell // ny, cell % ny
+    out[2] = 0
+    if margin <= cx < nx - margin and margin <= cy < ny - margin:  # the world is all around
+        out[3] = 255
+        for k in range(out.shape[1]):
+            at = cell + offsets[k, 0] * ny + offsets[k, 1]
+            out[0, k] = shades[levels[at] + clamp]
+            out[1, k] = np.uint8(255) * sampled[at]
+        return
+    for k in range(out.shape[1]):
+        ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
+        inside = 0 <= ix < nx and 0 <= iy < ny
+        at = ix * ny + iy if inside else 0
+        out[0, k] = shades[levels[at] + clamp] if inside else shades[clamp]
+        out[1, k] = np.uint8(255) * sampled[at] if inside else 0
+        out[3, k] = 255 if inside else 0
+
+
+@njit(cache=True, nogil=True)
+def draw_teammates(poses, robot, resolution, diagonal, out, teammates):
+    """Fill channel 2 and the rows of `teammates`."""
+    side = out.shape[1]
+    middle = side / 2.0 + 1e-9  # a mate on the border of two cells: as in `view_offsets`
+    c, s = math.cos(poses[robot, 2]), math.sin(poses[robot, 2])
+    row = 0
+    for mate in range(len(poses)):
+        if mate == robot:
+            continue
+        dx, dy = poses[mate, 0] - poses[robot, 0], poses[mate, 1] - poses[robot, 1]
+        ahead, left, turn = c * dx + s * dy, c * dy - s * dx, poses[mate, 2] - poses[robot, 2]
+        teammates[row, 0] = ahead / diagonal
+        teammates[row, 1] = left / diagonal
+        teammates[row, 2] = math.cos(turn)
+        teammates[row, 3] = math.sin(turn)
+        row += 1
+        i = math.floor(ahead / resolution + middle)
+        j = math.floor(left / resolution + middle)
+        for u in range(max(i - 1, 0), min(i + 2, side)):
+            for v in range(max(j - 1, 0), min(j + 2, side)):
+                out[2, u, v] = 255
+
+
+@njit(cache=True, nogil=True)
+def draw_team(
+    levels, sampled, nx, ny, ids, poses, origin, size, resolution,
+    offsets, margin, shades, clamp, images, vectors, teammates,
+):  # fmt: skip
+    """Fill the images, own poses and teammates of all robots.
+
+    `ids` are lattice numbers, `poses` (n, 3) the same in metres and radians.
+    """
+    n_headings = len(offsets)
+    diagonal = math.hypot(size[0], size[1])
+    for robot in range(len(ids)):
+        cell, heading = ids[robot] // n_headings, ids[robot] % n_headings
+        image = images[robot]
+        flat = image.reshape(image.shape[0], -1)
+        draw_local_map(
+            levels, sampled, nx, ny, cell, offsets[heading], margin, shades, clamp, flat
+        )
+        draw_teammates(poses, robot, resolution, diagonal, image, teammates[robot])
+        vectors[robot, 0] = (poses[robot, 0] - origin[0]) / size[0]
+        vectors[robot, 1] = (poses[robot, 1] - origin[1]) / size[1]
+        vectors[robot, 2] = math.cos(poses[robot, 2])
+        vectors[robot, 3] = math.sin(poses[robot, 2])

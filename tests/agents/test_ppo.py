@@ -1,0 +1,180 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from coopmap_agents.features import RobotFeatures
+from coopmap_agents.ppo import LearnedPolicy, PPOSettings, load, save, train
+from coopmap_agents.vec_env import SharedPolicyVecEnv
+from small_worlds import masked_world, small_world
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecMonitor
+from toy_team import ConstantReward
+
+from coopmap_env.evaluation import Policy, evaluate
+
+TINY = PPOSettings(total_steps=128, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2)
+CONSTANT_REWARD = PPOSettings(
+    total_steps=6144,
+    n_envs=4,
+    rollout_steps=32,
+    batch_size=64,
+    n_epochs=10,
+    learning_rate=5e-3,
+    gamma=0.9,
+    max_gradient_norm=10.0,  # errors of a value of 10 make long gradients
+    hidden=(32,),
+)
+
+
+def values_of(model, episode_steps):
+    """Values (n_steps,) over one episode of the toy."""
+    env = SharedPolicyVecEnv(lambda: ConstantReward(n_steps=episode_steps), 1)
+    env.seed(11)
+    observations, values = env.reset(), []
+    for _ in range(episode_steps):
+        tensor, _ = model.policy.obs_to_tensor(observations)
+        with torch.no_grad():
+            values.append(model.policy.predict_values(tensor).numpy().ravel())
+        observations, *_ = env.step(np.zeros((2, 1)))
+    return np.array(values)
+
+
+def test_the_value_of_reward_1_for_ever_is_1_over_1_minus_gamma_despite_truncation():
+    model = train(lambda: ConstantReward(n_steps=5), CONSTANT_REWARD, seed=0)
+    np.testing.assert_allclose(values_of(model, 5), 1 / (1 - 0.9), rtol=0.05)
+
+
+def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it():
+    model = train(lambda: ConstantReward(n_steps=5, truncates=False), CONSTANT_REWARD, seed=0)
+    expected = [sum(0.9**k for k in range(left)) for left in (5, 4, 3, 2, 1)]  # 4.10 ... 1
+    np.testing.assert_allclose(values_of(model, 5), np.column_stack([expected] * 2), rtol=0.1)
+
+
+def test_training_twice_with_one_seed_gives_the_same_network_and_another_seed_another():
+    def parameters(seed):
+        model = train(small_world, TINY, seed)
+        return torch.cat([p.detach().ravel() for p in model.policy.parameters()])
+
+    one = parameters(0)
+    assert torch.equal(one, parameters(0))
+    assert not torch.equal(one, parameters(1))
+
+
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+def test_a_saved_model_acts_the_same_when_loaded(make_env, tmp_path):
+    model = train(make_env, TINY, seed=0)
+    save(model, tmp_path / "model.zip")
+    env = SharedPolicyVecEnv(make_env, 4)
+    env.seed(0)
+    observations = env.reset()
+    expected, _ = model.predict(observations, deterministic=True)
+    actions, _ = load(tmp_path / "model.zip").predict(observations, deterministic=True)
+    np.testing.assert_array_equal(actions, expected)
+    env = make_env(split="test") if make_env is small_world else make_env()
+    by_path = evaluate(env, LearnedPolicy(tmp_path / "model.zip"), [0, 1]).table["reward"]
+    np.testing.assert_array_equal(
+        by_path, evaluate(env, LearnedPolicy(model), [0, 1]).table["reward"]
+    )
+
+
+def test_a_loaded_model_can_go_on_learning(tmp_path):
+    save(train(small_world, TINY, seed=0), tmp_path / "model.zip")
+    model = load(tmp_path / "model.zip")
+    model.set_env(VecMonitor(SharedPolicyVecEnv(small_world, TINY.n_envs)))
+    model.learn(128, reset_num_timesteps=False)
+    assert model.num_timesteps == 256
+
+
+def test_training_reports_the_returns_of_robots():
+    model = train(lambda: ConstantReward(n_steps=5), TINY, seed=0)
+    assert {(episode["r"], episode["l"]) for episode in model.ep_info_buffer} == {(5.0, 5)}
+
+
+def test_the_library_s_own_evaluation_takes_the_rows():
+    model = train(lambda: ConstantReward(n_steps=5), TINY, seed=0)
+    env = VecMonitor(SharedPolicyVecEnv(lambda: ConstantReward(n_steps=5), 2))
+    assert evaluate_policy(model, env, n_eval_episodes=6) == (5.0, 0.0)
+
+
+def test_a_learned_policy_is_a_policy_and_gives_each_robot_what_its_own_view_asks_for():
+    model = train(small_world, TINY, seed=0)
+    policy = LearnedPolicy(model)
+    assert isinstance(policy, Policy)
+    env = small_world(n_robots=2)
+    observations, _ = env.reset(seed=0)
+    policy.reset(np.random.default_rng(0))
+    actions = policy.act(env.belief(), dict(reversed(observations.items())))
+    assert list(actions) == ["robot_0", "robot_1"]
+    for agent, action in actions.items():
+        alone, _ = model.predict(observations[agent], deterministic=True)
+        # batches of one and of two are summed in another order
+        np.testing.assert_allclose(action, alone, atol=1e-6)
+        assert env.action_space(agent).contains(action)
+
+
+def test_a_learned_policy_never_asks_for_a_masked_candidate():
+    policy = LearnedPolicy(train(masked_world, TINY, seed=0))
+    evaluation = evaluate(masked_world(), policy, range(5))
+    assert evaluation.table["refused"].sum() == 0
+
+
+def test_a_model_that_ignores_masks_is_refused():
+    env = SharedPolicyVecEnv(masked_world, 1)
+    extractor = {
+        "features_extractor_class": RobotFeatures,
+        "features_extractor_kwargs": {"image_features": 8},
+    }
+    model = PPO("MultiInputPolicy", env, n_steps=8, batch_size=16, policy_kwargs=extractor)
+    with pytest.raises(ValueError, match="MaskedPolicy, got MultiInputActorCriticPolicy"):
+        LearnedPolicy(model)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("n_envs", 0), ("total_steps", -1), ("gamma", 1.1), ("gae_lambda", -0.1)]
+)
+def test_settings_out_of_range_are_refused_with_their_value(name, value):
+    with pytest.raises(ValueError, match=rf"PPOSettings\.{name} must .*, got {value}"):
+        PPOSettings(**{name: value})
+
+
+def test_environments_are_closed_after_training_even_if_it_fails():
+    made = []
+
+    class Breaks(ConstantReward):
+        def step(self, actions):
+            raise OSError("broken")
+
+    def factory():
+        made.append(Breaks())
+        return made[-1]
+
+    with pytest.raises(OSError, match="broken"):
+        train(factory, TINY, seed=0)
+    assert [env.calls for env in made] == [["close"]] * 2
+
+
+@pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
+def test_what_is_missing_is_named_by_the_modules_that_need_it_and_only_by_them(missing):
+    code = f"""
+import sys
+
+class Missing:
+    def find_spec(name, path=None, target=None):
+        if name.split(".")[0] == {missing!r}:
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Missing)
+import coopmap_agents
+for module in ("vec_env", "features", "masking", "ppo"):
+    try:
+        __import__("coopmap_agents." + module)
+    except ImportError as error:
+        print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    lines = run.stdout.splitlines()
+    assert len(lines) == 4
+    assert all("pip install 'coopmap[rl]'" in line for line in lines)

@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+import torch
+from coopmap_agents.features import RobotFeatures
+from gymnasium import spaces
+from small_worlds import masked_world, small_world
+
+
+def batch(space, n=2, seed=0):
+    space.seed(seed)
+    samples = [space.sample() for _ in range(n)]
+    return {
+        key: torch.as_tensor(np.stack([sample[key] for sample in samples])).float()
+        for key in space.spaces
+    }
+
+
+def test_map_features_and_all_other_numbers_make_the_vector():
+    space = small_world(n_robots=3).observation_space("robot_0")
+    features = RobotFeatures(space, 10)
+    assert features.features_dim == 10 + 4 + 2 * 4
+    assert features(batch(space)).shape == (2, features.features_dim)
+
+
+def test_candidates_and_their_mask_are_flat():
+    space = masked_world().observation_space("robot_0")
+    features = RobotFeatures(space, 10)
+    assert features.features_dim == 10 + 4 + 4 + 300 * 9 + 300
+    assert features(batch(space)).shape == (2, features.features_dim)
+
+
+@pytest.mark.parametrize("side", [4, 5, 13, 36, 64])
+def test_any_side_of_the_map_will_do(side):
+    space = spaces.Dict({"map": spaces.Box(0, 255, (4, side, side), np.uint8)})
+    assert RobotFeatures(space, 7)(batch(space)).shape == (2, 7)
+
+
+def test_no_map_is_fine_too():
+    space = spaces.Dict({"pose": spaces.Box(-1, 1, (4,)), "team": spaces.Box(-1, 1, (2, 4))})
+    values = batch(space)
+    expected = torch.cat([values["pose"], values["team"].reshape(2, 8)], dim=1)
+    torch.testing.assert_close(RobotFeatures(space, 7)(values), expected)
+
+
+def test_the_order_of_the_entries_does_not_matter():
+    # environments give theirs in another order than the roll-out buffer, which sorts them
+    space = masked_world().observation_space("robot_0")
+    features, values = RobotFeatures(space, 10), batch(space)
+    backwards = dict(reversed(values.items()))
+    torch.testing.assert_close(features(values), features(backwards), rtol=0, atol=0)

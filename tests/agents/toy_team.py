@@ -1,0 +1,71 @@
+"""Teams so simple that everything about them is known by hand."""
+
+from typing import ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from pettingzoo import ParallelEnv
+
+
+class ConstantReward(ParallelEnv):
+    """Reward 1 a step, whatever the robots do, and an end after `n_steps`.
+
+    A robot observes [its number, the share of the episode that is over, the episode's number].
+    """
+
+    metadata: ClassVar = {"name": "constant_reward"}
+
+    def __init__(self, n_steps=5, truncates=True, n_robots=2, render_mode=None):
+        self.n_steps = n_steps
+        self.truncates = truncates
+        self.render_mode = render_mode
+        self.possible_agents = [f"robot_{i}" for i in range(n_robots)]
+        self.agents = []
+        self.rng = np.random.default_rng()
+        self.options = []
+        self.calls = []
+
+    def observation_space(self, agent):
+        return spaces.Dict({"pose": spaces.Box(-1.0, 1.0, (3,), np.float32)})
+
+    def action_space(self, agent):
+        return spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+    def reset(self, seed=None, options=None):
+        if seed is not None:
+            self.rng = np.random.default_rng(seed)
+        self.options.append(options)
+        self.step_number = 0
+        self.episode = self.rng.random()
+        self.agents = list(self.possible_agents)
+        return self.observe(), {agent: {"episode_number": self.episode} for agent in self.agents}
+
+    def step(self, actions):
+        self.calls.append(actions)
+        self.step_number += 1
+        over = self.step_number == self.n_steps
+        names = self.possible_agents
+        observations = self.observe()
+        if over:
+            self.agents = []
+        return (
+            observations,
+            dict.fromkeys(names, 1.0),
+            dict.fromkeys(names, over and not self.truncates),
+            dict.fromkeys(names, over and self.truncates),
+            {name: {"step": self.step_number} for name in names},
+        )
+
+    def observe(self):
+        share = self.step_number / self.n_steps
+        return {
+            agent: {"pose": np.array([i, share, self.episode], dtype=np.float32)}
+            for i, agent in enumerate(self.possible_agents)
+        }
+
+    def render(self):
+        self.calls.append("render")
+        return np.full((4, 6, 3), 7, dtype=np.uint8)
+
+    def close(self):
+        self.calls.append("close")

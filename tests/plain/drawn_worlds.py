@@ -1,0 +1,56 @@
+"""Worlds drawn as text, and teams that stand where a test wants them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.sensing import RangeNoise
+from coopmap_env.simulation.scenes import RecordedMap, World
+
+NO_NOISE = RangeNoise(intrinsic=0.0)
+
+
+def world_of(text, resolution=1.0, origin=(0.0, 0.0)):
+    """A world from rows of '#' (occupied) and '.', as seen: x to the right, y up."""
+    rows = [list(row.strip()) for row in text.strip().splitlines()]
+    occupied = np.array(rows)[::-1].T == "#"
+    return World(occupied, resolution, origin, "drawn")
+
+
+def open_world(nx=40, ny=40, resolution=1.0, origin=(0.0, 0.0), walls=()):
+    """A world without obstacles, but for the cells named."""
+    occupied = np.zeros((nx, ny), dtype=bool)
+    for cell in walls:
+        occupied[cell] = True
+    return World(occupied, resolution, origin, "drawn")
+
+
+def env_in(world, **arguments):
+    """An environment in this world, reset."""
+    env = PlanarEnv(scene=RecordedMap(world), **arguments)
+    env.reset(seed=0)
+    return env
+
+
+def pose_id(env, ix, iy, heading=0):
+    """Lattice number of a cell and a heading."""
+    lattice = env.belief().lattice
+    return (ix * lattice.grid.shape[1] + iy) * lattice.n_headings + heading
+
+
+def place(env, *poses, known=None):
+    """Stand the team at (ix, iy, heading), and make the map blank but for free cells.
+
+    Without `known` (flat cells or a mask of the grid), only the robots' own cells are.
+    """
+    ids = tuple(pose_id(env, *pose) for pose in poses)
+    env._belief = replace(env._belief, pose_ids=ids, offers=None)
+    map_ = env.belief().map
+    map_.clear()
+    if known is not None:
+        known = np.asarray(known)
+        map_.mark_free(np.flatnonzero(known) if known.dtype == bool else known)
+    map_.mark_free([i // env.belief().lattice.n_headings for i in ids])
+    env._offer_candidates()
+    return env.belief()
