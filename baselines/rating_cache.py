@@ -44,7 +44,7 @@ class NewInformationCache:
         self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
     ) -> NDArray[np.float64]:
         """As `RatingFunction.new_information`, shape (k,)."""
-        ids = np.asarray(ids, dtype=np.int64)
+        ids = self.rating.check(map_, ids)
         self._forget_changed(map_)
         self._rate_missing(map_, ids)
         ni = self._ni[ids]

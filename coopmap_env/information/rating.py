@@ -13,6 +13,7 @@ from coopmap_env.information.entropy import minus_q_ln_q
 from coopmap_env.information.fan import Fan
 from coopmap_env.information.gray import GrayTable, Reading
 from coopmap_env.information.views import (
+    all_inside,
     compose,
     new_information,
     new_information_in_turn,
@@ -144,7 +145,7 @@ class RatingFunction:
         claimed : ndarray of uint8, shape (n_cells,), optional
             1 at cells that a teammate is about to see: they are left out of the histogram.
         """
-        ids = np.asarray(ids, dtype=np.int64)
+        ids = self.check(map_, ids)
         out = np.empty(len(ids))
         nx, ny = map_.grid.shape
         new_information(
@@ -157,7 +158,7 @@ class RatingFunction:
         self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
     ) -> NDArray[np.int64]:
         """Number of never-sampled cells in view of each pose, shape (k,)."""
-        ids = np.asarray(ids, dtype=np.int64)
+        ids = self.check(map_, ids)
         out = np.empty(len(ids), dtype=np.int64)
         nx, ny = map_.grid.shape
         unknown_cells(
@@ -171,6 +172,7 @@ class RatingFunction:
         alive = np.empty(len(self.fan.all_beams), dtype=np.uint64)
         visible, entries = np.empty((2, self.fan.n_visible), dtype=np.int64)
         nx, ny = map_.grid.shape
+        (pose_id,) = self.check(map_, [pose_id])
         n = view(
             map_.levels, map_.sampled_cells, nx, ny, pose_id, self._fan, alive, visible, entries
         )
@@ -207,7 +209,7 @@ class RatingFunction:
         counts once. `ids` and `current`, both of shape (n_robots,), are the new poses and the
         ones before.
         """
-        ids = np.asarray(ids, dtype=np.int64)
+        ids = self.check(map_, ids)
         ni = np.empty(len(ids))
         nx, ny = map_.grid.shape
         new_information_in_turn(
@@ -220,8 +222,8 @@ class RatingFunction:
         self, map_: OccupancyMap, ids: ArrayLike, current: ArrayLike, ni: NDArray[np.float64]
     ) -> Ratings:
         """Eq. 9 from new information that is known already; `current` is one pose or one each."""
-        ids = np.asarray(ids, dtype=np.int64)
-        start = np.asarray(current, dtype=np.int64)
+        ids = self.check(map_, ids)
+        start = self.check(map_, current)
         d, p, rating = np.empty((3, len(ids)))
         lattice, s = self.lattice, self.settings
         compose(
@@ -231,3 +233,21 @@ class RatingFunction:
             map_.range.probability, map_.range.clamp, ni, d, p, rating,
         )  # fmt: skip
         return Ratings(ni, d, p, rating)
+
+    def check(self, map_: OccupancyMap, ids: ArrayLike) -> NDArray[np.int64]:
+        """Pose numbers as an array; kernels trust them and the map, so both are checked here.
+
+        Raises
+        ------
+        ValueError
+            If a number is no pose of the lattice, or the map is of another shape or clamp.
+        """
+        numbers = np.asarray(ids, dtype=np.int64)
+        if not all_inside(numbers, self.lattice.n_poses):
+            raise ValueError(f"pose numbers lie in 0 ... {self.lattice.n_poses - 1}, got {numbers}")
+        if map_.grid.shape != self.lattice.grid.shape or map_.range.clamp != self._gray[-1]:
+            raise ValueError(
+                f"the map ({map_.grid.shape}, clamp {map_.range.clamp}) is not of the kind that "
+                f"is rated here ({self.lattice.grid.shape}, clamp {self._gray[-1]})"
+            )
+        return numbers

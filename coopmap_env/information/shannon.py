@@ -36,6 +36,7 @@ class BeamInformation:
     """
 
     def __init__(self, rating: RatingFunction) -> None:
+        self._rating = rating
         self._fan = rating.fan
         self._start, self._entries = _entries_of_beams(rating.fan)
         self._nobody = np.zeros(rating.lattice.grid.n_cells, dtype=np.uint8)
@@ -44,7 +45,7 @@ class BeamInformation:
         self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
     ) -> NDArray[np.float64]:
         """Nats, shape (k,), of lattice poses `ids` (k,); `claimed` cells are left out."""
-        ids = np.asarray(ids, dtype=np.int64)
+        ids = self._rating.check(map_, ids)
         out = np.empty(len(ids))
         nx, ny = map_.grid.shape
         mutual_information(

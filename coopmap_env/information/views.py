@@ -12,6 +12,15 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
+def all_inside(numbers, n):
+    """Whether every number lies in 0 ... n - 1."""
+    for k in range(len(numbers)):
+        if numbers[k] < 0 or numbers[k] >= n:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
 def most_visible(fan):
     """Cells of the largest fan: as many as a view can show."""
     start = fan[0]

@@ -77,13 +77,15 @@ class BeamModel:
 
 @njit(cache=True, nogil=True)
 def end_weights(entries, exits, n, z, sigma, enters, weights):
-    """Write w_k, the probability that the beam ended at cell k of n; return the best k.
+    """Write w_k, the probability that the beam ended at cell k of n; return the likeliest k.
 
     `entries` and `exits` are the distances at which the beam enters and leaves each cell. If no
-    cell explains z, the cell that holds z does.
+    cell explains z, the cell that holds z does. The likeliest cell, to which the Gaussian of the
+    point belongs, is that of the largest L_k: the prior would pull it towards the camera.
     """
     total = 0.0
     prior = 1.0
+    highest = 0.0
     best = 0
     for k in range(n):
         if enters:
@@ -100,8 +102,8 @@ def end_weights(entries, exits, n, z, sigma, enters, weights):
         weights[k] = prior * likelihood
         total += weights[k]
         prior *= 0.5
-        if weights[k] > weights[best]:
-            best = k
+        if likelihood > highest:
+            best, highest = k, likelihood
     if total <= 0.0:
         best = n - 1
         for k in range(n):

@@ -58,7 +58,10 @@ def look(occupied, lower, resolution, pose, beams, reach, noise, draws, points, 
         ex, ey = depth * draws[beam, 0], lateral * draws[beam, 1]
         points[beam, 0] = pose[0] + d * ux + c * ex - s * ey
         points[beam, 1] = pose[1] + d * uy + s * ex + c * ey
-        xx, yy = depth * depth, lateral * lateral
+        # what the camera states is Eq. 1 at the distance that it measured, not at the true one
+        mx, my = points[beam, 0] - pose[0], points[beam, 1] - pose[1]
+        scale = intrinsic * math.sqrt(mx * mx + my * my) ** exponent
+        xx, yy = (scale * depth_factor) ** 2, (scale * lateral_factor) ** 2
         covariances[beam, 0, 0] = c * c * xx + s * s * yy
         covariances[beam, 0, 1] = c * s * (xx - yy)
         covariances[beam, 1, 0] = covariances[beam, 0, 1]

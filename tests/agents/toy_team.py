@@ -11,13 +11,15 @@ class ConstantReward(ParallelEnv):
     """Reward 1 a step, whatever the robots do, and an end after `n_steps`.
 
     A robot observes [its number, the share of the episode that is over, the episode's number].
+    Without a clock that share is 0 throughout: nobody sees the end coming.
     """
 
     metadata: ClassVar = {"name": "constant_reward"}
 
-    def __init__(self, n_steps=5, truncates=True, n_robots=2, render_mode=None):
+    def __init__(self, n_steps=5, truncates=True, n_robots=2, clock=True, render_mode=None):
         self.n_steps = n_steps
         self.truncates = truncates
+        self.clock = clock
         self.render_mode = render_mode
         self.possible_agents = [f"robot_{i}" for i in range(n_robots)]
         self.agents = []
@@ -57,7 +59,7 @@ class ConstantReward(ParallelEnv):
         )
 
     def observe(self):
-        share = self.step_number / self.n_steps
+        share = self.step_number / self.n_steps if self.clock else 0.0
         return {
             agent: {"pose": np.array([i, share, self.episode], dtype=np.float32)}
             for i, agent in enumerate(self.possible_agents)

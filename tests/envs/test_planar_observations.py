@@ -6,7 +6,7 @@ from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
 from plain.random_maps import random_map, write
 from plain.rollouts import random_actions
 
-from coopmap_env.envs.observations import Observer, view_offsets
+from coopmap_env.envs.local_map import view_offsets
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.settings import PlanarSettings
 from coopmap_env.information import RatingSettings
@@ -22,7 +22,7 @@ def env_of(n_robots=1, world=None, **changes):
 
 
 def look(env, robot=0):
-    return env._observer.observe(env.belief(), robot)
+    return env._observe()[f"robot_{robot}"]
 
 
 def shown(image, channel, value=255):
@@ -225,8 +225,8 @@ def test_huge_costs_end_at_the_limit():
 
 def test_masks_of_observations_and_infos_agree_and_masked_rows_are_zero():
     world = open_world(8, 8)
-    arguments = {"n_robots": 2, "action_mode": "candidates", "n_candidates": 700, "max_scans": 3}
-    env = env_in(world, settings=PlanarSettings(start_radius=1.0), **arguments)
+    arguments = {"n_robots": 2, "action_mode": "candidates", "n_candidates": 400, "max_scans": 3}
+    env = env_in(world, settings=PlanarSettings(start_radius=1.0, reach=2.0), **arguments)
     observations, infos = env.reset(seed=0)
     rng, full = np.random.default_rng(0), []
     while env.agents:
@@ -236,7 +236,7 @@ def test_masks_of_observations_and_infos_agree_and_masked_rows_are_zero():
             assert mask.dtype == infos[agent]["action_mask"].dtype == np.int8
             np.testing.assert_array_equal(mask, infos[agent]["action_mask"])
             offers = env.belief().offers[robot]
-            assert mask.sum() == len(offers) < 700
+            assert mask.sum() == len(offers) < 400
             assert mask[: len(offers)].all()
             features = observation["candidates"]
             assert not features[len(offers) :].any()
@@ -254,10 +254,9 @@ def test_observations_are_new_arrays_each_time():
         np.testing.assert_array_equal(value, kept[key])
 
 
-def test_the_page_of_the_observations_counts_right():
+def test_the_corners_of_the_picture_are_half_a_side_away():
     offsets = view_offsets(SIDE, 16)
     assert offsets.shape == (16, SIDE * SIDE, 2)
-    assert Observer.__doc__
     # heading 0, corner [0, 0]: 7.5 cells back and to the right of a cell centre
     assert offsets[0, 0].tolist() == [-7, -7]
     assert offsets[0, -1].tolist() == [8, 8]

@@ -89,7 +89,8 @@ class PlainMap:
         if border < z:
             intervals.append((z, z + 1))
         w = end_probabilities(intervals, z, sigma, self.surface)
-        best = w.index(max(w))
+        fits = [likelihood(a, b, z, sigma, self.surface) for a, b in intervals]
+        best = fits.index(max(fits)) if any(fits) else w.index(1.0)
         for k, (cell, _, _) in enumerate(ends):
             said.append((cell, level(w[k] + 0.5 * sum(w[:k]), lowest, highest)))
             if sum(w[: k + 1]) > CUT and k >= best:

@@ -148,7 +148,7 @@ def test_covariances_are_eq_1_turned_into_the_world_by_eq_3():
     pose = (*center_of(world), 2.3)
     camera = PlanarCamera(2 * math.pi, 15.0, 60)
     scan, _ = measured(world, pose, camera, noise)
-    _, distance = measured(world, pose, camera)
+    distance = np.linalg.norm(scan.points - scan.origin, axis=1)  # the measured one
     c, s = math.cos(pose[2]), math.sin(pose[2])
     sigma = noise.standard_deviations(distance, 2)
     plain = rotate_covariances(sigma[..., None] ** 2 * np.eye(2), np.array([[c, -s], [s, c]]))
