@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from coopmap_env.envs.belief import Belief
 
 from .planner import Claimed, Coordination, Planner, Search
-from .utility import minus_motion
+from .utility import checked_weight, minus_motion
 
 
 class CoveragePolicy(Planner):
@@ -29,7 +29,7 @@ class CoveragePolicy(Planner):
         motion_weight: float = 0.02,
     ) -> None:
         super().__init__(search, coordination)
-        self.motion_weight = motion_weight
+        self.motion_weight = checked_weight(motion_weight)
 
     def score(
         self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed

@@ -11,7 +11,7 @@ from coopmap_env.envs.belief import Belief
 from coopmap_env.information import BeamInformation
 
 from .planner import Claimed, Coordination, Planner, Search
-from .utility import minus_motion
+from .utility import checked_weight, minus_motion
 
 
 class InformationGainPolicy(Planner):
@@ -32,7 +32,7 @@ class InformationGainPolicy(Planner):
         motion_weight: float = 0.002,
     ) -> None:
         super().__init__(search, coordination)
-        self.motion_weight = motion_weight
+        self.motion_weight = checked_weight(motion_weight)
         self._beams: BeamInformation | None = None
         self._rating: object = None
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,3 +16,10 @@ def minus_motion(
     """`gain` (k,) minus `weight` times the distance (Eq. 5) from the robot's pose."""
     rated = belief.rating.compose(belief.map, ids, [belief.pose_ids[robot]], gain)
     return gain - weight * rated.distance
+
+
+def checked_weight(weight: float) -> float:
+    """Return the weight of the motion, or raise ValueError with it."""
+    if not isinstance(weight, int | float) or not (math.isfinite(weight) and weight >= 0):
+        raise ValueError(f"motion_weight must be finite and >= 0, got {weight!r}")
+    return weight

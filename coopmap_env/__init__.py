@@ -1,9 +1,20 @@
 """Cooperative active mapping: robots with cameras build one probabilistic map."""
 
-from coopmap_env import evaluation, planar_v0
+from types import ModuleType
+
+from coopmap_env import planar_v0
 from coopmap_env.envs.registration import register as _register
 
 __version__ = "0.1.0"
 __all__ = ["evaluation", "planar_v0"]
 
 _register()
+
+
+def __getattr__(name: str) -> ModuleType:
+    # loaded on first use: its statistics import scipy.stats, which takes longer than all the rest
+    if name == "evaluation":
+        import coopmap_env.evaluation as module
+
+        return module
+    raise AttributeError(f"module 'coopmap_env' has no attribute {name!r}")

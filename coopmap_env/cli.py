@@ -80,7 +80,7 @@ class Evaluate:
     def run(self) -> None:
         """Play all episodes, write the files, print a summary."""
         from coopmap_env import evaluation
-        from coopmap_env.evaluation.evaluate import write_episodes
+        from coopmap_env.evaluation.comparison import write_episodes
         from coopmap_env.evaluation.jobs import write_atomically
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]

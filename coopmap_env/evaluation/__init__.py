@@ -1,7 +1,14 @@
-"""One honest evaluation for planners and learned policies alike."""
+"""One honest evaluation for planners and learned policies alike.
 
-from coopmap_env.evaluation.evaluate import Evaluation, compare, evaluate, summarize
+``evaluate`` plays one policy, ``compare`` many on the same worlds; ``summarize`` gives intervals.
+"""
+
+from typing import TYPE_CHECKING, Any
+
 from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
+
+if TYPE_CHECKING:
+    from coopmap_env.evaluation.comparison import Evaluation, compare, evaluate, summarize
 
 __all__ = [
     "Evaluation",
@@ -12,3 +19,12 @@ __all__ = [
     "policy_names",
     "summarize",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # loaded on first use, as in `coopmap_env`: policies need no statistics
+    if name in __all__:
+        from coopmap_env.evaluation import comparison
+
+        return getattr(comparison, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

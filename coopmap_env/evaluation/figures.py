@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.evaluation.evaluate import BOOTSTRAP_SEED, Evaluation
+from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation
 from coopmap_env.evaluation.section3 import RASTER, Picture
 from coopmap_env.evaluation.statistics import bootstrap_mean
 from coopmap_env.extras import require

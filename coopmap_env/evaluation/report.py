@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from coopmap_env.evaluation import figures
-from coopmap_env.evaluation.evaluate import BOOTSTRAP_SEED, Evaluation, summarize
+from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, summarize
 from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.section3 import (
     COLUMNS,

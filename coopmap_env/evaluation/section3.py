@@ -20,7 +20,7 @@ from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.settings import PlanarSettings
 from coopmap_env.evaluation import calibration, killian
 from coopmap_env.evaluation.episode import policy_rng
-from coopmap_env.evaluation.evaluate import BOOTSTRAP_SEED, Evaluation, compare
+from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, compare
 from coopmap_env.evaluation.hit_miss import HitMissModel
 from coopmap_env.evaluation.policy import make_policy
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
@@ -63,7 +63,7 @@ class Size:
 
 
 FULL = Size(200, 60, K_SWEEP, 10, 40, 1)
-QUICK = Size(32, 8, (0.1, 0.22, 0.4), 2, 8, 6)
+QUICK = Size(48, 8, (0.1, 0.2, 0.4), 2, 8, 6)
 
 
 def spec(search: int | str) -> str:

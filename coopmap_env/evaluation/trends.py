@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from coopmap_env.evaluation.evaluate import BOOTSTRAP_SEED, Evaluation
+from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation
 from coopmap_env.evaluation.statistics import Interval, equivalence, ordered_alternative
 
 EQUAL_WITHIN = 0.15

@@ -35,9 +35,9 @@ class RatingSettings:
         If a value is outside of its range.
     """
 
-    K: float = 0.22
+    K: float = 0.2
     """Weight of the motion, nats per unit of d**n; chosen on training worlds so that the trends of
-    the paper's Section 3 hold. NI is at most ln(n_gray): a move of 19 m is never worth it."""
+    the paper's Section 3 hold. NI is at most ln(n_gray): a move of 20 m or more is hardly ever worth it."""
     exponent: float = 1.0
     """n of Eq. 9."""
     alpha_position: float = 1.0

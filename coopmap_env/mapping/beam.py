@@ -18,6 +18,11 @@ thick, met at any distance alike. The sum above is that for cells of three sigma
 It is not made for cells much finer than sigma: the prior moves the end of the beam by
 sigma**2 ln 2 / h toward the camera, h being the length of a cell, and P goes to half of a normal
 distribution function there. Such a beam frees the cells far before z and says nothing about z.
+
+In recorded data a wall fills a part of its cells, and beams pass beside it through the rest. Then
+(surface "partial") a beam ends anywhere along its way, half of all beams within each cell's length:
+w_k counts the length of the way through cell k, and a beam that crosses a corner only says little
+of the cell. Within a scan, a beam that passes does not speak against one that ends in the cell.
 """
 
 from __future__ import annotations
@@ -52,17 +57,20 @@ class BeamModel:
     """Lowest occupancy that a single scan may claim for a cell."""
     occupied: float = 0.998
     """Highest occupancy that a single scan may claim for a cell."""
-    surface: Literal["entry", "anywhere"] = "entry"
+    surface: Literal["entry", "anywhere", "partial"] = "entry"
     """Where the surface of an occupied cell lies: at the face by which the beam enters, if the
-    cells are the obstacles; anywhere inside, if cells merely contain surfaces (recorded data)."""
+    cells are the obstacles; anywhere inside, if cells merely contain surfaces; in a part of the
+    cell, beside which other beams of the scan may pass (recorded data)."""
 
     def __post_init__(self) -> None:
         if not 0 < self.free < 0.5 < self.occupied < 1:
             raise ValueError(
                 f"BeamModel needs 0 < free < 0.5 < occupied < 1, got {self.free}, {self.occupied}"
             )
-        if self.surface not in ("entry", "anywhere"):
-            raise ValueError(f"BeamModel.surface is 'entry' or 'anywhere', got {self.surface!r}")
+        if self.surface not in ("entry", "anywhere", "partial"):
+            raise ValueError(
+                f"BeamModel.surface is 'partial', 'entry' or 'anywhere', got {self.surface!r}"
+            )
 
     @property
     def levels(self) -> tuple[int, int]:
@@ -73,6 +81,11 @@ class BeamModel:
     def enters(self) -> bool:
         """Whether surfaces lie at the entry face."""
         return self.surface == "entry"
+
+    @property
+    def partial(self) -> bool:
+        """Whether surfaces fill a part of their cells."""
+        return self.surface == "partial"
 
 
 @njit(cache=True, nogil=True)
@@ -118,6 +131,30 @@ def end_weights(entries, exits, n, z, sigma, enters, weights):
 
 
 @njit(cache=True, nogil=True)
+def end_weights_along(entries, exits, n, z, sigma, weights):
+    """Like `end_weights`, for a beam that may end anywhere along its way (surface "partial").
+
+    w_k proportional to (1/2)**entry_k * integral of N(z; s, sigma) ds over the way through cell k,
+    distances in cells.
+    """
+    total = 0.0
+    highest = 0.0
+    best = 0
+    scale = 1.0 / (sigma * math.sqrt(2.0))
+    for k in range(n):
+        share = math.erf((exits[k] - z) * scale) - math.erf((entries[k] - z) * scale)
+        weights[k] = 0.5 ** (entries[k] - entries[0]) * share
+        total += weights[k]
+        if share > highest:
+            best, highest = k, share
+    if total <= 0.0:
+        return end_weights(entries, exits, n, z, sigma, False, weights)
+    for k in range(n):
+        weights[k] /= total
+    return best
+
+
+@njit(cache=True, nogil=True)
 def level_of_beam(weight, before, lowest, highest):
     """Fixed-point log-odds of P_k = w_k + before / 2, inside what one scan may claim."""
     p = weight + 0.5 * before
@@ -137,7 +174,8 @@ def beam_occupancy(
     Parameters
     ----------
     entries, exits : array_like, shape (n,)
-        Distances at which the beam enters and leaves each cell, in any unit.
+        Distances at which the beam enters and leaves each cell, in any unit (cells if surfaces
+        are partial).
     z, sigma : float
         Observed distance and its standard deviation, same unit; sigma > 0.
 
@@ -152,6 +190,9 @@ def beam_occupancy(
     if not sigma > 0:
         raise ValueError(f"sigma must be > 0, got {sigma}")
     weights = np.empty(len(entries))
-    end_weights(entries, exits, len(entries), z, sigma, model.enters, weights)
+    if model.partial:
+        end_weights_along(entries, exits, len(entries), z, sigma, weights)
+    else:
+        end_weights(entries, exits, len(entries), z, sigma, model.enters, weights)
     before = np.concatenate([[0.0], np.cumsum(weights)[:-1]])
     return weights + 0.5 * before

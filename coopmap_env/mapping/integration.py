@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from coopmap_env.geometry.traversal import advance, begin
-from coopmap_env.mapping.beam import CUT, WINDOW, end_weights, level_of_beam
+from coopmap_env.mapping.beam import CUT, WINDOW, end_weights, end_weights_along, level_of_beam
 from coopmap_env.mapping.gaussian import add_observation
 
 MIN_SIGMA = 0.01
@@ -51,13 +51,26 @@ def _center_offset(point, cell, lower, resolution, shape, offset):
         cell //= shape[axis]
 
 
+@njit(cache=True, nogil=True, inline="always")
+def strongest(one, other):
+    """Which of two beams' levels counts where surfaces are partial: ends before passes."""
+    return max(one, other) if one > 0 or other > 0 else min(one, other)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def through(level, way):
+    """A passing beam's level, in proportion to its way through the cell (in cells), at most 1."""
+    return math.floor(level * min(way, 1.0) + 0.5)
+
+
 @njit(cache=True, nogil=True)
 def walk_beams(
     origin, points, covariances, hit, lower, resolution, shape,
-    bounds, enters, precision, vector, pending, touched,
+    bounds, enters, partial, precision, vector, pending, touched,
 ):  # fmt: skip
     """Walk every beam of a scan; sum what they say per cell; merge the hits' Gaussians.
 
+    Where surfaces are `partial`, the strongest claim on a cell counts instead of the sum.
     `pending` (n_cells,) int32 holds the summed levels, zero between scans and kept off zero for
     the cells of this one, which `touched` (n_cells + 1,) lists. Returns how many there are.
     """
@@ -105,6 +118,14 @@ def walk_beams(
         t = 0.0
         # free for certain
         until = min(clear, end)
+        while partial and t < until:
+            crossed, entry = cell, t
+            cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
+            level = through(lowest, t - entry)
+            so_far = pending[crossed]
+            touched[count] = crossed
+            count += so_far == 0 and level != 0
+            pending[crossed] = strongest(so_far, level)
         while t < until:
             so_far = pending[cell]
             touched[count] = cell
@@ -127,15 +148,24 @@ def walk_beams(
             entries[n] = z
             exits[n] = z + 1.0
             candidates = n + 1
-        best = end_weights(entries, exits, candidates, z, sigma, enters, weights)
+        if partial:
+            best = end_weights_along(entries, exits, candidates, z, sigma, weights)
+        else:
+            best = end_weights(entries, exits, candidates, z, sigma, enters, weights)
         before = 0.0
         for k in range(n):
             level = level_of_beam(weights[k], before, lowest, highest)
             before += weights[k]
             so_far = pending[cells[k]]
             touched[count] = cells[k]
-            count += so_far == 0
-            pending[cells[k]] = so_far + level if so_far != -level else 1
+            if partial:
+                if level < 0:
+                    level = through(level, exits[k] - entries[k])
+                count += so_far == 0 and level != 0
+                pending[cells[k]] = strongest(so_far, level)
+            else:
+                count += so_far == 0
+                pending[cells[k]] = so_far + level if so_far != -level else 1
             if before > CUT and k >= best:
                 break
         if best < n:
@@ -170,12 +200,12 @@ def apply_updates(levels, sampled, pending, touched, count, bounds, clamp, entro
 
 @njit(cache=True, nogil=True)
 def integrate_scan(
-    origin, points, covariances, hit, lower, resolution, shape, bounds, enters,
+    origin, points, covariances, hit, lower, resolution, shape, bounds, enters, partial,
     precision, vector, pending, touched, levels, sampled, clamp, entropy,
 ):  # fmt: skip
     """Fuse one scan; return the touched cells' number, the new ones', the drop of entropy."""
     count = walk_beams(
-        origin, points, covariances, hit, lower, resolution, shape, bounds, enters,
+        origin, points, covariances, hit, lower, resolution, shape, bounds, enters, partial,
         precision, vector, pending, touched,
     )  # fmt: skip
     new, drop = apply_updates(levels, sampled, pending, touched, count, bounds, clamp, entropy)

@@ -40,7 +40,8 @@ class OccupancyMap:
     Notes
     -----
     Each cell is updated once per scan: what the beams of one scan say of a cell is summed, bounded
-    by what a single scan may claim, and added to its log-odds. The scans of one `integrate` call
+    by what a single scan may claim, and added to its log-odds; where surfaces are partial (see
+    `BeamModel`), the strongest claim of the scan counts instead of the sum. The scans of one `integrate` call
     may come in any order.
     """
 
@@ -58,6 +59,7 @@ class OccupancyMap:
         self._shape3 = grid.shape3
         self._bounds = self.model.levels
         self._enters = self.model.enters
+        self._partial = self.model.partial
         self.levels = np.zeros(n, dtype=np.int32)
         """Log-odds in fixed point, flat; see `log_odds`."""
         self.sampled_cells = np.zeros(n, dtype=np.uint8)
@@ -90,7 +92,7 @@ class OccupancyMap:
             count, new, drop = integrate_scan(
                 scan.origin, scan.points, scan.covariances, scan.hit,
                 self._lower, self.grid.resolution, self._shape3,
-                self._bounds, self._enters,
+                self._bounds, self._enters, self._partial,
                 self._precision, self._vector, self._pending, self._touched,
                 self.levels, self.sampled_cells, self.range.clamp, self.range.entropy,
             )  # fmt: skip

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.evaluation.episode import Episode, Extent
-from coopmap_env.evaluation.evaluate import Evaluation
+from coopmap_env.evaluation.comparison import Evaluation
 from coopmap_env.evaluation.trends import equal_coverage, extent_falls, raster_views_less
 
 

@@ -8,7 +8,7 @@ import pytest
 import coopmap_baselines
 from coopmap_env import evaluation, planar_v0
 from coopmap_env.evaluation.episode import Episode, Extent, episode_from_dict, run_episode
-from coopmap_env.evaluation.evaluate import Evaluation, compare, summarize, write_episodes
+from coopmap_env.evaluation.comparison import Evaluation, compare, summarize, write_episodes
 from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
 from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
 from coopmap_env.mapping import OccupancyMap, VoxelGrid

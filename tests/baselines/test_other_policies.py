@@ -1,0 +1,245 @@
+"""What each of the other reference planners says of itself."""
+
+import itertools
+import math
+
+import coopmap_baselines
+import numpy as np
+import pytest
+from coopmap_baselines.frontier import FrontierPolicy
+from coopmap_baselines.planner import feasible_poses
+from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id, world_of
+from plain.random_maps import random_map, write
+from plain.views import visible_cells
+
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.robots import Reach
+from coopmap_env.sensing import PlanarCamera
+
+SETTINGS = PlanarSettings(noise=NO_NOISE)
+
+
+def chosen(policy, belief, robot=0):
+    """Pose number of a robot's action."""
+    agent = belief.agents[robot]
+    pose, refused = belief.actions.decode(agent, policy.act(belief, {})[agent], belief)
+    assert refused == ""
+    return pose
+
+
+def write_random_map(env, rng):
+    """Random knowledge around a robot that stands on a free cell; return the belief."""
+    belief = place(env, (20, 20, int(rng.integers(16))))
+    known = random_map(rng, (40, 40), unknown=0.15, occupied=0.1)
+    belief.map.levels[:], belief.map.sampled_cells[:] = known.levels, known.sampled_cells
+    belief.map.mark_free([20 * 40 + 20])
+    return belief
+
+
+# frontier
+
+
+def test_frontier_goes_to_the_nearest_frontier_by_path_not_as_the_crow_flies():
+    # '#' is known to be occupied, '.' to be free; beyond the drawing all is unknown.
+    drawing = """
+        #################
+        #...............#
+        #.#############.#
+        #.#...........#.#
+        #.#...........#.#
+        #.#...........#.#
+        #.#...........#.#
+        #.............#.#
+        #.#############.#
+        #.#...........#.#
+        #.#...........#.#
+        #.#...........#.#
+        #.#############.#
+        #...............#
+        #################
+    """
+    drawn = world_of(drawing).occupied
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    belief = place(env, (16, 17, 0))
+
+    def know(unknown):
+        belief.map.clear()
+        for (i, j), wall in np.ndenumerate(drawn):
+            write(belief.map, [(10 + i) * 40 + 10 + j], 0.99 if wall else 0.01)
+        for i, j in unknown:
+            belief.map.levels[(10 + i) * 40 + 10 + j] = 0
+            belief.map.sampled_cells[(10 + i) * 40 + 10 + j] = 0
+
+    # (6, 7) is the robot's drawing cell; the room below it ends at a wall of row 6.
+    know(unknown=[(6, 5), (13, 7)])  # 2 below, but behind a wall; and 7 to the right, in the open
+    cell = chosen(FrontierPolicy(), belief) // 16
+    assert divmod(cell, 40) == (22, 17)
+
+
+def test_frontier_takes_the_first_cell_by_path_from_which_the_unknown_shows():
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    rng, seen = np.random.default_rng(0), 0
+    for _ in range(30):
+        belief = write_random_map(env, rng)
+        map_, pose = belief.map, chosen(FrontierPolicy(), belief)
+        steps = Reach.search(map_, belief.cell(0)).steps
+        unknown = np.pad(~map_.sampled, 1)
+        beside = unknown[2:, 1:-1] | unknown[:-2, 1:-1] | unknown[1:-1, 2:] | unknown[1:-1, :-2]
+        ids = feasible_poses(belief, 0)
+        frontier = ids[beside.ravel()[ids // 16]]
+        shows = belief.rating.unknown_cells(map_, frontier)
+        assert frontier[shows > 0].size
+        assert beside.flat[pose // 16]
+        assert steps[pose // 16] == steps[frontier[shows > 0] // 16].min()
+        here = frontier[frontier // 16 == pose // 16]
+        assert shows[frontier == pose] == belief.rating.unknown_cells(map_, here).max()
+        seen += steps[pose // 16] > 1
+    assert seen > 3
+
+
+def test_frontier_without_a_frontier_takes_the_nearest_cell_that_shows_the_unknown():
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    known = np.zeros((40, 40), dtype=bool)
+    known[10:31, 10:31] = True
+    place(env, (20, 20, 0), known=known)
+    belief = env.belief()
+    edge = known.copy()
+    edge[11:30, 11:30] = False
+    write(belief.map, np.flatnonzero(edge), 0.2)  # sampled, but not known to be free
+    pose = chosen(FrontierPolicy(), belief)
+    assert pose // 16 == 20 * 40 + 20
+    shown = belief.rating.unknown_cells(belief.map, np.arange(16) + 820 * 16)
+    assert shown[pose % 16] == shown.max() > 0
+
+
+def test_frontier_stays_feasible_when_everything_is_known():
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    belief = place(env, (20, 20, 5), known=np.ones((40, 40), dtype=bool))
+    assert chosen(FrontierPolicy(), belief) // 16 == belief.cell(0)
+
+
+# raster
+
+
+def test_raster_visits_the_poses_in_sequence_and_wraps_around():
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    cells = [(19, 20), (20, 20), (20, 21)]
+    known = [x * 40 + y for x, y in cells]
+    everything = [pose_id(env, x, y, heading) for x, y in cells for heading in range(16)]
+    policy = coopmap_baselines.make("raster")
+    at, visited = (20, 20, 14), []
+    for _ in range(2 * len(everything)):
+        pose = chosen(policy, place(env, at, known=known))
+        visited.append(pose)
+        at = (*divmod(pose // 16, 40), pose % 16)
+    first = everything.index(pose_id(env, 20, 20, 15))
+    turned = everything[first:] + everything[:first]
+    assert visited == turned * 2
+
+
+def test_raster_takes_the_next_candidate_in_sequence():
+    env = PlanarEnv(1, "candidates", n_candidates=6, max_scans=10)
+    observations, _ = env.reset(seed=0)
+    policy = coopmap_baselines.make("raster")
+    while env.agents:
+        here, offers = env.belief().pose_ids[0], env.belief().offers[0]
+        later = offers[offers > here]
+        expected = later.min() if later.size else offers.min()
+        observations, *_ = env.step(policy.act(env.belief(), observations))
+        assert env.belief().pose_ids == (expected,)
+
+
+# random
+
+
+@pytest.mark.parametrize("mode", ["pose", "candidates"])
+def test_random_takes_every_pose_as_often(mode):
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS, action_mode=mode, n_candidates=40)
+    belief = place(env, (20, 20, 0), known=[20 * 40 + 21])
+    policy = coopmap_baselines.make("random")
+    policy.reset(np.random.default_rng(0))
+    counts = np.bincount([chosen(policy, belief) for _ in range(3200)])
+    counts = counts[counts > 0]
+    assert len(counts) == 32
+    np.testing.assert_allclose(counts, 100, atol=40)  # four standard errors
+
+
+# information gain
+
+
+def first_hit_entropy(p):
+    """Entropy of the first occupied cell along a beam, over all 2^k maps of its k cells."""
+    chances = dict.fromkeys(range(len(p) + 1), 0.0)
+    for cells in itertools.product([False, True], repeat=len(p)):
+        chance = math.prod(q if occupied else 1 - q for occupied, q in zip(cells, p, strict=True))
+        chances[cells.index(True) if any(cells) else len(p)] += chance
+    return -sum(c * math.log(c) for c in chances.values() if c > 0)
+
+
+@pytest.mark.parametrize("quarter", range(4))
+def test_one_beam_gains_the_entropy_of_its_reading(quarter):
+    camera = PlanarCamera(field_of_view=0.01, depth_of_field=8.0, n_beams=1)
+    settings = PlanarSettings(camera=camera, noise=NO_NOISE, n_headings=4)
+    env = env_in(open_world(), n_robots=1, settings=settings)
+    policy = coopmap_baselines.make("information_gain", search="exhaustive", motion_weight=0.125)
+    rng = np.random.default_rng(quarter)
+    dx, dy = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
+    for _ in range(5):
+        belief = place(env, (23, 20, 0))
+        cells = [(20 + k * dx) * 40 + 20 + k * dy for k in range(9)]
+        for cell in cells:
+            if rng.random() < 0.7:  # the others are unknown: one half
+                write(belief.map, [cell], rng.uniform(0.01, 0.5))
+        p = belief.map.probability.flat[cells]
+        score = policy.score(belief, 0, np.array([pose_id(env, 20, 20, quarter)]), None)
+        full_view = 9 * math.log(2)
+        # ways of 3 m, the weight of each being an eighth of a full view
+        expected = first_hit_entropy(p) / full_view - 0.125 * 3
+        assert score[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_information_gain_prefers_the_unknown_to_the_certain():
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    policy = coopmap_baselines.make("information_gain", motion_weight=0.0)
+    known = np.zeros((40, 40), dtype=bool)
+    known[20:] = True  # all that lies towards +x
+    scores = policy.score(place(env, (20, 20, 0), known=known), 0, np.arange(16) + 820 * 16, None)
+    assert scores[8] > scores[0]
+    assert np.argmax(scores) not in (14, 15, 0, 1, 2)
+
+
+# coverage
+
+
+def test_coverage_counts_the_unknown_cells_in_view_minus_the_way():
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    policy = coopmap_baselines.make("coverage", motion_weight=0.25)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        belief = write_random_map(env, rng)
+        ids = rng.choice(feasible_poses(belief, 0), 12)
+        claimed = (rng.random(1600) < 0.3).astype(np.uint8)
+        taken = {divmod(int(cell), 40) for cell in np.flatnonzero(claimed)}
+        for mates, left_out in ((None, set()), (claimed, taken)):
+            for pose, score in zip(ids, policy.score(belief, 0, ids, mates), strict=True):
+                seen = visible_cells(belief.map, SETTINGS.camera, belief.lattice, pose)
+                count = sum(not belief.map.sampled[cell] for cell in seen - left_out)
+                x, y, _ = belief.lattice.pose(int(pose))
+                way = math.hypot(x - 20.5, y - 20.5)
+                share = count / belief.rating.fan.n_visible
+                assert score == pytest.approx(share - 0.25 * way, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["coverage", "information_gain"])
+def test_the_heavier_the_motion_the_nearer_the_pose(name, small_scene):
+    env = PlanarEnv(1, scene=small_scene)
+    env.reset(seed=3)
+    ways = []
+    for weight in (0.0, 0.01, 0.1, 10.0):
+        belief = env.belief()
+        policy = coopmap_baselines.make(name, search="exhaustive", motion_weight=weight)
+        pose = chosen(policy, belief)
+        ways.append(np.linalg.norm((belief.lattice.poses(pose) - belief.poses[0])[:2]))
+    assert ways == sorted(ways, reverse=True)
+    assert ways[0] > ways[-1] == 0

@@ -1,0 +1,143 @@
+"""What all reference planners have in common."""
+
+import coopmap_baselines
+import numpy as np
+import pytest
+from coopmap_baselines.planner import feasible_poses, random_poses
+from plain.drawn_worlds import NO_NOISE, env_in, open_world, place
+from plain.rollouts import MODES
+
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.settings import PlanarSettings
+
+POLICIES = [
+    *((name, {}) for name in coopmap_baselines.POLICIES),
+    ("rating_function", {"search": "exhaustive"}),
+    ("rating_function", {"search": 10, "coordination": "sequential"}),
+    ("information_gain", {"search": "exhaustive", "coordination": "sequential"}),
+    ("coverage", {"search": "exhaustive", "coordination": "sequential"}),
+    ("frontier", {"coordination": "sequential"}),
+]
+SCORING = ["rating_function", "information_gain", "coverage", "frontier"]
+
+
+def episode(env, policy, seed=1, rng=0):
+    """Actions, pose numbers and reasons for refusal of every step."""
+    observations, _ = env.reset(seed=seed)
+    policy.reset(np.random.default_rng(rng))
+    steps = []
+    while env.agents:
+        actions = policy.act(env.belief(), observations)
+        assert list(actions) == env.agents
+        for agent, action in actions.items():
+            assert env.action_space(agent).contains(action)
+        observations, _, _, _, infos = env.step(actions)
+        refused = tuple(info["refused"] for info in infos.values())
+        steps.append((env.belief().pose_ids, refused))
+    return steps
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("name", "options"), POLICIES)
+def test_whole_episodes_without_a_refusal_the_same_again_with_the_same_generator(
+    name, options, mode, small_scene
+):
+    env = PlanarEnv(2, mode, scene=small_scene, max_scans=6, n_candidates=12)
+    policy = coopmap_baselines.make(name, **options)
+    first = episode(env, policy)
+    assert all(refused == ("", "") for _, refused in first)
+    episode(env, policy, seed=5, rng=3)  # a used policy starts afresh
+    assert episode(env, policy) == first
+    assert episode(env, coopmap_baselines.make(name, **options)) == first
+
+
+@pytest.mark.parametrize(("name", "options"), POLICIES)
+def test_planning_changes_neither_belief_nor_environment(name, options):
+    env = PlanarEnv(2, max_scans=3)
+    env.reset(seed=0)
+    belief = env.belief()
+    state, map_ = env.state(), belief.map.copy()
+    coopmap_baselines.make(name, **options).act(belief, {})
+    np.testing.assert_array_equal(env.state(), state)
+    np.testing.assert_array_equal(belief.map.levels, map_.levels)
+    assert env.belief() is belief
+
+
+@pytest.mark.parametrize(("name", "options"), POLICIES)
+def test_a_robot_that_is_walled_in_turns_where_it_stands(name, options):
+    env = env_in(open_world(), n_robots=1)
+    belief = place(env, (20, 20, 3))
+    *_, infos = env.step(coopmap_baselines.make(name, **options).act(belief, {}))
+    assert infos["robot_0"]["refused"] == ""
+    assert env.belief().cell(0) == belief.cell(0)
+
+
+@pytest.mark.parametrize("name", ["rating_function", "information_gain", "coverage"])
+@pytest.mark.parametrize("m", [1, 10, 10**6])
+def test_random_m_takes_the_best_of_its_sample(name, m, small_scene):
+    env = PlanarEnv(2, scene=small_scene, max_scans=5)
+    policy = coopmap_baselines.make(name, search=m)
+    observations, _ = env.reset(seed=2)
+    policy.reset(np.random.default_rng(7))
+    rng = np.random.default_rng(7)  # draws what the policy draws
+    while env.agents:
+        belief = env.belief()
+        actions = policy.act(belief, observations)
+        for robot, agent in enumerate(belief.agents):
+            sample = random_poses(belief, robot, m, rng)
+            feasible = feasible_poses(belief, robot)
+            assert len(set(sample.tolist())) == len(sample) == min(m, len(feasible))
+            assert np.isin(sample, feasible).all()
+            scores = policy.score(belief, robot, sample, None)
+            chosen, _ = belief.actions.decode(agent, actions[agent], belief)
+            assert scores[sample.tolist().index(chosen)] == scores.max()
+        observations, *_ = env.step(actions)
+
+
+def test_feasible_poses_are_all_headings_at_all_feasible_cells():
+    belief = place(env_in(open_world(), n_robots=1), (20, 20, 3), known=[20 * 40 + 21, 900])
+    expected = {cell * 16 + heading for cell in (820, 821) for heading in range(16)}
+    assert set(feasible_poses(belief, 0).tolist()) == expected
+    assert len(feasible_poses(belief, 0)) == 32
+
+
+def test_among_candidates_the_planners_search_only_those():
+    env = PlanarEnv(2, "candidates", n_candidates=5, max_scans=4)
+    env.reset(seed=0)
+    for search in (3, 100, "exhaustive"):
+        policy = coopmap_baselines.make("rating_function", search=search)
+        for robot in range(2):
+            offered = env.belief().offers[robot]
+            np.testing.assert_array_equal(policy.candidates(env.belief(), robot), offered)
+
+
+def overlap(belief, actions):
+    """Cells that both robots' views show."""
+    views = []
+    for agent, action in actions.items():
+        pose, _ = belief.actions.decode(agent, action, belief)
+        views.append(set(belief.rating.visible_cells(belief.map, pose).tolist()))
+    return len(views[0] & views[1])
+
+
+@pytest.mark.parametrize("name", SCORING)
+def test_in_sequence_robots_at_one_place_look_elsewhere(name):
+    env = env_in(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
+    known = np.zeros((40, 40), dtype=bool)
+    known[19:22, 19:22] = True
+    belief = place(env, (20, 20, 0), (20, 20, 0), known=known)
+    options = {} if name == "frontier" else {"search": "exhaustive"}
+    alone = coopmap_baselines.make(name, **options).act(belief, {})
+    in_turn = coopmap_baselines.make(name, coordination="sequential", **options).act(belief, {})
+    np.testing.assert_array_equal(alone["robot_0"], alone["robot_1"])
+    np.testing.assert_array_equal(in_turn["robot_0"], alone["robot_0"])
+    assert overlap(belief, in_turn) < 0.2 * overlap(belief, alone)
+
+
+@pytest.mark.parametrize("name", SCORING)
+def test_a_team_of_one_has_nobody_to_wait_for(name, small_scene):
+    env = PlanarEnv(1, scene=small_scene, max_scans=4)
+    options = {} if name == "frontier" else {"search": 20}
+    independent = coopmap_baselines.make(name, **options)
+    sequential = coopmap_baselines.make(name, coordination="sequential", **options)
+    assert episode(env, independent) == episode(env, sequential)

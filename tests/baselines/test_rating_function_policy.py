@@ -1,0 +1,107 @@
+from dataclasses import replace
+
+import coopmap_baselines
+import numpy as np
+import pytest
+from coopmap_baselines.planner import feasible_poses
+from coopmap_baselines.rating_cache import NewInformationCache
+
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.sensing import PlanarCamera
+
+READINGS = ["literal", "distance_free"]
+
+
+def settings_of(reading, resolution=1.0, **changes):
+    base = PlanarSettings.for_resolution(resolution)
+    return replace(base, rating=replace(base.rating, reading=reading), **changes)
+
+
+def play_and_compare(env, policy, seed):
+    """Compare every step's scores with rating all poses anew; return how many poses those are."""
+    observations, _ = env.reset(seed=seed)
+    policy.reset(np.random.default_rng(0))
+    brute = 0
+    while env.agents:
+        belief = env.belief()
+        sequential = policy.coordination == "sequential"
+        claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
+        actions = policy.act(belief, observations)
+        for robot, agent in enumerate(belief.agents):
+            ids = feasible_poses(belief, robot)
+            brute += len(ids)
+            rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot], claimed)
+            counter = policy._cache.n_rated
+            scores = policy.score(belief, robot, ids, claimed)
+            policy._cache.n_rated = counter  # what this test asks does not count
+            np.testing.assert_array_equal(scores, rated.rating)
+            chosen, _ = belief.actions.decode(agent, actions[agent], belief)
+            assert chosen == ids[np.argmax(rated.rating)]
+            if sequential:
+                claimed[belief.rating.visible_cells(belief.map, chosen)] = 1
+        observations, *_ = env.step(actions)
+    return brute
+
+
+@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("coordination", ["independent", "sequential"])
+def test_the_exhaustive_search_rates_all_feasible_poses_at_every_step(
+    coordination, reading, small_scene
+):
+    policy = coopmap_baselines.make(
+        "rating_function", search="exhaustive", coordination=coordination
+    )
+    settings = settings_of(reading, small_scene.resolution)
+    first = PlanarEnv(2, scene=small_scene, max_scans=6, settings=settings)
+    other = PlanarEnv(1, scene=small_scene, max_scans=3, settings=settings)
+    play_and_compare(first, policy, seed=0)
+    cache = policy._cache
+    play_and_compare(first, policy, seed=1)  # another world of the same environment
+    assert policy._cache is cache
+    play_and_compare(other, policy, seed=2)
+    assert policy._cache is not cache
+    play_and_compare(first, policy, seed=0)
+
+
+def test_far_fewer_poses_are_rated_than_there_are():
+    policy = coopmap_baselines.make("rating_function", search="exhaustive")
+    env = PlanarEnv(2, max_scans=12)
+    brute = play_and_compare(env, policy, seed=0)
+    assert 0 < policy._cache.n_rated < 0.6 * brute
+
+
+@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("camera", [PlanarCamera(), PlanarCamera(np.pi, 6.0, 70)])
+def test_remembered_new_information_is_that_of_the_map_as_it_is_now(camera, reading):
+    """Cells change one by one, also back again, at any place and by any amount."""
+    env = PlanarEnv(1, settings=settings_of(reading, camera=camera, n_headings=5))
+    env.reset(seed=0)
+    rating, map_ = env.belief().rating, env.belief().map
+    cache, rng = NewInformationCache(rating), np.random.default_rng(0)
+    cells = (rng.integers(80, 120, (400, 2)) * (200, 1)).sum(axis=1)
+    for _ in range(60):
+        changed = rng.choice(cells, rng.integers(1, 6))
+        map_.sampled_cells[changed] = rng.random() < 0.8
+        map_.levels[changed] = rng.integers(-map_.range.clamp, map_.range.clamp + 1)
+        map_.levels[map_.sampled_cells == 0] = 0
+        ids = rng.choice(cells, 50) * 5 + rng.integers(5, size=50)
+        claimed = np.zeros(map_.grid.n_cells, dtype=np.uint8)
+        claimed[rng.choice(cells, 20)] = 1
+        np.testing.assert_array_equal(
+            cache.new_information(map_, ids), rating.new_information(map_, ids)
+        )
+        np.testing.assert_array_equal(
+            cache.new_information(map_, ids, claimed), rating.new_information(map_, ids, claimed)
+        )
+
+
+def test_a_map_that_did_not_change_is_not_rated_again():
+    env = PlanarEnv(1)
+    env.reset(seed=0)
+    belief = env.belief()
+    cache, ids = NewInformationCache(belief.rating), feasible_poses(belief, 0)
+    cache.new_information(belief.map, ids)
+    assert cache.n_rated == len(ids)
+    cache.new_information(belief.map.copy(), ids[::-1])
+    assert cache.n_rated == len(ids)
