@@ -21,8 +21,8 @@ except ImportError as error:
 class RobotFeatures(BaseFeaturesExtractor):
     """A small convolutional network for the map; everything else is appended flat.
 
-    Two convolutions with a margin, so that any `view_cells` will do (Stable-Baselines3's NatureCNN
-    fails below 36 pixels) and that take half the time of three finer ones: learning is what takes
+    Two convolutions with a margin, so that any `view_cells` will do: Stable-Baselines3's NatureCNN
+    fails below 36 pixels. They take half the time of three finer ones, and learning is what takes
     time here, not the simulation. Candidates are flat too: the network has to learn anew for each
     index what a good candidate looks like.
 

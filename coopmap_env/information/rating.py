@@ -36,8 +36,8 @@ class RatingSettings:
     """
 
     K: float = 0.2
-    """Weight of the motion, nats per unit of d**n; chosen on training worlds so that the trends of
-    the paper's Section 3 hold. NI is at most ln(n_gray): a move of 20 m or more is hardly ever worth it."""
+    """Weight of the motion, nats per unit of d**n. Chosen on 150 training worlds: the trends of the
+    paper's Section 3 hold. NI is at most ln(n_gray), so 20 m of motion are hardly ever worth it."""
     exponent: float = 1.0
     """n of Eq. 9."""
     alpha_position: float = 1.0
