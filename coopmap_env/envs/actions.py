@@ -79,7 +79,7 @@ class PoseMode:
             )
         robot = belief.agents.index(agent)
         reach, _, half_turn = self._scale.tolist()
-        x, y, heading = belief.poses[robot].tolist()
+        x, y, heading = belief.lattice.pose(belief.pose_ids[robot])
         c, s = math.cos(heading), math.sin(heading)
         target = (
             x + reach * (c * ahead - s * left),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from coopmap_env.geometry import to_camera_frame
 from coopmap_env.information import RatingFunction
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import PoseLattice, Reach, is_free, straight_path_is_free
+from coopmap_env.robots import PoseLattice, Reach, why_not
 
 if TYPE_CHECKING:
     from coopmap_env.envs.actions import ActionMode
@@ -81,15 +81,12 @@ class Belief:
         """Why the robot cannot take this pose; empty if it can."""
         if pose_id < 0:
             return "outside the world"
-        start, goal = self.cell(robot), pose_id // self.lattice.n_headings
-        if start == goal:
-            return ""
-        if not self.map.sampled_cells[goal]:
-            return "goal is unknown"
-        if not is_free(self.map.levels, self.map.sampled_cells, goal):
-            return "goal is not known to be free"
-        if straight_path_is_free(self.map, start, goal):
-            return ""
-        if not Reach.search(self.map, start).steps[goal]:
-            return "no path through known free space leads there"
-        return ""
+        return why_not(self.map, self.cell(robot), pose_id // self.lattice.n_headings)
+
+    def moved(
+        self, pose_ids: tuple[int, ...], offers: tuple[NDArray[np.int64], ...] | None = None
+    ) -> Belief:
+        """The same belief with the cameras elsewhere."""
+        return Belief(
+            self.agents, self.map, pose_ids, self.rating, self.reach, self.actions, offers
+        )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -165,7 +164,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             start_rng,
         )
         self._belief.map.mark_free(known)
-        self._belief = replace(self._belief, pose_ids=starts, offers=None)
+        self._belief = self._belief.moved(starts)
         self._trails = [[pose] for pose in self._belief.poses[:, :2]]
         self._scans_done = 0
         self.agents = list(self.possible_agents)
@@ -198,7 +197,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             for robot, (pose_id, refused) in enumerate(wanted)
         )
         rated = before.rating.rate_team(before.map, executed, before.pose_ids)
-        self._belief = replace(before, pose_ids=executed, offers=None)
+        self._belief = before.moved(executed)
         gains = self._scan()
         self._scans_done += 1
         self._offer_candidates()
@@ -326,7 +325,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
                 self._actions.offer(self._belief, robot, self._candidate_rng)
                 for robot in range(len(self.possible_agents))
             )
-            self._belief = replace(self._belief, offers=offers)
+            self._belief = self._belief.moved(self._belief.pose_ids, offers)
 
     def _observe(self) -> dict[str, Observation]:
         return dict(zip(self.agents, self._observer.observe(self._belief), strict=True))

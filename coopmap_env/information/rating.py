@@ -209,21 +209,28 @@ class RatingFunction:
         counts once. `ids` and `current`, both of shape (n_robots,), are the new poses and the
         ones before.
         """
-        ids = self.check(map_, ids)
-        ni = np.empty(len(ids))
+        new, old = self.check(map_, [ids, current])
+        ni = np.empty(len(new))
         nx, ny = map_.grid.shape
         new_information_in_turn(
             map_.levels, map_.sampled_cells, self._nobody,
-            nx, ny, ids, self._fan, self._gray, self._terms, self.settings.n_gray, ni,
+            nx, ny, new, self._fan, self._gray, self._terms, self.settings.n_gray, ni,
         )  # fmt: skip
-        return self.compose(map_, ids, current, ni)
+        return self._compose(map_, new, old, ni)
 
     def compose(
         self, map_: OccupancyMap, ids: ArrayLike, current: ArrayLike, ni: NDArray[np.float64]
     ) -> Ratings:
         """Eq. 9 from new information that is known already; `current` is one pose or one each."""
-        ids = self.check(map_, ids)
-        start = self.check(map_, current)
+        return self._compose(map_, self.check(map_, ids), self.check(map_, current), ni)
+
+    def _compose(
+        self,
+        map_: OccupancyMap,
+        ids: NDArray[np.int64],
+        start: NDArray[np.int64],
+        ni: NDArray[np.float64],
+    ) -> Ratings:
         d, p, rating = np.empty((3, len(ids)))
         lattice, s = self.lattice, self.settings
         compose(
@@ -243,7 +250,7 @@ class RatingFunction:
             If a number is no pose of the lattice, or the map is of another shape or clamp.
         """
         numbers = np.asarray(ids, dtype=np.int64)
-        if not all_inside(numbers, self.lattice.n_poses):
+        if not all_inside(numbers.ravel(), self.lattice.n_poses):
             raise ValueError(f"pose numbers lie in 0 ... {self.lattice.n_poses - 1}, got {numbers}")
         if map_.grid.shape != self.lattice.grid.shape or map_.range.clamp != self._gray[-1]:
             raise ValueError(

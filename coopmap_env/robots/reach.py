@@ -63,32 +63,54 @@ def flood(levels, sampled, nx, ny, start, marks, queue):
     return tail
 
 
+UNKNOWN, NOT_FREE, BLOCKED, CLEAR = range(4)
+
+
 @njit(cache=True, nogil=True)
 def _straight_path(levels, sampled, nx, ny, start, goal):
-    """Whether the straight segment between two cell centres crosses free cells only."""
+    """What is known of the straight segment between two cell centres, the goal first."""
+    if start == goal:
+        return CLEAR
+    if not sampled[goal]:
+        return UNKNOWN
+    if not is_free(levels, sampled, goal):
+        return NOT_FREE
     x0, y0 = start // ny + 0.5, start % ny + 0.5
     ux, uy = goal // ny + 0.5 - x0, goal % ny + 0.5 - y0
     length = np.sqrt(ux * ux + uy * uy)
-    if length == 0.0:
-        return True
     cx, sx, tx, dx, _ = begin(x0, ux / length, nx, ny)
     cy, sy, ty, dy, _ = begin(y0, uy / length, ny, 1)
     cell = cx + cy
     t = 0.0
     while t < length and cell != goal:
         if cell != start and not is_free(levels, sampled, cell):
-            return False
+            return BLOCKED
         cell, tx, ty, _, t = advance(cell, sx, sy, 0, tx, ty, np.inf, dx, dy, np.inf)
-    return is_free(levels, sampled, goal)
+    return CLEAR
+
+
+def why_not(map_: OccupancyMap, start: int, goal: int) -> str:
+    """Why a camera cannot go from one cell to another (constraints i and ii); empty if it can.
+
+    A free straight segment is a path of free face neighbours, and the quickest to find; only if
+    it is blocked the known free space is searched for a way around. The start cell is where the
+    camera already stands and is not asked about.
+    """
+    nx, ny = map_.grid.shape
+    straight = _straight_path(map_.levels, map_.sampled_cells, nx, ny, start, goal)
+    if straight == UNKNOWN:
+        return "goal is unknown"
+    if straight == NOT_FREE:
+        return "goal is not known to be free"
+    if straight == BLOCKED and not Reach.search(map_, start).steps[goal]:
+        return "no path through known free space leads there"
+    return ""
 
 
 def straight_path_is_free(map_: OccupancyMap, start: int, goal: int) -> bool:
-    """Whether the straight segment between the centres of two cells is known to be free.
-
-    The start cell is where the camera already stands and is not asked about.
-    """
+    """Whether the straight segment between the centres of two cells is known to be free."""
     nx, ny = map_.grid.shape
-    return bool(_straight_path(map_.levels, map_.sampled_cells, nx, ny, start, goal))
+    return bool(_straight_path(map_.levels, map_.sampled_cells, nx, ny, start, goal) == CLEAR)
 
 
 @dataclass(frozen=True)
