@@ -85,9 +85,7 @@ def draw_team(
         cell, heading = ids[robot] // n_headings, ids[robot] % n_headings
         image = images[robot]
         flat = image.reshape(image.shape[0], -1)
-        draw_local_map(
-            levels, sampled, nx, ny, cell, offsets[heading], margin, shades, clamp, flat
-        )
+        draw_local_map(levels, sampled, nx, ny, cell, offsets[heading], margin, shades, clamp, flat)
         draw_teammates(poses, robot, resolution, diagonal, image, teammates[robot])
         vectors[robot, 0] = (poses[robot, 0] - origin[0]) / size[0]
         vectors[robot, 1] = (poses[robot, 1] - origin[1]) / size[1]

@@ -114,9 +114,9 @@ class Observer:
                 features = np.zeros((self._n_candidates, N_FEATURES), dtype=np.float32)
                 features[: len(offers)] = self._features(belief, robot, offers)
                 observation["candidates"] = features
-                observation["action_mask"] = (
-                    np.arange(self._n_candidates) < len(offers)
-                ).astype(np.int8)
+                observation["action_mask"] = (np.arange(self._n_candidates) < len(offers)).astype(
+                    np.int8
+                )
             observations.append(observation)
         return observations
 
@@ -147,7 +147,8 @@ class Observer:
         nx, ny = self._shape
         draw_team(
             map_.levels, map_.sampled_cells, nx, ny,
-            np.array(belief.pose_ids), belief.poses, map_.grid.origin, self._size, map_.grid.resolution,
+            np.array(belief.pose_ids), belief.poses,
+            map_.grid.origin, self._size, map_.grid.resolution,
             self._offsets, self._margin, self._shades, map_.range.clamp,
             images, vectors, teammates,
         )  # fmt: skip

@@ -86,7 +86,10 @@ def read_laser_log(path: Path) -> LaserLog:
         raise LaserLogError(f"{path}: no {RECORD} record")
     start, step, max_range, n_beams = heads.pop()
     return LaserLog(
-        np.array(ranges), start + step * np.arange(n_beams), np.array(poses), max_range
+        np.array(ranges),
+        start + step * np.arange(n_beams, dtype=np.float64),
+        np.array(poses),
+        max_range,
     )
 
 

@@ -41,8 +41,8 @@ class OccupancyMap:
     -----
     Each cell is updated once per scan: what the beams of one scan say of a cell is summed, bounded
     by what a single scan may claim, and added to its log-odds; where surfaces are partial (see
-    `BeamModel`), the strongest claim of the scan counts instead of the sum. The scans of one `integrate` call
-    may come in any order.
+    `BeamModel`), the strongest claim of the scan counts instead of the sum. The scans of one
+    `integrate` call may come in any order.
     """
 
     def __init__(
