@@ -19,14 +19,16 @@ class CoveragePolicy(Planner):
     search, coordination
         See `Planner`.
     motion_weight : float
-        Share of a full view that a motion by one unit of d (Eq. 5) must bring.
+        Share of a full view that a motion by one unit of d (Eq. 5) must bring. On training
+        worlds the default has the best area under the coverage curve within a hundredth, with
+        less motion than smaller weights.
     """
 
     def __init__(
         self,
         search: Search = 100,
         coordination: Coordination = "independent",
-        motion_weight: float = 0.02,
+        motion_weight: float = 0.006,
     ) -> None:
         super().__init__(search, coordination)
         self.motion_weight = checked_weight(motion_weight)

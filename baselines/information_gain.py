@@ -2,46 +2,55 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief
-from coopmap_env.information import BeamInformation
+from coopmap_env.information import BeamInformation, entropy
 
 from .planner import Claimed, Coordination, Planner, Search
 from .utility import checked_weight, minus_motion
 
 
 class InformationGainPolicy(Planner):
-    """Mutual information as a share of a full view's entropy N ln 2, minus motion.
+    """Mutual information as a share of a wholly unknown, unobstructed view's, minus motion.
 
     Parameters
     ----------
     search, coordination
         See `Planner`.
     motion_weight : float
-        Share of a full view's entropy that a motion by one unit of d (Eq. 5) must bring.
+        Share of such a view that a motion by one unit of d (Eq. 5) must bring. On training
+        worlds the default has the best area under the coverage curve within a hundredth, with
+        less motion than smaller weights.
+    prior : float
+        Occupancy expected of cells that were never sampled: that of the training worlds.
     """
 
     def __init__(
         self,
         search: Search = 100,
         coordination: Coordination = "independent",
-        motion_weight: float = 0.002,
+        motion_weight: float = 0.006,
+        prior: float = 0.12,
     ) -> None:
         super().__init__(search, coordination)
         self.motion_weight = checked_weight(motion_weight)
+        if not (isinstance(prior, float) and 0 < prior < 1):
+            raise ValueError(f"prior must be a number in (0, 1), got {prior!r}")
+        self.prior = prior
         self._beams: BeamInformation | None = None
         self._rating: object = None
 
     def score(
         self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
     ) -> NDArray[np.float64]:
-        """Share of a full view's entropy, minus the weighted distance."""
+        """Share of a full view's information, minus the weighted distance."""
         if self._beams is None or self._rating is not belief.rating:
-            self._beams, self._rating = BeamInformation(belief.rating), belief.rating
-        full_view = belief.rating.fan.n_visible * math.log(2.0)
+            # a cell at the clamp cannot become more certain: its entropy is no gain
+            clamp = belief.map.range.max_probability
+            self._beams = BeamInformation(belief.rating, self.prior, clamp)
+            self._rating = belief.rating
+        full_view = belief.rating.fan.n_visible * entropy([self.prior, 1.0 - self.prior])
         gain = self._beams.mutual_information(belief.map, ids, claimed) / full_view
         return minus_motion(gain, belief, robot, ids, self.motion_weight)

@@ -54,12 +54,12 @@ class Planner(ABC):
         self, search: Search = "exhaustive", coordination: Coordination = "independent"
     ) -> None:
         if search != "exhaustive" and (
-            not isinstance(search, int) or isinstance(search, bool) or search < 1
+            not isinstance(search, int | np.integer) or isinstance(search, bool) or search < 1
         ):
             raise ValueError(f"search is 'exhaustive' or a number of poses >= 1, got {search!r}")
         if coordination not in ("independent", "sequential"):
             raise ValueError(f"coordination is 'independent' or 'sequential', got {coordination!r}")
-        self.search = search
+        self.search: Search = search if search == "exhaustive" else int(search)
         self.coordination = coordination
         self.rng = np.random.default_rng(0)
 

@@ -18,7 +18,11 @@ probabilistic map, whose cells hold P(occupied). The first scans are taken with 
 reset shows only the few cells around the robots. Cameras are points: they neither hide the world
 from each other nor stand in each other's way.
 
+Noise can make a wall look free. A camera that is sent there bumps into it and stays, and the map
+learns of the cell. Only the goal is asked about: a path may lead through such a cell.
+
 ``infos[agent]`` holds ``terms`` (all reward terms), ``refused`` (why the camera stayed, or ""),
+``contact`` (whether it bumped into something that the map took as free),
 ``new_information``, ``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and
 ``action_mask`` in "candidates" mode.
 

@@ -180,7 +180,9 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         """Move all cameras, look with all of them, fuse, reward, observe.
 
         A pose that is infeasible on the known map does not move the camera: it stays, looks from
-        where it is, and ``infos[agent]["refused"]`` says why.
+        where it is, and ``infos[agent]["refused"]`` says why. Where the map is wrong and the goal
+        is truly occupied, the camera bumps into it: it stays too, ``infos[agent]["contact"]`` is
+        true, and the map learns of the cell.
 
         Raises
         ------
@@ -192,11 +194,15 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         """
         wanted = self._decode(actions)
         before = self._belief
+        contacts = [not refused and self._collides(pose_id) for pose_id, refused in wanted]
         executed = tuple(
-            before.pose_ids[robot] if refused else pose_id
+            before.pose_ids[robot] if refused or contacts[robot] else pose_id
             for robot, (pose_id, refused) in enumerate(wanted)
         )
         rated = before.rating.rate_team(before.map, executed, before.pose_ids)
+        for robot in range(len(wanted)):
+            if contacts[robot]:
+                before.map.mark_occupied([wanted[robot][0] // before.lattice.n_headings])
         self._belief = before.moved(executed)
         gains = self._scan()
         self._scans_done += 1
@@ -217,6 +223,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             agent: {
                 **common,
                 "refused": wanted[robot][1],
+                "contact": contacts[robot],
                 "terms": terms[robot],
                 "new_information": looks[robot].new_information,
                 "distance": looks[robot].distance,
@@ -312,6 +319,9 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             given = sorted(map(str, actions)) if isinstance(actions, Mapping) else repr(actions)
             raise InvalidActionError(f"one action for each of {self.agents} is needed, got {given}")
         return [self._actions.decode(agent, actions[agent], self._belief) for agent in self.agents]
+
+    def _collides(self, pose_id: int) -> bool:
+        return self._require_reset().collides(self._belief.lattice.pose(pose_id))
 
     def _scan(self) -> list[ScanGain]:
         simulator, poses = self._require_reset(), self._belief.poses

@@ -45,7 +45,10 @@ def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
             note(f"{name}agent_steps_per_s, with resets and sampled actions", whole)
         for kind in ("", ", with resets", ", with resets and sampled actions"):
             name = f"agent_steps_per_s{kind}"
-            note(f"ratio_to_simple_spread{kind}", samples[name][-1] / samples[f"simple_spread_{name}"][-1])
+            note(
+                f"ratio_to_simple_spread{kind}",
+                samples[name][-1] / samples[f"simple_spread_{name}"][-1],
+            )
         note("rating_us_per_pose", rating_us(wide))
         for name, policy in policies.items():
             note(f"decision_ms, search={name}", decision_ms(wide, policy, seed=turn + 1))

@@ -40,8 +40,10 @@ class Extent:
 
 @dataclass(frozen=True)
 class Episode:
-    """Measurements of one episode; the curves have one value before the first scan and one after
-    each, so `max_scans` + 1."""
+    """Measurements of one episode.
+
+    Curves have one value before the first scan and one after each: `max_scans` + 1.
+    """
 
     seed: int
     viewed: list[float]
@@ -60,6 +62,8 @@ class Episode:
     """From the middle of the team's start positions."""
     refused: int
     """Actions that were infeasible."""
+    contacts: int
+    """Cameras that bumped into what the map took as free."""
     planning_ms: float
     """Mean time of a decision of one robot, milliseconds; the only value that is not the same
     again with the same seed."""
@@ -89,6 +93,7 @@ class Episode:
             "mean_radius": self.extent.mean_radius,
             "sigma": self.extent.sigma,
             "refused": self.refused,
+            "contacts": self.contacts,
             "planning_ms": self.planning_ms,
         }
 
@@ -106,7 +111,7 @@ def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
     start = belief.poses[:, :2].mean(axis=0)
     viewed, entropy = [belief.map.viewed_share], [belief.map.entropy]
     reward = distance = planning = 0.0
-    refused = decisions = 0
+    refused = contacts = decisions = 0
     while env.agents:
         before = time.perf_counter()
         actions = policy.act(env.belief(), observations)
@@ -116,6 +121,7 @@ def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
         reward += sum(rewards.values())
         distance += sum(info["distance"] for info in infos.values())
         refused += sum(bool(info["refused"]) for info in infos.values())
+        contacts += sum(info["contact"] for info in infos.values())
         viewed.append(belief.map.viewed_share)
         entropy.append(belief.map.entropy)
     scored = (belief.map.probability, env.truth.occupied, belief.map.sampled)
@@ -129,6 +135,7 @@ def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
         brier=brier_score(*scored),
         extent=Extent.of(belief.map, start),
         refused=refused,
+        contacts=contacts,
         planning_ms=1e3 * planning / max(decisions, 1),
     )
 

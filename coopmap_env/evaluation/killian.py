@@ -1,6 +1,6 @@
 """Real laser scans: MIT Killian Court fused into one map and scored on scans that it never saw.
 
-The log (Mike Bosse and John Leonard, MIT Infinite Corridor and Killian Court; 3,873 scans of 180
+The log (MIT Killian Court and the corridors around it; 3,873 scans of 180
 beams along 2 km of corridors, loops of 200 m) comes with the extra ``data``. Its poses are good as
 they are: they equal the vertices of its pose graph, loop closures included, and Gauss-Newton on
 that graph moves them by 3 mm (median) and takes its error from 1034 to 1032, while the held-out
@@ -17,7 +17,7 @@ An observation is not the state of a cell: beams pass beside the walls in their 
 walk. So no map reaches zero. At cells four times the noise it is not the width of the Gaussian that
 tells the two maps apart (0.02 m or 0.1 m serve alike), but how a beam speaks of cells that it
 crosses in part. With surfaces "anywhere", where beams that pass beside a wall are added up against
-those that end at it, the beam model does worse than the constant one (0.103 to 0.094).
+those that end at it, the beam model does worse than the constant one (0.103 to 0.093).
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ BEAM_MODEL = BeamModel(free=0.2, occupied=0.63, surface="partial")
 BEAM_RANGE = LogOddsRange(0.99)
 HIT_MISS_MODEL = HitMissModel(hit=0.63, miss=0.35, depth=0)
 HIT_MISS_RANGE = LogOddsRange(0.985)
+"""Models and clamps: the best of `tune` (500 and 196 choices, seven minutes), 0.0923 and 0.0948 on
+the validation scans."""
 HELD_OUT = 10
 """One scan in so many is held out of the map."""
 VALIDATION = 9

@@ -100,9 +100,7 @@ def _draw(study: Section3, out: Path) -> None:
     )
     figures.draw_sweep(study.sweep, out / "sensitivity.png")
     figures.draw_reliability(study.calibration, out / "reliability.png")
-    figures.draw_maps(
-        study.house_picture, out / "house_map.png", "map by rating function, m = 100"
-    )
+    figures.draw_maps(study.house_picture, out / "house_map.png", "map by rating function, m = 100")
     figures.draw_coverage_curves(study.house, 2, out / "house_coverage.png", "real floor plan")
     killian = study.killian
     figures.draw_map(

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.settings import PlanarSettings
 from coopmap_env.evaluation import calibration, killian
-from coopmap_env.evaluation.episode import policy_rng
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, compare
+from coopmap_env.evaluation.episode import policy_rng
 from coopmap_env.evaluation.hit_miss import HitMissModel
 from coopmap_env.evaluation.policy import make_policy
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
@@ -59,11 +59,10 @@ class Size:
     k_sweep: tuple[float, ...]
     house_runs: int
     calibration_worlds: int
-    killian_stride: int
 
 
-FULL = Size(200, 60, K_SWEEP, 10, 40, 1)
-QUICK = Size(48, 8, (0.1, 0.2, 0.4), 2, 8, 6)
+FULL = Size(200, 60, K_SWEEP, 10, 40)
+QUICK = Size(48, 8, (0.1, 0.2, 0.4), 2, 8)
 
 
 def spec(search: int | str) -> str:
@@ -168,7 +167,7 @@ def run(
         house=house,
         house_picture=house_picture,
         calibration=calibrated,
-        killian=killian.run(stride=size.killian_stride, progress=progress),
+        killian=killian.run(progress=progress),
     )
 
 

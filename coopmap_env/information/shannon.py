@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.information.entropy import entropy
 from coopmap_env.information.fan import BEAMS_PER_WORD, Fan
 from coopmap_env.information.rating import RatingFunction
 from coopmap_env.mapping import OccupancyMap
@@ -33,9 +34,26 @@ class BeamInformation:
     ----------
     rating : RatingFunction
         Holds the lattice and the camera's fan.
+    prior : float
+        Occupancy expected of cells that were never sampled. The map's own is one half, through
+        which a beam gets no further than two or three cells.
+    known : float
+        Occupancy, or one minus it, at which a cell is as good as known: its entropy counts for
+        nothing, that of other cells above it. 1 takes entropies as they are.
+
+    Raises
+    ------
+    ValueError
+        If `prior` does not lie in (0, 1), or `known` not in (0.5, 1].
     """
 
-    def __init__(self, rating: RatingFunction) -> None:
+    def __init__(self, rating: RatingFunction, prior: float = 0.5, known: float = 1.0) -> None:
+        if not 0 < prior < 1:
+            raise ValueError(f"prior must lie in (0, 1), got {prior!r}")
+        if not 0.5 < known <= 1:
+            raise ValueError(f"known must lie in (0.5, 1], got {known!r}")
+        self._prior = float(prior)
+        self._residue = entropy([known, 1.0 - known])
         self._rating = rating
         self._fan = rating.fan
         self._start, self._entries = _entries_of_beams(rating.fan)
@@ -49,9 +67,10 @@ class BeamInformation:
         out = np.empty(len(ids))
         nx, ny = map_.grid.shape
         mutual_information(
-            map_.levels, self._nobody if claimed is None else claimed, nx, ny, ids,
-            self._fan.start, self._fan.offsets, self._start, self._entries,
-            map_.range.probability, map_.range.entropy, map_.range.clamp, out,
+            map_.levels, map_.sampled_cells, self._nobody if claimed is None else claimed,
+            nx, ny, ids, self._fan.start, self._fan.offsets, self._start, self._entries,
+            map_.range.probability, map_.range.entropy, map_.range.clamp,
+            self._prior, entropy([self._prior, 1.0 - self._prior]), self._residue, out,
         )  # fmt: skip
         return out
 
@@ -80,8 +99,8 @@ def _entries_of_beams(fan: Fan) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
 
 @njit(cache=True, nogil=True)
 def mutual_information(
-    levels, claimed, nx, ny, poses, fan_start, offsets, start, entries,
-    probability, entropy, clamp, out,
+    levels, sampled, claimed, nx, ny, poses, fan_start, offsets, start, entries,
+    probability, entropy, clamp, prior, prior_entropy, residue, out,
 ):  # fmt: skip
     """Sum of v_k H(p_k) over the cells of each pose's fan, v_k of the luckiest beam."""
     n_headings, n_beams = start.shape[0], start.shape[1] - 1
@@ -97,7 +116,8 @@ def mutual_information(
                 if i < 0 or i >= nx or j < 0 or j >= ny:
                     break
                 reached[k] = max(reached[k], chance)
-                chance *= 1.0 - probability[levels[i * ny + j] + clamp]
+                at = i * ny + j
+                chance *= 1.0 - (probability[levels[at] + clamp] if sampled[at] else prior)
                 if chance < UNREACHABLE:
                     break
         total = 0.0
@@ -105,6 +125,7 @@ def mutual_information(
             if reached[k] > 0.0:
                 at = (x + offsets[k, 0]) * ny + y + offsets[k, 1]
                 if not claimed[at]:
-                    total += reached[k] * entropy[levels[at] + clamp]
+                    h = entropy[levels[at] + clamp] if sampled[at] else prior_entropy
+                    total += reached[k] * max(h - residue, 0.0)
                 reached[k] = 0.0
         out[p] = total

@@ -14,10 +14,10 @@ from numba import njit
 @njit(cache=True, nogil=True)
 def all_inside(numbers, n):
     """Whether every number lies in 0 ... n - 1."""
+    outside = 0
     for k in range(len(numbers)):
-        if numbers[k] < 0 or numbers[k] >= n:
-            return False
-    return True
+        outside += numbers[k] < 0 or numbers[k] >= n
+    return outside == 0
 
 
 @njit(cache=True, nogil=True)

@@ -120,8 +120,15 @@ class OccupancyMap:
 
     def mark_free(self, cells: ArrayLike) -> None:
         """Declare cells (flat numbers) as known to be free, such as a robot's own place."""
+        self._mark(cells, -self.range.clamp)
+
+    def mark_occupied(self, cells: ArrayLike) -> None:
+        """Declare cells (flat numbers) as known to be occupied, as after bumping into one."""
+        self._mark(cells, self.range.clamp)
+
+    def _mark(self, cells: ArrayLike, level: int) -> None:
         cells = np.asarray(cells)
-        self.levels[cells] = -self.range.clamp
+        self.levels[cells] = level
         self.sampled_cells[cells] = 1
 
     @property
@@ -147,7 +154,7 @@ class OccupancyMap:
     @property
     def viewed_share(self) -> float:
         """Share of the world's cells that were ever sampled."""
-        return np.count_nonzero(self.sampled_cells.view(np.bool_)) / self.grid.n_cells
+        return int(np.count_nonzero(self.sampled_cells.view(np.bool_))) / self.grid.n_cells
 
     def surfaces(
         self,

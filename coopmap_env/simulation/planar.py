@@ -95,14 +95,28 @@ class PlanarSimulator:
         points, covariances = np.empty((n, 2)), np.empty((n, 2, 2))
         hit = np.empty(n, dtype=np.bool_)
         at: NDArray[np.float64] = np.array(pose, dtype=np.float64)
-        x, y, heading = at.tolist()
-        (nx, ny), resolution, (x0, y0) = self.world.shape, self.world.resolution, self.world.origin
-        inside = 0 <= (x - x0) / resolution < nx and 0 <= (y - y0) / resolution < ny
-        if not (inside and math.isfinite(heading)):
-            raise ValueError(f"a camera at {at} looks from outside of the {nx} x {ny} cells")
+        self._cell(at)
         look(
             self.world.occupied, self._lower, self.world.resolution, at, self._beams,
             self.camera.depth_of_field, self._noise, rng.standard_normal((n, 2)),
             points, covariances, hit,
         )  # fmt: skip
         return Scan(at[:2], points, covariances, hit)
+
+    def collides(self, pose: ArrayLike) -> bool:
+        """Whether the cell of a planar pose (3,) is truly occupied.
+
+        Raises
+        ------
+        ValueError
+            As in `scan`.
+        """
+        return bool(self.world.occupied[self._cell(np.asarray(pose, dtype=np.float64))])
+
+    def _cell(self, pose: NDArray[np.float64]) -> tuple[int, int]:
+        x, y, heading = pose.tolist()
+        (nx, ny), resolution, (x0, y0) = self.world.shape, self.world.resolution, self.world.origin
+        i, j = (x - x0) / resolution, (y - y0) / resolution
+        if not (0 <= i < nx and 0 <= j < ny and math.isfinite(heading)):
+            raise ValueError(f"a camera at {pose} looks from outside of the {nx} x {ny} cells")
+        return int(i), int(j)

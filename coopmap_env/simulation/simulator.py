@@ -9,7 +9,10 @@ from coopmap_env.sensing import Scan
 
 
 class Simulator(Protocol):
-    """Answers looks; nothing else of the truth leaves it on the way to a robot."""
+    """Answers looks and motions; nothing else of the truth reaches a robot."""
 
     def scan(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
         """What a camera at `pose` measures, all noise drawn from `rng`."""
+
+    def collides(self, pose: ArrayLike) -> bool:
+        """Whether a camera cannot stand at `pose`, whatever the map says."""

@@ -14,6 +14,7 @@ from plain.views import visible_cells
 
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.information import BeamInformation
 from coopmap_env.robots import Reach
 from coopmap_env.sensing import PlanarCamera
 
@@ -178,25 +179,59 @@ def first_hit_entropy(p):
 
 
 @pytest.mark.parametrize("quarter", range(4))
-def test_one_beam_gains_the_entropy_of_its_reading(quarter):
+@pytest.mark.parametrize("prior", [0.5, 0.12])
+def test_one_beam_tells_the_entropy_of_its_reading(quarter, prior):
     camera = PlanarCamera(field_of_view=0.01, depth_of_field=8.0, n_beams=1)
     settings = PlanarSettings(camera=camera, noise=NO_NOISE, n_headings=4)
     env = env_in(open_world(), n_robots=1, settings=settings)
-    policy = coopmap_baselines.make("information_gain", search="exhaustive", motion_weight=0.125)
     rng = np.random.default_rng(quarter)
     dx, dy = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
     for _ in range(5):
         belief = place(env, (23, 20, 0))
         cells = [(20 + k * dx) * 40 + 20 + k * dy for k in range(9)]
-        for cell in cells:
-            if rng.random() < 0.7:  # the others are unknown: one half
-                write(belief.map, [cell], rng.uniform(0.01, 0.5))
-        p = belief.map.probability.flat[cells]
-        score = policy.score(belief, 0, np.array([pose_id(env, 20, 20, quarter)]), None)
-        full_view = 9 * math.log(2)
-        # ways of 3 m, the weight of each being an eighth of a full view
-        expected = first_hit_entropy(p) / full_view - 0.125 * 3
-        assert score[0] == pytest.approx(expected, abs=1e-9)
+        for cell in np.array(cells)[rng.random(9) < 0.7]:
+            write(belief.map, [cell], rng.uniform(0.01, 0.5))
+        known = belief.map.sampled.flat[cells]
+        p = np.where(known, belief.map.probability.flat[cells], prior)
+        information = BeamInformation(belief.rating, prior=prior).mutual_information(
+            belief.map, [pose_id(env, 20, 20, quarter)]
+        )
+        assert information[0] == pytest.approx(first_hit_entropy(p), abs=1e-9)
+
+
+def test_entropy_that_no_look_can_take_away_counts_for_nothing():
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    belief = place(env, (20, 20, 0), known=list(range(40 * 40)))
+    clamp = belief.map.range.max_probability
+    known = BeamInformation(belief.rating, known=clamp).mutual_information(belief.map, [8000])
+    assert known[0] == pytest.approx(0.0, abs=1e-3)
+    assert BeamInformation(belief.rating).mutual_information(belief.map, [8000])[0] > 0.1
+
+
+@pytest.mark.parametrize("options", [{"prior": 0.0}, {"prior": 1.0}, {"known": 0.5}])
+def test_probabilities_of_beam_information_out_of_range_are_named(options):
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    (name,) = options
+    with pytest.raises(ValueError, match=name):
+        BeamInformation(env.unwrapped._belief.rating, **options)
+
+
+def test_the_score_of_information_gain_weighs_shares_of_a_full_view_against_motion():
+    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
+    belief = place(env, (20, 20, 0))
+    policy = coopmap_baselines.make("information_gain", motion_weight=0.125, prior=0.2)
+    ids = np.array([pose_id(env, 20, 20, 0), pose_id(env, 23, 20, 0)])
+    information = BeamInformation(belief.rating, 0.2, belief.map.range.max_probability)
+    h = -0.2 * math.log(0.2) - 0.8 * math.log(0.8)
+    shares = information.mutual_information(belief.map, ids) / (belief.rating.fan.n_visible * h)
+    expected = shares - 0.125 * np.array([0.0, 3.0])
+    assert policy.score(belief, 0, ids, None) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("prior", [0.0, 1.0, 1, "0.1", None])
+def test_a_wrong_prior_is_named_with_its_value(prior):
+    with pytest.raises(ValueError, match=f"prior .* got {prior!r}"):
+        coopmap_baselines.make("information_gain", prior=prior)
 
 
 def test_information_gain_prefers_the_unknown_to_the_certain():

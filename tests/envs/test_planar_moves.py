@@ -1,3 +1,4 @@
+import coopmap_baselines
 import numpy as np
 import pytest
 from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
@@ -228,3 +229,31 @@ def test_a_pose_that_is_not_on_offer_has_no_action():
     )
     with pytest.raises(InvalidActionError, match=f"robot_1: pose {other} is not among"):
         belief.action_for(1, other)
+
+
+def test_a_wall_that_the_map_takes_as_free_is_bumped_into_and_learned():
+    env = env_in(open_world(walls=[(23, 20)]), n_robots=1, settings=PlanarSettings(noise=NO_NOISE))
+    place(env, (20, 20, 8), known=box(slice(15, 26), slice(15, 26)))  # the wall is "known free"
+    here = env.belief().pose_ids[0]
+    action = env.belief().action_for(0, pose_id(env, 23, 20))
+    _, _, _, _, infos = env.step({"robot_0": action})
+    assert infos["robot_0"]["contact"] is True
+    assert infos["robot_0"]["refused"] == ""
+    assert infos["robot_0"]["distance"] == 0
+    assert env.belief().pose_ids == (here,)
+    assert env.belief().map.probability[23, 20] == pytest.approx(0.999, abs=1e-4)
+    _, _, _, _, infos = env.step({"robot_0": action})
+    assert infos["robot_0"]["contact"] is False
+    assert infos["robot_0"]["refused"] == "goal is not known to be free"
+
+
+@pytest.mark.parametrize("scene", ["obstacles", "rooms"])
+def test_no_camera_ever_stands_inside_a_wall(scene):
+    env = PlanarEnv(scene=scene, max_scans=24)
+    policy = coopmap_baselines.make("frontier")
+    observations, _ = env.reset(seed=3)
+    policy.reset(np.random.default_rng(0))
+    while env.agents:
+        observations, *_ = env.step(policy.act(env.belief(), observations))
+        cells = env.belief().map.grid.index(env.belief().poses[:, :2])
+        assert not env.truth.occupied[tuple(cells.T)].any()

@@ -173,8 +173,8 @@ def test_infos_hold_what_the_page_names():
         assert all(set(info) == {"scans", "viewed_share"} | mask for info in infos.values())
         *_, infos = env.step(random_actions(env, np.random.default_rng(0)))
         told = {
-            "terms", "refused", "new_information", "distance", "new_cells", "entropy_drop",
-            "scans", "viewed_share",
+            "terms", "refused", "contact", "new_information", "distance", "new_cells",
+            "entropy_drop", "scans", "viewed_share",
         }  # fmt: skip
         assert all(set(info) == told | mask for info in infos.values())
 

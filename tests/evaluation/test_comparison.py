@@ -2,13 +2,13 @@ import csv
 import json
 from dataclasses import asdict, replace
 
+import coopmap_baselines
 import numpy as np
 import pytest
 
-import coopmap_baselines
 from coopmap_env import evaluation, planar_v0
-from coopmap_env.evaluation.episode import Episode, Extent, episode_from_dict, run_episode
 from coopmap_env.evaluation.comparison import Evaluation, compare, summarize, write_episodes
+from coopmap_env.evaluation.episode import Episode, Extent, episode_from_dict, run_episode
 from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
 from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
@@ -37,6 +37,7 @@ def episode(seed=0, viewed=(0.0, 0.1, 0.3), sigma=1.0, farthest=9.0):
         brier=0.01,
         extent=Extent(farthest, 3.0, sigma),
         refused=0,
+        contacts=0,
         planning_ms=0.5,
     )
 
@@ -148,7 +149,7 @@ def test_settings_survive_json():
 def test_unknown_settings_are_named():
     with pytest.raises(ValueError, match="unknown settings \\['colour'\\]"):
         settings_from_dict({"colour": 1})
-    with pytest.raises(ValueError, match="settings: .*'zoom'"):
+    with pytest.raises(ValueError, match=r"settings: .*'zoom'"):
         settings_from_dict({"camera": {"zoom": 2}})
 
 

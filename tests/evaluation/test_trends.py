@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from coopmap_env.evaluation.episode import Episode, Extent
 from coopmap_env.evaluation.comparison import Evaluation
+from coopmap_env.evaluation.episode import Episode, Extent
 from coopmap_env.evaluation.trends import equal_coverage, extent_falls, raster_views_less
 
 
@@ -25,6 +25,7 @@ def evaluation(coverage, sigma=5.0, worlds=24, seed=0):
                 brier=0.0,
                 extent=Extent(4 * scatter(sigma), 2 * sigma, scatter(sigma)),
                 refused=0,
+                contacts=0,
                 planning_ms=0.0,
             )
             for world in range(worlds)
