@@ -26,7 +26,7 @@ def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
     planar = PlanarEnv(max_scans=SCANS_EACH)
     say("compiling")
     stepping(planar, 2)
-    names = ("exhaustive", "exhaustive+coordination=sequential", 100)
+    names = ("exhaustive", "exhaustive+coordination=sequential", "100")
     policies = {name: make_policy(f"rating_function:search={name}") for name in names}
     wide = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=settings())
     for policy in policies.values():
@@ -50,8 +50,8 @@ def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
                 samples[name][-1] / samples[f"simple_spread_{name}"][-1],
             )
         note("rating_us_per_pose", rating_us(wide))
-        for name, policy in policies.items():
-            note(f"decision_ms, search={name}", decision_ms(wide, policy, seed=turn + 1))
+        for search, policy in policies.items():
+            note(f"decision_ms, search={search}", decision_ms(wide, policy, seed=turn + 1))
         note("decision_ms, brute force", brute_force_ms(wide, seed=turn + 1))
     figures: dict[str, Any] = {name: statistics.median(values) for name, values in samples.items()}
     figures["resident_memory_mb"] = fresh_process_memory_mb()

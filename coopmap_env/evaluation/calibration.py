@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,20 +54,24 @@ def record(env: PlanarEnv, policy: Policy, seeds: Sequence[int]) -> Iterator[Rec
         yield RecordedWorld(tuple(scans), env.truth.occupied)
 
 
-def fuse(world: RecordedWorld, map_: OccupancyMap | HitMissMap) -> dict[str, NDArray[Any]]:
-    """Fuse a world's scans, and return what quality scores take."""
+class Cells(NamedTuple):
+    """What quality scores take, flat."""
+
+    probability: NDArray[np.float64]
+    occupied: NDArray[np.bool_]
+    sampled: NDArray[np.bool_]
+
+
+def fuse(world: RecordedWorld, map_: OccupancyMap | HitMissMap) -> Cells:
+    """Fuse a world's scans; return its cells."""
     for scan in world.scans:
         map_.integrate(scan)
-    return {
-        "probability": map_.probability.ravel(),
-        "occupied": world.occupied.ravel(),
-        "sampled": map_.sampled.ravel(),
-    }
+    return Cells(map_.probability.ravel(), world.occupied.ravel(), map_.sampled.ravel())
 
 
 def pooled(
     worlds: Sequence[RecordedWorld], env: PlanarEnv, model: BeamModel | HitMissModel
-) -> dict[str, NDArray[Any]]:
+) -> Cells:
     """All cells of all worlds under one model."""
     grid, clamp = env.belief().map.grid, env.settings.log_odds_range
     parts = [
@@ -79,17 +83,17 @@ def pooled(
         )
         for world in worlds
     ]
-    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    return Cells(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def scores(cells: dict[str, NDArray[Any]]) -> dict[str, Any]:
+def scores(cells: Cells) -> dict[str, Any]:
     """Brier score, log-loss, calibration error and the reliability curve, as JSON values."""
-    curve = reliability_curve(**cells)
+    curve = reliability_curve(*cells)
     return {
-        "brier": brier_score(**cells),
-        "log_loss": log_loss(**cells),
-        "calibration_error": expected_calibration_error(**cells),
-        "cells": int(cells["sampled"].sum()),
+        "brier": brier_score(*cells),
+        "log_loss": log_loss(*cells),
+        "calibration_error": expected_calibration_error(*cells),
+        "cells": int(cells.sampled.sum()),
         "reliability": {
             "predicted": [None if np.isnan(v) else float(v) for v in curve.mean_predicted],
             "observed": [None if np.isnan(v) else float(v) for v in curve.observed_share],
@@ -125,8 +129,9 @@ def tune(
         for miss in (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
         for hit in (0.51, 0.55, 0.6, 0.7, 0.8, 0.9, 0.97)
     }
-    for name, model in {**beams, **constants}.items():
-        losses[name] = log_loss(**pooled(worlds, env, model))
+    models: dict[str, BeamModel | HitMissModel] = {**beams, **constants}
+    for name, model in models.items():
+        losses[name] = log_loss(*pooled(worlds, env, model))
     best_beam = min(beams, key=losses.__getitem__)
     best_constant = min(constants, key=losses.__getitem__)
     return beams[best_beam], constants[best_constant], losses

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import coopmap_env
+
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.settings import PlanarSettings
 from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode
@@ -87,6 +89,7 @@ def evaluate(env: PlanarEnv, policy: Policy, seeds: Iterable[int]) -> Evaluation
 def make_job(policy: str, seed: int, env: dict[str, Any], settings: PlanarSettings | None) -> Job:
     """One episode as JSON: the policy's spec, the seed, and the environment's arguments."""
     return {
+        "version": coopmap_env.__version__,  # a new version plays anew
         "policy": policy,
         "seed": seed,
         "env": env,

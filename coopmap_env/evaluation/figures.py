@@ -149,6 +149,12 @@ def draw_reliability(calibration: Mapping[str, Mapping[str, Any]], path: Path) -
     _save(figure, path)
 
 
+def save_frame(frame: NDArray[np.uint8], path: Path) -> None:
+    """Save an image as it is."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _pyplot().imsave(path, frame)
+
+
 def draw_map(
     probability: NDArray[np.float64], sampled: NDArray[np.bool_], resolution: float, path: Path
 ) -> None:

@@ -102,6 +102,7 @@ def _draw(study: Section3, out: Path) -> None:
     figures.draw_reliability(study.calibration, out / "reliability.png")
     figures.draw_maps(study.house_picture, out / "house_map.png", "map by rating function, m = 100")
     figures.draw_coverage_curves(study.house, 2, out / "house_coverage.png", "real floor plan")
+    figures.save_frame(study.episode.frame, out / "render.png")
     killian = study.killian
     figures.draw_map(
         killian.probability, killian.sampled, killian.resolution, out / "killian_court.png"

@@ -25,6 +25,7 @@ from coopmap_env.evaluation.hit_miss import HitMissModel
 from coopmap_env.evaluation.policy import make_policy
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
 from coopmap_env.evaluation.trends import Trend, all_trends
+from coopmap_env.mapping import BeamModel
 
 SCANS_EACH = 16
 """Two robots: 32 scans together."""
@@ -47,6 +48,8 @@ HOUSE_SCANS_EACH = 48
 HOUSE_POLICIES = (
     RASTER, "random", "frontier", "rating_function:search=100", "rating_function:search=exhaustive",
 )  # fmt: skip
+HOUSE_PICTURED = 1
+"""Seed whose robots start inside the house; others start in the garden."""
 FIGURE_7_SCANS_EACH = 200
 
 
@@ -85,6 +88,8 @@ class Picture:
     sampled: NDArray[np.bool_]
     paths: list[NDArray[np.float64]]
     """Camera positions of each robot, cells."""
+    frame: NDArray[np.uint8]
+    """The environment's own last frame, (H, W, 3)."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,9 @@ class Section3:
     sweep: dict[float, dict[int | str, Evaluation]]
     """By K, on training worlds."""
     figure_7: Picture
+    """200 scans of each robot."""
+    episode: Picture
+    """32 scans together, as in Table 1."""
     house: dict[str, Evaluation]
     house_picture: Picture
     calibration: dict[str, dict[str, Any]]
@@ -147,11 +155,11 @@ def run(
         for K in size.k_sweep
     }
     say("Figure 7: one world, 400 scans")
-    figure_7 = picture(PlanarEnv(settings=settings(), split="test", max_scans=FIGURE_7_SCANS_EACH))
+    figure_7 = picture(FIGURE_7_SCANS_EACH, settings=settings())
     say("the real floor plan")
     house_env = {"scene": "house", "max_scans": HOUSE_SCANS_EACH}
     house = episodes(list(HOUSE_POLICIES), size.house_runs, None, **house_env)
-    house_picture = picture(PlanarEnv(scene="house", split="test", max_scans=HOUSE_SCANS_EACH))
+    house_picture = picture(HOUSE_SCANS_EACH, seed=HOUSE_PICTURED, scene="house")
     say("calibration of the map, on test worlds")
     calibrated = calibrate(size.calibration_worlds)
     say("3,873 real laser scans")
@@ -164,6 +172,7 @@ def run(
         readings=readings,
         sweep=sweep,
         figure_7=figure_7,
+        episode=picture(SCANS_EACH, settings=settings()),
         house=house,
         house_picture=house_picture,
         calibration=calibrated,
@@ -171,9 +180,10 @@ def run(
     )
 
 
-def picture(env: PlanarEnv, policy: str = "rating_function:search=100", seed: int = 0) -> Picture:
-    """Play one episode and keep what a figure needs."""
-    chosen = make_policy(policy)
+def picture(max_scans: int, seed: int = 0, **arguments: Any) -> Picture:
+    """Play one episode of the rating function (m = 100) and keep what a figure needs."""
+    env = PlanarEnv(split="test", max_scans=max_scans, render_mode="rgb_array", **arguments)
+    chosen = make_policy(spec(100))
     observations, _ = env.reset(seed=seed)
     chosen.reset(policy_rng(seed))
     grid = env.belief().map.grid
@@ -182,9 +192,14 @@ def picture(env: PlanarEnv, policy: str = "rating_function:search=100", seed: in
         observations, *_ = env.step(chosen.act(env.belief(), observations))
         for path, pose in zip(paths, env.belief().poses[:, :2], strict=True):
             path.append(grid.cells(pose))
-    map_ = env.belief().map
+    map_, frame = env.belief().map, env.render()
+    assert frame is not None
     return Picture(
-        env.truth.occupied, map_.probability, map_.sampled, [np.array(path) for path in paths]
+        env.truth.occupied,
+        map_.probability,
+        map_.sampled,
+        [np.array(path) for path in paths],
+        frame,
     )
 
 
@@ -192,7 +207,10 @@ def calibrate(n_worlds: int) -> dict[str, dict[str, Any]]:
     """Scores of the Gaussian beam map and of the constant hit/miss map, on the same scans."""
     env = PlanarEnv(split="test", max_scans=SCANS_EACH)
     worlds = list(calibration.record(env, make_policy(spec(100)), range(n_worlds)))
-    models = {"gaussian_beam": env.settings.beam, "hit_miss": HitMissModel()}
+    models: dict[str, BeamModel | HitMissModel] = {
+        "gaussian_beam": env.settings.beam,
+        "hit_miss": HitMissModel(),
+    }
     return {
         name: calibration.scores(calibration.pooled(worlds, env, model))
         for name, model in models.items()

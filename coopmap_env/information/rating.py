@@ -209,7 +209,7 @@ class RatingFunction:
         counts once. `ids` and `current`, both of shape (n_robots,), are the new poses and the
         ones before.
         """
-        new, old = self.check(map_, [ids, current])
+        new, old = self.check(map_, np.array([ids, current]))
         ni = np.empty(len(new))
         nx, ny = map_.grid.shape
         new_information_in_turn(
