@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import coopmap_env
-
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.settings import PlanarSettings
 from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode
