@@ -165,8 +165,7 @@ class Observer:
         out[:, 2] = np.cos(relative[:, 2])
         out[:, 3] = np.sin(relative[:, 2])
         out[:, 4] = rated.new_information / self._scale
-        cost = rating.settings.K * rated.distance**rating.settings.exponent
-        out[:, 5] = np.minimum(cost / self._scale, FEATURE_LIMIT)
+        out[:, 5] = np.minimum(rated.motion_cost / self._scale, FEATURE_LIMIT)
         out[:, 6] = rated.occupancy
         out[:, 7] = np.maximum(rated.rating / self._scale, -FEATURE_LIMIT)
         out[:, 8] = rating.unknown_cells(belief.map, offers) / rating.fan.n_visible

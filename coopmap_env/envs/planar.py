@@ -17,7 +17,7 @@ from coopmap_env.envs.actions import ActionMode, CandidateMode, InvalidActionErr
 from coopmap_env.envs.belief import Belief
 from coopmap_env.envs.observations import Observation, Observer
 from coopmap_env.envs.rendering import HumanWindow, render_team
-from coopmap_env.envs.rewards import TERMS, Look, terms_of
+from coopmap_env.envs.rewards import TERMS, Look, Scale, terms_of
 from coopmap_env.envs.settings import PlanarSettings
 from coopmap_env.envs.starts import place_team
 from coopmap_env.information import RatingFunction
@@ -106,6 +106,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             PoseMode(self.settings.reach) if action_mode == "pose" else CandidateMode(n_candidates)
         )
         self._belief = self._blank_belief()
+        self._scale = Scale.of(self._belief.rating)
         self._observer = Observer(
             self._belief,
             self.settings.view_cells,
@@ -212,12 +213,13 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             for values in zip(
                 rated.new_information.tolist(),
                 rated.distance.tolist(),
+                rated.motion_cost.tolist(),
                 rated.rating.tolist(),
                 gains,
                 strict=True,
             )
         ]
-        terms = [terms_of(look, before.rating, before.map.grid.n_cells) for look in looks]
+        terms = [terms_of(look, self._scale) for look in looks]
         common = self._common_info()
         infos = {
             agent: {

@@ -23,40 +23,59 @@ class Look(NamedTuple):
     earlier robots were looking at; nats."""
     distance: float
     """d of Eq. 5 that the camera moved."""
+    motion_cost: float
+    """K d**n of Eq. 9, nats."""
     rating: float
     """RF (Eq. 9) of the executed pose, from this NI."""
     gain: ScanGain
     """What the scan brought to the map."""
 
 
-def rating(look: Look, _: RatingFunction, __: int) -> float:
+class Scale(NamedTuple):
+    """What the terms are measured against."""
+
+    full_view: float
+    """Entropy of all cells that the camera can see, N ln 2, nats."""
+    most_information: float
+    """The largest NI, ln(n_gray), nats."""
+    n_cells: int
+    """Cells of the world."""
+
+    @classmethod
+    def of(cls, function: RatingFunction) -> Scale:
+        """The scale of a rating function's camera and world."""
+        return cls(
+            function.fan.n_visible * math.log(2.0),
+            math.log(function.settings.n_gray),
+            function.lattice.grid.n_cells,
+        )
+
+
+def rating(look: Look, _: Scale) -> float:
     """Eq. 9 of the executed pose on the map before the scan: what the planner maximises; nats."""
     return look.rating
 
 
-def information(look: Look, function: RatingFunction, _: int) -> float:
-    """Realised drop of map entropy minus the motion cost, both in units of a full view.
+def information(look: Look, scale: Scale) -> float:
+    """Realised drop of map entropy minus the motion cost.
 
-    A full view is the entropy of all cells that the camera can see, N ln 2; the motion cost
-    K d**n counts against the largest NI, ln(n_gray).
+    The drop as a share of a full view's entropy, the cost as a share of the largest NI.
     """
-    full_view = function.fan.n_visible * math.log(2.0)
-    cost = function.motion_cost(look.distance) / math.log(function.settings.n_gray)
-    return look.gain.entropy_drop / full_view - cost
+    return look.gain.entropy_drop / scale.full_view - look.motion_cost / scale.most_information
 
 
-def coverage(look: Look, _: RatingFunction, n_cells: int) -> float:
+def coverage(look: Look, scale: Scale) -> float:
     """Newly viewed cells as a share of the world."""
-    return look.gain.new_cells / n_cells
+    return look.gain.new_cells / scale.n_cells
 
 
-TERMS: dict[str, Callable[[Look, RatingFunction, int], float]] = {
+TERMS: dict[str, Callable[[Look, Scale], float]] = {
     "rating": rating,
     "information": information,
     "coverage": coverage,
 }
 
 
-def terms_of(look: Look, function: RatingFunction, n_cells: int) -> dict[str, float]:
+def terms_of(look: Look, scale: Scale) -> dict[str, float]:
     """Every term by its name."""
-    return {name: term(look, function, n_cells) for name, term in TERMS.items()}
+    return {name: term(look, scale) for name, term in TERMS.items()}

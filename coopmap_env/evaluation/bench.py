@@ -49,7 +49,8 @@ def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
                 f"ratio_to_simple_spread{kind}",
                 samples[name][-1] / samples[f"simple_spread_{name}"][-1],
             )
-        note("rating_us_per_pose", rating_us(wide))
+        for size in (1, 100):
+            note(f"rating_us_per_pose, {size} a call", rating_us(wide, size))
         for search, policy in policies.items():
             note(f"decision_ms, search={search}", decision_ms(wide, policy, seed=turn + 1))
         note("decision_ms, brute force", brute_force_ms(wide, seed=turn + 1))
@@ -91,16 +92,19 @@ def stepping(env: Any, episodes: int) -> tuple[float, float, float]:
     )
 
 
-def rating_us(env: PlanarEnv, n_poses: int = 1000) -> float:
-    """Microseconds to rate one random pose (Eq. 9), in the mean over a half-done episode."""
+def rating_us(env: PlanarEnv, size: int, n_poses: int = 1000) -> float:
+    """Microseconds to rate one random pose (Eq. 9) half-way through an episode.
+
+    `size` poses are rated in one call, as a decision does.
+    """
     _play(env, make_policy("rating_function:search=100"), seed=0, scans=SCANS_EACH // 2)
     belief, rng = env.belief(), np.random.default_rng(0)
     cells = belief.feasible_cells(0).astype(np.int64)
     n = belief.lattice.n_headings
     ids = rng.choice(cells, n_poses) * n + rng.integers(n, size=n_poses)
     start = time.perf_counter()
-    for pose_id in ids:
-        belief.rating.rate(belief.map, [pose_id], belief.pose_ids[0])
+    for batch in ids.reshape(-1, size):
+        belief.rating.rate(belief.map, batch, belief.pose_ids[0])
     return 1e6 * (time.perf_counter() - start) / n_poses
 
 

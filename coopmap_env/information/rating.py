@@ -89,6 +89,8 @@ class Ratings:
     """NI, nats, shape (k,)."""
     distance: NDArray[np.float64]
     """d of Eq. 5, shape (k,)."""
+    motion_cost: NDArray[np.float64]
+    """K d**n, nats, shape (k,)."""
     occupancy: NDArray[np.float64]
     """P at the camera's position, shape (k,)."""
     rating: NDArray[np.float64]
@@ -145,7 +147,11 @@ class RatingFunction:
         claimed : ndarray of uint8, shape (n_cells,), optional
             1 at cells that a teammate is about to see: they are left out of the histogram.
         """
-        ids = self.check(map_, ids)
+        return self._new_information(map_, self.check(map_, ids), claimed)
+
+    def _new_information(
+        self, map_: OccupancyMap, ids: NDArray[np.int64], claimed: NDArray[np.uint8] | None
+    ) -> NDArray[np.float64]:
         out = np.empty(len(ids))
         nx, ny = map_.grid.shape
         new_information(
@@ -178,10 +184,6 @@ class RatingFunction:
         )
         return visible[:n].copy()
 
-    def motion_cost(self, distance: float) -> float:
-        """K d**n, the second term of Eq. 9, nats."""
-        return float(self.settings.K * distance**self.settings.exponent)
-
     def rate(
         self,
         map_: OccupancyMap,
@@ -200,7 +202,8 @@ class RatingFunction:
         claimed : ndarray of uint8, shape (n_cells,), optional
             See `new_information`.
         """
-        return self.compose(map_, ids, [current], self.new_information(map_, ids, claimed))
+        ids, start = self.check(map_, ids), self.check(map_, [current])
+        return self._compose(map_, ids, start, self._new_information(map_, ids, claimed))
 
     def rate_team(self, map_: OccupancyMap, ids: ArrayLike, current: ArrayLike) -> Ratings:
         """Eq. 9 of one pose for each robot, looking at once.
@@ -231,15 +234,15 @@ class RatingFunction:
         start: NDArray[np.int64],
         ni: NDArray[np.float64],
     ) -> Ratings:
-        d, p, rating = np.empty((3, len(ids)))
+        d, cost, p, rating = np.empty((4, len(ids)))
         lattice, s = self.lattice, self.settings
         compose(
             map_.levels, lattice.grid.shape[1], ids, start,
             (lattice.n_headings, lattice.grid.resolution),
             (s.K, s.exponent, s.alpha_position, s.alpha_heading),
-            map_.range.probability, map_.range.clamp, ni, d, p, rating,
+            map_.range.probability, map_.range.clamp, ni, d, cost, p, rating,
         )  # fmt: skip
-        return Ratings(ni, d, p, rating)
+        return Ratings(ni, d, cost, p, rating)
 
     def check(self, map_: OccupancyMap, ids: ArrayLike) -> NDArray[np.int64]:
         """Pose numbers as an array; kernels trust them and the map, so both are checked here.

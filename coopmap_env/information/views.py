@@ -186,8 +186,10 @@ def unknown_cells(levels, sampled, claimed, nx, ny, poses, fan, out):
 
 
 @njit(cache=True, nogil=True)
-def compose(levels, ny, poses, current, lattice, weights, probability, clamp, ni, d, p, rating):
-    """Eqs. 5 and 9 of each pose from its NI; writes d, P and RF.
+def compose(
+    levels, ny, poses, current, lattice, weights, probability, clamp, ni, d, cost, p, rating
+):
+    """Eqs. 5 and 9 of each pose from its NI; writes d, K d**n, P and RF.
 
     `current` holds one pose for each, or one for all; `lattice` is (headings, resolution);
     `weights` is (K, exponent, alpha position, alpha heading).
@@ -205,5 +207,5 @@ def compose(levels, ny, poses, current, lattice, weights, probability, clamp, ni
         angle = min(turns, n_headings - turns) * turn
         d[k] = np.sqrt(alpha_position * (dx * dx + dy * dy) + alpha_heading * angle * angle)
         p[k] = probability[levels[cell] + clamp]
-        cost = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power costs 20 ns
-        rating[k] = (ni[k] - cost) * (1.0 - p[k])
+        cost[k] = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power costs 20 ns
+        rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])

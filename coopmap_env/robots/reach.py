@@ -34,15 +34,17 @@ def is_free(levels, sampled, cell):
 
 
 @njit(cache=True, nogil=True)
-def flood(levels, sampled, nx, ny, start, marks, queue):
+def flood(levels, sampled, nx, ny, start, goal, marks, queue):
     """Breadth-first search over free cells from `start`; return how many it reached.
+
+    It ends at `goal`, if it gets there; -1 lets it go on to all cells.
 
     `queue` lists them, nearest first by steps; `marks` counts steps + 1, 0 where not reached.
     """
     queue[0] = start
     marks[start] = 1
     head, tail = 0, 1
-    while head < tail:
+    while head < tail and (goal < 0 or marks[goal] == 0):
         cell = queue[head]
         head += 1
         iy = cell % ny
@@ -102,7 +104,7 @@ def why_not(map_: OccupancyMap, start: int, goal: int) -> str:
         return "goal is unknown"
     if straight == NOT_FREE:
         return "goal is not known to be free"
-    if straight == BLOCKED and not Reach.search(map_, start).steps[goal]:
+    if straight == BLOCKED and not Reach.search(map_, start, goal).steps[goal]:
         return "no path through known free space leads there"
     return ""
 
@@ -123,8 +125,10 @@ class Reach:
     """Shape (n_cells,): 1 + steps from the start, 0 where there is no path."""
 
     @classmethod
-    def search(cls, map_: OccupancyMap, start: int) -> Reach:
+    def search(cls, map_: OccupancyMap, start: int, goal: int = -1) -> Reach:
         """Search the known free space from flat cell `start` (constraint ii).
+
+        With a `goal`, the search ends there, and cells as far away may be missing.
 
         Raises
         ------
@@ -136,5 +140,5 @@ class Reach:
             raise ValueError(f"cell {start} lies outside the map of {nx} x {ny} cells")
         steps = np.zeros(nx * ny, dtype=np.int32)
         queue = np.empty(nx * ny, dtype=np.int32)
-        count = flood(map_.levels, map_.sampled_cells, nx, ny, start, steps, queue)
+        count = flood(map_.levels, map_.sampled_cells, nx, ny, start, goal, steps, queue)
         return cls(queue[:count].copy(), steps)

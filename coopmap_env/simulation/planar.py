@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
@@ -95,7 +96,7 @@ class PlanarSimulator:
         points, covariances = np.empty((n, 2)), np.empty((n, 2, 2))
         hit = np.empty(n, dtype=np.bool_)
         at: NDArray[np.float64] = np.array(pose, dtype=np.float64)
-        self._cell(at)
+        self._cell(*at.tolist())
         look(
             self.world.occupied, self._lower, self.world.resolution, at, self._beams,
             self.camera.depth_of_field, self._noise, rng.standard_normal((n, 2)),
@@ -103,7 +104,7 @@ class PlanarSimulator:
         )  # fmt: skip
         return Scan(at[:2], points, covariances, hit)
 
-    def collides(self, pose: ArrayLike) -> bool:
+    def collides(self, pose: Sequence[float]) -> bool:
         """Whether the cell of a planar pose (3,) is truly occupied.
 
         Raises
@@ -111,12 +112,14 @@ class PlanarSimulator:
         ValueError
             As in `scan`.
         """
-        return bool(self.world.occupied[self._cell(np.asarray(pose, dtype=np.float64))])
+        x, y, heading = pose
+        return bool(self.world.occupied[self._cell(x, y, heading)])
 
-    def _cell(self, pose: NDArray[np.float64]) -> tuple[int, int]:
-        x, y, heading = pose.tolist()
+    def _cell(self, x: float, y: float, heading: float) -> tuple[int, int]:
         (nx, ny), resolution, (x0, y0) = self.world.shape, self.world.resolution, self.world.origin
         i, j = (x - x0) / resolution, (y - y0) / resolution
         if not (0 <= i < nx and 0 <= j < ny and math.isfinite(heading)):
-            raise ValueError(f"a camera at {pose} looks from outside of the {nx} x {ny} cells")
+            raise ValueError(
+                f"a camera at {[x, y, heading]} looks from outside of the {nx} x {ny} cells"
+            )
         return int(i), int(j)

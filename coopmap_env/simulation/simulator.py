@@ -1,5 +1,6 @@
 """The one seam between the environment and the world."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -14,5 +15,5 @@ class Simulator(Protocol):
     def scan(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
         """What a camera at `pose` measures, all noise drawn from `rng`."""
 
-    def collides(self, pose: ArrayLike) -> bool:
+    def collides(self, pose: Sequence[float]) -> bool:
         """Whether a camera cannot stand at `pose`, whatever the map says."""

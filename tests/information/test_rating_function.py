@@ -314,7 +314,7 @@ def test_rating_by_hand_eq_9():
     assert found.rating == pytest.approx(
         (found.new_information - 0.02 * (25 + math.pi**2)) * (1 - found.occupancy)
     )
-    assert rating.motion_cost(d) == pytest.approx(0.02 * d * d)
+    assert found.motion_cost == pytest.approx([0.02 * d * d])
 
 
 def test_to_stay_costs_nothing_eq_9():
