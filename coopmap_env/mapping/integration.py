@@ -16,9 +16,8 @@ MIN_SIGMA = 0.01
 DIAGONAL = 1.75
 """Cells: no less than the longest way through one, so that no cell in which the beam may have
 ended is left among the free ones."""
-
-
 OUTSIDE = -2
+"""What `find_fault` says of a camera out of the grid."""
 
 
 @njit(cache=True, nogil=True)
@@ -64,6 +63,53 @@ def through(level, way):
 
 
 @njit(cache=True, nogil=True)
+def _aim(point, origin, resolution, u):
+    """Write the unit direction from `origin` to `point` into `u`; return the distance, cells."""
+    z = 0.0
+    for axis in range(len(point)):
+        u[axis] = (point[axis] - origin[axis]) / resolution
+        z += u[axis] * u[axis]
+    z = math.sqrt(z)
+    if z > 0.0:
+        for axis in range(len(point)):
+            u[axis] /= z
+    return z
+
+
+@njit(cache=True, nogil=True)
+def _sigma_along(u, covariance, resolution):
+    """Standard deviation of a point along the beam, cells."""
+    variance = 0.0
+    for i in range(len(covariance)):
+        for j in range(len(covariance)):
+            variance += u[i] * covariance[i, j] * u[j]
+    # rounding takes the variance across a flat covariance below zero
+    return max(math.sqrt(max(variance, 0.0)) / resolution, MIN_SIGMA)
+
+
+@njit(cache=True, nogil=True)
+def _claim_ends(cells, entries, exits, weights, n, best, bounds, partial, pending, touched, count):
+    """Add what a beam says of the n cells in which it may have ended."""
+    before = 0.0
+    for k in range(n):
+        level = level_of_beam(weights[k], before, bounds[0], bounds[1])
+        before += weights[k]
+        so_far = pending[cells[k]]
+        touched[count] = cells[k]
+        if partial:
+            if level < 0:
+                level = through(level, exits[k] - entries[k])
+            count += so_far == 0 and level != 0
+            pending[cells[k]] = strongest(so_far, level)
+        else:
+            count += so_far == 0
+            pending[cells[k]] = so_far + level if so_far != -level else 1
+        if before > CUT and k >= best:
+            break
+    return count
+
+
+@njit(cache=True, nogil=True)
 def walk_beams(
     origin, points, covariances, hit, lower, resolution, shape,
     bounds, enters, partial, precision, vector, pending, touched,
@@ -75,7 +121,7 @@ def walk_beams(
     the cells of this one, which `touched` (n_cells + 1,) lists. Returns how many there are.
     """
     nx, ny, nz = shape
-    lowest, highest = bounds
+    lowest = bounds[0]
     dimension = points.shape[1]
     capacity = nx + ny + nz + 3
     cells = np.empty(capacity, np.int64)
@@ -89,25 +135,12 @@ def walk_beams(
         p[axis] = (origin[axis] - lower[axis]) / resolution
     count = 0
     for beam in range(points.shape[0]):
-        z = 0.0
-        for axis in range(dimension):
-            u[axis] = (points[beam, axis] - origin[axis]) / resolution
-            z += u[axis] * u[axis]
-        z = math.sqrt(z)
+        z = _aim(points[beam], origin, resolution, u)
         if z == 0.0:
             continue
-        for axis in range(dimension):
-            u[axis] /= z
-        clear = z
-        stop = z
-        sigma = 0.0
+        clear, stop, sigma = z, z, 0.0
         if hit[beam]:
-            variance = 0.0
-            for i in range(dimension):
-                for j in range(dimension):
-                    variance += u[i] * covariances[beam, i, j] * u[j]
-            # rounding takes the variance across a flat covariance below zero
-            sigma = max(math.sqrt(max(variance, 0.0)) / resolution, MIN_SIGMA)
+            sigma = _sigma_along(u, covariances[beam], resolution)
             clear = z - WINDOW * sigma - DIAGONAL
             stop = z + WINDOW * sigma
         cx, sx, tx, dx, end_x = begin(p[0], u[0], nx, ny * nz)
@@ -152,22 +185,9 @@ def walk_beams(
             best = end_weights_along(entries, exits, candidates, z, sigma, weights)
         else:
             best = end_weights(entries, exits, candidates, z, sigma, enters, weights)
-        before = 0.0
-        for k in range(n):
-            level = level_of_beam(weights[k], before, lowest, highest)
-            before += weights[k]
-            so_far = pending[cells[k]]
-            touched[count] = cells[k]
-            if partial:
-                if level < 0:
-                    level = through(level, exits[k] - entries[k])
-                count += so_far == 0 and level != 0
-                pending[cells[k]] = strongest(so_far, level)
-            else:
-                count += so_far == 0
-                pending[cells[k]] = so_far + level if so_far != -level else 1
-            if before > CUT and k >= best:
-                break
+        count = _claim_ends(
+            cells, entries, exits, weights, n, best, bounds, partial, pending, touched, count
+        )
         if best < n:
             _center_offset(points[beam], cells[best], lower, resolution, shape, offset)
             floor = (MIN_SIGMA * resolution) ** 2
