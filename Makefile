@@ -5,7 +5,7 @@ OUT ?= results/section3
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name __pycache__)
 
-.PHONY: setup check test reproduce clean
+.PHONY: setup check test reproduce pictures clean
 
 setup: .venv/.package
 
@@ -33,6 +33,11 @@ test: check
 
 reproduce: setup
 	$(BIN)/coopmap reproduce --quick --out $(OUT)
+
+# The pictures of the README, from the full run.
+pictures: setup
+	$(BIN)/coopmap reproduce --out results/section3-full --workers 2
+	cp $(addprefix results/section3-full/,figure7.png figure8.png render.png) docs/
 
 clean:
 	rm -rf .venv build *.egg-info .mypy_cache .ruff_cache .pytest_cache

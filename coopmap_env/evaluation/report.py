@@ -25,6 +25,7 @@ from coopmap_env.evaluation.section3 import (
 )
 from coopmap_env.evaluation.serial import settings_to_dict
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
+from coopmap_env.evaluation.trends import equal_coverage, extent_falls
 from coopmap_env.extras import require
 
 TEMPLATE = Path(__file__).with_name("report.html")
@@ -59,6 +60,10 @@ def summary(study: Section3) -> dict[str, Any]:
             reading: _means(results) for reading, results in study.readings.items()
         },
         "sensitivity_to_K": {str(K): _means(results) for K, results in study.sweep.items()},
+        "trends_by_K": {
+            str(K): {"T1": equal_coverage(results).held, "T3": extent_falls(results).held}
+            for K, results in study.sweep.items()
+        },
         "calibration": study.calibration,
         "house": summarize(study.house, spec(100)),
         "killian_court": study.killian.scores,

@@ -168,7 +168,7 @@ def run(
         settings=settings(),
         raster=raster,
         searches=searches,
-        trends=all_trends(raster, {str(m): result for m, result in searches.items()}),
+        trends=all_trends(raster, searches),
         readings=readings,
         sweep=sweep,
         figure_7=figure_7,

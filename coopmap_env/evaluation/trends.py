@@ -51,7 +51,7 @@ class Trend:
         }
 
 
-def equal_coverage(searches: Mapping[str, Evaluation]) -> Trend:
+def equal_coverage(searches: Mapping[Any, Evaluation]) -> Trend:
     """T1, as an equivalence: every search's mean within `EQUAL_WITHIN` of the mean of all."""
     viewed = _table(searches, "coverage")
     test = equivalence(viewed, EQUAL_WITHIN, np.random.default_rng(BOOTSTRAP_SEED))
@@ -64,14 +64,14 @@ def equal_coverage(searches: Mapping[str, Evaluation]) -> Trend:
         p_value=None,
         details={
             "ratio_to_mean": {
-                name: interval.as_dict()
+                str(name): interval.as_dict()
                 for name, interval in zip(searches, test.intervals, strict=True)
             }
         },
     )
 
 
-def raster_views_less(raster: Evaluation, searches: Mapping[str, Evaluation]) -> Trend:
+def raster_views_less(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> Trend:
     """T2: the ratio of what a raster scan views to the least of the searches."""
     ours, theirs = raster.table["coverage"], _table(searches, "coverage")
     ratio = _ratio_to_least(ours, theirs)
@@ -89,7 +89,7 @@ def raster_views_less(raster: Evaluation, searches: Mapping[str, Evaluation]) ->
     )
 
 
-def extent_falls(searches: Mapping[str, Evaluation]) -> Trend:
+def extent_falls(searches: Mapping[Any, Evaluation]) -> Trend:
     """T3: sigma and the farthest viewed point fall from the smallest m to exhaustive (Page)."""
     tests = {
         column: ordered_alternative(_table(searches, column), direction="decreasing")
@@ -109,7 +109,7 @@ def extent_falls(searches: Mapping[str, Evaluation]) -> Trend:
     )
 
 
-def all_trends(raster: Evaluation, searches: Mapping[str, Evaluation]) -> dict[str, Trend]:
+def all_trends(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> dict[str, Trend]:
     """T1 to T3; `searches` from the smallest m to exhaustive."""
     return {
         "T1": equal_coverage(searches),
@@ -118,7 +118,7 @@ def all_trends(raster: Evaluation, searches: Mapping[str, Evaluation]) -> dict[s
     }
 
 
-def _table(searches: Mapping[str, Evaluation], column: str) -> np.ndarray[Any, Any]:
+def _table(searches: Mapping[Any, Evaluation], column: str) -> np.ndarray[Any, Any]:
     """(n_worlds, n_searches) of one score."""
     columns: Sequence[Any] = [evaluation.table[column] for evaluation in searches.values()]
     return np.column_stack(columns)
