@@ -17,21 +17,6 @@ Coordination = Literal["independent", "sequential"]
 Claimed = NDArray[np.uint8] | None
 
 
-def feasible_poses(belief: Belief, robot: int) -> NDArray[np.int64]:
-    """All poses that satisfy constraints i and ii, in the order of the reachable cells."""
-    cells, n = belief.feasible_cells(robot).astype(np.int64), belief.lattice.n_headings
-    return (cells[:, None] * n + np.arange(n)).ravel()
-
-
-def random_poses(belief: Belief, robot: int, m: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Up to m different feasible poses, uniformly at random; the offered ones if there are any."""
-    if belief.offers is not None:
-        return belief.offers[robot]
-    cells, n = belief.feasible_cells(robot), belief.lattice.n_headings
-    picks = rng.choice(len(cells) * n, min(m, len(cells) * n), replace=False)
-    return cells[picks // n].astype(np.int64) * n + picks % n
-
-
 class Planner(ABC):
     """Gives each robot the best-scored pose of its search.
 
@@ -88,7 +73,8 @@ class Planner(ABC):
 
     def candidates(self, belief: Belief, robot: int) -> NDArray[np.int64]:
         """List the poses to choose from."""
-        if self.search == "exhaustive" and belief.offers is None:
-            return feasible_poses(belief, robot)
-        m = self.search if isinstance(self.search, int) else 0
-        return random_poses(belief, robot, m, self.rng)
+        if belief.offers is not None:
+            return belief.offers[robot]
+        if isinstance(self.search, int):
+            return belief.random_poses(robot, self.search, self.rng)
+        return belief.feasible_poses(robot)

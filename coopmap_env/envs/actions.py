@@ -135,13 +135,6 @@ class CandidateMode:
             )
         return np.int64(matches[0])
 
-    def offer(self, belief: Belief, robot: int, rng: np.random.Generator) -> NDArray[np.int64]:
-        """Up to m different feasible poses, uniformly at random, lattice numbers."""
-        cells, headings = belief.feasible_cells(robot), belief.lattice.n_headings
-        n_poses = len(cells) * headings
-        picks = rng.choice(n_poses, min(self.n_candidates, n_poses), replace=False)
-        return cells[picks // headings].astype(np.int64) * headings + picks % headings
-
     @staticmethod
     def _offers(belief: Belief, robot: int) -> NDArray[np.int64]:
         if belief.offers is None:

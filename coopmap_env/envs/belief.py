@@ -63,6 +63,17 @@ class Belief:
         cells = Reach.search(self.map, self.cell(robot)).cells
         return cells[self.within_reach(robot, cells)]
 
+    def feasible_poses(self, robot: int) -> NDArray[np.int64]:
+        """All headings in all feasible cells, lattice numbers in the order of the cells."""
+        cells, n = self.feasible_cells(robot).astype(np.int64), self.lattice.n_headings
+        return (cells[:, None] * n + np.arange(n)).ravel()
+
+    def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Up to m different feasible poses, uniformly at random, lattice numbers."""
+        cells, n = self.feasible_cells(robot).astype(np.int64), self.lattice.n_headings
+        picks = rng.choice(len(cells) * n, min(m, len(cells) * n), replace=False)
+        return cells[picks // n] * n + picks % n
+
     def cell(self, robot: int) -> int:
         """Flat number of the cell in which the robot's camera is."""
         return self.pose_ids[robot] // self.lattice.n_headings

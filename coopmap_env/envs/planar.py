@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import os
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopmap_env.envs.actions import ActionMode, CandidateMode, InvalidActionError, PoseMode
+from coopmap_env.envs.arguments import at_least_one, one_of
 from coopmap_env.envs.belief import Belief
 from coopmap_env.envs.observations import Observation, Observer
 from coopmap_env.envs.rendering import HumanWindow, render_team
@@ -84,13 +84,13 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             self, n_robots, action_mode, reward, team_reward, scene, split, max_scans,
             n_candidates, settings, render_mode,
         )  # fmt: skip
-        n_robots = _at_least_one("n_robots", n_robots)
-        self.max_scans = _at_least_one("max_scans", max_scans)
-        n_candidates = _at_least_one("n_candidates", n_candidates)
-        _one_of("action_mode", action_mode, ("pose", "candidates"))
-        _one_of("reward", reward, tuple(TERMS))
-        _one_of("team_reward", team_reward, ("individual", "shared"))
-        _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        n_robots = at_least_one("n_robots", n_robots)
+        self.max_scans = at_least_one("max_scans", max_scans)
+        n_candidates = at_least_one("n_candidates", n_candidates)
+        one_of("action_mode", action_mode, ("pose", "candidates"))
+        one_of("reward", reward, tuple(TERMS))
+        one_of("team_reward", team_reward, ("individual", "shared"))
+        one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         world_seed(split, 0)  # refuses an unknown split
         if not isinstance(settings, PlanarSettings | None):
             raise ValueError(f"settings must be PlanarSettings or None, got {settings!r}")
@@ -334,7 +334,7 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
     def _offer_candidates(self) -> None:
         if isinstance(self._actions, CandidateMode):
             offers = tuple(
-                self._actions.offer(self._belief, robot, self._candidate_rng)
+                self._belief.random_poses(robot, self._actions.n_candidates, self._candidate_rng)
                 for robot in range(len(self.possible_agents))
             )
             self._belief = self._belief.moved(self._belief.pose_ids, offers)
@@ -368,18 +368,3 @@ def _world_of(scene: Scene, rng: np.random.Generator) -> World:
         if made != said:
             raise ValueError(f"scene {scene.name!r} made a world of {name} {made}, not {said}")
     return world
-
-
-def _at_least_one(name: str, value: int) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = 0
-    if number < 1 or isinstance(value, bool):
-        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
-    return number
-
-
-def _one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
-    if value not in choices:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}")

@@ -126,9 +126,7 @@ def brute_force_ms(env: PlanarEnv, seed: int) -> float:
             """The pose of the highest rating."""
             actions = {}
             for robot, agent in enumerate(belief.agents):
-                n = belief.lattice.n_headings
-                cells = belief.feasible_cells(robot).astype(np.int64)
-                ids = (cells[:, None] * n + np.arange(n)).ravel()
+                ids = belief.feasible_poses(robot)
                 rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot])
                 actions[agent] = belief.action_for(robot, int(ids[np.argmax(rated.rating)]))
             return actions

@@ -7,7 +7,6 @@ import coopmap_baselines
 import numpy as np
 import pytest
 from coopmap_baselines.frontier import FrontierPolicy
-from coopmap_baselines.planner import feasible_poses
 from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id, world_of
 from plain.random_maps import random_map, write
 from plain.views import visible_cells
@@ -87,7 +86,7 @@ def test_frontier_takes_the_first_cell_by_path_from_which_the_unknown_shows():
         steps = Reach.search(map_, belief.cell(0)).steps
         unknown = np.pad(~map_.sampled, 1)
         beside = unknown[2:, 1:-1] | unknown[:-2, 1:-1] | unknown[1:-1, 2:] | unknown[1:-1, :-2]
-        ids = feasible_poses(belief, 0)
+        ids = belief.feasible_poses(0)
         frontier = ids[beside.ravel()[ids // 16]]
         shows = belief.rating.unknown_cells(map_, frontier)
         assert frontier[shows > 0].size
@@ -253,7 +252,7 @@ def test_coverage_counts_the_unknown_cells_in_view_minus_the_way():
     rng = np.random.default_rng(0)
     for _ in range(3):
         belief = write_random_map(env, rng)
-        ids = rng.choice(feasible_poses(belief, 0), 12)
+        ids = rng.choice(belief.feasible_poses(0), 12)
         claimed = (rng.random(1600) < 0.3).astype(np.uint8)
         taken = {divmod(int(cell), 40) for cell in np.flatnonzero(claimed)}
         for mates, left_out in ((None, set()), (claimed, taken)):

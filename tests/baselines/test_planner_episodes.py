@@ -3,7 +3,6 @@
 import coopmap_baselines
 import numpy as np
 import pytest
-from coopmap_baselines.planner import feasible_poses, random_poses
 from plain.drawn_worlds import NO_NOISE, env_in, open_world, place
 from plain.rollouts import MODES
 
@@ -84,8 +83,8 @@ def test_random_m_takes_the_best_of_its_sample(name, m, small_scene):
         belief = env.belief()
         actions = policy.act(belief, observations)
         for robot, agent in enumerate(belief.agents):
-            sample = random_poses(belief, robot, m, rng)
-            feasible = feasible_poses(belief, robot)
+            sample = belief.random_poses(robot, m, rng)
+            feasible = belief.feasible_poses(robot)
             assert len(set(sample.tolist())) == len(sample) == min(m, len(feasible))
             assert np.isin(sample, feasible).all()
             scores = policy.score(belief, robot, sample, None)
@@ -97,8 +96,8 @@ def test_random_m_takes_the_best_of_its_sample(name, m, small_scene):
 def test_feasible_poses_are_all_headings_at_all_feasible_cells():
     belief = place(env_in(open_world(), n_robots=1), (20, 20, 3), known=[20 * 40 + 21, 900])
     expected = {cell * 16 + heading for cell in (820, 821) for heading in range(16)}
-    assert set(feasible_poses(belief, 0).tolist()) == expected
-    assert len(feasible_poses(belief, 0)) == 32
+    assert set(belief.feasible_poses(0).tolist()) == expected
+    assert len(belief.feasible_poses(0)) == 32
 
 
 def test_among_candidates_the_planners_search_only_those():

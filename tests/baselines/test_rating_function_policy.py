@@ -3,7 +3,6 @@ from dataclasses import replace
 import coopmap_baselines
 import numpy as np
 import pytest
-from coopmap_baselines.planner import feasible_poses
 from coopmap_baselines.rating_cache import NewInformationCache
 
 from coopmap_env.envs.planar import PlanarEnv
@@ -29,7 +28,7 @@ def play_and_compare(env, policy, seed):
         claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = policy.act(belief, observations)
         for robot, agent in enumerate(belief.agents):
-            ids = feasible_poses(belief, robot)
+            ids = belief.feasible_poses(robot)
             brute += len(ids)
             rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot], claimed)
             counter = policy._cache.n_rated
@@ -105,7 +104,7 @@ def test_a_map_that_did_not_change_is_not_rated_again():
     env = PlanarEnv(1)
     env.reset(seed=0)
     belief = env.belief()
-    cache, ids = NewInformationCache(belief.rating), feasible_poses(belief, 0)
+    cache, ids = NewInformationCache(belief.rating), belief.feasible_poses(0)
     cache.new_information(belief.map, ids)
     assert cache.n_rated == len(ids)
     cache.new_information(belief.map.copy(), ids[::-1])

@@ -214,7 +214,7 @@ def test_every_feasible_pose_is_offered_as_often():
     )
     belief = place(env, (20, 20, 0), known=[20 * 40 + 21])
     rng = np.random.default_rng(0)
-    picks = np.concatenate([belief.actions.offer(belief, 0, rng) for _ in range(2000)])
+    picks = np.concatenate([belief.random_poses(0, 8, rng) for _ in range(2000)])
     counts = np.unique(picks, return_counts=True)[1]
     assert len(counts) == 32
     np.testing.assert_allclose(counts, 500, atol=4 * np.sqrt(500 * 0.75))  # four standard errors

@@ -4,7 +4,6 @@ from dataclasses import replace
 import coopmap_baselines
 import numpy as np
 import pytest
-from coopmap_baselines.planner import feasible_poses
 from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
 from plain.rollouts import MODES, random_actions
 from plain.views import new_information, visible_cells
@@ -74,7 +73,7 @@ def test_the_sequential_exhaustive_planner_maximises_the_reward(scene):
             actions = policy.act(belief, observations)
             for robot, agent in enumerate(belief.agents):
                 current = belief.pose_ids[robot]
-                ids = feasible_poses(belief, robot)
+                ids = belief.feasible_poses(robot)
                 best.append(belief.rating.rate(belief.map, ids, current, claimed).rating.max())
                 chosen, refused = belief.actions.decode(agent, actions[agent], belief)
                 assert refused == ""

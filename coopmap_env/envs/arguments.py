@@ -1,0 +1,21 @@
+"""Checks of constructor arguments: the message names the argument, the value and the choices."""
+
+import operator
+from typing import Any
+
+
+def at_least_one(name: str, value: int) -> int:
+    """The value, if it is a whole number of at least 1; ValueError otherwise."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = 0
+    if number < 1 or isinstance(value, bool):
+        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
+    return number
+
+
+def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
+    """ValueError unless the value is one of the choices."""
+    if value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}")
