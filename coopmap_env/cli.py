@@ -150,14 +150,14 @@ class Bench:
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: one clear line and exit status 1 on bad input."""
-    tyro = require("tyro", "cli")
-    command: Any = tyro.extras.subcommand_cli_from_dict(
-        {"reproduce": Reproduce, "evaluate": Evaluate, "bench": Bench},
-        prog="coopmap",
-        description="Cooperative active mapping: environments, planners, evaluation.",
-        args=arguments,
-    )
     try:
+        tyro = require("tyro", "cli")
+        command: Any = tyro.extras.subcommand_cli_from_dict(
+            {"reproduce": Reproduce, "evaluate": Evaluate, "bench": Bench},
+            prog="coopmap",
+            description="Cooperative active mapping: environments, planners, evaluation.",
+            args=arguments,
+        )
         command.run()
     except KeyboardInterrupt:
         raise SystemExit("interrupted; the same command goes on from here") from None
