@@ -29,7 +29,7 @@ def place_team(
     spread : float
         Metres: teammates start no further than this from the first robot.
     radius : float
-        Metres around each start whose free cells are known.
+        Metres around each start whose free cells are known, as far as they hang together.
     rng : numpy.random.Generator
 
     Returns
@@ -37,7 +37,8 @@ def place_team(
     pose_ids : tuple of int
         Lattice numbers, cells different as long as there are enough within `spread`.
     known : ndarray, shape (k,)
-        Flat numbers of the known cells: the truly free ones around the starts.
+        Flat numbers of the known cells: the truly free ones around the starts, none of them
+        behind a wall.
     """
     region = largest_free_region(world.occupied)
     cells = np.flatnonzero(region)
@@ -50,8 +51,25 @@ def place_team(
         cell * lattice.n_headings + heading for cell, heading in zip(starts, headings, strict=True)
     )
     free = ~world.occupied
-    known = np.concatenate([_disc(free, cell, radius / world.resolution) for cell in starts])
-    return pose_ids, np.unique(known)
+    known = [_around(_disc(free, cell, radius / world.resolution), cell, world) for cell in starts]
+    return pose_ids, np.unique(np.concatenate(known))
+
+
+def _around(cells: NDArray[np.int64], start: int, world: World) -> NDArray[np.int64]:
+    """The part of some cells that hangs together with the start by faces."""
+    ny = world.shape[1]
+    left, found = set(cells.tolist()) - {start}, [start]
+    for cell in found:
+        sides = (
+            cell - ny,
+            cell + ny,
+            cell - 1 if cell % ny else -1,
+            (cell + 1) if (cell + 1) % ny else -1,
+        )
+        for side in left.intersection(sides):
+            left.remove(side)
+            found.append(side)
+    return np.array(found)
 
 
 def _disc(mask: NDArray[np.bool_], cell: int, radius: float) -> NDArray[np.int64]:

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from coopmap_env.envs.starts import place_team
 from coopmap_env.mapping import VoxelGrid
@@ -48,13 +49,18 @@ def test_robots_start_in_different_cells_of_the_largest_region_close_together(wo
         assert (np.hypot(*apart.T) <= SPREAD + 1e-9).all()  # but for rounding
 
 
-def test_known_cells_are_the_free_ones_within_the_radius_of_a_start(worlds):
+def test_known_cells_are_the_free_ones_around_a_start_and_none_behind_a_wall(worlds):
     for seed, world in enumerate(worlds):
         _, cells, known = place(world, 3, seed)
         every = centres(world, np.arange(world.occupied.size))
-        offsets = every[:, None] - centres(world, cells)
-        near = (np.hypot(offsets[..., 0], offsets[..., 1]) <= RADIUS + 1e-9).any(axis=1)
-        np.testing.assert_array_equal(known, np.flatnonzero(near & ~world.occupied.ravel()))
+        expected = set()
+        for cell in cells:
+            offsets = every - centres(world, np.array([cell]))
+            near = np.hypot(*offsets.T) <= RADIUS + 1e-9
+            free = (near & ~world.occupied.ravel()).reshape(world.shape)
+            pieces, _ = ndimage.label(free)
+            expected |= set(np.flatnonzero(pieces == pieces.flat[cell]).tolist())
+        assert known.tolist() == sorted(expected)
 
 
 def test_the_generator_decides_all(worlds):
