@@ -1,5 +1,8 @@
 # `make test` and `make reproduce` need Python 3.11, pip and make; both create .venv and reuse it.
 PYTHON ?= python3
+# Where the package index holds GPU builds of torch only, name the CPU one:
+# TORCH="torch==2.13.0 --index-url https://download.pytorch.org/whl/cpu"
+TORCH ?= torch==2.13.0
 BIN := .venv/bin
 OUT ?= results/section3
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -12,7 +15,7 @@ setup: .venv/.package
 # torch comes first and pinned: asked for later, another package would pull its GPU build.
 .venv/.dependencies: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(PIP) "torch==2.13.0"
+	$(PIP) $(TORCH)
 	$(PIP) --editable ".[dev]" --config-settings editable_mode=strict
 	touch $@
 

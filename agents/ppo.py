@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief
 from coopmap_env.envs.observations import Observation
@@ -185,7 +186,25 @@ class LearnedPolicy:
         """Nothing to forget and nothing to draw."""
 
     def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
-        """One action for each robot, from its own observation."""
+        """One action for each robot, from its own observation.
+
+        Raises
+        ------
+        ValueError
+            If the observations are not of the shape that the model was trained on.
+        """
         rows = stack(observations[agent] for agent in belief.agents)
+        self._check(rows)
         actions, _ = self.model.predict(rows, deterministic=True)
         return dict(zip(belief.agents, actions, strict=True))
+
+    def _check(self, rows: Mapping[str, NDArray[Any]]) -> None:
+        space = self.model.observation_space
+        assert isinstance(space, spaces.Dict)
+        learned = {name: box.shape for name, box in space.spaces.items()}
+        given = {name: array.shape[1:] for name, array in rows.items()}
+        if learned != given:
+            raise ValueError(
+                f"this policy was trained on observations {learned}, but is given {given}: use the "
+                "action mode, number of robots and candidates that it was trained with"
+            )

@@ -61,4 +61,7 @@ def make(name: str, **options: Any) -> Policy:
     """
     if name not in POLICIES:
         raise ValueError(f"unknown policy {name!r}; choose from {', '.join(POLICIES)}")
-    return POLICIES[name](**options)
+    try:
+        return POLICIES[name](**options)
+    except TypeError as error:
+        raise ValueError(f"policy {name!r}: {error}") from error

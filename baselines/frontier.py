@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief
+from coopmap_env.robots import Reach
 
 from .planner import Claimed, Coordination, Planner
 
@@ -29,6 +30,9 @@ class FrontierPolicy(Planner):
     def candidates(self, belief: Belief, robot: int) -> NDArray[np.int64]:
         """All headings at the frontier cells, nearest first; everything feasible without one."""
         ids = super().candidates(belief, robot)
+        if belief.offers is not None:  # these come in random order
+            steps = Reach.search(belief.map, belief.cell(robot)).steps
+            ids = ids[np.argsort(steps[ids // belief.lattice.n_headings], kind="stable")]
         cells = ids // belief.lattice.n_headings
         at_frontier = _next_to_unknown(belief)[cells]
         return ids[at_frontier] if at_frontier.any() else ids

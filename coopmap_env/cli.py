@@ -74,26 +74,34 @@ class Evaluate:
     """Scans of each robot."""
     action_mode: Literal["pose", "candidates"] = "pose"
     """Free poses within reach, or a choice among random candidates."""
+    n_candidates: int = 32
+    """m, in candidates mode."""
+    reward: Literal["rating", "information", "coverage"] = "rating"
+    """The reward that is summed up."""
     workers: int = 1
     """Processes; the numbers do not depend on it, planning times apart."""
 
     def run(self) -> None:
         """Play all episodes, write the files, print a summary."""
-        from coopmap_env import evaluation
+        import coopmap_env
+        from coopmap_env import evaluation, planar_v0
         from coopmap_env.evaluation.comparison import write_episodes
         from coopmap_env.evaluation.jobs import write_atomically
+        from coopmap_env.evaluation.serial import settings_to_dict
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]
         if not names:
             raise ValueError("--policies names no policy")
         if self.episodes < 1:
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
-        env = {
+        env: dict[str, Any] = {
             "n_robots": self.robots,
             "scene": self.scene,
             "split": self.split,
             "max_scans": self.max_scans,
             "action_mode": self.action_mode,
+            "n_candidates": self.n_candidates,
+            "reward": self.reward,
         }
         results = evaluation.compare(
             names,
@@ -102,8 +110,10 @@ class Evaluate:
             self.out / "episodes",
             workers=self.workers,
         )
+        settings = planar_v0.parallel_env(**env).settings
         summary = {
-            "env": {"id": "coopmap/Planar-v0", **env},
+            "version": coopmap_env.__version__,
+            "env": {"id": "coopmap/Planar-v0", **env, "settings": settings_to_dict(settings)},
             "policies": evaluation.summarize(results, names[0]),
         }
         write_episodes(results, self.out / "episodes.csv")
@@ -148,6 +158,10 @@ class Bench:
         print(text)
 
 
+INTERRUPTED = 130
+"""What shells expect of a command that ended by an interrupt."""
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: one clear line and exit status 1 on bad input."""
     try:
@@ -160,7 +174,8 @@ def main(arguments: list[str] | None = None) -> None:
         )
         command.run()
     except KeyboardInterrupt:
-        raise SystemExit("interrupted; the same command goes on from here") from None
+        _say("interrupted; finished episodes are kept, the same command goes on with the rest")
+        raise SystemExit(INTERRUPTED) from None
     except (ValueError, ImportError, OSError) as error:
         raise SystemExit(f"coopmap: {' '.join(str(error).split())}") from None
 

@@ -24,7 +24,9 @@ learns of the cell. Only the goal is asked about: a path may lead through such a
 ``infos[agent]`` holds ``terms`` (all reward terms), ``refused`` (why the camera stayed, or ""),
 ``contact`` (whether it bumped into something that the map took as free),
 ``new_information``, ``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and
-``action_mask`` in "candidates" mode.
+``action_mask`` in "candidates" mode. After a reset there are only ``scans``, ``viewed_share`` and
+the mask. ``viewed_share`` counts every cell of the world, the insides of obstacles too, so it does
+not reach one.
 
 Version history
 ---------------

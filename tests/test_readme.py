@@ -70,7 +70,7 @@ def test_extras_named_in_the_readme_exist():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     named = set(re.findall(r"`(maps|render|report|cli|data|rl|bench)`", TEXT))
     assert named <= set(project["optional-dependencies"])
-    assert 'pip install "coopmap[all]"' in TEXT
+    assert 'pip install ".[all]"' in TEXT
 
 
 def test_pictures_exist():

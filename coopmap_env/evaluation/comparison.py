@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 import coopmap_env
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.settings import PlanarSettings
-from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode
+from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode, warm_up
 from coopmap_env.evaluation.jobs import Job, Result, run_jobs, write_atomically
 from coopmap_env.evaluation.policy import Policy, make_policy
 from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
@@ -77,18 +79,25 @@ def evaluate(env: PlanarEnv, policy: Policy, seeds: Iterable[int]) -> Evaluation
     Raises
     ------
     ValueError
-        If there is no seed.
+        If there is no seed, or the policy has no `reset` and `act`.
     """
-    episodes = tuple(run_episode(env, policy, seed) for seed in seeds)
-    if not episodes:
+    if not isinstance(policy, Policy):
+        raise ValueError(f"a policy needs the methods reset and act, got {policy!r}")
+    seeds = list(seeds)
+    if not seeds:
         raise ValueError("evaluate needs at least one seed")
-    return Evaluation(episodes)
+    warm_up(env, policy)
+    return Evaluation(tuple(run_episode(env, policy, seed) for seed in seeds))
 
 
 def make_job(policy: str, seed: int, env: dict[str, Any], settings: PlanarSettings | None) -> Job:
-    """One episode as JSON: the policy's spec, the seed, and the environment's arguments."""
+    """One episode as JSON: all that decides it, so that equal jobs have equal results.
+
+    Files that the scene or an option of the policy names count by their content.
+    """
     return {
-        "version": coopmap_env.__version__,  # a new version plays anew
+        "version": coopmap_env.__version__,
+        "files": _contents(policy, env.get("scene", "")),
         "policy": policy,
         "seed": seed,
         "env": env,
@@ -96,22 +105,44 @@ def make_job(policy: str, seed: int, env: dict[str, Any], settings: PlanarSettin
     }
 
 
+def _contents(policy: str, scene: str) -> dict[str, str]:
+    """SHA-256 of the files that a policy's spec names, and of the scene's YAML and image."""
+    named = [Path(word) for word in re.split("[=+:]", policy)]
+    if Path(scene).suffix in (".yaml", ".yml"):
+        named += [Path(scene), *Path(scene).parent.glob("*.p[gn][mg]")]
+    return {
+        str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in named if path.is_file()
+    }
+
+
 @lru_cache(maxsize=4)
 def _env(arguments: str) -> PlanarEnv:
     values = json.loads(arguments)
-    settings = values.pop("settings")
-    return PlanarEnv(**values, settings=settings and settings_from_dict(settings))
+    settings = values["settings"]
+    return PlanarEnv(**values["env"], settings=settings and settings_from_dict(settings))
 
 
 @lru_cache(maxsize=16)
-def _policy(spec: str) -> Policy:
-    return make_policy(spec)
+def _policy(spec: str, arguments: str) -> Policy:
+    policy = make_policy(spec)
+    warm_up(_env(arguments), policy)
+    return policy
 
 
 def run_job(job: Job) -> Result:
     """Play the episode of a job; environments and policies are kept from job to job."""
-    env = _env(json.dumps({**job["env"], "settings": job["settings"]}, sort_keys=True))
-    return asdict(run_episode(env, _policy(job["policy"]), job["seed"]))
+    kept = {name: value for name, value in job.items() if name not in ("policy", "seed")}
+    arguments = json.dumps(kept, sort_keys=True)
+    return asdict(run_episode(_env(arguments), _policy(job["policy"], arguments), job["seed"]))
+
+
+def _is_episode(result: Any) -> bool:
+    """Whether a stored result is an episode of this version."""
+    try:
+        episode_from_dict(result)
+    except (TypeError, KeyError):
+        return False
+    return True
 
 
 def compare(
@@ -137,8 +168,9 @@ def compare(
     """
     for policy in policies:
         make_policy(policy)  # refuses bad specs before any work
+    PlanarEnv(**env, settings=settings)  # and bad arguments
     jobs = [make_job(policy, seed, env, settings) for policy in policies for seed in seeds]
-    results = iter(run_jobs(run_job, jobs, store, workers, progress))
+    results = iter(run_jobs(run_job, jobs, store, workers, progress, _is_episode))
     return {
         policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
         for policy in policies
@@ -149,7 +181,7 @@ def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict
     """Scores of each policy with 95 % intervals, and how it fares against a reference policy.
 
     For every score: the mean, and the interquartile mean with its stratified bootstrap interval
-    (the worlds of one policy are one stratum; learned policies have one for each training seed).
+    (the worlds of a policy are one stratum).
     Against the reference, over the paired worlds: the probability of improvement and the mean
     difference in the area under the coverage curve.
     """

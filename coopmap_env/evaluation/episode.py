@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -103,6 +102,13 @@ def policy_rng(seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(POLICY_STREAM,)))
 
 
+def warm_up(env: PlanarEnv, policy: Policy) -> None:
+    """Take one decision unmeasured, so that compiling and loading are no planning time."""
+    observations, _ = env.reset(seed=0)
+    policy.reset(policy_rng(0))
+    policy.act(env.belief(), observations)
+
+
 def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
     """Play one episode and measure it; the environment holds the final map afterwards."""
     observations, _ = env.reset(seed=seed)
@@ -116,6 +122,8 @@ def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
         before = time.perf_counter()
         actions = policy.act(env.belief(), observations)
         planning += time.perf_counter() - before
+        if belief.map.viewed_share != viewed[-1]:
+            raise RuntimeError(f"{policy!r} changed the map, which is to be looked at only")
         decisions += len(actions)
         observations, rewards, _, _, infos = env.step(actions)
         reward += sum(rewards.values())
@@ -143,8 +151,3 @@ def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
 def episode_from_dict(values: dict[str, Any]) -> Episode:
     """The episode that `dataclasses.asdict` turned into JSON values."""
     return Episode(**{**values, "extent": Extent(**values["extent"])})
-
-
-def is_complete(episode: Episode) -> bool:
-    """Whether every score is a finite number."""
-    return all(math.isfinite(value) for value in episode.row().values())

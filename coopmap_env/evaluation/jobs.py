@@ -47,6 +47,7 @@ def run_jobs(
     store: Path,
     workers: int = 1,
     progress: bool = True,
+    usable: Callable[[Any], bool] = lambda result: True,
 ) -> list[Result]:
     """Results of all jobs, in the order of the jobs.
 
@@ -62,6 +63,8 @@ def run_jobs(
         Processes; 1 works in this one.
     progress : bool
         Show a bar (extra ``cli``).
+    usable : callable
+        Whether a stored result can be used; others count as missing.
 
     Raises
     ------
@@ -72,7 +75,7 @@ def run_jobs(
         raise ValueError(f"workers must be at least 1, got {workers}")
     store.mkdir(parents=True, exist_ok=True)
     paths = [store / f"{job_key(job)}.json" for job in jobs]
-    results = [_read(path) for path in paths]
+    results = [_read(path, usable) for path in paths]
     missing = [i for i, result in enumerate(results) if result is None]
     for i, result in _bar(
         _run(function, [(i, jobs[i]) for i in missing], workers), len(jobs), len(missing), progress
@@ -82,13 +85,13 @@ def run_jobs(
     return [result for result in results if result is not None]
 
 
-def _read(path: Path) -> Result | None:
+def _read(path: Path, usable: Callable[[Any], bool]) -> Result | None:
     """A stored result, or None if there is none that can be read."""
     try:
         value: Result = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError):
         return None
-    return value
+    return value if usable(value) else None
 
 
 def _run(
@@ -100,15 +103,14 @@ def _run(
         return
     # spawn: a forked child would inherit locks and library threads in an undefined state
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
+    pool = ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context)
+    try:
         futures: dict[Future[Result], int] = {pool.submit(function, job): i for i, job in jobs}
-        try:
-            while futures:
-                for future in wait(futures, return_when=FIRST_COMPLETED).done:
-                    yield futures.pop(future), future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+        while futures:
+            for future in wait(futures, return_when=FIRST_COMPLETED).done:
+                yield futures.pop(future), future.result()
+    finally:  # an interruption leaves at most the jobs that run already
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _bar(

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+import coopmap_env
 from coopmap_env.evaluation import figures
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, summarize
 from coopmap_env.evaluation.jobs import write_atomically
@@ -43,6 +44,7 @@ def write_report(study: Section3, out: Path) -> None:
 def summary(study: Section3) -> dict[str, Any]:
     """Everything that was found, as JSON values."""
     return {
+        "version": coopmap_env.__version__,
         "settings": {
             "planar": settings_to_dict(study.settings),
             "n_robots": 2,
@@ -133,6 +135,7 @@ def _html(study: Section3, out: Path) -> str:
         label=_label,
         scans=2 * SCANS_EACH,
         image=image,
+        version=coopmap_env.__version__,
         settings=json.dumps(settings_to_dict(study.settings), indent=2),
     )
     return html

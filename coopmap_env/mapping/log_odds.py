@@ -2,7 +2,7 @@
 
 One level is 1/1024 nat. Sums of whole numbers are associative, which floating-point sums are not:
 fusing the scans of a team in any order gives the same map, bit for bit. Probability and entropy of
-a level come from tables.
+a level come from tables. The clamp is no sum: it is applied once, after the scans of one time.
 """
 
 from __future__ import annotations

@@ -26,8 +26,11 @@ class PoseLattice:
     def __post_init__(self) -> None:
         if self.grid.dimension != 2:
             raise ValueError(f"PoseLattice needs a planar grid, got {self.grid.shape}")
-        if self.n_headings < 1:
-            raise ValueError(f"PoseLattice.n_headings must be at least 1, got {self.n_headings}")
+        if not (isinstance(self.n_headings, int | np.integer) and self.n_headings >= 1):
+            raise ValueError(
+                f"PoseLattice.n_headings must be a whole number of at least 1, got "
+                f"{self.n_headings}"
+            )
 
     @property
     def n_poses(self) -> int:

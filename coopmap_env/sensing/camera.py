@@ -36,8 +36,10 @@ class PlanarCamera:
             raise ValueError(
                 f"PlanarCamera.depth_of_field must be finite and > 0: {self.depth_of_field}"
             )
-        if self.n_beams < 1:
-            raise ValueError(f"PlanarCamera.n_beams must be at least 1: {self.n_beams}")
+        if not (isinstance(self.n_beams, int | np.integer) and self.n_beams >= 1):
+            raise ValueError(
+                f"PlanarCamera.n_beams must be a whole number of at least 1: {self.n_beams}"
+            )
 
     @property
     def bearings(self) -> NDArray[np.float64]:

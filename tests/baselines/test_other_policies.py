@@ -277,3 +277,15 @@ def test_the_heavier_the_motion_the_nearer_the_pose(name, small_scene):
         ways.append(np.linalg.norm((belief.lattice.poses(pose) - belief.poses[0])[:2]))
     assert ways == sorted(ways, reverse=True)
     assert ways[0] > ways[-1] == 0
+
+
+def test_frontier_takes_the_nearest_frontier_among_offers_in_any_order():
+    env = env_in(
+        open_world(), n_robots=1, settings=SETTINGS, action_mode="candidates", n_candidates=200
+    )
+    known = [x * 40 + y for x in range(14, 27) for y in range(17, 24)]
+    belief = place(env, (20, 20, 0), known=known)
+    ids = FrontierPolicy().candidates(belief, 0)
+    steps = Reach.search(belief.map, belief.cell(0)).steps[ids // belief.lattice.n_headings]
+    assert (np.diff(steps) >= 0).all()
+    assert set(ids.tolist()) <= set(belief.offers[0].tolist())

@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 
 from coopmap_env import evaluation, planar_v0
-from coopmap_env.evaluation.comparison import Evaluation, compare, summarize, write_episodes
+from coopmap_env.evaluation.comparison import (
+    Evaluation,
+    compare,
+    make_job,
+    summarize,
+    write_episodes,
+)
 from coopmap_env.evaluation.episode import Episode, Extent, episode_from_dict, run_episode
 from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
 from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
-from coopmap_env.simulation.scenes import Obstacles
+from coopmap_env.simulation.scenes import Obstacles, save_map_server
 
 POLICIES = ["rating_function:search=10", "raster"]
 
@@ -181,3 +187,51 @@ def test_the_table_has_one_row_for_each_policy_and_world(tmp_path):
         ("b", "1"),
     ]
     assert float(rows[0]["coverage_auc"]) == episode().coverage_auc
+
+
+def write_map(path, wall):
+    occupied = np.zeros((30, 24))
+    occupied[wall, 2:] = 1.0
+    save_map_server(path, occupied, resolution=0.1, origin=(0.0, 0.0))
+
+
+def test_a_changed_map_is_played_anew(tmp_path):
+    path = tmp_path / "map.yaml"
+    arguments = {"scene": str(path), "max_scans": 3, "split": "test"}
+
+    def coverage():
+        result = compare(["raster"], [0], arguments, tmp_path / "store", progress=False)
+        return result["raster"].episodes[0].coverage
+
+    write_map(path, wall=15)
+    first = coverage()
+    assert coverage() == first
+    write_map(path, wall=6)
+    assert coverage() != first
+
+
+def test_a_file_named_in_a_spec_counts_by_its_content(tmp_path):
+    model = tmp_path / "model.zip"
+    model.write_bytes(b"one")
+    before = make_job(f"learned:model={model}", 0, {}, None)
+    model.write_bytes(b"two")
+    assert make_job(f"learned:model={model}", 0, {}, None) != before
+
+
+class Cheat:
+    def reset(self, rng):
+        pass
+
+    def act(self, belief, observations):
+        belief.map.mark_free(range(100))
+        return {agent: np.zeros(3, dtype=np.float32) for agent in belief.agents}
+
+
+def test_a_policy_that_writes_into_the_map_is_found_out():
+    with pytest.raises(RuntimeError, match="changed the map"):
+        run_episode(small_env(), Cheat(), seed=0)
+
+
+def test_an_object_that_is_no_policy_is_refused():
+    with pytest.raises(ValueError, match="needs the methods reset and act"):
+        evaluation.evaluate(small_env(), object(), seeds=[0])

@@ -1,9 +1,12 @@
 import json
 import os
+import time
+from itertools import islice
+from pathlib import Path
 
 import pytest
 
-from coopmap_env.evaluation.jobs import job_key, run_jobs, write_atomically
+from coopmap_env.evaluation.jobs import _run, job_key, run_jobs, write_atomically
 
 JOBS = [{"n": n} for n in range(5)]
 
@@ -20,6 +23,12 @@ def fail_at_three(job):
     if job["n"] == 3:
         raise KeyboardInterrupt
     return square(job)
+
+
+def slow(job):
+    (Path(job["folder"]) / str(job["n"])).touch()
+    time.sleep(0.3)
+    return {}
 
 
 def squares(results):
@@ -72,3 +81,20 @@ def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path):
         write_atomically(path, json)  # type: ignore[arg-type]
     assert path.read_text() == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["file.json"]
+
+
+def test_an_interruption_stops_the_workers_too(tmp_path):
+    jobs = [(n, {"n": n, "folder": str(tmp_path)}) for n in range(40)]
+    running = _run(slow, jobs, workers=2)
+    list(islice(running, 2))
+    running.close()  # as an exception in the loop over it does
+    begun = len(list(tmp_path.iterdir()))
+    time.sleep(0.7)
+    assert len(list(tmp_path.iterdir())) == begun < 12
+
+
+def test_a_stored_result_of_no_use_is_made_again(tmp_path):
+    run_jobs(square, JOBS, tmp_path, progress=False)
+    (tmp_path / f"{job_key(JOBS[2])}.json").write_text("{}")
+    results = run_jobs(square, JOBS, tmp_path, progress=False, usable=lambda result: bool(result))
+    assert squares(results) == [0, 1, 4, 9, 16]
