@@ -116,6 +116,14 @@ def test_a_learned_policy_is_a_policy_and_gives_each_robot_what_its_own_view_ask
         assert env.action_space(agent).contains(action)
 
 
+def test_a_learned_policy_on_other_observations_names_both_shapes():
+    policy = LearnedPolicy(train(small_world, TINY, seed=0))
+    env = small_world(n_robots=3)
+    observations, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"trained on .*\(1, 4\).* is given .*\(2, 4\)"):
+        policy.act(env.belief(), observations)
+
+
 def test_a_learned_policy_never_asks_for_a_masked_candidate():
     policy = LearnedPolicy(train(masked_world, TINY, seed=0))
     evaluation = evaluate(masked_world(), policy, range(5))
