@@ -162,17 +162,22 @@ INTERRUPTED = 130
 """What shells expect of a command that ended by an interrupt."""
 
 
+def parse(arguments: list[str] | None = None) -> Reproduce | Evaluate | Bench:
+    """The command that the arguments (default: those of the process) ask for."""
+    tyro = require("tyro", "cli")
+    command: Reproduce | Evaluate | Bench = tyro.extras.subcommand_cli_from_dict(
+        {"reproduce": Reproduce, "evaluate": Evaluate, "bench": Bench},
+        prog="coopmap",
+        description="Cooperative active mapping: environments, planners, evaluation.",
+        args=arguments,
+    )
+    return command
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: one clear line and exit status 1 on bad input."""
     try:
-        tyro = require("tyro", "cli")
-        command: Any = tyro.extras.subcommand_cli_from_dict(
-            {"reproduce": Reproduce, "evaluate": Evaluate, "bench": Bench},
-            prog="coopmap",
-            description="Cooperative active mapping: environments, planners, evaluation.",
-            args=arguments,
-        )
-        command.run()
+        parse(arguments).run()
     except KeyboardInterrupt:
         _say("interrupted; finished episodes are kept, the same command goes on with the rest")
         raise SystemExit(INTERRUPTED) from None

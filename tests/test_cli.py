@@ -74,3 +74,15 @@ def test_a_failure_exits_with_status_one(tmp_path):
 
 def test_unknown_options_are_refused(tmp_path):
     assert run("evaluate", "--colour", "red", "--out", tmp_path).returncode != 0
+
+
+@pytest.mark.slow
+def test_bench_writes_ratios_and_times(tmp_path):
+    for needed in ("mpe2", "psutil"):
+        pytest.importorskip(needed)
+    done = run("bench", "--out", tmp_path / "bench.json", "--rounds", "1")
+    assert done.returncode == 0, done.stderr
+    figures = json.loads((tmp_path / "bench.json").read_text())
+    wanted = {"ratio_to_simple_spread", "agent_steps_per_s", "resident_memory_mb"}
+    assert wanted < set(figures)
+    assert figures["decision_ms, search=exhaustive"] > 0

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from coopmap_env.cli import parse
+
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"(<!-- slow -->\n)?```(python|bash)\n(.*?)```", TEXT, re.DOTALL)
@@ -52,6 +54,12 @@ def test_evaluate_command_runs(command, tmp_path):
     assert done.returncode == 0, done.stderr
     out = tmp_path / words[words.index("--out") + 1]
     assert {path.name for path in out.iterdir()} >= {"episodes.csv", "summary.json"}
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("coopmap")])
+def test_every_command_is_understood(command):
+    words = shlex.split(command)
+    assert type(parse(words[1:])).__name__.lower() == words[1]
 
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("make")])
