@@ -170,10 +170,12 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
         self._scans_done = 0
         self.agents = list(self.possible_agents)
         self._offer_candidates()
-        infos = self._with_masks({agent: self._common_info() for agent in self.agents})
+        observations = self._observe()
+        infos = {agent: self._common_info() for agent in self.agents}
+        _copy_masks(observations, infos)
         if self.render_mode == "human":
             self.render()
-        return self._observe(), infos
+        return observations, infos
 
     def step(
         self, actions: Mapping[str, Any]
@@ -234,10 +236,10 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
             }
             for robot, agent in enumerate(self.agents)
         }
-        infos = self._with_masks(infos)
         rewards = self._pay(terms)
         ended = self._scans_done >= self.max_scans
         observations = self._observe()
+        _copy_masks(observations, infos)
         terminations = dict.fromkeys(self.agents, False)
         truncations = dict.fromkeys(self.agents, ended)
         if self.render_mode == "human":
@@ -351,14 +353,12 @@ class PlanarEnv(ParallelEnv[str, Observation, Any], EzPickle):
     def _common_info(self) -> dict[str, Any]:
         return {"scans": self._scans_done, "viewed_share": self._belief.map.viewed_share}
 
-    def _with_masks(self, infos: Infos) -> Infos:
-        """Add action masks to infos too: training libraries differ in where they look."""
-        offers = self._belief.offers
-        if offers is not None and isinstance(self._actions, CandidateMode):
-            m = self._actions.n_candidates
-            for agent, offer in zip(self.agents, offers, strict=True):
-                infos[agent]["action_mask"] = (np.arange(m) < len(offer)).astype(np.int8)
-        return infos
+
+def _copy_masks(observations: Mapping[str, Observation], infos: Infos) -> None:
+    """Put action masks into infos too: training libraries differ in where they look."""
+    for agent, observation in observations.items():
+        if "action_mask" in observation:
+            infos[agent]["action_mask"] = observation["action_mask"].copy()
 
 
 def _world_of(scene: Scene, rng: np.random.Generator) -> World:
