@@ -29,7 +29,7 @@ class RobotFeatures(BaseFeaturesExtractor):
     Parameters
     ----------
     observation_space : gymnasium.spaces.Dict
-        Image entries (channels first) and any others; see `coopmap_env.envs.observations`.
+        Image entries (channels first) and any others; see `coopmap_env.envs.planar.observations`.
     image_features : int
         Length of the map's feature vector.
     """

@@ -20,8 +20,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
-from coopmap_env.envs.observations import Observation
+from coopmap_env.envs.belief import Belief, Observation
 
 from . import NEEDS_RL
 

@@ -21,7 +21,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from coopmap_env.envs.observations import Observation
+from coopmap_env.envs.belief import Observation
 
 from . import NEEDS_RL
 

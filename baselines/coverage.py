@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.belief import Belief, Claimed, Poses
 
-from .planner import Claimed, Coordination, Planner, Search
+from .planner import Coordination, Planner, Search
 from .utility import checked_weight, minus_motion
 
 
@@ -34,8 +34,8 @@ class CoveragePolicy(Planner):
         self.motion_weight = checked_weight(motion_weight)
 
     def score(
-        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
     ) -> NDArray[np.float64]:
         """Share of a full view that is new, minus the weighted distance."""
-        gain = belief.rating.unknown_cells(belief.map, ids, claimed) / belief.rating.fan.n_visible
-        return minus_motion(gain, belief, robot, ids, self.motion_weight)
+        gain = belief.unknown_share(robot, poses, claimed)
+        return minus_motion(gain, belief, robot, poses, self.motion_weight)

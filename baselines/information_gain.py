@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
-from coopmap_env.information import BeamInformation, entropy
+from coopmap_env.envs.belief import Belief, Claimed, Poses
 
-from .planner import Claimed, Coordination, Planner, Search
+from .planner import Coordination, Planner, Search
 from .utility import checked_weight, minus_motion
 
 
@@ -39,18 +38,10 @@ class InformationGainPolicy(Planner):
         if not (isinstance(prior, float) and 0 < prior < 1):
             raise ValueError(f"prior must be a number in (0, 1), got {prior!r}")
         self.prior = prior
-        self._beams: BeamInformation | None = None
-        self._rating: object = None
 
     def score(
-        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
     ) -> NDArray[np.float64]:
         """Share of a full view's information, minus the weighted distance."""
-        if self._beams is None or self._rating is not belief.rating:
-            # a cell at the clamp cannot become more certain: its entropy is no gain
-            clamp = belief.map.range.max_probability
-            self._beams = BeamInformation(belief.rating, self.prior, clamp)
-            self._rating = belief.rating
-        full_view = belief.rating.fan.n_visible * entropy([self.prior, 1.0 - self.prior])
-        gain = self._beams.mutual_information(belief.map, ids, claimed) / full_view
-        return minus_motion(gain, belief, robot, ids, self.motion_weight)
+        gain = belief.information_share(robot, poses, self.prior, claimed)
+        return minus_motion(gain, belief, robot, poses, self.motion_weight)

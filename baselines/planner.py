@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
-from coopmap_env.envs.observations import Observation
+from coopmap_env.envs.belief import Belief, Claimed, Observations, Poses
 
 Search = int | Literal["exhaustive"]
 Coordination = Literal["independent", "sequential"]
-Claimed = NDArray[np.uint8] | None
 
 
 class Planner(ABC):
@@ -54,24 +51,24 @@ class Planner(ABC):
 
     @abstractmethod
     def score(
-        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
     ) -> NDArray[np.float64]:
         """Score of each pose, higher is better; `claimed` cells are left out."""
 
-    def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
+    def act(self, belief: Belief, observations: Observations) -> dict[str, Any]:
         """Choose the best pose of each robot, as actions."""
         sequential = self.coordination == "sequential" and len(belief.agents) > 1
         claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = {}
         for robot, agent in enumerate(belief.agents):
-            ids = self.candidates(belief, robot)
-            best = int(ids[np.argmax(self.score(belief, robot, ids, claimed))])
+            poses = self.candidates(belief, robot)
+            best = poses[np.argmax(self.score(belief, robot, poses, claimed))]
             actions[agent] = belief.action_for(robot, best)
             if claimed is not None:
-                claimed[belief.rating.visible_cells(belief.map, best)] = 1
+                claimed[belief.visible_cells(robot, best)] = 1
         return actions
 
-    def candidates(self, belief: Belief, robot: int) -> NDArray[np.int64]:
+    def candidates(self, belief: Belief, robot: int) -> Poses:
         """List the poses to choose from."""
         if belief.offers is not None:
             return belief.offers[robot]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.belief import Belief, Claimed, Poses
 
-from .planner import Claimed, Planner
+from .planner import Planner
 
 
 class RandomPolicy(Planner):
@@ -17,7 +17,7 @@ class RandomPolicy(Planner):
         super().__init__(1, "independent")
 
     def score(
-        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
     ) -> NDArray[np.float64]:
         """Score at random, so that a choice among offers is random too."""
-        return self.rng.random(len(ids))
+        return self.rng.random(len(poses))

@@ -5,25 +5,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.belief import Belief, Claimed, Poses
 
-from .planner import Claimed, Planner
+from .planner import Planner
 
 
 class RasterPolicy(Planner):
     """The feasible pose that follows the current one in raster order, around at the end.
 
-    Poses are ordered cell by cell, row by row, and heading by heading in each cell: a camera that
-    turns once around, then goes one cell further. The paper says no more than "selected
-    sequentially from the available poses of the known environment".
+    In the plane, poses are ordered cell by cell, row by row, and heading by heading in each cell: a
+    camera that turns once around, then goes one cell further. In the field, a mount counts through
+    its joints, the last one fastest. The paper says no more than "selected sequentially from the
+    available poses of the known environment".
     """
 
     def __init__(self) -> None:
         super().__init__("exhaustive", "independent")
 
     def score(
-        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
     ) -> NDArray[np.float64]:
         """Minus the number of places to go in the sequence."""
-        ahead = (ids - belief.pose_ids[robot] - 1) % belief.lattice.n_poses
-        return -ahead.astype(np.float64)
+        return -belief.places_ahead(robot, poses).astype(np.float64)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.belief import Belief, Claimed, Poses
+from coopmap_env.envs.planar.belief import PlanarBelief
 
-from .planner import Claimed, Coordination, Planner, Search
+from .planner import Coordination, Planner, Search
 from .rating_cache import NewInformationCache
 
 
@@ -28,13 +29,13 @@ class RatingFunctionPolicy(Planner):
         self._cache: NewInformationCache | None = None
 
     def score(
-        self, belief: Belief, robot: int, ids: NDArray[np.int64], claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
     ) -> NDArray[np.float64]:
         """RF of each pose (Eq. 9)."""
-        rating, current = belief.rating, belief.pose_ids[robot]
-        if self.search != "exhaustive":
-            return rating.rate(belief.map, ids, current, claimed).rating
+        if self.search != "exhaustive" or not isinstance(belief, PlanarBelief):
+            return belief.rate(robot, poses, claimed).rating
+        rating = belief.rating
         if self._cache is None or self._cache.rating is not rating:
             self._cache = NewInformationCache(rating)
-        ni = self._cache.new_information(belief.map, ids, claimed)
-        return rating.compose(belief.map, ids, [current], ni).rating
+        ni = self._cache.new_information(belief.map, poses, claimed)
+        return rating.compose(belief.map, poses, [belief.pose_ids[robot]], ni).rating

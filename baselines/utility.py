@@ -7,15 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.belief import Belief, Poses
 
 
 def minus_motion(
-    gain: NDArray[np.float64], belief: Belief, robot: int, ids: NDArray[np.int64], weight: float
+    gain: NDArray[np.float64], belief: Belief, robot: int, poses: Poses, weight: float
 ) -> NDArray[np.float64]:
     """`gain` (k,) minus `weight` times the distance (Eq. 5) from the robot's pose."""
-    rated = belief.rating.compose(belief.map, ids, [belief.pose_ids[robot]], gain)
-    return gain - weight * rated.distance
+    return gain - weight * belief.distance(robot, poses)
 
 
 def checked_weight(weight: float) -> float:

@@ -5,8 +5,9 @@ import             ``from coopmap_env import planar_v0``
 id                 ``coopmap/Planar-v0`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
 agents             ``robot_0`` ... , 2 by default
-actions            `coopmap_env.envs.actions`: ``Box(-1, 1, (3,))`` or ``Discrete(m)``
-observations       `coopmap_env.envs.observations`, index by index
+actions            `coopmap_env.envs.planar.actions`: ``Box(-1, 1, (3,))``, or
+                   `coopmap_env.envs.actions`: ``Discrete(m)``
+observations       `coopmap_env.envs.planar.observations`, index by index
 rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage"
 settings           `PlanarSettings`: camera, noise, map, rating function, reach
 end                truncation after ``max_scans`` scans of each robot; no termination
@@ -33,11 +34,9 @@ Version history
 v0: first version.
 """
 
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
-from coopmap_env.envs.team import TeamEnv
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings, PlanarTeamEnv
 
 parallel_env = PlanarEnv
-team_env = TeamEnv
+team_env = PlanarTeamEnv
 
 __all__ = ["PlanarSettings", "parallel_env", "team_env"]

@@ -2,102 +2,115 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry import to_camera_frame
-from coopmap_env.information import RatingFunction
+from coopmap_env.information import Ratings
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import PoseLattice, Reach, why_not
 
 if TYPE_CHECKING:
     from coopmap_env.envs.actions import ActionMode
 
+Observation = dict[str, NDArray[Any]]
+"""What one robot observes; the entries are documented by each environment's `observations`."""
+Observations = Mapping[str, Observation]
+Poses = NDArray[Any]
+"""Camera poses of one robot, one a row: lattice numbers (k,) in the plane, mount joints (k, n) in
+the field. Planners hand them on and never look inside."""
+Claimed = NDArray[np.uint8] | None
+"""1 at cells (n_cells,) that a teammate is about to see: they are left out of every count."""
+
 
 @dataclass(frozen=True)
-class Belief:
+class Belief(ABC):
     """The team's map, its own poses and its own limits; never the truth.
 
-    Look, do not touch: `map` is the environment's own, not a copy.
+    Planners are written against this class, so that they run in every world. Look, do not touch:
+    `map` is the environment's own, not a copy.
     """
 
     agents: tuple[str, ...]
-    """Names of the robots; every list below is in this order."""
+    """Names of the robots; `robot` in every method is a place in this list."""
     map: OccupancyMap
     """The fused map of the whole team."""
-    pose_ids: tuple[int, ...]
-    """Where each camera is: its lattice number."""
-    rating: RatingFunction
-    """Rates poses with the constants of the environment; holds the pose lattice."""
-    reach: float
-    """Metres; see `PlanarSettings.reach`."""
     actions: ActionMode
     """How actions are written."""
-    offers: tuple[NDArray[np.int64], ...] | None = None
-    """The candidates offered to each robot, lattice numbers, in "candidates" mode."""
+    offers: tuple[Poses, ...] | None
+    """The candidates offered to each robot, in "candidates" mode."""
 
     @property
-    def lattice(self) -> PoseLattice:
-        """The configuration space."""
-        return self.rating.lattice
+    @abstractmethod
+    def positions(self) -> NDArray[np.float64]:
+        """Where the cameras are as far as the robots know, shape (n_robots, D), metres."""
 
-    @cached_property
-    def poses(self) -> NDArray[np.float64]:
-        """Camera poses (n_robots, 3) [x, y, heading], metres and radians."""
-        return np.array([self.lattice.pose(pose_id) for pose_id in self.pose_ids])
+    @abstractmethod
+    def feasible_poses(self, robot: int) -> Poses:
+        """All poses of the discrete configuration space that satisfy constraints i and ii."""
 
-    def within_reach(self, robot: int, cells: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Which cells one action can bring the robot to, walls aside, shape (k,)."""
-        here = self.lattice.poses(self.pose_ids[robot])
-        centers = self.lattice.poses(cells.astype(np.int64) * self.lattice.n_headings)
-        relative = np.abs(to_camera_frame(centers, here)[:, :2])
-        # a cell counts if its centre is in reach, but for the rounding of the rotation
-        return relative.max(axis=1) <= self.reach * (1 + 1e-9)
+    @abstractmethod
+    def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> Poses:
+        """Up to m different feasible poses, uniformly at random."""
 
-    def feasible_cells(self, robot: int) -> NDArray[np.int32]:
-        """Cells that satisfy constraints i and ii and lie within reach, nearest by path first."""
-        cells = Reach.search(self.map, self.cell(robot)).cells
-        return cells[self.within_reach(robot, cells)]
+    @abstractmethod
+    def rate(self, robot: int, poses: Poses, claimed: Claimed = None) -> Ratings:
+        """Eqs. 5 to 9 of each pose."""
 
-    def feasible_poses(self, robot: int) -> NDArray[np.int64]:
-        """All headings in all feasible cells, lattice numbers in the order of the cells."""
-        cells, n = self.feasible_cells(robot).astype(np.int64), self.lattice.n_headings
-        return (cells[:, None] * n + np.arange(n)).ravel()
+    @abstractmethod
+    def rate_team(self, poses: Any) -> Ratings:
+        """Eqs. 5 to 9 of one pose for each robot, looking at once: an overlap counts once."""
 
-    def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> NDArray[np.int64]:
-        """Up to m different feasible poses, uniformly at random, lattice numbers."""
-        cells, n = self.feasible_cells(robot).astype(np.int64), self.lattice.n_headings
-        picks = rng.choice(len(cells) * n, min(m, len(cells) * n), replace=False)
-        return cells[picks // n] * n + picks % n
+    @abstractmethod
+    def distance(self, robot: int, poses: Poses) -> NDArray[np.float64]:
+        """D of Eq. 5 from where the robot is, shape (k,)."""
 
-    def cell(self, robot: int) -> int:
-        """Flat number of the cell in which the robot's camera is."""
-        return self.pose_ids[robot] // self.lattice.n_headings
+    @abstractmethod
+    def unknown_share(
+        self, robot: int, poses: Poses, claimed: Claimed = None
+    ) -> NDArray[np.float64]:
+        """Never-sampled cells in view as a share of the most that the camera sees, shape (k,)."""
 
-    def action_for(self, robot: int, pose_id: int) -> Any:
-        """Write the action that leads the robot to a lattice pose.
+    @abstractmethod
+    def information_share(
+        self, robot: int, poses: Poses, prior: float, claimed: Claimed = None
+    ) -> NDArray[np.float64]:
+        """Mutual information as a share of a wholly unknown, unobstructed view's, shape (k,).
+
+        `prior` is the occupancy that is expected of never-sampled cells.
+        """
+
+    @abstractmethod
+    def visible_cells(self, robot: int, pose: Any) -> NDArray[np.int64]:
+        """Flat numbers of the cells that a pose would see on the known map."""
+
+    @abstractmethod
+    def places_ahead(self, robot: int, poses: Poses) -> NDArray[np.int64]:
+        """How far each pose lies ahead in the raster sequence, which goes around, shape (k,)."""
+
+    @abstractmethod
+    def nearest_frontier(
+        self, robot: int, poses: Poses, shows: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Which poses look from or at the nearest frontier, among those that `shows` marks."""
+
+    @abstractmethod
+    def moved(self, poses: Any) -> Self:
+        """The same belief with the robots elsewhere, and without offers."""
+
+    @abstractmethod
+    def offering(self, offers: Sequence[Poses]) -> Self:
+        """The same belief with candidates on offer."""
+
+    def action_for(self, robot: int, pose: Any) -> Any:
+        """Write the action that leads the robot to a pose.
 
         Raises
         ------
         InvalidActionError
             If no single action does.
         """
-        return self.actions.encode(robot, pose_id, self)
-
-    def why_not(self, robot: int, pose_id: int) -> str:
-        """Why the robot cannot take this pose; empty if it can."""
-        if pose_id < 0:
-            return "outside the world"
-        return why_not(self.map, self.cell(robot), pose_id // self.lattice.n_headings)
-
-    def moved(
-        self, pose_ids: tuple[int, ...], offers: tuple[NDArray[np.int64], ...] | None = None
-    ) -> Belief:
-        """The same belief with the cameras elsewhere."""
-        return Belief(
-            self.agents, self.map, pose_ids, self.rating, self.reach, self.actions, offers
-        )
+        return self.actions.encode(robot, pose, self)

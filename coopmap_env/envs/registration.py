@@ -9,4 +9,4 @@ ID = "coopmap/Planar-v0"
 def register() -> None:
     """Enter the environments into both registries; done once, on import of `coopmap_env`."""
     pettingzoo.register("parallel", ID, "coopmap_env.envs.planar:PlanarEnv")
-    gymnasium.register(ID, "coopmap_env.envs.team:TeamEnv")
+    gymnasium.register(ID, "coopmap_env.envs.planar:PlanarTeamEnv")

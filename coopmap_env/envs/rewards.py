@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from coopmap_env.information import RatingFunction
 from coopmap_env.mapping import ScanGain
 
 
@@ -29,6 +28,8 @@ class Look(NamedTuple):
     """RF (Eq. 9) of the executed pose, from this NI."""
     gain: ScanGain
     """What the scan brought to the map."""
+    contact_cost: float = 0.0
+    """What bumping into something costs, as a share of the largest NI; 0 without a contact."""
 
 
 class Scale(NamedTuple):
@@ -42,18 +43,14 @@ class Scale(NamedTuple):
     """Cells of the world."""
 
     @classmethod
-    def of(cls, function: RatingFunction) -> Scale:
-        """The scale of a rating function's camera and world."""
-        return cls(
-            function.fan.n_visible * math.log(2.0),
-            math.log(function.settings.n_gray),
-            function.lattice.grid.n_cells,
-        )
+    def of(cls, n_visible: int, n_gray: int, n_cells: int) -> Scale:
+        """The scale of a camera that sees at most `n_visible` cells of the world's `n_cells`."""
+        return cls(n_visible * math.log(2.0), math.log(n_gray), n_cells)
 
 
-def rating(look: Look, _: Scale) -> float:
+def rating(look: Look, scale: Scale) -> float:
     """Eq. 9 of the executed pose on the map before the scan: what the planner maximises; nats."""
-    return look.rating
+    return look.rating - look.contact_cost * scale.most_information
 
 
 def information(look: Look, scale: Scale) -> float:
@@ -61,12 +58,13 @@ def information(look: Look, scale: Scale) -> float:
 
     The drop as a share of a full view's entropy, the cost as a share of the largest NI.
     """
-    return look.gain.entropy_drop / scale.full_view - look.motion_cost / scale.most_information
+    motion_cost = look.motion_cost / scale.most_information
+    return look.gain.entropy_drop / scale.full_view - motion_cost - look.contact_cost
 
 
 def coverage(look: Look, scale: Scale) -> float:
     """Newly viewed cells as a share of the world."""
-    return look.gain.new_cells / scale.n_cells
+    return look.gain.new_cells / scale.n_cells - look.contact_cost
 
 
 TERMS: dict[str, Callable[[Look, Scale], float]] = {

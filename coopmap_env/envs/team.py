@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -11,48 +12,50 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from coopmap_env.envs.actions import InvalidActionError
-from coopmap_env.envs.observations import Observation
-from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.belief import Observation
+from coopmap_env.envs.mapping_env import MappingEnv
 
 
 class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
-    """`PlanarEnv` seen by a single agent; takes the same arguments.
+    """A parallel environment seen by a single agent; takes the same arguments.
 
     Observations are those of the robots, each entry concatenated along its first axis (maps along
-    their channels). The action is the robots' actions in a row: ``Box(-1, 1, (3 n_robots,))`` or
-    ``MultiDiscrete([m] * n_robots)``. The reward is the sum over the robots; ``infos`` are keyed by
-    robot under ``"robots"``.
+    their channels). The action is the robots' actions in a row: a ``Box(-1, 1)`` of all their
+    numbers, or ``MultiDiscrete([m] * n_robots)``. The reward is the sum over the robots; ``infos``
+    are keyed by robot under ``"robots"``.
     """
 
-    metadata = PlanarEnv.metadata
+    parallel_env: ClassVar[Callable[..., MappingEnv[Any]]]
+    """The environment of the world, said by its team environment."""
 
     def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
         EzPickle.__init__(self, render_mode, **arguments)
-        self.parallel = PlanarEnv(render_mode=render_mode, **arguments)
+        self.parallel = type(self).parallel_env(render_mode=render_mode, **arguments)
         self.render_mode = render_mode
         agents = self.parallel.possible_agents
-        one = self.parallel.observation_space(agents[0])
-        assert isinstance(one, spaces.Dict)
+        each: list[Any] = [self.parallel.observation_space(agent) for agent in agents]
         self.observation_space = spaces.Dict(
-            {key: _repeated(box, len(agents)) for key, box in one.spaces.items()}
+            {key: _joined([space[key] for space in each]) for key in each[0]}
         )
-        action = self.parallel.action_space(agents[0])
+        actions: list[Any] = [self.parallel.action_space(agent) for agent in agents]
         self.action_space: spaces.Space[Any]
-        if isinstance(action, spaces.Discrete):
-            self.action_space = spaces.MultiDiscrete([int(action.n)] * len(agents))
+        if isinstance(actions[0], spaces.Discrete):
+            self.action_space = spaces.MultiDiscrete([int(action.n) for action in actions])
+            self._ends = list(range(1, len(agents)))
         else:
-            self.action_space = spaces.Box(-1.0, 1.0, (3 * len(agents),), np.float32)
+            self.action_space = _joined(actions)
+            self._ends = np.cumsum([action.shape[0] for action in actions])[:-1].tolist()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; see `PlanarEnv.reset`."""
+        """Start an episode; see `MappingEnv.reset`."""
         observations, infos = self.parallel.reset(seed=seed, options=options)
         super().reset(seed=None if seed is None else int(seed))  # after the check of the seed
-        return self._joined(observations), {"robots": infos}
+        return self._together(observations), {"robots": infos}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Move and look with all robots; see `PlanarEnv.step`.
+        """Move and look with all robots; see `MappingEnv.step`.
 
         Raises
         ------
@@ -65,13 +68,13 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
             raise InvalidActionError(
                 f"the team's action must have shape {self.action_space.shape}, got {flat.shape}"
             )
-        if isinstance(self.action_space, spaces.Box):
-            flat = flat.reshape(len(agents), 3)
-        parts = dict(zip(agents, flat, strict=True))
+        parts = dict(zip(agents, np.split(flat, self._ends), strict=True))
+        if isinstance(self.action_space, spaces.MultiDiscrete):
+            parts = {agent: part[0] for agent, part in parts.items()}
         observations, rewards, _, truncations, infos = self.parallel.step(parts)
         truncated = truncations[agents[0]]
         return (
-            self._joined(observations),
+            self._together(observations),
             float(sum(rewards.values())),
             False,
             truncated,
@@ -79,23 +82,22 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         )
 
     def render(self) -> Any:
-        """See `PlanarEnv.render`."""
+        """See `MappingEnv.render`."""
         return self.parallel.render()
 
     def close(self) -> None:
-        """See `PlanarEnv.close`."""
+        """See `MappingEnv.close`."""
         self.parallel.close()
 
     @staticmethod
-    def _joined(observations: dict[str, Observation]) -> Observation:
+    def _together(observations: dict[str, Observation]) -> Observation:
         each = list(observations.values())
         return {key: np.concatenate([o[key] for o in each]) for key in each[0]}
 
 
-def _repeated(space: spaces.Space[Any], times: int) -> spaces.Box:
-    assert isinstance(space, spaces.Box)
+def _joined(boxes: Sequence[Any]) -> spaces.Box:
     return spaces.Box(
-        np.concatenate([space.low] * times),
-        np.concatenate([space.high] * times),
-        dtype=space.low.dtype.type,
+        np.concatenate([box.low for box in boxes]),
+        np.concatenate([box.high for box in boxes]),
+        dtype=boxes[0].dtype.type,
     )

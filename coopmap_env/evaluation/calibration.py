@@ -50,7 +50,7 @@ def record(env: PlanarEnv, policy: Policy, seeds: Sequence[int]) -> Iterator[Rec
         scans = []
         while env.agents:
             observations, *_ = env.step(policy.act(env.belief(), observations))
-            scans += [simulator.scan(pose, rng) for pose in env.belief().poses]
+            scans += [simulator.look_from(pose, rng) for pose in env.belief().poses]
         yield RecordedWorld(tuple(scans), env.truth.occupied)
 
 

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import coopmap_env
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode, warm_up
 from coopmap_env.evaluation.jobs import Job, Result, run_jobs, write_atomically
 from coopmap_env.evaluation.policy import Policy, make_policy

@@ -13,8 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from coopmap_env.envs.belief import Belief
-from coopmap_env.envs.observations import Observation
+from coopmap_env.envs.belief import Belief, Observation
 
 GROUP = "coopmap.policies"
 

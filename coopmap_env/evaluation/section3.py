@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.evaluation import calibration, killian
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, compare
 from coopmap_env.evaluation.episode import policy_rng

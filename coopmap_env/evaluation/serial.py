@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, fields
 from typing import Any
 
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.information import RatingSettings
 from coopmap_env.mapping import BeamModel, LogOddsRange
 from coopmap_env.sensing import PlanarCamera, RangeNoise

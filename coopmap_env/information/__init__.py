@@ -2,6 +2,7 @@
 
 from coopmap_env.information.entropy import entropy
 from coopmap_env.information.fan import Fan
+from coopmap_env.information.frontier import beside_unknown
 from coopmap_env.information.gray import gray_bin, gray_of_sampled, gray_of_unknown
 from coopmap_env.information.rating import (
     RatingFunction,
@@ -17,6 +18,7 @@ __all__ = [
     "RatingFunction",
     "RatingSettings",
     "Ratings",
+    "beside_unknown",
     "entropy",
     "gray_bin",
     "gray_of_sampled",

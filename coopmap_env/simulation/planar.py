@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.geometry.traversal import advance, begin
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation.scenes.world import World
+from coopmap_env.simulation.simulator import Moved
 
 
 @njit(cache=True, nogil=True)
@@ -83,8 +84,29 @@ class PlanarSimulator:
             float(noise.lateral),
             float(noise.exponent),
         )
+        self._poses: list[Sequence[float]] = []
 
-    def scan(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
+    def place(self, poses: Sequence[Sequence[float]]) -> None:
+        """Set the robots down at planar poses (x, y, heading)."""
+        self._poses = list(poses)
+
+    def move(
+        self, targets: Sequence[Sequence[float] | None], rng: np.random.Generator
+    ) -> list[Moved]:
+        """Move every camera to its target pose; one that is truly occupied is bumped into."""
+        moved = []
+        for robot, target in enumerate(targets):
+            bumps = target is not None and self.collides(target)
+            if target is not None and not bumps:
+                self._poses[robot] = target
+            moved.append(Moved(self._poses[robot], "an occupied cell" if bumps else ""))
+        return moved
+
+    def scan(self, robot: int, rng: np.random.Generator) -> Scan:
+        """Look with a robot's camera from where it is."""
+        return self.look_from(self._poses[robot], rng)
+
+    def look_from(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
         """Look from a planar pose (3,) [x, y, heading]: metres, radians.
 
         Raises
@@ -110,7 +132,7 @@ class PlanarSimulator:
         Raises
         ------
         ValueError
-            As in `scan`.
+            As in `look_from`.
         """
         x, y, heading = pose
         return bool(self.world.occupied[self._cell(x, y, heading)])

@@ -1,19 +1,27 @@
 """The one seam between the environment and the world."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from coopmap_env.sensing import Scan
+
+class Moved(NamedTuple):
+    """How the motion of one robot ended."""
+
+    reading: Any
+    """Where the robot's own sensors say that it is now: a planar pose, or mount joints."""
+    touched: str
+    """What it bumped into and was stopped by; empty if nothing."""
 
 
 class Simulator(Protocol):
-    """Answers looks and motions; nothing else of the truth reaches a robot."""
+    """Answers motions and looks; nothing else of the truth reaches a robot."""
 
-    def scan(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
-        """What a camera at `pose` measures, all noise drawn from `rng`."""
+    def move(self, targets: Sequence[Any], rng: np.random.Generator) -> Sequence[Moved]:
+        """Move every robot to its target; `None` lets it stay. All noise comes from `rng`."""
 
-    def collides(self, pose: Sequence[float]) -> bool:
-        """Whether a camera cannot stand at `pose`, whatever the map says."""
+    def scan(self, robot: int, rng: np.random.Generator) -> Any:
+        """What the camera of a robot measures where it is; all noise comes from `rng`."""

@@ -6,8 +6,7 @@ import pytest
 from plain.drawn_worlds import NO_NOISE, env_in, open_world, place
 from plain.rollouts import MODES
 
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 
 POLICIES = [
     *((name, {}) for name in coopmap_baselines.POLICIES),

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from coopmap_baselines.rating_cache import NewInformationCache
 
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.sensing import PlanarCamera
 
 READINGS = ["literal", "distance_free"]

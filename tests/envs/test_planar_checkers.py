@@ -8,7 +8,7 @@ from plain.rollouts import MODES
 
 from coopmap_env import planar_v0
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.team import TeamEnv
+from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
 
 # importing pettingzoo.test imports a board game of theirs that warns about its own old name
 pytestmark = pytest.mark.filterwarnings(

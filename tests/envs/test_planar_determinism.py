@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from plain.rollouts import MODES, feed, hash_of, play, trajectory_hash
 
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.simulation.scenes import Rooms
 
 SEED = 5

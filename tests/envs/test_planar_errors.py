@@ -6,9 +6,8 @@ import pytest
 from plain.rollouts import MODES, hash_of, random_actions, trajectory_hash
 
 from coopmap_env.envs.actions import InvalidActionError
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
-from coopmap_env.envs.team import TeamEnv
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
+from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
 from coopmap_env.simulation.scenes import Obstacles
 
 NAN, INF = float("nan"), float("inf")

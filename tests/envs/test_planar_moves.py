@@ -6,8 +6,7 @@ from plain.random_maps import write
 from plain.rollouts import MODES, play
 
 from coopmap_env.envs.actions import InvalidActionError
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 
 SETTINGS = PlanarSettings(noise=NO_NOISE)
 REACH = SETTINGS.reach

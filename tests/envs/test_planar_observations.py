@@ -6,9 +6,8 @@ from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
 from plain.random_maps import random_map, write
 from plain.rollouts import random_actions
 
-from coopmap_env.envs.local_map import view_offsets
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
+from coopmap_env.envs.planar.local_map import view_offsets
 from coopmap_env.information import RatingSettings
 
 SIDE = 16

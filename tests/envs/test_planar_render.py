@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.team import TeamEnv
+from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
 from coopmap_env.simulation.scenes import Obstacles
 
 pytest.importorskip("PIL")

@@ -8,9 +8,8 @@ from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
 from plain.rollouts import MODES, random_actions
 from plain.views import new_information, visible_cells
 
-from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.rewards import TERMS
-from coopmap_env.envs.settings import PlanarSettings
 from coopmap_env.information import RatingSettings
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes import Obstacles, Rooms

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.simulation.scenes import Obstacles
 
 

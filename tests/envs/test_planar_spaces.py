@@ -4,9 +4,8 @@ import pytest
 from gymnasium import spaces
 from plain.rollouts import MODES, any_action, play
 
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.settings import PlanarSettings
-from coopmap_env.envs.team import TeamEnv
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
+from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
 from coopmap_env.information import RatingSettings
 
 DTYPES = {

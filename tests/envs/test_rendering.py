@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from coopmap_env.envs.rendering import (
+from coopmap_env.envs.planar.rendering import (
     FREE,
     NEVER_SAMPLED,
     OCCUPIED,
     ROBOT_COLORS,
-    HumanWindow,
     render_team,
     robot_color,
 )
+from coopmap_env.envs.window import HumanWindow
 
 pytest.importorskip("PIL")
 pygame = pytest.importorskip("pygame")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from coopmap_env.envs.starts import place_team
+from coopmap_env.envs.planar.starts import place_team
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.simulation.scenes import Obstacles, Rooms, World, largest_free_region

@@ -316,7 +316,7 @@ def test_walls_at_the_border_are_as_seldom_taken_for_free_as_any_others():
         p = []
         for _ in range(1000):
             map_ = OccupancyMap(VoxelGrid((n, 8)))
-            map_.integrate(simulator.scan((0.5, 4.5, 0.0), rng))
+            map_.integrate(simulator.look_from((0.5, 4.5, 0.0), rng))
             p.append(map_.probability[25, 4])
         freed.append(np.mean(np.array(p) < 0.05))
     # one scan at 0.9 cells of noise: more than 2.5 sigma too far happens in 0.6 % of the looks
@@ -455,7 +455,7 @@ def test_a_noise_free_camera_maps_its_world_as_it_is():
     simulator = PlanarSimulator(world, camera, RangeNoise(intrinsic=0.0))
     map_ = OccupancyMap(VoxelGrid(world.shape, world.resolution, world.origin))
     for heading in np.arange(0, 2 * np.pi, np.pi / 4):
-        map_.integrate(simulator.scan((4.7, 9.8, heading), rng))
+        map_.integrate(simulator.look_from((4.7, 9.8, heading), rng))
     assert (map_.probability[map_.sampled & occupied] > 0.5).all()
     assert (map_.probability[map_.sampled & ~occupied] < 0.05).mean() > 0.98
     cells, means, covariances = map_.surfaces()

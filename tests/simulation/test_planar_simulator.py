@@ -24,7 +24,7 @@ def center_of(world):
 
 
 def measured(world, pose, camera, noise=EXACT, seed=0):
-    scan = PlanarSimulator(world, camera, noise).scan(pose, np.random.default_rng(seed))
+    scan = PlanarSimulator(world, camera, noise).look_from(pose, np.random.default_rng(seed))
     return scan, np.linalg.norm(scan.points - scan.origin, axis=1)
 
 
@@ -129,7 +129,7 @@ def test_noise_has_the_covariance_of_eq_1_in_the_camera_frame():
     rng = np.random.default_rng(2)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     errors = np.stack(
-        [(simulator.scan(pose, rng).points - exact.points) @ [[c, -s], [s, c]] for _ in range(5000)]
+        [(simulator.look_from(pose, rng).points - exact.points) @ [[c, -s], [s, c]] for _ in range(5000)]
     )
     z = errors / noise.standard_deviations(distance, 2)
     n = z[..., 0].size
@@ -175,7 +175,7 @@ def test_a_look_draws_the_same_amount_of_randomness_wherever_it_is_taken():
     states = []
     for pose in ((*center_of(world), 0.0), (0.5, 0.5, math.pi)):
         rng = np.random.default_rng(8)
-        simulator.scan(pose, rng)
+        simulator.look_from(pose, rng)
         states.append(rng.bit_generator.state)
     assert states[0] == states[1]
 
@@ -206,4 +206,4 @@ def test_a_camera_within_an_obstacle_sees_it_at_no_distance():
 def test_a_look_from_outside_the_world_is_refused(pose):
     simulator = PlanarSimulator(corridor(), PlanarCamera(), RangeNoise())
     with pytest.raises(ValueError, match="looks from outside"):
-        simulator.scan(pose, np.random.default_rng(0))
+        simulator.look_from(pose, np.random.default_rng(0))

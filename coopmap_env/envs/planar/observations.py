@@ -59,20 +59,20 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief
-from coopmap_env.envs.local_map import draw_team, view_offsets
+from coopmap_env.envs.belief import Observation
+from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.envs.planar.local_map import draw_team, view_offsets
 from coopmap_env.geometry import to_camera_frame
 
 N_CHANNELS = 4
 N_FEATURES = 9
 FEATURE_LIMIT = 10.0
-Observation = dict[str, NDArray[Any]]
 
 
-class Observer:
+class PlanarObserver:
     """Fills observations; one object per environment, its spaces declared beside."""
 
-    def __init__(self, belief: Belief, view_cells: int, n_candidates: int | None) -> None:
+    def __init__(self, belief: PlanarBelief, view_cells: int, n_candidates: int | None) -> None:
         grid = belief.map.grid
         self._n_robots = len(belief.agents)
         self._view_cells = view_cells
@@ -85,7 +85,7 @@ class Observer:
         self._margin = int(np.abs(self._offsets).max())
         self._scale = math.log(belief.rating.settings.n_gray)
 
-    def space(self) -> spaces.Dict:
+    def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
         v, m = self._view_cells, self._n_candidates
         parts: dict[str, spaces.Space[Any]] = {
@@ -101,7 +101,7 @@ class Observer:
             parts["action_mask"] = spaces.Box(0, 1, (m,), np.int8)
         return spaces.Dict(parts)
 
-    def observe(self, belief: Belief) -> list[Observation]:
+    def observe(self, belief: PlanarBelief) -> list[Observation]:
         """Observations of all robots, as new arrays."""
         images, vectors, teammates = self._draw(belief)
         observations: list[Observation] = []
@@ -125,7 +125,7 @@ class Observer:
         size = 2 * math.prod(self._shape) + 4 * self._n_robots
         return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
-    def state(self, belief: Belief) -> NDArray[np.float32]:
+    def state(self, belief: PlanarBelief) -> NDArray[np.float32]:
         """Write the team map and all poses in one vector, for centralised critics.
 
         First P(occupied), then sampled (each nx ny values, row-major), then four values a robot
@@ -137,7 +137,7 @@ class Observer:
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
     def _draw(
-        self, belief: Belief
+        self, belief: PlanarBelief
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
         """The entries ``map``, ``pose`` and ``teammates`` of all robots."""
         map_, n, side = belief.map, self._n_robots, self._view_cells
@@ -155,7 +155,7 @@ class Observer:
         return images, vectors, teammates
 
     def _features(
-        self, belief: Belief, robot: int, offers: NDArray[np.int64]
+        self, belief: PlanarBelief, robot: int, offers: NDArray[np.int64]
     ) -> NDArray[np.float32]:
         rating = belief.rating
         rated = rating.rate(belief.map, offers, belief.pose_ids[robot])

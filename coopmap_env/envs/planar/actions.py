@@ -1,0 +1,60 @@
+"""The "pose" action of the plane: a camera pose relative to the current one, in its frame.
+
+``Box(-1, 1, (3,), float32)``; the nearest lattice pose is taken.
+
+=======  ==========================================
+index    content
+=======  ==========================================
+0        ahead, as a share of `PlanarSettings.reach`
+1        left, as a share of it
+2        turn to the left, as a share of pi
+=======  ==========================================
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from coopmap_env.envs.actions import InvalidActionError, box_numbers
+from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.geometry import to_camera_frame
+
+
+class PoseMode:
+    """Continuous poses relative to the current one."""
+
+    def __init__(self, reach: float) -> None:
+        self._scale = np.array([reach, reach, math.pi])
+
+    def space(self, robot: int) -> spaces.Box:
+        """Box(-1, 1, (3,), float32)."""
+        return spaces.Box(-1.0, 1.0, (3,), np.float32)
+
+    def decode(self, agent: str, action: object, belief: PlanarBelief) -> tuple[int, str]:
+        """Nearest lattice pose to the one asked for."""
+        ahead, left, turn = box_numbers(agent, action, ("ahead", "left", "turn")).tolist()
+        robot = belief.agents.index(agent)
+        reach, _, half_turn = self._scale.tolist()
+        x, y, heading = belief.lattice.pose(belief.pose_ids[robot])
+        c, s = math.cos(heading), math.sin(heading)
+        target = (
+            x + reach * (c * ahead - s * left),
+            y + reach * (s * ahead + c * left),
+            heading + half_turn * turn,
+        )
+        pose_id = belief.lattice.nearest(target)
+        return pose_id, belief.why_not(robot, pose_id)
+
+    def encode(self, robot: int, pose_id: int, belief: PlanarBelief) -> NDArray[np.float32]:
+        """Write the relative pose, as shares of the reach and of half a turn."""
+        relative = to_camera_frame(belief.lattice.poses(pose_id), belief.poses[robot])
+        action = relative / self._scale
+        if np.abs(action).max() > 1 + 1e-6:
+            raise InvalidActionError(
+                f"{belief.agents[robot]}: pose {pose_id} is out of reach: {relative} from here"
+            )
+        return np.clip(action, -1, 1).astype(np.float32)

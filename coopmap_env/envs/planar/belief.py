@@ -1,0 +1,144 @@
+"""Belief of a planar team: lattice poses, reached over the known free cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.envs.belief import Belief, Claimed
+from coopmap_env.geometry import to_camera_frame
+from coopmap_env.information import (
+    BeamInformation,
+    RatingFunction,
+    Ratings,
+    beside_unknown,
+    entropy,
+)
+from coopmap_env.robots import PoseLattice, Reach, why_not
+
+
+@dataclass(frozen=True)
+class PlanarBelief(Belief):
+    """What a planar team knows. A pose is a number of the `PoseLattice`."""
+
+    pose_ids: tuple[int, ...]
+    """Where each camera is: its lattice number."""
+    rating: RatingFunction
+    """Rates poses with the constants of the environment; holds the pose lattice."""
+    reach: float
+    """Metres; see `PlanarSettings.reach`."""
+
+    @property
+    def lattice(self) -> PoseLattice:
+        """The configuration space."""
+        return self.rating.lattice
+
+    @cached_property
+    def poses(self) -> NDArray[np.float64]:
+        """Camera poses (n_robots, 3) [x, y, heading], metres and radians."""
+        return np.array([self.lattice.pose(pose_id) for pose_id in self.pose_ids])
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """Where the cameras are, shape (n_robots, 2), metres."""
+        return self.poses[:, :2]
+
+    def within_reach(self, robot: int, cells: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """Which cells one action can bring the robot to, walls aside, shape (k,)."""
+        here = self.lattice.poses(self.pose_ids[robot])
+        centers = self.lattice.poses(cells.astype(np.int64) * self.lattice.n_headings)
+        relative = np.abs(to_camera_frame(centers, here)[:, :2])
+        # a cell counts if its centre is in reach, but for the rounding of the rotation
+        return relative.max(axis=1) <= self.reach * (1 + 1e-9)
+
+    def feasible_cells(self, robot: int) -> NDArray[np.int32]:
+        """Cells that satisfy constraints i and ii and lie within reach, nearest by path first."""
+        cells = Reach.search(self.map, self.cell(robot)).cells
+        return cells[self.within_reach(robot, cells)]
+
+    def feasible_poses(self, robot: int) -> NDArray[np.int64]:
+        """All headings in all feasible cells, lattice numbers in the order of the cells."""
+        cells, n = self.feasible_cells(robot).astype(np.int64), self.lattice.n_headings
+        return (cells[:, None] * n + np.arange(n)).ravel()
+
+    def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Up to m different feasible poses, uniformly at random, lattice numbers."""
+        cells, n = self.feasible_cells(robot).astype(np.int64), self.lattice.n_headings
+        picks = rng.choice(len(cells) * n, min(m, len(cells) * n), replace=False)
+        return cells[picks // n] * n + picks % n
+
+    def cell(self, robot: int) -> int:
+        """Flat number of the cell in which the robot's camera is."""
+        return self.pose_ids[robot] // self.lattice.n_headings
+
+    def rate(self, robot: int, poses: ArrayLike, claimed: Claimed = None) -> Ratings:
+        """See `RatingFunction.rate`."""
+        return self.rating.rate(self.map, poses, self.pose_ids[robot], claimed)
+
+    def rate_team(self, poses: ArrayLike) -> Ratings:
+        """See `RatingFunction.rate_team`."""
+        return self.rating.rate_team(self.map, poses, self.pose_ids)
+
+    def distance(self, robot: int, poses: ArrayLike) -> NDArray[np.float64]:
+        """See `motion_distance`."""
+        nothing = np.zeros(len(np.atleast_1d(poses)))
+        return self.rating.compose(self.map, poses, [self.pose_ids[robot]], nothing).distance
+
+    def unknown_share(
+        self, robot: int, poses: ArrayLike, claimed: Claimed = None
+    ) -> NDArray[np.float64]:
+        """See `RatingFunction.unknown_cells`."""
+        return self.rating.unknown_cells(self.map, poses, claimed) / self.rating.fan.n_visible
+
+    def information_share(
+        self, robot: int, poses: ArrayLike, prior: float, claimed: Claimed = None
+    ) -> NDArray[np.float64]:
+        """See `BeamInformation`; a cell at the clamp cannot become more certain."""
+        beams = _beam_information(self.rating, prior, self.map.range.max_probability)
+        full_view = self.rating.fan.n_visible * entropy([prior, 1.0 - prior])
+        return beams.mutual_information(self.map, poses, claimed) / full_view
+
+    def visible_cells(self, robot: int, pose: int) -> NDArray[np.int64]:
+        """See `RatingFunction.visible_cells`."""
+        return self.rating.visible_cells(self.map, pose)
+
+    def places_ahead(self, robot: int, poses: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Cell by cell, row by row, and heading by heading in each cell."""
+        return (poses - self.pose_ids[robot] - 1) % self.lattice.n_poses
+
+    def nearest_frontier(
+        self, robot: int, poses: NDArray[np.int64], shows: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """All headings at the nearest cell by path that is a frontier, or at any without one."""
+        cells = poses // self.lattice.n_headings
+        at_frontier = beside_unknown(self.map)[cells]
+        if at_frontier.any():
+            shows = shows & at_frontier
+        steps = Reach.search(self.map, self.cell(robot)).steps[cells]
+        far = np.iinfo(steps.dtype).max
+        return shows & (cells == cells[np.argmin(np.where(shows, steps, far))])
+
+    def why_not(self, robot: int, pose_id: int) -> str:
+        """Why the robot cannot take this pose; empty if it can."""
+        if pose_id < 0:
+            return "outside the world"
+        return why_not(self.map, self.cell(robot), pose_id // self.lattice.n_headings)
+
+    def moved(self, poses: tuple[int, ...]) -> PlanarBelief:
+        """The same belief with the cameras elsewhere."""
+        return PlanarBelief(
+            self.agents, self.map, self.actions, None, poses, self.rating, self.reach
+        )
+
+    def offering(self, offers: Sequence[NDArray[np.int64]]) -> PlanarBelief:
+        """The same belief with candidates on offer."""
+        return replace(self, offers=tuple(offers))
+
+
+@lru_cache(maxsize=4)
+def _beam_information(rating: RatingFunction, prior: float, known: float) -> BeamInformation:
+    return BeamInformation(rating, prior, known)

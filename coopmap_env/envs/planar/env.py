@@ -1,0 +1,186 @@
+"""The planar environment: its parts, put together."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+
+from coopmap_env.envs.mapping_env import MappingEnv, Motion, Streams
+from coopmap_env.envs.planar.actions import PoseMode
+from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.envs.planar.observations import PlanarObserver
+from coopmap_env.envs.planar.rendering import render_team
+from coopmap_env.envs.planar.settings import PlanarSettings
+from coopmap_env.envs.planar.starts import place_team
+from coopmap_env.envs.rewards import Scale
+from coopmap_env.information import RatingFunction
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.robots import PoseLattice
+from coopmap_env.sensing import Scan
+from coopmap_env.simulation import PlanarSimulator
+from coopmap_env.simulation.scenes import Scene, World, make_scene
+
+
+class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
+    """Cooperative active mapping in the plane; see `coopmap_env.planar_v0` for its page.
+
+    Parameters
+    ----------
+    n_robots : int
+        Cameras in the team.
+    action_mode : {"pose", "candidates"}
+        See `coopmap_env.envs.planar.actions`.
+    reward : {"rating", "information", "coverage"}
+        The term that is paid; see `coopmap_env.envs.rewards`. All are in `infos`.
+    team_reward : {"individual", "shared"}
+        Each robot its own, or all the mean of the team.
+    scene : str, path or Scene
+        "obstacles", "rooms", "house", a ROS map_server YAML file, or an object.
+    split : {"train", "validation", "test"}
+        Which of the frozen splits seeds draw their worlds from.
+    max_scans : int
+        Scans of each robot until truncation.
+    n_candidates : int
+        m, in "candidates" mode.
+    settings : PlanarSettings, optional
+        Default: `PlanarSettings.for_resolution` of the scene.
+    render_mode : {None, "rgb_array", "human"}
+
+    Raises
+    ------
+    ValueError
+        If an argument is none of its choices.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "coopmap/Planar-v0",
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 4,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        n_robots: int = 2,
+        action_mode: Literal["pose", "candidates"] = "pose",
+        reward: str = "rating",
+        team_reward: Literal["individual", "shared"] = "individual",
+        scene: str | os.PathLike[str] | Scene = "obstacles",
+        split: str = "train",
+        max_scans: int = 16,
+        n_candidates: int = 32,
+        settings: PlanarSettings | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        EzPickle.__init__(
+            self, n_robots, action_mode, reward, team_reward, scene, split, max_scans,
+            n_candidates, settings, render_mode,
+        )  # fmt: skip
+        super().__init__(
+            n_robots, action_mode, reward, team_reward, split, max_scans, n_candidates, render_mode
+        )
+        if not isinstance(settings, PlanarSettings | None):
+            raise ValueError(f"settings must be PlanarSettings or None, got {settings!r}")
+        self.scene = make_scene(scene)
+        self.settings = settings or PlanarSettings.for_resolution(self.scene.resolution)
+        self._belief = belief = self._blank_belief()
+        self._prepare(
+            belief.actions,
+            Scale.of(
+                belief.rating.fan.n_visible,
+                belief.rating.settings.n_gray,
+                belief.map.grid.n_cells,
+            ),
+            PlanarObserver(
+                belief,
+                self.settings.view_cells,
+                self._candidates.n_candidates if self._candidates else None,
+            ),
+        )
+        self._simulator: PlanarSimulator
+
+    def _start(self, streams: Streams) -> PlanarBelief:
+        world = _world_of(self.scene, streams.scene)
+        self._simulator = PlanarSimulator(world, self.settings.camera, self.settings.noise)
+        self._belief.map.clear()
+        starts, known = place_team(
+            world,
+            self._belief.lattice,
+            len(self.possible_agents),
+            self.settings.start_spread,
+            self.settings.start_radius,
+            streams.start,
+        )
+        self._belief.map.mark_free(known)
+        belief = self._belief.moved(starts)
+        self._simulator.place([belief.lattice.pose(pose_id) for pose_id in starts])
+        self._trails = [[position] for position in belief.positions]
+        return belief
+
+    def _move(self, targets: list[int | None]) -> Motion:
+        lattice = self._belief.lattice
+        moved = self._simulator.move(
+            [None if target is None else lattice.pose(target) for target in targets],
+            self._streams.noise,
+        )
+        poses, bumped = list(self._belief.pose_ids), []
+        for robot, target in enumerate(targets):
+            if target is not None and moved[robot].touched:
+                bumped.append(target // lattice.n_headings)
+            elif target is not None:
+                poses[robot] = target
+        return Motion(tuple(poses), [touched for _, touched in moved], bumped)
+
+    def _scans(self) -> list[Scan]:
+        for trail, position in zip(self._trails, self._belief.positions, strict=True):
+            trail.append(position)
+        noise = self._streams.noise
+        return [self._simulator.scan(robot, noise) for robot in range(len(self._trails))]
+
+    @property
+    def truth(self) -> World:
+        """The true world, for scoring and rendering only; policies get `belief`."""
+        self._require_reset()
+        return self._simulator.world
+
+    def _frame(self) -> NDArray[np.uint8]:
+        map_, grid = self._belief.map, self._belief.map.grid
+        poses = self._belief.poses
+        return render_team(
+            self.truth.occupied,
+            map_.probability,
+            map_.sampled,
+            np.column_stack([grid.cells(poses[:, :2]), poses[:, 2]]),
+            self.settings.camera.field_of_view,
+            self.settings.camera.depth_of_field / grid.resolution,
+            [grid.cells(trail) for trail in self._trails],
+            f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
+            f"viewed {map_.viewed_share:.1%}",
+        )
+
+    def _blank_belief(self) -> PlanarBelief:
+        s = self.settings
+        grid = VoxelGrid(self.scene.shape, self.scene.resolution, self.scene.origin)
+        lattice = PoseLattice(grid, s.n_headings)
+        return PlanarBelief(
+            agents=tuple(self.possible_agents),
+            map=OccupancyMap(grid, s.beam, s.log_odds_range),
+            actions=self._candidates or PoseMode(s.reach),
+            offers=None,
+            pose_ids=(0,) * len(self.possible_agents),
+            rating=RatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
+            reach=s.reach,
+        )
+
+
+def _world_of(scene: Scene, rng: np.random.Generator) -> World:
+    world = scene.world(rng)
+    for name in ("shape", "resolution", "origin"):
+        made, said = getattr(world, name), getattr(scene, name)
+        if made != said:
+            raise ValueError(f"scene {scene.name!r} made a world of {name} {made}, not {said}")
+    return world
