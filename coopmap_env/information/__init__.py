@@ -2,26 +2,34 @@
 
 from coopmap_env.information.entropy import entropy
 from coopmap_env.information.fan import Fan
+from coopmap_env.information.field_rating import REFINE, FieldRatingFunction, coarse_to_fine
+from coopmap_env.information.field_shannon import FieldBeamInformation
 from coopmap_env.information.frontier import beside_unknown
+from coopmap_env.information.frustum import Frustum
 from coopmap_env.information.gray import gray_bin, gray_of_sampled, gray_of_unknown
-from coopmap_env.information.rating import (
-    RatingFunction,
-    Ratings,
-    RatingSettings,
-    motion_distance,
-)
+from coopmap_env.information.motion import joint_distance, motion_distance
+from coopmap_env.information.rating import RatingFunction, Ratings
+from coopmap_env.information.settings import FieldRatingSettings, RatingConstants, RatingSettings
 from coopmap_env.information.shannon import BeamInformation
 
 __all__ = [
+    "REFINE",
     "BeamInformation",
     "Fan",
+    "FieldBeamInformation",
+    "FieldRatingFunction",
+    "FieldRatingSettings",
+    "Frustum",
+    "RatingConstants",
     "RatingFunction",
     "RatingSettings",
     "Ratings",
     "beside_unknown",
+    "coarse_to_fine",
     "entropy",
     "gray_bin",
     "gray_of_sampled",
     "gray_of_unknown",
+    "joint_distance",
     "motion_distance",
 ]

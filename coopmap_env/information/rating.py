@@ -1,17 +1,16 @@
-"""The rating function: motion distance (Eq. 5), new information (Eqs. 6-8), rating (Eq. 9)."""
+"""The rating function in the plane: new information (Eqs. 6-8), rating (Eq. 9)."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry import wrap_angle
 from coopmap_env.information.entropy import minus_q_ln_q
 from coopmap_env.information.fan import Fan
-from coopmap_env.information.gray import GrayTable, Reading
+from coopmap_env.information.gray import GrayTable
+from coopmap_env.information.settings import RatingConstants, RatingSettings
 from coopmap_env.information.views import (
     all_inside,
     compose,
@@ -23,62 +22,6 @@ from coopmap_env.information.views import (
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
-
-
-@dataclass(frozen=True)
-class RatingSettings:
-    """Constants of Eqs. 5 to 9.
-
-    Raises
-    ------
-    ValueError
-        If a value is outside of its range.
-    """
-
-    K: float = 0.2
-    """Weight of the motion, nats per unit of d**n. Chosen on 150 training worlds: the trends of the
-    paper's Section 3 hold. NI is at most ln(n_gray), so 20 m of motion are hardly ever worth it."""
-    exponent: float = 1.0
-    """n of Eq. 9."""
-    alpha_position: float = 1.0
-    """Weight of squared metres in Eq. 5."""
-    alpha_heading: float = 0.0
-    """Weight of squared radians in Eq. 5: turning a camera on its mount costs next to nothing."""
-    n_gray: int = 64
-    """Bins over the gray levels [0, 2] (Eq. 7): half of them tell unknown cells apart by
-    distance, in steps of less than one cell at the default depth of field."""
-    reading: Reading = "literal"
-    """Of Eq. 8a: with the distance as printed, or distance free."""
-
-    def __post_init__(self) -> None:
-        for name in ("K", "exponent", "alpha_position", "alpha_heading"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"RatingSettings.{name} must be finite and >= 0, got {value}")
-        if not 2 <= self.n_gray <= 256:
-            raise ValueError(f"RatingSettings.n_gray must lie in 2 ... 256, got {self.n_gray}")
-        if self.reading not in ("literal", "distance_free"):
-            raise ValueError(
-                f"RatingSettings.reading is 'literal' or 'distance_free', got {self.reading!r}"
-            )
-
-
-def motion_distance(
-    poses: ArrayLike, current: ArrayLike, alpha_position: float, alpha_heading: float
-) -> NDArray[np.float64]:
-    """Eq. 5: d = sqrt(sum of alpha_i (c_i - c'_i)^2), the angle wrapped.
-
-    Parameters
-    ----------
-    poses : array_like, shape (..., 3)
-        New camera poses [x, y, heading], metres and radians.
-    current : array_like, shape (3,)
-        Where the camera is.
-    """
-    delta = np.asarray(poses, dtype=np.float64) - np.asarray(current, dtype=np.float64)
-    turn = wrap_angle(delta[..., 2])
-    squares = alpha_position * (delta[..., 0] ** 2 + delta[..., 1] ** 2) + alpha_heading * turn**2
-    return np.sqrt(squares)
 
 
 @dataclass(frozen=True)
@@ -95,6 +38,19 @@ class Ratings:
     """P at the camera's position, shape (k,)."""
     rating: NDArray[np.float64]
     """RF, shape (k,)."""
+
+    @classmethod
+    def of(
+        cls,
+        new_information: NDArray[np.float64],
+        distance: NDArray[np.float64],
+        occupancy: NDArray[np.float64],
+        constants: RatingConstants,
+    ) -> Ratings:
+        """Eq. 9 from its parts: RF = (NI - K d**n) (1 - P)."""
+        cost = constants.K * distance**constants.exponent
+        rating = (new_information - cost) * (1.0 - occupancy)
+        return cls(new_information, distance, cost, occupancy, rating)
 
 
 class RatingFunction:

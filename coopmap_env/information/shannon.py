@@ -1,4 +1,4 @@
-"""Mutual information between a map and the beams of a pose.
+"""Mutual information between a map and the beams of a pose in the plane.
 
 For a beam without noise the reading is the first occupied cell, a function of the map; so the
 mutual information equals the reading's entropy, and by the chain rule
@@ -27,6 +27,15 @@ UNREACHABLE = 1e-3
 """A beam that gets no further than with this probability is not followed."""
 
 
+def checked_expectation(prior: float, known: float) -> tuple[float, float]:
+    """The prior, and the entropy that counts for nothing; see `BeamInformation`."""
+    if not 0 < prior < 1:
+        raise ValueError(f"prior must lie in (0, 1), got {prior!r}")
+    if not 0.5 < known <= 1:
+        raise ValueError(f"known must lie in (0.5, 1], got {known!r}")
+    return float(prior), entropy([known, 1.0 - known])
+
+
 class BeamInformation:
     """Mutual information of lattice poses.
 
@@ -48,12 +57,7 @@ class BeamInformation:
     """
 
     def __init__(self, rating: RatingFunction, prior: float = 0.5, known: float = 1.0) -> None:
-        if not 0 < prior < 1:
-            raise ValueError(f"prior must lie in (0, 1), got {prior!r}")
-        if not 0.5 < known <= 1:
-            raise ValueError(f"known must lie in (0.5, 1], got {known!r}")
-        self._prior = float(prior)
-        self._residue = entropy([known, 1.0 - known])
+        self._prior, self._residue = checked_expectation(prior, known)
         self._rating = rating
         self._fan = rating.fan
         self._start, self._entries = _entries_of_beams(rating.fan)

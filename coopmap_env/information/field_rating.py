@@ -1,0 +1,283 @@
+"""The rating function in space: what a depth camera would see on the known map, Eqs. 6 to 9.
+
+Camera poses come as rotations R_world_camera (k, 3, 3) and translations (k, 3), metres. How far the
+mount has to move (Eq. 5) is the caller's to say, as it depends on the joints: see `joint_distance`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.information.frustum_views import histogram_of_view
+from coopmap_env.information.pooling import pool, pooled_grid
+from coopmap_env.information.rating import Ratings
+from coopmap_env.information.settings import FieldRatingSettings, RatingConstants
+from coopmap_env.information.sight import Known, Sight, Spheres
+from coopmap_env.mapping import LogOddsRange, OccupancyMap, VoxelGrid
+from coopmap_env.sensing import DepthCamera
+
+REFINE = 30
+"""Candidates that are rated at the map's own resolution after a ranking at half of it: of 300, the
+best ten are among them."""
+Claimed = NDArray[np.uint8] | None
+
+
+def coarse_to_fine(
+    score: Callable[[NDArray[np.intp], bool], NDArray[np.float64]],
+    k: int,
+    refine: int | None = REFINE,
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Candidates 0 ... k - 1 that look best on the pooled map, by their score on the map itself.
+
+    Parameters
+    ----------
+    score : callable
+        Scores of the given candidates; on the pooled map if the second argument is True.
+    k : int
+        Number of candidates.
+    refine : int, optional
+        How many are scored on the map itself; None for all, without the pooled map.
+
+    Returns
+    -------
+    order, scores : ndarrays, shape (min(k, refine),)
+        Best first.
+    """
+    chosen = np.arange(k)
+    if refine is not None and k > refine:
+        chosen = np.argsort(-score(chosen, True), kind="stable")[:refine]
+    scores = score(chosen, False)
+    order = np.argsort(-scores, kind="stable")
+    return chosen[order], scores[order]
+
+
+class FieldRatingFunction:
+    """Rates camera poses on a known map in space; one object serves planner and reward alike.
+
+    Parameters
+    ----------
+    camera : DepthCamera
+    grid : VoxelGrid
+        That of the maps to be rated on.
+    settings : FieldRatingSettings
+    log_odds_range : LogOddsRange
+        That of the maps to be rated on.
+
+    Notes
+    -----
+    `claimed` (n_cells,) holds 1 at cells that a teammate is about to see: they are left out.
+    `bodies` are spheres that cover the other robots: they hide what is behind them. With `coarse`,
+    views are taken on the map pooled to half its resolution: four to five times as fast.
+    A camera outside the grid sees nothing.
+    """
+
+    def __init__(
+        self,
+        camera: DepthCamera,
+        grid: VoxelGrid,
+        settings: RatingConstants | None = None,
+        log_odds_range: LogOddsRange | None = None,
+    ) -> None:
+        if grid.dimension != 3:
+            raise ValueError(f"a depth camera needs a grid in space, got {grid}")
+        self.camera = camera
+        self.grid = grid
+        self.settings = settings or FieldRatingSettings()
+        self._range = log_odds_range or LogOddsRange()
+        self.fine, self.coarse = (
+            Sight.of(camera, g, self.settings, self._range, grid.resolution)
+            for g in (grid, pooled_grid(grid))
+        )
+        self._nobody = np.zeros(grid.n_cells, dtype=np.uint8)
+
+    @property
+    def n_visible(self) -> int:
+        """N of Eq. 7."""
+        return self.fine.frustum.n_visible
+
+    def new_information(
+        self,
+        map_: OccupancyMap,
+        rotations: ArrayLike,
+        translations: ArrayLike,
+        claimed: Claimed = None,
+        bodies: Spheres | None = None,
+        coarse: bool = False,
+    ) -> NDArray[np.float64]:
+        """NI (Eqs. 6-8) of poses, nats, shape (k,)."""
+        sight, known = self.sight(map_, claimed, coarse)
+        poses = checked_poses(rotations, translations)
+        return sight.entropies(sight.histograms(known, *poses, bodies))
+
+    def unknown_cells(
+        self,
+        map_: OccupancyMap,
+        rotations: ArrayLike,
+        translations: ArrayLike,
+        claimed: Claimed = None,
+        bodies: Spheres | None = None,
+        coarse: bool = False,
+    ) -> NDArray[np.int64]:
+        """Number of never-sampled cells in view of each pose, shape (k,).
+
+        With `coarse`, eight times the number of blocks.
+        """
+        sight, known = self.sight(map_, claimed, coarse)
+        histogram = sight.histograms(known, *checked_poses(rotations, translations), bodies)
+        return np.asarray(histogram[:, sight.n_gray :].sum(axis=1) * (8 if coarse else 1))
+
+    def visible_cells(
+        self,
+        map_: OccupancyMap,
+        rotation: ArrayLike,
+        translation: ArrayLike,
+        bodies: Spheres | None = None,
+    ) -> NDArray[np.int32]:
+        """Flat numbers of the cells that a pose would see on the known map, column by column."""
+        sight, known = self.sight(map_)
+        (R,), (t,) = checked_poses(np.asarray(rotation)[None], np.asarray(translation)[None])
+        return sight.view(known, R, t, bodies)[0]
+
+    def new_information_in_turn(
+        self,
+        map_: OccupancyMap,
+        rotations: ArrayLike,
+        translations: ArrayLike,
+        bodies: Sequence[Spheres | None] | None = None,
+    ) -> NDArray[np.float64]:
+        """NI of one pose for each robot, without what the robots before it see; shape (n_robots,).
+
+        `bodies` holds the spheres that hide the view of each robot: those of its teammates.
+        """
+        claimed = self._nobody.copy()
+        sight, known = self.sight(map_, claimed)
+        histogram = np.zeros((len(np.asarray(rotations)), 2 * sight.n_gray), dtype=np.int64)
+        for robot, (R, t) in enumerate(zip(*checked_poses(rotations, translations), strict=True)):
+            cells, distances = sight.view(known, R, t, bodies[robot] if bodies else None)
+            histogram_of_view(known, cells, distances, sight.tables, histogram[robot])
+            claimed[cells] = 1
+        return sight.entropies(histogram)
+
+    def rate(
+        self,
+        map_: OccupancyMap,
+        rotations: ArrayLike,
+        translations: ArrayLike,
+        distance: ArrayLike,
+        claimed: Claimed = None,
+        bodies: Spheres | None = None,
+        coarse: bool = False,
+    ) -> Ratings:
+        """Eq. 9 of poses: RF = (NI - K d**n) (1 - P); `distance` is d of Eq. 5, shape (k,)."""
+        ni = self.new_information(map_, rotations, translations, claimed, bodies, coarse)
+        return self.compose(map_, translations, distance, ni)
+
+    def rate_team(
+        self,
+        map_: OccupancyMap,
+        rotations: ArrayLike,
+        translations: ArrayLike,
+        distance: ArrayLike,
+        bodies: Sequence[Spheres | None] | None = None,
+    ) -> Ratings:
+        """Eq. 9 of one pose for each robot, looking at once.
+
+        What a robot sees is left out of the histograms of the robots after it, so that an overlap
+        counts once.
+        """
+        ni = self.new_information_in_turn(map_, rotations, translations, bodies)
+        return self.compose(map_, translations, distance, ni)
+
+    def rank(
+        self,
+        map_: OccupancyMap,
+        rotations: ArrayLike,
+        translations: ArrayLike,
+        distance: ArrayLike,
+        claimed: Claimed = None,
+        bodies: Spheres | None = None,
+        refine: int | None = REFINE,
+    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """The best candidates and their ratings (Eq. 9), best first: see `coarse_to_fine`."""
+        R, t = checked_poses(rotations, translations)
+        d = np.broadcast_to(np.asarray(distance, dtype=np.float64), len(R))
+
+        def score(chosen: NDArray[np.intp], coarse: bool) -> NDArray[np.float64]:
+            parts = R[chosen], t[chosen], d[chosen]
+            return self.rate(map_, *parts, claimed, bodies, coarse).rating
+
+        return coarse_to_fine(score, len(R), refine)
+
+    def compose(
+        self,
+        map_: OccupancyMap,
+        translations: ArrayLike,
+        distance: ArrayLike,
+        ni: NDArray[np.float64],
+    ) -> Ratings:
+        """Eq. 9 from new information that is known already."""
+        d = np.broadcast_to(np.asarray(distance, dtype=np.float64), ni.shape)
+        return Ratings.of(ni, d, self.occupancy(map_, translations), self.settings)
+
+    def occupancy(self, map_: OccupancyMap, translations: ArrayLike) -> NDArray[np.float64]:
+        """P of the cell in which each camera (k, 3) would be; 1 outside the grid."""
+        index = self.grid.index(translations)
+        inside = self.grid.contains(index)
+        p = np.ones(len(index))
+        levels = map_.levels[self.grid.flat(index[inside])]
+        p[inside] = map_.range.probability[levels + map_.range.clamp]
+        return p
+
+    def sight(
+        self, map_: OccupancyMap, claimed: Claimed = None, coarse: bool = False
+    ) -> tuple[Sight, Known]:
+        """The camera and what is known, at the map's own resolution or pooled.
+
+        Kernels trust the map and `claimed`, so both are checked here.
+
+        Raises
+        ------
+        ValueError
+            If the map is of another grid or clamp, or `claimed` of another shape or type.
+        """
+        if map_.grid != self.grid or map_.range.clamp != self._range.clamp:
+            raise ValueError(
+                f"the map ({map_.grid}, clamp {map_.range.clamp}) is not of the kind that is rated "
+                f"here ({self.grid}, clamp {self._range.clamp})"
+            )
+        if claimed is None:
+            claimed = self._nobody
+        elif claimed.shape != self._nobody.shape or claimed.dtype != np.uint8:
+            raise ValueError(
+                f"claimed must be uint8 of shape {self._nobody.shape}, "
+                f"got {claimed.dtype} of shape {claimed.shape}"
+            )
+        if coarse:
+            pooled = pool(map_.levels, map_.sampled_cells, claimed, self.grid)
+            return self.coarse, (*pooled, self.coarse.grid.shape)
+        return self.fine, (map_.levels, map_.sampled_cells, claimed, self.grid.shape)
+
+
+def checked_poses(
+    rotations: ArrayLike, translations: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses as contiguous arrays (k, 3, 3) and (k, 3).
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, or a value is not finite.
+    """
+    R = np.ascontiguousarray(rotations, dtype=np.float64)
+    t = np.ascontiguousarray(translations, dtype=np.float64)
+    if t.ndim != 2 or t.shape[1] != 3 or R.shape != (len(t), 3, 3):
+        raise ValueError(
+            "camera poses are rotations (k, 3, 3) and translations (k, 3), "
+            f"got shapes {R.shape} and {t.shape}"
+        )
+    if not (np.isfinite(R).all() and np.isfinite(t).all()):
+        raise ValueError("a camera pose has a value that is not finite")
+    return R, t

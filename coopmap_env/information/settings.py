@@ -1,0 +1,77 @@
+"""Constants of the rating function, of Eqs. 5 to 9."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from coopmap_env.information.gray import Reading
+
+
+@dataclass(frozen=True)
+class RatingConstants:
+    """Constants of Eqs. 6 to 9, which any rating needs; those of Eq. 5 depend on the mount.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    K: float
+    """Weight of the motion, nats per unit of d**n."""
+    exponent: float = 1.0
+    """n of Eq. 9."""
+    n_gray: int = 64
+    """Bins over the gray levels [0, 2] (Eq. 7): half of them tell unknown cells apart by
+    distance, in steps of less than one cell in the plane, of less than two in space."""
+    reading: Reading = "literal"
+    """Of Eq. 8a: with the distance as printed, or distance free."""
+
+    def __post_init__(self) -> None:
+        kind = type(self).__name__
+        for name in (field.name for field in fields(self)):
+            value = getattr(self, name)
+            if name in ("n_gray", "reading"):
+                continue
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"{kind}.{name} must be finite and >= 0, got {value}")
+        if not 2 <= self.n_gray <= 256:
+            raise ValueError(f"{kind}.n_gray must lie in 2 ... 256, got {self.n_gray}")
+        if self.reading not in ("literal", "distance_free"):
+            raise ValueError(
+                f"{kind}.reading is 'literal' or 'distance_free', got {self.reading!r}"
+            )
+
+
+@dataclass(frozen=True)
+class RatingSettings(RatingConstants):
+    """Constants of Eqs. 5 to 9 in the plane.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    K: float = 0.2
+    """Weight of the motion, nats per unit of d**n. Chosen on 150 training worlds: the trends of the
+    paper's Section 3 hold. NI is at most ln(n_gray), so 20 m of motion are hardly ever worth it."""
+    alpha_position: float = 1.0
+    """Weight of squared metres in Eq. 5."""
+    alpha_heading: float = 0.0
+    """Weight of squared radians in Eq. 5: turning a camera on its mount costs next to nothing."""
+
+
+@dataclass(frozen=True)
+class FieldRatingSettings(RatingConstants):
+    """Constants of Eqs. 6 to 9 in space; the alphas of Eq. 5 are those of the mount's joints.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    K: float = 0.2
+    """Weight of the motion, nats per unit of d**n: that of the plane."""

@@ -1,0 +1,52 @@
+"""Random maps in space, written down: boxes on a ground, seen in part, and places to look from."""
+
+import numpy as np
+
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
+
+
+def random_space(rng, shape, n_boxes, n_balls, resolution=0.1, origin=(0.0, 0.0, 0.0)):
+    """Map of a ground and boxes, of which only what lies in some random balls was ever sampled."""
+    map_ = OccupancyMap(VoxelGrid(shape, resolution, origin))
+    clamp = map_.range.clamp
+    occupied = np.zeros(shape, dtype=bool)
+    occupied[:, :, :2] = True
+    for _ in range(n_boxes):
+        size = rng.integers(2, np.maximum(np.array(shape) // 6, 3))
+        corner = rng.integers(0, np.array(shape) - size)
+        occupied[tuple(slice(c, c + s) for c, s in zip(corner, size, strict=True))] = True
+    sampled = np.zeros(shape, dtype=bool)
+    index = np.indices(shape).transpose(1, 2, 3, 0)
+    for _ in range(n_balls):
+        center, radius = rng.uniform(0, shape), rng.uniform(0.1, 0.3) * max(shape)
+        sampled |= ((index - center) ** 2).sum(axis=-1) < radius**2
+    free, hit = rng.integers(-clamp, -clamp // 2, shape), rng.integers(0, clamp + 1, shape)
+    undecided = rng.random(shape) < 0.05
+    free[undecided] = rng.integers(-clamp // 2, 0, undecided.sum())
+    map_.levels[:] = np.where(sampled, np.where(occupied, hit, free), 0).ravel()
+    map_.sampled_cells[:] = sampled.ravel()
+    return map_
+
+
+def rotation(yaw, pitch, roll):
+    """R_world_camera; a positive pitch looks down."""
+    (cy, cp, cr), (sy, sp, sr) = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
+    turn = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    nod = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    tilt = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return turn @ nod @ tilt
+
+
+def random_poses(rng, map_, k, any_way_up=False):
+    """Rotations and translations of cameras in cells that are not occupied."""
+    shape = np.array(map_.grid.shape)
+    blocked = (map_.levels >= 0) & (map_.sampled_cells == 1)
+    rotations, translations = [], []
+    while len(rotations) < k:
+        cells = rng.uniform(0.05, 0.95, 3) * shape
+        if blocked[map_.grid.flat(cells.astype(int))]:
+            continue
+        spread = (np.pi, np.pi, np.pi) if any_way_up else (np.pi, 0.5, 0.2)
+        rotations.append(rotation(*rng.uniform(-1, 1, 3) * spread))
+        translations.append(cells * map_.grid.resolution + map_.grid.origin)
+    return np.array(rotations), np.array(translations)
