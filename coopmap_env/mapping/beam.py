@@ -141,9 +141,14 @@ def end_weights_along(entries, exits, n, z, sigma, weights):
     highest = 0.0
     best = 0
     scale = 1.0 / (sigma * math.sqrt(2.0))
+    upper = 0.0
     for k in range(n):
-        share = math.erf((exits[k] - z) * scale) - math.erf((entries[k] - z) * scale)
-        weights[k] = 0.5 ** (entries[k] - entries[0]) * share
+        # a cell begins where the one before ends: the error function is half of the work
+        joined = k > 0 and entries[k] == exits[k - 1]
+        lower = upper if joined else math.erf((entries[k] - z) * scale)
+        upper = math.erf((exits[k] - z) * scale)
+        share = upper - lower
+        weights[k] = 0.5 ** (entries[k] - entries[0]) * share if share > 0.0 else 0.0
         total += weights[k]
         if share > highest:
             best, highest = k, share

@@ -10,6 +10,7 @@ from numba import njit
 from coopmap_env.geometry.traversal import advance, begin
 from coopmap_env.mapping.beam import CUT, WINDOW, end_weights, end_weights_along, level_of_beam
 from coopmap_env.mapping.gaussian import add_observation
+from coopmap_env.mapping.partial_walk import walk_partial
 
 MIN_SIGMA = 0.01
 """Cells: no observation is trusted beyond a hundredth of a cell, so a noise-free camera is fine."""
@@ -94,16 +95,19 @@ def _claim_ends(cells, entries, exits, weights, n, best, bounds, partial, pendin
     for k in range(n):
         level = level_of_beam(weights[k], before, bounds[0], bounds[1])
         before += weights[k]
-        so_far = pending[cells[k]]
-        touched[count] = cells[k]
+        cell = np.uint64(cells[k])
+        so_far = pending[cell]
+        touched[np.uint64(count)] = cells[k]
         if partial:
             if level < 0:
                 level = through(level, exits[k] - entries[k])
+            if level == 0 and k == best:
+                level = -1  # a cell that keeps the beam's point is one that was sampled
             count += so_far == 0 and level != 0
-            pending[cells[k]] = strongest(so_far, level)
+            pending[cell] = strongest(so_far, level)
         else:
             count += so_far == 0
-            pending[cells[k]] = so_far + level if so_far != -level else 1
+            pending[cell] = so_far + level if so_far != -level else 1
         if before > CUT and k >= best:
             break
     return count
@@ -155,15 +159,17 @@ def walk_beams(
             crossed, entry = cell, t
             cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
             level = through(lowest, t - entry)
-            so_far = pending[crossed]
-            touched[count] = crossed
-            count += so_far == 0 and level != 0
-            pending[crossed] = strongest(so_far, level)
+            index = np.uint64(crossed)  # the compiler guards signed indices against negative ones
+            so_far = pending[index]
+            touched[np.uint64(count)] = crossed
+            count += (so_far == 0) & (level != 0)
+            pending[index] = strongest(so_far, level)
         while t < until:
-            so_far = pending[cell]
-            touched[count] = cell
+            index = np.uint64(cell)
+            so_far = pending[index]
+            touched[np.uint64(count)] = cell
             count += so_far == 0
-            pending[cell] = so_far + lowest if so_far != -lowest else 1
+            pending[index] = so_far + lowest if so_far != -lowest else 1
             cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
         if not hit[beam]:
             continue
@@ -205,14 +211,14 @@ def apply_updates(levels, sampled, pending, touched, count, bounds, clamp, entro
     drop = 0.0
     new = 0
     for k in range(count):
-        cell = touched[k]
+        cell = np.uint64(touched[k])
         update = min(max(pending[cell], bounds[0]), bounds[1])
         pending[cell] = 0
         before = levels[cell]
         after = before + update
         levels[cell] = after
-        drop += entropy[min(max(before, -clamp), clamp) + clamp]
-        drop -= entropy[min(max(after, -clamp), clamp) + clamp]
+        drop += entropy[np.uint64(min(max(before, -clamp), clamp) + clamp)]
+        drop -= entropy[np.uint64(min(max(after, -clamp), clamp) + clamp)]
         new += 1 - sampled[cell]
         sampled[cell] = 1
     return new, drop
@@ -224,10 +230,16 @@ def integrate_scan(
     precision, vector, pending, touched, levels, sampled, clamp, entropy,
 ):  # fmt: skip
     """Fuse one scan; return the touched cells' number, the new ones', the drop of entropy."""
-    count = walk_beams(
-        origin, points, covariances, hit, lower, resolution, shape, bounds, enters, partial,
-        precision, vector, pending, touched,
-    )  # fmt: skip
+    if partial and len(origin) == 3:
+        count = walk_partial(
+            origin, points, covariances, hit, lower, resolution, shape, bounds,
+            precision, vector, pending, touched, MIN_SIGMA, DIAGONAL,
+        )  # fmt: skip
+    else:
+        count = walk_beams(
+            origin, points, covariances, hit, lower, resolution, shape, bounds, enters, partial,
+            precision, vector, pending, touched,
+        )  # fmt: skip
     new, drop = apply_updates(levels, sampled, pending, touched, count, bounds, clamp, entropy)
     return count, new, drop
 
@@ -236,5 +248,5 @@ def integrate_scan(
 def clamp_levels(levels, touched, clamp):
     """Clamp the touched cells."""
     for k in range(len(touched)):
-        cell = touched[k]
+        cell = np.uint64(touched[k])
         levels[cell] = min(max(levels[cell], -clamp), clamp)

@@ -170,11 +170,62 @@ class OccupancyMap:
         covariances : ndarray, shape (k, D, D)
             Their merged covariances, square metres.
         """
-        cells = np.flatnonzero(self._precision[:, 0, 0]).astype(np.int64)
-        covariances = np.linalg.inv(self._precision[cells]).astype(np.float64, copy=False)
+        cells, precisions, vectors = self.information()
+        covariances = np.linalg.inv(precisions).astype(np.float64, copy=False)
         centers = self.grid.center(np.stack(np.unravel_index(cells, self.grid.shape), axis=-1))
-        means = centers + np.einsum("kij,kj->ki", covariances, self._vector[cells])
+        means = centers + np.einsum("kij,kj->ki", covariances, vectors)
         return cells, means, covariances
+
+    def information(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Surface estimates as the map keeps them, where merging is a sum.
+
+        Returns
+        -------
+        cells : ndarray, shape (k,)
+            Flat numbers of the hit cells.
+        precisions : ndarray, shape (k, D, D)
+            Sums of the inverse covariances P.
+        vectors : ndarray, shape (k, D)
+            Sums of P times (point minus the cell's centre).
+        """
+        cells = np.flatnonzero(self._precision[:, 0, 0]).astype(np.int64)
+        return cells, self._precision[cells], self._vector[cells]
+
+    def restore(
+        self,
+        levels: ArrayLike,
+        sampled: ArrayLike,
+        cells: ArrayLike,
+        precisions: ArrayLike,
+        vectors: ArrayLike,
+    ) -> None:
+        """Take over the state of a map of this grid: flat levels, sampled cells, `information`.
+
+        Raises
+        ------
+        ValueError
+            If a shape or a value does not fit this map, which is left as it was.
+        """
+        n, d = self.grid.n_cells, self.grid.dimension
+        levels, sampled, cells = np.asarray(levels), np.asarray(sampled), np.asarray(cells)
+        precisions, vectors = np.asarray(precisions), np.asarray(vectors)
+        shapes = [a.shape for a in (levels, sampled, cells, precisions, vectors)]
+        k = len(cells) if cells.ndim else 0
+        if shapes != [(n,), (n,), (k,), (k, d, d), (k, d)]:
+            raise ValueError(f"a state of {n} cells in {d}-D cannot have the shapes {shapes}")
+        if any(a.dtype.kind not in "biu" for a in (levels, sampled, cells)):
+            raise ValueError("levels, sampled and cells must be whole numbers")
+        if abs(levels).max() > self.range.clamp or sampled.max() > 1 or sampled.min() < 0:
+            raise ValueError(f"levels must lie within +-{self.range.clamp}, sampled be 0 or 1")
+        if k and (cells.min() < 0 or cells.max() >= n):
+            raise ValueError(f"hit cells must lie in [0, {n})")
+        if not (np.isfinite(precisions).all() and np.isfinite(vectors).all()):
+            raise ValueError("surface information must be finite")
+        self.clear()
+        self.levels[:], self.sampled_cells[:] = levels, sampled
+        self._precision[cells], self._vector[cells] = precisions, vectors
 
     def copy(self) -> OccupancyMap:
         """An independent copy."""

@@ -1,0 +1,77 @@
+"""What all map files share: whole writes, errors that name the file, a map's settings as JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from coopmap_env.mapping.beam import BeamModel
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping.log_odds import LogOddsRange
+from coopmap_env.mapping.occupancy_map import OccupancyMap
+
+
+class MapFileError(ValueError):
+    """A map file that is missing, broken, truncated or of another format; the message names it."""
+
+
+def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file beside its place, then move it there in one step."""
+    with unfinished(path) as place:
+        place.write_bytes(content)
+
+
+@contextmanager
+def unfinished(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A path beside `path` to write to; what lies there at the end is moved to `path`."""
+    path = Path(path)
+    place = path.with_name(f".{path.stem}.{uuid.uuid4().hex}.tmp{path.suffix}")
+    try:
+        yield place
+        os.replace(place, path)
+    finally:
+        place.unlink(missing_ok=True)
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Content of a file."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise MapFileError(f"{path} cannot be read: {error}") from error
+
+
+def settings_text(map_: OccupancyMap) -> str:
+    """Grid, beam model and clamp in one line of JSON, whose floats are read back exactly."""
+    settings = {
+        "grid": asdict(map_.grid),
+        "beam": asdict(map_.model),
+        "max_probability": map_.range.max_probability,
+    }
+    return json.dumps(settings)
+
+
+def empty_map(text: str, path: str | os.PathLike[str]) -> OccupancyMap:
+    """A new map of the settings that `settings_text` wrote.
+
+    Raises
+    ------
+    MapFileError
+        If the text is not of that form.
+    """
+    try:
+        settings: dict[str, Any] = json.loads(text)
+        grid, beam = settings["grid"], settings["beam"]
+        return OccupancyMap(
+            VoxelGrid(tuple(grid["shape"]), grid["resolution"], tuple(grid["origin"])),
+            BeamModel(**beam),
+            LogOddsRange(settings["max_probability"]),
+        )
+    except (ValueError, TypeError, KeyError, MemoryError, OverflowError) as error:
+        raise MapFileError(f"{path}: the map's settings are broken: {error!r}") from error

@@ -1,0 +1,135 @@
+"""OctoMap's files: its own library agrees with us on every voxel, and nothing is lost."""
+
+import numpy as np
+import pytest
+from plain.random_scans import random_scan
+
+from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
+from coopmap_env.mapping.files import MapFileError, load_map, save_map
+from coopmap_env.mapping.files.octomap import octomap_shift
+
+pyoctomap = pytest.importorskip("pyoctomap")
+GRID = VoxelGrid((9, 7, 8), 0.25, (0.55, -1.0, -2.1))
+
+
+@pytest.fixture(scope="module")
+def known():
+    """A map with every kind of cell: both clamps, sampled at one half, never sampled."""
+    rng = np.random.default_rng(0)
+    map_ = OccupancyMap(GRID, BeamModel(0.01, 0.97, "partial"), LogOddsRange(0.9995))
+    for _ in range(8):
+        map_.integrate(random_scan(rng, GRID, 10))
+    map_.mark_free([3, 4])
+    map_.mark_occupied([5])
+    map_.levels[7], map_.sampled_cells[7] = 0, 1
+    map_.levels[9], map_.sampled_cells[9] = 1, 1
+    assert 0 < map_.viewed_share < 1
+    return map_
+
+
+def theirs(tree, map_):
+    """Log-odds of OctoMap's node at each of our cells, NaN where it has none."""
+    centers = map_.grid.center(np.indices(map_.grid.shape).reshape(3, -1).T)
+    nodes = [tree.search(center) for center in centers - octomap_shift(map_.grid)]
+    return np.array([node.getLogOdds() if node else np.nan for node in nodes])
+
+
+def test_octomap_agrees_with_us_on_every_voxel_of_an_ot_file(tmp_path, known):
+    save_map(known, tmp_path / "map.ot")
+    found = theirs(pyoctomap.OcTree(0.1).read(str(tmp_path / "map.ot")), known)
+    # levels are multiples of 2**-10, floats of 24 bits hold them exactly
+    sampled = known.sampled.ravel()
+    np.testing.assert_array_equal(found[sampled], known.log_odds.ravel()[sampled])
+    assert np.isnan(found[~sampled]).all()
+    probability = 1 / (1 + np.exp(-found[sampled]))
+    np.testing.assert_allclose(probability, known.probability.ravel()[sampled], rtol=1e-12)
+
+
+def test_an_ot_file_loses_nothing_of_the_occupancy(tmp_path, known):
+    save_map(known, tmp_path / "map.ot")
+    back = load_map(tmp_path / "map.ot")
+    np.testing.assert_array_equal(back.levels, known.levels)
+    np.testing.assert_array_equal(back.sampled_cells, known.sampled_cells)
+    assert (back.grid, back.model, back.range) == (known.grid, known.model, known.range)
+    assert back.sampled_cells[7] == 1
+    assert back.levels[7] == 0
+
+
+def test_a_bt_file_keeps_which_cells_are_known_and_on_which_side_of_one_half(tmp_path, known):
+    save_map(known, tmp_path / "map.bt")
+    back = load_map(tmp_path / "map.bt")
+    sampled = known.sampled
+    np.testing.assert_array_equal(back.sampled, sampled)
+    np.testing.assert_array_equal(
+        back.levels[sampled.ravel()] > 0, known.levels[sampled.ravel()] >= 0
+    )
+    assert set(abs(back.levels[sampled.ravel()])) == {known.range.clamp}
+    tree = pyoctomap.OcTree(0.1)
+    assert tree.readBinary(str(tmp_path / "map.bt"))
+    found = theirs(tree, known)
+    np.testing.assert_array_equal(np.isnan(found), ~sampled.ravel())
+    np.testing.assert_array_equal(found >= 0, (known.levels >= 0) & sampled.ravel())
+
+
+@pytest.mark.parametrize("suffix", [".ot", ".bt"])
+def test_an_empty_map_comes_back_empty(tmp_path, suffix):
+    save_map(OccupancyMap(GRID), tmp_path / f"map{suffix}")
+    back = load_map(tmp_path / f"map{suffix}")
+    assert back.grid == GRID
+    assert not back.sampled.any()
+
+
+def test_a_tree_of_others_fills_the_box_of_its_voxels_pruned_ones_too(tmp_path):
+    tree = pyoctomap.OcTree(0.5)
+    for key in np.ndindex(2, 2, 2):  # eight equal voxels, which pruning makes one
+        for _ in range(20):
+            tree.updateNode((np.array(key) * 0.5 + 0.25).tolist(), True)
+    tree.updateNode([1.25, -0.25, 0.25], False)
+    tree.updateInnerOccupancy()
+    assert tree.getNumLeafNodes() == 2
+    tree.write(str(tmp_path / "foreign.ot"))
+    map_ = load_map(tmp_path / "foreign.ot")
+    assert map_.grid == VoxelGrid((3, 3, 2), 0.5, (0.0, -0.5, 0.0))
+    assert map_.sampled.sum() == 9
+    # OctoMap's clamp 0.971 and its miss 0.4; a level is 1/1024 nat
+    assert map_.probability[:2, 1:, :] == pytest.approx(np.full((2, 2, 2), 0.971), abs=1e-3)
+    assert map_.probability[2, 0, 0] == pytest.approx(0.4, abs=1e-3)
+
+
+def broken(content):
+    yield "no .ot file", b""
+    yield "no .ot file", b"junk" * 50
+    yield "no .ot file", content[:60]
+    yield "truncated", content[:-7]
+    yield "truncated", content + b"\0"
+    yield "not of an occupancy tree", content.replace(b"id OcTree", b"id ColorOcTree")
+    yield "settings are broken", content.replace(b"# coopmap {", b"# coopmap [")
+    yield "settings are broken", content.replace(b'"resolution": 0.25', b'"resolution": -1')
+    yield "another resolution", content.replace(b"res 0.25", b"res 0.35")
+
+
+def test_broken_files_are_refused_with_their_name(tmp_path, known):
+    save_map(known, tmp_path / "map.ot")
+    content = (tmp_path / "map.ot").read_bytes()
+    for message, wrong in broken(content):
+        assert wrong != content
+        (tmp_path / "wrong.ot").write_bytes(wrong)
+        with pytest.raises(MapFileError, match=message) as error:
+            load_map(tmp_path / "wrong.ot")
+        assert "wrong.ot" in str(error.value)
+
+
+def test_a_truncated_bt_file_is_refused(tmp_path, known):
+    save_map(known, tmp_path / "map.bt")
+    (tmp_path / "cut.bt").write_bytes((tmp_path / "map.bt").read_bytes()[:-9])
+    with pytest.raises(MapFileError, match=r"cut\.bt: OctoMap's library cannot read"):
+        load_map(tmp_path / "cut.bt")
+
+
+def test_maps_that_octomap_cannot_hold_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"3-D maps, this one is \(4, 5\)"):
+        save_map(OccupancyMap(VoxelGrid((4, 5))), tmp_path / "map.ot")
+    far = OccupancyMap(VoxelGrid((4, 5, 6), 0.1, (4000.0, 0.0, 0.0)))
+    with pytest.raises(ValueError, match="32768 voxels"):
+        save_map(far, tmp_path / "map.ot")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,67 @@
+"""The fast 3-D kernel of partial surfaces does what the general one does, to the last bit."""
+
+import numpy as np
+import pytest
+from plain.random_scans import random_scan
+
+from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
+from coopmap_env.mapping.integration import DIAGONAL, MIN_SIGMA, walk_beams
+from coopmap_env.mapping.partial_walk import walk_partial
+from coopmap_env.sensing import Scan
+
+GRID = VoxelGrid((11, 9, 8), 0.25, (0.5, -1.0, 2.0))
+
+
+def walked(kernel, scan, model, grid):
+    """State of a new map after one scan's walk: claims, listed cells, information."""
+    m = OccupancyMap(grid, model)
+    first = (scan.origin, scan.points, scan.covariances, scan.hit, m._lower, grid.resolution)
+    last = (m._precision, m._vector, m._pending, m._touched)
+    if kernel is walk_partial:
+        arguments = (*first, grid.shape3, model.levels, *last, MIN_SIGMA, DIAGONAL)
+    else:
+        arguments = (*first, grid.shape3, model.levels, model.enters, model.partial, *last)
+    count = kernel(*arguments)
+    return m._pending, m._touched[:count], m._precision, m._vector
+
+
+@pytest.mark.parametrize("largest_sigma", [0.0, 0.1, 1.2, 6.0])
+@pytest.mark.parametrize("bounds", [(0.001, 0.998), (0.2, 0.7)])
+def test_both_kernels_agree_bit_by_bit(largest_sigma, bounds):
+    rng = np.random.default_rng(0)
+    model = BeamModel(*bounds, "partial")
+    for n_beams in [3, 8, 40] * 25:
+        scan = random_scan(rng, GRID, n_beams, largest_sigma)
+        fast, general = (walked(kernel, scan, model, GRID) for kernel in (walk_partial, walk_beams))
+        for one, other in zip(fast, general, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_a_cell_that_keeps_a_point_is_one_that_was_sampled():
+    """Whatever the level: clearing the map looks for sampled cells."""
+    rng = np.random.default_rng(1)
+    map_ = OccupancyMap(GRID, BeamModel(0.2, 0.7, "partial"))
+    for _ in range(200):
+        map_.integrate(random_scan(rng, GRID, 10, 3.0))
+    cells, _, _ = map_.surfaces()
+    assert len(cells) > 100
+    assert (map_.sampled_cells[cells] == 1).all()
+    map_.clear()
+    assert not map_._precision.any()
+
+
+def test_the_order_of_the_beams_does_not_change_the_claims():
+    rng = np.random.default_rng(2)
+    model = BeamModel(0.02, 0.998, "partial")
+    for _ in range(10):
+        scan = random_scan(rng, GRID, 60)
+        order = rng.permutation(60)
+        again = Scan(scan.origin, scan.points[order], scan.covariances[order], scan.hit[order])
+        one, other = (
+            walked(walk_partial, scan, model, GRID),
+            walked(walk_partial, again, model, GRID),
+        )
+        np.testing.assert_array_equal(one[0], other[0])
+        assert sorted(one[1]) == sorted(other[1])
+        # information is summed in another order, in floating point
+        np.testing.assert_allclose(one[2], other[2], rtol=1e-9, atol=1e-6)
