@@ -1,0 +1,189 @@
+"""What is known to be clear around a robot: constraints i and ii of the paper, in 3-D.
+
+A voxel is free if it was sampled and P < 0.05, as in the plane; all else, and all beyond the map,
+is blocked. A sphere is clear if it meets no blocked voxel. That is asked of the voxels themselves,
+without a distance field: the test is exact, and for spheres of a voxel or two it costs less than
+the field does, unless ten thousand poses are asked about the same map (SciPy's takes 3.5 ms for
+40 x 40 x 40 voxels; copying their states takes 0.06 ms).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.mapping import OccupancyMap
+from coopmap_env.robots.reach import LEVEL_EMPTY
+
+FREE, UNKNOWN, OCCUPIED, OUTSIDE = range(4)
+WHAT = ("free space", "unknown space", "an obstacle", "the edge of the map")
+"""In words, what a voxel's state means to a robot."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """The states of the voxels in a box around a robot, at one time."""
+
+    states: NDArray[np.uint8]
+    """Shape (nx, ny, nz): `FREE`, `UNKNOWN`, `OCCUPIED` or `OUTSIDE` of the map."""
+    lower: NDArray[np.float64]
+    """Shape (3,): the box's lower corner, metres, in the world frame."""
+    resolution: float
+
+    @classmethod
+    def around(cls, map_: OccupancyMap, center: ArrayLike, reach: float) -> Clearance:
+        """What a map knows of the box that reaches `reach` metres from a point to all sides.
+
+        Raises
+        ------
+        ValueError
+            If the map is not 3-D, or the box is not one.
+        """
+        grid = map_.grid
+        if grid.dimension != 3:
+            raise ValueError(f"a mount moves in a 3-D map, got the grid {grid.shape}")
+        middle = np.asarray(center, dtype=np.float64)
+        if middle.shape != (3,) or not np.isfinite(middle).all():
+            raise ValueError(f"the box's centre must be three finite values, got {middle}")
+        if not (np.isfinite(reach) and reach > 0):
+            raise ValueError(f"the box's reach must be finite and > 0, got {reach}")
+        first = np.floor(grid.cells(middle - reach)).astype(np.int64)
+        last = np.floor(grid.cells(middle + reach)).astype(np.int64)
+        states = np.empty(last - first + 1, dtype=np.uint8)
+        copy_states(map_.levels, map_.sampled_cells, np.array(grid.shape), first, states)
+        lower = np.array(grid.origin) + first * grid.resolution
+        return cls(states, lower, grid.resolution)
+
+    def near(self, radius: float) -> NDArray[np.uint8]:
+        """Voxels (nx, ny, nz) in which no sphere up to `radius`, metres, can be told to be clear.
+
+        Those with a blocked voxel within that distance along each axis. Where it is 0 there is
+        nothing in any direction, and one look at a voxel settles the case.
+        """
+        reach = max(math.ceil(radius / self.resolution), 1)
+        _, ny, nz = self.states.shape
+        one, other = np.minimum(self.states, 1), np.empty_like(self.states)
+        for shift in (1, nz, ny * nz):
+            spread(one.reshape(-1), shift, reach, other.reshape(-1))
+            one, other = other, one
+        for axis in range(3):  # near the box's ends, where rows wrapped around, too
+            ends = np.moveaxis(one, axis, 0)
+            ends[:reach] = ends[-reach:] = 1
+        return one
+
+    def touched(self, centers: ArrayLike, radii: ArrayLike) -> NDArray[np.uint8]:
+        """The worst state (...,) of the voxels that spheres meet; `FREE` if they are clear.
+
+        Parameters
+        ----------
+        centers : array_like, shape (..., 3)
+            World frame, metres.
+        radii : array_like, broadcast to (...,)
+        """
+        centers = np.asarray(centers, dtype=np.float64)
+        out = np.empty(centers.shape[:-1], dtype=np.uint8)
+        flat = np.ascontiguousarray(centers.reshape(-1, 3))
+        wide = np.ascontiguousarray(np.broadcast_to(radii, out.shape).ravel(), dtype=np.float64)
+        touched(self.states, self.lower, self.resolution, flat, wide, out.reshape(-1))
+        return out
+
+
+def spheres_clear(
+    clearance: Clearance, centers: ArrayLike, radii: ArrayLike, margin: float = 0.0
+) -> NDArray[np.bool_]:
+    """Whether all spheres of each set are clear: centres (..., s, 3), radii (s,) -> (...,)."""
+    grown = np.asarray(radii, dtype=np.float64) + margin
+    clear: NDArray[np.bool_] = clearance.touched(centers, grown) == FREE
+    return np.asarray(clear.all(axis=-1))
+
+
+@njit(cache=True, nogil=True)
+def copy_states(levels, sampled, shape, first, states):
+    """States of the box of voxels that begins at index `first` (3,), which may lie outside."""
+    nx, ny, nz = shape[0], shape[1], shape[2]
+    z0 = min(max(-first[2], 0), states.shape[2])
+    z1 = max(min(nz - first[2], states.shape[2]), z0)
+    for i in range(states.shape[0]):
+        x = first[0] + i
+        for j in range(states.shape[1]):
+            y = first[1] + j
+            if x < 0 or x >= nx or y < 0 or y >= ny or z0 == z1:
+                states[i, j] = OUTSIDE
+                continue
+            states[i, j, :z0] = OUTSIDE
+            states[i, j, z1:] = OUTSIDE
+            start = (x * ny + y) * nz + first[2]
+            column = states[i, j, z0:z1]
+            level, known = levels[start + z0 : start + z1], sampled[start + z0 : start + z1]
+            for k in range(z1 - z0):
+                # FREE, UNKNOWN or OCCUPIED without a branch, so that it is done to many at once
+                column[k] = (1 - known[k]) + 2 * known[k] * (level[k] >= LEVEL_EMPTY)
+
+
+@njit(cache=True, nogil=True)
+def spread(source, shift, reach, out):
+    """OR of source[c - reach * shift], ..., source[c + reach * shift] in steps of `shift`: out[c].
+
+    Over flat arrays, where the end of an axis wraps around to the next row. Slices, for indices
+    that cannot be negative let the loops run over many voxels at once.
+    """
+    n = len(source)
+    out[:] = source
+    for r in range(1, reach + 1):
+        d = min(r * shift, n)
+        below, above = source[: n - d], source[d:]
+        later, earlier = out[d:], out[: n - d]
+        for c in range(n - d):
+            later[c] |= below[c]
+        for c in range(n - d):
+            earlier[c] |= above[c]
+
+
+@njit(cache=True, nogil=True)
+def is_near(near, x, y, z):
+    """Whether a point, in voxels from the box's lower corner, may be near to blocked voxels."""
+    nx, ny, nz = near.shape
+    if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
+        return True
+    return near[np.uint64(x), np.uint64(y), np.uint64(z)] != 0
+
+
+@njit(cache=True, nogil=True)
+def sphere_state(states, x, y, z, radius):
+    """The worst state that a sphere meets; all in voxels from the lower corner of the box."""
+    nx, ny, nz = states.shape
+    x0, x1 = int(np.floor(x - radius)), int(np.floor(x + radius))
+    y0, y1 = int(np.floor(y - radius)), int(np.floor(y + radius))
+    z0, z1 = int(np.floor(z - radius)), int(np.floor(z + radius))
+    if x0 < 0 or y0 < 0 or z0 < 0 or x1 >= nx or y1 >= ny or z1 >= nz:
+        return OUTSIDE
+    worst = 0
+    limit = radius * radius
+    for i in range(x0, x1 + 1):
+        dx = max(i - x, x - i - 1.0, 0.0)
+        for j in range(y0, y1 + 1):
+            dy = max(j - y, y - j - 1.0, 0.0)
+            left = limit - dx * dx - dy * dy
+            if left <= 0.0:
+                continue
+            for k in range(z0, z1 + 1):
+                state = states[i, j, k]
+                if state > worst:
+                    dz = max(k - z, z - k - 1.0, 0.0)
+                    if dz * dz < left:
+                        worst = state
+    return worst
+
+
+@njit(cache=True, nogil=True)
+def touched(states, lower, resolution, centers, radii, out):
+    """`sphere_state` of spheres in metres."""
+    for s in range(len(centers)):
+        x = (centers[s, 0] - lower[0]) / resolution
+        y = (centers[s, 1] - lower[1]) / resolution
+        z = (centers[s, 2] - lower[2]) / resolution
+        out[s] = sphere_state(states, x, y, z, radii[s] / resolution)

@@ -1,0 +1,144 @@
+"""Forward kinematics of a tree of rigid bodies, in batches (numba)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+class Bodies(NamedTuple):
+    """A kinematic tree: body 0 is fixed; body b hangs on `parent[b]` < b by one moving joint.
+
+    The joint's frame in the parent body is at `translation[b]`; it turns about (or, if
+    `prismatic[b]`, slides along) `axis[b]` of that frame by the value
+    ``multiplier[b] * q[variable[b]] + offset[b]``. Its rotation in the parent's frame is
+    ``constant[b] + cos(value) * cosine[b] + sin(value) * sine[b]``: Rodrigues' formula, sorted.
+    """
+
+    parent: NDArray[np.int64]
+    translation: NDArray[np.float64]
+    constant: NDArray[np.float64]
+    cosine: NDArray[np.float64]
+    sine: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    prismatic: NDArray[np.bool_]
+    variable: NDArray[np.int64]
+    multiplier: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+
+def sorted_rotations(
+    rotation: NDArray[np.float64], axis: NDArray[np.float64], prismatic: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """`Bodies.constant`, `cosine` and `sine` of joints (b,) with frames and axes in them.
+
+    exp(v [a]x) = a a^T + cos(v) (I - a a^T) + sin(v) [a]x for a unit axis a.
+    """
+    along = axis[:, :, None] * axis[:, None, :]
+    cross = np.zeros_like(along)
+    cross[:, [2, 0, 1], [1, 2, 0]] = axis
+    cross[:, [1, 2, 0], [2, 0, 1]] = -axis
+    turns = ~prismatic[:, None, None]
+    constant = np.where(turns, rotation @ along, rotation)
+    return constant, turns * (rotation - rotation @ along), turns * (rotation @ cross)
+
+
+@njit(cache=True, nogil=True)
+def multiply(A, B, out):
+    """The product A @ B of (3, 3) matrices, written to `out`, which must be neither of them."""
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@njit(cache=True, nogil=True)
+def scratch(bodies):
+    """Arrays for `body_poses`: R and t, the root's at the origin, and one for its use."""
+    n = len(bodies.parent)
+    R, t = np.empty((n, 3, 3)), np.empty((n, 3))
+    R[0] = np.eye(3)
+    t[0] = 0.0
+    return R, t, np.empty((3, 3))
+
+
+@njit(cache=True, nogil=True)
+def body_poses(bodies, q, R, t, turn):
+    """Poses of all bodies at one q (n,), from that of the root in R[0], t[0].
+
+    R (b, 3, 3) and t (b, 3) are written from body 1 on; `turn` (3, 3) is scratch.
+    """
+    for b in range(1, len(bodies.parent)):
+        p = bodies.parent[b]
+        value = bodies.multiplier[b] * q[bodies.variable[b]] + bodies.offset[b]
+        x, y, z = bodies.translation[b, 0], bodies.translation[b, 1], bodies.translation[b, 2]
+        for i in range(3):
+            t[b, i] = t[p, i] + R[p, i, 0] * x + R[p, i, 1] * y + R[p, i, 2] * z
+        if bodies.prismatic[b]:
+            multiply(R[p], bodies.constant[b], R[b])
+            x, y, z = bodies.axis[b, 0], bodies.axis[b, 1], bodies.axis[b, 2]
+            for i in range(3):
+                t[b, i] += value * (R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z)
+        else:
+            c, s = np.cos(value), np.sin(value)
+            for i in range(3):
+                for j in range(3):
+                    turn[i, j] = (
+                        bodies.constant[b, i, j]
+                        + c * bodies.cosine[b, i, j]
+                        + s * bodies.sine[b, i, j]
+                    )
+            multiply(R[p], turn, R[b])
+
+
+@njit(cache=True, nogil=True)
+def frame_poses(bodies, q, body, rotation, translation, R, t):
+    """Poses of frames fixed to bodies, for a batch q (k, n): R (k, f, 3, 3), t (k, f, 3)."""
+    Rb, tb, turn = scratch(bodies)
+    for k in range(len(q)):
+        body_poses(bodies, q[k], Rb, tb, turn)
+        for f in range(len(body)):
+            b, o = body[f], translation[f]
+            multiply(Rb[b], rotation[f], R[k, f])
+            for i in range(3):
+                t[k, f, i] = tb[b, i] + Rb[b, i, 0] * o[0] + Rb[b, i, 1] * o[1] + Rb[b, i, 2] * o[2]
+
+
+@njit(cache=True, nogil=True)
+def point_positions(bodies, q, body, points, out):
+    """Positions of points (s, 3) fixed to bodies, for a batch q (k, n): out (k, s, 3)."""
+    Rb, tb, turn = scratch(bodies)
+    for k in range(len(q)):
+        body_poses(bodies, q[k], Rb, tb, turn)
+        for s in range(len(body)):
+            b = body[s]
+            x, y, z = points[s, 0], points[s, 1], points[s, 2]
+            for i in range(3):
+                out[k, s, i] = tb[b, i] + Rb[b, i, 0] * x + Rb[b, i, 1] * y + Rb[b, i, 2] * z
+
+
+@njit(cache=True, nogil=True)
+def frame_jacobian(bodies, q, body, translation, out):
+    """Jacobian (6, n) [translation; rotation] of a frame fixed to `body`, in the root's frame."""
+    R, t, turn = scratch(bodies)
+    body_poses(bodies, q, R, t, turn)
+    position = t[body] + R[body] @ translation
+    out[:] = 0.0
+    b = body
+    while b > 0:
+        # turning about an axis, or sliding along it, leaves the axis where it is
+        axis = R[b] @ bodies.axis[b]
+        n, m = bodies.variable[b], bodies.multiplier[b]
+        if bodies.prismatic[b]:
+            for i in range(3):
+                out[i, n] += m * axis[i]
+        else:
+            arm = position - t[b]
+            out[0, n] += m * (axis[1] * arm[2] - axis[2] * arm[1])
+            out[1, n] += m * (axis[2] * arm[0] - axis[0] * arm[2])
+            out[2, n] += m * (axis[0] * arm[1] - axis[1] * arm[0])
+            for i in range(3):
+                out[3 + i, n] += m * axis[i]
+        b = bodies.parent[b]

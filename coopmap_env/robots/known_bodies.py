@@ -1,0 +1,85 @@
+"""Robots know where they are: what a camera sees of them is no part of the scene."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.sensing.noise import RangeNoise
+from coopmap_env.sensing.point_cloud import PointCloud
+
+
+def without_bodies(
+    cloud: PointCloud,
+    T_world_camera: Pose,
+    centers: ArrayLike,
+    radii: ArrayLike,
+    noise: RangeNoise,
+) -> PointCloud:
+    """A look from which the robots are taken: hits on them become beams that are clear up to them.
+
+    A hit is a robot's if it lies in one of its spheres, grown by three standard deviations of the
+    range there (Eq. 1). Its beam then says that all is free up to where it enters the first of
+    those spheres that it crosses; a camera inside a sphere learns nothing from it.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        n beams in the camera frame.
+    T_world_camera : Pose
+        Where the robot believes that its camera stands.
+    centers : array_like, shape (s, 3)
+        Spheres that cover the robots, its own too, in the world frame.
+    radii : array_like, shape (s,)
+    noise : RangeNoise
+        What the camera states of its uncertainty.
+
+    Raises
+    ------
+    ValueError
+        If the spheres' shapes disagree.
+    """
+    at, wide = np.asarray(centers, dtype=np.float64), np.asarray(radii, dtype=np.float64)
+    if at.ndim != 2 or at.shape[1] != 3 or wide.shape != (len(at),):
+        raise ValueError(
+            f"spheres need centres (s, 3) and radii (s,), got {at.shape}, {wide.shape}"
+        )
+    local = np.ascontiguousarray(T_world_camera.inverse().transform(at))
+    points, hit = cloud.points.copy(), cloud.hit.copy()
+    spread = (float(noise.intrinsic * noise.depth), float(noise.exponent))
+    remove_bodies(points, hit, local, np.ascontiguousarray(wide), spread)
+    return PointCloud(points, hit)
+
+
+@njit(cache=True, nogil=True)
+def remove_bodies(points, hit, centers, radii, spread):
+    """`without_bodies` in the camera frame, in place; `spread` is (S * T_depth, n) of Eq. 1."""
+    for k in range(len(points)):
+        if not hit[k]:
+            continue
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        distance = np.sqrt(x * x + y * y + z * z)
+        if distance == 0.0:
+            continue
+        grow = 3.0 * spread[0] * distance ** spread[1]
+        ours = False
+        entry = distance
+        for s in range(len(radii)):
+            cx, cy, cz = centers[s, 0], centers[s, 1], centers[s, 2]
+            along = (cx * x + cy * y + cz * z) / distance
+            aside = cx * cx + cy * cy + cz * cz - along * along
+            radius = radii[s] + grow
+            if aside >= radius * radius:
+                continue
+            half = np.sqrt(radius * radius - aside)
+            if along - half < distance < along + half:
+                ours = True
+            if along + half > 0.0:
+                entry = min(entry, along - half)
+        if ours:
+            hit[k] = False
+            share = max(entry, 0.0) / distance
+            for i in range(3):
+                points[k, i] *= share

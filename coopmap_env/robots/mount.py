@@ -1,0 +1,123 @@
+"""Camera mounts: which URDF, which joints, which camera, and how well they are known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots.chain import SAME_FRAME, Chain
+from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
+
+DEGREE = math.pi / 180.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A camera on the moving joints of a stationary vehicle.
+
+    The URDF's root link is the frame of the wheels, on the ground under the vehicle; between it
+    and the vehicle's body lie the three `SUSPENSION_JOINTS`, if the mount has a suspension.
+
+    Raises
+    ------
+    ValueError
+        If lengths disagree or a value is out of its range.
+    """
+
+    name: str
+    urdf: Path
+    camera_link: str
+    joints: tuple[str, ...]
+    """The joints that move the camera, from the vehicle outwards: the order of q."""
+    home: tuple[float, ...]
+    """Joint values at the start; the suspension is at rest there."""
+    T_link_camera: Pose = SAME_FRAME
+    """Camera frame (x optical axis, y left, z up) in the frame of the camera link."""
+    encoder_noise: tuple[float, ...] | float = 0.1 * DEGREE
+    """Standard deviation of one reading, radians or metres, per joint (one value: for all)."""
+    calibration_error: tuple[float, ...] | float = 0.15 * DEGREE
+    """Standard deviation of a joint's constant offset, drawn once per episode."""
+    suspension: Suspension | None = None
+    alpha: tuple[float, ...] | float = 1.0
+    """Weights of the joints in the distance in configuration space (Eq. 5), m per rad or per m."""
+    package_dirs: tuple[str, ...] = ()
+    """Folders in which ``package://`` meshes are looked up."""
+
+    def __post_init__(self) -> None:
+        n = len(self.joints)
+        object.__setattr__(self, "urdf", Path(self.urdf))
+        for name in ("home", "encoder_noise", "calibration_error", "alpha"):
+            values = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
+            if values.size == 1 and name != "home":
+                values = np.repeat(values, n)
+            if values.shape != (n,):
+                raise ValueError(
+                    f"Mount.{name} needs one value for each of {list(self.joints)}, got {values}"
+                )
+            if not np.isfinite(values).all() or (name != "home" and (values < 0).any()):
+                raise ValueError(f"Mount.{name} must be finite and >= 0, got {values}")
+            object.__setattr__(self, name, tuple(values.tolist()))
+
+    def chain(self, on_suspension: bool = False) -> Chain:
+        """The mount's kinematics, read once per process.
+
+        With `on_suspension`, q is [heave, roll, pitch, *joints]: what physics moves. Without, the
+        suspension is at rest: what the robot believes.
+
+        Raises
+        ------
+        ValueError
+            If the URDF lacks a joint or link, or `home` is outside of the limits.
+        """
+        if on_suspension and self.suspension is None:
+            raise ValueError(f"the mount {self.name!r} has no suspension")
+        camera = self.T_link_camera
+        chain = _read_chain(
+            self.urdf,
+            self.urdf.stat().st_mtime_ns if self.urdf.is_file() else 0,
+            (*(SUSPENSION_JOINTS if on_suspension else ()), *self.joints),
+            self.camera_link,
+            (camera.translation.tobytes(), camera.rotation.tobytes()),
+            self.package_dirs,
+        )
+        if not on_suspension:
+            chain.check_limits(self.home)
+        return chain
+
+
+@lru_cache(maxsize=32)
+def _read_chain(
+    urdf: Path,
+    _changed: int,
+    joints: tuple[str, ...],
+    camera_link: str,
+    T_link_camera: tuple[bytes, bytes],
+    package_dirs: tuple[str, ...],
+) -> Chain:
+    translation, rotation = (np.frombuffer(part).copy() for part in T_link_camera)
+    camera = Pose(translation, rotation.reshape(3, 3))
+    return Chain.read(urdf, joints, camera_link, camera, package_dirs)
+
+
+def make_mount(mount: str | Mount) -> Mount:
+    """A mount by its name; a `Mount` is returned as it is.
+
+    Raises
+    ------
+    ValueError
+        If there is no mount of that name; the message lists the choices.
+    ImportError
+        If the mount needs a package that is not installed; the message says how to install it.
+    """
+    from coopmap_env.robots.ready_mounts import MOUNTS  # they are made of what stands above
+
+    if isinstance(mount, Mount):
+        return mount
+    if mount not in MOUNTS:
+        raise ValueError(f"unknown mount {mount!r}; choose one of {sorted(MOUNTS)} or give a Mount")
+    return MOUNTS[mount]()

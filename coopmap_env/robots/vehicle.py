@@ -1,0 +1,120 @@
+"""A vehicle: a mount somewhere in the world, and what it knows of its own camera's pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots.body import Body
+from coopmap_env.robots.chain import Chain
+from coopmap_env.robots.mount import Mount, make_mount
+
+
+class CameraEstimate(NamedTuple):
+    """Where a robot believes that its camera is."""
+
+    pose: Pose
+    """T_world_camera."""
+    covariance: NDArray[np.float64]
+    """Shape (6, 6) of [translation, rotation vector] in the world frame, metres and radians."""
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """A mount on a vehicle that stands still.
+
+    Poses follow from the joints alone: of its suspension the robot measures nothing, and takes it
+    to be at rest, as at home.
+    """
+
+    mount: Mount
+    chain: Chain
+    body: Body
+    T_world_base: Pose
+
+    @classmethod
+    def of(cls, mount: str | Mount, T_world_base: Pose) -> Vehicle:
+        """A mount, by name or itself, on a vehicle at a pose in the world.
+
+        Raises
+        ------
+        ValueError
+            If there is no such mount, or the pose is planar.
+        """
+        mount = make_mount(mount)
+        chain = mount.chain()
+        return cls(mount, chain, Body.of(chain, mount.home), T_world_base)
+
+    def __post_init__(self) -> None:
+        if self.T_world_base.translation.shape != (3,):
+            raise ValueError(f"a vehicle stands at a pose in space, got {self.T_world_base}")
+
+    @property
+    def home(self) -> NDArray[np.float64]:
+        """Joint values (n,) at the start."""
+        return np.array(self.mount.home)
+
+    def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """T_world_camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
+        R, t = self.chain.camera_poses(q)
+        return self.T_world_base.rotation @ R, self.T_world_base.transform(t)
+
+    def camera_pose(self, q: ArrayLike) -> Pose:
+        """T_world_camera at a single q (n,)."""
+        R, t = self.camera_poses(q)
+        return Pose(t, R)
+
+    def link_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Poses of all links in the world: R (k, L, 3, 3), t (k, L, 3)."""
+        R, t = self.chain.link_poses(q)
+        return self.T_world_base.rotation @ R, self.T_world_base.transform(t)
+
+    def spheres(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Centres (k, s, 3) in the world frame and radii (s,) of the spheres that cover it."""
+        return self.T_world_base.transform(self.body.centers(q)), self.body.radii
+
+    @cached_property
+    def reach(self) -> tuple[NDArray[np.float64], float]:
+        """A ball that no moving sphere ever leaves: centre (3,) in the world, radius in metres.
+
+        It is about the first joint, and as large as all links together stretched out.
+        """
+        bodies, chain, body = self.chain.bodies, self.chain, self.body
+        farthest = np.maximum(np.abs(chain.lower), np.abs(chain.upper))
+        slide = np.abs(bodies.multiplier) * farthest[bodies.variable] + np.abs(bodies.offset)
+        center = bodies.translation[1]
+        out = np.zeros(len(bodies.parent))
+        for b in range(1, len(out)):
+            above = bodies.parent[b]
+            start = bodies.translation[b] - (0.0 if above else center)
+            out[b] = out[above] + np.linalg.norm(start) + (slide[b] if bodies.prismatic[b] else 0.0)
+        spheres = out[body.sphere_body] + np.linalg.norm(body.local_centers, axis=1) + body.radii
+        return self.T_world_base.transform(center), float(spheres[body.n_static :].max(initial=0.0))
+
+    def camera_estimate(self, q: ArrayLike) -> CameraEstimate:
+        """The camera's pose by the encoders' readings, with its uncertainty to first order.
+
+        J S J^T with the camera's Jacobian J: S has the variances of the encoders' noise and of the
+        joints' calibration, and those ascribed to heave, roll and pitch of the body.
+
+        Parameters
+        ----------
+        q : array_like, shape (n,)
+            Readings of the joints.
+        """
+        q = self.chain.joints(q)
+        mount = self.mount
+        variances = np.square(mount.encoder_noise) + np.square(mount.calibration_error)
+        if mount.suspension is None:
+            J = self.chain.jacobian(q)
+        else:
+            J = mount.chain(on_suspension=True).jacobian(np.concatenate([np.zeros(3), q]))
+            variances = np.concatenate([np.square(mount.suspension.std), variances])
+        R = self.T_world_base.rotation
+        J = np.concatenate([R @ J[:3], R @ J[3:]])
+        return CameraEstimate(self.camera_pose(q), (J * variances) @ J.T)

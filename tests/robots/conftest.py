@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.robots import Vehicle, make_mount
+
+NAMES = ("mast", "husky_panda", "tiago")
+
+
+def mount_or_skip(name):
+    """A ready-made mount; its test is skipped where an extra is not installed."""
+    try:
+        mount = make_mount(name)
+        mount.chain()
+    except ImportError as error:
+        pytest.skip(str(error))
+    return mount
+
+
+@pytest.fixture(scope="session", params=NAMES)
+def any_mount(request):
+    return mount_or_skip(request.param)
+
+
+@pytest.fixture(scope="session")
+def mast():
+    return mount_or_skip("mast")
+
+
+@pytest.fixture(scope="session")
+def somewhere():
+    """A vehicle's pose: turned, and not on a voxel's corner."""
+    c, s = np.cos(0.7), np.sin(0.7)
+    return Pose(np.array([0.52, -0.33, 0.0]), np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]))
+
+
+@pytest.fixture(scope="session")
+def vehicle(mast, somewhere):
+    return Vehicle.of(mast, somewhere)
+
+
+@pytest.fixture
+def open_map():
+    """All known to be free above the ground, 6 x 6 x 4 m."""
+    map_ = OccupancyMap(VoxelGrid((60, 60, 40), 0.1, (-3.0, -3.0, -0.3)))
+    index = np.stack(np.unravel_index(np.arange(map_.grid.n_cells), map_.grid.shape), axis=-1)
+    map_.mark_free(np.flatnonzero(map_.grid.center(index)[:, 2] > 0))
+    return map_

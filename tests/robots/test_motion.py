@@ -1,0 +1,215 @@
+import itertools
+
+import numpy as np
+import pytest
+from plain.kinematics import pose_is_free, random_joints, waypoints
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots import MotionSettings, Surroundings, Vehicle, plan_path
+from coopmap_env.robots.contact import n_waypoints
+from coopmap_env.robots.forward import scratch
+from coopmap_env.robots.reach import LEVEL_EMPTY
+
+LEFT, RIGHT = np.array([-1.0, 0.6, 0.9, 0, 0]), np.array([1.0, 0.6, 0.9, 0, 0])
+
+
+@pytest.fixture
+def ahead(mast):
+    """A mast at the origin, looking along x."""
+    return Vehicle.of(mast, Pose(np.zeros(3), np.eye(3)))
+
+
+def wall(map_, mark):
+    """A wall in the robot's way from left to right."""
+    index = np.stack(np.unravel_index(np.arange(map_.grid.n_cells), map_.grid.shape), axis=-1)
+    x, y, z = map_.grid.center(index).T
+    mark(np.flatnonzero((abs(y) < 0.1) & (x > 0.55) & (z > 0)))
+
+
+def forget(map_):
+    def cells(numbers):
+        map_.levels[numbers] = 0
+        map_.sampled_cells[numbers] = 0
+
+    return cells
+
+
+def test_in_the_open_all_is_free(ahead, open_map):
+    s = Surroundings(ahead, open_map)
+    q = random_joints(ahead.chain, np.random.default_rng(0), 40)
+    assert s.are_clear(q).all()
+    assert s.are_free(ahead.home, q).all()
+    assert s.why_not(LEFT, RIGHT) == ""
+    assert s.first_contact(LEFT, RIGHT) is None
+    assert s.why_not(LEFT, LEFT) == ""
+
+
+def test_why_not_names_the_link_and_what_it_would_touch(ahead, open_map):
+    wall(open_map, open_map.mark_occupied)
+    text = Surroundings(ahead, open_map).why_not(LEFT, RIGHT)
+    assert "link forearm would touch an obstacle at (" in text
+    assert "% of the way" in text
+    wall(open_map, forget(open_map))
+    s = Surroundings(ahead, open_map)
+    assert "would touch unknown space" in s.why_not(LEFT, RIGHT)
+    middle = 0.5 * (LEFT + RIGHT)
+    assert s.why_not(LEFT, middle).endswith("at the goal")
+    assert s.first_contact(LEFT, middle, goal_first=True).free_share == 0
+
+
+def test_the_first_contact_tells_how_far_the_way_is_free(ahead, open_map):
+    wall(open_map, open_map.mark_occupied)
+    s = Surroundings(ahead, open_map)
+    contact = s.first_contact(LEFT, RIGHT)
+    assert 0.1 < contact.free_share < 0.5
+    assert not contact.at_goal
+    stop = LEFT + contact.free_share * (RIGHT - LEFT)
+    assert s.are_free(LEFT, stop)[0]
+    assert not s.are_free(LEFT, LEFT + (contact.free_share + 0.05) * (RIGHT - LEFT))[0]
+
+
+def test_own_links_are_in_the_way_too(open_map, somewhere):
+    pytest.importorskip("pybullet_data")
+    vehicle = Vehicle.of("husky_panda", somewhere)
+    low = vehicle.home + np.array([0, 1.6, 0, 0.3, 0, 0, 0])  # leans over, and into the chassis
+    text = Surroundings(vehicle, open_map).why_not(vehicle.home, low)
+    assert "would touch its own" in text
+
+
+def test_teammates_are_in_the_way_too(mast, open_map):
+    base = Pose(np.zeros(3), np.eye(3))
+    left = Vehicle.of(mast, base)
+    right = Vehicle.of(mast, Pose(np.array([1.0, 0, 0]), np.eye(3)))
+    team = [right.spheres(right.home)]
+    assert "would touch teammate 0 at" in Surroundings(left, open_map, team).why_not(LEFT, RIGHT)
+    far = Vehicle.of(mast, Pose(np.array([2.8, 0, 0]), np.eye(3)))
+    s = Surroundings(left, open_map, [far.spheres(far.home)])
+    assert s.why_not(LEFT, RIGHT) == ""
+
+
+@pytest.mark.parametrize("n", [3, 40])
+def test_poses_are_clear_where_the_plain_reference_says_so(vehicle, mast, open_map, n):
+    """With few poses the voxels are asked directly, with many after a look at their neighbours."""
+    rng = np.random.default_rng(n)
+    cells = rng.choice(open_map.grid.n_cells, open_map.grid.n_cells // 400)
+    open_map.mark_occupied(cells[::2])
+    forget(open_map)(cells[1::2])
+    mate = Vehicle.of(mast, Pose(np.array([1.7, 0.3, 0.0]), np.eye(3)))
+    team, settings = [mate.spheres(mate.home)], MotionSettings()
+    q = random_joints(vehicle.chain, rng, n)
+    wanted = [pose_is_free(vehicle, open_map, team, p, settings, LEVEL_EMPTY) for p in q]
+    s = Surroundings(vehicle, open_map, team)
+    np.testing.assert_array_equal(s.are_clear(q), wanted)
+    if n > 3:
+        assert 0 < np.mean(wanted) < 1
+        s._near = s.clearance.near(s._widest)
+        np.testing.assert_array_equal(s.are_clear(q), wanted)
+
+
+def test_a_motion_called_free_is_free_in_between_too(vehicle, open_map):
+    """The margin makes up for what may be missed between two checks."""
+    rng = np.random.default_rng(5)
+    cells = rng.choice(open_map.grid.n_cells, 400)
+    index = np.stack(np.unravel_index(cells, open_map.grid.shape), axis=-1)
+    aside = (open_map.grid.center(index) - vehicle.T_world_base.translation)[:, :2]
+    open_map.mark_occupied(cells[np.linalg.norm(aside, axis=1) > 0.4])  # not in the post
+    s = Surroundings(vehicle, open_map)
+    bare = MotionSettings(margin=0.0)
+    start = next(q for q in random_joints(vehicle.chain, rng, 99) if s.are_clear(q)[0])
+    goals = random_joints(vehicle.chain, rng, 30)
+    free = s.are_free(start, goals)
+    assert 2 < free.sum() < 28
+    for goal in goals[free][:4]:
+        for q in waypoints(start, goal, 40):
+            assert pose_is_free(vehicle, open_map, [], q, bare, LEVEL_EMPTY)
+
+
+def test_many_motions_are_judged_like_single_ones(vehicle, open_map):
+    rng = np.random.default_rng(6)
+    open_map.mark_occupied(rng.choice(open_map.grid.n_cells, 60))
+    goals = random_joints(vehicle.chain, rng, 30)
+    together = Surroundings(vehicle, open_map).are_free(vehicle.home, goals)
+    alone = Surroundings(vehicle, open_map)
+    one_by_one = [alone.first_contact(vehicle.home, goal) is None for goal in goals]
+    np.testing.assert_array_equal(together, one_by_one)
+    assert [alone.why_not(vehicle.home, goal) == "" for goal in goals] == one_by_one
+    assert 0 < together.mean() < 1
+
+
+def test_no_centre_moves_more_than_a_step_between_two_checks(any_mount):
+    vehicle = Vehicle.of(any_mount, Pose(np.zeros(3), np.eye(3)))
+    chain, body = vehicle.chain, vehicle.body
+    spheres = (body.sphere_body, body.local_centers, body.radii, body.n_static,
+               body.pair_rows, body.partners, body.static_ball[None])  # fmt: skip
+    rng = np.random.default_rng(7)
+    largest = 0.0
+    for q0, q1 in zip(*(random_joints(chain, rng, 60) for _ in range(2)), strict=True):
+        counts = np.empty(100, dtype=np.int64)
+        here, there = np.empty((2, body.n_spheres, 3))
+        pieces = n_waypoints(
+            chain.bodies, spheres, q0, q1, scratch(chain.bodies), 0.05, counts, here, there
+        )
+        at = [(p + np.arange(1, c + 1) / c) / pieces for p, c in enumerate(counts[:pieces])]
+        shares = np.concatenate([[0.0], *at])
+        assert shares[-1] == 1.0
+        moved = np.diff(body.centers(q0 + shares[:, None] * (q1 - q0)), axis=0)
+        largest = max(largest, np.linalg.norm(moved, axis=2).max())
+    assert 0.03 < largest <= 0.05
+
+
+def test_what_touches_at_the_start_may_move_away_but_not_deeper(ahead, open_map):
+    wall(open_map, open_map.mark_occupied)
+    s = Surroundings(ahead, open_map)
+    touching = LEFT + 0.42 * (RIGHT - LEFT)
+    assert not s.are_clear(touching)[0]
+    assert s.why_not(touching, LEFT) == ""
+    assert s.why_not(touching, touching) == ""
+    assert s.why_not(touching, 0.5 * (LEFT + RIGHT)) != ""
+
+
+def test_what_was_left_may_not_be_entered_again(ahead, open_map):
+    """The forearm swings clear of a block at the start, and is stopped by the wall after it."""
+    wall(open_map, open_map.mark_occupied)
+    index = open_map.grid.index(ahead.camera_pose(LEFT).translation)
+    open_map.mark_occupied(open_map.grid.flat(index))
+    s = Surroundings(ahead, open_map)
+    assert not s.are_clear(LEFT)[0]
+    assert 0.1 < s.first_contact(LEFT, RIGHT).free_share < 0.5
+
+
+def test_arguments_are_checked(ahead, open_map):
+    s = Surroundings(ahead, open_map)
+    with pytest.raises(ValueError, match="'elbow' at 3 is outside of its limits"):
+        s.why_not(LEFT, [0, 0, 3, 0, 0])
+    with pytest.raises(ValueError, match="not finite"):
+        s.are_free(LEFT, [[0, np.nan, 1, 0, 0]])
+    with pytest.raises(ValueError, match=r"teammate 0 needs centres"):
+        Surroundings(ahead, open_map, [(np.zeros((2, 3)), np.zeros(3))])
+    for bad in ({"step": 0.0}, {"margin": -1.0}, {"team_margin": np.inf}):
+        with pytest.raises(ValueError, match=f"MotionSettings.{next(iter(bad))}"):
+            MotionSettings(**bad)
+
+
+def test_a_way_around_is_found_and_each_piece_of_it_is_free(ahead, open_map):
+    pytest.importorskip("ompl")
+    wall(open_map, open_map.mark_occupied)
+    s = Surroundings(ahead, open_map)
+    path = plan_path(s, LEFT, RIGHT, seed=3)
+    assert len(path) > 2
+    np.testing.assert_array_equal(path[[0, -1]], [LEFT, RIGHT])
+    for one, other in itertools.pairwise(path):
+        assert s.why_not(one, other) == ""
+    np.testing.assert_array_equal(plan_path(s, LEFT, RIGHT, seed=3), path)
+    assert not np.array_equal(plan_path(s, LEFT, RIGHT, seed=4), path)
+
+
+def test_a_way_around_is_straight_where_it_can_be_and_none_where_there_is_none(ahead, open_map):
+    pytest.importorskip("ompl")
+    s = Surroundings(ahead, open_map)
+    np.testing.assert_array_equal(plan_path(s, LEFT, RIGHT, seed=1), [LEFT, RIGHT])
+    wall(open_map, open_map.mark_occupied)
+    s = Surroundings(ahead, open_map)
+    assert plan_path(s, LEFT, 0.5 * (LEFT + RIGHT), seed=1) is None
+    assert plan_path(s, LEFT, RIGHT, seed=1, iterations=1) is None
+    with pytest.raises(ValueError, match="at least 1, got 0 and 300"):
+        plan_path(s, LEFT, RIGHT, seed=0)

@@ -1,0 +1,137 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from plain.kinematics import random_joints, turn
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots import Vehicle, make_mount, without_bodies
+from coopmap_env.sensing import RangeNoise
+from coopmap_env.sensing.point_cloud import PointCloud
+
+
+def test_poses_are_those_of_the_chain_moved_to_the_vehicle(vehicle):
+    q = random_joints(vehicle.chain, np.random.default_rng(0), 3)
+    R, t = vehicle.camera_poses(q)
+    for k in range(3):
+        Rc, tc = vehicle.chain.camera_poses(q[k])
+        wanted = vehicle.T_world_base @ Pose(tc, Rc)
+        np.testing.assert_allclose(t[k], wanted.translation, atol=1e-12)
+        np.testing.assert_allclose(R[k], wanted.rotation, atol=1e-12)
+        np.testing.assert_allclose(vehicle.camera_pose(q[k]).translation, t[k], atol=1e-12)
+    R, t = vehicle.link_poses(q)
+    camera = vehicle.chain.camera_link  # the mast's camera link is the camera frame
+    np.testing.assert_allclose(t[:, camera], vehicle.camera_poses(q)[1], atol=1e-12)
+    centers, radii = vehicle.spheres(q)
+    np.testing.assert_allclose(
+        centers[1], vehicle.T_world_base.transform(vehicle.body.centers(q[1])), atol=1e-12
+    )
+    assert radii is vehicle.body.radii
+
+
+def test_no_moving_sphere_leaves_the_reach(any_mount, somewhere):
+    vehicle = Vehicle.of(any_mount, somewhere)
+    center, radius = vehicle.reach
+    q = random_joints(vehicle.chain, np.random.default_rng(1), 2000)
+    centers, radii = vehicle.spheres(q)
+    far = np.linalg.norm(centers - center, axis=2) + radii
+    assert 0.6 * radius < far[:, ~vehicle.body.is_static].max() <= radius
+
+
+def test_by_hand_the_covariance_of_a_mast_that_errs_in_its_turntable_alone(somewhere):
+    mount = dataclasses.replace(
+        make_mount("mast"), suspension=None, encoder_noise=(0.03, 0, 0, 0, 0),
+        calibration_error=(0.04, 0, 0, 0, 0),
+    )  # fmt: skip
+    vehicle = Vehicle.of(mount, somewhere)
+    estimate = vehicle.camera_estimate(vehicle.home)
+    r = vehicle.camera_pose(vehicle.home).translation - somewhere.translation
+    sideways = np.array([-r[1], r[0], 0])
+    column = np.concatenate([sideways, [0, 0, 1]])
+    np.testing.assert_allclose(estimate.covariance, 0.05**2 * np.outer(column, column), atol=1e-15)
+
+
+def test_the_covariance_eq_that_of_many_drawn_errors(any_mount, somewhere):
+    """First order: standard deviations of a degree or less; 4000 draws tell them to 5 %."""
+    vehicle = Vehicle.of(any_mount, somewhere)
+    rng = np.random.default_rng(2)
+    q = np.clip(vehicle.home + 0.1, vehicle.chain.lower, vehicle.chain.upper)
+    estimate = vehicle.camera_estimate(q)
+    loose, mount, n = any_mount.chain(on_suspension=True), any_mount, 4000
+    errors = rng.normal(0.0, mount.encoder_noise, (n, len(q)))
+    errors += rng.normal(0.0, mount.calibration_error, (n, len(q)))
+    body = rng.normal(0.0, mount.suspension.std, (n, 3))
+    R, t = loose.camera_poses(np.concatenate([body, q + errors], axis=1))
+    R, t = somewhere.rotation @ R, somewhere.transform(t)
+    dR = R @ estimate.pose.rotation.T
+    turned = 0.5 * np.stack(
+        [dR[:, 2, 1] - dR[:, 1, 2], dR[:, 0, 2] - dR[:, 2, 0], dR[:, 1, 0] - dR[:, 0, 1]], axis=1
+    )
+    drawn = np.cov(np.concatenate([t - estimate.pose.translation, turned], axis=1).T)
+    scale = np.sqrt(np.diag(drawn))
+    np.testing.assert_allclose(
+        estimate.covariance / np.outer(scale, scale), drawn / np.outer(scale, scale), atol=0.08
+    )
+    np.testing.assert_allclose(np.sqrt(np.diag(estimate.covariance)), scale, rtol=0.05)
+
+
+def test_the_estimate_turns_with_the_vehicle(mast):
+    q = mast.home
+    here = Vehicle.of(mast, Pose(np.zeros(3), np.eye(3))).camera_estimate(q)
+    R = turn([0, 0, 1], 1.1)
+    there = Vehicle.of(mast, Pose(np.array([1.0, 2.0, 0.1]), R)).camera_estimate(q)
+    T = np.kron(np.eye(2), R)
+    np.testing.assert_allclose(there.covariance, T @ here.covariance @ T.T, atol=1e-12)
+    assert np.linalg.eigvalsh(there.covariance).min() > -1e-15
+
+
+def test_errors_of_the_mast_are_of_the_size_of_its_suspension(vehicle):
+    std = np.sqrt(np.diag(vehicle.camera_estimate(vehicle.home).covariance))
+    assert (std[:3] > 0.001).all()
+    assert (std[:3] < 0.03).all()
+    assert (std[3:] > 0.001).all()
+    assert (std[3:] < 0.015).all()
+
+
+def test_a_vehicle_stands_in_space():
+    with pytest.raises(ValueError, match="a pose in space"):
+        Vehicle.of("mast", Pose.planar(0, 0, 0))
+
+
+EXACT = RangeNoise(intrinsic=0.0)
+
+
+def look(points, hit):
+    return PointCloud(np.array(points, dtype=np.float64), np.array(hit))
+
+
+def test_by_hand_a_hit_on_a_robot_becomes_a_beam_that_is_clear_up_to_it(somewhere):
+    """A sphere of 0.5 m, 2 m ahead: its front is hit, a wall beside and behind it stays."""
+    center = somewhere.transform([[2.0, 0, 0]])
+    cloud = look([[1.6, 0, 0], [3, 0, 0], [2, 1, 0], [1.7, 0, 0]], [True, True, True, False])
+    out = without_bodies(cloud, somewhere, center, [0.5], EXACT)
+    np.testing.assert_allclose(out.points, [[1.5, 0, 0], [3, 0, 0], [2, 1, 0], [1.7, 0, 0]])
+    np.testing.assert_array_equal(out.hit, [False, True, True, False])
+    np.testing.assert_array_equal(cloud.hit, [True, True, True, False])  # the look is not changed
+
+
+def test_by_hand_three_standard_deviations_are_granted():
+    here = Pose(np.zeros(3), np.eye(3))
+    noise = RangeNoise(intrinsic=0.01, exponent=1.0)  # 3 sigma at 1.45 m are 0.0435
+    cloud = look([[1.46, 0, 0], [1.45, 0, 0]], [True, True])
+    out = without_bodies(cloud, here, [[2.0, 0, 0]], [0.5], noise)
+    np.testing.assert_array_equal(out.hit, [False, True])
+    assert 1.45 < out.points[0, 0] < 1.46
+
+
+def test_a_camera_inside_a_sphere_learns_nothing_from_what_it_sees_of_that_robot():
+    here = Pose(np.zeros(3), np.eye(3))
+    out = without_bodies(look([[0.3, 0, 0]], [True]), here, [[0.2, 0, 0]], [0.4], EXACT)
+    np.testing.assert_array_equal(out.points, [[0, 0, 0]])
+    assert not out.hit[0]
+
+
+def test_spheres_of_other_shapes_are_refused():
+    here = Pose(np.zeros(3), np.eye(3))
+    with pytest.raises(ValueError, match=r"centres \(s, 3\) and radii \(s,\)"):
+        without_bodies(look([[1, 0, 0]], [True]), here, np.zeros((2, 3)), [0.1], EXACT)
