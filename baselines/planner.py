@@ -61,7 +61,10 @@ class Planner(ABC):
         claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = {}
         for robot, agent in enumerate(belief.agents):
-            poses = self.candidates(belief, robot)
+            poses = belief.shortlist(
+                self.candidates(belief, robot),
+                lambda rough, some, robot=robot: self.score(rough, robot, some, claimed),
+            )
             best = poses[np.argmax(self.score(belief, robot, poses, claimed))]
             actions[agent] = belief.action_for(robot, best)
             if claimed is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -96,6 +96,10 @@ class Belief(ABC):
         self, robot: int, poses: Poses, shows: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Which poses look from or at the nearest frontier, among those that `shows` marks."""
+
+    def shortlist(self, poses: Poses, score: Callable[[Self, Poses], NDArray[np.float64]]) -> Poses:
+        """Poses among which the best one is, by the score on a rougher belief; here: all."""
+        return poses
 
     @abstractmethod
     def moved(self, poses: Any) -> Self:

@@ -3,10 +3,12 @@
 import gymnasium
 import pettingzoo
 
-ID = "coopmap/Planar-v0"
+WORLDS = {"coopmap/Planar-v0": "Planar", "coopmap/Field-v0": "Field"}
 
 
 def register() -> None:
     """Enter the environments into both registries; done once, on import of `coopmap_env`."""
-    pettingzoo.register("parallel", ID, "coopmap_env.envs.planar:PlanarEnv")
-    gymnasium.register(ID, "coopmap_env.envs.planar:PlanarTeamEnv")
+    for name, world in WORLDS.items():
+        module = f"coopmap_env.envs.{world.lower()}"
+        pettingzoo.register("parallel", name, f"{module}:{world}Env")
+        gymnasium.register(name, f"{module}:{world}TeamEnv")

@@ -17,17 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 import coopmap_env
-from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode, warm_up
+from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.evaluation.episode import (
+    SURFACE_SCORES,
+    Episode,
+    episode_from_dict,
+    run_episode,
+    warm_up,
+)
 from coopmap_env.evaluation.jobs import Job, Result, run_jobs, write_atomically
 from coopmap_env.evaluation.policy import Policy, make_policy
-from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
+from coopmap_env.evaluation.serial import settings_to_dict
 from coopmap_env.evaluation.statistics import (
     bootstrap_interquartile_mean,
     bootstrap_mean,
     bootstrap_paired_difference,
     probability_of_improvement,
 )
+from coopmap_env.evaluation.worlds import kind_of, make_env
 
 SCORES = (
     "coverage",
@@ -37,9 +44,11 @@ SCORES = (
     "log_loss",
     "brier",
     "motion_cost",
+    "contacts",
     "planning_ms",
+    *SURFACE_SCORES,
 )
-"""Columns that the summary gives with intervals."""
+"""Columns that the summary gives with intervals, those of them that the world has."""
 BOOTSTRAP_SEED = 20_011
 
 
@@ -58,19 +67,21 @@ class Evaluation:
     @property
     def curves(self) -> dict[str, NDArray[np.float64]]:
         """Curves by name, each of shape (n_episodes, n_scans + 1), beginning before a scan."""
-        return {
+        curves = {
             "viewed": np.array([episode.viewed for episode in self.episodes]),
             "entropy": np.array([episode.entropy for episode in self.episodes]),
         }
+        traces = [episode.surface.curve for episode in self.episodes if episode.surface]
+        return {**curves, "surface": np.array(traces)} if traces else curves
 
 
-def evaluate(env: PlanarEnv, policy: Policy, seeds: Iterable[int]) -> Evaluation:
+def evaluate(env: MappingEnv[Any], policy: Policy, seeds: Iterable[int]) -> Evaluation:
     """Play one episode on the world of each seed of the environment's split.
 
     Parameters
     ----------
-    env : PlanarEnv
-        Made by `coopmap_env.planar_v0.parallel_env`.
+    env : MappingEnv
+        Made by `coopmap_env.planar_v0.parallel_env` or `coopmap_env.field_v0.parallel_env`.
     policy : Policy
         A baseline, a learned policy, or one's own.
     seeds : iterable of int
@@ -89,16 +100,19 @@ def evaluate(env: PlanarEnv, policy: Policy, seeds: Iterable[int]) -> Evaluation
     return Evaluation(tuple(run_episode(env, policy, seed) for seed in seeds))
 
 
-def make_job(policy: str, seed: int, env: dict[str, Any], settings: PlanarSettings | None) -> Job:
+def make_job(
+    policy: str, seed: int, env: dict[str, Any], settings: Any, world: str = "planar"
+) -> Job:
     """One episode as JSON: all that decides it, so that equal jobs have equal results.
 
     Files that the scene or an option of the policy names count by their content.
     """
     return {
         "version": coopmap_env.__version__,
-        "files": _contents(policy, env.get("scene", "")),
+        "files": _contents(policy, str(env.get("scene", ""))),
         "policy": policy,
         "seed": seed,
+        "world": world,
         "env": env,
         "settings": None if settings is None else settings_to_dict(settings),
     }
@@ -115,10 +129,9 @@ def _contents(policy: str, scene: str) -> dict[str, str]:
 
 
 @lru_cache(maxsize=4)
-def _env(arguments: str) -> PlanarEnv:
+def _env(arguments: str) -> MappingEnv[Any]:
     values = json.loads(arguments)
-    settings = values["settings"]
-    return PlanarEnv(**values["env"], settings=settings and settings_from_dict(settings))
+    return make_env(values["world"], values["env"], values["settings"])
 
 
 @lru_cache(maxsize=16)
@@ -149,9 +162,10 @@ def compare(
     seeds: Sequence[int],
     env: dict[str, Any],
     store: Path,
-    settings: PlanarSettings | None = None,
+    settings: Any = None,
     workers: int = 1,
     progress: bool = True,
+    world: str = "planar",
 ) -> dict[str, Evaluation]:
     """Play every policy on the same worlds; resumable, and the same for any number of workers.
 
@@ -161,14 +175,17 @@ def compare(
         Specs, see `make_policy`.
     seeds : sequence of int
     env : dict
-        Arguments of `PlanarEnv` as JSON values, without the settings.
+        Arguments of the environment as JSON values, without the settings.
     store : Path
         Folder for finished episodes.
+    settings : optional
+        `PlanarSettings` or `FieldSettings`.
+    world : {"planar", "field"}
     """
     for policy in policies:
         make_policy(policy)  # refuses bad specs before any work
-    PlanarEnv(**env, settings=settings)  # and bad arguments
-    jobs = [make_job(policy, seed, env, settings) for policy in policies for seed in seeds]
+    kind_of(world).env(**env, settings=settings).close()  # and bad arguments
+    jobs = [make_job(policy, seed, env, settings, world) for policy in policies for seed in seeds]
     results = iter(run_jobs(run_job, jobs, store, workers, progress, _is_episode))
     return {
         policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
@@ -190,7 +207,7 @@ def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict
         table = evaluation.table
         entry: dict[str, Any] = {"episodes": len(evaluation.episodes)}
         if len(evaluation.episodes) > 1:
-            for score in SCORES:
+            for score in (score for score in SCORES if score in table):
                 entry[score] = {
                     "mean": bootstrap_mean(table[score], rng).as_dict(),
                     "interquartile_mean": bootstrap_interquartile_mean(

@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.field import FieldEnv
+from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.evaluation.policy import Policy
+from coopmap_env.evaluation.scored_voxels import told_by_scans
+from coopmap_env.evaluation.surface import SurfaceJudge
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.mapping.quality import brier_score, log_loss
 
 POLICY_STREAM = 0xAC7
 """Spawn key of the policies' own random numbers: the same for every policy on a world."""
+JUDGE_STREAM = 0x5C0
+"""Spawn key of the poses and points by which a surface is judged: the same for every policy."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +36,49 @@ class Extent:
 
     @classmethod
     def of(cls, map_: OccupancyMap, start: NDArray[np.float64]) -> Extent:
-        """Measure a map's sampled cells from a start point (2,), metres."""
+        """Measure a map's sampled cells from a start point (D,), metres."""
         centers = map_.grid.center(np.argwhere(map_.sampled))
         radii = np.linalg.norm(centers - start, axis=1)
         return cls(float(radii.max()), float(radii.mean()), float(radii.std()))
+
+
+SURFACE_SCORES = (
+    "surface",
+    "surface_auc",
+    "target",
+    "f_score",
+    "precision",
+    "recall",
+    "chamfer",
+)
+"""Columns that only worlds with a true surface have."""
+
+
+@dataclass(frozen=True)
+class SurfaceTrace:
+    """The map against the true surface, in worlds that have one; see `evaluation.surface`."""
+
+    curve: list[float]
+    """Curve: covered share of the surface that some reachable pose could see."""
+    target: float
+    """The same of the target alone, at the end."""
+    f_score: float
+    precision: float
+    recall: float
+    chamfer: float
+    """Metres."""
+
+    def row(self) -> dict[str, float]:
+        """The scores by their column names."""
+        return {
+            "surface": self.curve[-1],
+            "surface_auc": _mean_height(self.curve),
+            "target": self.target,
+            "f_score": self.f_score,
+            "precision": self.precision,
+            "recall": self.recall,
+            "chamfer": self.chamfer,
+        }
 
 
 @dataclass(frozen=True)
@@ -54,7 +98,8 @@ class Episode:
     motion_cost: float
     """Sum over steps and robots of Eq. 5's distance."""
     log_loss: float
-    """Of the sampled cells against the truth, nats."""
+    """Of the sampled cells against the truth, nats; in the field without the parking room, which
+    no scan told."""
     brier: float
     """Brier score of the sampled cells."""
     extent: Extent
@@ -66,6 +111,8 @@ class Episode:
     planning_ms: float
     """Mean time of a decision of one robot, milliseconds; the only value that is not the same
     again with the same seed."""
+    surface: SurfaceTrace | None = None
+    """In worlds with a true surface."""
 
     @property
     def coverage(self) -> float:
@@ -75,7 +122,7 @@ class Episode:
     @property
     def coverage_auc(self) -> float:
         """Area under the viewed share against scans, as a mean over the episode."""
-        return float(np.trapezoid(self.viewed)) / (len(self.viewed) - 1)
+        return _mean_height(self.viewed)
 
     def row(self) -> dict[str, float]:
         """The scores by their column names."""
@@ -94,7 +141,13 @@ class Episode:
             "refused": self.refused,
             "contacts": self.contacts,
             "planning_ms": self.planning_ms,
+            **(self.surface.row() if self.surface else {}),
         }
+
+
+def _mean_height(curve: list[float]) -> float:
+    """Area under a curve over its scans, as a mean."""
+    return float(np.trapezoid(curve)) / (len(curve) - 1)
 
 
 def policy_rng(seed: int) -> np.random.Generator:
@@ -102,27 +155,30 @@ def policy_rng(seed: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(POLICY_STREAM,)))
 
 
-def warm_up(env: PlanarEnv, policy: Policy) -> None:
+def warm_up(env: MappingEnv[Any], policy: Policy) -> None:
     """Take one decision unmeasured, so that compiling and loading are no planning time."""
     observations, _ = env.reset(seed=0)
     policy.reset(policy_rng(0))
     policy.act(env.belief(), observations)
 
 
-def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
+def run_episode(env: MappingEnv[Any], policy: Policy, seed: int) -> Episode:
     """Play one episode and measure it; the environment holds the final map afterwards."""
     observations, _ = env.reset(seed=seed)
     policy.reset(policy_rng(seed))
-    belief = env.belief()
-    start = belief.poses[:, :2].mean(axis=0)
-    viewed, entropy = [belief.map.viewed_share], [belief.map.entropy]
+    map_ = env.belief().map
+    start = env.belief().positions.mean(axis=0)
+    judge = judge_of(env, seed)
+    known = map_.sampled if judge else np.zeros_like(map_.sampled)
+    viewed, entropy = [map_.viewed_share], [map_.entropy]
+    surface = [judge.coverage(map_)] if judge else []
     reward = distance = planning = 0.0
     refused = contacts = decisions = 0
     while env.agents:
         before = time.perf_counter()
         actions = policy.act(env.belief(), observations)
         planning += time.perf_counter() - before
-        if belief.map.viewed_share != viewed[-1]:
+        if map_.viewed_share != viewed[-1]:
             raise RuntimeError(f"{policy!r} changed the map, which is to be looked at only")
         decisions += len(actions)
         observations, rewards, _, _, infos = env.step(actions)
@@ -130,9 +186,11 @@ def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
         distance += sum(info["distance"] for info in infos.values())
         refused += sum(bool(info["refused"]) for info in infos.values())
         contacts += sum(info["contact"] for info in infos.values())
-        viewed.append(belief.map.viewed_share)
-        entropy.append(belief.map.entropy)
-    scored = (belief.map.probability, env.truth.occupied, belief.map.sampled)
+        viewed.append(map_.viewed_share)
+        entropy.append(map_.entropy)
+        if judge:
+            surface.append(judge.coverage(map_))
+    scored = (map_.probability, env.truth.occupied, told_by_scans(map_.sampled, known))
     return Episode(
         seed=seed,
         viewed=viewed,
@@ -141,13 +199,39 @@ def run_episode(env: PlanarEnv, policy: Policy, seed: int) -> Episode:
         motion_cost=distance,
         log_loss=log_loss(*scored),
         brier=brier_score(*scored),
-        extent=Extent.of(belief.map, start),
+        extent=Extent.of(map_, start),
         refused=refused,
         contacts=contacts,
         planning_ms=1e3 * planning / max(decisions, 1),
+        surface=_trace(judge, surface, map_) if judge else None,
+    )
+
+
+def judge_of(env: MappingEnv[Any], seed: int) -> SurfaceJudge | None:
+    """What scores maps of the environment's world against its surface; None in the plane."""
+    if not isinstance(env, FieldEnv):
+        return None
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(JUDGE_STREAM,)))
+    return SurfaceJudge(env.truth, env.belief().vehicles, env.settings.camera, rng)
+
+
+def _trace(judge: SurfaceJudge, curve: list[float], map_: OccupancyMap) -> SurfaceTrace:
+    scores = judge.scores(map_)
+    return SurfaceTrace(
+        curve,
+        scores.target_coverage,
+        scores.f_score,
+        scores.precision,
+        scores.recall,
+        scores.chamfer,
     )
 
 
 def episode_from_dict(values: dict[str, Any]) -> Episode:
     """The episode that `dataclasses.asdict` turned into JSON values."""
-    return Episode(**{**values, "extent": Extent(**values["extent"])})
+    surface = values.get("surface")
+    parts = {
+        "extent": Extent(**values["extent"]),
+        "surface": None if surface is None else SurfaceTrace(**surface),
+    }
+    return Episode(**{**values, **parts})

@@ -2,44 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields
-from typing import Any
+from dataclasses import asdict, fields, is_dataclass
+from typing import Any, TypeVar, get_type_hints
 
-from coopmap_env.envs.planar import PlanarSettings
-from coopmap_env.information import RatingSettings
-from coopmap_env.mapping import BeamModel, LogOddsRange
-from coopmap_env.sensing import PlanarCamera, RangeNoise
-
-_PARTS: dict[str, Any] = {
-    "camera": PlanarCamera,
-    "noise": RangeNoise,
-    "beam": BeamModel,
-    "log_odds_range": LogOddsRange,
-    "rating": RatingSettings,
-}
+Settings = TypeVar("Settings")
 
 
-def settings_to_dict(settings: PlanarSettings) -> dict[str, Any]:
-    """Nested JSON values."""
+def settings_to_dict(settings: Any) -> dict[str, Any]:
+    """Nested JSON values of the settings of any world."""
     return asdict(settings)
 
 
-def settings_from_dict(values: dict[str, Any]) -> PlanarSettings:
+def settings_from_dict(values: dict[str, Any], kind: type[Settings]) -> Settings:
     """The settings that `settings_to_dict` wrote.
+
+    Parameters
+    ----------
+    values : dict
+        JSON values.
+    kind : type
+        The settings' class, such as `PlanarSettings`.
 
     Raises
     ------
     ValueError
         If a name is unknown or a value is not accepted.
     """
-    known = {field.name for field in fields(PlanarSettings)}
+    assert is_dataclass(kind)
+    known = {field.name for field in fields(kind)}
     if unknown := set(values) - known:
         raise ValueError(f"unknown settings {sorted(unknown)}; known are {sorted(known)}")
+    hints = get_type_hints(kind)
     try:
         parts = {
-            name: _PARTS[name](**value) if name in _PARTS else value
+            name: hints[name](**value) if is_dataclass(hints[name]) else value
             for name, value in values.items()
         }
+        return kind(**parts)
     except TypeError as error:
         raise ValueError(f"settings: {error}") from error
-    return PlanarSettings(**parts)

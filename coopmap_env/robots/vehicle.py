@@ -96,6 +96,11 @@ class Vehicle:
         spheres = out[body.sphere_body] + np.linalg.norm(body.local_centers, axis=1) + body.radii
         return self.T_world_base.transform(center), float(spheres[body.n_static :].max(initial=0.0))
 
+    @cached_property
+    def _sprung(self) -> Chain:
+        """The chain with the suspension's joints in front."""
+        return self.mount.chain(on_suspension=True)
+
     def camera_estimate(self, q: ArrayLike) -> CameraEstimate:
         """The camera's pose by the encoders' readings, with its uncertainty to first order.
 
@@ -113,7 +118,7 @@ class Vehicle:
         if mount.suspension is None:
             J = self.chain.jacobian(q)
         else:
-            J = mount.chain(on_suspension=True).jacobian(np.concatenate([np.zeros(3), q]))
+            J = self._sprung.jacobian(np.concatenate([np.zeros(3), q]))
             variances = np.concatenate([np.square(mount.suspension.std), variances])
         R = self.T_world_base.rotation
         J = np.concatenate([R @ J[:3], R @ J[3:]])

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from coopmap_env import evaluation, planar_v0
+from coopmap_env.envs.field import FieldSettings
+from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation.comparison import (
     Evaluation,
     compare,
@@ -18,6 +20,7 @@ from coopmap_env.evaluation.episode import Episode, Extent, episode_from_dict, r
 from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
 from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.scenes import Obstacles, save_map_server
 
 POLICIES = ["rating_function:search=10", "raster"]
@@ -147,16 +150,23 @@ def test_bad_specs_name_the_option(spec, message):
         make_policy(spec)
 
 
-def test_settings_survive_json():
-    settings = planar_v0.PlanarSettings.for_resolution(0.2)
-    assert settings_from_dict(json.loads(json.dumps(settings_to_dict(settings)))) == settings
+@pytest.mark.parametrize(
+    "settings",
+    [
+        PlanarSettings.for_resolution(0.2),
+        FieldSettings(physics="stepped", view_cells=(8, 4), camera=DepthCamera(width=32)),
+    ],
+)
+def test_settings_survive_json(settings):
+    values = json.loads(json.dumps(settings_to_dict(settings)))
+    assert settings_from_dict(values, type(settings)) == settings
 
 
 def test_unknown_settings_are_named():
     with pytest.raises(ValueError, match="unknown settings \\['colour'\\]"):
-        settings_from_dict({"colour": 1})
+        settings_from_dict({"colour": 1}, PlanarSettings)
     with pytest.raises(ValueError, match=r"settings: .*'zoom'"):
-        settings_from_dict({"camera": {"zoom": 2}})
+        settings_from_dict({"camera": {"zoom": 2}}, PlanarSettings)
 
 
 def test_the_summary_compares_with_the_reference():

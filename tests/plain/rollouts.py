@@ -17,7 +17,7 @@ def random_actions(env, rng):
         if hasattr(space, "n") or rng.random() < 0.5:
             actions[agent] = any_action(space, rng)
         else:
-            actions[agent] = belief.action_for(robot, random_feasible(belief, robot, rng))
+            actions[agent] = belief.action_for(robot, belief.random_poses(robot, 1, rng)[0])
     return actions
 
 
@@ -26,12 +26,6 @@ def any_action(space, rng):
     if hasattr(space, "n"):
         return rng.integers(space.n)
     return rng.uniform(space.low, space.high).astype(space.dtype)
-
-
-def random_feasible(belief, robot, rng):
-    """Number of a feasible pose."""
-    cell = int(rng.choice(belief.feasible_cells(robot)))
-    return cell * belief.lattice.n_headings + int(rng.integers(belief.lattice.n_headings))
 
 
 def play(env, seed, rng, wrong=None):
@@ -68,6 +62,10 @@ def feed(sha, value):
         sha.update(f"{type(value).__name__} {value!r}".encode())
 
 
-def hash_of(arguments, seed):
+def hash_of(arguments, seed, make=PlanarEnv):
     """`trajectory_hash` of a new environment; what a second process runs."""
-    return trajectory_hash(PlanarEnv(**arguments), seed)
+    env = make(**arguments)
+    try:
+        return trajectory_hash(env, seed)
+    finally:
+        env.close()

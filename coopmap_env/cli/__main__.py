@@ -1,0 +1,5 @@
+"""``python -m coopmap_env.cli``."""
+
+from coopmap_env.cli import main
+
+main()

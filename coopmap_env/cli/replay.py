@@ -1,0 +1,56 @@
+"""The command `coopmap replay`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from coopmap_env.cli.output import say
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Play one episode in the field and write it as one offline HTML page with a timeline.
+
+    Such as:
+      coopmap replay --out results/replay.html
+      coopmap replay --policy random --scene rubble --robots 3 --seed 7 --out results/rubble.html
+    """
+
+    out: Path
+    """The HTML file."""
+    policy: str = "rating_function:search=100"
+    """Name with options: name:key=value+key=value."""
+    scene: str = "worksite"
+    """worksite, clutter, rubble, or a YAML file of meshes."""
+    mount: str = "mast"
+    """mast, husky_panda or tiago."""
+    robots: int = 2
+    """Robots in the team."""
+    max_scans: int = 16
+    """Scans of each robot."""
+    split: Literal["train", "validation", "test"] = "test"
+    """Where the world comes from."""
+    seed: int = 0
+    """Seed of the world."""
+
+    def run(self) -> None:
+        """Play the episode and write the file."""
+        from coopmap_env import field_v0
+        from coopmap_env.evaluation.policy import make_policy
+        from coopmap_env.evaluation.replay import record, write_replay
+
+        policy = make_policy(self.policy)
+        env = field_v0.parallel_env(
+            n_robots=self.robots,
+            mount=self.mount,
+            scene=self.scene,
+            split=self.split,
+            max_scans=self.max_scans,
+        )
+        try:
+            write_replay(record(env, policy, self.seed), self.out)
+        finally:
+            env.close()
+        say(f"replay: {self.out}")

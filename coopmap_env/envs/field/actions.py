@@ -1,0 +1,45 @@
+"""The "pose" action of the field: the joints of the camera mount.
+
+``Box(-1, 1, (n,), float32)``: joint i goes to the middle of its limits plus ``action[i]`` times half
+their range; a joint without limits turns from -pi to pi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from coopmap_env.envs.actions import box_numbers
+from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.joint_space import JointSpace
+
+
+class JointMode:
+    """Joints of the mounts, normalised to their limits."""
+
+    def __init__(
+        self, joint_spaces: Sequence[JointSpace], joint_names: Sequence[tuple[str, ...]]
+    ) -> None:
+        self._spaces = tuple(joint_spaces)
+        self._names = tuple(joint_names)
+
+    def space(self, robot: int) -> spaces.Box:
+        """Box(-1, 1, (n,), float32)."""
+        return spaces.Box(-1.0, 1.0, (self._spaces[robot].n,), np.float32)
+
+    def decode(
+        self, agent: str, action: object, belief: FieldBelief
+    ) -> tuple[NDArray[np.float64], str]:
+        """Joints that the action asks for, and why the mount cannot go there."""
+        robot = belief.agents.index(agent)
+        q = self._spaces[robot].joints(box_numbers(agent, action, self._names[robot]))
+        return q, belief.why_not(robot, q)
+
+    def encode(
+        self, robot: int, pose: NDArray[np.float64], belief: FieldBelief
+    ) -> NDArray[np.float32]:
+        """Write joints as shares of their limits."""
+        return self._spaces[robot].normalised(pose)

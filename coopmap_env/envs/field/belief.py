@@ -1,0 +1,249 @@
+"""Belief of a team in the field: mounts on vehicles, reached through the known free space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.belief import Belief, Claimed
+from coopmap_env.envs.field.joint_space import JointSpace
+from coopmap_env.information import (
+    REFINE,
+    FieldBeamInformation,
+    FieldRatingFunction,
+    Ratings,
+    beside_unknown,
+    entropy,
+    joint_distance,
+)
+from coopmap_env.robots import CameraEstimate, MotionSettings, Surroundings, Vehicle, plan_path
+
+Joints = NDArray[np.float64]
+Spheres = tuple[NDArray[np.float64], NDArray[np.float64]]
+SEED = 1
+"""Of the search for ways around: the same question gets the same answer."""
+ROUNDS = 20
+"""Random poses are drawn this many times as many as asked for before it is settled for fewer."""
+
+
+@dataclass(frozen=True)
+class FieldBelief(Belief):
+    """What a team in the field knows. A pose is the joints (n,) of a robot's mount."""
+
+    vehicles: tuple[Vehicle, ...]
+    """Mounts and where their vehicles stand."""
+    joints: tuple[Joints, ...]
+    """What each mount's encoders say."""
+    estimates: tuple[CameraEstimate, ...]
+    """Where each camera is taken to be, and how well that is known."""
+    rating: FieldRatingFunction
+    """Rates camera poses with the constants of the environment."""
+    joint_spaces: tuple[JointSpace, ...]
+    """The limits of each mount, and the grid that stands for its configuration space."""
+    motion: MotionSettings
+    """How far links keep from what is not known to be free."""
+    ways_around: bool = False
+    """Whether OMPL looks for a way where the straight motion is blocked."""
+    coarse: bool = False
+    """Whether views are taken on the map pooled to half its resolution, which is faster."""
+    _surroundings: dict[int, Surroundings] = field(default_factory=dict, repr=False)
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """Where the cameras are taken to be, shape (n_robots, 3), metres."""
+        return np.array([estimate.pose.translation for estimate in self.estimates])
+
+    def bodies(self, robot: int) -> Spheres:
+        """Spheres around the teammates of a robot: centres (s, 3), radii (s,), metres."""
+        return _joined([body for other, body in enumerate(self._bodies) if other != robot])
+
+    @property
+    def all_bodies(self) -> Spheres:
+        """Spheres around all robots: centres (s, 3), radii (s,), metres."""
+        return _joined(self._bodies)
+
+    @cached_property
+    def _bodies(self) -> list[Spheres]:
+        pairs = zip(self.vehicles, self.joints, strict=True)
+        return [vehicle.spheres(q) for vehicle, q in pairs]
+
+    def surroundings(self, robot: int) -> Surroundings:
+        """What the robot's mount could touch, on the map as it is now."""
+        if robot not in self._surroundings:
+            team = [body for other, body in enumerate(self._bodies) if other != robot]
+            self._surroundings[robot] = Surroundings(
+                self.vehicles[robot], self.map, team, self.motion
+            )
+        return self._surroundings[robot]
+
+    def why_not(self, robot: int, q: Joints) -> str:
+        """Why the robot cannot take this pose; empty if it can."""
+        reason = self.surroundings(robot).why_not(self.joints[robot], q)
+        return "" if reason and self.ways_around and len(self.way(robot, q)) else reason
+
+    def way(self, robot: int, q: Joints) -> Joints:
+        """Waypoints (w, n) of a motion to a pose, without the start; none if there is no way."""
+        if not self.ways_around:
+            return q[None]
+        path = plan_path(self.surroundings(robot), self.joints[robot], q, SEED)
+        return np.empty((0, len(q))) if path is None else path[1:]
+
+    def free(self, robot: int, poses: Joints) -> NDArray[np.bool_]:
+        """Which poses (k, n) satisfy constraint i, and ii by a straight motion of the joints."""
+        return self.surroundings(robot).are_free(self.joints[robot], poses)
+
+    def feasible_poses(self, robot: int) -> Joints:
+        """The poses of the grid over the joints that satisfy constraints i and ii, and staying."""
+        grid = self.joint_spaces[robot].grid()
+        feasible = grid[self.free(robot, grid)]
+        return np.concatenate([feasible, self._staying(robot)]) if not len(feasible) else feasible
+
+    def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> Joints:
+        """Up to m feasible poses, uniformly at random; staying where nothing else is found."""
+        space = self.joint_spaces[robot]
+        found: list[Joints] = []
+        count = drawn = 0
+        while count < m and drawn < ROUNDS * m:
+            poses = space.draw(m, rng)
+            drawn += m
+            found.append(poses[self.free(robot, poses)])
+            count += len(found[-1])
+        poses = np.concatenate(found)[:m]
+        return poses if len(poses) else self._staying(robot)
+
+    def rate(self, robot: int, poses: Joints, claimed: Claimed = None) -> Ratings:
+        """See `FieldRatingFunction.rate`."""
+        rotations, translations = self.vehicles[robot].camera_poses(poses)
+        return self.rating.rate(
+            self.map, rotations, translations, self.distance(robot, poses),
+            claimed, self.bodies(robot), self.coarse,
+        )  # fmt: skip
+
+    def rate_team(self, poses: Sequence[Joints]) -> Ratings:
+        """See `FieldRatingFunction.rate_team`."""
+        cameras = [vehicle.camera_poses(q) for vehicle, q in zip(self.vehicles, poses, strict=True)]
+        return self.rating.rate_team(
+            self.map,
+            np.array([rotation for rotation, _ in cameras]),
+            np.array([translation for _, translation in cameras]),
+            np.array([self.distance(robot, q[None])[0] for robot, q in enumerate(poses)]),
+            bodies=[self.bodies(robot) for robot in range(len(poses))],
+        )
+
+    def distance(self, robot: int, poses: Joints) -> NDArray[np.float64]:
+        """See `joint_distance`."""
+        alpha = np.array(self.vehicles[robot].mount.alpha)
+        return joint_distance(poses, self.joints[robot], alpha)
+
+    def unknown_share(
+        self, robot: int, poses: Joints, claimed: Claimed = None
+    ) -> NDArray[np.float64]:
+        """See `FieldRatingFunction.unknown_cells`."""
+        rotations, translations = self.vehicles[robot].camera_poses(poses)
+        unknown = self.rating.unknown_cells(
+            self.map, rotations, translations, claimed, self.bodies(robot), self.coarse
+        )
+        return unknown / self.rating.n_visible
+
+    def information_share(
+        self, robot: int, poses: Joints, prior: float, claimed: Claimed = None
+    ) -> NDArray[np.float64]:
+        """See `FieldBeamInformation`; a cell at the clamp cannot become more certain."""
+        beams = _beam_information(self.rating, prior, self.map.range.max_probability)
+        rotations, translations = self.vehicles[robot].camera_poses(poses)
+        information = beams.mutual_information(
+            self.map, rotations, translations, claimed, self.bodies(robot), self.coarse
+        )
+        return information / (self.rating.n_visible * entropy([prior, 1.0 - prior]))
+
+    def shortlist(
+        self, poses: Joints, score: Callable[[FieldBelief, Joints], NDArray[np.float64]]
+    ) -> Joints:
+        """The best `REFINE` poses by their score on the pooled map."""
+        if len(poses) <= REFINE:
+            return poses
+        rough = replace(self, coarse=True)
+        return poses[np.argsort(-score(rough, poses), kind="stable")[:REFINE]]
+
+    def visible_cells(self, robot: int, pose: Joints) -> NDArray[np.int64]:
+        """See `FieldRatingFunction.visible_cells`."""
+        rotation, translation = self.vehicles[robot].camera_poses(pose)
+        return self.rating.visible_cells(self.map, rotation, translation, self.bodies(robot))
+
+    def places_ahead(self, robot: int, poses: Joints) -> NDArray[np.int64]:
+        """Counting through the joints, the last one fastest; parts as of `JointSpace.grid`."""
+        space = self.joint_spaces[robot]
+        here = space.place(self.joints[robot])
+        return (space.place(poses) - here - 1) % space.steps**space.n
+
+    def nearest_frontier(
+        self, robot: int, poses: Joints, shows: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Poses that look at the known free voxel beside unknown ones that is nearest to the camera.
+
+        Of the frontier voxels that any of the poses sees.
+        """
+        frontier = beside_unknown(self.map) & self._known_free()
+        distance = np.full(len(poses), np.inf)
+        camera, grid = self.estimates[robot].pose.translation, self.map.grid
+        nearest = np.full(len(poses), -1)
+        views = {}
+        for k in np.flatnonzero(shows):
+            seen = self.visible_cells(robot, poses[k])
+            views[k] = seen[frontier[seen]]
+            if len(views[k]):
+                centers = grid.center(np.stack(np.unravel_index(views[k], grid.shape), axis=-1))
+                ways = np.linalg.norm(centers - camera, axis=1)
+                distance[k], nearest[k] = ways.min(), views[k][np.argmin(ways)]
+        if not np.isfinite(distance).any():
+            return np.zeros(len(poses), dtype=np.bool_)
+        cell = nearest[np.argmin(distance)]
+        return np.array([k in views and cell in views[k] for k in range(len(poses))])
+
+    def moved(self, poses: Sequence[Joints]) -> FieldBelief:
+        """The same belief with the mounts elsewhere, the cameras where the encoders say."""
+        estimates = tuple(
+            vehicle.camera_estimate(q) for vehicle, q in zip(self.vehicles, poses, strict=True)
+        )
+        return replace(
+            self, joints=tuple(poses), estimates=estimates, offers=None, _surroundings={}
+        )
+
+    def located(self, robot: int, estimate: CameraEstimate) -> FieldBelief:
+        """The same belief with a better estimate of one camera's pose."""
+        estimates = list(self.estimates)
+        estimates[robot] = estimate
+        return replace(self, estimates=tuple(estimates))
+
+    def offering(self, offers: Sequence[Any]) -> FieldBelief:
+        """The same belief with candidates on offer."""
+        return replace(self, offers=tuple(offers))
+
+    def _staying(self, robot: int) -> Joints:
+        """The pose as it is, as an action can say it."""
+        space = self.joint_spaces[robot]
+        return space.joints(space.normalised(self.joints[robot]))[None]
+
+    def _known_free(self) -> NDArray[np.bool_]:
+        return self.map.sampled_cells.view(np.bool_) & (self.map.levels < 0)
+
+
+def _joined(bodies: Sequence[Spheres]) -> Spheres:
+    if not bodies:
+        return np.empty((0, 3)), np.empty(0)
+    return (
+        np.concatenate([centers for centers, _ in bodies]),
+        np.concatenate([radii for _, radii in bodies]),
+    )
+
+
+@lru_cache(maxsize=4)
+def _beam_information(
+    rating: FieldRatingFunction, prior: float, known: float
+) -> FieldBeamInformation:
+    return FieldBeamInformation(rating, prior, known)

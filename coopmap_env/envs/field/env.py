@@ -1,0 +1,241 @@
+"""The field environment: its parts, put together."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+
+from coopmap_env.envs.field.actions import JointMode
+from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.joint_space import JointSpace
+from coopmap_env.envs.field.observations import FieldObserver
+from coopmap_env.envs.field.settings import FieldSettings
+from coopmap_env.envs.field.starts import known_around
+from coopmap_env.envs.mapping_env import MappingEnv, Motion, Streams
+from coopmap_env.envs.rewards import Scale
+from coopmap_env.information import FieldRatingFunction
+from coopmap_env.mapping import OccupancyMap
+from coopmap_env.robots import CameraEstimate, Mount, Vehicle, make_mount, without_bodies
+from coopmap_env.sensing import PointCloud, Scan, place
+from coopmap_env.simulation.field import FieldSimulator
+from coopmap_env.simulation.worksites import FieldScene, FieldWorld, make_field_scene
+
+
+class FieldEnv(MappingEnv[FieldBelief], EzPickle):
+    """Cooperative active mapping in the field; see `coopmap_env.field_v0` for its page.
+
+    Parameters
+    ----------
+    n_robots : int
+        Vehicles in the team.
+    mount : str, Mount or sequence of them
+        "mast", "husky_panda", "tiago" or a `Mount`; one for all vehicles, or one for each.
+    action_mode : {"pose", "candidates"}
+        See `coopmap_env.envs.actions`.
+    reward : {"rating", "information", "coverage"}
+        The term that is paid; see `coopmap_env.envs.rewards`. All are in `infos`.
+    team_reward : {"individual", "shared"}
+        Each robot its own, or all the mean of the team.
+    scene : str, path or FieldScene
+        "worksite", "clutter", "rubble", a YAML file, or an object.
+    split : {"train", "validation", "test"}
+        Which of the frozen splits seeds draw their worlds from.
+    max_scans : int
+        Scans of each robot until truncation.
+    n_candidates : int
+        m, in "candidates" mode.
+    settings : FieldSettings, optional
+    render_mode : {None, "rgb_array", "human"}
+
+    Raises
+    ------
+    ValueError
+        If an argument is none of its choices.
+    ImportError
+        With the pip command, if an extra is missing.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "coopmap/Field-v0",
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 2,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        n_robots: int = 2,
+        mount: str | Mount | Sequence[str | Mount] = "mast",
+        action_mode: Literal["pose", "candidates"] = "pose",
+        reward: str = "rating",
+        team_reward: Literal["individual", "shared"] = "individual",
+        scene: str | os.PathLike[str] | FieldScene = "worksite",
+        split: str = "train",
+        max_scans: int = 16,
+        n_candidates: int = 32,
+        settings: FieldSettings | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        EzPickle.__init__(
+            self, n_robots, mount, action_mode, reward, team_reward, scene, split, max_scans,
+            n_candidates, settings, render_mode,
+        )  # fmt: skip
+        super().__init__(
+            n_robots, action_mode, reward, team_reward, split, max_scans, n_candidates, render_mode
+        )
+        if not isinstance(settings, FieldSettings | None):
+            raise ValueError(f"settings must be FieldSettings or None, got {settings!r}")
+        self.settings = settings or FieldSettings()
+        self.scene = make_field_scene(scene)
+        self.mounts = _mounts_of(mount, len(self.possible_agents))
+        self._simulator: FieldSimulator | None = None
+        s, grid = self.settings, self.scene.grid
+        self._map = OccupancyMap(grid, s.beam, s.log_odds_range)
+        self._rating = FieldRatingFunction(s.camera, grid, s.rating, s.log_odds_range)
+        chains = [mount.chain() for mount in self.mounts]
+        self._joint_spaces = tuple(
+            JointSpace(chain.lower, chain.upper, s.grid_size) for chain in chains
+        )
+        self._field_observer = FieldObserver(
+            grid,
+            s,
+            [chain.n_joints for chain in chains],
+            self._candidates.n_candidates if self._candidates else None,
+        )
+        self._prepare(
+            self._candidates
+            or JointMode(self._joint_spaces, [mount.joints for mount in self.mounts]),
+            Scale.of(self._rating.n_visible, s.rating.n_gray, grid.n_cells),
+            self._field_observer,
+            s.contact_cost,
+        )
+
+    def _start(self, streams: Streams) -> FieldBelief:
+        s = self.settings
+        world = self.scene.world(streams.scene, len(self.possible_agents))
+        self._close_simulator()
+        self._simulator = FieldSimulator(
+            world, self.mounts, s.camera, s.noise, s.physics, streams.start
+        )
+        self._map.clear()
+        self._map.mark_free(known_around(world.grid, world.base_poses, s.start_radius))
+        self._field_observer.place(world.base_poses)
+        vehicles = tuple(
+            Vehicle.of(mount, base)
+            for mount, base in zip(self.mounts, world.base_poses, strict=True)
+        )
+        belief = FieldBelief(
+            agents=tuple(self.possible_agents),
+            map=self._map,
+            actions=self._actions,
+            offers=None,
+            vehicles=vehicles,
+            joints=(),
+            estimates=(),
+            rating=self._rating,
+            joint_spaces=self._joint_spaces,
+            motion=s.motion,
+            ways_around=s.paths == "ompl",
+        )
+        self._touched = [""] * len(vehicles)
+        self._clouds: list[PointCloud] = []
+        return belief.moved([np.array(mount.home) for mount in self.mounts])
+
+    def _move(self, targets: list[NDArray[np.float64] | None]) -> Motion:
+        assert self._simulator is not None
+        ways = [
+            [None] if target is None else self._belief.way(robot, target)
+            for robot, target in enumerate(targets)
+        ]
+        self._touched = [""] * len(ways)
+        for leg in range(max(map(len, ways))):
+            goals = [
+                way[leg] if leg < len(way) and not touched else None
+                for way, touched in zip(ways, self._touched, strict=True)
+            ]
+            moved = self._simulator.move(goals, self._streams.noise)
+            self._touched = [
+                before or now.touched for before, now in zip(self._touched, moved, strict=True)
+            ]
+        return Motion([reading for reading, _ in moved], self._touched)
+
+    def _scans(self) -> list[Scan]:
+        assert self._simulator is not None
+        noise = self._streams.noise
+        robots = range(len(self.possible_agents))
+        self._clouds = [self._simulator.scan(robot, noise) for robot in robots]
+        scans = []
+        for robot, cloud in enumerate(self._clouds):
+            estimate = self._locate(robot)
+            self._belief = self._belief.located(robot, estimate)
+            cloud = without_bodies(
+                cloud, estimate.pose, *self._belief.all_bodies, self.settings.noise
+            )
+            scans.append(place(cloud, estimate.pose, self.settings.noise, estimate.covariance))
+        return scans
+
+    def _locate(self, robot: int) -> CameraEstimate:
+        """Where the camera is taken to be when its scan is fused."""
+        if self.settings.pose_estimate == "exact":
+            assert self._simulator is not None
+            return CameraEstimate(self._simulator.true_camera_pose(robot), np.zeros((6, 6)))
+        return self._belief.estimates[robot]
+
+    def _own_info(self, robot: int) -> dict[str, Any]:
+        assert self._simulator is not None
+        estimate = self._belief.estimates[robot].pose
+        true = self._simulator.true_camera_pose(robot)
+        return {
+            "touched": self._touched[robot],
+            "camera_error": float(np.linalg.norm(estimate.translation - true.translation)),
+        }
+
+    @property
+    def truth(self) -> FieldWorld:
+        """The true world, for scoring and rendering only; policies get `belief`."""
+        self._require_reset()
+        assert self._simulator is not None
+        return self._simulator.world
+
+    def true_camera_poses(self) -> list[Any]:
+        """Where the cameras truly are (`Pose`), for scoring and rendering only."""
+        self._require_reset()
+        assert self._simulator is not None
+        return [
+            self._simulator.true_camera_pose(robot) for robot in range(len(self.possible_agents))
+        ]
+
+    def _frame(self) -> NDArray[np.uint8]:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Close the window and the physics."""
+        super().close()
+        self._close_simulator()
+
+    def _close_simulator(self) -> None:
+        if self._simulator is not None:
+            self._simulator.close()
+            self._simulator = None
+
+
+def _mounts_of(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> tuple[Mount, ...]:
+    """One mount for each robot.
+
+    Raises
+    ------
+    ValueError
+        If there is another number of mounts than of robots, or a name is unknown.
+    """
+    if isinstance(mount, str | Mount):
+        return (make_mount(mount),) * n_robots
+    mounts = tuple(make_mount(one) for one in mount)
+    if len(mounts) != n_robots:
+        raise ValueError(f"mount must be one for all or one for each of {n_robots} robots, "
+                         f"got {len(mounts)}")  # fmt: skip
+    return mounts

@@ -1,0 +1,73 @@
+"""The mount's joints as numbers in [-1, 1]: what actions are, and where poses are drawn from.
+
+Poses are drawn as 32-bit actions, so that a pose that a planner has chosen comes back bit for bit
+when its action is decoded.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpace:
+    """The box of a mount's joint limits.
+
+    Parameters
+    ----------
+    lower, upper : ndarray, shape (n,)
+        Radians or metres; a joint without limits turns once around, -pi to pi.
+    grid_size : int
+        At most so many poses in `grid`.
+    """
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    grid_size: int
+
+    def __post_init__(self) -> None:
+        for name, whole in (("lower", -math.pi), ("upper", math.pi)):
+            limit = np.asarray(getattr(self, name), dtype=np.float64)
+            object.__setattr__(self, name, np.where(np.isfinite(limit), limit, whole))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.lower)
+
+    def joints(self, action: ArrayLike) -> NDArray[np.float64]:
+        """Joints (..., n) of normalised values in [-1, 1]."""
+        half = 0.5 * (self.upper - self.lower)
+        return self.lower + half * (np.asarray(action, dtype=np.float64) + 1.0)
+
+    def normalised(self, q: ArrayLike) -> NDArray[np.float32]:
+        """Normalised values (..., n) in [-1, 1] of joints, clipped at the limits."""
+        half = 0.5 * (self.upper - self.lower)
+        values = (np.asarray(q, dtype=np.float64) - self.lower) / half - 1.0
+        return np.clip(values, -1.0, 1.0).astype(np.float32)
+
+    def draw(self, k: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Joints (k, n), uniformly at random inside the limits."""
+        return self.joints(2.0 * rng.random((k, self.n), dtype=np.float32) - np.float32(1.0))
+
+    @property
+    def steps(self) -> int:
+        """Values of each joint in the grid."""
+        steps = round(self.grid_size ** (1.0 / self.n))
+        return max(steps - (steps**self.n > self.grid_size), 1)
+
+    def grid(self) -> NDArray[np.float64]:
+        """Joints (steps**n, n): the middles of equal parts of every joint, the last one fastest."""
+        values = (2.0 * np.arange(self.steps) + 1.0) / self.steps - 1.0
+        axes = np.meshgrid(*(values,) * self.n, indexing="ij")
+        return self.joints(np.stack(axes, axis=-1).reshape(-1, self.n).astype(np.float32))
+
+    def place(self, q: ArrayLike) -> NDArray[np.int64]:
+        """Place (...,) of joints in the order of the grid: that of the part they lie in."""
+        share = (self.normalised(q).astype(np.float64) + 1.0) / 2.0
+        parts = np.minimum((share * self.steps).astype(np.int64), self.steps - 1)
+        return np.asarray(parts @ self.steps ** np.arange(self.n)[::-1])

@@ -1,0 +1,218 @@
+"""What each robot observes in the field, and what a centralised critic may see.
+
+Observation of one robot, a `Dict`:
+
+``map``: uint8 (2 Z, V, V), V, Z = `FieldSettings.view_cells`. The local probabilistic 3-D map around
+the robot's base: cell [z, i, j] lies (i + 1/2 - V/2) cells ahead of the base,
+(j + 1/2 - V/2) to its left and (z + 1/2) above the bottom of the map; a cell is
+`FieldSettings.view_pool` voxels wide.
+
+============  ===========  =====================================================================
+channels      content      values
+============  ===========  =====================================================================
+0 ... Z-1     occupancy    255 P(occupied) of the most occupied sampled voxel, rounded; 128 where
+                           none was sampled
+Z ... 2Z-1    sampled      255 times the share of sampled voxels, rounded down
+============  ===========  =====================================================================
+
+``joints``: float32 (n,) in [-1, 1], the encoders' readings between the joints' limits.
+
+``camera``: float32 (9,) in [-1, 1], the camera where the robot takes it to be, in its base frame.
+
+=======  ===============================================================
+index    content
+=======  ===============================================================
+0 - 2    ahead, left, up from the base, in depths of field
+3 - 5    direction of the optical axis
+6 - 8    direction of the image's upper edge
+=======  ===============================================================
+
+``teammates``: float32 (n_robots - 1, 9) in [-1, 1], the same of each teammate's camera, in the own
+base frame, positions in diagonals of the world; in order of their numbers, absent for one robot.
+
+In "candidates" mode also ``candidates``: float32 (m, n + 11), zeros where masked, and
+``action_mask``: int8 (m,), 1 where the candidate can be taken.
+
+==========  =====================================================================
+index       content
+==========  =====================================================================
+0 ... n-1   joints, as above
+n ... n+5   position and optical axis of the camera there, as 0 - 5 of ``camera``
+n+6         NI (Eqs. 6-8) as a share of its maximum, ln(n_gray)
+n+7         motion cost K d**n (Eqs. 5, 9) as a share of ln(n_gray), at most 10
+n+8         P at the camera position
+n+9         rating (Eq. 9) as a share of ln(n_gray), at least -10
+n+10        never-sampled voxels in view, as a share of the most the camera sees
+==========  =====================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from coopmap_env.envs.belief import Observation
+from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.local_map import Crop, draw_crop
+from coopmap_env.envs.field.settings import FieldSettings
+from coopmap_env.geometry import Pose
+from coopmap_env.mapping import VoxelGrid
+
+FEATURE_LIMIT = 10.0
+N_CAMERA = 9
+N_RATED = 11
+"""Features of a candidate besides its joints."""
+
+
+class FieldObserver:
+    """Fills observations; one object per environment, its spaces declared beside.
+
+    Parameters
+    ----------
+    grid : VoxelGrid
+    settings : FieldSettings
+    n_joints : sequence of int
+        Of each robot's mount.
+    n_candidates : int or None
+        m in "candidates" mode.
+    """
+
+    def __init__(
+        self,
+        grid: VoxelGrid,
+        settings: FieldSettings,
+        n_joints: Sequence[int],
+        n_candidates: int | None,
+    ) -> None:
+        self._grid = grid
+        self._settings = settings
+        self._n_joints = tuple(n_joints)
+        self._n_candidates = n_candidates
+        self._diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
+        clamp = settings.log_odds_range.clamp
+        self._shades = np.round(255 * settings.log_odds_range.probability).astype(np.uint8)
+        self._clamp = clamp
+        self._crops: list[Crop] = []
+        self._scale = math.log(settings.rating.n_gray)
+
+    def place(self, bases: Sequence[Pose]) -> None:
+        """Set the bases down; done once per episode."""
+        view = self._settings.view_cells, self._settings.view_pool
+        self._crops = [Crop.around(self._grid, base, *view) for base in bases]
+
+    def space(self, robot: int) -> spaces.Dict:
+        """Make a new observation space of one robot."""
+        (side, height), m = self._settings.view_cells, self._n_candidates
+        n, n_others = self._n_joints[robot], len(self._n_joints) - 1
+        parts: dict[str, spaces.Space[Any]] = {
+            "map": spaces.Box(0, 255, (2 * height, side, side), np.uint8),
+            "joints": spaces.Box(-1.0, 1.0, (n,), np.float32),
+            "camera": spaces.Box(-1.0, 1.0, (N_CAMERA,), np.float32),
+        }
+        if n_others:
+            parts["teammates"] = spaces.Box(-1.0, 1.0, (n_others, N_CAMERA), np.float32)
+        if m is not None:
+            parts["candidates"] = spaces.Box(
+                -FEATURE_LIMIT, FEATURE_LIMIT, (m, n + N_RATED), np.float32
+            )
+            parts["action_mask"] = spaces.Box(0, 1, (m,), np.int8)
+        return spaces.Dict(parts)
+
+    def observe(self, belief: FieldBelief) -> list[Observation]:
+        """Observations of all robots, as new arrays."""
+        return [self._observe(belief, robot) for robot in range(len(self._n_joints))]
+
+    def state_space(self) -> spaces.Box:
+        """Box (2 Z V V + sum of (n + 9)) float32 in [-1, 1]; see `state`."""
+        side, height = self._settings.view_cells
+        size = 2 * height * side * side + sum(self._n_joints) + N_CAMERA * len(self._n_joints)
+        return spaces.Box(-1.0, 1.0, (size,), np.float32)
+
+    def state(self, belief: FieldBelief) -> NDArray[np.float32]:
+        """Write the map around the target and all robots in one vector, for centralised critics.
+
+        First the crop as in ``map``, around the origin of the target's frame, between 0 and 1; then
+        the joints of each robot, then each robot's camera in the target's frame as in ``camera``,
+        positions in diagonals of the world.
+        """
+        origin = Pose(np.zeros(3), np.eye(3))
+        view = self._settings.view_cells, self._settings.view_pool
+        drawn = self._drawn(belief, Crop.around(self._grid, origin, *view))
+        robots = range(len(self._n_joints))
+        joints = [belief.joint_spaces[robot].normalised(belief.joints[robot]) for robot in robots]
+        cameras = [
+            camera_vector(belief.estimates[robot].pose, origin, self._diagonal) for robot in robots
+        ]
+        return np.concatenate(
+            [drawn.ravel() / np.float32(255), *joints, *cameras], dtype=np.float32
+        )
+
+    def _observe(self, belief: FieldBelief, robot: int) -> Observation:
+        base = belief.vehicles[robot].T_world_base
+        cameras = [estimate.pose for estimate in belief.estimates]
+        far = self._settings.camera.depth_of_field
+        observation: Observation = {
+            "map": self._drawn(belief, self._crops[robot]),
+            "joints": belief.joint_spaces[robot].normalised(belief.joints[robot]),
+            "camera": camera_vector(cameras[robot], base, far),
+        }
+        if len(cameras) > 1:
+            others = cameras[:robot] + cameras[robot + 1 :]
+            observation["teammates"] = np.stack(
+                [camera_vector(other, base, self._diagonal) for other in others]
+            )
+        if belief.offers is not None and self._n_candidates is not None:
+            offers = belief.offers[robot]
+            features = np.zeros(
+                (self._n_candidates, self._n_joints[robot] + N_RATED), dtype=np.float32
+            )
+            if len(offers):
+                features[: len(offers)] = self._features(belief, robot, offers)
+            observation["candidates"] = features
+            observation["action_mask"] = (np.arange(self._n_candidates) < len(offers)).astype(
+                np.int8
+            )
+        return observation
+
+    def _drawn(self, belief: FieldBelief, crop: Crop) -> NDArray[np.uint8]:
+        side, height = self._settings.view_cells
+        out = np.empty((2 * height, side, side), dtype=np.uint8)
+        map_ = belief.map
+        draw_crop(
+            map_.levels, map_.sampled_cells, crop.columns, crop.n_layers,
+            self._settings.view_pool, self._shades, self._clamp, out,
+        )  # fmt: skip
+        return out
+
+    def _features(
+        self, belief: FieldBelief, robot: int, offers: NDArray[np.float64]
+    ) -> NDArray[np.float32]:
+        vehicle, n = belief.vehicles[robot], self._n_joints[robot]
+        rated = belief.rate(robot, offers)
+        rotations, translations = vehicle.camera_poses(offers)
+        base = vehicle.T_world_base
+        out = np.empty((len(offers), n + N_RATED), dtype=np.float32)
+        out[:, :n] = belief.joint_spaces[robot].normalised(offers)
+        position = (translations - base.translation) @ base.rotation
+        out[:, n : n + 3] = position / self._settings.camera.depth_of_field
+        out[:, n + 3 : n + 6] = rotations[:, :, 0] @ base.rotation
+        out[:, n + 6] = rated.new_information / self._scale
+        out[:, n + 7] = np.minimum(rated.motion_cost / self._scale, FEATURE_LIMIT)
+        out[:, n + 8] = rated.occupancy
+        out[:, n + 9] = np.maximum(rated.rating / self._scale, -FEATURE_LIMIT)
+        out[:, n + 10] = belief.unknown_share(robot, offers)
+        return out
+
+
+def camera_vector(camera: Pose, base: Pose, scale: float) -> NDArray[np.float32]:
+    """Position in `scale` metres, optical axis and upper edge of a camera in a base frame."""
+    vector = np.empty(N_CAMERA, dtype=np.float32)
+    vector[:3] = base.rotation.T @ (camera.translation - base.translation) / scale
+    vector[3:6] = base.rotation.T @ camera.rotation[:, 0]
+    vector[6:] = base.rotation.T @ camera.rotation[:, 2]
+    return np.clip(vector, -1.0, 1.0)

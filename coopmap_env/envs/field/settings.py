@@ -1,0 +1,73 @@
+"""Settings of the field world, in metres and radians."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from coopmap_env.envs.arguments import at_least_one, one_of
+from coopmap_env.information import FieldRatingSettings
+from coopmap_env.mapping import BeamModel, LogOddsRange
+from coopmap_env.robots import MotionSettings
+from coopmap_env.sensing import DepthCamera, RangeNoise
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """Everything about cameras, map, motion and physics that is not the scene or the mount.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    camera: DepthCamera = field(default_factory=DepthCamera)
+    noise: RangeNoise = field(default_factory=RangeNoise)
+    beam: BeamModel = BeamModel(free=0.02, occupied=0.998, surface="partial")
+    """Surfaces fill a part of their voxels, and other beams pass beside them: a beam that passes
+    says less than one that ends."""
+    log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
+    rating: FieldRatingSettings = field(default_factory=FieldRatingSettings)
+    physics: Literal["kinematic", "stepped"] = "kinematic"
+    """Stepped physics, or its end state computed at once; both know the suspension."""
+    pose_estimate: Literal["kinematic", "exact"] = "kinematic"
+    """Where a robot takes its camera to be: where its encoders say, with the covariance of
+    encoders, calibration and suspension; or, for upper bounds only, where it truly is."""
+    motion: MotionSettings = field(default_factory=MotionSettings)
+    """How closely motions are checked, and how far links keep from what is not known to be free."""
+    paths: Literal["straight", "ompl"] = "straight"
+    """Whether a motion is straight in joint space or, where that is blocked, planned by OMPL."""
+    start_radius: float = 1.0
+    """Metres around each vehicle's axis that are known to be free: somebody parked it there."""
+    contact_cost: float = 0.05
+    """Paid for bumping into something, as a share of the largest NI, in every reward."""
+    view_cells: tuple[int, int] = (40, 16)
+    """Sides of the observed local map, along the ground and upwards, in its own cells."""
+    view_pool: int = 2
+    """Voxels along the side of a cell of the observed local map."""
+    grid_size: int = 2_000
+    """Poses at most in the grid over the joints' limits that stands for the whole configuration
+    space in an exhaustive search and gives the order of a raster scan."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.contact_cost) and self.contact_cost >= 0):
+            raise ValueError(
+                f"FieldSettings.contact_cost must be finite and >= 0, got {self.contact_cost}"
+            )
+        if not (math.isfinite(self.start_radius) and self.start_radius > 0):
+            raise ValueError(
+                f"FieldSettings.start_radius must be finite and > 0, got {self.start_radius}"
+            )
+        one_of("FieldSettings.physics", self.physics, ("kinematic", "stepped"))
+        one_of("FieldSettings.pose_estimate", self.pose_estimate, ("kinematic", "exact"))
+        one_of("FieldSettings.paths", self.paths, ("straight", "ompl"))
+        view = tuple(self.view_cells)
+        if len(view) != 2 or not all(isinstance(n, int) and n >= 4 for n in view):
+            raise ValueError(
+                f"FieldSettings.view_cells must be two whole numbers of at least 4, got {view}"
+            )
+        object.__setattr__(self, "view_cells", view)
+        at_least_one("FieldSettings.view_pool", self.view_pool)
+        at_least_one("FieldSettings.grid_size", self.grid_size)

@@ -1,0 +1,49 @@
+"""Field-v0: stationary vehicles with articulated camera mounts map a worksite in 3-D.
+
+=================  =====================================================================
+import             ``from coopmap_env import field_v0`` (extra ``field``)
+id                 ``coopmap/Field-v0`` (PettingZoo "parallel", and Gymnasium for one
+                   controller that moves the whole team)
+agents             ``robot_0`` ... , 2 by default
+actions            `coopmap_env.envs.field.actions`: ``Box(-1, 1, (n,))``, the mount's
+                   joints, or `coopmap_env.envs.actions`: ``Discrete(m)``
+observations       `coopmap_env.envs.field.observations`, index by index
+rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage"
+settings           `FieldSettings`: camera, noise, map, rating function, motion, physics
+mounts             `make_mount`: "mast", "husky_panda", "tiago", or a `Mount` of any URDF
+scenes             "worksite", "clutter", "rubble", or a YAML file of meshes and URDFs
+end                truncation after ``max_scans`` scans of each robot; no termination
+=================  =====================================================================
+
+The world frame is that of the target. Vehicles stand around it, know where they stand, and do not
+drive; each moves a depth camera on a mount. In a step all mounts move, in the order of their numbers
+(or, with stepped physics, all at once); then all cameras look, and their scans are fused into one
+probabilistic voxel map.
+
+A motion has to keep clear of every voxel that is not known to be free (P >= 0.05, or never sampled),
+along its whole way, of the own vehicle and of the teammates; otherwise the mount stays and
+``infos[agent]["refused"]`` says why. Where the map is wrong, the mount bumps into what is there, is
+stopped, and pays `FieldSettings.contact_cost`. The room in which a vehicle was parked is known.
+
+Bodies stand on springs: a mount that swings out leans its vehicle, and the camera does not end
+where its encoders say. The map is made from where the robot takes its camera to be, with the
+covariance of encoders, calibration and suspension added to that of the range noise. Robots see each
+other, know each other's shape, and keep it out of the map.
+
+``infos[agent]`` holds ``terms`` (all reward terms), ``refused`` (why the mount stayed, or ""),
+``contact`` (whether it bumped into something) and ``touched`` (into what), ``camera_error`` (metres
+between where the camera is and where it is taken to be; scoring only), ``new_information``,
+``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and ``action_mask`` in
+"candidates" mode. After a reset there are only ``scans``, ``viewed_share`` and the mask.
+
+Version history
+---------------
+v0: first version.
+"""
+
+from coopmap_env.envs.field import FieldEnv, FieldSettings, FieldTeamEnv
+
+parallel_env = FieldEnv
+team_env = FieldTeamEnv
+
+__all__ = ["FieldSettings", "parallel_env", "team_env"]

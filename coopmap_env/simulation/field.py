@@ -1,0 +1,235 @@
+"""The field simulator: vehicles on their suspensions move mounts and look, in a true world.
+
+What a robot is told and what is so differ in two ways. Encoders read
+
+    reading = joint + offset + noise
+
+with an offset for each joint that lasts for the episode, and noise that is new with each motion;
+and they tell nothing of the body's deflections. A target is a reading: the mount moves until its
+encoders say the target, unless it reaches a joint's stop or touches something before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots.chain import Chain
+from coopmap_env.robots.forward import frame_poses
+from coopmap_env.robots.mount import Mount
+from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
+from coopmap_env.simulation.bullet_world import BulletWorld
+from coopmap_env.simulation.depth import DepthRenderer, measure
+from coopmap_env.simulation.motions import Stepping, move_kinematically, move_stepped
+from coopmap_env.simulation.simulator import Moved
+from coopmap_env.simulation.traced_mesh import TracedMesh
+from coopmap_env.simulation.worksites.world import FieldWorld
+
+Physics = Literal["kinematic", "stepped"]
+
+
+class FieldSimulator:
+    """A true field world, the vehicles in it and their cameras (a `Simulator`).
+
+    Parameters
+    ----------
+    world : FieldWorld
+    mounts : sequence of Mount
+        One for each base pose of the world; each begins where its encoders read its home.
+    camera : DepthCamera
+    noise : RangeNoise
+        Eq. 1.
+    physics : "kinematic" or "stepped"
+        How motions are computed; see `motions`.
+    rng : numpy.random.Generator
+        Draws the encoders' offsets of this episode.
+    stepping : Stepping, optional
+        Of stepped physics.
+
+    Raises
+    ------
+    ImportError
+        If the extra "field" is not installed.
+    ValueError
+        If there is not one mount for each base pose, or no such physics.
+    RuntimeError
+        From `move`, once it is closed.
+    """
+
+    def __init__(
+        self,
+        world: FieldWorld,
+        mounts: Sequence[Mount],
+        camera: DepthCamera,
+        noise: RangeNoise,
+        physics: Physics,
+        rng: np.random.Generator,
+        stepping: Stepping | None = None,
+    ) -> None:
+        if physics not in ("kinematic", "stepped"):
+            raise ValueError(f"physics must be 'kinematic' or 'stepped', not {physics!r}")
+        if len(mounts) != world.n_robots:
+            raise ValueError(
+                f"{len(mounts)} mounts for {world.n_robots} base poses of {world.name!r}"
+            )
+        self.world = world
+        self.mounts = tuple(mounts)
+        self.camera = camera
+        self.noise = noise
+        self.physics = physics
+        self.stepping = stepping or Stepping()
+        self._chains = [mount.chain(mount.suspension is not None) for mount in mounts]
+        self._told = [mount.chain() for mount in mounts]
+        self._offsets = [
+            np.array(mount.calibration_error) * rng.standard_normal(len(mount.joints))
+            for mount in mounts
+        ]
+        self._bullet = BulletWorld(world.solids, mounts, world.base_poses, self.stepping.time_step)
+        self._renderer, self._hidden = _renderer(world, self._chains)
+        for robot, mount in enumerate(mounts):
+            joints = self._within_stops(robot, np.array(mount.home) - self._offsets[robot])
+            self._bullet.place(robot, self._bullet.at_rest(robot, joints[None])[0])
+        self._look_where_all_are()
+
+    def move(
+        self, targets: Sequence[NDArray[np.float64] | None], rng: np.random.Generator
+    ) -> list[Moved]:
+        """Move every mount (n,) until its encoders read its target; `None` lets it stay.
+
+        Kinematic physics moves the vehicles in the order of their numbers, stepped physics all at
+        once. A mount that touches something stops there, where it is free.
+
+        Raises
+        ------
+        ValueError
+            If there is not one target for each mount, or one is outside of the joints' limits.
+        RuntimeError
+            If the simulator is closed.
+        """
+        if len(targets) != len(self.mounts):
+            raise ValueError(f"{len(targets)} targets for {len(self.mounts)} mounts")
+        errors = [
+            offset + np.array(mount.encoder_noise) * rng.standard_normal(len(offset))
+            for mount, offset in zip(self.mounts, self._offsets, strict=True)
+        ]
+        goals = [
+            None if target is None else self._within_stops(
+                robot, self._told[robot].check_limits(target) - errors[robot]
+            )
+            for robot, target in enumerate(targets)
+        ]  # fmt: skip
+        touched = self._move(goals)
+        self._look_where_all_are()
+        return [
+            Moved(self.true_joints(robot) + error, what)
+            for robot, (error, what) in enumerate(zip(errors, touched, strict=True))
+        ]
+
+    def scan(self, robot: int, rng: np.random.Generator) -> PointCloud:
+        """What a robot's camera measures of the world and of all vehicles, in its own frame."""
+        pose = self.true_camera_pose(robot)
+        distances = self._renderer.distances(
+            pose.rotation, pose.translation, self.camera.directions,
+            self._body_rotations, self._body_translations, self._hidden[robot],
+        )  # fmt: skip
+        return measure(distances, self.camera, self.noise, rng)
+
+    def true_camera_pose(self, robot: int) -> Pose:
+        """T_world_camera as it is: for scoring, and for robots that are to be told."""
+        return self._cameras[robot]
+
+    def true_joints(self, robot: int) -> NDArray[np.float64]:
+        """Joints (n,) of a mount as they are."""
+        return self._bullet.q[robot][-len(self.mounts[robot].joints) :]
+
+    def deflections(self, robot: int) -> NDArray[np.float64]:
+        """Heave, roll and pitch of a vehicle's body: metres, radians; empty if it has none."""
+        return self._bullet.q[robot][: -len(self.mounts[robot].joints)]
+
+    def close(self) -> None:
+        """Let go of the physics; doing so twice does no harm."""
+        self._bullet.close()
+
+    def _within_stops(self, robot: int, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        chain = self._told[robot]
+        return np.clip(joints, chain.lower, chain.upper)
+
+    def _move(self, goals: Sequence[NDArray[np.float64] | None]) -> list[str]:
+        """Move to true joints; what each touched."""
+        if self.physics == "stepped":
+            stay = [self.true_joints(robot) if g is None else g for robot, g in enumerate(goals)]
+            return move_stepped(self._bullet, stay, self.stepping)
+        return [
+            "" if goal is None else move_kinematically(self._bullet, robot, goal)
+            for robot, goal in enumerate(goals)
+        ]
+
+    def _look_where_all_are(self) -> None:
+        """Poses of all cameras and rigid bodies."""
+        self._cameras: list[Pose] = []
+        rotations, translations = [], []
+        for chain, q, base in zip(self._chains, self._bullet.q, self.world.base_poses, strict=True):
+            R, t = chain.camera_poses(q)
+            self._cameras.append(Pose(base.transform(t), base.rotation @ R))
+            bodies = _meshes(chain)[0]
+            R, t = np.empty((1, len(bodies), 3, 3)), np.empty((1, len(bodies), 3))
+            same = np.broadcast_to(np.eye(3), R.shape[1:]).copy()
+            frame_poses(chain.bodies, q[None], bodies, same, np.zeros_like(t[0]), R, t)
+            rotations.append(base.rotation @ R[0])
+            translations.append(base.transform(t[0]))
+        self._body_rotations = np.concatenate(rotations)
+        self._body_translations = np.concatenate(translations)
+
+
+def _renderer(
+    world: FieldWorld, chains: Sequence[Chain]
+) -> tuple[DepthRenderer, list[tuple[int, ...]]]:
+    """The world, wheels included, with all bodies that move; which of them each camera is in."""
+    wheels = [
+        base.transform(_meshes(chain)[2])
+        for chain, base in zip(chains, world.base_poses, strict=True)
+    ]
+    renderer = DepthRenderer(np.concatenate([world.triangles, *wheels]))
+    hidden: list[tuple[int, ...]] = []
+    for chain in chains:
+        bodies, meshes, _ = _meshes(chain)
+        housing = -1
+        for body, mesh in zip(bodies.tolist(), meshes, strict=True):
+            number = renderer.add_body(mesh)
+            if body == chain.link_body[chain.camera_link] and _surrounds(mesh, _eye(chain)):
+                housing = number
+        hidden.append((housing,) if housing >= 0 else ())
+    return renderer, hidden
+
+
+@lru_cache(maxsize=16)
+def _meshes(
+    chain: Chain,
+) -> tuple[NDArray[np.int64], list[TracedMesh], NDArray[np.float64]]:
+    """Rigid bodies that move and have a surface, their meshes, and triangles of what stands."""
+    of_body: dict[int, list[NDArray[np.float64]]] = {0: [np.zeros((0, 3, 3))]}
+    for link, triangles in enumerate(chain.meshes):
+        if len(triangles):
+            R, t = chain.link_rotations[link], chain.link_translations[link]
+            of_body.setdefault(int(chain.link_body[link]), []).append(triangles @ R.T + t)
+    standing = np.concatenate(of_body.pop(0))
+    bodies = np.array(sorted(of_body), dtype=np.int64)
+    return bodies, [TracedMesh(np.concatenate(of_body[b])) for b in bodies.tolist()], standing
+
+
+def _eye(chain: Chain) -> NDArray[np.float64]:
+    """Where the camera is (3,) in the frame of its rigid body."""
+    link = chain.camera_link
+    return (
+        chain.link_translations[link] + chain.link_rotations[link] @ chain.T_link_camera.translation
+    )
+
+
+def _surrounds(mesh: TracedMesh, point: NDArray[np.float64]) -> bool:
+    """Whether the box around a mesh holds a point: a camera in there would see nothing else."""
+    return bool((np.abs(point - mesh.center) <= mesh.half_size).all())

@@ -1,0 +1,81 @@
+"""The checkers that users' libraries bring, over modes, teams and mounts of the field."""
+
+import gymnasium
+import pettingzoo
+import pytest
+from gymnasium.utils.env_checker import check_env
+from plain.rollouts import MODES
+
+from coopmap_env import field_v0
+from coopmap_env.envs.field import FieldEnv, FieldSettings
+
+pytest.importorskip("pybullet")
+# importing pettingzoo.test imports a board game of theirs that warns about its own old name
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:The old environment creation API has been deprecated:DeprecationWarning"
+)
+NAME = "coopmap/Field-v0"
+
+
+@pytest.fixture(params=MODES)
+def mode(request):
+    return request.param
+
+
+@pytest.fixture(params=[1, 2, 3, 5])
+def arguments(request, mode):
+    settings = FieldSettings(view_cells=(8, 4))
+    return {
+        "n_robots": request.param,
+        "action_mode": mode,
+        "max_scans": 2,
+        "n_candidates": 4,
+        "settings": settings,
+    }
+
+
+def test_the_page_names_the_id():
+    assert field_v0.__doc__.count(NAME) == 1
+
+
+def test_pettingzoo_accepts_the_parallel_environment(arguments, capsys):
+    from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+    def make():
+        return pettingzoo.make("parallel", NAME, **arguments)
+
+    assert isinstance(make(), FieldEnv)
+    parallel_api_test(make(), num_cycles=3)
+    parallel_seed_test(make, num_cycles=2)
+    assert "Passed" in capsys.readouterr().out
+
+
+def test_gymnasium_accepts_the_team_environment(arguments):
+    env = gymnasium.make(NAME, **arguments)
+    check_env(env.unwrapped, skip_render_check=True)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())  # gymnasium.make's own checks
+    env.close()
+
+
+# Tables are neither image nor vector: the default feature extractor flattens them, as the checker
+# advises. The crop of the map has more layers than a picture has colours.
+@pytest.mark.filterwarnings("ignore:Your observation:UserWarning")
+@pytest.mark.filterwarnings("ignore:The minimal resolution for an image:UserWarning")
+@pytest.mark.filterwarnings("ignore:Treating image space as channels-last:UserWarning")
+def test_stable_baselines_accepts_the_team_environment(arguments):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    env = field_v0.team_env(**arguments)
+    checker.check_env(env)
+    env.close()
+
+
+def test_a_team_of_different_mounts_acts_as_one():
+    env = field_v0.team_env(
+        n_robots=2, mount=["mast", "tiago"], max_scans=2, settings=FieldSettings(view_cells=(8, 4))
+    )
+    assert env.action_space.shape == (5 + 3,)
+    env.reset(seed=0)
+    observation, *_ = env.step(env.action_space.sample())
+    assert observation["joints"].shape == (8,)
+    env.close()

@@ -1,0 +1,46 @@
+"""Small worlds for vehicles: flat ground, and what is put in their way."""
+
+import numpy as np
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.worksites.solid import (
+    box_corners,
+    ground,
+    solid_of_boxes,
+    solid_of_hull,
+    turn_about_z,
+)
+from coopmap_env.simulation.worksites.world import FieldWorld
+
+GRID = VoxelGrid((128, 128, 40), 0.1, (-6.4, -6.4, -0.35))
+
+
+def base(x, y, heading=0.0):
+    return Pose(np.array([x, y, 0.0]), turn_about_z(heading))
+
+
+def crate(name, x, y, z, size):
+    return solid_of_boxes(name, [box_corners(np.broadcast_to(size, 3), (x, y, z))], is_target=True)
+
+
+MIDDLE = (base(0.0, 0.0),)
+
+
+def yard(*solids, bases=MIDDLE):
+    """Ground, a target out of everybody's reach, and whatever else stands around."""
+    far_away = crate("far_away", 5.5, 5.5, 0.25, 0.5)
+    solids = (ground((-6.4, -6.4), (6.4, 6.4)), *solids, far_away)
+    return FieldWorld("yard", solids, "crates", GRID, tuple(bases))
+
+
+def cluttered_yard(seed, bases, n=25, nearest=0.8):
+    """Boulders anywhere, some of them hanging in the air and in reach."""
+    rng = np.random.default_rng(seed)
+    boulders = []
+    while len(boulders) < n:
+        at = rng.uniform([-3, -3, 0.2], [3, 3, 2.5])
+        if min(np.hypot(*(at - b.translation)[:2]) for b in bases) > nearest:
+            points = at + 0.2 * rng.normal(size=(14, 3))
+            boulders.append(solid_of_hull(f"boulder_{len(boulders)}", points))
+    return yard(*boulders, bases=bases)

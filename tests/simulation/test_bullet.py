@@ -1,0 +1,257 @@
+"""PyBullet: clients, vehicles and solids in it, what touches what, and its renderer."""
+
+import gc
+import hashlib
+import math
+import os
+import subprocess
+import sys
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plain.yards import base, cluttered_yard, crate, yard
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots.mount import make_mount
+from coopmap_env.sensing import DepthCamera
+from coopmap_env.simulation.anatomy import Anatomy
+from coopmap_env.simulation.bullet import BulletRenderer, quaternion
+from coopmap_env.simulation.bullet_world import OWN_BODY, BulletWorld, n_substeps
+from coopmap_env.simulation.motions import Stepping, move_kinematically, move_stepped
+from coopmap_env.simulation.worksites.solid import Solid, random_rotation
+
+pybullet = pytest.importorskip("pybullet")
+
+
+def mount_or_skip(name):
+    try:
+        return make_mount(name)
+    except ImportError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def mast():
+    return make_mount("mast")
+
+
+@pytest.fixture
+def opened():
+    """Makes worlds and closes them."""
+    worlds = []
+
+    def open_(world, mounts):
+        worlds.append(BulletWorld(world.solids, mounts, world.base_poses))
+        return worlds[-1]
+
+    yield open_
+    for world in worlds:
+        world.close()
+
+
+def put(world, robot, joints):
+    world.place(robot, world.at_rest(robot, np.array([joints], dtype=float))[0])
+    world.find_contacts()
+    return world.contacts()
+
+
+def test_only_one_file_imports_pybullet():
+    package = Path(__file__).parents[2]
+    folders = ("coopmap_env", "baselines", "agents")
+    files = [file for folder in folders for file in (package / folder).rglob("*.py")]
+    using = [file.name for file in files if '"pybullet"' in file.read_text()]
+    assert using == ["bullet.py"]
+    assert not [file for file in files if "import pybullet\n" in file.read_text()]
+
+
+def test_quaternions_turn_as_their_matrices():
+    rng = np.random.default_rng(0)
+    half_turn = np.diag([1.0, -1.0, -1.0])
+    for R in [np.eye(3), half_turn, *(random_rotation(rng) for _ in range(20))]:
+        matrix = pybullet.getMatrixFromQuaternion(quaternion(R))
+        assert np.reshape(matrix, (3, 3)) == pytest.approx(R, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["mast", "husky_panda", "tiago"])
+def test_links_are_where_the_kinematics_say(name, opened):
+    mount = mount_or_skip(name)
+    chain = mount.chain(on_suspension=True)
+    where = base(1.3, -0.4, 2.1)
+    world = opened(yard(bases=[base(0, 0), where]), [mount, mount])
+    rng = np.random.default_rng(1)
+    vehicle, k = world.vehicles[1], {"physicsClientId": world.client.id}
+    for _ in range(3):
+        q = np.append([0.01, 0.02, -0.03], rng.uniform(chain.lower[3:], chain.upper[3:]))
+        world.place(1, q)
+        R, t = chain.link_poses(q)
+        for j, link in enumerate(vehicle.anatomy.link_names[1:]):
+            i = chain.link_names.index(link)
+            state = pybullet.getLinkState(vehicle.number, j, computeForwardKinematics=1, **k)
+            # PyBullet keeps poses in single precision here and there
+            assert state[4] == pytest.approx(where.transform(t[i]), abs=2e-6)
+            turned = np.reshape(pybullet.getMatrixFromQuaternion(state[5]), (3, 3))
+            assert turned == pytest.approx(where.rotation @ R[i], abs=2e-6)
+
+
+def test_the_arm_is_what_the_joints_move(mast):
+    anatomy = Anatomy.of(mast)
+    names = {anatomy.link_names[j + 1] for j in anatomy.arm}
+    assert names == {"post", "upper_arm", "forearm", "wrist", "head", "camera"}
+    pairs = [(anatomy.link_names[a + 1], anatomy.link_names[b + 1]) for a, b in anatomy.neighbours]
+    assert pairs == [("post", "chassis")]
+    assert Anatomy.of(make_mount("mast")) is anatomy
+
+
+def test_at_home_nothing_touches(mast, opened):
+    world = opened(yard(bases=[base(0, 0), base(2.5, 0)]), [mast, mast])
+    world.find_contacts()
+    assert world.contacts() == [(0.0, ""), (0.0, "")]
+
+
+def test_an_arm_in_a_crate_is_told_apart_from_one_beside_it(mast, opened):
+    """Straight up, the arm ends 2.2 m above ground; a crate of 0.2 m hangs there, then higher."""
+    up = (0.0, 0.0, 0.2, 0.0, 0.0)
+    low = opened(yard(crate("low", 0.05, 0.0, 1.9, 0.2)), [mast])
+    high = opened(yard(crate("high", 0.05, 0.0, 2.8, 0.2)), [mast])
+    depth, what = put(low, 0, up)[0]
+    assert what == "low"
+    assert depth < -0.01
+    assert put(high, 0, up) == [(0.0, "")]
+
+
+def test_both_arms_know_of_each_other(mast, opened):
+    """Two masts 1.6 m apart that lean towards each other."""
+    world = opened(yard(bases=[base(-0.8, 0), base(0.8, 0, math.pi)]), [mast, mast])
+    put(world, 0, (0.0, 0.8, 0.2, 0.0, 0.0))
+    (d0, what0), (d1, what1) = put(world, 1, (0.0, 0.8, 0.2, 0.0, 0.0))
+    assert (what0, what1) == ("robot_1", "robot_0")
+    assert d0 == d1 < 0
+
+
+def test_an_arm_on_its_own_body_is_in_contact(opened):
+    mount = mount_or_skip("husky_panda")
+    world = opened(yard(), [mount])
+    folded = np.array(mount.home)
+    folded[[1, 3, 5]] = 1.7, -1.2, 2.0  # down onto the deck
+    assert put(world, 0, folded)[0][1] == OWN_BODY
+
+
+def test_a_concave_solid_can_be_stood_in(mast, opened):
+    """Its triangles count, not their hull: the arm stands free in a hollow box."""
+    box = crate("tent", 0.0, 0.0, 1.5, 3.4)
+    hollow = Solid("tent", box.vertices, box.faces, is_target=True, is_concave=True)
+    up, out = (0.0, 0.0, 0.2, 0.0, 0.0), (0.0, 0.8, 0.9, 0.0, 0.0)
+    assert put(opened(yard(hollow), [mast]), 0, up) == [(0.0, "")]
+    assert put(opened(yard(box), [mast]), 0, up)[0][1] == "tent"
+    narrow = crate("tent", 0.0, 0.0, 1.5, (1.0, 3.4, 3.4))
+    hollow = Solid("tent", narrow.vertices, narrow.faces, is_target=True, is_concave=True)
+    assert put(opened(yard(hollow), [mast]), 0, out)[0][1] == "tent"
+
+
+@pytest.mark.parametrize("bases", [1, 29])
+def test_as_many_mounts_as_base_poses(mast, bases):
+    with pytest.raises(ValueError, match=r"2 mounts and|29 mounts and"):
+        BulletWorld((), [mast] * (2 if bases == 1 else bases), [base(0, 0)] * bases)
+
+
+def test_a_closed_world_says_so(mast):
+    world = BulletWorld((), [mast], [base(0, 0)])
+    world.close()
+    world.close()
+    for use in (world.find_contacts, world.contacts, world.step, lambda: world.velocity(0)):
+        with pytest.raises(RuntimeError, match="closed"):
+            use()
+
+
+def test_a_hundred_worlds_leave_nothing_behind(mast):
+    """Clients are closed, also when forgotten, and memory does not grow; PyBullet has 1024."""
+
+    def pages():
+        return int(Path("/proc/self/statm").read_text().split()[1])
+
+    world = cluttered_yard(0, [base(0, 0)])
+    mounts = [mast]
+    forgotten = []
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("needs /proc")
+    for k in range(100):
+        physics = BulletWorld(world.solids, mounts, world.base_poses)
+        physics.step()
+        number = physics.client.id
+        if k % 2:
+            physics.close()
+        else:
+            forgotten.append(weakref.ref(physics.client))
+        del physics
+        if k == 40:
+            before = pages()
+    gc.collect()
+    assert not any(client() for client in forgotten)
+    assert not pybullet.getConnectionInfo(number)["isConnected"]
+    assert (pages() - before) * 4096 < 4e6  # one world's solids alone would be 10 MB after 60
+
+
+def test_substeps_are_as_many_as_the_stiffest_spring_needs():
+    """h^2 k + 2 h d < 2.5 m: 0.04 + 0.4 for the first; 64 + 1.6 for the second, 2.4 in 6 parts."""
+    assert n_substeps(0.1, [(0, 0.0, 4.0, 2.0)], np.array([1.0])) == 1
+    assert n_substeps(0.1, [(0, 0.0, 6400.0, 8.0)], np.array([1.0])) == 6
+
+
+def test_the_renderer_sees_a_crate_where_it_is():
+    """A face 2 m ahead fills the image; over its edge there is nothing."""
+    camera = DepthCamera(width=32, height=24)
+    scene = [crate("crate", 2.5, 0.0, 0.0, (1.0, 9.0, 1.0))]
+    renderer = BulletRenderer(scene, [], [])
+    image = renderer.depth_image(camera, Pose(np.zeros(3), np.eye(3)))
+    renderer.close()
+    # half a metre at 2 m is 14 degrees of the 22.5 above and below: rows 5 to 18
+    assert image[7:17] == pytest.approx(np.full((10, 32), 2.0), abs=2e-3)
+    assert np.isinf(image[[0, -1]]).all()
+    with pytest.raises(RuntimeError, match="closed"):
+        renderer.depth_image(camera, Pose(np.zeros(3), np.eye(3)))
+
+
+RUN = """
+from simulation.test_bullet import fingerprint
+print(fingerprint(5))
+"""
+
+
+def fingerprint(seed):
+    """All bits of where two vehicles end, contacts among it, in both kinds of physics."""
+    mast = make_mount("mast")
+    bases = [base(-0.9, 0.0), base(0.9, 0.0, math.pi)]
+    world = cluttered_yard(seed, bases, n=90, nearest=0.6)
+    rng = np.random.default_rng(seed)
+    goals = rng.uniform(mast.chain().lower, mast.chain().upper, (12, 2, 5))
+    digest, touched = hashlib.sha256(), 0
+    for stepped in (False, True):
+        physics = BulletWorld(world.solids, [mast, mast], bases)
+        for pair in goals:
+            if stepped:
+                what = move_stepped(physics, list(pair), Stepping())
+            else:
+                what = [move_kinematically(physics, robot, q) for robot, q in enumerate(pair)]
+            touched += sum(map(bool, what))
+            digest.update(np.concatenate(physics.q).tobytes() + "".join(what).encode())
+        physics.close()
+    assert touched >= 4  # it is contacts that are hard to repeat
+    return digest.hexdigest()
+
+
+def test_the_same_moves_end_in_the_same_bits_whatever_ran_before():
+    first = fingerprint(5)
+    other = fingerprint(6)
+    assert fingerprint(5) == first
+    assert other != first
+
+
+def test_the_same_moves_end_in_the_same_bits_in_another_process():
+    tests = Path(__file__).parents[1]
+    run = subprocess.run(
+        [sys.executable, "-c", RUN], cwd=tests, capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": f"{tests}:{':'.join(sys.path)}"},
+    )  # fmt: skip
+    assert run.stdout.split()[-1] == fingerprint(5)

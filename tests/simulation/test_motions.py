@@ -1,0 +1,218 @@
+"""Motions of mounts: kinematic and stepped ones end alike, and none ends inside of anything."""
+
+import math
+
+import numpy as np
+import pytest
+from plain.crane import crane
+from plain.yards import base, cluttered_yard, crate, yard
+
+from coopmap_env.robots.mount import make_mount
+from coopmap_env.robots.suspension import Suspension
+from coopmap_env.simulation.bullet_world import BulletWorld
+from coopmap_env.simulation.motions import Stepping, move_kinematically, move_stepped, progress
+
+pytest.importorskip("pybullet")
+OUT = np.array([0.0, 0.8, 0.9, 0.0, 0.0])
+"""The mast's arm stretched out forward: the head is 1.2 m ahead, 1.6 m above ground."""
+TUCKED = np.array([0.0, -1.0, 1.9, 0.0, 0.0])
+BOTH = ("kinematic", "stepped")
+
+
+@pytest.fixture(scope="module")
+def mast():
+    return make_mount("mast")
+
+
+def physics_of(world, mount):
+    mounts = [mount] * world.n_robots
+    return BulletWorld(world.solids, mounts, world.base_poses)
+
+
+def move(physics, kind, goals):
+    """What each vehicle touched; afterwards none may be inside of anything."""
+    if kind == "stepped":
+        touched = move_stepped(physics, list(goals), Stepping())
+    else:
+        touched = [move_kinematically(physics, robot, q) for robot, q in enumerate(goals)]
+    physics.find_contacts()
+    assert [what for _, what in physics.contacts()] == [""] * len(goals)
+    return touched
+
+
+def camera_poses(physics, mount):
+    chain = mount.chain(on_suspension=True)
+    return [chain.camera_poses(q) for q in physics.q]
+
+
+def angle(R, S):
+    return math.acos(min(1.0, (np.trace(R.T @ S) - 1) / 2))
+
+
+def test_progress_starts_and_ends_at_rest_and_is_halfway_at_half_time():
+    assert progress(np.array([0.0, 0.5, 1.0])).tolist() == [0.0, 0.5, 1.0]
+    share = progress(np.linspace(0, 1, 101))
+    speed = np.diff(share) * 100
+    assert speed.max() == pytest.approx(4 / 3)  # a quarter of the time up, a quarter down
+    assert (speed > 0).all()
+    assert speed[[0, -1]] == pytest.approx([0.0267, 0.0267], abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["mast", "tiago"])
+def test_both_kinds_of_physics_end_at_the_same_camera_poses(name):
+    """Within 0.2 mm and 0.01 degrees, on random targets, from wherever the last one ended."""
+    try:
+        mount = make_mount(name)
+    except ImportError as error:
+        pytest.skip(str(error))
+    chain = mount.chain()
+    world = yard(bases=[base(0.0, 0.0), base(0.0, 4.0, 1.0)])
+    kinematic, stepped = physics_of(world, mount), physics_of(world, mount)
+    rng = np.random.default_rng(0)
+    compared = 0
+    for goals in rng.uniform(chain.lower, chain.upper, (20, 2, chain.n_joints)):
+        first, second = move(kinematic, "kinematic", goals), move(stepped, "stepped", goals)
+        both = zip(camera_poses(kinematic, mount), camera_poses(stepped, mount), strict=True)
+        for robot, ((R, t), (S, u)) in enumerate(both):
+            if not first[robot] and not second[robot]:
+                assert np.linalg.norm(t - u) < 2e-4
+                assert angle(R, S) < math.radians(0.01)
+                compared += 1
+            else:  # TIAGo's head reaches its own shoulders; from there the ways part
+                assert first[robot] == second[robot]
+        for physics in (kinematic, stepped):
+            for robot, vehicle in enumerate(physics.vehicles):
+                physics.place(robot, vehicle.home)
+    assert compared > 10
+
+
+def test_stepped_physics_swings_to_the_equilibrium_of_a_hand_calculation(tmp_path):
+    """10 kg pushed out by 0.5 m: 49.05 N m on springs of 12000 N m/rad."""
+    mount = crane(tmp_path)
+    physics = physics_of(yard(), mount)
+    assert move_stepped(physics, [np.array([0.5])], Stepping()) == [""]
+    assert physics.q[0][2] == pytest.approx(49.05 / 12000, abs=5e-5)
+    assert physics.q[0][:2] == pytest.approx([0.0, 0.0], abs=1e-4)
+
+
+def test_on_the_way_the_body_swings(tmp_path):
+    """What the kinematic shortcut leaves out."""
+    springy = Suspension(pitch_damping=50.0, roll_centre_height=0.3)
+    physics = physics_of(yard(), crane(tmp_path, suspension=springy))
+    pitch = []
+    step = physics.step
+
+    def watched():
+        step()
+        physics.velocity(0)
+        pitch.append(physics.q[0][2])
+
+    physics.step = watched
+    move_stepped(physics, [np.array([1.5])], Stepping())
+    assert max(pitch) > pitch[-1] + 1e-4
+
+
+@pytest.mark.parametrize("kind", BOTH)
+def test_a_crate_in_the_way_stops_the_mount(mast, kind):
+    """It hangs where the head would go; the mount ends before it and off it."""
+    physics = physics_of(yard(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
+    assert move(physics, kind, [TUCKED]) == [""]
+    assert physics.q[0][3:] == pytest.approx(TUCKED, abs=1e-4)
+    assert move(physics, kind, [OUT]) == ["crate"]
+    share = (physics.q[0][3:] - TUCKED)[1] / (OUT - TUCKED)[1]
+    assert 0.1 < share < 0.95
+    assert move(physics, kind, [TUCKED]) == [""]
+    assert physics.q[0][3:] == pytest.approx(TUCKED, abs=1e-4)
+
+
+def test_both_kinds_of_physics_stop_at_about_the_same_place(mast):
+    ends = []
+    for kind in BOTH:
+        physics = physics_of(yard(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
+        move(physics, kind, [TUCKED])
+        move(physics, kind, [OUT])
+        ends.append(mast.chain().camera_poses(physics.q[0][3:])[1])
+    assert np.linalg.norm(ends[0] - ends[1]) < 0.06
+
+
+@pytest.mark.parametrize("kind", BOTH)
+def test_a_crate_beside_the_way_does_not(mast, kind):
+    physics = physics_of(yard(crate("crate", 1.0, 0.6, 1.65, 0.4)), mast)
+    assert move(physics, kind, [TUCKED]) == [""]
+    assert move(physics, kind, [OUT]) == [""]
+    assert physics.q[0][3:] == pytest.approx(OUT, abs=1e-4)
+
+
+@pytest.mark.parametrize("kind", BOTH)
+def test_two_arms_that_reach_for_each_other_meet(mast, kind):
+    bases = [base(-0.9, 0.0), base(0.9, 0.0, math.pi)]
+    physics = physics_of(yard(bases=bases), mast)
+    touched = move(physics, kind, [OUT, OUT])
+    if kind == "kinematic":  # the first goes first
+        assert touched == ["", "robot_0"]
+    else:
+        assert touched == ["robot_1", "robot_0"]
+
+
+@pytest.mark.parametrize("kind", BOTH)
+def test_an_arm_does_not_enter_its_own_body(kind):
+    try:
+        mount = make_mount("husky_panda")
+    except ImportError as error:
+        pytest.skip(str(error))
+    physics = physics_of(yard(), mount)
+    folded = np.array(mount.home)
+    folded[[1, 3, 5]] = 1.7, -1.2, 2.0
+    assert move(physics, kind, [folded]) == ["its own body"]
+
+
+@pytest.mark.parametrize("kind", BOTH)
+@pytest.mark.parametrize("n_robots", [2, 3, 5])
+def test_no_mount_ends_inside_of_anything(mast, kind, n_robots):
+    """Vehicles in a narrow circle among boulders: many contacts, all of them resolved."""
+    around = np.arange(n_robots) * 2 * math.pi / n_robots
+    radius = 0.55 / math.sin(math.pi / n_robots)
+    bases = [base(radius * math.cos(a), radius * math.sin(a), a + 2.0) for a in around]
+    physics = physics_of(cluttered_yard(6, bases, n=80, nearest=0.7), mast)
+    physics.find_contacts()
+    assert not any(what for _, what in physics.contacts())
+    chain = mast.chain()
+    rng = np.random.default_rng(n_robots)
+    touched = []
+    for goals in rng.uniform(chain.lower, chain.upper, (8, n_robots, 5)):
+        touched += move(physics, kind, goals)
+    assert sum(map(bool, touched)) >= 3
+    for q in physics.q:
+        assert q[:3] == pytest.approx(physics.at_rest(0, q[None, 3:])[0, :3], abs=3e-4)
+
+
+def test_the_quick_check_changes_nothing_but_time(mast):
+    """With every stretch marked, so that the engine looks at all configurations: the same ends."""
+    bases = [base(-0.7, 0.0), base(0.7, 0.0, 2.0)]
+    world = cluttered_yard(5, bases, n=80, nearest=0.7)
+    quick, thorough = physics_of(world, mast), physics_of(world, mast)
+    stretches = thorough.stretches
+    thorough.stretches = lambda robot, q: (np.ones(len(q) - 1, bool), stretches(robot, q)[1])
+    chain = mast.chain()
+    contacts = 0
+    for goals in np.random.default_rng(5).uniform(chain.lower, chain.upper, (15, 2, 5)):
+        one, other = move(quick, "kinematic", goals), move(thorough, "kinematic", goals)
+        assert one == other
+        contacts += sum(map(bool, one))
+        for p, q in zip(quick.q, thorough.q, strict=True):
+            assert p.tolist() == q.tolist()
+    assert contacts > 5
+
+
+def test_a_mount_that_begins_in_contact_may_leave_but_not_go_deeper(mast):
+    physics = physics_of(yard(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
+    physics.place(0, physics.at_rest(0, OUT[None])[0])
+    aside = OUT + np.array([1.5, 0, 0, 0, 0])
+    assert move_kinematically(physics, 0, aside) == ""
+    assert physics.q[0][3:].tolist() == aside.tolist()
+
+
+@pytest.mark.parametrize("field", ["time_step", "speed", "still", "patience"])
+def test_stepping_needs_positive_numbers(field):
+    with pytest.raises(ValueError, match=rf"Stepping.{field} must be finite and > 0, got 0"):
+        Stepping(**{field: 0.0})
