@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -61,15 +62,18 @@ class Planner(ABC):
         claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = {}
         for robot, agent in enumerate(belief.agents):
-            poses = belief.shortlist(
-                self.candidates(belief, robot),
-                lambda rough, some, robot=robot: self.score(rough, robot, some, claimed),
-            )
+            score = partial(self._score_on, robot, claimed)
+            poses = belief.shortlist(self.candidates(belief, robot), score)
             best = poses[np.argmax(self.score(belief, robot, poses, claimed))]
             actions[agent] = belief.action_for(robot, best)
             if claimed is not None:
                 claimed[belief.visible_cells(robot, best)] = 1
         return actions
+
+    def _score_on(
+        self, robot: int, claimed: Claimed, belief: Belief, poses: Poses
+    ) -> NDArray[np.float64]:
+        return self.score(belief, robot, poses, claimed)
 
     def candidates(self, belief: Belief, robot: int) -> Poses:
         """List the poses to choose from."""

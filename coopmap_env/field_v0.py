@@ -16,11 +16,11 @@ end                truncation after ``max_scans`` scans of each robot; no termin
 =================  =====================================================================
 
 The world frame is that of the target. Vehicles stand around it, know where they stand, and do not
-drive; each moves a depth camera on a mount. In a step all mounts move, in the order of their numbers
-(or, with stepped physics, all at once); then all cameras look, and their scans are fused into one
-probabilistic voxel map.
+drive; each moves a depth camera on a mount. In a step all mounts move, in the order of their
+numbers (or, with stepped physics, all at once); then all cameras look, and their scans are fused
+into one probabilistic voxel map.
 
-A motion has to keep clear of every voxel that is not known to be free (P >= 0.05, or never sampled),
+A motion has to keep clear of every voxel that is not known to be free (P >= 0.05 or never sampled),
 along its whole way, of the own vehicle and of the teammates; otherwise the mount stays and
 ``infos[agent]["refused"]`` says why. Where the map is wrong, the mount bumps into what is there, is
 stopped, and pays `FieldSettings.contact_cost`. The room in which a vehicle was parked is known.

@@ -97,7 +97,7 @@ class Belief(ABC):
     ) -> NDArray[np.bool_]:
         """Which poses look from or at the nearest frontier, among those that `shows` marks."""
 
-    def shortlist(self, poses: Poses, score: Callable[[Self, Poses], NDArray[np.float64]]) -> Poses:
+    def shortlist(self, poses: Poses, score: Callable[[Any, Poses], NDArray[np.float64]]) -> Poses:
         """Poses among which the best one is, by the score on a rougher belief; here: all."""
         return poses
 

@@ -100,6 +100,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         self._seeds = np.random.default_rng()
         self._scans_done = 0
         self._started = False
+        self.scans: list[Scan] = []
+        """Of the last step, as they were fused."""
 
     def _prepare(
         self, actions: ActionMode, scale: Scale, observer: Observer, contact_cost: float = 0.0
@@ -170,6 +172,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         self._streams, self._seeds = streams, streams.seeds
         self._started = True
         self._scans_done = 0
+        self.scans = []
         self.agents = list(self.possible_agents)
         self._offer_candidates()
         observations = self._observe()
@@ -204,7 +207,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         if motion.bumped_cells:
             before.map.mark_occupied(motion.bumped_cells)
         self._belief = before.moved(motion.poses)
-        gains = self._belief.map.integrate(self._scans())
+        self.scans = self._scans()
+        gains = self._belief.map.integrate(self.scans)
         self._scans_done += 1
         self._offer_candidates()
         looks = [

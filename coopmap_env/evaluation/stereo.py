@@ -1,4 +1,4 @@
-"""Eq. 1 on a real stereo pair: does the depth error grow with the square of the distance?
+"""Eq. 1 on a real stereo pair: how the depth error grows with the distance.
 
 The pair is `stereo_motorcycle` of scikit-image (extra ``data``), of the Middlebury 2014 benchmark:
 two rectified photographs, their calibration and the true disparity measured by structured light.
@@ -8,10 +8,10 @@ would. Depth is Z = f B / (disparity + doffs), so an error of the disparity that
 the distance is an error of Z that grows with Z squared. Whether the matcher's does is measured.
 
 One photograph confounds distance with what stands there: most of its bare floor lies at 3 m, and
-blocks without texture match anything. The law is therefore fitted to textured blocks, as any stereo
-camera reports no others (n = 1.9), and given for all of them beside it (n = 1.5). Filters by matching
-error and by depth edges gave 1.1 to 1.6. So this is consistent with n = 2 where there is texture, and
-no more than that.
+blocks without texture match anything. The law is therefore fitted to textured blocks, as any
+stereo camera reports no others (n = 1.9), and given for all of them beside it (n = 1.5). Filters by
+matching error and by depth edges gave 1.1 to 1.6. So this is consistent with n = 2 where there is
+texture, and no more than that.
 
 D. Scharstein et al. 2014, "High-resolution stereo datasets with subpixel-accurate ground truth".
 """

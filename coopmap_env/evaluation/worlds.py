@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
@@ -13,7 +14,7 @@ from coopmap_env.evaluation.serial import settings_from_dict
 class Kind(NamedTuple):
     """What makes a world's environments."""
 
-    env: type[MappingEnv[Any]]
+    env: Callable[..., MappingEnv[Any]]
     settings: type[Any]
 
 

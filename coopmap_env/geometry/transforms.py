@@ -25,7 +25,8 @@ class Pose:
     Raises
     ------
     ValueError
-        If the shapes disagree or are not of 2 or 3 axes, a value is not finite, or the rotation is not proper.
+        If the shapes disagree or are not of 2 or 3 axes, a value is not finite, or the rotation is
+        not proper.
     """
 
     translation: NDArray[np.float64]
@@ -67,6 +68,7 @@ def _is_proper(rows: list[list[float]]) -> bool:
 
     In plain numbers: poses are made at every step, and for so few numpy takes ten times as long.
     """
+    products: tuple[float, ...]
     if len(rows) == 2:
         (a, b), (c, d) = rows
         products = (a * a + b * b - 1, a * c + b * d, c * c + d * d - 1, a * d - b * c - 1)

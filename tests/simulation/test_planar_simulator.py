@@ -129,7 +129,10 @@ def test_noise_has_the_covariance_of_eq_1_in_the_camera_frame():
     rng = np.random.default_rng(2)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     errors = np.stack(
-        [(simulator.look_from(pose, rng).points - exact.points) @ [[c, -s], [s, c]] for _ in range(5000)]
+        [
+            (simulator.look_from(pose, rng).points - exact.points) @ [[c, -s], [s, c]]
+            for _ in range(5000)
+        ]
     )
     z = errors / noise.standard_deviations(distance, 2)
     n = z[..., 0].size

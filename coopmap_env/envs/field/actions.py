@@ -1,7 +1,7 @@
 """The "pose" action of the field: the joints of the camera mount.
 
-``Box(-1, 1, (n,), float32)``: joint i goes to the middle of its limits plus ``action[i]`` times half
-their range; a joint without limits turns from -pi to pi.
+``Box(-1, 1, (n,), float32)``: joint i goes to the middle of its limits plus ``action[i]`` times
+half their range; a joint without limits turns from -pi to pi.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ class FieldBelief(Belief):
         return information / (self.rating.n_visible * entropy([prior, 1.0 - prior]))
 
     def shortlist(
-        self, poses: Joints, score: Callable[[FieldBelief, Joints], NDArray[np.float64]]
+        self, poses: Joints, score: Callable[[Any, Joints], NDArray[np.float64]]
     ) -> Joints:
         """The best `REFINE` poses by their score on the pooled map."""
         if len(poses) <= REFINE:
@@ -173,7 +173,8 @@ class FieldBelief(Belief):
     def visible_cells(self, robot: int, pose: Joints) -> NDArray[np.int64]:
         """See `FieldRatingFunction.visible_cells`."""
         rotation, translation = self.vehicles[robot].camera_poses(pose)
-        return self.rating.visible_cells(self.map, rotation, translation, self.bodies(robot))
+        cells = self.rating.visible_cells(self.map, rotation, translation, self.bodies(robot))
+        return cells.astype(np.int64)
 
     def places_ahead(self, robot: int, poses: Joints) -> NDArray[np.int64]:
         """Counting through the joints, the last one fastest; parts as of `JointSpace.grid`."""
@@ -184,7 +185,7 @@ class FieldBelief(Belief):
     def nearest_frontier(
         self, robot: int, poses: Joints, shows: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Poses that look at the known free voxel beside unknown ones that is nearest to the camera.
+        """Poses that look at the frontier voxel (free, beside unknown ones) nearest to the camera.
 
         Of the frontier voxels that any of the poses sees.
         """
@@ -192,8 +193,8 @@ class FieldBelief(Belief):
         distance = np.full(len(poses), np.inf)
         camera, grid = self.estimates[robot].pose.translation, self.map.grid
         nearest = np.full(len(poses), -1)
-        views = {}
-        for k in np.flatnonzero(shows):
+        views: dict[int, NDArray[np.int64]] = {}
+        for k in np.flatnonzero(shows).tolist():
             seen = self.visible_cells(robot, poses[k])
             views[k] = seen[frontier[seen]]
             if len(views[k]):

@@ -2,8 +2,8 @@
 
 Observation of one robot, a `Dict`:
 
-``map``: uint8 (2 Z, V, V), V, Z = `FieldSettings.view_cells`. The local probabilistic 3-D map around
-the robot's base: cell [z, i, j] lies (i + 1/2 - V/2) cells ahead of the base,
+``map``: uint8 (2 Z, V, V), V, Z = `FieldSettings.view_cells`. The local probabilistic 3-D map
+around the robot's base: cell [z, i, j] lies (i + 1/2 - V/2) cells ahead of the base,
 (j + 1/2 - V/2) to its left and (z + 1/2) above the bottom of the map; a cell is
 `FieldSettings.view_pool` voxels wide.
 
