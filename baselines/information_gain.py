@@ -22,8 +22,9 @@ class InformationGainPolicy(Planner):
         Share of such a view that a motion by one unit of d (Eq. 5) must bring. On training
         worlds the default has the best area under the coverage curve within a hundredth, with
         less motion than smaller weights.
-    prior : float
-        Occupancy expected of cells that were never sampled: that of the training worlds.
+    prior : float, optional
+        Occupancy expected of cells that were never sampled; by default that of the world's training
+        worlds, 0.12 in the plane and 0.006 in the field.
     """
 
     def __init__(
@@ -31,11 +32,11 @@ class InformationGainPolicy(Planner):
         search: Search = 100,
         coordination: Coordination = "independent",
         motion_weight: float = 0.006,
-        prior: float = 0.12,
+        prior: float | None = None,
     ) -> None:
         super().__init__(search, coordination)
         self.motion_weight = checked_weight(motion_weight)
-        if not (isinstance(prior, float) and 0 < prior < 1):
+        if prior is not None and not (isinstance(prior, float) and 0 < prior < 1):
             raise ValueError(f"prior must be a number in (0, 1), got {prior!r}")
         self.prior = prior
 
@@ -43,5 +44,6 @@ class InformationGainPolicy(Planner):
         self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
     ) -> NDArray[np.float64]:
         """Share of a full view's information, minus the weighted distance."""
-        gain = belief.information_share(robot, poses, self.prior, claimed)
+        prior = belief.prior if self.prior is None else self.prior
+        gain = belief.information_share(robot, poses, prior, claimed)
         return minus_motion(gain, belief, robot, poses, self.motion_weight)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,9 @@ class Belief(ABC):
     """How actions are written."""
     offers: tuple[Poses, ...] | None
     """The candidates offered to each robot, in "candidates" mode."""
+
+    prior: ClassVar[float]
+    """Occupancy expected of a cell that was never sampled: that of training worlds."""
 
     @property
     @abstractmethod

@@ -19,9 +19,7 @@ def beside_unknown(map_: OccupancyMap) -> NDArray[np.bool_]:
     return beside.ravel()
 
 
-def _halves(
-    array: NDArray[np.bool_], axis: int
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _halves(array: NDArray[np.bool_], axis: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Views of all but the last and of all but the first layer along an axis."""
     moved = np.moveaxis(array, axis, 0)
     return moved[:-1], moved[1:]

@@ -73,5 +73,6 @@ class FieldRatingSettings(RatingConstants):
         If a value is outside of its range.
     """
 
-    K: float = 0.2
-    """Weight of the motion, nats per unit of d**n: that of the plane."""
+    K: float = 0.1
+    """Weight of the motion, nats per unit of d**n. Chosen on 8 training worksites: the area under
+    the surface coverage curve is that of K = 0 and 0.05, with two thirds of the motion of 0."""

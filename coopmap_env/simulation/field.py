@@ -89,6 +89,7 @@ class FieldSimulator:
             np.array(mount.calibration_error) * rng.standard_normal(len(mount.joints))
             for mount in mounts
         ]
+        self._errors = [offset.copy() for offset in self._offsets]
         self._bullet = BulletWorld(world.solids, mounts, world.base_poses, self.stepping.time_step)
         self._renderer, self._hidden = _renderer(world, self._chains)
         for robot, mount in enumerate(mounts):
@@ -113,13 +114,14 @@ class FieldSimulator:
         """
         if len(targets) != len(self.mounts):
             raise ValueError(f"{len(targets)} targets for {len(self.mounts)} mounts")
-        errors = [
-            offset + np.array(mount.encoder_noise) * rng.standard_normal(len(offset))
-            for mount, offset in zip(self.mounts, self._offsets, strict=True)
-        ]
+        drawn = [rng.standard_normal(len(offset)) for offset in self._offsets]
+        for robot, target in enumerate(targets):
+            if target is not None:  # a mount that stays reads what it read
+                noise = np.array(self.mounts[robot].encoder_noise) * drawn[robot]
+                self._errors[robot] = self._offsets[robot] + noise
         goals = [
             None if target is None else self._within_stops(
-                robot, self._told[robot].check_limits(target) - errors[robot]
+                robot, self._told[robot].check_limits(target) - self._errors[robot]
             )
             for robot, target in enumerate(targets)
         ]  # fmt: skip
@@ -127,7 +129,7 @@ class FieldSimulator:
         self._look_where_all_are()
         return [
             Moved(self.true_joints(robot) + error, what)
-            for robot, (error, what) in enumerate(zip(errors, touched, strict=True))
+            for robot, (error, what) in enumerate(zip(self._errors, touched, strict=True))
         ]
 
     def scan(self, robot: int, rng: np.random.Generator) -> PointCloud:

@@ -1,14 +1,8 @@
 import numpy as np
 import pytest
 
-from coopmap_env.envs.planar.rendering import (
-    FREE,
-    NEVER_SAMPLED,
-    OCCUPIED,
-    ROBOT_COLORS,
-    render_team,
-    robot_color,
-)
+from coopmap_env.envs.panels import FREE, NEVER_SAMPLED, OCCUPIED, ROBOT_COLORS, robot_color
+from coopmap_env.envs.planar.rendering import render_team
 from coopmap_env.envs.window import HumanWindow
 
 pytest.importorskip("PIL")

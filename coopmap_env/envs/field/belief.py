@@ -35,6 +35,8 @@ ROUNDS = 20
 class FieldBelief(Belief):
     """What a team in the field knows. A pose is the joints (n,) of a robot's mount."""
 
+    prior = 0.006
+
     vehicles: tuple[Vehicle, ...]
     """Mounts and where their vehicles stand."""
     joints: tuple[Joints, ...]

@@ -25,9 +25,10 @@ class FieldSettings:
 
     camera: DepthCamera = field(default_factory=DepthCamera)
     noise: RangeNoise = field(default_factory=RangeNoise)
-    beam: BeamModel = BeamModel(free=0.02, occupied=0.998, surface="partial")
+    beam: BeamModel = field(default_factory=lambda: BeamModel(0.02, 0.998, "partial"))
     """Surfaces fill a part of their voxels, and other beams pass beside them: a beam that passes
-    says less than one that ends."""
+    says less than one that ends. Tuned on training worlds; free = 0.005 has a tenth less log-loss,
+    but calls a third more of the occupied voxels free, into which links would then run."""
     log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
     rating: FieldRatingSettings = field(default_factory=FieldRatingSettings)
     physics: Literal["kinematic", "stepped"] = "kinematic"

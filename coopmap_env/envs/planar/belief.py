@@ -25,6 +25,8 @@ from coopmap_env.robots import PoseLattice, Reach, why_not
 class PlanarBelief(Belief):
     """What a planar team knows. A pose is a number of the `PoseLattice`."""
 
+    prior = 0.12
+
     pose_ids: tuple[int, ...]
     """Where each camera is: its lattice number."""
     rating: RatingFunction

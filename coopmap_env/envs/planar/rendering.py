@@ -5,43 +5,27 @@ x to the right and y up.
 """
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.envs.panels import (
+    FREE,
+    NEVER_SAMPLED,
+    OCCUPIED,
+    Color,
+    robot_color,
+    side_by_side,
+)
 from coopmap_env.extras import require
 
 if TYPE_CHECKING:
     from PIL.Image import Image
     from PIL.ImageDraw import ImageDraw
 
-Color = tuple[int, int, int]
-
-ROBOT_COLORS: tuple[Color, ...] = (
-    (213, 94, 0),
-    (0, 114, 178),
-    (0, 158, 115),
-    (204, 121, 167),
-    (230, 159, 0),
-    (86, 180, 233),
-)
-"""Okabe and Ito's palette, safe for colour-blind eyes: vermilion, blue, green, purple, ..."""
-
-FREE: Color = (252, 252, 250)
-OCCUPIED: Color = (38, 40, 46)
-NEVER_SAMPLED: Color = (143, 160, 184)
-"""Blue enough to be told from the gray of p = ½, light enough for trails to show."""
-
-_BACKGROUND: Color = (238, 239, 242)
-_TEXT: Color = (45, 48, 56)
-_FRAME: Color = (120, 126, 138)
-
 _PANEL_PIXELS = 600
-_MIN_SLOT_PIXELS = 400  # room for the legend above a narrow map
-_PAD = 16
-_STRIP = 34
+LEGEND = (([NEVER_SAMPLED], "never sampled"), ([OCCUPIED], "occupied"), ([FREE], "free"))
 _SMOOTHING = 2  # shapes are drawn this much larger, then averaged down
 
 
@@ -106,12 +90,7 @@ def render_team(
         for robot, pose in enumerate(poses):
             panel.draw_camera(pose, robot_color(robot))
         panels.append(panel.image)
-    return _compose(panels[0], panels[1], caption)
-
-
-def robot_color(robot: int) -> Color:
-    """Return the colour of a robot by its number; the palette repeats after six."""
-    return ROBOT_COLORS[robot % len(ROBOT_COLORS)]
+    return side_by_side(panels[0], panels[1], LEGEND, caption)
 
 
 class _Panel:
@@ -233,40 +212,3 @@ def _shade(probability: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Colours (nx, ny, 3) from free to occupied."""
     ramp = np.linspace(FREE, OCCUPIED, 256).round().astype(np.uint8)
     return ramp[np.rint(np.clip(probability, 0, 1) * 255).astype(np.uint8)]
-
-
-def _compose(truth: "Image", team_map: "Image", caption: str) -> NDArray[np.uint8]:
-    """Panels side by side with their titles, legend and caption."""
-    width, height = truth.size
-    slot = max(width, _MIN_SLOT_PIXELS)
-    size = (2 * slot + 3 * _PAD, height + 2 * _STRIP)
-    canvas = require("PIL.Image", "render").new("RGB", size, _BACKGROUND)
-    draw = require("PIL.ImageDraw", "render").Draw(canvas)
-    for column, (panel, title) in enumerate(((truth, "truth"), (team_map, "team map"))):
-        left = _PAD + column * (slot + _PAD) + (slot - width) // 2
-        canvas.paste(panel, (left, _STRIP))
-        draw.rectangle((left - 1, _STRIP - 1, left + width, _STRIP + height), outline=_FRAME)
-        slot_left = _PAD + column * (slot + _PAD)
-        draw.text((slot_left, _STRIP // 2), title, fill=_TEXT, font=_font(19), anchor="lm")
-    _draw_legend(draw, size[0] - _PAD)
-    draw.text((_PAD, size[1] - _STRIP // 2), caption, fill=_TEXT, font=_font(17), anchor="lm")
-    return np.array(canvas)
-
-
-def _draw_legend(draw: "ImageDraw", right: int) -> None:
-    """Swatches of the map's colours in the title strip, from the right edge to the left."""
-    middle = _STRIP // 2
-    for color, label in (
-        (NEVER_SAMPLED, "never sampled"),
-        (OCCUPIED, "occupied"),
-        (FREE, "free"),
-    ):
-        draw.text((right, middle), label, fill=_TEXT, font=_font(15), anchor="rm")
-        right -= round(draw.textlength(label, font=_font(15))) + 20
-        draw.rectangle((right, middle - 6, right + 13, middle + 7), fill=color, outline=_FRAME)
-        right -= 16
-
-
-@lru_cache
-def _font(size: int) -> Any:
-    return require("PIL.ImageFont", "render").load_default(size)

@@ -1,0 +1,293 @@
+"""What an action does in the field: motion, refusal, contact, cost, and what the map learns."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plain.rollouts import random_actions
+
+from coopmap_env.envs.actions import InvalidActionError
+from coopmap_env.envs.field import FieldEnv, FieldSettings
+from coopmap_env.simulation.worksites import FieldWorld, Worksite
+from coopmap_env.simulation.worksites.solid import box_corners, solid_of_boxes
+
+pytest.importorskip("pybullet")
+
+FAST = FieldSettings(view_cells=(8, 4))
+TURNS = ("turntable", "wrist_pan", "wrist_tilt")
+
+
+@pytest.fixture
+def make():
+    made = []
+
+    def make(**arguments):
+        env = FieldEnv(**{"settings": FAST, "max_scans": 4} | arguments)
+        made.append(env)
+        return env
+
+    yield make
+    for env in made:
+        env.close()
+
+
+class Crated(Worksite):
+    """The worksite with a crate beside the first vehicle's mast that nobody knows of."""
+
+    def world(self, rng, n_robots, footprint=1.2):
+        world = super().world(rng, n_robots, footprint)
+        base = world.base_poses[0]
+        centre = base.transform([0.0, 0.9, 1.55])
+        crate = solid_of_boxes("crate in the way", [box_corners([0.5, 0.5, 0.9], centre)])
+        return FieldWorld(
+            world.name, (*world.solids, crate), world.target, world.grid, world.base_poses
+        )
+
+
+def staying(env):
+    """Actions that lead every mount to where it is."""
+    belief = env.belief()
+    return {
+        agent: belief.joint_spaces[robot].normalised(belief.joints[robot])
+        for robot, agent in enumerate(env.agents)
+    }
+
+
+def test_an_action_moves_every_joint_to_that_share_of_its_limits(make):
+    mount = exact_mount()
+    env = make(n_robots=1, mount=mount)
+    env.reset(seed=0)
+    belief = env.belief()
+    q = np.array(mount.home)
+    q[0] += 0.5
+    chain = belief.vehicles[0].chain
+    action = 2 * (q - chain.lower) / (chain.upper - chain.lower) - 1
+    _, _, _, _, infos = env.step({"robot_0": action.astype(np.float32)})
+    assert infos["robot_0"]["refused"] == ""
+    np.testing.assert_allclose(env.belief().joints[0], q, atol=1e-6)
+
+
+def exact_mount():
+    from coopmap_env.robots import make_mount
+
+    return replace(make_mount("mast"), encoder_noise=0.0, calibration_error=0.0)
+
+
+def test_encoders_read_the_target_and_the_truth_differs_by_noise_and_suspension(make):
+    env = make(n_robots=2)
+    env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    targets = [env.belief().random_poses(robot, 1, rng)[0] for robot in range(2)]
+    actions = {
+        agent: env.belief().action_for(robot, targets[robot])
+        for robot, agent in enumerate(env.agents)
+    }
+    *_, infos = env.step(actions)
+    for robot, agent in enumerate(env.agents):
+        assert infos[agent]["refused"] == ""
+        np.testing.assert_allclose(env.belief().joints[robot], targets[robot], atol=1e-9)
+        assert 1e-4 < infos[agent]["camera_error"] < 0.1
+
+
+def test_a_pose_in_unknown_space_is_refused_with_link_and_reason_and_the_mount_stays(make):
+    env = make(n_robots=1, settings=replace(FAST, start_radius=0.45))
+    env.reset(seed=0)
+    before = env.belief().joints[0].copy()
+    reach = np.array([0.0, 1.4, 0.2, 0.0, 0.0])  # the arm stretched out ahead
+    belief = env.belief()
+    action = belief.joint_spaces[0].normalised(reach)
+    assert "would touch unknown space" in belief.why_not(0, belief.joint_spaces[0].joints(action))
+    *_, infos = env.step({"robot_0": action})
+    assert infos["robot_0"]["refused"].startswith("link ")
+    assert "unknown space" in infos["robot_0"]["refused"]
+    assert infos["robot_0"]["distance"] == 0.0
+    np.testing.assert_array_equal(env.belief().joints[0], before)
+
+
+def test_offered_and_drawn_poses_are_feasible_and_come_back_bit_for_bit(make):
+    env = make(n_robots=2, action_mode="candidates", n_candidates=6)
+    observations, _ = env.reset(seed=3)
+    while env.agents:
+        belief = env.belief()
+        for robot, agent in enumerate(env.agents):
+            offers = belief.offers[robot]
+            assert observations[agent]["action_mask"].sum() == len(offers) == 6
+            assert belief.free(robot, offers).all()
+            for k, q in enumerate(offers):
+                assert belief.why_not(robot, q) == ""
+                assert belief.action_for(robot, q) == k
+        observations, *_, infos = env.step({agent: 2 for agent in env.agents})
+        assert not any(info["refused"] for info in infos.values())
+
+
+def test_what_the_map_did_not_know_stops_the_mount_is_reported_and_charged(make):
+    blind = replace(FAST, start_radius=2.0)  # the robot is told that there is room all around
+    env = make(n_robots=1, mount=exact_mount(), scene=Crated(), settings=blind)
+    env.reset(seed=0)
+    belief = env.belief()
+    swing = np.array([1.57, 1.2, 0.4, 0.0, 0.0])  # the arm swung out to the left
+    swing = belief.joint_spaces[0].joints(belief.joint_spaces[0].normalised(swing))
+    assert belief.why_not(0, swing) == ""
+    _, rewards, _, _, infos = env.step({"robot_0": belief.action_for(0, swing)})
+    info = infos["robot_0"]
+    assert info["contact"]
+    assert info["touched"] == "crate in the way"
+    assert np.abs(env.belief().joints[0] - swing).max() > 0.1
+    free = info["new_information"] - FAST.rating.K * info["distance"]
+    p = env.belief().rating.occupancy(belief.map, env.belief().positions)
+    assert rewards["robot_0"] < free  # charged on top of the motion
+    assert p.shape == (1,)
+    while env.agents:  # nothing breaks
+        env.step(staying(env))
+
+
+def test_the_rating_reward_is_eq_9_of_where_the_cameras_went_on_the_map_before(make):
+    env = make(n_robots=3)
+    env.reset(seed=2)
+    rng = np.random.default_rng(0)
+    while env.agents:
+        belief, agents = env.belief(), list(env.agents)
+        before = belief.map.copy()
+        joints, bodies = belief.joints, [belief.bodies(robot) for robot in range(3)]
+        _, rewards, _, _, infos = env.step(random_actions(env, rng))
+        claimed = np.zeros(before.grid.n_cells, dtype=np.uint8)
+        for robot, agent in enumerate(agents):
+            q = env.belief().joints[robot]
+            R, t = belief.vehicles[robot].camera_poses(q[None])
+            d = np.sqrt(((q - joints[robot]) ** 2).sum())
+            rated = belief.rating.rate(before, R, t, [d], claimed, bodies[robot])
+            assert infos[agent]["distance"] == pytest.approx(d)
+            expected = rated.rating[0]
+            if infos[agent]["contact"]:
+                expected -= FAST.contact_cost * np.log(FAST.rating.n_gray)
+            assert rewards[agent] == pytest.approx(expected, abs=1e-9)
+            claimed[belief.rating.visible_cells(before, R[0], t[0], bodies[robot])] = 1
+
+
+@pytest.mark.parametrize("n_robots", [2, 5])
+def test_robots_look_at_each_other_and_never_enter_the_map(make, n_robots):
+    env = make(n_robots=n_robots, max_scans=8, settings=replace(FAST, pose_estimate="exact"))
+    env.reset(seed=0)
+    rng = np.random.default_rng(1)
+    hits = 0
+    while env.agents:
+        belief = env.belief()
+        actions = {
+            agent: belief.action_for(robot, most_at_teammates(belief, robot, rng))
+            for robot, agent in enumerate(env.agents)
+        }
+        env.step(actions)
+        belief = env.belief()
+        hits += sum(len(scan.points) - int(scan.hit.sum()) for scan in env.scans)
+        centers, radii = belief.all_bodies
+        grid, map_ = belief.map.grid, belief.map
+        for center, radius in zip(centers, radii, strict=True):
+            if center[2] - radius > 0.25:  # off the ground
+                index = grid.index(center)
+                assert map_.probability[tuple(index)] < 0.5
+    assert hits > 0
+
+
+def most_at_teammates(belief, robot, rng):
+    """Of some feasible poses the one that looks most directly at a teammate."""
+    poses = belief.random_poses(robot, 40, rng)
+    R, t = belief.vehicles[robot].camera_poses(poses)
+    others = np.delete(belief.positions, robot, axis=0)
+    to_others = others[None] - t[:, None]
+    to_others /= np.linalg.norm(to_others, axis=-1, keepdims=True)
+    return poses[np.argmax((to_others * R[:, None, :, 0]).sum(-1).max(-1))]
+
+
+def test_only_exact_poses_have_no_error(make):
+    for estimate in ("exact", "kinematic"):
+        env = make(max_scans=8, settings=replace(FAST, pose_estimate=estimate))
+        env.reset(seed=4)
+        rng = np.random.default_rng(0)
+        while env.agents:
+            *_, infos = env.step(random_actions(env, rng))
+            errors = [info["camera_error"] for info in infos.values()]
+            assert all(e == 0.0 for e in errors) == (estimate == "exact")
+
+
+def test_the_covariance_of_the_pose_enters_that_of_every_observed_point(make):
+    sure, unsure = (
+        make(n_robots=1, settings=replace(FAST, pose_estimate=estimate))
+        for estimate in ("exact", "kinematic")
+    )
+    traces = []
+    for env in (sure, unsure):
+        env.reset(seed=0)
+        env.step(staying(env))
+        (scan,) = env.scans
+        traces.append(np.trace(scan.covariances[scan.hit], axis1=1, axis2=2))
+    assert traces[0].mean() < traces[1].mean()
+
+
+def test_with_ompl_a_way_around_is_found_where_the_straight_one_is_blocked(make):
+    pytest.importorskip("ompl")
+    tight = replace(FAST, start_radius=0.45)
+    plain = make(n_robots=1, max_scans=1, settings=tight)
+    around = make(n_robots=1, max_scans=1, settings=replace(tight, paths="ompl"))
+    found = 0
+    for seed in range(2):
+        plain.reset(seed=seed)
+        around.reset(seed=seed)
+        belief, other = plain.belief(), around.belief()
+        poses = belief.joint_spaces[0].draw(200, np.random.default_rng(seed))
+        blocked = poses[~belief.free(0, poses) & belief.surroundings(0).are_clear(poses)]
+        for q in blocked[:10]:
+            if other.why_not(0, q) == "":
+                found += 1
+                *_, infos = around.step({"robot_0": other.action_for(0, q)})
+                assert infos["robot_0"]["refused"] == ""
+                np.testing.assert_allclose(around.belief().joints[0], q, atol=0.02)
+                break
+    assert found
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([0.0] * 4, r"robot_1: .* 5 numbers \[turntable, shoulder"),
+        ([0.0, np.nan, 0.0, 0.0, 0.0], r"robot_1: .* \[-1, 1\], got \[0.0, nan"),
+        ([0.0, 0.0, 0.0, 0.0, 1.1], r"robot_1: .* \[-1, 1\]"),
+        ("up", r"robot_1: .* got 'up'"),
+    ],
+)
+def test_a_wrong_action_names_robot_and_value_and_leaves_the_environment_usable(
+    make, action, message
+):
+    env = make()
+    env.reset(seed=0)
+    before = env.belief().map.levels.copy()
+    with pytest.raises(InvalidActionError, match=message):
+        env.step({"robot_0": np.zeros(5), "robot_1": action})
+    np.testing.assert_array_equal(env.belief().map.levels, before)
+    env.step(staying(env))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"mount": "crane"}, "unknown mount 'crane'"),
+        ({"mount": ["mast"]}, "one for each of 2 robots, got 1"),
+        ({"scene": "moon"}, "'moon'"),
+        ({"settings": 3}, "settings must be FieldSettings or None, got 3"),
+        ({"split": "exam"}, "exam"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        FieldEnv(**arguments)
+
+
+def test_wrong_settings_are_named():
+    for changes, message in (
+        ({"physics": "real"}, "FieldSettings.physics must be one of 'kinematic', 'stepped'"),
+        ({"contact_cost": -1.0}, "contact_cost must be finite and >= 0, got -1.0"),
+        ({"view_cells": (40,)}, "view_cells must be two whole numbers"),
+        ({"view_pool": 0}, "view_pool must be a whole number of at least 1, got 0"),
+        ({"start_radius": np.inf}, "start_radius must be finite and > 0, got inf"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            FieldSettings(**changes)
