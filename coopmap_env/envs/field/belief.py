@@ -35,7 +35,7 @@ ROUNDS = 20
 class FieldBelief(Belief):
     """What a team in the field knows. A pose is the joints (n,) of a robot's mount."""
 
-    prior = 0.006
+    prior = 0.02
 
     vehicles: tuple[Vehicle, ...]
     """Mounts and where their vehicles stand."""

@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.envs.field.ray_tracing import Floats, Overview, Painting, Torch
 from coopmap_env.envs.field.shapes import exposed_faces
-from coopmap_env.envs.panels import FREE, NEVER_SAMPLED, Color, robot_color, side_by_side
+from coopmap_env.envs.panels import NEVER_SAMPLED, Color, robot_color, side_by_side
 from coopmap_env.extras import require
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.worksites import FieldWorld
 
-BACKGROUND: Color = (226, 230, 236)
+BACKGROUND: Color = (243, 244, 247)
 GROUND: Color = (236, 234, 229)
 TARGET: Color = (74, 84, 112)
 OTHERS: tuple[Color, ...] = ((196, 178, 148), (176, 168, 158), (206, 190, 166), (158, 150, 142))
@@ -37,6 +37,12 @@ HEIGHTS: tuple[Color, ...] = (
 )
 """Of mapped voxels, from the ground to `TALL` metres and more."""
 TALL = 2.0
+SEEN: Color = (214, 221, 230)
+"""Of the floor below voxels that were sampled."""
+CHECKS = 0.022
+"""Every other voxel is this much brighter, so that they can be told apart."""
+FLOOR = 0.75
+"""Voxels above the bottom of the ground's layer: its voxels stand out as tiles, and no more."""
 
 PANEL = (600, 470)
 """Pixels."""
@@ -151,7 +157,7 @@ def render_field(
     return side_by_side(panels[0], panels[1], LEGEND, caption)
 
 
-LEGEND = (([NEVER_SAMPLED], "never sampled"), (HEIGHTS, f"occupied, 0 to {TALL:g} m"))
+LEGEND = (([NEVER_SAMPLED], "never sampled"), ([SEEN], "free"), (HEIGHTS, f"occupied, 0 to {TALL:g} m"))
 
 
 def height_colors(heights: ArrayLike) -> NDArray[np.float64]:
@@ -174,15 +180,26 @@ def _mapped_scene(map_: OccupancyMap) -> Scene:
     faces, voxels = exposed_faces(sampled & (map_.levels >= 0).reshape(grid.shape), grid)
     layer = voxels % grid.shape[2]
     heights = grid.origin[2] + (layer + 0.5) * grid.resolution
-    floor = grid.origin[2] + np.floor(-grid.origin[2] / grid.resolution) * grid.resolution
+    ground = np.floor(-grid.origin[2] / grid.resolution)
+    floor = grid.origin[2] + (ground + FLOOR) * grid.resolution
+    checked = 1 + CHECKS * (np.stack(np.unravel_index(voxels, grid.shape)).sum(axis=0) % 2 * 2 - 1)
     known = sampled.any(axis=2)
-    index = np.argwhere(np.ones_like(known))
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]])
-    flat = grid.origin[:2] + (index[:, None] + corners) * grid.resolution
-    tiles = np.concatenate([flat, np.full((*flat.shape[:2], 1), floor)], axis=2)
-    colors = np.where(known[..., None], np.array(FREE), np.array(NEVER_SAMPLED))
-    tile_colors = np.repeat(colors.reshape(-1, 3), 2, axis=0)
-    return [faces, tiles.reshape(-1, 3, 3)], [height_colors(heights), tile_colors]
+    first, last = _runs(known)
+    steps = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    quads = np.where(steps[:, 1:], last[:, None] + (0, 1), first[:, None])
+    quads[..., 0] = first[:, None, 0] + steps[:, 0]
+    flat = grid.origin[:2] + quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 2) * grid.resolution
+    floors = np.concatenate([flat, np.full((*flat.shape[:2], 1), floor)], axis=2)
+    colors = np.where(known[tuple(first.T)][:, None], np.array(SEEN), np.array(NEVER_SAMPLED))
+    return [faces, floors], [height_colors(heights) * checked[:, None], np.repeat(colors, 2, axis=0)]
+
+
+def _runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last index (n, 2) of each run of equal flags along the second axis."""
+    change = flags[:, 1:] != flags[:, :-1]
+    first, last = np.ones_like(flags), np.ones_like(flags)
+    first[:, 1:], last[:, :-1] = change, change
+    return np.argwhere(first), np.argwhere(last)
 
 
 class _Sketch:

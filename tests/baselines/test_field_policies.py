@@ -1,0 +1,139 @@
+"""The baselines in the field: the same classes, against the same protocol."""
+
+from dataclasses import replace
+
+import coopmap_baselines
+import numpy as np
+import pytest
+
+from coopmap_env.envs.field import FieldEnv, FieldSettings
+from coopmap_env.evaluation.episode import run_episode
+from coopmap_env.information import beside_unknown
+
+pytest.importorskip("pybullet")
+
+SETTINGS = FieldSettings(view_cells=(8, 4), grid_size=243)
+POLICIES = {
+    "rating_function": {"search": 40},
+    "information_gain": {"search": 10},
+    "coverage": {"search": 10},
+    "frontier": {},
+    "raster": {},
+    "random": {},
+}
+COORDINATED = [name for name in POLICIES if name not in ("raster", "random")]
+
+
+@pytest.fixture(scope="module")
+def env():
+    made = FieldEnv(max_scans=3, settings=SETTINGS, split="test")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def belief(env):
+    """After two looks of both robots."""
+    env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        now = env.belief()
+        env.step(
+            {
+                agent: now.action_for(robot, now.random_poses(robot, 1, rng)[0])
+                for robot, agent in enumerate(env.agents)
+            }
+        )
+    return env.belief()
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_every_baseline_plays_the_same_episode_for_the_same_seed(env, name):
+    policy = coopmap_baselines.make(name, **POLICIES[name])
+    one, two = (replace(run_episode(env, policy, seed=0), planning_ms=0.0) for _ in range(2))
+    assert one == two
+    assert one.refused == 0
+    assert one.surface.curve[-1] > one.surface.curve[0] == 0.0
+    assert one.viewed[-1] > one.viewed[0]
+
+
+@pytest.mark.parametrize("name", COORDINATED)
+def test_sequential_planning_runs_and_leaves_the_first_robot_as_it_was(belief, name):
+    actions = {}
+    for coordination in ("independent", "sequential"):
+        policy = coopmap_baselines.make(name, coordination=coordination, **POLICIES[name])
+        policy.reset(np.random.default_rng(3))
+        actions[coordination] = policy.act(belief, {})
+    np.testing.assert_array_equal(
+        actions["independent"]["robot_0"], actions["sequential"]["robot_0"]
+    )
+
+
+@pytest.mark.parametrize("mode", ["pose", "candidates"])
+def test_the_rating_function_takes_the_pose_of_the_highest_rating(mode):
+    env = FieldEnv(action_mode=mode, n_candidates=20, max_scans=2, settings=SETTINGS)
+    env.reset(seed=2)
+    belief = env.belief()
+    policy = coopmap_baselines.make("rating_function", search=20)  # below the shortlist: all exact
+    policy.reset(np.random.default_rng(0))
+    actions = policy.act(belief, {})
+    rng = np.random.default_rng(0)
+    for robot, agent in enumerate(belief.agents):
+        poses = belief.offers[robot] if belief.offers else belief.random_poses(robot, 20, rng)
+        best = poses[np.argmax(belief.rate(robot, poses).rating)]
+        np.testing.assert_array_equal(actions[agent], belief.action_for(robot, best))
+    env.close()
+
+
+def test_a_large_search_is_ranked_roughly_first_and_ends_near_the_best(belief):
+    poses = belief.random_poses(0, 200, np.random.default_rng(1))
+    ratings = belief.rate(0, poses).rating
+    policy = coopmap_baselines.make("rating_function", search=200)
+    policy.reset(np.random.default_rng(1))
+    chosen = policy.act(belief, {})["robot_0"]
+    actions = np.array([belief.action_for(0, pose) for pose in poses])
+    (picked,) = np.nonzero((actions == chosen).all(axis=1))
+    assert ratings[picked[0]] >= np.sort(ratings)[-2]
+
+
+def test_the_raster_scan_counts_through_the_grid_of_the_joints(belief):
+    grid = belief.joint_spaces[0].grid()
+    ahead = belief.places_ahead(0, grid)
+    assert sorted(ahead) == list(range(len(grid)))
+    here = belief.joint_spaces[0].place(belief.joints[0])
+    assert ahead[(here + 1) % len(grid)] == 0
+    feasible = belief.feasible_poses(0)
+    policy = coopmap_baselines.make("raster")
+    policy.reset(np.random.default_rng(0))
+    chosen = policy.act(belief, {})["robot_0"]
+    expected = feasible[np.argmin(belief.places_ahead(0, feasible))]
+    np.testing.assert_array_equal(chosen, belief.action_for(0, expected))
+
+
+def test_frontier_looks_at_the_nearest_frontier_that_any_pose_sees(belief):
+    poses = belief.random_poses(0, 25, np.random.default_rng(5))
+    shows = belief.unknown_share(0, poses) > 0
+    there = belief.nearest_frontier(0, poses, shows)
+    grid, map_ = belief.map.grid, belief.map
+    frontier = beside_unknown(map_) & map_.sampled.ravel() & (map_.levels < 0)
+    camera = belief.estimates[0].pose.translation
+    ways = []
+    for pose in poses[shows]:
+        seen = belief.visible_cells(0, pose)
+        cells = seen[frontier[seen]]
+        centers = grid.center(np.stack(np.unravel_index(cells, grid.shape), axis=-1))
+        ways.append(np.linalg.norm(centers - camera, axis=1).min(initial=np.inf))
+    assert there.any()
+    np.testing.assert_array_equal(np.flatnonzero(there), np.flatnonzero(shows)[
+        np.isclose(ways, min(ways), atol=1e-12)
+    ])  # fmt: skip
+    assert not belief.nearest_frontier(0, poses, np.zeros(len(poses), dtype=bool)).any()
+
+
+def test_information_gain_expects_what_the_world_has(belief):
+    poses = belief.random_poses(0, 5, np.random.default_rng(0))
+    by_default = coopmap_baselines.make("information_gain").score(belief, 0, poses, None)
+    stated = coopmap_baselines.make("information_gain", prior=0.02)
+    other = coopmap_baselines.make("information_gain", prior=0.2)
+    np.testing.assert_array_equal(by_default, stated.score(belief, 0, poses, None))
+    assert not np.allclose(by_default, other.score(belief, 0, poses, None))
