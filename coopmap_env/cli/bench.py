@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
 from coopmap_env.cli.output import say
 
@@ -22,17 +23,24 @@ class Bench:
 
     out: Path
     """JSON file of the results."""
+    env: Literal["planar", "field", "all"] = "all"
+    """Which worlds; "field" needs the extras field, octomap and bench."""
     rounds: int = 5
     """Repetitions, of which the median counts."""
 
     def run(self) -> None:
         """Measure, write the file, print it."""
         from coopmap_env.evaluation.bench import measure
+        from coopmap_env.evaluation.field_bench import measure_field
         from coopmap_env.evaluation.jobs import write_atomically
 
         if self.rounds < 1:
             raise ValueError(f"--rounds must be at least 1, got {self.rounds}")
-        figures = measure(self.rounds, say)
+        figures: dict[str, Any] = {}
+        if self.env != "field":
+            figures |= measure(self.rounds, say)
+        if self.env != "planar":
+            figures["field"] = measure_field(self.rounds, say)
         text = json.dumps(figures, indent=2)
         write_atomically(self.out, text + "\n")
         print(text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from coopmap_env.cli.output import say
@@ -10,10 +11,11 @@ from coopmap_env.cli.output import say
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Run Section 3 of the paper over many worlds and write a report.
+    """Run Section 3 of the paper over many worlds, then the field, and write one report.
 
-    Writes report.html, table1.csv, figure7.png, figure8.png, summary.json and more pictures into
-    the folder, and prints Table 1 beside the paper's. An interrupted run goes on where it was.
+    Writes report.html, table1.csv, figure7.png, figure8.png, summary.json, field_replay.html and
+    more pictures into the folder, and prints Table 1 beside the paper's. An interrupted run goes on
+    where it was. Without the extras of the field, only the plane is run.
 
     Such as:
       coopmap reproduce --out results/section3 --quick
@@ -29,10 +31,34 @@ class Reproduce:
 
     def run(self) -> None:
         """Run the study, write its files, print the table."""
-        from coopmap_env.evaluation import report, section3
+        from coopmap_env.evaluation import field_report, field_study, report, section3
 
         size = section3.QUICK if self.quick else section3.FULL
         study = section3.run(self.out / "episodes", size, self.workers, say)
-        report.write_report(study, self.out)
+        field = None
+        if missing := missing_extras():
+            say(f"without the field, for which this is missing: {missing}")
+        else:
+            field_size = field_study.QUICK if self.quick else field_study.FULL
+            field = field_study.run(self.out / "episodes", field_size, self.workers, say)
+        report.write_report(study, self.out, field)
         print(report.text_table_1(study))
+        if field is not None:
+            print(field_report.text_table(field))
         say(f"report: {self.out / 'report.html'}")
+
+
+def missing_extras() -> str:
+    """What to install for the field's part of the report; empty if all is there."""
+    needed = {
+        "field": ("pybullet", "trimesh", "embreex", "yourdfpy"),
+        "octomap": ("pyoctomap",),
+        "replay": ("viser",),
+        "data": ("skimage",),
+    }
+    extras = [
+        extra
+        for extra, modules in needed.items()
+        if any(find_spec(name) is None for name in modules)
+    ]
+    return f'pip install "coopmap[{",".join(extras)}]"' if extras else ""

@@ -16,14 +16,18 @@ from numpy.typing import NDArray
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.evaluation import stereo
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, compare
-from coopmap_env.evaluation.octomap_comparison import OctomapComparison
+from coopmap_env.evaluation.episode import policy_rng
+from coopmap_env.evaluation.octomap_comparison import OctomapComparison, compare_with_octomap
 from coopmap_env.evaluation.policy import Policy, make_policy
-from coopmap_env.evaluation.replay import Replay
+from coopmap_env.evaluation.replay import Replay, record
+from coopmap_env.sensing import Scan
 
 RATING = "rating_function:search=100"
 RANDOM = "random"
 SCANS_EACH = 16
 """Two robots: 32 scans together, as in the plane."""
+PICTURED = 0
+"""Seed of the episode that is kept."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,14 @@ def run(store: Path, size: FieldSize, workers: int, say: Callable[[str], None]) 
     say("an episode in the field, its replay, and OctoMap on the same scans")
     env = FieldEnv(split="test", max_scans=SCANS_EACH, settings=settings, render_mode="rgb_array")
     try:
-        frame, replay, octomap = recorded_episode(env, make_policy(RATING), seed=0)
+        policy = make_policy(RATING)
+        replay = record(env, policy, PICTURED)
+        frame = env.render()
+        assert frame is not None
+        octomap = compare_with_octomap(
+            scans_of(env, policy, PICTURED), env.truth.occupied, env.scene.grid, settings.beam,
+            settings.log_odds_range,
+        )  # fmt: skip
     finally:
         env.close()
     say("a real stereo pair")
@@ -91,8 +102,12 @@ def run(store: Path, size: FieldSize, workers: int, say: Callable[[str], None]) 
     )
 
 
-def recorded_episode(
-    env: FieldEnv, policy: Policy, seed: int
-) -> tuple[NDArray[np.uint8], Replay, OctomapComparison]:
-    """Play an episode; its last picture, its replay, and OctoMap's map of its scans beside ours."""
-    raise NotImplementedError
+def scans_of(env: FieldEnv, policy: Policy, seed: int) -> list[Scan]:
+    """The scans of an episode, as they were fused."""
+    observations, _ = env.reset(seed=seed)
+    policy.reset(policy_rng(seed))
+    scans: list[Scan] = []
+    while env.agents:
+        observations, *_ = env.step(policy.act(env.belief(), observations))
+        scans += env.scans
+    return scans

@@ -62,13 +62,18 @@ def draw_maps(picture: Picture, path: Path, title: str) -> None:
 
 
 def draw_coverage_curves(
-    evaluations: Mapping[str, Evaluation], n_robots: int, path: Path, title: str
+    evaluations: Mapping[str, Evaluation],
+    n_robots: int,
+    path: Path,
+    title: str,
+    curve: str = "viewed",
+    label: str = "% of world viewed",
 ) -> None:
-    """Share of the world viewed against scans of the team: means with 95 % intervals."""
+    """A share against scans of the team, such as that viewed: means with 95 % intervals."""
     plt = _pyplot()
     figure, axis = plt.subplots(figsize=(7.5, 5))
     for k, (name, evaluation) in enumerate(evaluations.items()):
-        curves = 100 * evaluation.curves["viewed"]
+        curves = 100 * evaluation.curves[curve]
         scans = n_robots * np.arange(curves.shape[1])
         color = COLORS[k % len(COLORS)]
         style = "--" if name == RASTER else "-"
@@ -85,7 +90,7 @@ def draw_coverage_curves(
                 linewidth=0,
             )
     axis.set_xlabel("scans of the team")
-    axis.set_ylabel("% of world viewed")
+    axis.set_ylabel(label)
     axis.set_title(title)
     axis.set_xlim(left=0)
     axis.set_ylim(bottom=0)

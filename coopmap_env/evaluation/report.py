@@ -15,6 +15,8 @@ import numpy as np
 import coopmap_env
 from coopmap_env.evaluation import figures
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, summarize
+from coopmap_env.evaluation.field_report import TABLE, field_summary, write_parts
+from coopmap_env.evaluation.field_study import FieldStudy
 from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.section3 import (
     COLUMNS,
@@ -29,16 +31,18 @@ from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
 from coopmap_env.evaluation.trends import equal_coverage, extent_falls
 from coopmap_env.extras import require
 
-TEMPLATE = Path(__file__).with_name("report.html")
 
-
-def write_report(study: Section3, out: Path) -> None:
-    """Write everything into the folder `out`."""
+def write_report(study: Section3, out: Path, field: FieldStudy | None = None) -> None:
+    """Write everything into the folder `out`; without `field`, the plane alone."""
     out.mkdir(parents=True, exist_ok=True)
     _draw(study, out)
+    found = summary(study)
+    if field is not None:
+        write_parts(field, out)
+        found["field"] = field_summary(field)
     write_atomically(out / "table1.csv", _table_1_csv(study))
-    write_atomically(out / "summary.json", json.dumps(summary(study), indent=2) + "\n")
-    write_atomically(out / "report.html", _html(study, out))
+    write_atomically(out / "summary.json", json.dumps(found, indent=2) + "\n")
+    write_atomically(out / "report.html", _html(study, found, out))
 
 
 def summary(study: Section3) -> dict[str, Any]:
@@ -116,11 +120,15 @@ def _draw(study: Section3, out: Path) -> None:
     )
 
 
-def _html(study: Section3, out: Path) -> str:
+def _html(study: Section3, found: dict[str, Any], out: Path) -> str:
     jinja2 = require("jinja2", "report")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+    )
     environment.filters["short"] = _short
-    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    template = environment.get_template("report.html")
 
     def image(name: str) -> str:
         data = base64.b64encode((out / name).read_bytes()).decode()
@@ -128,7 +136,9 @@ def _html(study: Section3, out: Path) -> str:
 
     html: str = template.render(
         study=study,
-        summary=summary(study),
+        summary=found,
+        field=found.get("field"),
+        field_columns=TABLE,
         table_1=study.table_1(),
         paper=PAPER_TABLE_1,
         columns=COLUMNS,

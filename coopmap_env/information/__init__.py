@@ -7,6 +7,7 @@ from coopmap_env.information.field_shannon import FieldBeamInformation
 from coopmap_env.information.frontier import beside_unknown
 from coopmap_env.information.frustum import Frustum
 from coopmap_env.information.gray import gray_bin, gray_of_sampled, gray_of_unknown
+from coopmap_env.information.line_of_sight import first_seen
 from coopmap_env.information.motion import joint_distance, motion_distance
 from coopmap_env.information.rating import RatingFunction, Ratings
 from coopmap_env.information.settings import FieldRatingSettings, RatingConstants, RatingSettings
@@ -27,6 +28,7 @@ __all__ = [
     "beside_unknown",
     "coarse_to_fine",
     "entropy",
+    "first_seen",
     "gray_bin",
     "gray_of_sampled",
     "gray_of_unknown",

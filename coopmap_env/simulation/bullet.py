@@ -77,6 +77,19 @@ class BulletClient:
         return int(number)
 
 
+    def cast(
+        self, origins: NDArray[np.float64], ends: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Share of the way from `origins` (n, 3) to `ends` at which rays hit something; 1 if none.
+
+        At most 16,384 rays a call, on one thread: a reference of other ray casters.
+        """
+        hits = self.p.rayTestBatch(
+            origins.tolist(), ends.tolist(), numThreads=1, physicsClientId=self.id
+        )
+        return np.array([hit[2] for hit in hits])
+
+
 @lru_cache(maxsize=256)
 def _rows(n: int) -> list[list[float]]:
     """The same n rows for whoever asks."""

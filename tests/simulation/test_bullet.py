@@ -17,7 +17,7 @@ from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.anatomy import Anatomy
-from coopmap_env.simulation.bullet import BulletRenderer, quaternion
+from coopmap_env.simulation.bullet import BulletClient, BulletRenderer, quaternion
 from coopmap_env.simulation.bullet_world import OWN_BODY, BulletWorld, n_substeps
 from coopmap_env.simulation.motions import Stepping, move_kinematically, move_stepped
 from coopmap_env.simulation.worksites.solid import Solid, random_rotation
@@ -61,7 +61,7 @@ def test_only_one_file_imports_pybullet():
     package = Path(__file__).parents[2]
     folders = ("coopmap_env", "baselines", "agents")
     files = [file for folder in folders for file in (package / folder).rglob("*.py")]
-    using = [file.name for file in files if '"pybullet"' in file.read_text()]
+    using = [file.name for file in files if 'require("pybullet"' in file.read_text()]
     assert using == ["bullet.py"]
     assert not [file for file in files if "import pybullet\n" in file.read_text()]
 
@@ -255,3 +255,18 @@ def test_the_same_moves_end_in_the_same_bits_in_another_process():
         env={**os.environ, "PYTHONPATH": f"{tests}:{':'.join(sys.path)}"},
     )  # fmt: skip
     assert run.stdout.split()[-1] == fingerprint(5)
+
+
+def test_rays_say_at_what_share_of_their_way_they_hit(yard_client):
+    origins = np.array([[-2.0, 0.0, 0.5], [-2.0, 0.0, 5.0]])
+    shares = yard_client.cast(origins, origins + np.array([4.0, 0.0, 0.0]))
+    np.testing.assert_allclose(shares, [0.375, 1.0], atol=1e-3)  # hulls have a skin of 1 mm
+
+
+@pytest.fixture
+def yard_client():
+    client = BulletClient()
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
+    client.p.createMultiBody(0, client.mesh(corners), physicsClientId=client.id)
+    yield client
+    client.close()

@@ -19,6 +19,7 @@ from coopmap_env.information import (
     Ratings,
     beside_unknown,
     entropy,
+    first_seen,
     joint_distance,
 )
 from coopmap_env.robots import CameraEstimate, MotionSettings, Surroundings, Vehicle, plan_path
@@ -191,22 +192,19 @@ class FieldBelief(Belief):
 
         Of the frontier voxels that any of the poses sees.
         """
-        frontier = beside_unknown(self.map) & self._known_free()
-        distance = np.full(len(poses), np.inf)
-        camera, grid = self.estimates[robot].pose.translation, self.map.grid
-        nearest = np.full(len(poses), -1)
-        views: dict[int, NDArray[np.int64]] = {}
-        for k in np.flatnonzero(shows).tolist():
-            seen = self.visible_cells(robot, poses[k])
-            views[k] = seen[frontier[seen]]
-            if len(views[k]):
-                centers = grid.center(np.stack(np.unravel_index(views[k], grid.shape), axis=-1))
-                ways = np.linalg.norm(centers - camera, axis=1)
-                distance[k], nearest[k] = ways.min(), views[k][np.argmin(ways)]
-        if not np.isfinite(distance).any():
-            return np.zeros(len(poses), dtype=np.bool_)
-        cell = nearest[np.argmin(distance)]
-        return np.array([k in views and cell in views[k] for k in range(len(poses))])
+        known_free = self.map.sampled_cells.view(np.bool_) & (self.map.levels < 0)
+        (cells,) = np.nonzero(beside_unknown(self.map) & known_free)
+        grid = self.map.grid
+        centers = grid.center(np.stack(np.unravel_index(cells, grid.shape), axis=-1))
+        ways = np.linalg.norm(centers - self.estimates[robot].pose.translation, axis=1)
+        rotations, translations = self.vehicles[robot].camera_poses(poses[shows])
+        _, seeing = first_seen(
+            self.map, centers[np.argsort(ways, kind="stable")], rotations, translations,
+            self.rating.fine.frustum,
+        )  # fmt: skip
+        there = np.zeros(len(poses), dtype=np.bool_)
+        there[shows] = seeing
+        return there
 
     def moved(self, poses: Sequence[Joints]) -> FieldBelief:
         """The same belief with the mounts elsewhere, the cameras where the encoders say."""
@@ -231,9 +229,6 @@ class FieldBelief(Belief):
         """The pose as it is, as an action can say it."""
         space = self.joint_spaces[robot]
         return space.joints(space.normalised(self.joints[robot]))[None]
-
-    def _known_free(self) -> NDArray[np.bool_]:
-        return self.map.sampled_cells.view(np.bool_) & (self.map.levels < 0)
 
 
 def _joined(bodies: Sequence[Spheres]) -> Spheres:

@@ -14,14 +14,16 @@ from coopmap_env.envs.field.actions import JointMode
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.joint_space import JointSpace
 from coopmap_env.envs.field.observations import FieldObserver
+from coopmap_env.envs.field.rendering import overview, render_field, surfaces_of
 from coopmap_env.envs.field.settings import FieldSettings
+from coopmap_env.envs.field.shapes import robot_triangles
 from coopmap_env.envs.field.starts import known_around
 from coopmap_env.envs.mapping_env import MappingEnv, Motion, Streams
 from coopmap_env.envs.rewards import Scale
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import CameraEstimate, Mount, Vehicle, make_mount, without_bodies
-from coopmap_env.sensing import PointCloud, Scan, place
+from coopmap_env.sensing import Scan, place
 from coopmap_env.simulation.field import FieldSimulator
 from coopmap_env.simulation.worksites import FieldScene, FieldWorld, make_field_scene
 
@@ -143,8 +145,9 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             ways_around=s.paths == "ompl",
         )
         self._touched = [""] * len(vehicles)
-        self._clouds: list[PointCloud] = []
-        return belief.moved([np.array(mount.home) for mount in self.mounts])
+        belief = belief.moved([np.array(mount.home) for mount in self.mounts])
+        self._trails = [[position] for position in belief.positions]
+        return belief
 
     def _move(self, targets: list[NDArray[np.float64] | None]) -> Motion:
         assert self._simulator is not None
@@ -167,12 +170,12 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
     def _scans(self) -> list[Scan]:
         assert self._simulator is not None
         noise = self._streams.noise
-        robots = range(len(self.possible_agents))
-        self._clouds = [self._simulator.scan(robot, noise) for robot in robots]
         scans = []
-        for robot, cloud in enumerate(self._clouds):
+        for robot in range(len(self.possible_agents)):
+            cloud = self._simulator.scan(robot, noise)
             estimate = self._locate(robot)
             self._belief = self._belief.located(robot, estimate)
+            self._trails[robot].append(estimate.pose.translation)
             cloud = without_bodies(
                 cloud, estimate.pose, *self._belief.all_bodies, self.settings.noise
             )
@@ -211,7 +214,21 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         ]
 
     def _frame(self) -> NDArray[np.uint8]:
-        raise NotImplementedError
+        belief, world = self._belief, self.truth
+        return render_field(
+            surfaces_of(world),
+            belief.map,
+            [
+                robot_triangles(vehicle, q)
+                for vehicle, q in zip(belief.vehicles, belief.joints, strict=True)
+            ],
+            [estimate.pose for estimate in belief.estimates],
+            self.settings.camera,
+            overview(world.target_triangles, world.base_poses),
+            self._trails,
+            f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
+            f"viewed {belief.map.viewed_share:.1%}",
+        )
 
     def close(self) -> None:
         """Close the window and the physics."""

@@ -26,7 +26,7 @@ SUNLIGHT, SKYLIGHT = 0.38, (0.46, 0.66)
 """Brightness by the sun, and by the sky on surfaces that look down and up."""
 TINT = 0.42
 """Share of a camera's colour on what it sees."""
-CHUNK = 4096
+CHUNK = 8192
 """Rays at a time: what is worked out for them stays in the processor's cache."""
 EDGE = 0.06
 """Pixels that differ more than this from a neighbour are taken in 4 points instead of one."""
@@ -36,7 +36,13 @@ OFF = 2e-3
 
 @dataclass(frozen=True)
 class Overview:
-    """The camera that a picture is taken with."""
+    """The camera that a picture is taken with; up is z.
+
+    Raises
+    ------
+    ValueError
+        If it would look straight up or down, or a value is outside of its range.
+    """
 
     eye: tuple[float, float, float]
     look_at: tuple[float, float, float]
@@ -45,6 +51,17 @@ class Overview:
     width: int
     """Pixels."""
     height: int
+
+    def __post_init__(self) -> None:
+        away = np.subtract(self.eye, self.look_at)[:2]
+        if not np.hypot(*away) > 1e-6:
+            raise ValueError(f"Overview must not look straight down: {self.eye}, {self.look_at}")
+        if not 0 < self.field_of_view < np.pi:
+            raise ValueError(
+                f"Overview.field_of_view must lie in (0, pi) radians, got {self.field_of_view}"
+            )
+        if not (self.width >= 1 and self.height >= 1):
+            raise ValueError(f"Overview must have pixels, got {self.width} x {self.height}")
 
     @cached_property
     def axes(self) -> NDArray[np.float64]:
@@ -81,7 +98,8 @@ class Overview:
         local = away @ self.axes.T
         depth = np.maximum(-local[..., 2:], 1e-6)
         at = local[..., :2] * (1, -1) * self.focal_length / depth
-        return at + (self.width / 2, self.height / 2), np.linalg.norm(away, axis=-1)
+        at += [self.width / 2, self.height / 2]
+        return at, np.linalg.norm(away, axis=-1)
 
 
 class Torch(NamedTuple):
@@ -143,7 +161,7 @@ class Painting:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         self._normals = normals / np.maximum(length, 1e-12)
-        self._background = np.asarray(background, dtype=np.float32) / 255
+        self._background: Floats = np.asarray(background, dtype=np.float32) / 255
         self._center = np.asarray(center, dtype=np.float32)
         self._fade = fade
         self._scene = require("embreex.rtcore_scene", "field").EmbreeScene(robust=True)
@@ -198,7 +216,7 @@ class Painting:
         rays = view.rays(pixels)
         eye = np.broadcast_to(np.array(view.eye, dtype=np.float32), rays.shape)
         hits = self.first_hits(eye, rays)
-        colors = np.broadcast_to(self._background, rays.shape).copy()
+        colors: Floats = np.broadcast_to(self._background, rays.shape).copy()
         met = np.flatnonzero(hits.triangle >= 0)
         rays, triangle = rays[met], hits.triangle[met]
         points = eye[met] + hits.distance[met, None] * rays
@@ -213,7 +231,9 @@ class Painting:
         lit *= self._light(view, points, normals)[:, None]
         far = np.hypot(points[:, 0] - self._center[0], points[:, 1] - self._center[1])
         share = np.clip((far - self._fade[0]) / (self._fade[1] - self._fade[0]), 0, 1)[:, None]
-        colors[met] += (1 - share * share * (3 - 2 * share)) * (np.minimum(lit, 1) - self._background)
+        colors[met] += (1 - share * share * (3 - 2 * share)) * (
+            np.minimum(lit, 1) - self._background
+        )
         return colors, hits.distance
 
     def _light(self, view: Overview, points: Floats, normals: Floats) -> Floats:
@@ -245,15 +265,17 @@ class Painting:
             away = points[which] - t
             which = which[(away @ (bound - axis) > 0) & (away @ (bound + axis) > 0)]
         away = points[which] - t
-        distance = np.sqrt(_dot(away, away))
+        distance: Floats = np.sqrt(_dot(away, away))
         inside = (distance > camera.near) & (distance < camera.far)
         inside &= _dot(away, normals[which]) < 0
         which, distance = which[inside], distance[inside]
-        back = -away[inside] / distance[:, None]
+        back: Floats = -away[inside] / distance[:, None]
         return which[~self.blocked(points[which], back, distance - np.float32(camera.near))]
 
 
-_FOUR = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], dtype=np.float32)
+_FOUR = np.array(
+    [[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], dtype=np.float32
+)
 """A turned grid: lines near the axes get four shades."""
 
 

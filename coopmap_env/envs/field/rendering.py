@@ -1,4 +1,4 @@
-"""Pictures of a team in the field: the worksite at the left, the map that the team made at the right.
+"""Pictures of a team in the field: the worksite at the left, what the team knows at the right.
 
 Both panels are seen by the same elevated camera. What a robot's camera sees is tinted in the
 robot's colour, on true surfaces at the left and on mapped voxels at the right.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from coopmap_env.envs.field.shapes import exposed_faces
 from coopmap_env.envs.panels import NEVER_SAMPLED, Color, robot_color, side_by_side
 from coopmap_env.extras import require
 from coopmap_env.geometry import Pose
-from coopmap_env.mapping import OccupancyMap
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.worksites import FieldWorld
 
@@ -44,10 +45,16 @@ CHECKS = 0.022
 FLOOR = 0.75
 """Voxels above the bottom of the ground's layer: its voxels stand out as tiles, and no more."""
 
+LEGEND = (
+    ([NEVER_SAMPLED], "never sampled"),
+    ([SEEN], "free"),
+    (HEIGHTS, f"occupied, 0 to {TALL:g} m"),
+)
+
 PANEL = (600, 470)
 """Pixels."""
 FIELD_OF_VIEW = np.radians(38.0)
-ELEVATION = np.radians(36.0)
+ELEVATION = np.radians(40.0)
 _SMOOTHING = 2  # lines are drawn this much larger, then averaged down
 _PIECE = 0.06  # metres of a line that are hidden or shown as one
 _FRUSTUM = 0.55  # metres of the drawn pyramid of a camera
@@ -157,14 +164,17 @@ def render_field(
     return side_by_side(panels[0], panels[1], LEGEND, caption)
 
 
-LEGEND = (([NEVER_SAMPLED], "never sampled"), ([SEEN], "free"), (HEIGHTS, f"occupied, 0 to {TALL:g} m"))
-
-
 def height_colors(heights: ArrayLike) -> NDArray[np.float64]:
     """Colours (n, 3), 0 to 255, of heights (n,) in metres."""
     at = np.clip(np.asarray(heights, dtype=np.float64) / TALL, 0, 1) * (len(HEIGHTS) - 1)
     ramp = np.array(HEIGHTS, dtype=np.float64).T
     return np.stack([np.interp(at, np.arange(len(HEIGHTS)), channel) for channel in ramp], axis=1)
+
+
+def floor_height(grid: VoxelGrid) -> float:
+    """Height in metres of the floor that is drawn below the voxels."""
+    ground = np.floor(-grid.origin[2] / grid.resolution)
+    return float(grid.origin[2] + (ground + FLOOR) * grid.resolution)
 
 
 Scene = tuple[list[NDArray[np.float64]], list[Any]]
@@ -178,20 +188,26 @@ def _mapped_scene(map_: OccupancyMap) -> Scene:
     """Cubes of the occupied voxels, and below them a floor that says which columns were sampled."""
     grid, sampled = map_.grid, map_.sampled
     faces, voxels = exposed_faces(sampled & (map_.levels >= 0).reshape(grid.shape), grid)
-    layer = voxels % grid.shape[2]
-    heights = grid.origin[2] + (layer + 0.5) * grid.resolution
-    ground = np.floor(-grid.origin[2] / grid.resolution)
-    floor = grid.origin[2] + (ground + FLOOR) * grid.resolution
-    checked = 1 + CHECKS * (np.stack(np.unravel_index(voxels, grid.shape)).sum(axis=0) % 2 * 2 - 1)
-    known = sampled.any(axis=2)
+    index = np.stack(np.unravel_index(voxels, grid.shape), axis=1)
+    checks = 1 + CHECKS * (index.sum(axis=1) % 2 * 2 - 1)
+    colors = height_colors(grid.center(index)[:, 2]) * checks[:, None]
+    floor, floor_colors = _floor(np.asarray(sampled.any(axis=2)), grid)
+    return [faces, floor], [colors, floor_colors]
+
+
+def _floor(
+    known: NDArray[np.bool_], grid: VoxelGrid
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Triangles (m, 3, 3) of a floor below columns (nx, ny), and their colours (m, 3)."""
     first, last = _runs(known)
-    steps = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    quads = np.where(steps[:, 1:], last[:, None] + (0, 1), first[:, None])
-    quads[..., 0] = first[:, None, 0] + steps[:, 0]
-    flat = grid.origin[:2] + quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 2) * grid.resolution
-    floors = np.concatenate([flat, np.full((*flat.shape[:2], 1), floor)], axis=2)
+    low, high = first, last + 1
+    x = np.stack([low[:, 0], high[:, 0], high[:, 0], low[:, 0]], axis=1)
+    y = np.stack([low[:, 1], low[:, 1], high[:, 1], high[:, 1]], axis=1)
+    corners = np.stack([x, y, np.zeros_like(x)], axis=2) * grid.resolution
+    corners += (*grid.origin[:2], floor_height(grid))
+    triangles = corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
     colors = np.where(known[tuple(first.T)][:, None], np.array(SEEN), np.array(NEVER_SAMPLED))
-    return [faces, floors], [height_colors(heights) * checked[:, None], np.repeat(colors, 2, axis=0)]
+    return triangles, np.repeat(colors, 2, axis=0)
 
 
 def _runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -213,7 +229,7 @@ class _Sketch:
 
     def trail(self, points: NDArray[np.float64], color: Color) -> None:
         """Join visited positions by a line with a knot at each."""
-        for start, end in zip(points[:-1], points[1:], strict=True):
+        for start, end in pairwise(points):
             self._line(start, end, color, 1.6, 0.85)
         at, _ = self._view.project(points)
         for x, y in at * _SMOOTHING:

@@ -11,7 +11,7 @@ from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import Vehicle
 from coopmap_env.robots.chain import Chain
 
-MESH_DETAIL = 0.012
+MESH_DETAIL = 0.02
 """Metres: smaller details of a robot are not drawn; a Husky with a Panda has 139,000 triangles."""
 
 _SIDES = tuple(
@@ -52,7 +52,9 @@ def simplified(triangles: ArrayLike, cell: float) -> tuple[NDArray[np.float64], 
     No corner moves further than the cell's diagonal; triangles that collapse are left out.
     """
     corners = np.asarray(triangles, dtype=np.float64).reshape(-1, 3)
-    cells, member = np.unique(np.floor(corners / cell).astype(np.int64), axis=0, return_inverse=True)
+    cells, member = np.unique(
+        np.floor(corners / cell).astype(np.int64), axis=0, return_inverse=True
+    )
     member = member.ravel()
     count = np.bincount(member, minlength=len(cells))[:, None]
     sums = [np.bincount(member, corners[:, axis], len(cells)) for axis in range(3)]
