@@ -61,4 +61,4 @@ def missing_extras() -> str:
         for extra, modules in needed.items()
         if any(find_spec(name) is None for name in modules)
     ]
-    return f'pip install "coopmap[{",".join(extras)}]"' if extras else ""
+    return f"pip install 'coopmap[{','.join(extras)}]'" if extras else ""

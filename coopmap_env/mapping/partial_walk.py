@@ -1,8 +1,10 @@
 """`walk_beams` for 3-D scans with partial surfaces, the same to the last bit and faster.
 
-What the general kernel does in functions on arrays is written out here for three axes: no views of
-rows, faces shared by the cells on both sides, claims without branches (half of the time there goes
-into wrong guesses of the processor). 3000 beams of 50 cells: 1.2 ms instead of 1.5.
+A walk asks at each step which face comes next, and a processor guesses the answer wrong so often
+that this takes half of the time. So `LANES` beams are walked side by side, without any branch, in
+vector registers; only then do they claim their cells, one after the other in the scan's order. The
+points are merged in the end: they lie far from each other in memory, and what is near in the
+program is fetched at once. 3000 beams of 60 cells: XX ms instead of YY.
 """
 
 from __future__ import annotations
@@ -12,10 +14,13 @@ import math
 import numpy as np
 from numba import njit
 
-from coopmap_env.geometry.traversal import advance, begin
+from coopmap_env.geometry.traversal import begin
 from coopmap_env.mapping.beam import CUT, WINDOW, end_weights_along
 from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.log_odds import LEVELS_PER_NAT
+
+LANES = 16
+"""Beams that are walked at once: two registers of eight, or four of four."""
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -39,7 +44,7 @@ def _end_weights(faces, n, z, sigma, beyond, weights):
         upper = math.erf((faces[k + 1] - z) * scale)
         share = upper - lower
         lower = upper
-        weights[k] = 0.5 ** (faces[k] - first) * share
+        weights[k] = 0.5 ** (faces[k] - first) * share if share > 0.0 else 0.0
         total += weights[k]
         if share > highest:
             best, highest = k, share
@@ -73,8 +78,10 @@ def _claim_ends(cells, faces, weights, n, best, bounds, pending, touched, count)
     before = 0.0
     for k in range(n):
         p = min(max(weights[k] + 0.5 * before, least), most)
-        level = math.floor(math.log(p / (1.0 - p)) * LEVELS_PER_NAT + 0.5)
-        level = min(max(level, lowest), highest)
+        level = lowest
+        if p > least:
+            level = math.floor(math.log(p / (1.0 - p)) * LEVELS_PER_NAT + 0.5)
+            level = min(max(level, lowest), highest)
         before += weights[k]
         passing = math.floor(level * min(faces[k + 1] - faces[k], 1.0) + 0.5)
         level = passing if level < 0 else level
@@ -91,6 +98,85 @@ def _claim_ends(cells, faces, weights, n, best, bounds, pending, touched, count)
 
 
 @njit(cache=True, nogil=True)
+def _room(shape):
+    """Arrays that hold `LANES` walks through a grid of this shape; see `_walk_side_by_side`."""
+    longest = LANES * (shape[0] + shape[1] + shape[2] + 6)
+    where, strides = np.zeros((9, LANES)), np.zeros((4, LANES), np.int64)
+    counts = np.empty((2, LANES), np.int64)
+    walks = np.empty(longest, np.int64), np.empty(longest), np.empty(longest, np.int64)
+    return where.ravel(), strides.ravel(), counts.ravel(), walks
+
+
+@njit(cache=True, nogil=True)
+def _walk_side_by_side(n, lowest, where, strides, counts, walks):
+    """Walk n steps with all beams at once.
+
+    Step k of beam l fills place k LANES + l of the `walks`: cells, distances at which they are
+    entered, and what a beam says of them that passes. `where` holds for each beam the next face
+    along three axes, the distance between faces, how far it is, and the two distances up to which
+    `counts` counts the cells; `strides` the cell, and what it changes by.
+    """
+    cells, entries, levels = walks
+    for k in range(n):
+        row = k * LANES
+        for l in range(LANES):
+            x, y, z = where[l], where[LANES + l], where[2 * LANES + l]
+            dx, dy, dz = where[3 * LANES + l], where[4 * LANES + l], where[5 * LANES + l]
+            sx, sy, sz = strides[LANES + l], strides[2 * LANES + l], strides[3 * LANES + l]
+            cell, entry = strides[l], where[6 * LANES + l]
+            # the nearest face; of equals the first one, as `advance` does
+            over_x = (x <= y) & (x <= z)
+            over_y = (y <= z) & (not over_x)
+            over_z = not (over_x | over_y)
+            t = min(x, min(y, z))
+            cells[row + l], entries[row + l] = cell, entry
+            levels[row + l] = math.floor(lowest * min(t - entry, 1.0) + 0.5)
+            counts[l] += entry < where[7 * LANES + l]
+            counts[LANES + l] += entry < where[8 * LANES + l]
+            where[l] = x + dx if over_x else x
+            where[LANES + l] = y + dy if over_y else y
+            where[2 * LANES + l] = z + dz if over_z else z
+            where[6 * LANES + l] = t
+            strides[l] = (
+                cell + (sx if over_x else 0) + (sy if over_y else 0) + (sz if over_z else 0)
+            )
+
+
+@njit(cache=True, nogil=True)
+def _claim_way(lane, n, walks, pending, touched, count):
+    """Claim the n cells that a beam passes for certain."""
+    cells, _, levels = walks
+    k = np.uint64(lane)
+    for _ in range(n):
+        cell, level = cells[k], levels[k]
+        index = np.uint64(cell)  # the compiler guards signed indices against negative ones
+        so_far = np.int64(pending[index])
+        touched[np.uint64(count)] = cell
+        count += (so_far == 0) & (level != 0)
+        pending[index] = min(so_far, level) if so_far <= 0 else so_far
+        k += np.uint64(LANES)
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _merge_points(
+    points, covariances, cells, lower, resolution, shape, min_sigma, precision, vector
+):
+    """Merge the Gaussian of each beam's point into its cell; -1 for none."""
+    _, ny, nz = shape
+    offset = np.empty(3)
+    floor = (min_sigma * resolution) ** 2
+    for beam in range(len(cells)):
+        cell = cells[beam]
+        if cell >= 0:
+            iz, iy, ix = cell % nz, cell // nz % ny, cell // (ny * nz)
+            offset[0] = points[beam, 0] - ((ix + 0.5) * resolution + lower[0])
+            offset[1] = points[beam, 1] - ((iy + 0.5) * resolution + lower[1])
+            offset[2] = points[beam, 2] - ((iz + 0.5) * resolution + lower[2])
+            add_observation(precision, vector, cell, covariances[beam], offset, floor)
+
+
+@njit(cache=True, nogil=True)
 def walk_partial(
     origin, points, covariances, hit, lower, resolution, shape, bounds,
     precision, vector, pending, touched, min_sigma, diagonal,
@@ -100,73 +186,78 @@ def walk_partial(
     Arguments and result are those of `walk_beams`; `min_sigma` and `diagonal` its constants.
     """
     nx, ny, nz = shape
+    n_beams = points.shape[0]
     lowest = float(bounds[0])
-    capacity = nx + ny + nz + 4
-    cells = np.empty(capacity, np.int64)
-    faces = np.empty(capacity)
-    weights = np.empty(capacity)
-    offset = np.empty(3)
+    where, strides, counts, walks = _room(shape)
+    capacity = nx + ny + nz + 6
+    cells, faces, weights = np.empty(capacity, np.int64), np.empty(capacity), np.empty(capacity)
+    sigmas, distances = np.empty(LANES), np.empty(LANES)
+    ends = np.full(n_beams, -1)
     px = (origin[0] - lower[0]) / resolution
     py = (origin[1] - lower[1]) / resolution
     pz = (origin[2] - lower[2]) / resolution
-    floor = (min_sigma * resolution) ** 2
     count = 0
-    for beam in range(points.shape[0]):
-        ux = (points[beam, 0] - origin[0]) / resolution
-        uy = (points[beam, 1] - origin[1]) / resolution
-        uz = (points[beam, 2] - origin[2]) / resolution
-        z = math.sqrt(ux * ux + uy * uy + uz * uz)
-        if z == 0.0:
-            continue
-        ux, uy, uz = ux / z, uy / z, uz / z
-        C = covariances[beam]
-        clear, stop, sigma = z, z, 0.0
-        if hit[beam]:
-            variance = (
-                ux * C[0, 0] * ux + ux * C[0, 1] * uy + ux * C[0, 2] * uz
-                + uy * C[1, 0] * ux + uy * C[1, 1] * uy + uy * C[1, 2] * uz
-                + uz * C[2, 0] * ux + uz * C[2, 1] * uy + uz * C[2, 2] * uz
-            )  # fmt: skip
-            sigma = max(math.sqrt(max(variance, 0.0)) / resolution, min_sigma)
-            clear = z - WINDOW * sigma - diagonal
-            stop = z + WINDOW * sigma
-        cx, sx, tx, dx, end_x = begin(px, ux, nx, ny * nz)
-        cy, sy, ty, dy, end_y = begin(py, uy, ny, nz)
-        cz, sz, tz, dz, end_z = begin(pz, uz, nz, 1)
-        cell = cx + cy + cz
-        end = min(end_x, end_y, end_z)
-        t = 0.0
-        # free for certain
-        until = min(clear, end)
-        while t < until:
-            index, entry = np.uint64(cell), t
-            cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
-            level = math.floor(lowest * min(t - entry, 1.0) + 0.5)
-            so_far = pending[index]
-            touched[np.uint64(count)] = np.int64(index)
-            count += (so_far == 0) & (level != 0)
-            pending[index] = min(so_far, level) if so_far <= 0 else so_far
-        if not hit[beam]:
-            continue
-        # cells in which the beam may have ended
-        n = 0
-        faces[0] = t
-        until = min(stop, end)
-        while t < until:
-            cells[n] = cell
-            cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
-            n += 1
-            faces[n] = t
-        beyond = int(t < z)  # the surface may lie beyond the grid
-        best = _end_weights(faces, n, z, sigma, beyond, weights)
-        if best < 0:
-            best = _no_cell_explains(faces, n, z, sigma, beyond, weights)
-        count = _claim_ends(cells, faces, weights, n, best, bounds, pending, touched, count)
-        if best < n:
-            ends = cells[best]
-            iz, iy, ix = ends % nz, ends // nz % ny, ends // (ny * nz)
-            offset[0] = points[beam, 0] - ((ix + 0.5) * resolution + lower[0])
-            offset[1] = points[beam, 1] - ((iy + 0.5) * resolution + lower[1])
-            offset[2] = points[beam, 2] - ((iz + 0.5) * resolution + lower[2])
-            add_observation(precision, vector, ends, C, offset, floor)
+    for first in range(0, n_beams, LANES):
+        n_steps = 0
+        n_lanes = min(LANES, n_beams - first)
+        for l in range(n_lanes):
+            beam = first + l
+            counts[l] = counts[LANES + l] = 0
+            where[7 * LANES + l] = where[8 * LANES + l] = -1.0
+            ux = (points[beam, 0] - origin[0]) / resolution
+            uy = (points[beam, 1] - origin[1]) / resolution
+            uz = (points[beam, 2] - origin[2]) / resolution
+            z = math.sqrt(ux * ux + uy * uy + uz * uz)
+            distances[l] = z
+            if z == 0.0:
+                continue
+            ux, uy, uz = ux / z, uy / z, uz / z
+            clear, stop = z, z
+            if hit[beam]:
+                C = covariances[beam]
+                variance = (
+                    ux * C[0, 0] * ux + ux * C[0, 1] * uy + ux * C[0, 2] * uz
+                    + uy * C[1, 0] * ux + uy * C[1, 1] * uy + uy * C[1, 2] * uz
+                    + uz * C[2, 0] * ux + uz * C[2, 1] * uy + uz * C[2, 2] * uz
+                )  # fmt: skip
+                sigma = max(math.sqrt(max(variance, 0.0)) / resolution, min_sigma)
+                clear = z - WINDOW * sigma - diagonal
+                stop = z + WINDOW * sigma
+                sigmas[l] = sigma
+            cx, sx, tx, dx, end_x = begin(px, ux, nx, ny * nz)
+            cy, sy, ty, dy, end_y = begin(py, uy, ny, nz)
+            cz, sz, tz, dz, end_z = begin(pz, uz, nz, 1)
+            end = min(end_x, end_y, end_z)
+            where[l], where[LANES + l], where[2 * LANES + l] = tx, ty, tz
+            where[3 * LANES + l], where[4 * LANES + l], where[5 * LANES + l] = dx, dy, dz
+            where[6 * LANES + l] = 0.0
+            where[7 * LANES + l], where[8 * LANES + l] = min(clear, end), min(stop, end)
+            strides[l] = cx + cy + cz
+            strides[LANES + l], strides[2 * LANES + l], strides[3 * LANES + l] = sx, sy, sz
+            # each axis has one face more than whole cells on the way, at most
+            faces_met = int(min(stop, end) * (abs(ux) + abs(uy) + abs(uz))) + 5
+            n_steps = max(n_steps, faces_met)
+        _walk_side_by_side(n_steps, lowest, where, strides, counts, walks)
+        for l in range(n_lanes):
+            beam = first + l
+            n_free, n_in = counts[l], counts[LANES + l]
+            count = _claim_way(l, n_free, walks, pending, touched, count)
+            if not hit[beam] or distances[l] == 0.0:
+                continue
+            # cells in which the beam may have ended
+            n = n_in - n_free
+            z, sigma = distances[l], sigmas[l]
+            k = n_free * LANES + l
+            for c in range(n):
+                cells[c], faces[c] = walks[0][k], walks[1][k]
+                k += LANES
+            faces[n] = walks[1][k]
+            beyond = int(faces[n] < z)  # the surface may lie beyond the grid
+            best = _end_weights(faces, n, z, sigma, beyond, weights)
+            if best < 0:
+                best = _no_cell_explains(faces, n, z, sigma, beyond, weights)
+            count = _claim_ends(cells, faces, weights, n, best, bounds, pending, touched, count)
+            if best < n:
+                ends[beam] = cells[best]
+    _merge_points(points, covariances, ends, lower, resolution, shape, min_sigma, precision, vector)
     return count

@@ -161,7 +161,7 @@ class Painting:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         self._normals = normals / np.maximum(length, 1e-12)
-        self._background: Floats = np.asarray(background, dtype=np.float32) / 255
+        self._background: Floats = np.asarray(np.asarray(background) / 255, dtype=np.float32)
         self._center = np.asarray(center, dtype=np.float32)
         self._fade = fade
         self._scene = require("embreex.rtcore_scene", "field").EmbreeScene(robust=True)

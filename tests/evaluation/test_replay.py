@@ -1,0 +1,247 @@
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coopmap_env.envs.field import FieldEnv
+from coopmap_env.envs.panels import ROBOT_COLORS
+from coopmap_env.evaluation.replay import Frame, Replay, record, write_replay
+from coopmap_env.evaluation.replay_page import page_of, scan_times, voxel_colors, voxel_lives
+from coopmap_env.geometry import Pose
+from coopmap_env.mapping import VoxelGrid
+from coopmap_env.robots import Vehicle
+from coopmap_env.sensing import DepthCamera
+
+pytest.importorskip("yourdfpy")
+GRID = VoxelGrid((40, 40, 20), 0.1, (-2.0, -2.0, -0.05))
+TARGET = np.array([[[0.0, -0.5, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 1.0]]])
+NO_TRIANGLES = np.empty((0, 3, 3))
+
+
+def frame_with(occupied, robots=0, **changes):
+    """Return a frame of these voxels, and robots about which nothing is said."""
+    nothing = (np.zeros(1),) * robots
+    parts = {
+        "joints": nothing,
+        "cameras": (Pose(np.zeros(3), np.eye(3)),) * robots,
+        "occupied": np.array(occupied, dtype=np.int64),
+        "viewed": 0.5,
+        "rewards": (0.0,) * robots,
+        "notes": ("",) * robots,
+    }
+    return Frame(**(parts | changes))
+
+
+@pytest.fixture(scope="module")
+def replay():
+    """Return a replay of two masts that face a growing wall of voxels."""
+    turned = np.diag([-1.0, -1.0, 1.0])
+    vehicles = (
+        Vehicle.of("mast", Pose(np.array([-1.4, 0.4, 0.0]), np.eye(3))),
+        Vehicle.of("mast", Pose(np.array([1.4, -0.4, 0.0]), turned)),
+    )
+    floor = np.array([GRID.flat((i, j, 0)) for i in range(40) for j in range(40)])
+    wall = np.array([GRID.flat((19, j, k)) for j in range(15, 25) for k in range(1, 11)])
+    frames = []
+    for k, occupied in enumerate((np.empty(0, dtype=np.int64), floor, np.union1d(floor, wall))):
+        joints = tuple(vehicle.home + 0.15 * k for vehicle in vehicles)
+        frames.append(
+            Frame(
+                joints=joints,
+                cameras=tuple(v.camera_pose(q) for v, q in zip(vehicles, joints, strict=True)),
+                occupied=occupied,
+                viewed=0.2 * k,
+                rewards=(0.5 * k, -0.25 * k),
+                notes=("", "bumped into </script> crate" if k == 2 else ""),
+            )
+        )
+    return Replay("a wall", GRID, TARGET, NO_TRIANGLES, vehicles, DepthCamera(), tuple(frames))
+
+
+def test_a_voxel_lives_from_the_frame_that_finds_it_to_the_one_that_loses_it():
+    frames = tuple(map(frame_with, ([], [3, 5], [3, 5, 7], [3, 7], [3, 5, 7])))
+    lives = {life: cells.tolist() for life, cells in voxel_lives(frames).items()}
+    assert lives == {(1, 5): [3], (1, 3): [5], (2, 5): [7], (4, 5): [5]}
+    assert voxel_lives((frame_with([]), frame_with([]))) == {}
+
+
+def test_lives_put_together_are_the_frames():
+    rng = np.random.default_rng(0)
+    frames = tuple(frame_with(np.flatnonzero(rng.random(60) < 0.4)) for _ in range(9))
+    lives = voxel_lives(frames)
+    for k, frame in enumerate(frames):
+        alive = [cells for (born, gone), cells in lives.items() if born <= k < gone]
+        np.testing.assert_array_equal(np.sort(np.concatenate(alive)), frame.occupied)
+
+
+def test_scans_follow_motions_of_0_8_s_and_pauses_of_half_a_second():
+    assert scan_times(4) == pytest.approx([0.0, 0.8, 2.1, 3.4])
+
+
+def test_voxels_are_coloured_by_their_height():
+    low, high = GRID.flat((3, 4, 0)), GRID.flat((3, 4, 19))
+    colors = voxel_colors(np.array([low, high]), GRID)
+    assert colors.dtype == np.uint8
+    assert colors[0].mean() > colors[1].mean()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"viewed": 1.5}, "share between 0 and 1, got 1.5"),
+        ({"rewards": (1.0,)}, r"\[0, 0, 1, 0\]"),
+        ({"occupied": np.array([4, 4])}, "each once"),
+    ],
+)
+def test_a_frame_that_does_not_fit_is_refused(change, words):
+    with pytest.raises(ValueError, match=words):
+        frame_with([], **change)
+
+
+def test_a_replay_that_does_not_fit_is_refused(replay):
+    with pytest.raises(ValueError, match="at least one scan, got 1"):
+        replace(replay, frames=replay.frames[:1])
+    with pytest.raises(ValueError, match="frame 1 has 0 robots and not 2"):
+        replace(replay, frames=(replay.frames[0], frame_with([])))
+    with pytest.raises(ValueError, match="target must have triangles"):
+        replace(replay, target=NO_TRIANGLES)
+    with pytest.raises(ValueError, match=r"scenery must be triangles .* got \(3, 3\)"):
+        replace(replay, scenery=np.zeros((3, 3)))
+    outside = replace(replay.frames[0], occupied=np.array([GRID.n_cells]))
+    with pytest.raises(ValueError, match="is outside of"):
+        replace(replay, frames=(replay.frames[0], outside))
+
+
+class Wanderer:
+    """Sends all joints somewhere."""
+
+    def reset(self, rng):
+        self._rng = rng
+
+    def act(self, belief, observations):
+        return {
+            agent: self._rng.uniform(-1, 1, len(q)).astype(np.float32)
+            for agent, q in zip(belief.agents, belief.joints, strict=True)
+        }
+
+
+def test_an_episode_is_recorded_as_it_went():
+    pytest.importorskip("pybullet")
+    pytest.importorskip("embreex")
+    env = FieldEnv(max_scans=2, split="test")
+    played = record(env, Wanderer(), seed=3)
+    belief = env.belief()
+    assert played.title == "worksite, world 3 of test"
+    assert [len(frame.occupied) > 0 for frame in played.frames] == [False, True, True]
+    assert played.frames[0].viewed < played.frames[1].viewed < played.frames[2].viewed
+    last = played.frames[-1]
+    np.testing.assert_array_equal(
+        last.occupied, np.flatnonzero((belief.map.probability >= 0.5) & belief.map.sampled)
+    )
+    assert last.viewed == belief.map.viewed_share
+    for robot, q in enumerate(belief.joints):
+        np.testing.assert_array_equal(last.joints[robot], q)
+        assert last.cameras[robot] is belief.estimates[robot].pose
+        stayed = np.array_equal(played.frames[1].joints[robot], q)
+        assert stayed == last.notes[robot].startswith("stayed: ")
+    assert len(played.target) + len(played.scenery) + 12 == len(env.truth.triangles)
+    env.close()
+
+
+def test_without_viser_the_pip_command_is_named(replay, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(ImportError, match=r"pip install 'coopmap\[replay\]'"):
+        write_replay(replay, tmp_path / "replay.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def page(replay, tmp_path_factory):
+    pytest.importorskip("viser")
+    path = tmp_path_factory.mktemp("replay") / "of" / "walls.html"
+    write_replay(replay, path)
+    return path
+
+
+def test_the_page_is_one_small_file_that_loads_nothing(page):
+    assert [file.name for file in page.parent.iterdir()] == ["walls.html"]
+    assert 0.5e6 < page.stat().st_size < 2e6
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"<(?:script|img|iframe)[^>]+src=[\"']?(?:https?:)?//", text)
+    assert not re.search(r"<link[^>]+href=[\"']?(?:https?:)?//", text)
+
+
+def test_the_page_holds_the_numbers_of_each_frame(page):
+    data = json.loads(re.search(r"const data = (\{.*\});", page.read_text("utf-8")).group(1))
+    assert data["viewed"] == [0.0, 0.2, 0.4]
+    assert data["voxels"] == [0, 1600, 1700]
+    assert data["rewards"][2] == [1.0, -0.5]
+    assert data["notes"][2] == ["", "bumped into </script> crate"]
+    assert data["times"] == pytest.approx([0.0, 0.8, 2.1])
+
+
+def test_writing_says_nothing(replay, capsys):
+    pytest.importorskip("viser")
+    page_of(replay)
+    assert capsys.readouterr().out == ""
+
+
+def browser():
+    """Find a Chromium, or skip."""
+    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+    for name in names:
+        if found := shutil.which(name):
+            return found
+    # where Playwright keeps its own
+    default = Path.home() / ".cache" / "ms-playwright"
+    folder = Path(os.environ.get("PLAYWRIGHT_BROWSERS_PATH", default))
+    for found in sorted(folder.glob("chromium-*/chrome-linux*/chrome"), reverse=True):
+        return str(found)
+    pytest.skip(f"no browser: none of {', '.join(names)} is on the path, nor one of Playwright's")
+
+
+def opened(page, folder, milliseconds):
+    """Open a page offline; returns a screenshot (480, 960, 3) and the document after a while."""
+    image_module = pytest.importorskip("PIL.Image")
+    picture = folder / "shot.png"
+    command = [
+        browser(), "--headless=new", "--no-sandbox", "--disable-dev-shm-usage",
+        "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
+        "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}",
+        "--window-size=960,480", f"--virtual-time-budget={milliseconds}",
+        f"--screenshot={picture}", "--dump-dom", page.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert picture.exists(), done.stderr[-2000:]
+    with image_module.open(picture) as image:
+        return np.asarray(image.convert("RGB")), done.stdout
+
+
+def like(pixels, color, tolerance=0.12):
+    """Count pixels of a colour whatever the light."""
+    shade = pixels / np.maximum(pixels.max(axis=-1, keepdims=True), 1)
+    wanted = np.array(color) / max(color)
+    return int((np.abs(shade - wanted).max(axis=-1) < tolerance).sum())
+
+
+def test_a_browser_draws_the_scene_and_the_numbers_follow_the_timeline(page, tmp_path):
+    pixels, document = opened(page, tmp_path, 3000)
+    # right of the numbers and above the timeline there is the canvas alone
+    canvas = pixels[10:420, 300:]
+    assert len(np.unique(canvas.reshape(-1, 3), axis=0)) > 300
+    assert (canvas < 245).any(axis=-1).mean() > 0.1
+    for color in ROBOT_COLORS[:2]:
+        assert like(canvas, color) > 200
+    assert "<canvas" in document
+    # 3 s are after the scan at 2.1 s, and before the timeline begins again at 5.1 s
+    assert re.search(r'<section id="coopmap"[^>]*data-frame="2"', document)
+    assert "2 of 2" in document
+    assert "40.0 %" in document
+    assert "bumped into &lt;/script&gt; crate" in document

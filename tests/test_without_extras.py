@@ -1,0 +1,70 @@
+"""What a plain installation does: the plane works, and the field says what it needs."""
+
+import subprocess
+import sys
+
+import pytest
+
+HIDDEN = (
+    "pybullet", "pybullet_data", "trimesh", "embreex", "yourdfpy", "ompl", "pyoctomap", "viser",
+    "skimage", "example_robot_data", "cmeel", "matplotlib", "torch", "stable_baselines3",
+)  # fmt: skip
+HIDE = f"""
+import sys
+class Hide:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {HIDDEN!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Hide())
+"""
+
+
+def run(code):
+    return subprocess.run(
+        [sys.executable, "-c", HIDE + code], capture_output=True, text=True, timeout=300
+    )
+
+
+def test_the_planar_world_is_played_and_evaluated():
+    done = run(
+        "from coopmap_env import evaluation, planar_v0\n"
+        "import coopmap_baselines\n"
+        "env = planar_v0.parallel_env(max_scans=2)\n"
+        "policy = coopmap_baselines.make('rating_function', search=10)\n"
+        "print(evaluation.evaluate(env, policy, [0]).table['coverage'][0] > 0)\n"
+    )
+    assert done.stdout.split() == ["True"], done.stderr
+
+
+@pytest.mark.parametrize(
+    ("code", "command"),
+    [
+        (
+            "from coopmap_env import field_v0; field_v0.parallel_env().reset(seed=0)",
+            "pip install 'coopmap[field]'",
+        ),
+        (
+            "import gymnasium, coopmap_env; gymnasium.make('coopmap/Field-v0').reset(seed=0)",
+            "pip install 'coopmap[field]'",
+        ),
+        (
+            "from coopmap_env import field_v0; field_v0.parallel_env(mount='tiago')",
+            "pip install 'coopmap[",
+        ),
+        (
+            "from coopmap_env.mapping import OccupancyMap, VoxelGrid\n"
+            "from coopmap_env.mapping.files import save_map\n"
+            "save_map(OccupancyMap(VoxelGrid((2, 2, 2))), 'map.ot')",
+            "pip install 'coopmap[octomap]'",
+        ),
+        (
+            "from coopmap_env.cli import main\n"
+            "main(['evaluate', '--env', 'field', '--out', 'nowhere'])",
+            "pip install 'coopmap[field]'",
+        ),
+    ],
+)
+def test_what_needs_an_extra_names_its_pip_command(code, command):
+    done = run(code)
+    assert done.returncode != 0
+    assert command in done.stderr
