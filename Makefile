@@ -40,7 +40,8 @@ reproduce: setup
 # The pictures of the README, from the full run.
 pictures: setup
 	$(BIN)/coopmap reproduce --out results/section3-full --workers 2
-	cp $(addprefix results/section3-full/,figure7.png figure8.png render.png) docs/
+	cp $(addprefix results/section3-full/,figure7.png figure8.png render.png field_surface.png) docs/
+	cp results/section3-full/field_render.png docs/field.png
 
 clean:
 	rm -rf .venv build *.egg-info .mypy_cache .ruff_cache .pytest_cache

@@ -76,7 +76,8 @@ def test_extras_named_in_the_readme_exist():
     import tomllib
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    named = set(re.findall(r"`(maps|render|report|cli|data|rl|bench)`", TEXT))
+    extras = "maps|render|report|cli|data|rl|bench|field|mounts|paths|octomap|replay"
+    named = set(re.findall(rf"`({extras})`", TEXT))
     assert named <= set(project["optional-dependencies"])
     assert 'pip install ".[all]"' in TEXT
 

@@ -116,7 +116,7 @@ def test_offered_and_drawn_poses_are_feasible_and_come_back_bit_for_bit(make):
             for k, q in enumerate(offers):
                 assert belief.why_not(robot, q) == ""
                 assert belief.action_for(robot, q) == k
-        observations, *_, infos = env.step({agent: 2 for agent in env.agents})
+        observations, *_, infos = env.step(dict.fromkeys(env.agents, 2))
         assert not any(info["refused"] for info in infos.values())
 
 

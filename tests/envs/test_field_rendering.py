@@ -45,11 +45,11 @@ def box(center, size):
 def ground(z=0.0, half=50.0):
     """Return a square on the ground."""
     a, b, c, d = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
-    return np.array([[a, b, c], [a, c, d]]) + (0, 0, z)
+    return np.array([[a, b, c], [a, c, d]]) + np.array([0, 0, z])
 
 
 def volume(triangles):
-    """Return the volume inside of a closed surface, positive if it is anticlockwise from outside."""
+    """Return the volume inside of a closed surface, positive if anticlockwise from outside."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
 
@@ -288,7 +288,7 @@ def test_the_map_shows_what_was_sampled_and_the_occupied_voxels_alone(vehicle):
 
 def test_trails_and_captions_are_drawn(vehicle):
     camera = vehicle.camera_pose(vehicle.home).translation
-    trail = np.array([camera + (0.0, 0.0, dz) for dz in (0.9, 0.5, 0.0)])
+    trail = np.array([camera + np.array([0, 0, dz]) for dz in (0.9, 0.5, 0.0)])
     plain, drawn = picture(vehicle), picture(vehicle, trails=[trail], caption="scan 3 of 4 each")
     for before, after in zip(halves(plain), halves(drawn), strict=True):
         assert (before != after).any(axis=-1).sum() > 100

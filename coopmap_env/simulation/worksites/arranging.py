@@ -6,8 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.transforms import Pose
-from ...mapping.grid import VoxelGrid
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.mapping.grid import VoxelGrid
+
 from .outlines import distance_to_outlines, outlines
 from .placing import SIGHT, looks_at_target
 from .solid import Solid

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...geometry.transforms import Pose
-from ...mapping.grid import VoxelGrid
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.mapping.grid import VoxelGrid
+
 from .outlines import distance_to_outlines, outlines
 from .sight import first_met
 from .solid import Solid, turn_about_z

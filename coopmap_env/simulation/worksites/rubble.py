@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mapping.grid import VoxelGrid
+from coopmap_env.mapping.grid import VoxelGrid
+
 from .arranging import Yard
 from .pile import Pile
 from .placing import Stand, draw_bases

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...extras import require
+from coopmap_env.extras import require
 
 _FULL = 1e-3
 """A part counts as convex if its hull has at most this share of volume more."""

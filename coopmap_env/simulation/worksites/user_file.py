@@ -33,9 +33,10 @@ from typing import Any
 
 import numpy as np
 
-from ...extras import require
-from ...mapping.grid import VoxelGrid
-from ..scenes.recorded import SceneError
+from coopmap_env.extras import require
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.simulation.scenes.recorded import SceneError
+
 from .shape_files import Shape, read_mesh, read_urdf
 from .solid import Solid, box_corners, rotation_of_rpy, solid_of_boxes
 from .user_scene import UserScene

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mapping.grid import VoxelGrid
+from coopmap_env.mapping.grid import VoxelGrid
+
 from .outlines import axis_distance
 from .placing import DEFAULT_STAND, Stand, check_team, draw_bases, on_ground
 from .solid import Solid

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ...mapping.grid import VoxelGrid
+from coopmap_env.mapping.grid import VoxelGrid
 
 if TYPE_CHECKING:
     from .solid import Solid

@@ -15,8 +15,9 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...extras import require
-from ..scenes.recorded import SceneError
+from coopmap_env.extras import require
+from coopmap_env.simulation.scenes.recorded import SceneError
+
 from .solid import Solid, box_corners, convex_hull, rotation_of_rpy, solid_of_boxes, turn
 
 RANDOM = tuple(sorted({*range(1000)} - {168, 295, 297, 602, 824}))

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...mapping.grid import VoxelGrid
+from coopmap_env.mapping.grid import VoxelGrid
+
 from .arranging import Yard
 from .placing import DEFAULT_STAND, Stand, draw_bases
 from .solid import (

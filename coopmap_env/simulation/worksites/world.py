@@ -7,8 +7,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry.transforms import Pose
-from ...mapping.grid import VoxelGrid
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.mapping.grid import VoxelGrid
+
 from .solid import Solid, ground
 from .voxel_truth import voxels_of_solids
 
