@@ -92,6 +92,8 @@ class FieldRatingFunction:
             for g in (grid, pooled_grid(grid))
         )
         self._nobody = np.zeros(grid.n_cells, dtype=np.uint8)
+        self._claimed = self._nobody.copy()
+        """For `new_information_in_turn`; empty in between."""
 
     @property
     def n_visible(self) -> int:
@@ -152,13 +154,19 @@ class FieldRatingFunction:
 
         `bodies` holds the spheres that hide the view of each robot: those of its teammates.
         """
-        claimed = self._nobody.copy()
-        sight, known = self.sight(map_, claimed)
-        histogram = np.zeros((len(np.asarray(rotations)), 2 * sight.n_gray), dtype=np.int64)
-        for robot, (R, t) in enumerate(zip(*checked_poses(rotations, translations), strict=True)):
-            cells, distances = sight.view(known, R, t, bodies[robot] if bodies else None)
-            histogram_of_view(known, cells, distances, sight.tables, histogram[robot])
-            claimed[cells] = 1
+        R, t = checked_poses(rotations, translations)
+        sight, known = self.sight(map_, self._claimed)
+        histogram = np.zeros((len(R), 2 * sight.n_gray), dtype=np.int64)
+        views = []
+        try:
+            for robot in range(len(R)):
+                seen = sight.view(known, R[robot], t[robot], bodies[robot] if bodies else None)
+                histogram_of_view(known, *seen, sight.tables, histogram[robot])
+                views.append(seen[0])
+                self._claimed[seen[0]] = 1
+        finally:
+            for cells in views:
+                self._claimed[cells] = 0
         return sight.entropies(histogram)
 
     def rate(

@@ -69,12 +69,17 @@ def _no_cell_explains(faces, n, z, sigma, beyond, weights):
 
 
 @njit(cache=True, nogil=True)
-def _claim_ends(cells, faces, weights, n, best, bounds, pending, touched, count):
-    """Add what a beam says of the n cells in which it may have ended."""
+def _probabilities(bounds):
+    """Beyond these, rounding aside, a level is outside of its bounds: no logarithm is infinite."""
+    least = 1.0 / (1.0 + math.exp((1.0 - bounds[0]) / LEVELS_PER_NAT))
+    return least, 1.0 / (1.0 + math.exp((-1.0 - bounds[1]) / LEVELS_PER_NAT))
+
+
+@njit(cache=True, nogil=True)
+def _claim_ends(cells, faces, weights, n, best, bounds, limits, pending, touched, count):
+    """Add what a beam says of the n cells in which it may have ended; `limits` of its weights."""
     lowest, highest = bounds
-    # beyond these, rounding aside, the logarithm is outside of the bounds: it is never infinite
-    least = 1.0 / (1.0 + math.exp((1.0 - lowest) / LEVELS_PER_NAT))
-    most = 1.0 / (1.0 + math.exp((-1.0 - highest) / LEVELS_PER_NAT))
+    least, most = limits
     before = 0.0
     for k in range(n):
         p = min(max(weights[k] + 0.5 * before, least), most)
@@ -164,8 +169,13 @@ def _merge_points(
 ):
     """Merge the Gaussian of each beam's point into its cell; -1 for none."""
     _, ny, nz = shape
-    offset = np.empty(3)
+    offset = np.zeros(3)
     floor = (min_sigma * resolution) ** 2
+    # Cells lie far from each other. Reads do not wait for one another as sums do: after these, what
+    # is added to is near. They are kept, or the compiler would leave them out.
+    for cell in cells:
+        if cell >= 0:
+            offset[0] += precision[cell, 0, 0] + precision[cell, 2, 2] + vector[cell, 2]
     for beam in range(len(cells)):
         cell = cells[beam]
         if cell >= 0:
@@ -193,6 +203,7 @@ def walk_partial(
     cells, faces, weights = np.empty(capacity, np.int64), np.empty(capacity), np.empty(capacity)
     sigmas, distances = np.empty(LANES), np.empty(LANES)
     ends = np.full(n_beams, -1)
+    limits = _probabilities(bounds)
     px = (origin[0] - lower[0]) / resolution
     py = (origin[1] - lower[1]) / resolution
     pz = (origin[2] - lower[2]) / resolution
@@ -256,7 +267,9 @@ def walk_partial(
             best = _end_weights(faces, n, z, sigma, beyond, weights)
             if best < 0:
                 best = _no_cell_explains(faces, n, z, sigma, beyond, weights)
-            count = _claim_ends(cells, faces, weights, n, best, bounds, pending, touched, count)
+            count = _claim_ends(
+                cells, faces, weights, n, best, bounds, limits, pending, touched, count
+            )
             if best < n:
                 ends[beam] = cells[best]
     _merge_points(points, covariances, ends, lower, resolution, shape, min_sigma, precision, vector)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -197,7 +198,7 @@ class Chain:
         frame_jacobian(self.bodies, q, body[0], translation[0], out)
         return out
 
-    @property
+    @cached_property
     def _camera(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         link = slice(self.camera_link, self.camera_link + 1)
         R, camera = self.link_rotations[link], self.T_link_camera

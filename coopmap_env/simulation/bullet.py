@@ -76,10 +76,7 @@ class BulletClient:
         )
         return int(number)
 
-
-    def cast(
-        self, origins: NDArray[np.float64], ends: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def cast(self, origins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
         """Share of the way from `origins` (n, 3) to `ends` at which rays hit something; 1 if none.
 
         At most 16,384 rays a call, on one thread: a reference of other ray casters.

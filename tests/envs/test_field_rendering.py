@@ -262,7 +262,7 @@ def like(panel, color, tolerance=0.06):
 def test_a_frame_shows_the_truth_at_the_left_and_the_map_at_the_right(vehicle):
     frame = picture(vehicle)
     assert frame.dtype == np.uint8
-    assert frame.shape == (538, 1248, 3)
+    assert frame.shape == (508, 1248, 3)
     np.testing.assert_array_equal(picture(vehicle), frame)
     left, right = halves(frame)
     assert like(left, (74, 84, 112)) > 1000

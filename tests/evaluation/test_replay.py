@@ -208,14 +208,14 @@ def browser():
 
 
 def opened(page, folder, milliseconds):
-    """Open a page offline; returns a screenshot (480, 960, 3) and the document after a while."""
+    """Open a page offline; returns a screenshot (400, 800, 3) and the document after a while."""
     image_module = pytest.importorskip("PIL.Image")
     picture = folder / "shot.png"
     command = [
         browser(), "--headless=new", "--no-sandbox", "--disable-dev-shm-usage",
         "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
         "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}",
-        "--window-size=960,480", f"--virtual-time-budget={milliseconds}",
+        "--window-size=800,400", f"--virtual-time-budget={milliseconds}",
         f"--screenshot={picture}", "--dump-dom", page.as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
@@ -232,21 +232,17 @@ def like(pixels, color, tolerance=0.12):
 
 
 def test_a_browser_draws_the_scene_and_the_numbers_follow_the_timeline(page, tmp_path):
-    pixels, document = opened(page, tmp_path, 3000)
+    pixels, document = opened(page, tmp_path, 2500)
     # right of the numbers and above the timeline there is the canvas alone
-    canvas = pixels[10:420, 300:]
+    canvas = pixels[10:340, 320:]
     assert len(np.unique(canvas.reshape(-1, 3), axis=0)) > 300
     assert (canvas < 245).any(axis=-1).mean() > 0.1
     for color in ROBOT_COLORS[:2]:
-        assert like(canvas, color) > 200
+        assert like(canvas, color) > 100
     assert "<canvas" in document
     # the document is taken a little after the picture, wherever the timeline is then
-    section = re.search(r'<section id="coopmap"[^>]*data-frame="(\d)"', document)
-    assert section, document[-3000:]
     time = float(re.search(r'role="slider"[^>]*aria-valuenow="([\d.]+)"', document).group(1))
-    shown = int(section.group(1))
-    times = scan_times(3)
-    # the numbers are written once for each picture of the screen, so they may lag behind
-    assert shown in {sum(t <= now for t in times[1:]) for now in (time, max(time - 0.5, 0.0))}
+    shown = sum(t <= time for t in scan_times(3)[1:])
+    assert re.search(rf'<section id="coopmap"[^>]*data-frame="{shown}"', document)
     assert f"{shown} of 2" in document
     assert f"{20 * shown}.0 %" in document

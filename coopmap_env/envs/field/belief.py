@@ -30,6 +30,8 @@ SEED = 1
 """Of the search for ways around: the same question gets the same answer."""
 ROUNDS = 20
 """Random poses are drawn this many times as many as asked for before it is settled for fewer."""
+LEAST_DRAWN = 16
+"""Poses that are drawn at once, so that a single one is found in narrow places too."""
 
 
 @dataclass(frozen=True)
@@ -101,21 +103,23 @@ class FieldBelief(Belief):
         return self.surroundings(robot).are_free(self.joints[robot], poses)
 
     def feasible_poses(self, robot: int) -> Joints:
-        """The poses of the grid over the joints that satisfy constraints i and ii, and staying."""
+        """The poses of the grid over the joints that satisfy constraints i and ii.
+
+        Staying, if there is none.
+        """
         grid = self.joint_spaces[robot].grid()
         feasible = grid[self.free(robot, grid)]
-        return np.concatenate([feasible, self._staying(robot)]) if not len(feasible) else feasible
+        return feasible if len(feasible) else self._staying(robot)
 
     def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> Joints:
         """Up to m feasible poses, uniformly at random; staying where nothing else is found."""
         space = self.joint_spaces[robot]
         found: list[Joints] = []
-        count = drawn = 0
-        while count < m and drawn < ROUNDS * m:
-            poses = space.draw(m, rng)
-            drawn += m
+        for _ in range(ROUNDS):
+            poses = space.draw(max(m, LEAST_DRAWN), rng)
             found.append(poses[self.free(robot, poses)])
-            count += len(found[-1])
+            if sum(map(len, found)) >= m:
+                break
         poses = np.concatenate(found)[:m]
         return poses if len(poses) else self._staying(robot)
 

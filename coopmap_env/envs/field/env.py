@@ -174,7 +174,8 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         for robot in range(len(self.possible_agents)):
             cloud = self._simulator.scan(robot, noise)
             estimate = self._locate(robot)
-            self._belief = self._belief.located(robot, estimate)
+            if estimate is not self._belief.estimates[robot]:
+                self._belief = self._belief.located(robot, estimate)
             self._trails[robot].append(estimate.pose.translation)
             cloud = without_bodies(
                 cloud, estimate.pose, *self._belief.all_bodies, self.settings.noise

@@ -47,6 +47,27 @@ class Crop(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
+def _pile_up(levels, sampled, first, n_layers, lowest, highest, counts):
+    """Add a column of voxels to the highest level and the number of sampled ones in each layer.
+
+    Returns whether any was sampled: what nobody has seen is not read further.
+    """
+    seen = sampled[first : first + n_layers]
+    total = 0
+    for a in range(n_layers):
+        total += seen[a]
+    if total:
+        run = levels[first : first + n_layers]
+        for a in range(n_layers):
+            was_seen = np.int32(seen[a])
+            counts[a] += was_seen
+            # no branch: what was sampled has no pattern that could be foreseen
+            level = run[a] * was_seen + lowest * (np.int32(1) - was_seen)
+            highest[a] = max(highest[a], level)
+    return total > 0
+
+
+@njit(cache=True, nogil=True)
 def draw_crop(levels, sampled, columns, n_layers, pool, shades, clamp, out):
     """Fill `out` (2 Z, V, V): highest occupancy of the sampled voxels, and their share.
 
@@ -58,20 +79,19 @@ def draw_crop(levels, sampled, columns, n_layers, pool, shades, clamp, out):
     highest = np.empty(depth * pool, np.int32)
     counts = np.empty(depth * pool, np.int32)
     lowest = np.int32(-clamp)
+    out[:depth] = shades[clamp]
+    out[depth:] = 0
     for i in range(side):
         for j in range(side):
             highest[:] = lowest
             counts[:] = 0
+            any_seen = False
             for n in range(k):
                 first = columns[i, j, n]
                 if first >= 0:
-                    run, seen = levels[first : first + n_layers], sampled[first : first + n_layers]
-                    for a in range(n_layers):
-                        was_seen = np.int32(seen[a])
-                        counts[a] += was_seen
-                        # no branch: what was sampled has no pattern that could be foreseen
-                        level = run[a] * was_seen + lowest * (np.int32(1) - was_seen)
-                        highest[a] = max(highest[a], level)
+                    any_seen |= _pile_up(levels, sampled, first, n_layers, lowest, highest, counts)
+            if not any_seen:
+                continue
             for z in range(depth):
                 count = 0
                 top = lowest

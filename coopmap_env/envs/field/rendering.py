@@ -51,7 +51,7 @@ LEGEND = (
     (HEIGHTS, f"occupied, 0 to {TALL:g} m"),
 )
 
-PANEL = (600, 470)
+PANEL = (600, 440)
 """Pixels."""
 FIELD_OF_VIEW = np.radians(38.0)
 ELEVATION = np.radians(40.0)
