@@ -1,0 +1,130 @@
+"""Every entry of an observation in the field, index by index, against the belief."""
+
+import math
+
+import numpy as np
+import pytest
+from plain.rollouts import MODES, random_actions
+
+from coopmap_env.envs.field import FieldEnv, FieldSettings
+from coopmap_env.envs.field.observations import N_RATED, camera_vector
+from coopmap_env.geometry import Pose
+
+pytest.importorskip("pybullet")
+
+SETTINGS = FieldSettings(view_cells=(12, 8))
+
+
+def base(x, y, heading):
+    c, s = math.cos(heading), math.sin(heading)
+    return Pose(np.array([x, y, 0.0]), np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]))
+
+
+def test_a_camera_ahead_of_a_turned_base_by_hand():
+    # the base looks along +y; the camera is 3 m ahead, 1.5 m to the left and 1.2 m up, looks along
+    # the base's left (-x) and is upright
+    R = np.array([[-1.0, 0, 0], [0, -1, 0], [0, 0, 1]])
+    camera = Pose(np.array([1.0 - 1.5, 2.0 + 3.0, 1.2]), R)
+    vector = camera_vector(camera, base(1.0, 2.0, math.pi / 2), 6.0)
+    np.testing.assert_allclose(vector, [0.5, 0.25, 0.2, 0, 1, 0, 0, 0, 1], atol=1e-7)
+
+
+def test_far_positions_are_clipped():
+    far = Pose(np.array([20.0, 0.0, 0.0]), np.eye(3))
+    assert camera_vector(far, base(0, 0, 0), 6.0)[0] == 1.0
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("n_robots", [1, 3])
+def test_every_observation_lies_in_its_space_and_says_what_the_belief_says(mode, n_robots):
+    env = FieldEnv(
+        n_robots=n_robots, action_mode=mode, n_candidates=5, max_scans=3, settings=SETTINGS
+    )
+    observations, _ = env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    diagonal = math.hypot(12.8, 12.8, 4.0)
+    while True:
+        belief = env.belief()
+        for robot, agent in enumerate(belief.agents):
+            observation = observations[agent]
+            assert env.observation_space(agent).contains(observation)
+            chain, q = belief.vehicles[robot].chain, belief.joints[robot]
+            share = 2 * (q - chain.lower) / (chain.upper - chain.lower) - 1
+            np.testing.assert_allclose(observation["joints"], np.clip(share, -1, 1), atol=1e-6)
+            own, home = belief.estimates[robot].pose, belief.vehicles[robot].T_world_base
+            np.testing.assert_array_equal(observation["camera"], camera_vector(own, home, 6.0))
+            others = [o for o in range(n_robots) if o != robot]
+            assert ("teammates" in observation) == bool(others)
+            for row, other in enumerate(others):
+                expected = camera_vector(belief.estimates[other].pose, home, diagonal)
+                np.testing.assert_array_equal(observation["teammates"][row], expected)
+            if mode == "candidates":
+                check_candidates(belief, robot, observation)
+        if not env.agents:
+            break
+        observations, *_ = env.step(random_actions(env, rng))
+    env.close()
+
+
+def check_candidates(belief, robot, observation):
+    """The candidate table of one robot."""
+    offers, table = belief.offers[robot], observation["candidates"]
+    n = belief.joint_spaces[robot].n
+    assert table.shape == (5, n + N_RATED)
+    np.testing.assert_array_equal(observation["action_mask"], np.arange(5) < len(offers))
+    assert not table[len(offers) :].any()
+    rated, scale = belief.rate(robot, offers), math.log(belief.rating.settings.n_gray)
+    vehicle = belief.vehicles[robot]
+    for k, q in enumerate(offers):
+        row = table[k]
+        np.testing.assert_array_equal(row[:n], belief.joint_spaces[robot].normalised(q))
+        camera = camera_vector(vehicle.camera_pose(q), vehicle.T_world_base, 6.0)
+        np.testing.assert_allclose(row[n : n + 6], camera[:6], atol=1e-6)
+        expected = [
+            rated.new_information[k] / scale,
+            rated.motion_cost[k] / scale,
+            rated.occupancy[k],
+            rated.rating[k] / scale,
+            belief.unknown_share(robot, offers[k : k + 1])[0],
+        ]
+        np.testing.assert_allclose(row[n + 6 :], expected, atol=1e-6)
+        d = np.linalg.norm(q - belief.joints[robot])
+        assert row[n + 7] == pytest.approx(belief.rating.settings.K * d / scale, abs=1e-6)
+
+
+def test_the_state_holds_the_crop_around_the_target_all_joints_and_all_cameras():
+    env = FieldEnv(n_robots=2, max_scans=2, settings=SETTINGS)
+    env.reset(seed=0)
+    env.step(random_actions(env, np.random.default_rng(0)))
+    belief = env.belief()
+    # 0.05 m ahead and to the left of the target's origin, 1.05 m above the bottom of the map
+    belief.map.mark_occupied([belief.map.grid.flat([64, 64, 10])])
+    state = env.state()
+    assert env.state_space.contains(state)
+    side, height = SETTINGS.view_cells
+    crop = state[: 2 * height * side * side].reshape(2 * height, side, side)
+    assert 0.0 <= crop.min() <= crop.max() <= 1.0
+    joints, cameras = np.split(state[crop.size :], [10])
+    for robot in range(2):
+        own = belief.joint_spaces[robot].normalised(belief.joints[robot])
+        np.testing.assert_array_equal(joints[5 * robot : 5 * robot + 5], own)
+        camera = belief.estimates[robot].pose
+        diagonal = math.hypot(12.8, 12.8, 4.0)
+        expected = camera.translation / diagonal
+        np.testing.assert_allclose(cameras[9 * robot : 9 * robot + 3], expected, atol=1e-6)
+    assert crop[5, 6, 6] == 1.0
+    assert crop[height + 5, 6, 6] >= np.float32(31 / 255)  # an eighth of the cell at least
+    env.close()
+
+
+def test_the_map_is_drawn_around_the_base_it_belongs_to():
+    env = FieldEnv(n_robots=2, max_scans=1, settings=SETTINGS)
+    observations, _ = env.reset(seed=0)
+    _, height = SETTINGS.view_cells
+    for agent in env.possible_agents:
+        sampled = observations[agent]["map"][height:]
+        # the parking room, 1 m around the axis, is all that is known: the middle of the crop
+        assert sampled[3, 6, 6] == 255
+        assert sampled[3, 0, 0] == 0
+        assert observations[agent]["map"][0, 0, 0] == 128
+    env.close()
