@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.information.frustum_views import histogram_of_view
+from coopmap_env.information.frustum_views import histogram_of_view, mark
 from coopmap_env.information.pooling import pool, pooled_grid
 from coopmap_env.information.rating import Ratings
 from coopmap_env.information.settings import FieldRatingSettings, RatingConstants
@@ -163,10 +163,10 @@ class FieldRatingFunction:
                 seen = sight.view(known, R[robot], t[robot], bodies[robot] if bodies else None)
                 histogram_of_view(known, *seen, sight.tables, histogram[robot])
                 views.append(seen[0])
-                self._claimed[seen[0]] = 1
+                mark(self._claimed, seen[0], 1)
         finally:
             for cells in views:
-                self._claimed[cells] = 0
+                mark(self._claimed, cells, 0)
         return sight.entropies(histogram)
 
     def rate(

@@ -133,6 +133,13 @@ def histogram_of_view(known, cells, distances, gray, counts):
 
 
 @njit(cache=True, nogil=True)
+def mark(claimed, cells, value):
+    """Write 1 or 0 at the cells of a view; NumPy takes five times as long with 32-bit numbers."""
+    for cell in cells:
+        claimed[np.uint64(cell)] = value
+
+
+@njit(cache=True, nogil=True)
 def entropies(histogram, minus_q_ln_q, out):
     """NI of each row of `histograms` (Eq. 6); a bin of N or more holds all, and tells nothing."""
     n_gray = histogram.shape[1] // 2

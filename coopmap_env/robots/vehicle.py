@@ -113,13 +113,18 @@ class Vehicle:
             Readings of the joints.
         """
         q = self.chain.joints(q)
-        mount = self.mount
-        variances = np.square(mount.encoder_noise) + np.square(mount.calibration_error)
-        if mount.suspension is None:
+        if self.mount.suspension is None:
             J = self.chain.jacobian(q)
         else:
             J = self._sprung.jacobian(np.concatenate([np.zeros(3), q]))
-            variances = np.concatenate([np.square(mount.suspension.std), variances])
-        R = self.T_world_base.rotation
-        J = np.concatenate([R @ J[:3], R @ J[3:]])
-        return CameraEstimate(self.camera_pose(q), (J * variances) @ J.T)
+        # both halves, translation and rotation vector, into the world
+        J = (self.T_world_base.rotation @ J.reshape(2, 3, -1)).reshape(6, -1)
+        return CameraEstimate(self.camera_pose(q), (J * self._variances) @ J.T)
+
+    @cached_property
+    def _variances(self) -> NDArray[np.float64]:
+        """Of the joints of `_sprung`, or of the chain if the mount has no suspension."""
+        mount = self.mount
+        own = np.square(mount.encoder_noise) + np.square(mount.calibration_error)
+        body = () if mount.suspension is None else np.square(mount.suspension.std)
+        return np.concatenate([body, own])

@@ -126,7 +126,10 @@ def test_asking_changes_neither_the_map_nor_the_next_answer():
     R, t = random_poses(rng, map_, 40)
     levels, sampled = map_.levels.copy(), map_.sampled_cells.copy()
     first = rating.new_information(map_, R, t)
-    rating.rate_team(map_, R[:3], t[:3], np.zeros(3))
+    team = rating.rate_team(map_, R[:3], t[:3], np.zeros(3)).new_information
+    with pytest.raises(ValueError, match="radii"):  # the second robot's, after the first has looked
+        rating.new_information_in_turn(map_, R[:2], t[:2], [None, (np.zeros((2, 3)), np.zeros(1))])
+    assert (rating.rate_team(map_, R[:3], t[:3], np.zeros(3)).new_information == team).all()
     rating.rank(map_, R, t, 0.0, refine=5)
     assert (rating.new_information(map_, R[::-1], t[::-1]) == first[::-1]).all()
     assert (map_.levels == levels).all()

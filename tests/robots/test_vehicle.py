@@ -131,6 +131,40 @@ def test_a_camera_inside_a_sphere_learns_nothing_from_what_it_sees_of_that_robot
     assert not out.hit[0]
 
 
+def plain_without(points, hit, centers, radii, spread):
+    """Every beam and every sphere, in the camera frame."""
+    out, still = points.copy(), hit.copy()
+    for k in np.flatnonzero(hit):
+        distance = np.linalg.norm(points[k])
+        along = centers @ points[k] / distance
+        wide = radii + 3 * spread * distance**2
+        half2 = wide**2 - (centers**2).sum(axis=1) + along**2
+        crossed = half2 > 0
+        half = np.sqrt(half2[crossed])
+        first, last = along[crossed] - half, along[crossed] + half
+        if ((first < distance) & (distance < last)).any():
+            entry = max(first[last > 0].min(), 0.0)
+            out[k], still[k] = points[k] * min(entry / distance, 1.0), False
+    return out, still
+
+
+def test_spheres_out_of_sight_are_left_out_without_a_difference():
+    rng = np.random.default_rng(3)
+    here, removed = Pose(np.zeros(3), np.eye(3)), 0
+    for aside in (0.2, 0.7, 3.0):  # narrow, wide, all around
+        for _ in range(20):
+            points = rng.normal(size=(60, 3)) * [1, aside, aside] + [3, 0, 0]
+            hit = rng.random(60) < 0.7
+            centers, radii = rng.normal(size=(40, 3)) * 3, rng.uniform(0.1, 0.6, 40)
+            noise = RangeNoise(intrinsic=0.01)
+            out = without_bodies(look(points, hit), here, centers, radii, noise)
+            wanted = plain_without(points, hit, centers, radii, noise.intrinsic * noise.depth)
+            np.testing.assert_allclose(out.points, wanted[0], atol=1e-9)
+            np.testing.assert_array_equal(out.hit, wanted[1])
+            removed += np.count_nonzero(hit & ~out.hit)
+    assert removed > 100
+
+
 def test_spheres_of_other_shapes_are_refused():
     here = Pose(np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match=r"centres \(s, 3\) and radii \(s,\)"):

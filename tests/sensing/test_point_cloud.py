@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.sensing import PointCloud, RangeNoise, place
+from coopmap_env.sensing.point_cloud import is_covariance
 
 NOISE = RangeNoise(intrinsic=0.01, depth=1.0, lateral=0.25, exponent=2.0)
 
@@ -234,3 +235,21 @@ def test_a_planar_pose_is_refused():
 def test_what_is_no_covariance_of_a_pose_is_refused(sigma, message):
     with pytest.raises(ValueError, match=message):
         place(cloud_of([1, 0, 0]), pose_of("z", 0), NOISE, sigma)
+
+
+def test_covariances_are_told_apart_as_by_their_eigenvalues():
+    rng = np.random.default_rng(5)
+    told = []
+    for _ in range(300):
+        Q = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+        values = rng.choice([0.0, 1.0, 1e-3, 1e-6, -1e-6], size=6, p=[0.3, 0.3, 0.2, 0.15, 0.05])
+        sigma = (Q * values) @ Q.T
+        sigma = 0.5 * (sigma + sigma.T)
+        wanted = np.linalg.eigvalsh(sigma)[0] >= -1e-9 * np.abs(sigma).max()
+        told.append(is_covariance(sigma))
+        assert told[-1] == wanted
+    assert 50 < sum(told) < 250
+    assert is_covariance(np.zeros((6, 6)))
+    crooked = np.eye(6)
+    crooked[0, 1] = 1e-6
+    assert not is_covariance(crooked)

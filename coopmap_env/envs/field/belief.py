@@ -67,7 +67,7 @@ class FieldBelief(Belief):
         """Spheres around the teammates of a robot: centres (s, 3), radii (s,), metres."""
         return _joined([body for other, body in enumerate(self._bodies) if other != robot])
 
-    @property
+    @cached_property
     def all_bodies(self) -> Spheres:
         """Spheres around all robots: centres (s, 3), radii (s,), metres."""
         return _joined(self._bodies)

@@ -47,24 +47,17 @@ class Crop(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _pile_up(levels, sampled, first, n_layers, lowest, highest, counts):
-    """Add a column of voxels to the highest level and the number of sampled ones in each layer.
-
-    Returns whether any was sampled: what nobody has seen is not read further.
-    """
-    seen = sampled[first : first + n_layers]
-    total = 0
-    for a in range(n_layers):
-        total += seen[a]
-    if total:
-        run = levels[first : first + n_layers]
-        for a in range(n_layers):
-            was_seen = np.int32(seen[a])
-            counts[a] += was_seen
-            # no branch: what was sampled has no pattern that could be foreseen
-            level = run[a] * was_seen + lowest * (np.int32(1) - was_seen)
-            highest[a] = max(highest[a], level)
-    return total > 0
+def _draw_cell(highest, counts, pool, shades, shares, clamp, out, i, j):
+    """Fill the cells above each other at (i, j), each of `pool` layers."""
+    depth = out.shape[0] // 2
+    for z in range(depth):
+        a = np.uint64(z * pool)  # the compiler guards signed indices against negative ones
+        count, top = np.int64(counts[a]), highest[a]
+        for b in range(1, pool):
+            count += counts[a + np.uint64(b)]
+            top = max(top, highest[a + np.uint64(b)])
+        out[z, i, j] = shades[np.uint64((top if count else 0) + clamp)]
+        out[depth + z, i, j] = shares[np.uint64(count)]
 
 
 @njit(cache=True, nogil=True)
@@ -75,28 +68,23 @@ def draw_crop(levels, sampled, columns, n_layers, pool, shades, clamp, out):
     the time that going from cell to cell does.
     """
     side, _, k = columns.shape
-    depth = out.shape[0] // 2
-    highest = np.empty(depth * pool, np.int32)
-    counts = np.empty(depth * pool, np.int32)
+    n = out.shape[0] // 2 * pool
+    highest = np.empty(n, np.int32)
+    counts = np.empty(n, np.int32)
     lowest = np.int32(-clamp)
-    out[:depth] = shades[clamp]
-    out[depth:] = 0
+    shares = (255 * np.arange(k * pool + 1) // (k * pool)).astype(np.uint8)
     for i in range(side):
         for j in range(side):
             highest[:] = lowest
             counts[:] = 0
-            any_seen = False
-            for n in range(k):
-                first = columns[i, j, n]
+            for c in range(k):
+                first = columns[i, j, c]
                 if first >= 0:
-                    any_seen |= _pile_up(levels, sampled, first, n_layers, lowest, highest, counts)
-            if not any_seen:
-                continue
-            for z in range(depth):
-                count = 0
-                top = lowest
-                for a in range(z * pool, (z + 1) * pool):
-                    count += counts[a]
-                    top = max(top, highest[a])
-                out[z, i, j] = shades[(top if count else 0) + clamp]
-                out[depth + z, i, j] = 255 * count // (k * pool)
+                    run, seen = levels[first : first + n_layers], sampled[first : first + n_layers]
+                    for a in range(n_layers):
+                        was_seen = np.int32(seen[a])
+                        counts[a] += was_seen
+                        # no branch: what was sampled has no pattern that could be foreseen
+                        level = run[a] * was_seen + lowest * (np.int32(1) - was_seen)
+                        highest[a] = max(highest[a], level)
+            _draw_cell(highest, counts, pool, shades, shares, clamp, out, i, j)

@@ -211,8 +211,8 @@ class FieldObserver:
 
 def camera_vector(camera: Pose, base: Pose, scale: float) -> NDArray[np.float32]:
     """Position in `scale` metres, optical axis and upper edge of a camera in a base frame."""
-    vector = np.empty(N_CAMERA, dtype=np.float32)
-    vector[:3] = base.rotation.T @ (camera.translation - base.translation) / scale
-    vector[3:6] = base.rotation.T @ camera.rotation[:, 0]
-    vector[6:] = base.rotation.T @ camera.rotation[:, 2]
-    return np.clip(vector, -1.0, 1.0)
+    rows = np.empty((3, 3))
+    rows[0] = (camera.translation - base.translation) / scale
+    rows[1], rows[2] = camera.rotation[:, 0], camera.rotation[:, 2]
+    vector = (rows @ base.rotation).ravel()
+    return np.minimum(np.maximum(vector, -1.0), 1.0).astype(np.float32)
