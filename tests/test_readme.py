@@ -82,6 +82,8 @@ def test_extras_named_in_the_readme_exist():
     assert 'pip install ".[all]"' in TEXT
 
 
-def test_pictures_exist():
-    for path in re.findall(r"!\[.*?\]\((.*?)\)", TEXT):
+def test_pictures_and_linked_files_exist():
+    paths = [path for path in re.findall(r"\]\((.*?)\)", TEXT) if not path.startswith("http")]
+    assert len(paths) > 10
+    for path in paths:
         assert (ROOT / path).is_file(), path

@@ -35,6 +35,7 @@ from coopmap_env.evaluation.statistics import (
     probability_of_improvement,
 )
 from coopmap_env.evaluation.worlds import kind_of, make_env
+from coopmap_env.simulation.worksites import read_user_scene
 
 SCORES = (
     "coverage",
@@ -105,11 +106,12 @@ def make_job(
 ) -> Job:
     """One episode as JSON: all that decides it, so that equal jobs have equal results.
 
-    Files that the scene or an option of the policy names count by their content.
+    Files that an option of the policy names count by their content, and so does a scene's file with
+    all that it names: images, meshes, URDFs.
     """
     return {
         "version": coopmap_env.__version__,
-        "files": _contents(policy, str(env.get("scene", ""))),
+        "files": _contents(policy) | _scene_contents(str(env.get("scene", "")), world),
         "policy": policy,
         "seed": seed,
         "world": world,
@@ -118,13 +120,27 @@ def make_job(
     }
 
 
-def _contents(policy: str, scene: str) -> dict[str, str]:
-    """SHA-256 of the files that a policy's spec names, and of the scene's YAML and image."""
-    named = [Path(word) for word in re.split("[=+:]", policy)]
-    if Path(scene).suffix in (".yaml", ".yml"):
-        named += [Path(scene), *Path(scene).parent.glob("*.p[gn][mg]")]
+def _contents(policy: str) -> dict[str, str]:
+    """SHA-256 of the files that a policy's spec names."""
+    return _hashes([Path(word) for word in re.split("[=+:]", policy)])
+
+
+def _scene_contents(scene: str, world: str) -> dict[str, str]:
+    """SHA-256 of a scene's YAML and image, or in the field of the solids that come of its files."""
+    path = Path(scene)
+    if path.suffix not in (".yaml", ".yml"):
+        return {}
+    if world == "planar":
+        return _hashes([path, *path.parent.glob("*.p[gn][mg]")])
+    sha = hashlib.sha256(path.read_bytes())
+    for solid in read_user_scene(path).solids:
+        sha.update(solid.vertices.tobytes() + solid.faces.tobytes())
+    return {scene: sha.hexdigest()}
+
+
+def _hashes(paths: Sequence[Path]) -> dict[str, str]:
     return {
-        str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in named if path.is_file()
+        str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()
     }
 
 

@@ -81,6 +81,11 @@ class Body:
         counts = self.pair_rows[:, 2] - self.pair_rows[:, 0]
         return np.stack([np.repeat(np.arange(self.n_spheres), counts), self.partners], axis=1)
 
+    def asked_links(self) -> set[frozenset[str]]:
+        """Names of the two links of every pair."""
+        names = self.chain.link_names
+        return {frozenset((names[a], names[b])) for a, b in self.link[self.pairs].tolist()}
+
     @property
     def is_static(self) -> NDArray[np.bool_]:
         """Shape (s,): spheres that no joint moves, as those of the chassis."""

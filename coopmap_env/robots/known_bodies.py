@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.sensing.noise import RangeNoise
@@ -20,12 +20,14 @@ def without_bodies(
     centers: ArrayLike,
     radii: ArrayLike,
     noise: RangeNoise,
+    pose_covariance: NDArray[np.float64] | None = None,
 ) -> PointCloud:
     """A look from which the robots are taken: hits on them become beams that are clear up to them.
 
     A hit is a robot's if it lies in one of its spheres, grown by three standard deviations of the
-    range there (Eq. 1). Its beam then says that all is free up to where it enters the first of
-    those spheres that it crosses; a camera inside a sphere learns nothing from it.
+    range there (Eq. 1) and of where the camera takes the point to be. Its beam then says that all
+    is free up to where it enters the first of the spheres that it crosses. Spheres in which the
+    camera is itself count for hits inside of them only, from which it learns nothing.
 
     Parameters
     ----------
@@ -38,6 +40,8 @@ def without_bodies(
     radii : array_like, shape (s,)
     noise : RangeNoise
         What the camera states of its uncertainty.
+    pose_covariance : ndarray, shape (6, 6), optional
+        Of the camera's pose, [translation, rotation vector].
 
     Raises
     ------
@@ -51,7 +55,11 @@ def without_bodies(
         )
     local = np.ascontiguousarray(T_world_camera.inverse().transform(at))
     points, hit = cloud.points.copy(), cloud.hit.copy()
-    spread = (float(noise.intrinsic * noise.depth), float(noise.exponent))
+    pose = np.zeros((6, 6)) if pose_covariance is None else pose_covariance
+    spread = (
+        float(noise.intrinsic * noise.depth), float(noise.exponent),
+        float(np.trace(pose[:3, :3])), float(np.trace(pose[3:, 3:])),
+    )  # fmt: skip
     remove_bodies(points, hit, local, np.ascontiguousarray(wide), spread)
     return PointCloud(points, hit)
 
@@ -59,9 +67,10 @@ def without_bodies(
 @njit(cache=True, nogil=True)
 def _three_sigma(distance, spread):
     """Metres by which spheres grow there."""
-    factor, exponent = spread
+    factor, exponent, translation, rotation = spread
     power = distance * distance if exponent == 2.0 else distance**exponent
-    return 3.0 * factor * power
+    along = factor * power
+    return 3.0 * np.sqrt(along * along + translation + rotation * distance * distance)
 
 
 @njit(cache=True, nogil=True)
@@ -121,9 +130,9 @@ def remove_bodies(points, hit, centers, radii, spread):
             if aside >= radius * radius:
                 continue
             half = np.sqrt(radius * radius - aside)
-            if along - half < distance < along + half:
-                ours = True
-            if along + half > 0.0:
+            holds_hit = along - half < distance < along + half
+            ours |= holds_hit
+            if holds_hit or along - half > 0.0:
                 entry = min(entry, along - half)
         if ours:
             hit[k] = False

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots.body import Body
 from coopmap_env.robots.chain import Chain
 from coopmap_env.robots.mount import Mount
 from coopmap_env.robots.urdf import Model
@@ -43,7 +44,9 @@ class Anatomy:
     arm: frozenset[int]
     """The links that the mount's joints move."""
     neighbours: tuple[tuple[int, int], ...]
-    """Pairs of a link of the arm and another one that are as good as in contact at home."""
+    """Pairs of a link of the arm and another one whose contacts count for nothing: as good as in
+    contact at home, or never asked about by the robot's own model of its body. Their collision
+    shapes, blown up by whoever wrote the URDF, may overlap where their surfaces do not."""
     outline: Outline
 
     @classmethod
@@ -85,6 +88,13 @@ def _dissect(client: BulletClient, mount: Mount, chain: Chain) -> Anatomy:
     p.resetJointStatesMultiDof(body, list(joints), home[:, None].tolist(), **k)
     near = p.getClosestPoints(body, body, TOUCHING_AT_HOME, **k) or ()
     pairs = {pair for point in near for pair in (point[3:5], point[4:2:-1])}
+    asked = Body.of(mount.chain(), mount.home).asked_links()
+    pairs |= {
+        (a, b)
+        for a in arm
+        for b in range(-1, len(link_names) - 1)
+        if frozenset((link_names[a + 1], link_names[b + 1])) not in asked
+    }
     neighbours = tuple(sorted((a, b) for a, b in pairs if a in arm and b not in arm))
     return Anatomy(
         joints, values, offsets,

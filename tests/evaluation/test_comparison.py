@@ -169,6 +169,17 @@ def test_unknown_settings_are_named():
         settings_from_dict({"camera": {"zoom": 2}}, PlanarSettings)
 
 
+def test_a_mesh_that_changes_makes_other_jobs_of_the_scene_that_names_it(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("objects:\n  - {mesh: part.stl, position: [0, 0, 0.5], target: true}\n")
+    jobs = []
+    for side in (1.0, 1.0, 1.1):
+        trimesh.creation.box([side] * 3).export(tmp_path / "part.stl")
+        jobs.append(make_job("random", 0, {"scene": str(scene)}, None, "field"))
+    assert jobs[0] == jobs[1] != jobs[2]
+
+
 def test_the_summary_compares_with_the_reference():
     better = Evaluation(tuple(episode(s, (0.0, 0.2, 0.4 + 0.01 * s)) for s in range(8)))
     worse = Evaluation(tuple(episode(s, (0.0, 0.1, 0.3 + 0.01 * s)) for s in range(8)))

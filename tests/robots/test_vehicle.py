@@ -131,6 +131,24 @@ def test_a_camera_inside_a_sphere_learns_nothing_from_what_it_sees_of_that_robot
     assert not out.hit[0]
 
 
+def test_a_sphere_around_the_camera_does_not_hide_another_robot():
+    here = Pose(np.zeros(3), np.eye(3))
+    cloud = look([[1.6, 0, 0], [3.0, 0, 0]], [True, True])
+    out = without_bodies(cloud, here, [[2.0, 0, 0], [0, 0, 0]], [0.5, 0.2], EXACT)
+    np.testing.assert_allclose(out.points, [[1.5, 0, 0], [3, 0, 0]])
+
+
+def test_by_hand_the_uncertainty_of_the_pose_is_granted_too():
+    here = Pose(np.zeros(3), np.eye(3))
+    # 1 cm along each axis, and 0.01 rad about each: 3 sqrt(3 0.01^2 (1 + 1.41^2)) = 0.0898 m
+    cloud = look([[1.411, 0, 0], [1.42, 0, 0]], [True, True])
+    out = without_bodies(cloud, here, [[2.0, 0, 0]], [0.5], EXACT, 1e-4 * np.eye(6))
+    np.testing.assert_array_equal(out.hit, [False, False])
+    cloud = look([[1.409, 0, 0]], [True])
+    out = without_bodies(cloud, here, [[2.0, 0, 0]], [0.5], EXACT, 1e-4 * np.eye(6))
+    assert out.hit[0]
+
+
 def plain_without(points, hit, centers, radii, spread):
     """Every beam and every sphere, in the camera frame."""
     out, still = points.copy(), hit.copy()
@@ -142,8 +160,9 @@ def plain_without(points, hit, centers, radii, spread):
         crossed = half2 > 0
         half = np.sqrt(half2[crossed])
         first, last = along[crossed] - half, along[crossed] + half
-        if ((first < distance) & (distance < last)).any():
-            entry = max(first[last > 0].min(), 0.0)
+        holds = (first < distance) & (distance < last)
+        if holds.any():
+            entry = max(first[holds | (first > 0)].min(), 0.0)
             out[k], still[k] = points[k] * min(entry / distance, 1.0), False
     return out, still
 

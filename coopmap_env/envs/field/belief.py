@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -52,6 +53,8 @@ class FieldBelief(Belief):
     """The limits of each mount, and the grid that stands for its configuration space."""
     motion: MotionSettings
     """How far links keep from what is not known to be free."""
+    sways: tuple[float, ...] = ()
+    """Three standard deviations of where each robot's camera is by its encoders, metres."""
     ways_around: bool = False
     """Whether OMPL looks for a way where the straight motion is blocked."""
     coarse: bool = False
@@ -69,8 +72,12 @@ class FieldBelief(Belief):
 
     @cached_property
     def all_bodies(self) -> Spheres:
-        """Spheres around all robots: centres (s, 3), radii (s,), metres."""
-        return _joined(self._bodies)
+        """Spheres around all robots wherever they sway: centres (s, 3), radii (s,), metres.
+
+        No link sways more than the camera, which is the farthest out.
+        """
+        swaying = zip(self._bodies, self.sways, strict=True)
+        return _joined([(centers, radii + sway) for (centers, radii), sway in swaying])
 
     @cached_property
     def _bodies(self) -> list[Spheres]:
@@ -215,8 +222,14 @@ class FieldBelief(Belief):
         estimates = tuple(
             vehicle.camera_estimate(q) for vehicle, q in zip(self.vehicles, poses, strict=True)
         )
+        variances = [float(np.trace(covariance[:3, :3])) for _, covariance in estimates]
         return replace(
-            self, joints=tuple(poses), estimates=estimates, offers=None, _surroundings={}
+            self,
+            joints=tuple(poses),
+            estimates=estimates,
+            sways=tuple(3.0 * math.sqrt(variance) for variance in variances),
+            offers=None,
+            _surroundings={},
         )
 
     def located(self, robot: int, estimate: CameraEstimate) -> FieldBelief:

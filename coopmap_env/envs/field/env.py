@@ -119,11 +119,10 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
 
     def _start(self, streams: Streams) -> FieldBelief:
         s = self.settings
-        world = self.scene.world(streams.scene, len(self.possible_agents))
+        world = _world_of(self.scene, streams.scene, len(self.possible_agents))
+        simulator = FieldSimulator(world, self.mounts, s.camera, s.noise, s.physics, streams.start)
         self._close_simulator()
-        self._simulator = FieldSimulator(
-            world, self.mounts, s.camera, s.noise, s.physics, streams.start
-        )
+        self._simulator = simulator
         self._map.clear()
         self._map.mark_free(known_around(world.grid, world.base_poses, s.start_radius))
         self._field_observer.place(world.base_poses)
@@ -150,7 +149,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         return belief
 
     def _move(self, targets: list[NDArray[np.float64] | None]) -> Motion:
-        assert self._simulator is not None
+        simulator = self._open_simulator()
         ways = [
             [None] if target is None else self._belief.way(robot, target)
             for robot, target in enumerate(targets)
@@ -161,39 +160,38 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
                 way[leg] if leg < len(way) and not touched else None
                 for way, touched in zip(ways, self._touched, strict=True)
             ]
-            moved = self._simulator.move(goals, self._streams.noise)
+            moved = simulator.move(goals, self._streams.noise)
             self._touched = [
                 before or now.touched for before, now in zip(self._touched, moved, strict=True)
             ]
         return Motion([reading for reading, _ in moved], self._touched)
 
     def _scans(self) -> list[Scan]:
-        assert self._simulator is not None
-        noise = self._streams.noise
+        simulator, noise = self._open_simulator(), self._streams.noise
         scans = []
         for robot in range(len(self.possible_agents)):
-            cloud = self._simulator.scan(robot, noise)
+            cloud = simulator.scan(robot, noise)
             estimate = self._locate(robot)
             if estimate is not self._belief.estimates[robot]:
                 self._belief = self._belief.located(robot, estimate)
             self._trails[robot].append(estimate.pose.translation)
             cloud = without_bodies(
-                cloud, estimate.pose, *self._belief.all_bodies, self.settings.noise
-            )
+                cloud, estimate.pose, *self._belief.all_bodies, self.settings.noise,
+                estimate.covariance,
+            )  # fmt: skip
             scans.append(place(cloud, estimate.pose, self.settings.noise, estimate.covariance))
         return scans
 
     def _locate(self, robot: int) -> CameraEstimate:
         """Where the camera is taken to be when its scan is fused."""
         if self.settings.pose_estimate == "exact":
-            assert self._simulator is not None
-            return CameraEstimate(self._simulator.true_camera_pose(robot), np.zeros((6, 6)))
+            true = self._open_simulator().true_camera_pose(robot)
+            return CameraEstimate(true, np.zeros((6, 6)))
         return self._belief.estimates[robot]
 
     def _own_info(self, robot: int) -> dict[str, Any]:
-        assert self._simulator is not None
         estimate = self._belief.estimates[robot].pose
-        true = self._simulator.true_camera_pose(robot)
+        true = self._open_simulator().true_camera_pose(robot)
         return {
             "touched": self._touched[robot],
             "camera_error": float(np.linalg.norm(estimate.translation - true.translation)),
@@ -203,16 +201,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
     def truth(self) -> FieldWorld:
         """The true world, for scoring and rendering only; policies get `belief`."""
         self._require_reset()
-        assert self._simulator is not None
-        return self._simulator.world
-
-    def true_camera_poses(self) -> list[Any]:
-        """Where the cameras truly are (`Pose`), for scoring and rendering only."""
-        self._require_reset()
-        assert self._simulator is not None
-        return [
-            self._simulator.true_camera_pose(robot) for robot in range(len(self.possible_agents))
-        ]
+        return self._open_simulator().world
 
     def _frame(self) -> NDArray[np.uint8]:
         belief, world = self._belief, self.truth
@@ -236,6 +225,11 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         super().close()
         self._close_simulator()
 
+    def _open_simulator(self) -> FieldSimulator:
+        if self._simulator is None:
+            raise RuntimeError("the environment is closed: call reset()")
+        return self._simulator
+
     def _close_simulator(self) -> None:
         if self._simulator is not None:
             self._simulator.close()
@@ -257,3 +251,14 @@ def _mounts_of(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> tup
         raise ValueError(f"mount must be one for all or one for each of {n_robots} robots, "
                          f"got {len(mounts)}")  # fmt: skip
     return mounts
+
+
+def _world_of(scene: FieldScene, rng: np.random.Generator, n_robots: int) -> FieldWorld:
+    world = scene.world(rng, n_robots)
+    if world.grid != scene.grid:
+        raise ValueError(f"scene {scene.name!r} made a world of {world.grid}, not {scene.grid}")
+    if world.n_robots != n_robots:
+        raise ValueError(
+            f"scene {scene.name!r} made room for {world.n_robots} robots, not {n_robots}"
+        )
+    return world
