@@ -23,7 +23,9 @@ into one probabilistic voxel map.
 A motion has to keep clear of every voxel that is not known to be free (P >= 0.05 or never sampled),
 along its whole way, of the own vehicle and of the teammates; otherwise the mount stays and
 ``infos[agent]["refused"]`` says why. Where the map is wrong, the mount bumps into what is there, is
-stopped, and pays `FieldSettings.contact_cost`. The room in which a vehicle was parked is known.
+stopped, and pays `FieldSettings.contact_cost`; where on its links it was touched it does not feel,
+so the map learns nothing of it (in the plane it does). Surfaces at a grazing angle, and voxels that
+a surface only touches, may be taken as free. The room in which a vehicle was parked is known.
 
 Bodies stand on springs: a mount that swings out leans its vehicle, and the camera does not end
 where its encoders say. The map is made from where the robot takes its camera to be, with the
@@ -42,8 +44,9 @@ v0: first version.
 """
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings, FieldTeamEnv
+from coopmap_env.robots import Mount, make_mount, wrap_urdf
 
 parallel_env = FieldEnv
 team_env = FieldTeamEnv
 
-__all__ = ["FieldSettings", "parallel_env", "team_env"]
+__all__ = ["FieldSettings", "Mount", "make_mount", "parallel_env", "team_env", "wrap_urdf"]

@@ -55,6 +55,10 @@ def test_help_shows_examples(command):
         (["--seed", "-3"], "seed"),
         (["--workers", "0"], "workers must be at least 1"),
         (["--policies", ","], "names no policy"),
+        (["--mount", "mast"], "--mount belongs to --env field"),
+        (["--physics", "stepped"], "--physics belongs to --env field"),
+        (["--env", "field", "--mount", "mast,crane"], "unknown mount 'crane'"),
+        (["--env", "field", "--mount", "mast,mast,mast"], "one for each of 2 robots, got 3"),
     ],
 )
 def test_bad_input_gives_one_clear_line_and_a_failure(arguments, message, tmp_path):

@@ -39,16 +39,16 @@ class Evaluate:
     scene: str = ""
     """planar: obstacles (default), rooms, house, or a ROS map_server YAML file; field: worksite
     (default), clutter, rubble, or a YAML file of meshes."""
-    mount: str = "mast"
-    """field: mast, husky_panda or tiago."""
-    physics: Literal["kinematic", "stepped"] = "kinematic"
-    """field: see FieldSettings.physics."""
+    mount: str = ""
+    """field: mast (default), husky_panda or tiago; or one for each robot, separated by commas."""
+    physics: Literal["", "kinematic", "stepped"] = ""
+    """field: kinematic (default) or stepped; see FieldSettings.physics."""
     robots: int = 2
     """Robots in the team."""
     max_scans: int = 16
     """Scans of each robot."""
     action_mode: Literal["pose", "candidates"] = "pose"
-    """Free poses within reach, or a choice among random candidates."""
+    """Any pose (in the field: joints of the mount), or a choice among random candidates."""
     n_candidates: int = 32
     """m, in candidates mode."""
     reward: Literal["rating", "information", "coverage"] = "rating"
@@ -70,8 +70,13 @@ class Evaluate:
             raise ValueError("--policies names no policy")
         if self.episodes < 1:
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
+        for name in ("mount", "physics"):
+            if self.env != "field" and getattr(self, name):
+                raise ValueError(f"--{name} belongs to --env field, not to --env {self.env}")
         arguments, kind = self.arguments(), kind_of(self.env)
-        settings = kind.settings(physics=self.physics) if self.env == "field" else None
+        settings = None
+        if self.env == "field":
+            settings = kind.settings(physics=self.physics or "kinematic")
         results = evaluation.compare(
             names,
             range(self.seed, self.seed + self.episodes),
@@ -109,9 +114,14 @@ class Evaluate:
         }
         if self.scene:
             arguments["scene"] = self.scene
-        if self.env == "field":
-            arguments["mount"] = self.mount
+        if self.mount:
+            arguments["mount"] = mounts_of(self.mount)
         return arguments
+
+
+def mounts_of(text: str) -> str | list[str]:
+    """One mount for all robots, or one for each where there is a comma."""
+    return text.split(",") if "," in text else text
 
 
 def summary_line(table: dict[str, Any]) -> str:

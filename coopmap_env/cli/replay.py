@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from coopmap_env.cli.evaluate import mounts_of
 from coopmap_env.cli.output import say
 
 
@@ -25,7 +26,9 @@ class Replay:
     scene: str = "worksite"
     """worksite, clutter, rubble, or a YAML file of meshes."""
     mount: str = "mast"
-    """mast, husky_panda or tiago."""
+    """mast, husky_panda or tiago; or one for each robot, separated by commas."""
+    physics: Literal["kinematic", "stepped"] = "kinematic"
+    """See FieldSettings.physics."""
     robots: int = 2
     """Robots in the team."""
     max_scans: int = 16
@@ -44,10 +47,11 @@ class Replay:
         policy = make_policy(self.policy)
         env = field_v0.parallel_env(
             n_robots=self.robots,
-            mount=self.mount,
+            mount=mounts_of(self.mount),
             scene=self.scene,
             split=self.split,
             max_scans=self.max_scans,
+            settings=field_v0.FieldSettings(physics=self.physics),
         )
         try:
             write_replay(record(env, policy, self.seed), self.out)

@@ -16,7 +16,10 @@ from coopmap_env.evaluation.scored_voxels import told_by_scans
 from coopmap_env.evaluation.surface import SurfaceJudge
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.mapping.quality import brier_score, log_loss
+from coopmap_env.robots.reach import P_EMPTY
 
+Scored = tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
+"""Probability, truth, and which cells are scored."""
 POLICY_STREAM = 0xAC7
 """Spawn key of the policies' own random numbers: the same for every policy on a world."""
 JUDGE_STREAM = 0x5C0
@@ -50,6 +53,7 @@ SURFACE_SCORES = (
     "precision",
     "recall",
     "chamfer",
+    "missed",
 )
 """Columns that only worlds with a true surface have."""
 
@@ -67,6 +71,8 @@ class SurfaceTrace:
     recall: float
     chamfer: float
     """Metres."""
+    missed: float
+    """Share of the truly occupied voxels told of by scans that a mount would enter: P < 0.05."""
 
     def row(self) -> dict[str, float]:
         """The scores by their column names."""
@@ -78,6 +84,7 @@ class SurfaceTrace:
             "precision": self.precision,
             "recall": self.recall,
             "chamfer": self.chamfer,
+            "missed": self.missed,
         }
 
 
@@ -190,7 +197,7 @@ def run_episode(env: MappingEnv[Any], policy: Policy, seed: int) -> Episode:
         entropy.append(map_.entropy)
         if judge:
             surface.append(judge.coverage(map_))
-    scored = (map_.probability, env.truth.occupied, told_by_scans(map_.sampled, known))
+    scored: Scored = (map_.probability, env.truth.occupied, told_by_scans(map_.sampled, known))
     return Episode(
         seed=seed,
         viewed=viewed,
@@ -203,7 +210,7 @@ def run_episode(env: MappingEnv[Any], policy: Policy, seed: int) -> Episode:
         refused=refused,
         contacts=contacts,
         planning_ms=1e3 * planning / max(decisions, 1),
-        surface=_trace(judge, surface, map_) if judge else None,
+        surface=_trace(judge, surface, map_, scored) if judge else None,
     )
 
 
@@ -215,8 +222,12 @@ def judge_of(env: MappingEnv[Any], seed: int) -> SurfaceJudge | None:
     return SurfaceJudge(env.truth, env.belief().vehicles, env.settings.camera, rng)
 
 
-def _trace(judge: SurfaceJudge, curve: list[float], map_: OccupancyMap) -> SurfaceTrace:
+def _trace(
+    judge: SurfaceJudge, curve: list[float], map_: OccupancyMap, scored: Scored
+) -> SurfaceTrace:
     scores = judge.scores(map_)
+    probability, occupied, told = scored
+    there = probability[occupied & told]
     return SurfaceTrace(
         curve,
         scores.target_coverage,
@@ -224,6 +235,7 @@ def _trace(judge: SurfaceJudge, curve: list[float], map_: OccupancyMap) -> Surfa
         scores.precision,
         scores.recall,
         scores.chamfer,
+        float((there < P_EMPTY).mean()) if len(there) else float("nan"),
     )
 
 

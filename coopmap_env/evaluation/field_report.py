@@ -17,6 +17,7 @@ TABLE = (
     "target",
     "f_score",
     "chamfer",
+    "missed",
     "log_loss",
     "brier",
     "motion_cost",

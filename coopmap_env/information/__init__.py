@@ -2,7 +2,7 @@
 
 from coopmap_env.information.entropy import entropy
 from coopmap_env.information.fan import Fan
-from coopmap_env.information.field_rating import REFINE, FieldRatingFunction, coarse_to_fine
+from coopmap_env.information.field_rating import FieldRatingFunction
 from coopmap_env.information.field_shannon import FieldBeamInformation
 from coopmap_env.information.frontier import beside_unknown
 from coopmap_env.information.frustum import Frustum
@@ -14,7 +14,6 @@ from coopmap_env.information.settings import FieldRatingSettings, RatingConstant
 from coopmap_env.information.shannon import BeamInformation
 
 __all__ = [
-    "REFINE",
     "BeamInformation",
     "Fan",
     "FieldBeamInformation",
@@ -26,7 +25,6 @@ __all__ = [
     "RatingSettings",
     "Ratings",
     "beside_unknown",
-    "coarse_to_fine",
     "entropy",
     "first_seen",
     "gray_bin",

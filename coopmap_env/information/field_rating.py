@@ -6,7 +6,7 @@ mount has to move (Eq. 5) is the caller's to say, as it depends on the joints: s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,39 +19,7 @@ from coopmap_env.information.sight import Known, Sight, Spheres
 from coopmap_env.mapping import LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
-REFINE = 30
-"""Candidates that are rated at the map's own resolution after a ranking at half of it: of 300, the
-best ten are among them."""
 Claimed = NDArray[np.uint8] | None
-
-
-def coarse_to_fine(
-    score: Callable[[NDArray[np.intp], bool], NDArray[np.float64]],
-    k: int,
-    refine: int | None = REFINE,
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Candidates 0 ... k - 1 that look best on the pooled map, by their score on the map itself.
-
-    Parameters
-    ----------
-    score : callable
-        Scores of the given candidates; on the pooled map if the second argument is True.
-    k : int
-        Number of candidates.
-    refine : int, optional
-        How many are scored on the map itself; None for all, without the pooled map.
-
-    Returns
-    -------
-    order, scores : ndarrays, shape (min(k, refine),)
-        Best first.
-    """
-    chosen = np.arange(k)
-    if refine is not None and k > refine:
-        chosen = np.argsort(-score(chosen, True), kind="stable")[:refine]
-    scores = score(chosen, False)
-    order = np.argsort(-scores, kind="stable")
-    return chosen[order], scores[order]
 
 
 class FieldRatingFunction:
@@ -198,26 +166,6 @@ class FieldRatingFunction:
         """
         ni = self.new_information_in_turn(map_, rotations, translations, bodies)
         return self.compose(map_, translations, distance, ni)
-
-    def rank(
-        self,
-        map_: OccupancyMap,
-        rotations: ArrayLike,
-        translations: ArrayLike,
-        distance: ArrayLike,
-        claimed: Claimed = None,
-        bodies: Spheres | None = None,
-        refine: int | None = REFINE,
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-        """The best candidates and their ratings (Eq. 9), best first: see `coarse_to_fine`."""
-        R, t = checked_poses(rotations, translations)
-        d = np.broadcast_to(np.asarray(distance, dtype=np.float64), len(R))
-
-        def score(chosen: NDArray[np.intp], coarse: bool) -> NDArray[np.float64]:
-            parts = R[chosen], t[chosen], d[chosen]
-            return self.rate(map_, *parts, claimed, bodies, coarse).rating
-
-        return coarse_to_fine(score, len(R), refine)
 
     def compose(
         self,

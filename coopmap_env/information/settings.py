@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from coopmap_env.information.gray import Reading
 
 
@@ -36,8 +38,10 @@ class RatingConstants:
                 continue
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{kind}.{name} must be finite and >= 0, got {value}")
-        if not 2 <= self.n_gray <= 256:
-            raise ValueError(f"{kind}.n_gray must lie in 2 ... 256, got {self.n_gray}")
+        if not (isinstance(self.n_gray, int | np.integer) and 2 <= self.n_gray <= 256):
+            raise ValueError(
+                f"{kind}.n_gray must be a whole number in 2 ... 256, got {self.n_gray}"
+            )
         if self.reading not in ("literal", "distance_free"):
             raise ValueError(
                 f"{kind}.reading is 'literal' or 'distance_free', got {self.reading!r}"

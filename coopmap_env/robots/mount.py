@@ -44,7 +44,7 @@ class Mount:
     """Standard deviation of a joint's constant offset, drawn once per episode."""
     suspension: Suspension | None = None
     alpha: tuple[float, ...] | float = 1.0
-    """Weights of the joints in the distance in configuration space (Eq. 5), m per rad or per m."""
+    """Weights of squared joint motions in Eq. 5: per rad^2, or per m^2 of a joint that slides."""
     package_dirs: tuple[str, ...] = ()
     """Folders in which ``package://`` meshes are looked up."""
 
@@ -118,6 +118,6 @@ def make_mount(mount: str | Mount) -> Mount:
 
     if isinstance(mount, Mount):
         return mount
-    if mount not in MOUNTS:
+    if not isinstance(mount, str) or mount not in MOUNTS:
         raise ValueError(f"unknown mount {mount!r}; choose one of {sorted(MOUNTS)} or give a Mount")
     return MOUNTS[mount]()

@@ -37,11 +37,13 @@ class Suspension:
     """N m s/rad: 0.7 of the critical damping of the mast's 43 kg m^2."""
     roll_centre_height: float = 0.25
     """Metres above ground, of the axes of roll and pitch."""
-    heave_std: float = 0.002
-    """Metres: what the robot, which measures no deflection, ascribes to heave."""
-    roll_std: float = 0.006
-    """Radians (a third of a degree), ascribed to roll."""
-    pitch_std: float = 0.005
+    heave_std: float = 0.0002
+    """Metres: what the robot, which measures no deflection, ascribes to heave: at rest its weight
+    is the same in every posture."""
+    roll_std: float = 0.0045
+    """Radians (a quarter of a degree), ascribed to roll: its root mean square over the poses of the
+    mast, and so are the others."""
+    pitch_std: float = 0.0036
     """Radians, ascribed to pitch."""
 
     def __post_init__(self) -> None:

@@ -11,7 +11,6 @@ from plain.random_space import random_poses, random_space
 from coopmap_env.information import (
     FieldRatingFunction,
     FieldRatingSettings,
-    coarse_to_fine,
     joint_distance,
 )
 from coopmap_env.information.pooling import pool, pooled_grid
@@ -130,7 +129,7 @@ def test_asking_changes_neither_the_map_nor_the_next_answer():
     with pytest.raises(ValueError, match="radii"):  # the second robot's, after the first has looked
         rating.new_information_in_turn(map_, R[:2], t[:2], [None, (np.zeros((2, 3)), np.zeros(1))])
     assert (rating.rate_team(map_, R[:3], t[:3], np.zeros(3)).new_information == team).all()
-    rating.rank(map_, R, t, 0.0, refine=5)
+    rating.new_information(map_, R, t, coarse=True)
     assert (rating.new_information(map_, R[::-1], t[::-1]) == first[::-1]).all()
     assert (map_.levels == levels).all()
     assert (map_.sampled_cells == sampled).all()
@@ -209,40 +208,17 @@ def test_views_of_the_pooled_map_agree_with_those_of_the_map():
     assert rating.coarse.frustum.pixels == (12, 9)
 
 
-def test_the_ranking_finds_what_rating_every_candidate_finds():
+def test_the_best_thirty_on_the_pooled_map_hold_the_best_ten_on_the_map():
     rng = np.random.default_rng(5)
     map_ = random_space(rng, (128, 128, 40), 25, 10)
     rating = rating_of(map_, DepthCamera())
     R, t = random_poses(rng, map_, 200)
     d = rng.uniform(0, 2, 200)
     every = rating.rate(map_, R, t, d).rating
-    order, scores = rating.rank(map_, R, t, d)
-    assert len(order) == 30
-    assert (scores == every[order]).all()
-    assert (np.diff(scores) <= 0).all()
-    best = np.argsort(-every)
-    assert order[0] == best[0]
-    assert len(set(best[:10]) & set(order)) >= 9
-    order, scores = rating.rank(map_, R, t, d, refine=None)
-    assert (order == np.argsort(-every, kind="stable")).all()
-
-
-def test_coarse_to_fine_scores_only_the_shortlist_finely():
-    truth = np.array([3.0, 9.0, 1.0, 7.0, 5.0])
-    asked = []
-
-    def score(chosen, coarse):
-        asked.append((chosen.tolist(), coarse))
-        return truth[chosen] + (np.array([0, -3, 0, 0, 0])[chosen] if coarse else 0)
-
-    order, scores = coarse_to_fine(score, 5, refine=2)
-    assert asked == [([0, 1, 2, 3, 4], True), ([3, 1], False)]
-    assert order.tolist() == [1, 3]
-    assert scores.tolist() == [9, 7]
-    # as many as are refined anyway: no need of the pooled map
-    asked.clear()
-    assert coarse_to_fine(score, 5, refine=5)[0].tolist() == [1, 3, 4, 0, 2]
-    assert asked == [([0, 1, 2, 3, 4], False)]
+    rough = rating.rate(map_, R, t, d, coarse=True).rating
+    best, short = np.argsort(-every), np.argsort(-rough)[:30]
+    assert best[0] in short
+    assert len(set(best[:10]) & set(short)) >= 9
 
 
 # what is refused

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from coopmap_env.envs.belief import Belief, Claimed
 from coopmap_env.envs.field.joint_space import JointSpace
 from coopmap_env.information import (
-    REFINE,
     FieldBeamInformation,
     FieldRatingFunction,
     Ratings,
@@ -27,6 +26,9 @@ from coopmap_env.robots import CameraEstimate, MotionSettings, Surroundings, Veh
 
 Joints = NDArray[np.float64]
 Spheres = tuple[NDArray[np.float64], NDArray[np.float64]]
+REFINE = 30
+"""Candidates that are scored at the map's own resolution after a ranking at half of it: of 300, the
+best ten are among them."""
 SEED = 1
 """Of the search for ways around: the same question gets the same answer."""
 ROUNDS = 20

@@ -244,13 +244,13 @@ def _mounts_of(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> tup
     ValueError
         If there is another number of mounts than of robots, or a name is unknown.
     """
-    if isinstance(mount, str | Mount):
+    if isinstance(mount, str | Mount) or not isinstance(mount, Sequence):
         return (make_mount(mount),) * n_robots
-    mounts = tuple(make_mount(one) for one in mount)
-    if len(mounts) != n_robots:
-        raise ValueError(f"mount must be one for all or one for each of {n_robots} robots, "
-                         f"got {len(mounts)}")  # fmt: skip
-    return mounts
+    if len(mount) != n_robots:
+        raise ValueError(
+            f"mount must be one for all or one for each of {n_robots} robots, got {len(mount)}"
+        )
+    return tuple(make_mount(one) for one in mount)
 
 
 def _world_of(scene: FieldScene, rng: np.random.Generator, n_robots: int) -> FieldWorld:

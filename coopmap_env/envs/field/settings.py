@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Literal
 
 from coopmap_env.envs.arguments import at_least_one, one_of
@@ -32,7 +32,9 @@ class FieldSettings:
     log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
     rating: FieldRatingSettings = field(default_factory=FieldRatingSettings)
     physics: Literal["kinematic", "stepped"] = "kinematic"
-    """Stepped physics, or its end state computed at once; both know the suspension."""
+    """Stepped physics, or its end state computed at once; both know the suspension. Cameras end
+    within 0.2 mm and 0.01 degrees of each other where nothing is touched; a mount that touches
+    something is stopped up to 6 cm apart."""
     pose_estimate: Literal["kinematic", "exact"] = "kinematic"
     """Where a robot takes its camera to be: where its encoders say, with the covariance of
     encoders, calibration and suspension; or, for upper bounds only, where it truly is."""
@@ -53,6 +55,18 @@ class FieldSettings:
     space in an exhaustive search and gives the order of a raster scan."""
 
     def __post_init__(self) -> None:
+        for part in fields(self):
+            value, default = getattr(self, part.name), part.default_factory
+            kind = None if default is MISSING else type(default())
+            if kind is not None and not isinstance(value, kind):
+                raise ValueError(
+                    f"FieldSettings.{part.name} must be {kind.__name__}, got {value!r}"
+                )
+        for name in ("contact_cost", "start_radius"):
+            if isinstance(getattr(self, name), bool | str | None):
+                raise ValueError(
+                    f"FieldSettings.{name} must be a number, got {getattr(self, name)!r}"
+                )
         if not (math.isfinite(self.contact_cost) and self.contact_cost >= 0):
             raise ValueError(
                 f"FieldSettings.contact_cost must be finite and >= 0, got {self.contact_cost}"
@@ -64,10 +78,11 @@ class FieldSettings:
         one_of("FieldSettings.physics", self.physics, ("kinematic", "stepped"))
         one_of("FieldSettings.pose_estimate", self.pose_estimate, ("kinematic", "exact"))
         one_of("FieldSettings.paths", self.paths, ("straight", "ompl"))
-        view = tuple(self.view_cells)
+        view = tuple(self.view_cells) if isinstance(self.view_cells, tuple | list) else ()
         if len(view) != 2 or not all(isinstance(n, int) and n >= 4 for n in view):
             raise ValueError(
-                f"FieldSettings.view_cells must be two whole numbers of at least 4, got {view}"
+                f"FieldSettings.view_cells must be two whole numbers of at least 4, "
+                f"got {self.view_cells}"
             )
         object.__setattr__(self, "view_cells", view)
         at_least_one("FieldSettings.view_pool", self.view_pool)
