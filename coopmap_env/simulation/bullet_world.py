@@ -3,16 +3,20 @@
 A world has a PyBullet client of its own, new and empty: state that outlives a reset (caches of
 contacts, orders of pairs) is what makes Bullet's runs differ, so none is ever used twice.
 
-Suspension: in each step springs and dampers are explicit torques,
+Suspension: a spring of stiffness k and preload p and a damper d push a body of inertia m, which
+the weight and the moving mount load by b, for a step of h with
 
-    tau = preload - stiffness * s - damping * ds/dt
+    tau = b + (p - b - k s - (d + h k) ds/dt) / (1 + (h d + h^2 k) / m)
 
-and the step is cut where the stiffest of them would swing up. The mount's joints are held by
-position motors, which Bullet solves implicitly, after torques that carry the weight.
+that is, as they are at the end of the step (implicit Euler): no step is too long for them, what
+swings dies down the sooner the longer the step, and the body rests where p - k s = b whatever h and
+m. The mount's joints are held by position motors, which Bullet solves implicitly as well, after
+torques that carry the weight and accelerate it as planned.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -32,8 +36,9 @@ MOST_VEHICLES = 28
 """Bits that are left."""
 OWN_BODY = "its own body"
 """What an arm touches that touches the vehicle under it."""
-ITERATIONS = 25
-"""Of Bullet's solver, at most: joints then miss their targets by some 1e-5 rad."""
+ITERATIONS = 100
+"""Of Bullet's solver, at most; it takes fewer where it can. Joints then miss their targets by some
+1e-5 rad; a quarter of it leaves an arm of seven joints so soft that long steps shake it."""
 
 
 class LoadedVehicle:
@@ -45,14 +50,26 @@ class LoadedVehicle:
         self.anatomy = anatomy
         self.R, self.t = T_world_base.rotation, T_world_base.translation
         self.home = np.array([*(0.0,) * n, *mount.home])
+        self.state: tuple[list[float], list[float]] | None = None
+        """Values and velocities of all joints as PyBullet counts them, if they were asked for."""
+        self.loads: list[float] | None = None
+        """What holds all joints against the weight at that state, if it was asked for."""
         self.springs: Equilibrium | None = None
         self.in_order = sorted(anatomy.joints)
         """All joints that can move, as PyBullet counts degrees of freedom."""
+        self.of_q = [self.in_order.index(joint) for joint in anatomy.joints[: len(self.home)]]
+        """Where those of q are among them."""
         self.zeros = [0.0] * len(self.in_order)
+        self.planned = self.zeros
+        """Accelerations of them all in the next step."""
         self.sprung = [self.in_order.index(joint) for joint in anatomy.joints[:n]]
         """Where heave, roll and pitch are among them."""
         self.rates: list[tuple[int, float, float, float]] = []
         """(where, preload, stiffness, damping) of heave, roll and pitch."""
+        self.inertias = [1.0] * n
+        """Of heave, roll and pitch, with the mount at home."""
+        self.implicit: list[tuple[int, float, float, float, float]] = []
+        """Of the formula above: (where, p, k, d + h k, 1 / (1 + (h d + h^2 k) / m))."""
         if mount.suspension is not None:
             springs = self.springs = Equilibrium.of(mount, self.R.T @ [0.0, 0.0, -GRAVITY])
             rows = np.stack([springs.preload, springs.stiffness, springs.damping], axis=1)
@@ -61,6 +78,7 @@ class LoadedVehicle:
                 for at, row in zip(self.sprung, rows.tolist(), strict=True)
             ]
         self.driven, self.forces = anatomy.joints[n:], anatomy.forces[n:]
+        self._driven_at = [self.in_order.index(joint) for joint in self.driven]
         self.gains = (1.0,) * len(self.driven)  # to the target within one step
         self._values, self._offsets = anatomy.values[n:, n:], anatomy.offsets[n:]
         self._all_follow = len(self.driven) > len(mount.joints)
@@ -68,7 +86,23 @@ class LoadedVehicle:
     def targets(self, joints: NDArray[np.float64]) -> list[float]:
         """Of all driven joints, from those of the mount (n,)."""
         values = self._values @ joints + self._offsets if self._all_follow else joints
-        return [float(value) for value in values]
+        return values.tolist()
+
+    def plan(self, accelerations: NDArray[np.float64] | None) -> None:
+        """Take note of those (n,) of the mount's joints in the next step."""
+        self.planned = self.zeros
+        if accelerations is not None:
+            values = self._values @ accelerations if self._all_follow else accelerations
+            self.planned = self.zeros.copy()
+            for at, value in zip(self._driven_at, values.tolist(), strict=True):
+                self.planned[at] = value
+
+    def make_implicit(self, h: float) -> None:
+        """Springs and dampers for steps of h seconds."""
+        self.implicit = [
+            (at, p, k, d + h * k, 1.0 / (1.0 + (h * d + h * h * k) / m))
+            for (at, p, k, d), m in zip(self.rates, self.inertias, strict=True)
+        ]
 
 
 class BulletWorld:
@@ -86,7 +120,7 @@ class BulletWorld:
     base_poses : sequence of Pose
         T_world_base of each.
     time_step : float, optional
-        Of `step`, seconds.
+        Of `step`, seconds; `pace` changes it.
 
     Raises
     ------
@@ -112,10 +146,9 @@ class BulletWorld:
             )
         anatomies = [Anatomy.of(mount) for mount in mounts]
         self.client = BulletClient()
-        self.time_step = time_step
+        self.time_step = math.nan
         self.names: dict[int, str] = {}
         """What a body, by PyBullet's number, is called."""
-        self._substeps = 1
         self.boxes = np.concatenate([np.zeros((0, 2, 3)), *map(self._add_solid, solids)])
         self.vehicles = [
             self._add_vehicle(robot, *parts)
@@ -123,12 +156,13 @@ class BulletWorld:
         ]
         self.client.p.setGravity(0, 0, -GRAVITY, physicsClientId=self.client.id)
         self.client.p.setPhysicsEngineParameter(
-            fixedTimeStep=time_step / self._substeps, numSolverIterations=ITERATIONS,
-            deterministicOverlappingPairs=1, physicsClientId=self.client.id,
+            numSolverIterations=ITERATIONS, deterministicOverlappingPairs=1,
+            physicsClientId=self.client.id,
         )  # fmt: skip
         self.q = [vehicle.home for vehicle in self.vehicles]
         """Where each vehicle is; `place` and `velocity` renew it."""
         self._spheres: list[NDArray[np.float64] | None] = [None] * len(mounts)
+        self.pace(time_step)
         for robot, vehicle in enumerate(self.vehicles):
             self.place(robot, vehicle.home)
 
@@ -144,19 +178,24 @@ class BulletWorld:
             vehicle.number, anatomy.joints, values[:, None].tolist(), physicsClientId=self.client.id
         )
         self.q[robot] = q
-        self._spheres[robot] = None
+        self._spheres[robot] = vehicle.state = vehicle.loads = None
 
     def velocity(self, robot: int) -> NDArray[np.float64]:
         """Velocity (m,) of q after a `step`; `q` itself is renewed as well."""
         vehicle = self.vehicles[robot]
-        states = self.client.p.getJointStates(
-            vehicle.number,
-            vehicle.anatomy.joints[: len(vehicle.home)],
-            physicsClientId=self.client.id,
-        )
-        self.q[robot] = np.array([state[0] for state in states])
+        values, velocities = self._read(vehicle)
+        self.q[robot] = np.array([values[at] for at in vehicle.of_q])
         self._spheres[robot] = None
-        return np.array([state[1] for state in states])
+        return np.array([velocities[at] for at in vehicle.of_q])
+
+    def unbalanced(self, robot: int) -> float:
+        """How far the spring that is furthest from balance is from it, metres or radians."""
+        vehicle = self.vehicles[robot]
+        if not vehicle.rates:
+            return 0.0
+        s, v = self._read(vehicle)
+        b = vehicle.loads = self._loads(vehicle, s, v)
+        return max(abs(p - b[at] - k * s[at]) / k for at, p, k, _ in vehicle.rates)
 
     def at_rest(self, robot: int, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joints (k, n) of a mount with the deflections in which its vehicle rests: q (k, m)."""
@@ -185,21 +224,49 @@ class BulletWorld:
         return found
 
     def stretches(
-        self, robot: int, q: NDArray[np.float64]
+        self,
+        robot: int,
+        q: NDArray[np.float64],
+        others: NDArray[np.float64] | None = None,
+        margin: float = 0.0,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Between which of the configurations q (k, m) an arm might touch; how far each goes.
 
-        Marks (k - 1,) and metres (k - 1,); the others stay where they are.
+        Marks (k - 1,) and metres (k - 1,). Other vehicles are where they are, or within spheres
+        (o, 4), centres and radii; solids are larger by `margin` on all sides.
         """
         vehicle = self.vehicles[robot]
-        others = [self._outlined(other) for other in range(len(self.vehicles)) if other != robot]
-        return vehicle.anatomy.outline.stretches(
-            vehicle.R, vehicle.t, q, self.boxes, np.concatenate([np.zeros((0, 4)), *others])
-        )
+        if others is None:
+            around = [self._outlined(o) for o in range(len(self.vehicles)) if o != robot]
+            others = np.concatenate([np.zeros((0, 4)), *around])
+        boxes = self.boxes if margin == 0.0 else self.boxes + np.array([[-margin], [margin]])
+        return vehicle.anatomy.outline.stretches(vehicle.R, vehicle.t, q, boxes, others)
 
-    def aim(self, robot: int, joints: NDArray[np.float64]) -> None:
-        """Set the targets (n,) that the motors of a mount's joints hold from now on."""
+    def spheres(self, robot: int, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Centres and radii (s, 4), in the world, of spheres around all links at q (m,)."""
         vehicle = self.vehicles[robot]
+        return vehicle.anatomy.outline.spheres(vehicle.R, vehicle.t, q)
+
+    def pace(self, time_step: float) -> None:
+        """Make steps of so many seconds from now on."""
+        if time_step != self.time_step:
+            self.time_step = time_step
+            self.client.p.setTimeStep(time_step, physicsClientId=self.client.id)
+            for vehicle in self.vehicles:
+                vehicle.make_implicit(time_step)
+
+    def aim(
+        self,
+        robot: int,
+        joints: NDArray[np.float64],
+        accelerations: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Set the targets (n,) that the motors of a mount's joints hold from now on.
+
+        `accelerations` (n,) are those by which they get there in the next step, as far as known.
+        """
+        vehicle = self.vehicles[robot]
+        vehicle.plan(accelerations)
         self.client.p.setJointMotorControlArray(
             vehicle.number, vehicle.driven, self.client.p.POSITION_CONTROL,
             vehicle.targets(joints), forces=vehicle.forces, positionGains=vehicle.gains,
@@ -207,37 +274,54 @@ class BulletWorld:
         )  # fmt: skip
 
     def step(self) -> None:
-        """One time step of all vehicles."""
+        """One time step of all vehicles, as long as `pace` made it."""
         client = self.client.id
-        for _ in range(self._substeps):
-            for vehicle in self.vehicles:
-                self._push(vehicle, client)
-            self.client.p.stepSimulation(physicsClientId=client)
+        for vehicle in self.vehicles:
+            self._push(vehicle, client)
+            vehicle.planned = vehicle.zeros
+            vehicle.state = vehicle.loads = None
+        self.client.p.stepSimulation(physicsClientId=client)
 
     def _push(self, vehicle: LoadedVehicle, client: int) -> None:
-        """Torques for one substep: of the springs, and of the motors what carries the weight.
+        """Torques for one step: of the springs, and of the motors what carries the weight.
 
         Without it the solver of the motors needs hundreds of iterations: they lift a whole arm.
         """
-        p, number, joints = self.client.p, vehicle.number, vehicle.in_order
-        states = p.getJointStates(number, joints, physicsClientId=client)
-        q, v = [state[0] for state in states], [state[1] for state in states]
-        forces = list(
-            p.calculateInverseDynamics(number, q, v, vehicle.zeros, physicsClientId=client)
-        )
-        for at, preload, stiffness, damping in vehicle.rates:
-            forces[at] = preload - stiffness * q[at] - damping * v[at]
+        p = self.client.p
+        s, v = self._read(vehicle)
+        forces = vehicle.loads
+        if forces is None or vehicle.planned is not vehicle.zeros:
+            forces = self._loads(vehicle, s, v)
+        for at, preload, stiffness, damping, gain in vehicle.implicit:
+            b = forces[at]
+            forces[at] = b + gain * (preload - b - stiffness * s[at] - damping * v[at])
         p.setJointMotorControlArray(
-            number, joints, p.TORQUE_CONTROL, forces=forces, physicsClientId=client
+            vehicle.number, vehicle.in_order, p.TORQUE_CONTROL, forces=forces,
+            physicsClientId=client,
+        )  # fmt: skip
+
+    def _loads(self, vehicle: LoadedVehicle, s: list[float], v: list[float]) -> list[float]:
+        """What gives all joints their planned accelerations at a state, springs left out."""
+        return list(
+            self.client.p.calculateInverseDynamics(
+                vehicle.number, s, v, vehicle.planned, physicsClientId=self.client.id
+            )
         )
+
+    def _read(self, vehicle: LoadedVehicle) -> tuple[list[float], list[float]]:
+        """Values and velocities of all joints as PyBullet counts them; once for each step."""
+        if vehicle.state is None:
+            states = self.client.p.getJointStates(
+                vehicle.number, vehicle.in_order, physicsClientId=self.client.id
+            )
+            vehicle.state = [state[0] for state in states], [state[1] for state in states]
+        return vehicle.state
 
     def _outlined(self, robot: int) -> NDArray[np.float64]:
         """Spheres (s, 4) around all links of a vehicle where it is."""
         spheres = self._spheres[robot]
         if spheres is None:
-            vehicle = self.vehicles[robot]
-            spheres = vehicle.anatomy.outline.spheres(vehicle.R, vehicle.t, self.q[robot])
-            self._spheres[robot] = spheres
+            spheres = self._spheres[robot] = self.spheres(robot, self.q[robot])
         return spheres
 
     def _add_solid(self, solid: Solid) -> NDArray[np.float64]:
@@ -272,26 +356,5 @@ class BulletWorld:
             values = anatomy.values @ vehicle.home + anatomy.offsets
             at_home = dict(zip(anatomy.joints, values.tolist(), strict=True))
             M = p.calculateMassMatrix(number, [at_home[j] for j in vehicle.in_order], **k)
-            needed = n_substeps(self.time_step, vehicle.rates, np.diag(M)[vehicle.sprung])
-            self._substeps = max(self._substeps, needed)
+            vehicle.inertias = [M[at][at] for at in vehicle.sprung]
         return vehicle
-
-
-def n_substeps(
-    time_step: float,
-    rates: Sequence[tuple[int, float, float, float]],
-    inertias: NDArray[np.float64],
-) -> int:
-    """Into how many parts a step must be cut so that no spring or damper swings up.
-
-    With h of a part and a mass m, an explicit step is stable while h^2 k / m + 2 h d / m < 4; at
-    half of that it does not ring either.
-    """
-    parts = 1
-    for (_, _, stiffness, damping), m in zip(rates, inertias.tolist(), strict=True):
-        while True:
-            h = time_step / parts
-            if (h * h * stiffness + 2.0 * h * damping) / m <= 2.5:
-                break
-            parts += 1
-    return parts

@@ -10,7 +10,13 @@ from plain.yards import base, cluttered_yard, crate, yard
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
 from coopmap_env.simulation.bullet_world import BulletWorld
-from coopmap_env.simulation.motions import Stepping, move_kinematically, move_stepped, progress
+from coopmap_env.simulation.motions import (
+    FREE,
+    Stepping,
+    move_kinematically,
+    move_stepped,
+    progress,
+)
 
 pytest.importorskip("pybullet")
 OUT = np.array([0.0, 0.8, 0.9, 0.0, 0.0])
@@ -110,6 +116,82 @@ def test_on_the_way_the_body_swings(tmp_path):
     physics.step = watched
     move_stepped(physics, [np.array([1.5])], Stepping())
     assert max(pitch) > pitch[-1] + 1e-4
+
+
+def swing_and_end(world, mount, goals, stepping):
+    """How far cameras get from where they would be at rest, and where they end: (m, 2)."""
+    physics = physics_of(world, mount)
+    chain = mount.chain(on_suspension=True)
+    off = np.zeros(world.n_robots)
+    step = physics.step
+
+    def watched():
+        step()
+        for robot in range(world.n_robots):
+            physics.velocity(robot)
+            q = physics.q[robot]
+            rest = physics.at_rest(robot, q[None, 3:])[0]
+            gap = np.linalg.norm(chain.camera_poses(q)[1] - chain.camera_poses(rest)[1])
+            off[robot] = max(off[robot], gap)
+
+    physics.step = watched
+    swings = []
+    for pair in goals:
+        off[:] = 0.0
+        assert move_stepped(physics, list(pair), stepping) == [""] * world.n_robots
+        swings.append(off.copy())
+    ends = np.array([t for _, t in camera_poses(physics, mount)])
+    return np.array(swings), ends, physics.time_step
+
+
+def test_long_steps_of_free_motions_change_neither_the_swinging_by_much_nor_the_end(mast):
+    """Against steps of a hundredth of a second; and no swing leaves the room that is left free."""
+    world = yard(bases=[base(0.0, 0.0), base(0.0, 6.0, 1.0)])
+    chain = mast.chain()
+    goals = np.random.default_rng(4).uniform(chain.lower, chain.upper, (8, 2, 5))
+    goals[:, :, 1:3] = [0.3, 0.9] + 0.3 * (goals[:, :, 1:3] > 0.5)  # well above ground
+    long, end, used = swing_and_end(world, mast, goals, Stepping())
+    fine, fine_end, _ = swing_and_end(world, mast, goals, Stepping(free_step=0.01))
+    assert used == Stepping().free_step
+    assert np.linalg.norm(end - fine_end, axis=1).max() < 2e-4
+    assert 0.5 < np.median(long) / np.median(fine) < 1.5
+    assert max(long.max(), fine.max()) < FREE
+
+
+@pytest.mark.parametrize("time_step", [1 / 30, 1 / 12])
+def test_a_heavy_arm_comes_to_rest_within_a_second_of_its_arrival(time_step):
+    """Seven joints and 18 kg on a vehicle of 50: motors that are not solved well would shake it."""
+    try:
+        mount = make_mount("husky_panda")
+    except ImportError as error:
+        pytest.skip(str(error))
+    chain = mount.chain()
+    physics = physics_of(yard(), mount)
+    steps = []
+    step = physics.step
+    physics.step = lambda: (steps.append(0), step())
+    for goal in np.random.default_rng(3).uniform(-0.6, 0.6, (12, 7)) + mount.home:
+        goal = np.clip(goal, chain.lower, chain.upper)
+        steps.clear()
+        assert move_stepped(physics, [goal], Stepping(time_step, time_step)) == [""]
+        assert len(steps) * time_step < 1.7
+        assert np.abs(physics.q[0] - physics.at_rest(0, goal[None])[0]).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("bases", "solids", "free"),
+    [
+        ([base(0, 0), base(0, 6)], (), True),
+        ([base(-0.9, 0), base(0.9, 0, math.pi)], (), False),  # they reach for each other
+        ([base(-2.2, 0), base(2.2, 0, math.pi)], (), True),
+        ([base(0, 0)], (crate("ahead", 1.5, 0.0, 1.65, 0.4),), False),
+        ([base(0, 0)], (crate("far", 2.5, 0.0, 1.65, 0.4),), True),
+    ],
+)
+def test_steps_are_long_only_where_nothing_is_near(mast, bases, solids, free):
+    physics = physics_of(yard(*solids, bases=bases), mast)
+    move_stepped(physics, [OUT] * len(bases), Stepping())
+    assert physics.time_step == (Stepping().free_step if free else Stepping().time_step)
 
 
 @pytest.mark.parametrize("kind", BOTH)
@@ -212,7 +294,7 @@ def test_a_mount_that_begins_in_contact_may_leave_but_not_go_deeper(mast):
     assert physics.q[0][3:].tolist() == aside.tolist()
 
 
-@pytest.mark.parametrize("field", ["time_step", "speed", "still", "patience"])
+@pytest.mark.parametrize("field", ["time_step", "free_step", "speed", "still", "patience"])
 def test_stepping_needs_positive_numbers(field):
     with pytest.raises(ValueError, match=rf"Stepping.{field} must be finite and > 0, got 0"):
         Stepping(**{field: 0.0})

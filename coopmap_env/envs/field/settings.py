@@ -32,9 +32,9 @@ class FieldSettings:
     log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
     rating: FieldRatingSettings = field(default_factory=FieldRatingSettings)
     physics: Literal["kinematic", "stepped"] = "kinematic"
-    """Stepped physics, or its end state computed at once; both know the suspension. Cameras end
-    within 0.2 mm and 0.01 degrees of each other where nothing is touched; a mount that touches
-    something is stopped up to 6 cm apart."""
+    """Stepped physics, or its end state computed at once; both know the suspension. Cameras of
+    the mast and TIAGo end within 0.2 mm and 0.01 degrees of each other where nothing is touched; a
+    mount that touches something is stopped up to 6 cm apart."""
     pose_estimate: Literal["kinematic", "exact"] = "kinematic"
     """Where a robot takes its camera to be: where its encoders say, with the covariance of
     encoders, calibration and suspension; or, for upper bounds only, where it truly is."""
