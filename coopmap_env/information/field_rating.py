@@ -78,9 +78,7 @@ class FieldRatingFunction:
         coarse: bool = False,
     ) -> NDArray[np.float64]:
         """NI (Eqs. 6-8) of poses, nats, shape (k,)."""
-        sight, known = self.sight(map_, claimed, coarse)
-        poses = checked_poses(rotations, translations)
-        return sight.entropies(sight.histograms(known, *poses, bodies))
+        return self.views(map_, rotations, translations, claimed, bodies, coarse)[0]
 
     def unknown_cells(
         self,
@@ -95,9 +93,22 @@ class FieldRatingFunction:
 
         With `coarse`, eight times the number of blocks.
         """
+        return self.views(map_, rotations, translations, claimed, bodies, coarse)[1]
+
+    def views(
+        self,
+        map_: OccupancyMap,
+        rotations: ArrayLike,
+        translations: ArrayLike,
+        claimed: Claimed = None,
+        bodies: Spheres | None = None,
+        coarse: bool = False,
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """`new_information` and `unknown_cells` of poses, from one look at the map."""
         sight, known = self.sight(map_, claimed, coarse)
         histogram = sight.histograms(known, *checked_poses(rotations, translations), bodies)
-        return np.asarray(histogram[:, sight.n_gray :].sum(axis=1) * (8 if coarse else 1))
+        unknown = histogram[:, sight.n_gray :].sum(axis=1) * (8 if coarse else 1)
+        return sight.entropies(histogram), np.asarray(unknown)
 
     def visible_cells(
         self,

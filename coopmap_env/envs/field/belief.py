@@ -62,6 +62,7 @@ class FieldBelief(Belief):
     coarse: bool = False
     """Whether views are taken on the map pooled to half its resolution, which is faster."""
     _surroundings: dict[int, Surroundings] = field(default_factory=dict, repr=False)
+    _ways: dict[tuple[int, bytes], Joints] = field(default_factory=dict, repr=False)
 
     @property
     def positions(self) -> NDArray[np.float64]:
@@ -104,8 +105,11 @@ class FieldBelief(Belief):
         """Waypoints (w, n) of a motion to a pose, without the start; none if there is no way."""
         if not self.ways_around:
             return q[None]
-        path = plan_path(self.surroundings(robot), self.joints[robot], q, SEED)
-        return np.empty((0, len(q))) if path is None else path[1:]
+        asked = robot, q.tobytes()  # first when the action is read, then when it is done
+        if asked not in self._ways:
+            path = plan_path(self.surroundings(robot), self.joints[robot], q, SEED)
+            self._ways[asked] = np.empty((0, len(q))) if path is None else path[1:]
+        return self._ways[asked]
 
     def free(self, robot: int, poses: Joints) -> NDArray[np.bool_]:
         """Which poses (k, n) satisfy constraint i, and ii by a straight motion of the joints."""
@@ -134,11 +138,18 @@ class FieldBelief(Belief):
 
     def rate(self, robot: int, poses: Joints, claimed: Claimed = None) -> Ratings:
         """See `FieldRatingFunction.rate`."""
+        return self.rate_and_unknown(robot, poses, claimed)[0]
+
+    def rate_and_unknown(
+        self, robot: int, poses: Joints, claimed: Claimed = None
+    ) -> tuple[Ratings, NDArray[np.float64]]:
+        """`rate` and `unknown_share`, from one look at the map."""
         rotations, translations = self.vehicles[robot].camera_poses(poses)
-        return self.rating.rate(
-            self.map, rotations, translations, self.distance(robot, poses),
-            claimed, self.bodies(robot), self.coarse,
-        )  # fmt: skip
+        ni, unknown = self.rating.views(
+            self.map, rotations, translations, claimed, self.bodies(robot), self.coarse
+        )
+        rated = self.rating.compose(self.map, translations, self.distance(robot, poses), ni)
+        return rated, unknown / self.rating.n_visible
 
     def rate_team(self, poses: Sequence[Joints]) -> Ratings:
         """See `FieldRatingFunction.rate_team`."""
@@ -160,11 +171,7 @@ class FieldBelief(Belief):
         self, robot: int, poses: Joints, claimed: Claimed = None
     ) -> NDArray[np.float64]:
         """See `FieldRatingFunction.unknown_cells`."""
-        rotations, translations = self.vehicles[robot].camera_poses(poses)
-        unknown = self.rating.unknown_cells(
-            self.map, rotations, translations, claimed, self.bodies(robot), self.coarse
-        )
-        return unknown / self.rating.n_visible
+        return self.rate_and_unknown(robot, poses, claimed)[1]
 
     def information_share(
         self, robot: int, poses: Joints, prior: float, claimed: Claimed = None
@@ -232,6 +239,7 @@ class FieldBelief(Belief):
             sways=tuple(3.0 * math.sqrt(variance) for variance in variances),
             offers=None,
             _surroundings={},
+            _ways={},
         )
 
     def located(self, robot: int, estimate: CameraEstimate) -> FieldBelief:

@@ -193,7 +193,7 @@ class FieldObserver:
         self, belief: FieldBelief, robot: int, offers: NDArray[np.float64]
     ) -> NDArray[np.float32]:
         vehicle, n = belief.vehicles[robot], self._n_joints[robot]
-        rated = belief.rate(robot, offers)
+        rated, unknown = belief.rate_and_unknown(robot, offers)
         rotations, translations = vehicle.camera_poses(offers)
         base = vehicle.T_world_base
         out = np.empty((len(offers), n + N_RATED), dtype=np.float32)
@@ -205,7 +205,7 @@ class FieldObserver:
         out[:, n + 7] = np.minimum(rated.motion_cost / self._scale, FEATURE_LIMIT)
         out[:, n + 8] = rated.occupancy
         out[:, n + 9] = np.maximum(rated.rating / self._scale, -FEATURE_LIMIT)
-        out[:, n + 10] = belief.unknown_share(robot, offers)
+        out[:, n + 10] = unknown
         return out
 
 

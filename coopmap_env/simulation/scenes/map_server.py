@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from ...extras import require
 from .recorded import RecordedMap, SceneError, max_pool
 from .world import World
+from .yaml_file import read_yaml
 
 MODES = ("trinary", "scale", "raw")
 
@@ -86,15 +87,7 @@ def read_map_server(path: str | os.PathLike[str], pool: int = 1) -> RecordedMap:
 
 
 def _read_fields(path: Path) -> MapServerFields:
-    yaml = require("yaml", "maps")
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read: {error}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no such date
-        raise SceneError(f"{path}: expected YAML: {error}") from error
-    if not isinstance(content, Mapping):
-        raise SceneError(f"{path}: expected a YAML mapping of fields, not {content!r:.80}")
+    content = read_yaml(path)
     fields = _Fields(path, content)
     free, occupied = fields.share("free_thresh"), fields.share("occupied_thresh")
     if free > occupied:

@@ -33,9 +33,9 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.extras import require
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.recorded import SceneError
+from coopmap_env.simulation.scenes.yaml_file import read_yaml
 
 from .shape_files import Shape, read_mesh, read_urdf
 from .solid import Solid, box_corners, rotation_of_rpy, solid_of_boxes
@@ -58,7 +58,7 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
         ``field``.
     """
     path = Path(path)
-    top = _Fields(str(path), _read(path))
+    top = _Fields(str(path), read_yaml(path))
     top.only("grid", "ground", "objects", "bases")
     grid = _grid(top)
     entries = top.content.get("objects")
@@ -81,19 +81,6 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
         raise
     except ValueError as error:
         raise SceneError(f"{path}: {error}") from error
-
-
-def _read(path: Path) -> Mapping[str, Any]:
-    yaml = require("yaml", "maps")
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read: {error}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no such date
-        raise SceneError(f"{path}: expected YAML: {error}") from error
-    if not isinstance(content, Mapping):
-        raise SceneError(f"{path}: expected a YAML mapping of fields, not {content!r:.80}")
-    return content
 
 
 @dataclass(frozen=True)
