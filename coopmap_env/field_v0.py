@@ -2,7 +2,8 @@
 
 =================  =====================================================================
 import             ``from coopmap_env import field_v0`` (extra ``field``)
-id                 ``coopmap/Field-v0`` (PettingZoo "parallel", and Gymnasium for one
+ids                ``coopmap/Field-v0`` and, with the search for the target and fiducials,
+                   ``coopmap/FieldSearch-v0`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
 agents             ``robot_0`` ... , 2 by default
 actions            `coopmap_env.envs.field.actions`: ``Box(-1, 1, (n,))``, the mount's
@@ -29,12 +30,26 @@ a surface only touches, may be taken as free. The room in which a vehicle was pa
 
 Bodies stand on springs: a mount that swings out leans its vehicle, and the camera does not end
 where its encoders say. The map is made from where the robot takes its camera to be, with the
-covariance of encoders, calibration and suspension added to that of the range noise. Robots see each
-other, know each other's shape, and keep it out of the map.
+covariance of encoders, calibration and suspension added to that of the range noise
+(``motion_correction="kinematic"``, which is fast). With ``"fiducials"``, surfaces that were seen
+before and the known target correct the pose of each look, as far as they tell (2.5); ``"exact"``
+poses are for upper bounds only. Robots see each other, know each other's shape, and keep it out of
+the map.
+
+By default robots know where they stand: policies train on mapping alone, and results do not hang on
+registration. With ``initialization="search"`` they are parked with any heading, know their mounts
+and the target's geometry, and nothing of where they or the others stand (2.2). Each maps in a frame
+of its own, in which its base stands in the middle of a grid, and is rewarded for that map; after
+each scan it looks for the target in all that it has seen. Once it is located, its looks are moved
+into the team's map, which was empty before, and are not paid again. Robots that are both located
+know each other as obstacles. A robot that never finds the target leaves nothing in the team's map.
 
 ``infos[agent]`` holds ``terms`` (all reward terms), ``refused`` (why the mount stayed, or ""),
 ``contact`` (whether it bumped into something) and ``touched`` (into what), ``camera_error`` (metres
-between where the camera is and where it is taken to be; scoring only), ``new_information``,
+between where the camera is and where it is taken to be; scoring only, as ``camera_angle_error``,
+``base_error`` and ``base_angle_error``), ``located``, ``corrected_directions`` (of the camera
+pose's six, how many fiducials told better than the prediction) and ``uncorrected`` (why they told
+nothing, or ""), ``new_information``,
 ``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and ``action_mask`` in
 "candidates" mode. After a reset there are only ``scans``, ``viewed_share`` and the mask.
 

@@ -37,7 +37,7 @@ def test_evaluate_writes_a_row_for_each_policy_and_world_and_a_summary(tmp_path,
     assert "raster" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", ["reproduce", "evaluate", "bench"])
+@pytest.mark.parametrize("command", ["reproduce", "evaluate", "localization", "bench"])
 def test_help_shows_examples(command):
     done = run(command, "--help")
     assert done.returncode == 0
@@ -57,6 +57,7 @@ def test_help_shows_examples(command):
         (["--policies", ","], "names no policy"),
         (["--mount", "mast"], "--mount belongs to --env field"),
         (["--physics", "stepped"], "--physics belongs to --env field"),
+        (["--motion-correction", "exact"], "--motion-correction belongs to --env field"),
         (["--env", "field", "--mount", "mast,crane"], "unknown mount 'crane'"),
         (["--env", "field", "--mount", "mast,mast,mast"], "one for each of 2 robots, got 3"),
     ],

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from coopmap_env.cli.bench import Bench
 from coopmap_env.cli.evaluate import Evaluate
+from coopmap_env.cli.localization import Localization
 from coopmap_env.cli.output import say
 from coopmap_env.cli.replay import Replay
 from coopmap_env.cli.reproduce import Reproduce
 from coopmap_env.extras import require
 
-Command = Reproduce | Evaluate | Replay | Bench
+Command = Reproduce | Evaluate | Localization | Replay | Bench
 INTERRUPTED = 130
 """What shells expect of a command that ended by an interrupt."""
 
@@ -18,7 +19,13 @@ def parse(arguments: list[str] | None = None) -> Command:
     """The command that the arguments (default: those of the process) ask for."""
     tyro = require("tyro", "cli")
     command: Command = tyro.extras.subcommand_cli_from_dict(
-        {"reproduce": Reproduce, "evaluate": Evaluate, "replay": Replay, "bench": Bench},
+        {
+            "reproduce": Reproduce,
+            "evaluate": Evaluate,
+            "localization": Localization,
+            "replay": Replay,
+            "bench": Bench,
+        },
         prog="coopmap",
         description="Cooperative active mapping: environments, planners, evaluation.",
         args=arguments,

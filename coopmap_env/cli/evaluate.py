@@ -43,6 +43,10 @@ class Evaluate:
     """field: mast (default), husky_panda or tiago; or one for each robot, separated by commas."""
     physics: Literal["", "kinematic", "stepped"] = ""
     """field: kinematic (default) or stepped; see FieldSettings.physics."""
+    initialization: Literal["", "located", "search"] = ""
+    """field: located (default), or search: robots have to find the target first."""
+    motion_correction: Literal["", "kinematic", "fiducials", "exact"] = ""
+    """field: where cameras are taken to be; kinematic (default)."""
     robots: int = 2
     """Robots in the team."""
     max_scans: int = 16
@@ -70,9 +74,10 @@ class Evaluate:
             raise ValueError("--policies names no policy")
         if self.episodes < 1:
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
-        for name in ("mount", "physics"):
+        for name in ("mount", "physics", "initialization", "motion_correction"):
             if self.env != "field" and getattr(self, name):
-                raise ValueError(f"--{name} belongs to --env field, not to --env {self.env}")
+                option = name.replace("_", "-")
+                raise ValueError(f"--{option} belongs to --env field, not to --env {self.env}")
         arguments, kind = self.arguments(), kind_of(self.env)
         settings = None
         if self.env == "field":
@@ -116,6 +121,9 @@ class Evaluate:
             arguments["scene"] = self.scene
         if self.mount:
             arguments["mount"] = mounts_of(self.mount)
+        for name in ("initialization", "motion_correction"):
+            if getattr(self, name):
+                arguments[name] = getattr(self, name)
         return arguments
 
 

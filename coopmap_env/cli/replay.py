@@ -29,6 +29,10 @@ class Replay:
     """mast, husky_panda or tiago; or one for each robot, separated by commas."""
     physics: Literal["kinematic", "stepped"] = "kinematic"
     """See FieldSettings.physics."""
+    initialization: Literal["located", "search"] = "located"
+    """Whether robots know where they stand, or have to find the target first."""
+    motion_correction: Literal["kinematic", "fiducials", "exact"] = "kinematic"
+    """Where cameras are taken to be."""
     robots: int = 2
     """Robots in the team."""
     max_scans: int = 16
@@ -52,6 +56,8 @@ class Replay:
             split=self.split,
             max_scans=self.max_scans,
             settings=field_v0.FieldSettings(physics=self.physics),
+            initialization=self.initialization,
+            motion_correction=self.motion_correction,
         )
         try:
             write_replay(record(env, policy, self.seed), self.out)

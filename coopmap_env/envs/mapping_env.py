@@ -16,6 +16,7 @@ from coopmap_env.envs.arguments import at_least_one, one_of
 from coopmap_env.envs.belief import Belief, Observation
 from coopmap_env.envs.rewards import TERMS, Look, Scale, terms_of
 from coopmap_env.envs.window import HumanWindow
+from coopmap_env.mapping import ScanGain
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.scenes import world_seed
 
@@ -128,6 +129,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
     def _scans(self) -> list[Scan]:
         """Let every robot look from where it is."""
 
+    def _fuse(self, scans: list[Scan]) -> list[ScanGain]:
+        """Fuse the scans of a step; what each of them brought."""
+        return self._belief.map.integrate(scans)
+
     @abstractmethod
     def _frame(self) -> NDArray[np.uint8]:
         """Draw a picture (H, W, 3) of the truth, the map and the team."""
@@ -208,7 +213,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
             before.map.mark_occupied(motion.bumped_cells)
         self._belief = before.moved(motion.poses)
         self.scans = self._scans()
-        gains = self._belief.map.integrate(self.scans)
+        gains = self._fuse(self.scans)
         self._scans_done += 1
         self._offer_candidates()
         looks = [

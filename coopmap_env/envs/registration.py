@@ -1,14 +1,23 @@
 """Names under which Gymnasium and PettingZoo find the environments."""
 
+from typing import Any
+
 import gymnasium
 import pettingzoo
 
-WORLDS = {"coopmap/Planar-v0": "Planar", "coopmap/Field-v0": "Field"}
+SEARCH = {"initialization": "search", "motion_correction": "fiducials"}
+"""The whole of the paper: robots find the target first, and fiducials correct their cameras."""
+WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "coopmap/Planar-v0": ("Planar", {}),
+    "coopmap/Field-v0": ("Field", {}),
+    "coopmap/FieldSearch-v0": ("Field", SEARCH),
+}
+"""World and arguments of each id."""
 
 
 def register() -> None:
     """Enter the environments into both registries; done once, on import of `coopmap_env`."""
-    for name, world in WORLDS.items():
+    for name, (world, arguments) in WORLDS.items():
         module = f"coopmap_env.envs.{world.lower()}"
-        pettingzoo.register("parallel", name, f"{module}:{world}Env")
-        gymnasium.register(name, f"{module}:{world}TeamEnv")
+        pettingzoo.register("parallel", name, f"{module}:{world}Env", kwargs=arguments)
+        gymnasium.register(name, f"{module}:{world}TeamEnv", kwargs=arguments)

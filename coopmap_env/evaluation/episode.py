@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.envs.mapping_env import Infos, MappingEnv
 from coopmap_env.evaluation.policy import Policy
 from coopmap_env.evaluation.scored_voxels import told_by_scans
 from coopmap_env.evaluation.surface import SurfaceJudge
@@ -39,7 +41,12 @@ class Extent:
 
     @classmethod
     def of(cls, map_: OccupancyMap, start: NDArray[np.float64]) -> Extent:
-        """Measure a map's sampled cells from a start point (D,), metres."""
+        """Measure a map's sampled cells from a start point (D,), metres.
+
+        NaN if nothing was sampled, or the start was not known.
+        """
+        if not map_.sampled.any():
+            return cls(math.nan, math.nan, math.nan)
         centers = map_.grid.center(np.argwhere(map_.sampled))
         radii = np.linalg.norm(centers - start, axis=1)
         return cls(float(radii.max()), float(radii.mean()), float(radii.std()))
@@ -169,8 +176,16 @@ def warm_up(env: MappingEnv[Any], policy: Policy) -> None:
     policy.act(env.belief(), observations)
 
 
-def run_episode(env: MappingEnv[Any], policy: Policy, seed: int) -> Episode:
-    """Play one episode and measure it; the environment holds the final map afterwards."""
+def run_episode(
+    env: MappingEnv[Any],
+    policy: Policy,
+    seed: int,
+    watch: Callable[[Infos], None] = lambda infos: None,
+) -> Episode:
+    """Play one episode and measure it; the environment holds the final map afterwards.
+
+    `watch` is called after each step, for what else a study wants to know of it.
+    """
     observations, _ = env.reset(seed=seed)
     policy.reset(policy_rng(seed))
     map_ = env.belief().map
@@ -189,6 +204,7 @@ def run_episode(env: MappingEnv[Any], policy: Policy, seed: int) -> Episode:
             raise RuntimeError(f"{policy!r} changed the map, which is to be looked at only")
         decisions += len(actions)
         observations, rewards, _, _, infos = env.step(actions)
+        watch(infos)
         reward += sum(rewards.values())
         distance += sum(info["distance"] for info in infos.values())
         refused += sum(bool(info["refused"]) for info in infos.values())
@@ -219,7 +235,7 @@ def judge_of(env: MappingEnv[Any], seed: int) -> SurfaceJudge | None:
     if not isinstance(env, FieldEnv):
         return None
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(JUDGE_STREAM,)))
-    return SurfaceJudge(env.truth, env.belief().vehicles, env.settings.camera, rng)
+    return SurfaceJudge(env.truth, env.true_vehicles, env.settings.camera, rng)
 
 
 def _trace(

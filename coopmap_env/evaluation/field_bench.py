@@ -52,6 +52,7 @@ def measure_field(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
         }
         found |= look_ms(envs["kinematic"])
         found |= rating_ms(envs["kinematic"])
+        found |= localization_ms()
         for name, value in found.items():
             samples.setdefault(name, []).append(value)
     figures: dict[str, Any] = {name: statistics.median(v) for name, v in samples.items()}
@@ -142,6 +143,31 @@ def rating_ms(env: FieldEnv) -> dict[str, float]:
     return {
         "rating_300_ms": 1e3 * (ranked - start),
         "rating_300_all_exactly_ms": 1e3 * (time.process_time() - ranked),
+    }
+
+
+def localization_ms() -> dict[str, float]:
+    """Milliseconds of a motion correction and of a registration, over an episode of the search."""
+    env = FieldEnv(initialization="search", motion_correction="fiducials")
+    policy = make_policy("rating_function:search=50")
+    corrections: list[float] = []
+    registrations: list[float] = []
+    for seed in range(2):  # the first one loads compiled code
+        observations, _ = env.reset(seed=seed)
+        policy.reset(policy_rng(seed))
+        corrections.clear()
+        registrations.clear()
+        while env.agents:
+            observations, *_ = env.step(policy.act(env.belief(), observations))
+            registrations += env.locating.registration_times
+            if all(env.belief().located):
+                corrections += env.locating.correction_times
+    env.close()
+    return {
+        "correction_ms": 1e3 * statistics.median(corrections),
+        "correction_longest_ms": 1e3 * max(corrections),
+        "registration_ms": 1e3 * statistics.median(registrations),
+        "registration_longest_ms": 1e3 * max(registrations),
     }
 
 

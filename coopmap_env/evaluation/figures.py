@@ -20,15 +20,17 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 """Okabe and Ito's colour-blind-safe palette."""
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
+    """Matplotlib's pyplot, drawing into files."""
     require("matplotlib", "report").use("Agg")
     return require("matplotlib.pyplot", "report")
 
 
-def _save(figure: Any, path: Path) -> None:
+def save_figure(figure: Any, path: Path) -> None:
+    """Write a figure and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110, bbox_inches="tight")
-    _pyplot().close(figure)
+    pyplot().close(figure)
 
 
 def _shades(probability: NDArray[np.float64], sampled: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -40,7 +42,7 @@ def _shades(probability: NDArray[np.float64], sampled: NDArray[np.bool_]) -> NDA
 
 def draw_maps(picture: Picture, path: Path, title: str) -> None:
     """A world beside the team's map of it, with the cameras' paths."""
-    plt = _pyplot()
+    plt = pyplot()
     nx, ny = picture.truth.shape
     figure, axes = plt.subplots(1, 2, figsize=(11, 5.6 * ny / nx + 0.6), sharey=True)
     axes[0].imshow(~picture.truth.T, cmap="gray", origin="lower", extent=(0, nx, 0, ny))
@@ -58,7 +60,7 @@ def draw_maps(picture: Picture, path: Path, title: str) -> None:
     for axis in axes:
         axis.set_xlabel("x, cells")
     axes[0].set_ylabel("y, cells")
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_coverage_curves(
@@ -70,7 +72,7 @@ def draw_coverage_curves(
     label: str = "% of world viewed",
 ) -> None:
     """A share against scans of the team, such as that viewed: means with 95 % intervals."""
-    plt = _pyplot()
+    plt = pyplot()
     figure, axis = plt.subplots(figsize=(7.5, 5))
     for k, (name, evaluation) in enumerate(evaluations.items()):
         curves = 100 * evaluation.curves[curve]
@@ -96,12 +98,12 @@ def draw_coverage_curves(
     axis.set_ylim(bottom=0)
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_sweep(sweep: Mapping[float, Mapping[Any, Evaluation]], path: Path) -> None:
     """Viewed share and sigma against K, by search."""
-    plt = _pyplot()
+    plt = pyplot()
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.2))
     searches = list(next(iter(sweep.values())))
     for axis, column, scale, label in (
@@ -128,12 +130,12 @@ def draw_sweep(sweep: Mapping[float, Mapping[Any, Evaluation]], path: Path) -> N
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
         axis.legend(fontsize=8)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_reliability(calibration: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """Observed share of occupied cells against predicted probability."""
-    plt = _pyplot()
+    plt = pyplot()
     figure, axis = plt.subplots(figsize=(5.2, 5))
     axis.plot([0, 1], [0, 1], color="0.7", linewidth=1)
     for k, (name, score) in enumerate(calibration.items()):
@@ -151,20 +153,20 @@ def draw_reliability(calibration: Mapping[str, Mapping[str, Any]], path: Path) -
     axis.set_aspect("equal")
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def save_frame(frame: NDArray[np.uint8], path: Path) -> None:
     """Save an image as it is."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    _pyplot().imsave(path, frame)
+    pyplot().imsave(path, frame)
 
 
 def draw_map(
     probability: NDArray[np.float64], sampled: NDArray[np.bool_], resolution: float, path: Path
 ) -> None:
     """One map alone, axes in metres, cropped to what was sampled."""
-    plt = _pyplot()
+    plt = pyplot()
     (x,), (y,) = np.nonzero(sampled.any(axis=1)), np.nonzero(sampled.any(axis=0))
     crop = np.s_[x[0] : x[-1] + 1, y[0] : y[-1] + 1]
     image = _shades(probability[crop], sampled[crop])
@@ -174,4 +176,4 @@ def draw_map(
     axis.imshow(image, origin="lower", extent=extent, interpolation="antialiased")
     axis.set_xlabel("x, metres")
     axis.set_ylabel("y, metres")
-    _save(figure, path)
+    save_figure(figure, path)

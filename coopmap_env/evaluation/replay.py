@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.evaluation.episode import policy_rng
 from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.policy import Policy
@@ -79,7 +78,7 @@ class Replay:
     scenery : (m, 3, 3) float array
         Triangles of all else that truly stands there, without the ground.
     vehicles : tuple of Vehicle
-        One for each robot.
+        One for each robot, where it truly stands.
     camera : DepthCamera
         What each of them carries.
     frames : tuple of Frame
@@ -124,12 +123,12 @@ def record(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> Replay:
     observations, _ = env.reset(seed=seed)
     policy.reset(policy_rng(seed))
     robots = len(env.possible_agents)
-    frames = [_frame(env.belief(), (0.0,) * robots, ("",) * robots)]
+    frames = [_frame(env, (0.0,) * robots, ("",) * robots)]
     while env.agents:
         observations, rewards, _, _, infos = env.step(policy.act(env.belief(), observations))
         notes = tuple(_note(infos[agent]) for agent in env.possible_agents)
         paid = tuple(float(rewards[agent]) for agent in env.possible_agents)
-        frames.append(_frame(env.belief(), paid, notes))
+        frames.append(_frame(env, paid, notes))
     world = env.truth
     others = [s.triangles for s in world.solids if not (s.is_ground or s.is_target)]
     return Replay(
@@ -137,7 +136,7 @@ def record(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> Replay:
         grid=world.grid,
         target=world.target_triangles,
         scenery=np.concatenate([np.empty((0, 3, 3)), *others]),
-        vehicles=env.belief().vehicles,
+        vehicles=env.true_vehicles,
         camera=env.settings.camera,
         frames=tuple(frames),
     )
@@ -156,12 +155,13 @@ def write_replay(replay: Replay, path: Path) -> None:
     write_atomically(Path(path), page_of(replay))
 
 
-def _frame(belief: FieldBelief, rewards: Sequence[float], notes: Sequence[str]) -> Frame:
+def _frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -> Frame:
+    belief = env.belief()
     map_ = belief.map
     occupied = np.flatnonzero(map_.sampled_cells.view(np.bool_) & (map_.levels >= 0))
     return Frame(
         joints=tuple(np.array(q) for q in belief.joints),
-        cameras=tuple(estimate.pose for estimate in belief.estimates),
+        cameras=tuple(env.taken_camera(robot) for robot in range(len(belief.agents))),
         occupied=occupied,
         viewed=map_.viewed_share,
         rewards=tuple(rewards),
@@ -175,4 +175,4 @@ def _note(info: dict[str, Any]) -> str:
         return f"stayed: {info['refused']}"
     if info["contact"]:
         return f"bumped into {info.get('touched') or 'something'}"
-    return ""
+    return "" if info["located"] else "has not found the target yet"

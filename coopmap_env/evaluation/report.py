@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import io
 import json
@@ -18,6 +17,7 @@ from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, summar
 from coopmap_env.evaluation.field_report import TABLE, field_summary, write_parts
 from coopmap_env.evaluation.field_study import FieldStudy
 from coopmap_env.evaluation.jobs import write_atomically
+from coopmap_env.evaluation.pages import fill_page
 from coopmap_env.evaluation.section3 import (
     COLUMNS,
     PAPER_TABLE_1,
@@ -29,7 +29,6 @@ from coopmap_env.evaluation.section3 import (
 from coopmap_env.evaluation.serial import settings_to_dict
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
 from coopmap_env.evaluation.trends import equal_coverage, extent_falls
-from coopmap_env.extras import require
 
 
 def write_report(study: Section3, out: Path, field: FieldStudy | None = None) -> None:
@@ -121,20 +120,10 @@ def _draw(study: Section3, out: Path) -> None:
 
 
 def _html(study: Section3, found: dict[str, Any], out: Path) -> str:
-    jinja2 = require("jinja2", "report")
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    environment.filters["short"] = _short
-    template = environment.get_template("report.html")
-
-    def image(name: str) -> str:
-        data = base64.b64encode((out / name).read_bytes()).decode()
-        return f"data:image/png;base64,{data}"
-
-    html: str = template.render(
+    return fill_page(
+        "report.html",
+        out,
+        {"short": _short},
         study=study,
         summary=found,
         field=found.get("field"),
@@ -144,11 +133,9 @@ def _html(study: Section3, found: dict[str, Any], out: Path) -> str:
         columns=COLUMNS,
         label=_label,
         scans=2 * SCANS_EACH,
-        image=image,
         version=coopmap_env.__version__,
         settings=json.dumps(settings_to_dict(study.settings), indent=2),
     )
-    return html
 
 
 def _table_1_csv(study: Section3) -> str:

@@ -35,7 +35,9 @@ def settings_from_dict(values: dict[str, Any], kind: type[Settings]) -> Settings
     hints = get_type_hints(kind)
     try:
         parts = {
-            name: hints[name](**value) if is_dataclass(hints[name]) else value
+            name: settings_from_dict(value, hints[name])
+            if is_dataclass(hints[name]) and isinstance(value, dict)
+            else value
             for name, value in values.items()
         }
         return kind(**parts)

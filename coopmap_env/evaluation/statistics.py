@@ -118,6 +118,43 @@ def bootstrap_paired_difference(
     return _interval([first - second], statistic, rng, confidence, n_resamples)
 
 
+def bootstrap_groups(
+    groups: Sequence[ArrayLike],
+    statistic: Callable[[NDArray[np.float64]], float],
+    rng: np.random.Generator,
+    confidence: float = 0.95,
+    n_resamples: int = 2000,
+) -> Interval:
+    """Any statistic of rows that come in groups, such as the looks of a world.
+
+    Groups are resampled as a whole: the rows of one have more in common than with others.
+
+    Parameters
+    ----------
+    groups : sequence of array_like (rows, ...)
+        Two or more; groups without rows count too.
+    statistic : callable
+        Of all rows together; where it is NaN (a resample that holds nothing to measure) the
+        resample is left out.
+    rng : numpy.random.Generator
+        Draws the resamples.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two groups.
+    """
+    arrays = [np.asarray(group, dtype=np.float64) for group in groups]
+    if len(arrays) < 2:
+        raise ValueError(f"groups must be at least 2, got {len(arrays)}")
+    draws = rng.integers(len(arrays), size=(n_resamples, len(arrays)))
+    resampled = [statistic(np.concatenate([arrays[i] for i in draw])) for draw in draws]
+    tail = 50.0 * (1.0 - confidence)
+    known = np.array(resampled)[np.isfinite(resampled)]
+    low, high = np.percentile(known, [tail, 100.0 - tail]) if len(known) else (np.nan, np.nan)
+    return Interval(float(statistic(np.concatenate(arrays))), float(low), float(high))
+
+
 def interquartile_mean(values: ArrayLike) -> float:
     """Mean of the middle half: robust to outliers, yet uses more of the data than the median.
 

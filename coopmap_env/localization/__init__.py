@@ -1,1 +1,50 @@
 """Where the robots and their cameras are: target registration (2.2) and motion correction (2.5)."""
+
+from coopmap_env.localization.common_frame import agree_on_frame, in_frame
+from coopmap_env.localization.correction_settings import CorrectionSettings
+from coopmap_env.localization.fiducials import Fiducials, FiducialSettings, select
+from coopmap_env.localization.identification import (
+    BadlyPlacedError,
+    RecursiveMoments,
+    camera_points,
+    consistent,
+    gaussian_transform,
+    linear_pose,
+    linear_transform,
+    recursive_pose,
+    rigid_transform,
+)
+from coopmap_env.localization.looks import View
+from coopmap_env.localization.motion_correction import Correction, Matches, MotionCorrection
+from coopmap_env.localization.registration import Registration, RegistrationSettings, register
+from coopmap_env.localization.target import TargetModel
+from coopmap_env.localization.tracking import TrackingSettings, Tracks, track
+
+__all__ = [
+    "BadlyPlacedError",
+    "Correction",
+    "CorrectionSettings",
+    "FiducialSettings",
+    "Fiducials",
+    "Matches",
+    "MotionCorrection",
+    "RecursiveMoments",
+    "Registration",
+    "RegistrationSettings",
+    "TargetModel",
+    "TrackingSettings",
+    "Tracks",
+    "View",
+    "agree_on_frame",
+    "camera_points",
+    "consistent",
+    "gaussian_transform",
+    "in_frame",
+    "linear_pose",
+    "linear_transform",
+    "recursive_pose",
+    "register",
+    "rigid_transform",
+    "select",
+    "track",
+]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.geometry.rotations import skew
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.body import Body
 from coopmap_env.robots.chain import Chain
@@ -16,7 +17,7 @@ from coopmap_env.robots.mount import Mount, make_mount
 
 
 class CameraEstimate(NamedTuple):
-    """Where a robot believes that its camera is."""
+    """Where a robot believes that its camera is, or another of its frames."""
 
     pose: Pose
     """T_world_camera."""
@@ -36,6 +37,8 @@ class Vehicle:
     chain: Chain
     body: Body
     T_world_base: Pose
+    base_covariance: NDArray[np.float64] | None = None
+    """Shape (6, 6) of T_world_base, as of `CameraEstimate`; None if it is known exactly."""
 
     @classmethod
     def of(cls, mount: str | Mount, T_world_base: Pose) -> Vehicle:
@@ -101,30 +104,62 @@ class Vehicle:
         """The chain with the suspension's joints in front."""
         return self.mount.chain(on_suspension=True)
 
+    def at(self, T_world_base: Pose, covariance: NDArray[np.float64] | None = None) -> Vehicle:
+        """The same vehicle somewhere else."""
+        return replace(self, T_world_base=T_world_base, base_covariance=covariance)
+
     def camera_estimate(self, q: ArrayLike) -> CameraEstimate:
         """The camera's pose by the encoders' readings, with its uncertainty to first order.
 
-        J S J^T with the camera's Jacobian J: S has the variances of the encoders' noise and of the
-        joints' calibration, and those ascribed to heave, roll and pitch of the body.
+        `own_covariance`, and the shares of what lasts from one look to the next: J S J^T with the
+        variances S of the joints' calibration, and that of the base if it is not known exactly.
 
         Parameters
         ----------
         q : array_like, shape (n,)
             Readings of the joints.
         """
+        pose = self.camera_pose(q)
+        J = self.joint_jacobian(q)
+        lasting = (J * np.square(self.mount.calibration_error)) @ J.T
+        if self.base_covariance is not None:
+            B = self.base_jacobian(pose)
+            lasting += B @ self.base_covariance @ B.T
+        return CameraEstimate(pose, self.own_covariance(q) + lasting)
+
+    def own_covariance(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Covariance (6, 6) of a look's own errors of the camera's pose, in the world frame.
+
+        J S J^T with the camera's Jacobian J: S has the variances of the encoders' noise, and those
+        ascribed to heave, roll and pitch of the body.
+        """
         q = self.chain.joints(q)
         if self.mount.suspension is None:
-            J = self.chain.jacobian(q)
+            J = self.joint_jacobian(q)
         else:
-            J = self._sprung.jacobian(np.concatenate([np.zeros(3), q]))
-        # both halves, translation and rotation vector, into the world
-        J = (self.T_world_base.rotation @ J.reshape(2, 3, -1)).reshape(6, -1)
-        return CameraEstimate(self.camera_pose(q), (J * self._variances) @ J.T)
+            J = self._in_world(self._sprung.jacobian(np.concatenate([np.zeros(3), q])))
+        return np.asarray((J * self._own_variances) @ J.T)
+
+    def joint_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Jacobian (6, n) of the camera [translation; rotation vector], world frame, by its joints.
+
+        With the suspension at rest.
+        """
+        return self._in_world(self.chain.jacobian(q))
+
+    def base_jacobian(self, camera: Pose) -> NDArray[np.float64]:
+        """Jacobian (6, 6) of T_world_camera by T_world_base, both as displacements."""
+        J = np.eye(6)
+        J[:3, 3:] = -skew(camera.translation - self.T_world_base.translation)
+        return J
+
+    def _in_world(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Both halves of a Jacobian (6, k), translation and rotation vector, in the world frame."""
+        return np.asarray((self.T_world_base.rotation @ J.reshape(2, 3, -1)).reshape(6, -1))
 
     @cached_property
-    def _variances(self) -> NDArray[np.float64]:
+    def _own_variances(self) -> NDArray[np.float64]:
         """Of the joints of `_sprung`, or of the chain if the mount has no suspension."""
         mount = self.mount
-        own = np.square(mount.encoder_noise) + np.square(mount.calibration_error)
         body = () if mount.suspension is None else np.square(mount.suspension.std)
-        return np.concatenate([body, own])
+        return np.concatenate([body, np.square(mount.encoder_noise)])

@@ -15,6 +15,7 @@ pytestmark = pytest.mark.filterwarnings(
     "ignore:The old environment creation API has been deprecated:DeprecationWarning"
 )
 NAME = "coopmap/Field-v0"
+SEARCH = "coopmap/FieldSearch-v0"
 
 
 @pytest.fixture(params=MODES)
@@ -34,15 +35,17 @@ def arguments(request, mode):
     }
 
 
-def test_the_page_names_the_id():
+def test_the_page_names_the_ids():
     assert field_v0.__doc__.count(NAME) == 1
+    assert field_v0.__doc__.count(SEARCH) == 1
 
 
-def test_pettingzoo_accepts_the_parallel_environment(arguments, capsys):
+@pytest.mark.parametrize("name", [NAME, SEARCH])
+def test_pettingzoo_accepts_the_parallel_environment(name, arguments, capsys):
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
     def make():
-        return pettingzoo.make("parallel", NAME, **arguments)
+        return pettingzoo.make("parallel", name, **arguments)
 
     assert isinstance(make(), FieldEnv)
     parallel_api_test(make(), num_cycles=3)
@@ -50,8 +53,9 @@ def test_pettingzoo_accepts_the_parallel_environment(arguments, capsys):
     assert "Passed" in capsys.readouterr().out
 
 
-def test_gymnasium_accepts_the_team_environment(arguments):
-    env = gymnasium.make(NAME, **arguments)
+@pytest.mark.parametrize("name", [NAME, SEARCH])
+def test_gymnasium_accepts_the_team_environment(name, arguments):
+    env = gymnasium.make(name, **arguments)
     check_env(env.unwrapped, skip_render_check=True)
     env.reset(seed=0)
     env.step(env.action_space.sample())  # gymnasium.make's own checks
@@ -63,9 +67,10 @@ def test_gymnasium_accepts_the_team_environment(arguments):
 @pytest.mark.filterwarnings("ignore:Your observation:UserWarning")
 @pytest.mark.filterwarnings("ignore:The minimal resolution for an image:UserWarning")
 @pytest.mark.filterwarnings("ignore:Treating image space as channels-last:UserWarning")
-def test_stable_baselines_accepts_the_team_environment(arguments):
+@pytest.mark.parametrize("initialization", ["located", "search"])
+def test_stable_baselines_accepts_the_team_environment(initialization, arguments):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = field_v0.team_env(**arguments)
+    env = field_v0.team_env(initialization=initialization, **arguments)
     checker.check_env(env)
     env.close()
 

@@ -35,6 +35,18 @@ def test_a_seed_decides_everything_that_an_episode_shows(mode, n_robots):
     assert hash_of(arguments, SEED, FieldEnv) != hash_of(arguments, SEED + 1, FieldEnv)
 
 
+SEARCH = {"initialization": "search", "motion_correction": "fiducials", "max_scans": 5}
+
+
+def test_a_seed_decides_the_search_and_what_fiducials_correct():
+    arguments = small("candidates", **SEARCH)
+    assert hash_of(arguments, SEED, FieldEnv) == hash_of(arguments, SEED, FieldEnv)
+    used = FieldEnv(**arguments)
+    trajectory_hash(used, 1)
+    assert trajectory_hash(used, SEED) == hash_of(arguments, SEED, FieldEnv)
+    used.close()
+
+
 @pytest.mark.parametrize("physics", PHYSICS)
 def test_earlier_episodes_leave_no_trace(physics):
     arguments = small("pose", physics)

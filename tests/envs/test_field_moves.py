@@ -213,7 +213,7 @@ def most_at_teammates(belief, robot, rng):
 
 def test_only_exact_poses_have_no_error(make):
     for estimate in ("exact", "kinematic"):
-        env = make(max_scans=8, settings=replace(FAST, pose_estimate=estimate))
+        env = make(max_scans=8, motion_correction=estimate)
         env.reset(seed=4)
         rng = np.random.default_rng(0)
         while env.agents:
@@ -248,8 +248,7 @@ def test_the_claimed_covariance_of_the_camera_is_that_of_its_errors(make, mount)
 
 def test_the_covariance_of_the_pose_enters_that_of_every_observed_point(make):
     sure, unsure = (
-        make(n_robots=1, settings=replace(FAST, pose_estimate=estimate))
-        for estimate in ("exact", "kinematic")
+        make(n_robots=1, motion_correction=estimate) for estimate in ("exact", "kinematic")
     )
     traces = []
     for env in (sure, unsure):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief, Claimed
 from coopmap_env.envs.field.joint_space import JointSpace
+from coopmap_env.geometry import Pose
 from coopmap_env.information import (
     FieldBeamInformation,
     FieldRatingFunction,
@@ -22,6 +23,7 @@ from coopmap_env.information import (
     first_seen,
     joint_distance,
 )
+from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import CameraEstimate, MotionSettings, Surroundings, Vehicle, plan_path
 
 Joints = NDArray[np.float64]
@@ -44,7 +46,8 @@ class FieldBelief(Belief):
     prior = 0.02
 
     vehicles: tuple[Vehicle, ...]
-    """Mounts and where their vehicles stand."""
+    """Mounts and where their vehicles stand: in the world frame, or in its own one for a robot that
+    has not found the target yet."""
     joints: tuple[Joints, ...]
     """What each mount's encoders say."""
     estimates: tuple[CameraEstimate, ...]
@@ -55,6 +58,9 @@ class FieldBelief(Belief):
     """The limits of each mount, and the grid that stands for its configuration space."""
     motion: MotionSettings
     """How far links keep from what is not known to be free."""
+    own_maps: tuple[OccupancyMap | None, ...] = ()
+    """Of each robot that has not found the target yet, its map in a frame of its own; `map` and
+    the teammates mean nothing to it then."""
     sways: tuple[float, ...] = ()
     """Three standard deviations of where each robot's camera is by its encoders, metres."""
     ways_around: bool = False
@@ -66,21 +72,46 @@ class FieldBelief(Belief):
 
     @property
     def positions(self) -> NDArray[np.float64]:
-        """Where the cameras are taken to be, shape (n_robots, 3), metres."""
-        return np.array([estimate.pose.translation for estimate in self.estimates])
+        """Where the cameras are taken to be, shape (n_robots, 3), metres.
+
+        NaN for a robot that does not know where it is.
+        """
+        at = np.array([estimate.pose.translation for estimate in self.estimates])
+        at[[not known for known in self.located]] = np.nan
+        return at
+
+    @property
+    def located(self) -> tuple[bool, ...]:
+        """Which robots know where they stand in the common frame, that of the target."""
+        return tuple(own is None for own in self.own_maps) or (True,) * len(self.agents)
+
+    def map_of(self, robot: int) -> OccupancyMap:
+        """The map that a robot plans on: the team's, or its own until it is located."""
+        own = self.own_maps[robot] if self.own_maps else None
+        return self.map if own is None else own
+
+    def teammates(self, robot: int) -> list[int]:
+        """The other robots of which a robot knows where they stand."""
+        located = self.located
+        if not located[robot]:
+            return []
+        return [other for other, known in enumerate(located) if known and other != robot]
 
     def bodies(self, robot: int) -> Spheres:
-        """Spheres around the teammates of a robot: centres (s, 3), radii (s,), metres."""
-        return _joined([body for other, body in enumerate(self._bodies) if other != robot])
+        """Spheres around the known teammates of a robot: centres (s, 3), radii (s,), metres."""
+        return _joined([self._bodies[other] for other in self.teammates(robot)])
 
-    @cached_property
-    def all_bodies(self) -> Spheres:
-        """Spheres around all robots wherever they sway: centres (s, 3), radii (s,), metres.
+    def known_bodies(self, robot: int) -> Spheres:
+        """Spheres around a robot and its known teammates wherever they sway, as of `bodies`.
 
         No link sways more than the camera, which is the farthest out.
         """
-        swaying = zip(self._bodies, self.sways, strict=True)
-        return _joined([(centers, radii + sway) for (centers, radii), sway in swaying])
+        known = sorted([robot, *self.teammates(robot)])
+        bodies = [self._bodies[other] for other in known]
+        sways = [self.sways[other] for other in known]
+        return _joined(
+            [(at, radii + sway) for (at, radii), sway in zip(bodies, sways, strict=True)]
+        )
 
     @cached_property
     def _bodies(self) -> list[Spheres]:
@@ -90,9 +121,9 @@ class FieldBelief(Belief):
     def surroundings(self, robot: int) -> Surroundings:
         """What the robot's mount could touch, on the map as it is now."""
         if robot not in self._surroundings:
-            team = [body for other, body in enumerate(self._bodies) if other != robot]
+            team = [self._bodies[other] for other in self.teammates(robot)]
             self._surroundings[robot] = Surroundings(
-                self.vehicles[robot], self.map, team, self.motion
+                self.vehicles[robot], self.map_of(robot), team, self.motion
             )
         return self._surroundings[robot]
 
@@ -145,22 +176,41 @@ class FieldBelief(Belief):
     ) -> tuple[Ratings, NDArray[np.float64]]:
         """`rate` and `unknown_share`, from one look at the map."""
         rotations, translations = self.vehicles[robot].camera_poses(poses)
+        map_ = self.map_of(robot)
         ni, unknown = self.rating.views(
-            self.map, rotations, translations, claimed, self.bodies(robot), self.coarse
-        )
-        rated = self.rating.compose(self.map, translations, self.distance(robot, poses), ni)
+            map_, rotations, translations, self._claimed(robot, claimed), self.bodies(robot),
+            self.coarse,
+        )  # fmt: skip
+        rated = self.rating.compose(map_, translations, self.distance(robot, poses), ni)
         return rated, unknown / self.rating.n_visible
 
     def rate_team(self, poses: Sequence[Joints]) -> Ratings:
-        """See `FieldRatingFunction.rate_team`."""
-        cameras = [vehicle.camera_poses(q) for vehicle, q in zip(self.vehicles, poses, strict=True)]
+        """See `FieldRatingFunction.rate_team`; robots with a map of their own share nothing."""
+        if all(self.located):
+            return self._rate_together(list(range(len(poses))), poses)
+        groups = [[robot for robot, known in enumerate(self.located) if known]]
+        groups += [[robot] for robot, known in enumerate(self.located) if not known]
+        rated = [(group, self._rate_together(group, poses)) for group in groups if group]
+        columns = {part.name: np.empty(len(poses)) for part in fields(Ratings)}
+        for group, ratings in rated:
+            for name, column in columns.items():
+                column[group] = getattr(ratings, name)
+        return Ratings(**columns)
+
+    def _rate_together(self, robots: list[int], poses: Sequence[Joints]) -> Ratings:
+        """Ratings of one pose for each of some robots that plan on the same map."""
+        cameras = [self.vehicles[robot].camera_poses(poses[robot]) for robot in robots]
         return self.rating.rate_team(
-            self.map,
+            self.map_of(robots[0]),
             np.array([rotation for rotation, _ in cameras]),
             np.array([translation for _, translation in cameras]),
-            np.array([self.distance(robot, q[None])[0] for robot, q in enumerate(poses)]),
-            bodies=[self.bodies(robot) for robot in range(len(poses))],
+            np.array([self.distance(robot, poses[robot][None])[0] for robot in robots]),
+            bodies=[self.bodies(robot) for robot in robots],
         )
+
+    def _claimed(self, robot: int, claimed: Claimed) -> Claimed:
+        """What teammates are about to see means nothing on a map of one's own."""
+        return claimed if self.located[robot] else None
 
     def distance(self, robot: int, poses: Joints) -> NDArray[np.float64]:
         """See `joint_distance`."""
@@ -177,11 +227,13 @@ class FieldBelief(Belief):
         self, robot: int, poses: Joints, prior: float, claimed: Claimed = None
     ) -> NDArray[np.float64]:
         """See `FieldBeamInformation`; a cell at the clamp cannot become more certain."""
-        beams = _beam_information(self.rating, prior, self.map.range.max_probability)
+        map_ = self.map_of(robot)
+        beams = _beam_information(self.rating, prior, map_.range.max_probability)
         rotations, translations = self.vehicles[robot].camera_poses(poses)
         information = beams.mutual_information(
-            self.map, rotations, translations, claimed, self.bodies(robot), self.coarse
-        )
+            map_, rotations, translations, self._claimed(robot, claimed), self.bodies(robot),
+            self.coarse,
+        )  # fmt: skip
         return information / (self.rating.n_visible * entropy([prior, 1.0 - prior]))
 
     def shortlist(
@@ -194,7 +246,9 @@ class FieldBelief(Belief):
         return poses[np.argsort(-score(rough, poses), kind="stable")[:REFINE]]
 
     def visible_cells(self, robot: int, pose: Joints) -> NDArray[np.int64]:
-        """See `FieldRatingFunction.visible_cells`."""
+        """See `FieldRatingFunction.visible_cells`; none of the team's map, if it is not located."""
+        if not self.located[robot]:
+            return np.empty(0, dtype=np.int64)
         rotation, translation = self.vehicles[robot].camera_poses(pose)
         cells = self.rating.visible_cells(self.map, rotation, translation, self.bodies(robot))
         return cells.astype(np.int64)
@@ -212,14 +266,15 @@ class FieldBelief(Belief):
 
         Of the frontier voxels that any of the poses sees.
         """
-        known_free = self.map.sampled_cells.view(np.bool_) & (self.map.levels < 0)
-        (cells,) = np.nonzero(beside_unknown(self.map) & known_free)
-        grid = self.map.grid
+        map_ = self.map_of(robot)
+        known_free = map_.sampled_cells.view(np.bool_) & (map_.levels < 0)
+        (cells,) = np.nonzero(beside_unknown(map_) & known_free)
+        grid = map_.grid
         centers = grid.center(np.stack(np.unravel_index(cells, grid.shape), axis=-1))
         ways = np.linalg.norm(centers - self.estimates[robot].pose.translation, axis=1)
         rotations, translations = self.vehicles[robot].camera_poses(poses[shows])
         _, seeing = first_seen(
-            self.map, centers[np.argsort(ways, kind="stable")], rotations, translations,
+            map_, centers[np.argsort(ways, kind="stable")], rotations, translations,
             self.rating.fine.frustum,
         )  # fmt: skip
         there = np.zeros(len(poses), dtype=np.bool_)
@@ -242,11 +297,25 @@ class FieldBelief(Belief):
             _ways={},
         )
 
-    def located(self, robot: int, estimate: CameraEstimate) -> FieldBelief:
+    def with_estimate(self, robot: int, estimate: CameraEstimate) -> FieldBelief:
         """The same belief with a better estimate of one camera's pose."""
         estimates = list(self.estimates)
         estimates[robot] = estimate
         return replace(self, estimates=tuple(estimates))
+
+    def locate(
+        self, robot: int, T_world_base: Pose, covariance: NDArray[np.float64] | None
+    ) -> FieldBelief:
+        """The same belief with a robot that knows where it stands; its own map is given up."""
+        vehicles, maps = list(self.vehicles), list(self.own_maps)
+        vehicles[robot] = vehicles[robot].at(T_world_base, covariance)
+        maps[robot] = None
+        estimates = self.estimates
+        known = replace(self, vehicles=tuple(vehicles), own_maps=tuple(maps)).moved(self.joints)
+        for other, estimate in enumerate(estimates):
+            if other != robot:
+                known = known.with_estimate(other, estimate)
+        return known
 
     def offering(self, offers: Sequence[Any]) -> FieldBelief:
         """The same belief with candidates on offer."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
@@ -10,9 +11,11 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from coopmap_env.envs.arguments import one_of
 from coopmap_env.envs.field.actions import JointMode
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.joint_space import JointSpace
+from coopmap_env.envs.field.locating import Locating, own_base, own_maps
 from coopmap_env.envs.field.observations import FieldObserver
 from coopmap_env.envs.field.rendering import overview, render_field, surfaces_of
 from coopmap_env.envs.field.settings import FieldSettings
@@ -20,10 +23,11 @@ from coopmap_env.envs.field.shapes import robot_triangles
 from coopmap_env.envs.field.starts import known_around
 from coopmap_env.envs.mapping_env import MappingEnv, Motion, Streams
 from coopmap_env.envs.rewards import Scale
+from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.information import FieldRatingFunction
-from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import CameraEstimate, Mount, Vehicle, make_mount, without_bodies
-from coopmap_env.sensing import Scan, place
+from coopmap_env.mapping import OccupancyMap, ScanGain
+from coopmap_env.robots import Mount, Vehicle, make_mount
+from coopmap_env.sensing import Scan
 from coopmap_env.simulation.field import FieldSimulator
 from coopmap_env.simulation.worksites import FieldScene, FieldWorld, make_field_scene
 
@@ -51,6 +55,13 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         Scans of each robot until truncation.
     n_candidates : int
         m, in "candidates" mode.
+    initialization : {"located", "search"}
+        Whether robots know where they stand, or have to find the target first, parked with any
+        heading (2.2).
+    motion_correction : {"kinematic", "fiducials", "exact"}
+        Where a robot takes its camera to be: where its encoders say, with the covariance of
+        encoders, calibration and suspension; corrected by fiducials (2.5); or, for upper bounds
+        only, where it truly is.
     settings : FieldSettings, optional
     render_mode : {None, "rgb_array", "human"}
 
@@ -82,17 +93,23 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         n_candidates: int = 32,
         settings: FieldSettings | None = None,
         render_mode: str | None = None,
+        initialization: Literal["located", "search"] = "located",
+        motion_correction: Literal["kinematic", "fiducials", "exact"] = "kinematic",
     ) -> None:
         EzPickle.__init__(
             self, n_robots, mount, action_mode, reward, team_reward, scene, split, max_scans,
-            n_candidates, settings, render_mode,
+            n_candidates, settings, render_mode, initialization, motion_correction,
         )  # fmt: skip
         super().__init__(
             n_robots, action_mode, reward, team_reward, split, max_scans, n_candidates, render_mode
         )
         if not isinstance(settings, FieldSettings | None):
             raise ValueError(f"settings must be FieldSettings or None, got {settings!r}")
+        one_of("initialization", initialization, ("located", "search"))
+        one_of("motion_correction", motion_correction, ("kinematic", "fiducials", "exact"))
         self.settings = settings or FieldSettings()
+        self.initialization = initialization
+        self.motion_correction = motion_correction
         self.scene = make_field_scene(scene)
         self.mounts = _mounts_of(mount, len(self.possible_agents))
         self._simulator: FieldSimulator | None = None
@@ -108,6 +125,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             s,
             [chain.n_joints for chain in chains],
             self._candidates.n_candidates if self._candidates else None,
+            tells_located=initialization == "search",
         )
         self._prepare(
             self._candidates
@@ -118,34 +136,42 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         )
 
     def _start(self, streams: Streams) -> FieldBelief:
-        s = self.settings
-        world = _world_of(self.scene, streams.scene, len(self.possible_agents))
+        s, n = self.settings, len(self.possible_agents)
+        world = _world_of(self.scene, streams.scene, n)
+        searching = self.initialization == "search"
+        if searching:
+            world = world.turned(streams.start.uniform(-math.pi, math.pi, n))
         simulator = FieldSimulator(world, self.mounts, s.camera, s.noise, s.physics, streams.start)
         self._close_simulator()
         self._simulator = simulator
         self._map.clear()
-        self._map.mark_free(known_around(world.grid, world.base_poses, s.start_radius))
-        self._field_observer.place(world.base_poses)
-        vehicles = tuple(
-            Vehicle.of(mount, base)
-            for mount, base in zip(self.mounts, world.base_poses, strict=True)
-        )
+        if not searching:
+            self._map.mark_free(known_around(world.grid, world.base_poses, s.start_radius))
+        bases = [own_base(world.grid)] * n if searching else world.base_poses
+        self._field_observer.place(bases)
         belief = FieldBelief(
             agents=tuple(self.possible_agents),
             map=self._map,
             actions=self._actions,
             offers=None,
-            vehicles=vehicles,
+            vehicles=_vehicles(self.mounts, bases),
             joints=(),
             estimates=(),
             rating=self._rating,
             joint_spaces=self._joint_spaces,
             motion=s.motion,
+            own_maps=own_maps(world.grid, s, n) if searching else (),
             ways_around=s.paths == "ompl",
         )
-        self._touched = [""] * len(vehicles)
+        self._touched = [""] * n
         belief = belief.moved([np.array(mount.home) for mount in self.mounts])
-        self._trails = [[position] for position in belief.positions]
+        self._locating = Locating(
+            s, self.motion_correction, world.target_triangles, belief, world.base_poses
+        )
+        self._trails = [
+            [position] if known else []
+            for position, known in zip(belief.positions, belief.located, strict=True)
+        ]
         return belief
 
     def _move(self, targets: list[NDArray[np.float64] | None]) -> Motion:
@@ -171,31 +197,82 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         scans = []
         for robot in range(len(self.possible_agents)):
             cloud = simulator.scan(robot, noise)
-            estimate = self._locate(robot)
+            true = simulator.true_camera_pose(robot)
+            estimate, scan = self._locating.look(self._belief, robot, cloud, true)
             if estimate is not self._belief.estimates[robot]:
-                self._belief = self._belief.located(robot, estimate)
-            self._trails[robot].append(estimate.pose.translation)
-            cloud = without_bodies(
-                cloud, estimate.pose, *self._belief.all_bodies, self.settings.noise,
-                estimate.covariance,
-            )  # fmt: skip
-            scans.append(place(cloud, estimate.pose, self.settings.noise, estimate.covariance))
+                self._belief = self._belief.with_estimate(robot, estimate)
+            scans.append(scan)
         return scans
 
-    def _locate(self, robot: int) -> CameraEstimate:
-        """Where the camera is taken to be when its scan is fused."""
-        if self.settings.pose_estimate == "exact":
-            true = self._open_simulator().true_camera_pose(robot)
-            return CameraEstimate(true, np.zeros((6, 6)))
-        return self._belief.estimates[robot]
+    def _fuse(self, scans: list[Scan]) -> list[ScanGain]:
+        """Fuse each scan into the map that its robot plans on, then look for the target in it."""
+        before = self._belief.located
+        if all(before):
+            gains = super()._fuse(scans)
+        else:
+            shared = [robot for robot, known in enumerate(before) if known]
+            brought = dict(
+                zip(shared, super()._fuse([scans[robot] for robot in shared]), strict=True)
+            )
+            gains = [
+                brought[robot] if known else self._belief.map_of(robot).integrate(scan)[0]
+                for robot, (scan, known) in enumerate(zip(scans, before, strict=True))
+            ]
+            self._belief = self._locating.search(self._belief)
+            if self._belief.located != before:
+                self._field_observer.place([v.T_world_base for v in self._belief.vehicles])
+        for trail, estimate, known in zip(
+            self._trails, self._belief.estimates, self._belief.located, strict=True
+        ):
+            if known:
+                trail.append(estimate.pose.translation)
+        return gains
 
     def _own_info(self, robot: int) -> dict[str, Any]:
-        estimate = self._belief.estimates[robot].pose
-        true = self._open_simulator().true_camera_pose(robot)
+        belief, corrected = self._belief, self._locating.corrections[robot]
+        true = self.true_cameras[robot]
+        base, known = self.truth.base_poses[robot], belief.located[robot]
+        off = displacement_between(self.taken_camera(robot), true)
+        base_off = displacement_between(belief.vehicles[robot].T_world_base, base)
         return {
             "touched": self._touched[robot],
-            "camera_error": float(np.linalg.norm(estimate.translation - true.translation)),
+            "camera_error": float(np.linalg.norm(off[:3])),
+            "camera_angle_error": float(np.linalg.norm(off[3:])),
+            "located": known,
+            "base_error": float(np.linalg.norm(base_off[:3])) if known else math.nan,
+            "base_angle_error": float(np.linalg.norm(base_off[3:])) if known else math.nan,
+            "corrected_directions": corrected.directions if corrected else 0,
+            "uncorrected": corrected.reason if corrected else "",
         }
+
+    @property
+    def locating(self) -> Locating:
+        """What the team knows of where it is, and how it came to know it; for studies."""
+        self._require_reset()
+        return self._locating
+
+    def taken_camera(self, robot: int) -> Pose:
+        """T_world_camera as a robot takes it to be, for scoring and pictures.
+
+        Of one that is not located: in its own frame, put where that truly is.
+        """
+        belief = self.belief()
+        taken = belief.estimates[robot].pose
+        if belief.located[robot]:
+            return taken
+        own = belief.vehicles[robot].T_world_base
+        return self.truth.base_poses[robot] @ own.inverse() @ taken
+
+    @property
+    def true_cameras(self) -> list[Pose]:
+        """T_world_camera as it is, for scoring only."""
+        simulator = self._open_simulator()
+        return [simulator.true_camera_pose(k) for k in range(len(self.possible_agents))]
+
+    @property
+    def true_vehicles(self) -> tuple[Vehicle, ...]:
+        """The vehicles where they truly stand, for scoring only."""
+        return _vehicles(self.mounts, self.truth.base_poses)
 
     @property
     def truth(self) -> FieldWorld:
@@ -205,17 +282,15 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
 
     def _frame(self) -> NDArray[np.uint8]:
         belief, world = self._belief, self.truth
+        known = [robot for robot, located in enumerate(belief.located) if located]
         return render_field(
             surfaces_of(world),
             belief.map,
-            [
-                robot_triangles(vehicle, q)
-                for vehicle, q in zip(belief.vehicles, belief.joints, strict=True)
-            ],
-            [estimate.pose for estimate in belief.estimates],
+            [robot_triangles(belief.vehicles[robot], belief.joints[robot]) for robot in known],
+            [belief.estimates[robot].pose for robot in known],
             self.settings.camera,
             overview(world.target_triangles, world.base_poses),
-            self._trails,
+            [self._trails[robot] for robot in known],
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
             f"viewed {belief.map.viewed_share:.1%}",
         )
@@ -251,6 +326,10 @@ def _mounts_of(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> tup
             f"mount must be one for all or one for each of {n_robots} robots, got {len(mount)}"
         )
     return tuple(make_mount(one) for one in mount)
+
+
+def _vehicles(mounts: Sequence[Mount], bases: Sequence[Pose]) -> tuple[Vehicle, ...]:
+    return tuple(Vehicle.of(mount, base) for mount, base in zip(mounts, bases, strict=True))
 
 
 def _world_of(scene: FieldScene, rng: np.random.Generator, n_robots: int) -> FieldWorld:

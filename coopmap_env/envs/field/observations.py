@@ -28,7 +28,11 @@ index    content
 =======  ===============================================================
 
 ``teammates``: float32 (n_robots - 1, 9) in [-1, 1], the same of each teammate's camera, in the own
-base frame, positions in diagonals of the world; in order of their numbers, absent for one robot.
+base frame, positions in diagonals of the world; in order of their numbers, absent for one robot;
+zeros as long as one of the two has not been located.
+
+Where robots have to find the target first, ``located``: int8 (n_robots,), 1 for each robot that has
+found it, the own one first, teammates as above. Until then ``map`` shows the robot's own map.
 
 In "candidates" mode also ``candidates``: float32 (m, n + 11), zeros where masked, and
 ``action_mask``: int8 (m,), 1 where the candidate can be taken.
@@ -61,7 +65,7 @@ from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.local_map import Crop, draw_crop
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.geometry import Pose
-from coopmap_env.mapping import VoxelGrid
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 FEATURE_LIMIT = 10.0
 N_CAMERA = 9
@@ -80,6 +84,8 @@ class FieldObserver:
         Of each robot's mount.
     n_candidates : int or None
         m in "candidates" mode.
+    tells_located : bool, optional
+        Whether observations say which robots have been located.
     """
 
     def __init__(
@@ -88,7 +94,9 @@ class FieldObserver:
         settings: FieldSettings,
         n_joints: Sequence[int],
         n_candidates: int | None,
+        tells_located: bool = False,
     ) -> None:
+        self._tells_located = tells_located
         self._grid = grid
         self._settings = settings
         self._n_joints = tuple(n_joints)
@@ -116,6 +124,8 @@ class FieldObserver:
         }
         if n_others:
             parts["teammates"] = spaces.Box(-1.0, 1.0, (n_others, N_CAMERA), np.float32)
+        if self._tells_located:
+            parts["located"] = spaces.Box(0, 1, (1 + n_others,), np.int8)
         if m is not None:
             parts["candidates"] = spaces.Box(
                 -FEATURE_LIMIT, FEATURE_LIMIT, (m, n + N_RATED), np.float32
@@ -138,15 +148,18 @@ class FieldObserver:
 
         First the crop as in ``map``, around the origin of the target's frame, between 0 and 1; then
         the joints of each robot, then each robot's camera in the target's frame as in ``camera``,
-        positions in diagonals of the world.
+        positions in diagonals of the world; zeros for a robot that has not been located.
         """
         origin = Pose(np.zeros(3), np.eye(3))
         view = self._settings.view_cells, self._settings.view_pool
-        drawn = self._drawn(belief, Crop.around(self._grid, origin, *view))
+        drawn = self._drawn(belief.map, Crop.around(self._grid, origin, *view))
         robots = range(len(self._n_joints))
         joints = [belief.joint_spaces[robot].normalised(belief.joints[robot]) for robot in robots]
         cameras = [
-            camera_vector(belief.estimates[robot].pose, origin, self._diagonal) for robot in robots
+            camera_vector(belief.estimates[robot].pose, origin, self._diagonal)
+            if belief.located[robot]
+            else np.zeros(N_CAMERA, dtype=np.float32)
+            for robot in robots
         ]
         return np.concatenate(
             [drawn.ravel() / np.float32(255), *joints, *cameras], dtype=np.float32
@@ -157,14 +170,22 @@ class FieldObserver:
         cameras = [estimate.pose for estimate in belief.estimates]
         far = self._settings.camera.depth_of_field
         observation: Observation = {
-            "map": self._drawn(belief, self._crops[robot]),
+            "map": self._drawn(belief.map_of(robot), self._crops[robot]),
             "joints": belief.joint_spaces[robot].normalised(belief.joints[robot]),
             "camera": camera_vector(cameras[robot], base, far),
         }
-        if len(cameras) > 1:
-            others = cameras[:robot] + cameras[robot + 1 :]
-            observation["teammates"] = np.stack(
-                [camera_vector(other, base, self._diagonal) for other in others]
+        others = [other for other in range(len(cameras)) if other != robot]
+        if others:
+            known = belief.teammates(robot)
+            teammates = np.zeros((len(others), N_CAMERA), dtype=np.float32)
+            for row, other in enumerate(others):
+                if other in known:
+                    teammates[row] = camera_vector(cameras[other], base, self._diagonal)
+            observation["teammates"] = teammates
+        if self._tells_located:
+            located = belief.located
+            observation["located"] = np.array(
+                [located[robot], *(located[other] for other in others)], dtype=np.int8
             )
         if belief.offers is not None and self._n_candidates is not None:
             offers = belief.offers[robot]
@@ -179,10 +200,9 @@ class FieldObserver:
             )
         return observation
 
-    def _drawn(self, belief: FieldBelief, crop: Crop) -> NDArray[np.uint8]:
+    def _drawn(self, map_: OccupancyMap, crop: Crop) -> NDArray[np.uint8]:
         side, height = self._settings.view_cells
         out = np.empty((2 * height, side, side), dtype=np.uint8)
-        map_ = belief.map
         draw_crop(
             map_.levels, map_.sampled_cells, crop.columns, crop.n_layers,
             self._settings.view_pool, self._shades, self._clamp, out,

@@ -8,6 +8,12 @@ from typing import Literal
 
 from coopmap_env.envs.arguments import at_least_one, one_of
 from coopmap_env.information import FieldRatingSettings
+from coopmap_env.localization import (
+    CorrectionSettings,
+    FiducialSettings,
+    RegistrationSettings,
+    TrackingSettings,
+)
 from coopmap_env.mapping import BeamModel, LogOddsRange
 from coopmap_env.robots import MotionSettings
 from coopmap_env.sensing import DepthCamera, RangeNoise
@@ -35,9 +41,14 @@ class FieldSettings:
     """Stepped physics, or its end state computed at once; both know the suspension. Cameras of
     the mast and TIAGo end within 0.2 mm and 0.01 degrees of each other where nothing is touched; a
     mount that touches something is stopped up to 6 cm apart."""
-    pose_estimate: Literal["kinematic", "exact"] = "kinematic"
-    """Where a robot takes its camera to be: where its encoders say, with the covariance of
-    encoders, calibration and suspension; or, for upper bounds only, where it truly is."""
+    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
+    """How the target is searched for, and when it counts as found."""
+    correction: CorrectionSettings = field(default_factory=CorrectionSettings)
+    """How camera poses are corrected by fiducials."""
+    fiducials: FiducialSettings = field(default_factory=FiducialSettings)
+    """Which peaks of the map become fiducials."""
+    tracking: TrackingSettings = field(default_factory=TrackingSettings)
+    """How fiducials are found again in a depth image."""
     motion: MotionSettings = field(default_factory=MotionSettings)
     """How closely motions are checked, and how far links keep from what is not known to be free."""
     paths: Literal["straight", "ompl"] = "straight"
@@ -76,7 +87,6 @@ class FieldSettings:
                 f"FieldSettings.start_radius must be finite and > 0, got {self.start_radius}"
             )
         one_of("FieldSettings.physics", self.physics, ("kinematic", "stepped"))
-        one_of("FieldSettings.pose_estimate", self.pose_estimate, ("kinematic", "exact"))
         one_of("FieldSettings.paths", self.paths, ("straight", "ompl"))
         view = tuple(self.view_cells) if isinstance(self.view_cells, tuple | list) else ()
         if len(view) != 2 or not all(isinstance(n, int) and n >= 4 for n in view):

@@ -1,16 +1,16 @@
 """The truth that vehicles map in the field, and the seam behind which scenes make it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping.grid import VoxelGrid
 
-from .solid import Solid, ground
+from .solid import Solid, ground, turn_about_z
 from .voxel_truth import voxels_of_solids
 
 CLEARANCE = 1.2
@@ -69,6 +69,14 @@ class FieldWorld:
         for k, pose in enumerate(self.base_poses):
             if pose.translation.shape != (3,):
                 raise ValueError(f"base pose {k} must have 3 axes, not {pose.translation.shape}")
+
+    def turned(self, headings: ArrayLike) -> "FieldWorld":
+        """The same world with vehicles that head elsewhere: radians (n_robots,), from +x to +y."""
+        bases = tuple(
+            Pose(base.translation, turn_about_z(float(heading)))
+            for base, heading in zip(self.base_poses, np.asarray(headings), strict=True)
+        )
+        return replace(self, base_poses=bases)
 
     @property
     def n_robots(self) -> int:

@@ -1,0 +1,122 @@
+"""One pose of the base from looks whose camera poses err, each in its own way and all alike.
+
+To a look v, the base seems to stand not at its pose but displaced by e + e_v: the errors of the
+camera's pose, carried over to the base. e is common to all looks (the calibration of the joints),
+e_v its own (encoders, suspension). With the Gaussian information H_v, g_v of a look's points
+about x + e + e_v, both errors are eliminated one after the other,
+
+    W_v = (I + H_v S_v)^-1 H_v,      W = sum W_v,      W' = (I + W S)^-1 W
+
+and likewise g, which is the sum of (H_v^-1 + S_v)^-1, and needs no look to fix all of a pose. What
+is known of the base beforehand is added; x = (W' + P)^-1 (g' + P x_0), with that inverse as its
+covariance (a Schur complement: Triggs et al. 2000, section 6).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.geometry.rotations import skew
+
+Array = NDArray[np.float64]
+
+
+class SharedPose(NamedTuple):
+    """The estimate, to first order about where it was linearised."""
+
+    x: Array
+    """Displacement (6,) of the base."""
+    covariance: Array
+    """Of x, (6, 6)."""
+    errors: Array
+    """e + e_v of each look, (v, 6)."""
+
+
+def carried_to_base(covariances: Array, t_base_camera: Array, R_target_base: Array) -> Array:
+    """Covariances (v, 6, 6) of cameras' poses, as those of displacements of the base.
+
+    A camera that stands dt further, turned by dw, sees what it would see from a base displaced by
+    [dt + t x dw, dw]; both are turned into the target's frame.
+
+    Parameters
+    ----------
+    covariances : (v, 6, 6)
+        Of T_base_camera, in the base frame.
+    t_base_camera : (v, 3)
+        Where the cameras are.
+    R_target_base : (3, 3)
+    """
+    A = np.zeros_like(covariances)
+    A[:, :3, :3] = A[:, 3:, 3:] = R_target_base
+    A[:, :3, 3:] = R_target_base @ skew(t_base_camera)
+    return np.asarray(A @ covariances @ A.transpose(0, 2, 1))
+
+
+def shared_pose(H: Array, g: Array, own: Array, common: Array, P: Array, Px: Array) -> SharedPose:
+    """Estimate x of the looks' information H (v, 6, 6) and g (v, 6) about x + e + e_v.
+
+    Parameters
+    ----------
+    H, g : (v, 6, 6) and (v, 6)
+        H_v and H_v (x + e + e_v) as measured.
+    own, common : (v, 6, 6) and (6, 6)
+        Covariances S_v and S of the errors.
+    P, Px : (6, 6) and (6,)
+        What is known beforehand: information, and information times x. P must make up for what
+        all looks together leave open.
+    """
+    eye = np.eye(6)
+    L = eye + H @ own
+    W_v = np.linalg.solve(L, H)
+    g_v = np.linalg.solve(L, g[..., None])[..., 0]
+    W, w = W_v.sum(axis=0), g_v.sum(axis=0)
+    L = eye + W @ common
+    total = np.linalg.solve(L, W) + P
+    total = 0.5 * (total + total.T)
+    covariance = np.linalg.inv(total)
+    x = covariance @ (np.linalg.solve(L, w) + Px)
+    e = np.linalg.solve(eye + common @ W, common @ (w - W @ x))
+    left = g - H @ (x + e)
+    e_v = np.linalg.solve(eye + own @ H, (own @ left[..., None]))[..., 0]
+    return SharedPose(x, 0.5 * (covariance + covariance.T), e + e_v)
+
+
+def disagreement(H: Array, g: Array, own: Array) -> tuple[Array, Array]:
+    """How far each look is from what all others say: chi^2 (v,) and its degrees of freedom (v,).
+
+    Each look's own W_v, g_v against their sum without it, in the directions in which both tell
+    something; common errors are in both and cancel. With no such direction, both are 0.
+    """
+    L = np.eye(6) + H @ own
+    W_v = np.linalg.solve(L, H)
+    g_v = np.linalg.solve(L, g[..., None])[..., 0]
+    chi2, freedom = np.zeros(len(H)), np.zeros(len(H))
+    for v in range(len(H)):
+        W, w = W_v.sum(axis=0) - W_v[v], g_v.sum(axis=0) - g_v[v]
+        C_others, x_others = _inverse(W), np.zeros(6)
+        x_others = C_others @ w
+        C, x = _inverse(W_v[v]), np.zeros(6)
+        x = C @ g_v[v]
+        # what either leaves open is no disagreement: compare where the sum of covariances is small
+        spread = C_others + C
+        values, vectors = np.linalg.eigh(0.5 * (spread + spread.T) / np.outer(_UNITS, _UNITS))
+        known = values < 1.0
+        along = vectors.T @ ((x - x_others) / _UNITS)
+        chi2[v] = float((along[known] ** 2 / values[known]).sum())
+        freedom[v] = int(known.sum())
+    return chi2, freedom
+
+
+_UNITS = np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
+"""Metres and radians: what is known less well than this counts as open."""
+_OPEN = 1e4
+"""Times the units in square: the variance of what information leaves open."""
+
+
+def _inverse(W: Array) -> Array:
+    """Covariance of an information matrix that may leave directions open."""
+    prior = np.diag(1.0 / (_OPEN * _UNITS**2))
+    return np.asarray(np.linalg.inv(0.5 * (W + W.T) + prior))

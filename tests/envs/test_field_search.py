@@ -1,0 +1,241 @@
+"""Robots that do not know where they stand: they search, are located, and share one map."""
+
+import numpy as np
+import pytest
+
+from coopmap_env.envs.field import FieldEnv
+from coopmap_env.geometry import displacement_between
+from coopmap_env.localization import Registration
+from coopmap_env.mapping import OccupancyMap
+from coopmap_env.sensing import place
+
+pytest.importorskip("pybullet")
+pytest.importorskip("small_gicp")
+
+
+@pytest.fixture
+def make():
+    made = []
+
+    def make(**arguments):
+        made.append(FieldEnv(**{"initialization": "search", "max_scans": 8} | arguments))
+        return made[-1]
+
+    yield make
+    for env in made:
+        env.close()
+
+
+def best_rated(belief, robot, rng):
+    """Of thirty random feasible poses the one with the highest rating."""
+    poses = belief.random_poses(robot, 30, rng)
+    return poses[np.argmax(belief.rate(robot, poses).rating)]
+
+
+def wander(env, rng, until=lambda env: False):
+    """Look where the rating is high until a condition holds or the episode ends; the last infos."""
+    infos = {}
+    while env.agents and not until(env):
+        belief = env.belief()
+        actions = {
+            agent: belief.action_for(robot, best_rated(belief, robot, rng))
+            for robot, agent in enumerate(env.agents)
+        }
+        _, rewards, *_, infos = env.step(actions)
+        assert all(np.isfinite(reward) for reward in rewards.values())
+    return infos
+
+
+def all_located(env):
+    return all(env.belief().located)
+
+
+def found_worlds(env, seeds):
+    """Seeds in which these looks find the target for all."""
+    for seed in seeds:
+        env.reset(seed=seed)
+        wander(env, np.random.default_rng(seed), all_located)
+        if all_located(env):
+            yield seed
+
+
+def test_at_the_start_nobody_knows_anything_but_its_own_parking_room(make):
+    env = make(n_robots=3)
+    observations, infos = env.reset(seed=0)
+    belief = env.belief()
+    assert belief.located == (False, False, False)
+    assert infos["robot_0"]["viewed_share"] == 0.0
+    assert np.isnan(belief.positions).all()
+    for robot in range(3):
+        assert belief.map_of(robot) is not belief.map
+        assert belief.map_of(robot).viewed_share > 0.0
+        assert belief.teammates(robot) == []
+        assert len(belief.bodies(robot)[0]) == 0
+        assert (observations[f"robot_{robot}"]["teammates"] == 0).all()
+        assert (observations[f"robot_{robot}"]["located"] == 0).all()
+    assert (env.state()[-27:] == 0).all()  # cameras of nobody
+
+
+def test_all_robots_begin_alike_wherever_they_stand(make):
+    """What a robot knows at the start tells nothing of its true pose, or of the seed."""
+    env = make()
+    first, _ = env.reset(seed=0)
+    second, _ = env.reset(seed=1)
+    for key, value in first["robot_0"].items():
+        np.testing.assert_array_equal(value, second["robot_0"][key], err_msg=key)
+        np.testing.assert_array_equal(value, first["robot_1"][key], err_msg=key)
+
+
+def test_headings_are_drawn_and_places_are_those_of_the_located_world(make):
+    searching, located = make(), make(initialization="located")
+    headings = []
+    for seed in range(12):
+        searching.reset(seed=seed)
+        located.reset(seed=seed)
+        for turned, facing in zip(
+            searching.truth.base_poses, located.truth.base_poses, strict=True
+        ):
+            np.testing.assert_array_equal(turned.translation, facing.translation)
+            off = displacement_between(turned, facing)[5]
+            headings.append(off)
+    assert np.std(headings) > 1.0  # uniform angles have a standard deviation of 1.8
+    assert np.abs(np.mean(headings)) < 1.1  # three standard errors
+
+
+def test_located_robots_stand_where_they_think_and_see_each_other(make):
+    env, errors = make(), []
+    for seed in found_worlds(env, range(6)):
+        belief = env.belief()
+        for vehicle, true in zip(belief.vehicles, env.truth.base_poses, strict=True):
+            off = displacement_between(vehicle.T_world_base, true)
+            errors.append((np.linalg.norm(off[:3]), np.linalg.norm(off[3:])))
+        assert belief.teammates(0) == [1]
+        assert len(belief.bodies(0)[0]) > 0
+        assert np.isfinite(belief.positions).all()
+        assert seed >= 0
+    position, angle = np.array(errors).T
+    assert len(errors) >= 6
+    assert position.max() < 0.2
+    assert np.degrees(angle).max() < 5.0
+    assert np.median(position) < 0.02
+    assert np.degrees(np.median(angle)) < 0.5
+
+
+def test_the_teams_map_holds_each_look_of_the_located_exactly_once(make):
+    """A map made anew of the looks' own points is the same, bit for bit."""
+    env = make(motion_correction="exact", max_scans=10)
+    looks = []
+    original = env._start
+
+    def start(streams):
+        belief = original(streams)
+        simulator = env._simulator
+        measured = simulator.scan
+
+        def scan(robot, rng):
+            cloud = measured(robot, rng)
+            looks.append((robot, cloud, simulator.true_camera_pose(robot)))
+            return cloud
+
+        simulator.scan = scan
+        return belief
+
+    env._start = start
+    seed = next(found_worlds(env, range(8)))
+    looks.clear()
+    env.reset(seed=seed)
+    wander(env, np.random.default_rng(seed), all_located)
+    belief = env.belief()
+    hits = OccupancyMap(env.scene.grid, env.settings.beam, env.settings.log_odds_range)
+    for robot, cloud, true in looks:
+        # with exact poses, the hits that are no robot's carry the same points as the true ones
+        hits.integrate(place(cloud, true, env.settings.noise))
+        assert robot in (0, 1)
+    ours = {int(cell): np.trace(P) for cell, P in zip(*belief.map.information()[:2], strict=True)}
+    theirs = {int(cell): np.trace(P) for cell, P in zip(*hits.information()[:2], strict=True)}
+    shared = sorted(set(ours) & set(theirs))
+    assert len(shared) > 0.5 * len(ours)
+    ratio = np.array([ours[cell] / theirs[cell] for cell in shared])
+    # twice the precision would mean that a look was counted twice
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
+    assert (ratio < 1.5).mean() > 0.95
+
+
+def test_moving_in_is_not_paid_again(make):
+    """Cells that a robot's own map brought count once, when they were first seen."""
+    env = make(reward="coverage", max_scans=10)
+    seed = next(found_worlds(env, range(8)))
+    rng = np.random.default_rng(seed)
+    env.reset(seed=seed)
+    while env.agents and not all_located(env):
+        before = env.belief()
+        poses = [best_rated(before, robot, rng) for robot in range(2)]
+        actions = {f"robot_{robot}": before.action_for(robot, q) for robot, q in enumerate(poses)}
+        sampled = [before.map_of(robot).viewed_share for robot in range(2)]
+        maps = [before.map_of(robot) for robot in range(2)]
+        *_, infos = env.step(actions)
+        for robot in range(2):
+            if not before.located[robot]:
+                grown = maps[robot].viewed_share - sampled[robot]
+                new = infos[f"robot_{robot}"]["new_cells"] / maps[robot].grid.n_cells
+                assert new == pytest.approx(grown)
+
+
+def test_a_robot_that_is_not_located_leaves_nothing_in_the_teams_map(make, monkeypatch):
+    def lost(*_, **__):
+        return Registration(False, "nothing in view could be the target")
+
+    monkeypatch.setattr("coopmap_env.envs.field.locating.register", lost)
+    env = make(max_scans=4)
+    env.reset(seed=0)
+    infos = wander(env, np.random.default_rng(0))
+    belief = env.belief()
+    assert belief.map.viewed_share == 0.0
+    assert belief.located == (False, False)
+    assert belief.map_of(0).viewed_share > 0.0
+    assert np.isnan(infos["robot_0"]["base_error"])
+    assert infos["robot_0"]["located"] is False
+    assert env.locating.registrations[0].reason.startswith("nothing")
+
+
+def test_own_frames_do_not_change_what_a_look_brings(make):
+    """Before it is located, a robot's pose is off by its encoders only, as it is afterwards."""
+    env = make(max_scans=2)
+    env.reset(seed=0)
+    infos = wander(env, np.random.default_rng(0))
+    for info in infos.values():
+        assert info["camera_error"] < 0.06
+        assert np.degrees(info["camera_angle_error"]) < 2.5
+
+
+def test_every_policy_searches(make):
+    baselines = pytest.importorskip("coopmap_baselines")
+    env = make(max_scans=3)
+    for name in ("rating_function", "information_gain", "coverage", "frontier", "raster", "random"):
+        options = {"search": 8, "coordination": "sequential"} if name == "rating_function" else {}
+        policy = baselines.make(name, **options)
+        observations, _ = env.reset(seed=1)
+        policy.reset(np.random.default_rng(0))
+        while env.agents:
+            observations, *_ = env.step(policy.act(env.belief(), observations))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"initialization": "lost"}, "initialization must be one of .*'lost'"),
+        ({"motion_correction": "stereo"}, "motion_correction must be one of .*'stereo'"),
+    ],
+)
+def test_unknown_choices_are_refused(make, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        make(**arguments)
+
+
+def test_pictures_show_who_is_located(make):
+    pytest.importorskip("PIL")
+    env = make(render_mode="rgb_array", max_scans=6)
+    env.reset(seed=0)
+    first = env.render()
+    wander(env, np.random.default_rng(0), all_located)
+    assert first.shape == env.render().shape

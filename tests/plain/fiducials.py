@@ -1,0 +1,107 @@
+"""Fiducials of a map, voxel by voxel in plain Python."""
+
+import math
+
+import numpy as np
+
+from coopmap_env.geometry.traversal import traverse
+
+
+def neighbours(grid, cell):
+    """The up to 26 voxels around one, as flat numbers."""
+    index = np.array(np.unravel_index(cell, grid.shape))
+    around = [index + np.array(d) - 1 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
+    return [int(grid.flat(i)) for i in around if grid.contains(i)]
+
+
+def is_peak(map_, known, cell, alone=True):
+    """Above all neighbours by level, then by how well it is known, then by its number."""
+    key = (map_.levels[cell], known.get(cell, 0.0), -cell)
+    for other in neighbours(map_.grid, cell):
+        if map_.levels[other] > key[0]:
+            return False
+        if alone and (map_.levels[other], known.get(other, 0.0), -other) > key:
+            return False
+    return True
+
+
+def ball_radius(map_, p, cell, largest, least_rise):
+    """Metres to the nearest voxel that is more likely than its neighbour towards the peak."""
+    grid = map_.grid
+    peak = np.array(np.unravel_index(cell, grid.shape))
+    reach = int(largest / grid.resolution) + 1
+    nearest = largest
+    for d in np.ndindex(*(2 * reach + 1,) * 3):
+        offset = np.array(d) - reach
+        distance = np.linalg.norm(offset) * grid.resolution
+        if not 0 < distance < nearest:
+            continue
+        longest = max(abs(offset))
+        inner = [o - int(np.sign(o)) if 2 * abs(o) >= longest else o for o in offset]
+        if not grid.contains(peak + offset) or (
+            p[tuple(peak + offset)] - p[tuple(peak + inner)] > least_rise
+        ):
+            nearest = distance
+    return nearest
+
+
+def sees(map_, point, pose, camera, settings, border):
+    """Whether a point lies in the field of view, within range, and nothing occupied before it."""
+    d = point - pose.translation
+    x, y, z = pose.rotation.T @ d
+    a = (1 - border) * math.tan(camera.horizontal_field_of_view / 2)
+    b = (1 - border) * math.tan(camera.vertical_field_of_view / 2)
+    distance = np.linalg.norm(d)
+    far = min(camera.far, settings.farthest)
+    if x <= 0 or abs(y) > a * x or abs(z) > b * x or not camera.near <= distance <= far:
+        return False
+    grid = map_.grid
+    length = (distance - settings.occlusion_slack) / grid.resolution
+    if length <= 0:
+        return True
+    goal = tuple(grid.index(point))
+    for cell in traverse(grid.cells(pose.translation), d, length, grid.shape).cells[1:]:
+        if tuple(cell) == goal:
+            break
+        flat = grid.flat(cell)
+        if map_.sampled_cells[flat] and map_.levels[flat] >= 0:
+            return False
+    return True
+
+
+def select(map_, pose, camera, settings, kept=()):
+    """The chosen voxels, and position, radius and score of each."""
+    cells, means, _ = map_.surfaces()
+    means = dict(zip(cells.tolist(), means, strict=True))
+    precisions = map_.information()[1]
+    known = {c: P[0, 0] + P[1, 1] + P[2, 2] for c, P in zip(means, precisions, strict=True)}
+    probability = map_.probability.ravel()
+    least = round(math.log(settings.least_peak / (1 - settings.least_peak)) * 1024)
+
+    def described(cell):
+        radius = ball_radius(
+            map_, map_.probability, cell, settings.largest_radius, settings.least_rise
+        )
+        distance = np.linalg.norm(means[cell] - pose.translation)
+        return cell, means[cell], radius, radius * probability[cell] / distance
+
+    chosen = [
+        described(cell)
+        for cell in kept
+        if cell in means and map_.levels[cell] >= least and is_peak(map_, known, cell, alone=False)
+        if sees(map_, means[cell], pose, camera, settings, 0.0)
+    ][: settings.number]
+    new = [
+        described(cell)
+        for cell in means
+        if map_.levels[cell] >= least and is_peak(map_, known, cell)
+        if sees(map_, means[cell], pose, camera, settings, settings.border)
+    ]
+    for candidate in sorted(new, key=lambda c: -c[3]):
+        apart = [
+            candidate[0] != c[0] and np.linalg.norm(candidate[1] - c[1]) >= settings.spacing
+            for c in chosen
+        ]
+        if len(chosen) < settings.number and all(apart):
+            chosen.append(candidate)
+    return chosen
