@@ -45,6 +45,7 @@ def write_localization_report(study: LocalizationStudy, out: Path) -> dict[str, 
         s=found["search"],
         c=found["correction"],
         q=found["map_quality"],
+        same=found["map_quality_of_the_same_looks"],
         nees=_nees,
         pair=_pair,
         degrees=DEGREES,
@@ -80,6 +81,11 @@ def text_summary(found: dict[str, Any]) -> str:
         f"{_scaled(q[name]['log_loss'], 1, 4):>28}"
         for name in SETTINGS
     ]
+    same = found["map_quality_of_the_same_looks"]["taken_minus"]["kinematic"]
+    lines.append(
+        f"the same looks, fiducials less kinematic: F {_scaled(same['f_score'], 1, 4)}, Chamfer "
+        f"{_scaled(same['chamfer'], 100)} cm, log-loss {_scaled(same['log_loss'], 1, 4)}"
+    )
     return "\n".join(lines)
 
 

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.envs.mapping_env import Infos
-from coopmap_env.evaluation.episode import policy_rng, run_episode
+from coopmap_env.evaluation.episode import judge_of, policy_rng, run_episode
 from coopmap_env.evaluation.jobs import Job, Result
 from coopmap_env.evaluation.policy import make_policy
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.localization import BadlyPlacedError, consistent, linear_pose, rigid_transform
+from coopmap_env.mapping import OccupancyMap
+from coopmap_env.mapping.quality import log_loss
 from coopmap_env.robots import CameraEstimate
+from coopmap_env.sensing import PointCloud, place
 
 LEAST_SEEN = 50
 """Points of a look that the displacement of what was seen is averaged over."""
@@ -85,14 +88,60 @@ def correction_episode(job: Job) -> Result:
     )
     policy = make_policy(job["policy"])
     looks: list[dict[str, Any]] = []
+    again = SameLooks(env)
 
     def watch(infos: Infos) -> None:
         for robot, agent in enumerate(env.possible_agents):
             if infos[agent]["located"]:
                 looks.append(_look(env, robot, infos[agent]))
+                again.add(robot)
 
     episode = run_episode(env, policy, job["seed"], watch)
-    return {"episode": asdict(episode), "looks": looks}
+    return {"episode": asdict(episode), "looks": looks, "same_looks": again.scores(job["seed"])}
+
+
+class SameLooks:
+    """The same looks fused by the encoders alone, as they were taken to be, and by the truth.
+
+    Policies look elsewhere with another map. Here the views are those of one episode, so that
+    nothing but the camera poses differs.
+    """
+
+    def __init__(self, env: FieldEnv) -> None:
+        self._env = env
+        s = env.settings
+        self._maps = {
+            name: OccupancyMap(env.scene.grid, s.beam, s.log_odds_range)
+            for name in ("kinematic", "taken", "exact")
+        }
+
+    def add(self, robot: int) -> None:
+        """Fuse a robot's last look into each map."""
+        env, scan = self._env, self._env.scans[robot]
+        belief = env.belief()
+        taken = belief.estimates[robot]
+        cloud = PointCloud(taken.pose.inverse().transform(scan.points), scan.hit)
+        estimates = {
+            "kinematic": belief.vehicles[robot].camera_estimate(belief.joints[robot]),
+            "taken": taken,
+            "exact": CameraEstimate(env.true_cameras[robot], np.zeros((6, 6))),
+        }
+        for name, (pose, covariance) in estimates.items():
+            self._maps[name].integrate(place(cloud, pose, env.settings.noise, covariance))
+
+    def scores(self, seed: int) -> dict[str, dict[str, float]]:
+        """Map quality by each kind of pose."""
+        judge = judge_of(self._env, seed)
+        assert judge is not None
+        out = {}
+        for name, map_ in self._maps.items():
+            scores = judge.scores(map_)
+            out[name] = {
+                "f_score": scores.f_score,
+                "chamfer": scores.chamfer,
+                "log_loss": log_loss(map_.probability, self._env.truth.occupied, map_.sampled),
+            }
+        return out
 
 
 def _look(env: FieldEnv, robot: int, info: dict[str, Any]) -> dict[str, Any]:

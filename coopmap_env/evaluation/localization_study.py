@@ -59,7 +59,7 @@ class LocalizationSize:
     """Of the comparison of identifications."""
 
 
-FULL = LocalizationSize(100, 20, 300)
+FULL = LocalizationSize(100, 60, 300)
 QUICK = LocalizationSize(8, 3, 50)
 
 
@@ -130,6 +130,7 @@ def summary(study: LocalizationStudy) -> dict[str, Any]:
         "search": search_summary(study.searches),
         "correction": correction_summary(study.runs["fiducials"]),
         "map_quality": quality_summary(study.evaluations),
+        "map_quality_of_the_same_looks": same_looks_summary(study.runs["fiducials"]),
         "identification": {"noise_levels": LEVELS, **study.identifications},
     }
 
@@ -298,6 +299,30 @@ def quality_summary(evaluations: dict[str, Evaluation]) -> dict[str, Any]:
     }
     out["fiducials_over_exact"] = {
         score: float(ours[score].mean() / tables["exact"][score].mean()) for score in QUALITY
+    }
+    return out
+
+
+def same_looks_summary(runs: list[Result]) -> dict[str, Any]:
+    """Map quality of the same looks by each kind of pose, and paired differences."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+
+    def column(name: str, score: str) -> Array:
+        return np.array([run["same_looks"][name][score] for run in runs])
+
+    names, scores = ("kinematic", "taken", "exact"), ("f_score", "chamfer", "log_loss")
+    out: dict[str, Any] = {
+        name: {score: bootstrap_mean(column(name, score), rng).as_dict() for score in scores}
+        for name in names
+    }
+    out["taken_minus"] = {
+        other: {
+            score: bootstrap_paired_difference(
+                column("taken", score), column(other, score), rng
+            ).as_dict()
+            for score in scores
+        }
+        for other in ("kinematic", "exact")
     }
     return out
 
