@@ -1,9 +1,8 @@
 """Where the robots and their cameras are: target registration (2.2) and motion correction (2.5)."""
 
-from coopmap_env.localization.common_frame import agree_on_frame, in_frame
-from coopmap_env.localization.correction_settings import CorrectionSettings
-from coopmap_env.localization.fiducials import Fiducials, FiducialSettings, select
-from coopmap_env.localization.identification import (
+from coopmap_env.localization.motion.correction import Correction, Matches, MotionCorrection
+from coopmap_env.localization.motion.fiducials import Fiducials, FiducialSettings, select
+from coopmap_env.localization.motion.identification import (
     BadlyPlacedError,
     RecursiveMoments,
     camera_points,
@@ -14,11 +13,16 @@ from coopmap_env.localization.identification import (
     recursive_pose,
     rigid_transform,
 )
-from coopmap_env.localization.looks import View
-from coopmap_env.localization.motion_correction import Correction, Matches, MotionCorrection
-from coopmap_env.localization.registration import Registration, RegistrationSettings, register
+from coopmap_env.localization.motion.settings import CorrectionSettings
+from coopmap_env.localization.motion.tracking import TrackingSettings, Tracks, track
+from coopmap_env.localization.registration.common_frame import agree_on_frame, in_frame
+from coopmap_env.localization.registration.looks import View
+from coopmap_env.localization.registration.target_registration import (
+    Registration,
+    RegistrationSettings,
+    register,
+)
 from coopmap_env.localization.target import TargetModel
-from coopmap_env.localization.tracking import TrackingSettings, Tracks, track
 
 __all__ = [
     "BadlyPlacedError",

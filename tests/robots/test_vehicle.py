@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plain.kinematics import random_joints, turn
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose, displaced, displacement_between
 from coopmap_env.robots import Vehicle, make_mount, without_bodies
 from coopmap_env.sensing import RangeNoise
 from coopmap_env.sensing.point_cloud import PointCloud
@@ -91,6 +91,127 @@ def test_errors_of_the_mast_are_of_the_size_of_its_suspension(vehicle):
     assert (std[:3] < 0.03).all()
     assert (std[3:] > 0.001).all()
     assert (std[3:] < 0.015).all()
+
+
+BASE_COVARIANCE = np.diag([0.03, 0.02, 0.01, 0.004, 0.005, 0.01]) ** 2
+
+
+def differences(pose_of, n, step=1e-6):
+    """Central differences (6, n) of a pose as a displacement; their own error is about 1e-10."""
+    columns = []
+    for d in step * np.eye(n):
+        columns.append(displacement_between(pose_of(-d), pose_of(d)) / (2 * step))
+    return np.array(columns).T
+
+
+def test_the_joint_jacobian_is_that_of_differences(any_mount, somewhere):
+    vehicle = Vehicle.of(any_mount, somewhere)
+    for q in random_joints(vehicle.chain, np.random.default_rng(3), 5):
+        J = vehicle.joint_jacobian(q)
+        assert J.shape == (6, vehicle.chain.n_joints)
+        wanted = differences(lambda d, q=q: vehicle.camera_pose(q + d), len(q))
+        np.testing.assert_allclose(J, wanted, atol=1e-8)
+
+
+def test_the_base_jacobian_is_that_of_differences(vehicle):
+    q = vehicle.home + 0.2
+    J = vehicle.base_jacobian(vehicle.camera_pose(q))
+    wanted = differences(lambda d: vehicle.at(displaced(vehicle.T_world_base, d)).camera_pose(q), 6)
+    np.testing.assert_allclose(J, wanted, atol=1e-8)
+
+
+def test_by_hand_a_base_that_turns_takes_a_camera_two_metres_ahead_sideways(mast):
+    base = Pose(np.array([1.0, 2.0, 0.0]), np.eye(3))
+    camera = Pose(np.array([3.0, 2.0, 1.5]), np.eye(3))
+    J = Vehicle.of(mast, base).base_jacobian(camera)
+    np.testing.assert_array_equal(J[:, :3], np.eye(6)[:, :3])
+    np.testing.assert_array_equal(J[:, 3], [0, -1.5, 0, 1, 0, 0])  # roll: what is up goes right
+    np.testing.assert_array_equal(J[:, 4], [1.5, 0, -2, 0, 1, 0])  # pitch: forward and down
+    np.testing.assert_array_equal(J[:, 5], [0, 2, 0, 0, 0, 1])  # yaw: to the left
+
+
+def test_somewhere_else_it_is_the_same_vehicle(vehicle):
+    there = Pose(np.array([-1.0, 0.5, 0.0]), turn([0, 0, 1], -2.0))
+    moved = vehicle.at(there, BASE_COVARIANCE)
+    assert moved.T_world_base is there
+    assert moved.base_covariance is BASE_COVARIANCE
+    assert (moved.mount, moved.chain, moved.body) == (vehicle.mount, vehicle.chain, vehicle.body)
+    assert vehicle.base_covariance is None
+    assert moved.at(there).base_covariance is None
+    wanted = there @ vehicle.T_world_base.inverse() @ vehicle.camera_pose(vehicle.home)
+    pose = moved.camera_pose(vehicle.home)
+    np.testing.assert_allclose(pose.translation, wanted.translation, atol=1e-12)
+    np.testing.assert_allclose(pose.rotation, wanted.rotation, atol=1e-12)
+    reach = moved.reach[0]  # nothing is kept of where it stood
+    np.testing.assert_allclose(
+        there.inverse().transform(reach),
+        vehicle.T_world_base.inverse().transform(vehicle.reach[0]), atol=1e-12,
+    )  # fmt: skip
+    with pytest.raises(ValueError, match="a pose in space"):
+        vehicle.at(Pose.planar(0, 0, 0))
+
+
+def test_by_hand_own_errors_are_those_that_are_new_at_each_look(mast, somewhere):
+    """A turntable alone: 0.03 rad of noise are the look's own, 0.04 rad of offset are not."""
+    mount = dataclasses.replace(
+        mast, suspension=None, encoder_noise=(0.03, 0, 0, 0, 0),
+        calibration_error=(0.04, 0, 0, 0, 0),
+    )  # fmt: skip
+    vehicle = Vehicle.of(mount, somewhere)
+    r = vehicle.camera_pose(vehicle.home).translation - somewhere.translation
+    column = np.array([-r[1], r[0], 0, 0, 0, 1])
+    np.testing.assert_allclose(vehicle.joint_jacobian(vehicle.home)[:, 0], column, atol=1e-12)
+    own = vehicle.own_covariance(vehicle.home)
+    np.testing.assert_allclose(own, 0.03**2 * np.outer(column, column), atol=1e-15)
+
+
+def test_a_suspension_errs_anew_at_each_look(mast, somewhere):
+    stiff = Vehicle.of(dataclasses.replace(mast, suspension=None), somewhere)
+    vehicle = Vehicle.of(mast, somewhere)
+    J = differences(
+        lambda d: somewhere @ Pose(*mast.chain(True).camera_poses([*d, *mast.home])[::-1]), 3
+    )
+    share = (J * np.square(mast.suspension.std)) @ J.T
+    wanted = stiff.own_covariance(mast.home) + share
+    # of variances of 1e-5, by differences that are off by 1e-8
+    np.testing.assert_allclose(vehicle.own_covariance(mast.home), wanted, atol=1e-12)
+
+
+def test_the_estimate_is_of_own_and_of_lasting_errors(any_mount, somewhere):
+    vehicle = Vehicle.of(any_mount, somewhere)
+    q = np.clip(vehicle.home + 0.1, vehicle.chain.lower, vehicle.chain.upper)
+    J = vehicle.joint_jacobian(q)
+    lasting = J @ np.diag(np.square(any_mount.calibration_error)) @ J.T
+    wanted = vehicle.own_covariance(q) + lasting
+    np.testing.assert_allclose(vehicle.camera_estimate(q).covariance, wanted, atol=1e-16)
+    unsure = vehicle.at(somewhere, BASE_COVARIANCE)
+    B = vehicle.base_jacobian(vehicle.camera_pose(q))
+    wanted = wanted + B @ BASE_COVARIANCE @ B.T
+    np.testing.assert_allclose(unsure.camera_estimate(q).covariance, wanted, atol=1e-16)
+    exact = vehicle.at(somewhere, np.zeros((6, 6)))
+    np.testing.assert_array_equal(
+        exact.camera_estimate(q).covariance, vehicle.camera_estimate(q).covariance
+    )
+
+
+def test_the_share_of_the_base_eq_that_of_many_drawn_bases(mast, somewhere):
+    """First order, of a base known to a degree or less; 4000 draws tell deviations to 5 %."""
+    vehicle = Vehicle.of(mast, somewhere).at(somewhere, BASE_COVARIANCE)
+    rng, q = np.random.default_rng(4), mast.home
+    pose = vehicle.camera_pose(q)
+    drawn = np.cov(
+        [
+            displacement_between(pose, displaced(somewhere, d) @ somewhere.inverse() @ pose)
+            for d in rng.multivariate_normal(np.zeros(6), BASE_COVARIANCE, 4000)
+        ],
+        rowvar=False,
+    )
+    exact = Vehicle.of(mast, somewhere).camera_estimate(q).covariance
+    share = vehicle.camera_estimate(q).covariance - exact
+    scale = np.sqrt(np.diag(drawn))
+    np.testing.assert_allclose(np.sqrt(np.diag(share)), scale, rtol=0.05)
+    both = np.outer(scale, scale)
+    np.testing.assert_allclose(share / both, drawn / both, atol=0.08)
 
 
 def test_a_vehicle_stands_in_space():

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2 as chi_square
 
-from coopmap_env.localization.alignment import Alignment
-from coopmap_env.localization.fit_pixels import AGREES, OPEN, SEEN_THROUGH
-from coopmap_env.localization.shared_pose import disagreement
+from coopmap_env.localization.registration.alignment import Alignment
+from coopmap_env.localization.registration.fit_pixels import AGREES, OPEN, SEEN_THROUGH
+from coopmap_env.localization.registration.shared_pose import disagreement
 
 
 @dataclass(frozen=True)

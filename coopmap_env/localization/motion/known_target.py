@@ -1,11 +1,13 @@
 """The known target as fiducials: its geometry is as certain as nothing else in view (2.1).
 
 Its surface is divided into patches, each around one of evenly spaced points. A pixel belongs to the
-one nearest to what it should see there; pixels near the target's outline, where a small error of
-the camera's pose decides what is seen, are left out.
+one nearest to what it should see there, unless what it measures lies far from that, faces another
+way, or is seen edge-on.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import njit
@@ -17,8 +19,10 @@ from coopmap_env.localization.target import TargetModel
 
 JUMP = 0.1
 """Metres along a beam, besides 3 sigma, by which a pixel may miss the surface it should see."""
-SAME_PLANE = 1e-3
-"""Metres, and difference of normals: two triangles that lie in one plane."""
+GRAZING = 0.15
+"""Least cosine between a surface's normal and the beam: of a face that is seen edge-on, a small
+error of the pose decides whether a pixel is on it or on the next one, and it would tell of what is
+not seen at all."""
 
 
 class KnownTarget:
@@ -108,6 +112,13 @@ def tell_known(
             if abs(points[k, 0] - depth[k]) > JUMP + 3.0 * deviations[k]:
                 continue
             n = plane_normals[m]
+            facing, distance = 0.0, 0.0
+            for i in range(3):
+                for j in range(3):
+                    facing -= n[i] * R[i, j] * points[k, j]
+                distance += points[k, i] * points[k, i]
+            if facing < GRAZING * math.sqrt(distance):
+                continue
             if planar[k]:
                 cosine = 0.0
                 for i in range(3):

@@ -7,7 +7,7 @@ from plain import fiducials as plain
 from scipy.spatial.transform import Rotation
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.fiducials import Fiducials, FiducialSettings, select
+from coopmap_env.localization.motion.fiducials import Fiducials, FiducialSettings, select
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.mapping.log_odds import level_of
 from coopmap_env.sensing import DepthCamera

@@ -159,12 +159,12 @@ def rigid_transform(
         If there are fewer than three points, or all lie in one line.
     """
     r, u = _pairs(base_points, seen_points)
-    if len(r) < 3 or _flatness(r)[1] < FLAT:
+    w = np.ones(len(r)) if weights is None else np.asarray(weights, dtype=np.float64)
+    if len(r) < 3 or _flatness(r, w)[1] < FLAT:
         raise BadlyPlacedError(
             f"a rigid solution needs three points that are not in one line, got {len(r)}"
             f"{'' if len(r) < 3 else ' in a line'}"
         )
-    w = np.ones(len(r)) if weights is None else np.asarray(weights, dtype=np.float64)
     w = w / w.sum()
     middle_r, middle_u = w @ r, w @ u
     R = nearest_rotation((r - middle_r).T @ (w[:, None] * (u - middle_u)))
@@ -248,7 +248,8 @@ def gaussian_transform(
         e = r - arms - pose.translation
         weighted = (weights @ J).reshape(-1, 6)
         H = weighted.T @ J.reshape(-1, 6) + P
-        if np.linalg.eigvalsh(H / np.outer(s := np.sqrt(np.diag(H)) + 1e-300, s))[0] < 1e-12:
+        scale = np.sqrt(np.diag(H))
+        if not scale.all() or np.linalg.eigvalsh(H / np.outer(scale, scale))[0] < 1e-12:
             raise BadlyPlacedError(f"{len(r)} fiducials leave a direction of the pose open")
         step = np.linalg.solve(H, weighted.T @ e.ravel() - P @ x)
         pose, x = displaced(pose, step), x + step
@@ -274,10 +275,11 @@ def _pairs(base_points: ArrayLike, seen_points: ArrayLike) -> tuple[Array, Array
     return r, u
 
 
-def _flatness(points: Array) -> tuple[float, float]:
+def _flatness(points: Array, weights: Array | None = None) -> tuple[float, float]:
     """Smallest and middle eigenvalue of the points' scatter, as shares of the largest."""
-    off = points - points.mean(axis=0)
-    least, middle, most = np.linalg.eigvalsh(off.T @ off)
+    w = np.ones(len(points)) if weights is None else weights
+    off = points - w @ points / w.sum()
+    least, middle, most = np.linalg.eigvalsh(off.T @ (w[:, None] * off))
     return (least / most, middle / most) if most > 0 else (0.0, 0.0)
 
 

@@ -8,11 +8,15 @@ from plain.looking import aimed, box, look
 
 from coopmap_env.geometry.rotations import displaced, displacement_between
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.alignment import AlignmentSettings, align, levelled
-from coopmap_env.localization.fitness import FitnessSettings
-from coopmap_env.localization.looks import Looks
-from coopmap_env.localization.refine import SmallGicp
-from coopmap_env.localization.registration import RegistrationSettings, View, register
+from coopmap_env.localization.registration.alignment import AlignmentSettings, align, levelled
+from coopmap_env.localization.registration.fitness import FitnessSettings
+from coopmap_env.localization.registration.looks import Looks
+from coopmap_env.localization.registration.refine import SmallGicp
+from coopmap_env.localization.registration.target_registration import (
+    RegistrationSettings,
+    View,
+    register,
+)
 from coopmap_env.localization.target import TargetModel, about_z
 from coopmap_env.robots import CameraEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.peaks import ball, choose
+from coopmap_env.localization.motion.peaks import ball, choose
 from coopmap_env.mapping.log_odds import level_of
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 from coopmap_env.sensing.depth_camera import DepthCamera

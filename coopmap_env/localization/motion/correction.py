@@ -9,38 +9,46 @@ pose of the greatest likelihood and its covariance (`joint_poses`), outliers lef
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose, displaced, skew
-from coopmap_env.localization.correction_settings import CorrectionSettings
 from coopmap_env.localization.expected_view import pinhole
-from coopmap_env.localization.fiducials import Fiducials, FiducialSettings, select
-from coopmap_env.localization.joint_poses import JointPoses
-from coopmap_env.localization.keyframes import Keyframes, Surfaces
-from coopmap_env.localization.known_target import KnownTarget
-from coopmap_env.localization.patches import (
+from coopmap_env.localization.motion.fiducials import Fiducials, FiducialSettings, select
+from coopmap_env.localization.motion.joint_poses import JointPoses
+from coopmap_env.localization.motion.keyframes import Keyframes, Surfaces
+from coopmap_env.localization.motion.known_target import KnownTarget
+from coopmap_env.localization.motion.patches import (
     N_SUMS,
     Patches,
     count_shared,
     measure_patches,
     patches_of,
 )
+from coopmap_env.localization.motion.settings import CorrectionSettings
+from coopmap_env.localization.motion.tracking import TrackingSettings, track
 from coopmap_env.localization.target import TargetModel
-from coopmap_env.localization.tracking import TrackingSettings, track
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import CameraEstimate, Vehicle
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 Array = NDArray[np.float64]
 
-GATES = ((0.25, 0.05), (0.15, 0.025), (0.15, 0.01), (0.15, 0.0))
-"""Metres within which surfaces are looked for, and by which deviations are enlarged while they are:
-the kinematics is off by 3 cm at 4 m, three times as much at times. The last pair serves from then
-on. Without the enlargement, pixels that are still held against a wrong face pull the pose away from
-where all would fit."""
+GATE = 0.25
+"""Metres between a point and the surface that it may belong to."""
+SPREADS = (1.0, 0.5, 0.2, 0.0)
+"""By these shares of three standard deviations of where a prediction puts a surface `AHEAD` of the
+camera, residuals are held for less certain while surfaces are still to be found; the last one
+serves from then on. Without it, pixels that are still held against a wrong face pull the pose away
+from where all would fit."""
+AHEAD = 3.0
+"""Metres."""
+WIDEST = 0.1
+"""Metres of that at most: a base that registration has just found is better than it is said to be
+(it is said to be next to unknown, so that nothing counts twice)."""
 STEP = 5
 """One pixel in so many is asked when earlier looks are counted out."""
 LEAST_SHARED = 3
@@ -184,9 +192,12 @@ class MotionCorrection:
         numbers = self._shared(look, poses.cameras[number])
         columns = poses.columns([number, *numbers])
         x = np.zeros(len(columns))
+        turns = np.trace(prior[:3, :3]) + AHEAD**2 * np.trace(prior[3:, 3:])
+        spread = min(3.0 * math.sqrt(turns / 3.0), WIDEST)
         for iteration in range(s.iterations):
+            doubt = spread * SPREADS[min(iteration, len(SPREADS) - 1)]
             camera = displaced(poses.cameras[number], x[:6])
-            patches = self._measure(look, camera, numbers, tracked, n_tracked, iteration)
+            patches = self._measure(look, camera, numbers, tracked, n_tracked, doubt)
             if (n := patches.n_fiducials) < s.least_fiducials:
                 return 0, _too_few(n, s.least_fiducials), _none()
             J = self._design(patches, camera, numbers)
@@ -218,7 +229,7 @@ class MotionCorrection:
         count_shared(
             camera.transform(look.points), look.normals @ camera.rotation.T, look.planar, STEP,
             np.array(self._earlier.slots, dtype=np.int64), self._sources, self._lens,
-            GATES[0][0], counts,
+            GATE, counts,
         )  # fmt: skip
         best = np.argsort(-counts, kind="stable")[: self.settings.sources]
         return [int(number) for number in best if counts[number] >= LEAST_SHARED]
@@ -231,7 +242,7 @@ class MotionCorrection:
 
     def _measure(
         self, look: Surfaces, camera: Pose, numbers: list[int], tracked: NDArray[np.int32],
-        n_tracked: int, iteration: int,
+        n_tracked: int, doubt: float,
     ) -> Patches:  # fmt: skip
         """Hold a look against earlier ones and the target, with its camera at a pose."""
         labels, known, n_known = tracked.copy(), np.zeros((len(look.points), 6)), 0
@@ -249,7 +260,7 @@ class MotionCorrection:
             look.tilts, look.deviations, np.ascontiguousarray(camera.rotation[:, 0]),
             self._noise.lateral / max(self._noise.depth, 1e-12), labels, known,
             slots, self._sources, earlier.surfaces.tilts, earlier.surfaces.deviations, self._lens,
-            GATES[min(iteration, len(GATES) - 1)],
+            (GATE, doubt),
             np.zeros((len(numbers), len(look.points)), dtype=np.bool_), sums,
         )  # fmt: skip
         return patches_of(sums, self.settings)

@@ -4,7 +4,7 @@ The inverse depth of a plane is an affine function of the image coordinates, 1/x
 with u = y/x and v = z/x, and its normal is along (a, b, c). Where the depth's standard deviation
 grows with its square (Eq. 1, n = 2), that of the inverse depth is the same everywhere, so the plain
 least squares over a window of pixels has no bias. A fit of planes to points in space, by their
-scatter, leans towards the optical axis: the noise along it is many times that across.
+scatter, takes noise along the optical axis for extent, as it is many times that across.
 """
 
 from __future__ import annotations
@@ -24,13 +24,18 @@ EXCESS = (1.6, 2.2)
 and of 3 x 3 (6): up to there a window is taken as one plane; noise alone exceeds it once in 30."""
 
 
+ROUNDING = 1e-6
+"""Of an inverse depth, as a share: a camera without noise still counts in finite numbers."""
+
+
 class SurfaceNormals(NamedTuple):
     """Of each pixel of a look, where a plane fits its surroundings."""
 
     normals: NDArray[np.float64]
     """Shape (n, 3): unit vectors towards the camera, camera frame; 0 where no plane fits."""
     tilts: NDArray[np.float64]
-    """Shape (n,): variance of the normal along each axis across it, square radians."""
+    """Shape (n,): variance of the normal along each axis across it, square radians; for pixels
+    near the optical axis, a third less than it is at the corners of the default image."""
     planar: NDArray[np.bool_]
     """Shape (n,): where a plane fits."""
 
@@ -67,6 +72,7 @@ def fit_planes(points, hit, lens, scale, exponent, normals, tilts, planar):
                 continue
             x, y, z = points[k, 0], points[k, 1], points[k, 2]
             deviation = scale * (x * x + y * y + z * z) ** (0.5 * exponent) / (x * x)
+            deviation = max(deviation, ROUNDING / x)
             for half in (2, 1):
                 if min(row, height - 1 - row, column, width - 1 - column) < half:
                     continue

@@ -3,7 +3,11 @@ import pytest
 
 from coopmap_env.geometry.rotations import displaced, displacement_between
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.shared_pose import carried_to_base, disagreement, shared_pose
+from coopmap_env.localization.registration.shared_pose import (
+    carried_to_base,
+    disagreement,
+    shared_pose,
+)
 from coopmap_env.localization.target import about_z
 
 NOTHING = np.zeros((6, 6)), np.zeros(6)

@@ -19,17 +19,22 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry.rotations import displaced, vector_of_rotation
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.alignment import Alignment, AlignmentSettings, align, levelled
-from coopmap_env.localization.fitness import (
+from coopmap_env.localization.registration.alignment import (
+    Alignment,
+    AlignmentSettings,
+    align,
+    levelled,
+)
+from coopmap_env.localization.registration.fitness import (
     Fitness,
     FitnessSettings,
     evidence,
     fitness,
     why_not,
 )
-from coopmap_env.localization.looks import Looks, View
-from coopmap_env.localization.refine import Refiner, SmallGicp
-from coopmap_env.localization.search import SearchSettings, search, votes
+from coopmap_env.localization.registration.looks import Looks, View
+from coopmap_env.localization.registration.refine import Refiner, SmallGicp
+from coopmap_env.localization.registration.search import SearchSettings, search, votes
 from coopmap_env.localization.target import TargetModel, about_z
 from coopmap_env.sensing.depth_camera import DepthCamera
 from coopmap_env.sensing.noise import RangeNoise

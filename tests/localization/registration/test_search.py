@@ -6,10 +6,15 @@ import pytest
 from plain.looking import aimed, box, look
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.branch_and_bound import best_first, cells_of, fit, seen_through
-from coopmap_env.localization.likelihood_field import distances, likelihood_field
-from coopmap_env.localization.looks import Looks, View
-from coopmap_env.localization.search import SearchSettings, search, votes
+from coopmap_env.localization.registration.branch_and_bound import (
+    best_first,
+    cells_of,
+    fit,
+    seen_through,
+)
+from coopmap_env.localization.registration.likelihood_field import distances, likelihood_field
+from coopmap_env.localization.registration.looks import Looks, View
+from coopmap_env.localization.registration.search import SearchSettings, search, votes
 from coopmap_env.localization.target import TargetModel, about_z
 from coopmap_env.robots import CameraEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from plain import regions as plain
 
-from coopmap_env.localization.tracking import TrackingSettings, track
+from coopmap_env.localization.motion.tracking import TrackingSettings, track
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 CAMERA = DepthCamera(width=40, height=30, far=10.0)

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from coopmap_env.localization.correction_settings import CorrectionSettings
+from coopmap_env.localization.motion.settings import CorrectionSettings
 
 KNOWN = -1
 """The source of what is known of the target: its triangles."""

@@ -1,0 +1,93 @@
+"""Looks held against each other, one pixel after the other, with poses instead of loops."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coopmap_env.geometry import Pose
+
+
+class PlainLook(NamedTuple):
+    pose: Pose
+    points: np.ndarray
+    normals: np.ndarray
+    planar: np.ndarray
+    tilts: np.ndarray
+    deviations: np.ndarray
+
+
+def pixel_of(point, camera):
+    """Number of the pixel through which a point (3,) of the camera frame is seen, or None."""
+    if point[0] < 0.1:
+        return None
+    left, top = (
+        np.tan(camera.horizontal_field_of_view / 2),
+        np.tan(camera.vertical_field_of_view / 2),
+    )
+    column = (1 - point[1] / point[0] / left) / 2 * camera.width
+    row = (1 - point[2] / point[0] / top) / 2 * camera.height
+    if not (0 <= column < camera.width and 0 <= row < camera.height):
+        return None
+    return int(row) * camera.width + int(column)
+
+
+def associated(point, normal, look, camera, gate, facing):
+    """The pixel of an earlier look that saw the surface at a point of the world, or None."""
+    there = look.pose.inverse()
+    m = pixel_of(there.transform(point), camera)
+    if m is None or not look.planar[m]:
+        return None
+    if np.linalg.norm(look.points[m] - there.transform(point)) > gate:
+        return None
+    return m if look.normals[m] @ (there.rotation @ normal) >= facing else None
+
+
+def variance_along(n, axis, deviation, lateral):
+    """n^T C n of Eq. 1: standard deviation along the optical axis, and a share of it across."""
+    C = deviation**2 * (lateral**2 * np.eye(3) + (1 - lateral**2) * np.outer(axis, axis))
+    return n @ C @ n
+
+
+def measured(look, looks, camera, lateral, labels, known, gates, facing, least_variance, n_labels):
+    """Sums of each label and source: see `measure_patches`."""
+    information = np.zeros((n_labels, 1 + len(looks), 3, 3))
+    vector, middle = np.zeros((2, n_labels, 1 + len(looks), 3))
+    weight, tilt, count = np.zeros((3, n_labels, 1 + len(looks)))
+    served = [set() for _ in looks]
+    for k in np.flatnonzero(labels >= 0):
+        p, own = look.pose.transform(look.points[k]), look.pose.rotation @ look.normals[k]
+        at, tilted = None, 0.0
+        if known[k, :3].any():
+            at, n, there = 0, known[k, :3], known[k, 3:]
+        elif look.planar[k]:
+            for s, other in enumerate(looks):
+                m = associated(p, own, other, camera, gates[0], facing)
+                if m is not None and m not in served[s]:
+                    at = 1 + s
+                    n = own + other.pose.rotation @ other.normals[m]
+                    n = n / np.linalg.norm(n)
+                    there = other.pose.transform(other.points[m])
+                    break
+        if at is None:
+            continue
+        variance = variance_along(n, look.pose.rotation[:, 0], look.deviations[k], lateral)
+        if at:
+            axis = other.pose.rotation[:, 0]
+            variance += variance_along(n, axis, other.deviations[m], lateral)
+            tilted = (look.tilts[k] + other.tilts[m]) / 4
+        variance = max(variance, least_variance) + gates[1] ** 2
+        e = n @ (there - p)
+        if abs(e) > 3 * np.sqrt(variance):
+            continue
+        if at:
+            served[at - 1].add(m)
+        information[labels[k], at] += np.outer(n, n) / variance
+        vector[labels[k], at] += n * e / variance
+        middle[labels[k], at] += p / variance
+        weight[labels[k], at] += 1 / variance
+        tilt[labels[k], at] += tilted / variance
+        count[labels[k], at] += 1
+    flat = information.reshape(*weight.shape, 9)
+    return np.concatenate(
+        [flat, vector, middle, weight[..., None], tilt[..., None], count[..., None]], axis=-1
+    )
