@@ -47,9 +47,9 @@ know each other as obstacles. A robot that never finds the target leaves nothing
 ``infos[agent]`` holds ``terms`` (all reward terms), ``refused`` (why the mount stayed, or ""),
 ``contact`` (whether it bumped into something) and ``touched`` (into what), ``camera_error`` (metres
 between where the camera is and where it is taken to be; scoring only, as ``camera_angle_error``,
-``base_error`` and ``base_angle_error``), ``located``, ``corrected_directions`` (of the camera
-pose's six, how many fiducials told better than the prediction) and ``uncorrected`` (why they told
-nothing, or ""), ``new_information``,
+``base_error`` and ``base_angle_error``, the last two None until it is located), ``located``,
+``corrected_directions`` (of the camera pose's six, how many fiducials told better than the
+prediction) and ``uncorrected`` (why they told nothing, or ""), ``new_information``,
 ``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and ``action_mask`` in
 "candidates" mode. After a reset there are only ``scans``, ``viewed_share`` and the mask.
 

@@ -193,7 +193,7 @@ def test_a_robot_that_is_not_located_leaves_nothing_in_the_teams_map(make, monke
     assert belief.map.viewed_share == 0.0
     assert belief.located == (False, False)
     assert belief.map_of(0).viewed_share > 0.0
-    assert np.isnan(infos["robot_0"]["base_error"])
+    assert infos["robot_0"]["base_error"] is None
     assert infos["robot_0"]["located"] is False
     assert env.locating.registrations[0].reason.startswith("nothing")
 

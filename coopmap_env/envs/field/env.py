@@ -239,8 +239,8 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             "camera_error": float(np.linalg.norm(off[:3])),
             "camera_angle_error": float(np.linalg.norm(off[3:])),
             "located": known,
-            "base_error": float(np.linalg.norm(base_off[:3])) if known else math.nan,
-            "base_angle_error": float(np.linalg.norm(base_off[3:])) if known else math.nan,
+            "base_error": float(np.linalg.norm(base_off[:3])) if known else None,
+            "base_angle_error": float(np.linalg.norm(base_off[3:])) if known else None,
             "corrected_directions": corrected.directions if corrected else 0,
             "uncorrected": corrected.reason if corrected else "",
         }
@@ -293,6 +293,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             [self._trails[robot] for robot in known],
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
             f"viewed {belief.map.viewed_share:.1%}",
+            known,
         )
 
     def close(self) -> None:

@@ -114,6 +114,7 @@ def render_field(
     view: Overview,
     trails: Sequence[ArrayLike] = (),
     caption: str = "",
+    numbers: Sequence[int] | None = None,
 ) -> NDArray[np.uint8]:
     """Draw the truth and the team map side by side, both with the robots.
 
@@ -135,6 +136,8 @@ def render_field(
         Visited camera positions of each robot, oldest first.
     caption : str
         Line below the pictures.
+    numbers : sequence of int, optional
+        Which robot each of them is, which decides its colour; from 0 on, if not given.
 
     Returns
     -------
@@ -145,8 +148,10 @@ def render_field(
     ImportError
         If Pillow (extra "render") or embreex (extra "field") is not installed.
     """
-    torches = [Torch(pose, camera, robot_color(k)) for k, pose in enumerate(cameras)]
-    bodies = [Surface(triangles, robot_color(k)) for k, triangles in enumerate(robots)]
+    most = max(len(robots), len(cameras), len(trails))
+    colors = [robot_color(k) for k in (range(most) if numbers is None else numbers)]
+    torches = [Torch(pose, camera, color) for pose, color in zip(cameras, colors, strict=False)]
+    bodies = [Surface(triangles, color) for triangles, color in zip(robots, colors, strict=False)]
     panels = []
     for shapes, colors in (_true_scene(truth), _mapped_scene(map_)):
         painting = Painting(
@@ -156,8 +161,8 @@ def render_field(
         )  # fmt: skip
         image, distance = painting.picture(view, torches)
         sketch = _Sketch(view, distance)
-        for robot, trail in enumerate(trails):
-            sketch.trail(np.asarray(trail, dtype=np.float64), robot_color(robot))
+        for trail, color in zip(trails, colors, strict=False):
+            sketch.trail(np.asarray(trail, dtype=np.float64), color)
         for torch in torches:
             sketch.frustum(torch)
         panels.append(sketch.over(image))
