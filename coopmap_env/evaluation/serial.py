@@ -34,12 +34,13 @@ def settings_from_dict(values: dict[str, Any], kind: type[Settings]) -> Settings
         raise ValueError(f"unknown settings {sorted(unknown)}; known are {sorted(known)}")
     hints = get_type_hints(kind)
     try:
-        parts = {
-            name: settings_from_dict(value, hints[name])
-            if is_dataclass(hints[name]) and isinstance(value, dict)
-            else value
-            for name, value in values.items()
-        }
-        return kind(**parts)
+        return kind(**{name: _value(value, hints[name]) for name, value in values.items()})
     except TypeError as error:
         raise ValueError(f"settings: {error}") from error
+
+
+def _value(value: Any, kind: Any) -> Any:
+    """One value; nested settings are dictionaries in JSON, and tuples are lists."""
+    if is_dataclass(kind) and isinstance(kind, type) and isinstance(value, dict):
+        return settings_from_dict(value, kind)
+    return tuple(value) if isinstance(value, list) else value

@@ -20,7 +20,7 @@ PARALLEL_IDS = [name for name in pettingzoo.parallel_registry if name.startswith
 
 
 def test_the_documented_ids_are_in_both_registries():
-    ids = ["coopmap/Planar-v0", "coopmap/Field-v0"]
+    ids = ["coopmap/Planar-v0", "coopmap/Field-v0", "coopmap/FieldSearch-v0"]
     assert [name for name in gymnasium.registry if name.startswith("coopmap/")] == ids
     assert [name for name in pettingzoo.parallel_registry if name.startswith("coopmap/")] == ids
     assert planar_v0.__doc__.count(ids[0]) == 1

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2 as chi_square
+from scipy.special import chdtrc
 
 from coopmap_env.localization.registration.alignment import Alignment
 from coopmap_env.localization.registration.fit_pixels import AGREES, OPEN, SEEN_THROUGH
@@ -133,7 +133,7 @@ def _agreement(best: Alignment, points: int) -> float:
     if enough.sum() < 2:
         return 1.0
     chi2, freedom = disagreement(best.H[enough], best.g[enough], best.carried[enough])
-    chances = chi_square.sf(chi2, np.maximum(freedom, 1.0))
+    chances = chdtrc(np.maximum(freedom, 1.0), chi2)
     return float(min(chances.min() * enough.sum(), 1.0))  # of so many tries (Bonferroni)
 
 
