@@ -37,11 +37,14 @@ test: check
 reproduce: setup
 	$(BIN)/coopmap reproduce --quick --out $(OUT)
 
-# The pictures of the README, from the full run.
+# The pictures of the README, from the full runs.
 pictures: setup
 	$(BIN)/coopmap reproduce --out results/section3-full --workers 2
 	cp $(addprefix results/section3-full/,figure7.png figure8.png render.png field_surface.png) docs/
 	cp results/section3-full/field_render.png docs/field.png
+	$(BIN)/coopmap localization --out results/localization --workers 2
+	cp results/localization/search.png docs/localization_search.png
+	cp results/localization/errors.png docs/localization_errors.png
 
 clean:
 	rm -rf .venv build *.egg-info .mypy_cache .ruff_cache .pytest_cache
