@@ -1,4 +1,7 @@
-"""Features extractor: what the networks see of one robot's observation.
+"""Features extractors: what the networks see of one robot's observation.
+
+`RobotFeatures` takes all of it, for "pose" mode; `SituationFeatures` all but the candidates, which
+`coopmap_agents.candidate_scorer` sees one by one.
 
 Stable-Baselines3 hands over the map with its 0 ... 255 scaled to 0 ... 1, and all else as float32.
 """
@@ -23,8 +26,7 @@ class RobotFeatures(BaseFeaturesExtractor):
 
     Two convolutions with a margin, so that any `view_cells` will do: Stable-Baselines3's NatureCNN
     fails below 36 pixels. They take half the time of three finer ones, and learning is what takes
-    time here, not the simulation. Candidates are flat too: the network has to learn anew for each
-    index what a good candidate looks like.
+    time here, not the simulation.
 
     Parameters
     ----------
@@ -49,6 +51,61 @@ class RobotFeatures(BaseFeaturesExtractor):
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
         """Features (n, features_dim) of n observations, whatever the order of their entries."""
         parts = [part(observations[key]) for key, part in self.parts.items()]
+        return torch.cat(parts, dim=1)
+
+
+class SituationFeatures(BaseFeaturesExtractor):
+    """What is around a robot, whichever candidates are on offer and however teammates are ordered.
+
+    The map and the robot's own state as in `RobotFeatures`; each teammate goes through one shared
+    layer, and the mean and the maximum over them count. So neither their order nor, as long as
+    there is one, their number is built in.
+
+    Parameters
+    ----------
+    observation_space : gymnasium.spaces.Dict
+        In "candidates" mode; see `coopmap_env.envs.planar.observations` and those of the field.
+    image_features : int
+        Length of the map's feature vector.
+    teammate_features : int
+        Width of the layer for teammates.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        image_features: int = 128,
+        teammate_features: int = 16,
+    ) -> None:
+        apart = ("candidates", "action_mask", "teammates", "located")
+        own = {k: box for k, box in observation_space.spaces.items() if k not in apart}
+        tells_located = int("located" in observation_space.spaces)
+        robot = RobotFeatures(spaces.Dict(own), image_features) if own else None
+        n = (robot.features_dim if robot else 0) + tells_located
+        if "teammates" in observation_space.spaces:
+            n += 2 * teammate_features
+        super().__init__(observation_space, n)
+        self.robot = robot
+        self.teammate: nn.Module | None = None
+        if "teammates" in observation_space.spaces:
+            shape = observation_space["teammates"].shape
+            assert shape is not None
+            self.teammate = nn.Sequential(
+                nn.Linear(shape[-1] + tells_located, teammate_features), nn.ReLU()
+            )
+
+    def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Features (n, features_dim) of n observations."""
+        parts = [self.robot(observations)] if self.robot else []
+        located = observations.get("located")  # the own flag, then one for each teammate
+        if located is not None:
+            parts.append(located[:, :1])
+        if self.teammate is not None:
+            teammates = observations["teammates"]
+            if located is not None:
+                teammates = torch.cat([teammates, located[:, 1:, None]], dim=-1)
+            each = self.teammate(teammates)
+            parts += [each.mean(dim=1), each.amax(dim=1)]
         return torch.cat(parts, dim=1)
 
 

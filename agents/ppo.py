@@ -1,26 +1,23 @@
 """Proximal policy optimisation with one policy for all robots, on Stable-Baselines3.
 
-Read it from top to bottom: settings, `train`, `save` and `load`, and the `LearnedPolicy` that the
-evaluation takes::
+Read it from top to bottom: settings, `make_model`, `train`; `save`, `load` and the `LearnedPolicy`
+that the evaluation takes are in `coopmap_agents.learned_policy` and can be had from here too::
 
     model = train(lambda: planar_v0.parallel_env(reward="information"), PPOSettings(), seed=0)
     save(model, "ppo.zip")
     env = planar_v0.parallel_env(reward="information", split="test")
     evaluation = evaluate(env, LearnedPolicy("ppo.zip"), seeds=range(100))
+
+In "candidates" mode the policy is a `CandidateScorer`, in "pose" mode a Gaussian around a network's
+output. `coopmap_agents.imitation` makes a model that has learned from a planner, to go on from.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
-
-from coopmap_env.envs.belief import Belief, Observation
 
 from . import NEEDS_RL
 
@@ -31,9 +28,15 @@ try:
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
+from .candidate_scorer import CandidateScorer, Initial
 from .features import RobotFeatures
-from .masking import MaskedPolicy
-from .vec_env import EnvFactory, SharedPolicyVecEnv, stack
+from .learned_policy import LearnedPolicy, load, save
+from .vec_env import EnvFactory, SharedPolicyVecEnv
+
+__all__ = ["LearnedPolicy", "PPOSettings", "load", "make_model", "save", "train"]
+
+CRITIC = ("network.value.", "mlp_extractor.value_net.", "value_net.")
+"""Beginnings of the names of the critic's own parameters, in either mode."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,9 @@ class PPOSettings:
 
     total_steps: int = 500_000
     """Rounded up to whole roll-outs."""
+    critic_steps: int = 0
+    """The first of them, in which only the critic learns: after a warm start the policy is better
+    than what a fresh critic could tell it."""
     n_envs: int = 8
     """Parallel environments: a roll-out then holds 8 worlds at a time, which differ."""
     rollout_steps: int = 64
@@ -73,6 +79,8 @@ class PPOSettings:
     log_std: float = -1.0
     """Start of the exploration in "pose" mode, 0.37 of the reach: further goals mostly lie in
     unknown space at first, where they are refused."""
+    initial: Initial = "random"
+    """Of the network in "candidates" mode: "rating" begins at the rating-function planner."""
     image_features: int = 128
     """Length of the map's feature vector."""
     hidden: tuple[int, ...] = (64, 64)
@@ -88,6 +96,10 @@ class PPOSettings:
                 raise ValueError(
                     f"PPOSettings.{name} must be at least 1, got {getattr(self, name)}"
                 )
+        if not 0 <= self.critic_steps <= self.total_steps:
+            raise ValueError(
+                f"PPOSettings.critic_steps must lie in [0, total_steps], got {self.critic_steps}"
+            )
         for name in ("gamma", "gae_lambda"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(
@@ -95,13 +107,8 @@ class PPOSettings:
                 )
 
 
-def train(
-    env_factory: EnvFactory,
-    settings: PPOSettings,
-    seed: int,
-    callback: BaseCallback | None = None,
-) -> PPO:
-    """Train a policy that all robots of a team share.
+def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int) -> PPO:
+    """Make an untrained model with its environments.
 
     Parameters
     ----------
@@ -111,17 +118,17 @@ def train(
     seed : int
         Decides everything: worlds, exploration and networks. Stable-Baselines3 seeds the global
         generators of random, numpy and torch with it.
-    callback : BaseCallback, optional
-        Of Stable-Baselines3, for logs and checkpoints.
 
-    Returns
-    -------
-    stable_baselines3.PPO
+    Raises
+    ------
+    ValueError
+        If robots choose among candidates that they do not observe.
     """
     env = VecMonitor(SharedPolicyVecEnv(env_factory, settings.n_envs))
     try:
-        model = PPO(
-            MaskedPolicy,
+        policy, options = _policy(env.action_space, settings)
+        return PPO(
+            policy,
             env,
             learning_rate=settings.learning_rate,
             n_steps=settings.rollout_steps,
@@ -133,77 +140,87 @@ def train(
             ent_coef=settings.entropy_weight,
             vf_coef=settings.value_weight,
             max_grad_norm=settings.max_gradient_norm,
-            policy_kwargs={
-                "features_extractor_class": RobotFeatures,
-                "features_extractor_kwargs": {"image_features": settings.image_features},
-                "net_arch": list(settings.hidden),
-                "log_std_init": settings.log_std,
-            },
+            policy_kwargs=options,
             seed=seed,
             device=settings.device,
         )
-        return model.learn(settings.total_steps, callback)
-    finally:
+    except BaseException:
         env.close()
+        raise
 
 
-def save(model: PPO, path: str | os.PathLike[str]) -> None:
-    """Write a trained model as the zip file of Stable-Baselines3."""
-    model.save(os.fspath(path))
+def _policy(
+    action_space: spaces.Space[Any], settings: PPOSettings
+) -> tuple[str | type[CandidateScorer], dict[str, Any]]:
+    """Policy and its options for an action mode."""
+    options: dict[str, Any] = {
+        "net_arch": list(settings.hidden),
+        "features_extractor_kwargs": {"image_features": settings.image_features},
+    }
+    if isinstance(action_space, spaces.Discrete):
+        return CandidateScorer, {**options, "initial": settings.initial}
+    own = {"features_extractor_class": RobotFeatures, "log_std_init": settings.log_std}
+    return "MultiInputPolicy", {**options, **own}
 
 
-def load(path: str | os.PathLike[str], device: str = "cpu") -> PPO:
-    """Read a model that `save` wrote. Such files can run code: load only what you trust."""
-    return PPO.load(os.fspath(path), device=device)
-
-
-class LearnedPolicy:
-    """A trained model as a `Policy`: each robot does what it holds to be best, without chance.
+def train(
+    env_factory: EnvFactory,
+    settings: PPOSettings,
+    seed: int,
+    callback: BaseCallback | None = None,
+    warm_start: PPO | None = None,
+) -> PPO:
+    """Train a policy that all robots of a team share.
 
     Parameters
     ----------
-    model : PPO or path
-        From `train`, or the file that `save` wrote.
+    env_factory, settings, seed
+        As in `make_model`.
+    callback : BaseCallback, optional
+        Of Stable-Baselines3, for logs and checkpoints.
+    warm_start : PPO, optional
+        A model whose network to begin with, made with the same settings of the network; it stays as
+        it is.
+
+    Returns
+    -------
+    stable_baselines3.PPO
 
     Raises
     ------
     ValueError
-        If the model chooses among candidates and does not know of masks.
+        As `make_model`, or if the network of `warm_start` is another one.
     """
+    model = make_model(env_factory, settings, seed)
+    try:
+        if warm_start is not None:
+            _copy_network(warm_start, model)
+        if settings.critic_steps:
+            _set_actor_learns(model, False)
+            model.learn(settings.critic_steps, callback)
+            _set_actor_learns(model, True)
+            if model.num_timesteps < settings.critic_steps:
+                return model  # the callback has ended it
+        left = max(settings.total_steps - model.num_timesteps, 0)
+        return model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0)
+    finally:
+        assert model.env is not None
+        model.env.close()
 
-    def __init__(self, model: PPO | str | os.PathLike[str]) -> None:
-        self.model = model if isinstance(model, PPO) else load(model)
-        if isinstance(self.model.action_space, spaces.Discrete) and not isinstance(
-            self.model.policy, MaskedPolicy
-        ):
-            raise ValueError(
-                "a model that chooses among candidates must have a MaskedPolicy, "
-                f"got {type(self.model.policy).__name__}"
-            )
 
-    def reset(self, rng: np.random.Generator) -> None:
-        """Nothing to forget and nothing to draw."""
+def _copy_network(source: PPO, target: PPO) -> None:
+    given, own = source.policy.state_dict(), target.policy.state_dict()
+    shapes, needed = ({k: tuple(v.shape) for k, v in state.items()} for state in (given, own))
+    if shapes != needed:
+        other = sorted(k for k in shapes | needed if shapes.get(k) != needed.get(k))
+        raise ValueError(
+            f"warm_start has another network than these settings and environments make: {other[0]} "
+            f"has the shape {shapes.get(other[0])}, not {needed.get(other[0])}"
+        )
+    target.policy.load_state_dict(given)
 
-    def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
-        """One action for each robot, from its own observation.
 
-        Raises
-        ------
-        ValueError
-            If the observations are not of the shape that the model was trained on.
-        """
-        rows = stack(observations[agent] for agent in belief.agents)
-        self._check(rows)
-        actions, _ = self.model.predict(rows, deterministic=True)
-        return dict(zip(belief.agents, actions, strict=True))
-
-    def _check(self, rows: Mapping[str, NDArray[Any]]) -> None:
-        space = self.model.observation_space
-        assert isinstance(space, spaces.Dict)
-        learned = {name: box.shape for name, box in space.spaces.items()}
-        given = {name: array.shape[1:] for name, array in rows.items()}
-        if learned != given:
-            raise ValueError(
-                f"this policy was trained on observations {learned}, but is given {given}: use the "
-                "action mode, number of robots and candidates that it was trained with"
-            )
+def _set_actor_learns(model: PPO, learns: bool) -> None:
+    for name, parameter in model.policy.named_parameters():
+        if not name.startswith(CRITIC):
+            parameter.requires_grad_(learns)

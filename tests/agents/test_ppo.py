@@ -1,17 +1,18 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from coopmap_agents.features import RobotFeatures
-from coopmap_agents.ppo import LearnedPolicy, PPOSettings, load, save, train
+from coopmap_agents.ppo import LearnedPolicy, PPOSettings, load, make_model, save, train
 from coopmap_agents.vec_env import SharedPolicyVecEnv
 from small_worlds import masked_world, small_world
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor
-from toy_team import ConstantReward
+from toy_team import ConstantChoice, ConstantReward
 
 from coopmap_env.evaluation import Policy, evaluate
 
@@ -29,9 +30,9 @@ CONSTANT_REWARD = PPOSettings(
 )
 
 
-def values_of(model, clock=True):
+def values_of(model, clock=True, toy=ConstantReward):
     """Values (5, 2) over one episode of the toy's two robots."""
-    env = SharedPolicyVecEnv(lambda: ConstantReward(clock=clock), 1)
+    env = SharedPolicyVecEnv(lambda: toy(clock=clock), 1)
     env.seed(11)
     observations, values = env.reset(), []
     for _ in range(5):
@@ -42,10 +43,20 @@ def values_of(model, clock=True):
     return np.array(values)
 
 
+def choice(**arguments):
+    return ConstantChoice(clock=False, **arguments)
+
+
 def test_the_value_of_reward_1_for_ever_is_1_over_1_minus_gamma_despite_truncation():
     # no clock: what is seen at the cut is also seen before, so its value is learned, not guessed
     model = train(lambda: ConstantReward(clock=False), CONSTANT_REWARD, seed=0)
     np.testing.assert_allclose(values_of(model, clock=False), 1 / (1 - 0.9), rtol=0.05)
+
+
+def test_among_candidates_the_value_of_reward_1_for_ever_is_1_over_1_minus_gamma_too():
+    model = train(choice, CONSTANT_REWARD, seed=0)
+    values = values_of(model, clock=False, toy=ConstantChoice)
+    np.testing.assert_allclose(values, 1 / (1 - 0.9), rtol=0.02)
 
 
 def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it():
@@ -54,9 +65,10 @@ def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it():
     np.testing.assert_allclose(values_of(model), np.column_stack([expected] * 2), rtol=0.1)
 
 
-def test_training_twice_with_one_seed_gives_the_same_network_and_another_seed_another():
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+def test_training_twice_with_one_seed_gives_the_same_network_and_another_another(make_env):
     def parameters(seed):
-        model = train(small_world, TINY, seed)
+        model = train(make_env, TINY, seed)
         return torch.cat([p.detach().ravel() for p in model.policy.parameters()])
 
     one = parameters(0)
@@ -130,6 +142,57 @@ def test_a_learned_policy_never_asks_for_a_masked_candidate():
     assert evaluation.table["refused"].sum() == 0
 
 
+def test_a_policy_among_candidates_names_what_it_was_trained_on_but_for_their_number():
+    policy = LearnedPolicy(train(masked_world, TINY, seed=0))
+    env = small_world()
+    observations, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"trained on .*candidates': \('any', 9\).* is given"):
+        policy.act(env.belief(), observations)
+
+
+def parameters_of(model, critic):
+    own = dict(model.policy.named_parameters())
+    chosen = [p for name, p in own.items() if ("value" in name) == critic]
+    return torch.cat([p.detach().ravel() for p in chosen])
+
+
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+def test_at_first_only_the_critic_learns_if_asked_to(make_env):
+    start = make_model(make_env, TINY, seed=0)
+    model = train(make_env, replace(TINY, critic_steps=128), seed=0)
+    assert model.num_timesteps == 128
+    assert torch.equal(parameters_of(model, critic=False), parameters_of(start, critic=False))
+    assert not torch.equal(parameters_of(model, critic=True), parameters_of(start, critic=True))
+    model = train(make_env, replace(TINY, total_steps=256, critic_steps=128), seed=0)
+    assert model.num_timesteps == 256
+    assert not torch.equal(parameters_of(model, critic=False), parameters_of(start, critic=False))
+
+
+def test_a_callback_that_ends_the_training_does_so_while_the_critic_learns_too():
+    settings = replace(TINY, total_steps=256, critic_steps=128)
+    model = train(masked_world, settings, seed=0, callback=lambda *_: False)
+    assert model.num_timesteps < 128
+
+
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+def test_a_warm_start_begins_with_the_network_of_a_model_and_leaves_that_alone(make_env):
+    def parameters(model):
+        return torch.cat([p.detach().ravel() for p in model.policy.parameters()])
+
+    warm = make_model(make_env, TINY, seed=5)
+    before = parameters(warm).clone()
+    still = replace(TINY, learning_rate=0.0)
+    assert torch.equal(parameters(train(make_env, still, seed=0, warm_start=warm)), before)
+    assert not torch.equal(parameters(train(make_env, TINY, seed=0, warm_start=warm)), before)
+    assert torch.equal(parameters(warm), before)
+
+
+def test_a_warm_start_with_another_network_is_refused_with_what_differs():
+    warm = make_model(masked_world, replace(TINY, hidden=(8,)), seed=0)
+    with pytest.raises(ValueError, match=r"network\..* has the shape \(8,\), not \(64,\)"):
+        train(masked_world, TINY, seed=0, warm_start=warm)
+
+
 def test_a_model_that_ignores_masks_is_refused():
     env = SharedPolicyVecEnv(masked_world, 1)
     extractor = {
@@ -137,12 +200,19 @@ def test_a_model_that_ignores_masks_is_refused():
         "features_extractor_kwargs": {"image_features": 8},
     }
     model = PPO("MultiInputPolicy", env, n_steps=8, batch_size=16, policy_kwargs=extractor)
-    with pytest.raises(ValueError, match="MaskedPolicy, got MultiInputActorCriticPolicy"):
+    with pytest.raises(ValueError, match="CandidateScorer, got MultiInputActorCriticPolicy"):
         LearnedPolicy(model)
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("n_envs", 0), ("total_steps", -1), ("gamma", 1.1), ("gae_lambda", -0.1)]
+    ("name", "value"),
+    [
+        ("n_envs", 0),
+        ("total_steps", -1),
+        ("critic_steps", -1),
+        ("gamma", 1.1),
+        ("gae_lambda", -0.1),
+    ],
 )
 def test_settings_out_of_range_are_refused_with_their_value(name, value):
     with pytest.raises(ValueError, match=rf"PPOSettings\.{name} must .*, got {value}"):
@@ -165,6 +235,22 @@ def test_environments_are_closed_after_training_even_if_it_fails():
     assert [env.calls for env in made] == [["close"]] * 2
 
 
+def test_a_choice_among_what_is_not_observed_is_refused_and_environments_are_closed():
+    made = []
+
+    class Unseen(ConstantChoice):
+        def observation_space(self, agent):
+            return ConstantReward.observation_space(self, agent)
+
+    def factory():
+        made.append(Unseen())
+        return made[-1]
+
+    with pytest.raises(ValueError, match="needs observations with candidates"):
+        make_model(factory, TINY, seed=0)
+    assert [env.calls for env in made] == [["close"]] * 2
+
+
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
 def test_what_is_missing_is_named_by_the_modules_that_need_it_and_only_by_them(missing):
     code = f"""
@@ -177,7 +263,14 @@ class Missing:
 
 sys.meta_path.insert(0, Missing)
 import coopmap_agents
-for module in ("vec_env", "features", "masking", "ppo"):
+for module in (
+    "vec_env",
+    "features",
+    "candidate_scorer",
+    "learned_policy",
+    "ppo",
+    "imitation",
+):
     try:
         __import__("coopmap_agents." + module)
     except ImportError as error:
@@ -185,5 +278,5 @@ for module in ("vec_env", "features", "masking", "ppo"):
 """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     lines = run.stdout.splitlines()
-    assert len(lines) == 4
+    assert len(lines) == 6
     assert all("pip install 'coopmap[rl]'" in line for line in lines)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.features import RobotFeatures
+from coopmap_agents.features import RobotFeatures, SituationFeatures
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 
@@ -22,13 +22,6 @@ def test_map_features_and_all_other_numbers_make_the_vector():
     assert features(batch(space)).shape == (2, features.features_dim)
 
 
-def test_candidates_and_their_mask_are_flat():
-    space = masked_world().observation_space("robot_0")
-    features = RobotFeatures(space, 10)
-    assert features.features_dim == 10 + 4 + 4 + 300 * 9 + 300
-    assert features(batch(space)).shape == (2, features.features_dim)
-
-
 @pytest.mark.parametrize("side", [4, 5, 13, 36, 64])
 def test_any_side_of_the_map_will_do(side):
     space = spaces.Dict({"map": spaces.Box(0, 255, (4, side, side), np.uint8)})
@@ -44,7 +37,31 @@ def test_no_map_is_fine_too():
 
 def test_the_order_of_the_entries_does_not_matter():
     # environments give theirs in another order than the roll-out buffer, which sorts them
-    space = masked_world().observation_space("robot_0")
+    space = small_world(n_robots=3).observation_space("robot_0")
     features, values = RobotFeatures(space, 10), batch(space)
     backwards = dict(reversed(values.items()))
     torch.testing.assert_close(features(values), features(backwards), rtol=0, atol=0)
+
+
+def test_the_situation_is_all_but_the_candidates():
+    space = masked_world().observation_space("robot_0")
+    features, values = SituationFeatures(space, 10, 5), batch(space)
+    assert features.features_dim == 10 + 4 + 2 * 5
+    result = features(values)
+    assert result.shape == (2, features.features_dim)
+    for key in ("candidates", "action_mask"):
+        values[key] = 1 - values[key]
+    torch.testing.assert_close(features(values), result, rtol=0, atol=0)
+
+
+def test_a_teammate_that_is_there_twice_counts_once():
+    # mean and maximum over teammates: two alike say what one says
+    space = small_world(n_robots=2).observation_space("robot_0")
+    features, values = SituationFeatures(space, 10, 5), batch(space)
+    twice = values | {"teammates": values["teammates"].repeat(1, 2, 1)}
+    torch.testing.assert_close(features(twice), features(values))
+
+
+def test_a_lone_robot_s_situation_is_its_map_and_its_state():
+    space = small_world(n_robots=1).observation_space("robot_0")
+    assert SituationFeatures(space, 10, 5).features_dim == 10 + 4

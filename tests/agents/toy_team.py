@@ -71,3 +71,28 @@ class ConstantReward(ParallelEnv):
 
     def close(self):
         self.calls.append("close")
+
+
+class ConstantChoice(ConstantReward):
+    """The same, choosing among `m` candidates, of which a random number is on offer."""
+
+    def __init__(self, m=6, **arguments):
+        super().__init__(**arguments)
+        self.m = m
+
+    def observation_space(self, agent):
+        candidates = spaces.Box(-10.0, 10.0, (self.m, 3), np.float32)
+        mask = spaces.Box(0, 1, (self.m,), np.int8)
+        own = super().observation_space(agent).spaces
+        return spaces.Dict({**own, "candidates": candidates, "action_mask": mask})
+
+    def action_space(self, agent):
+        return spaces.Discrete(self.m)
+
+    def observe(self):
+        observations = super().observe()
+        for own in observations.values():
+            mask = np.arange(self.m) < self.rng.integers(1, self.m + 1)
+            features = self.rng.uniform(-1, 1, (self.m, 3)) * mask[:, None]
+            own.update(candidates=features.astype(np.float32), action_mask=mask.astype(np.int8))
+        return observations

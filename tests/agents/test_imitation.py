@@ -1,0 +1,128 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from coopmap_agents.imitation import ImitationSettings, clone, watch
+from coopmap_agents.ppo import LearnedPolicy, PPOSettings, make_model
+from coopmap_baselines import make
+from small_worlds import small_world
+
+from coopmap_env.evaluation import evaluate
+
+NETWORK = PPOSettings(n_envs=1, rollout_steps=32, batch_size=32, hidden=(32, 32), image_features=16)
+QUICK = ImitationSettings(episodes=4, rounds=2, epochs=2, batch_size=16)
+LONG_ENOUGH = ImitationSettings(episodes=40, rounds=2, epochs=15, batch_size=64, learning_rate=3e-3)
+
+
+def choosing():
+    return small_world(action_mode="candidates", n_candidates=12, max_scans=8)
+
+
+def parameters(model):
+    return torch.cat([p.detach().ravel() for p in model.policy.parameters()])
+
+
+def test_a_clone_of_the_rating_function_agrees_with_it_on_worlds_it_has_not_seen():
+    model = make_model(choosing, NETWORK, seed=0)
+    model.policy.network.rating_weight.requires_grad_(False)  # 0: not even the direct path helps
+    before = evaluate(choosing(), LearnedPolicy(model), range(100, 120)).table["reward"]
+    report = clone(model, choosing, make("rating_function"), LONG_ENOUGH, seed=0)
+    print(report)
+    assert report.n_held_out == 2 * 4 * 8 * 2
+    assert report.n_learned == 2 * 36 * 8 * 2
+    assert report.agreement > 0.8
+    assert model.policy.network.rating_weight == 0
+    after = evaluate(choosing(), LearnedPolicy(model), range(100, 120)).table["reward"]
+    planned = evaluate(choosing(), make("rating_function"), range(100, 120)).table["reward"]
+    assert after.mean() - before.mean() > 0.8 * (planned.mean() - before.mean()) > 0
+
+
+def test_a_network_set_to_the_rating_agrees_with_its_planner_before_it_learns():
+    model = make_model(choosing, replace(NETWORK, initial="rating"), seed=0)
+    settings = replace(QUICK, learning_rate=1e-12)
+    report = clone(model, choosing, make("rating_function"), settings, seed=0)
+    assert report.agreement == 1.0
+
+
+@pytest.mark.parametrize("make_env", [choosing, small_world])
+def test_the_same_seed_gives_the_same_weights_and_another_others(make_env):
+    def cloned(seed):
+        model = make_model(make_env, NETWORK, seed=0)
+        torch.manual_seed(np.random.default_rng().integers(2**31))  # it draws nothing from there
+        report = clone(model, make_env, make("random"), QUICK, seed)
+        return parameters(model), report
+
+    (one, report), (two, again), (other, _) = cloned(0), cloned(0), cloned(1)
+    assert torch.equal(one, two)
+    assert report == again
+    assert not torch.equal(one, other)
+
+
+class Nodder:
+    """Always asks for the same pose."""
+
+    def reset(self, rng):
+        pass
+
+    def act(self, belief, observations):
+        return dict.fromkeys(observations, np.array([0.2, -0.1, 0.5], dtype=np.float32))
+
+
+def test_poses_are_learned_too_and_with_them_how_far_the_teacher_strays():
+    model = make_model(small_world, NETWORK, seed=0)
+    spread = float(model.policy.log_std.detach().mean())
+    settings = replace(QUICK, episodes=20, epochs=20, learning_rate=3e-3)
+    report = clone(model, small_world, Nodder(), settings, seed=0)
+    assert report.agreement == 1.0
+    assert float(model.policy.log_std.detach().mean()) < spread
+
+
+def test_the_critic_learns_nothing():
+    model = make_model(choosing, NETWORK, seed=0)
+    before = [p.detach().clone() for p in model.policy.network.value.parameters()]
+    clone(model, choosing, make("rating_function"), QUICK, seed=0)
+    for old, new in zip(before, model.policy.network.value.parameters(), strict=True):
+        assert torch.equal(old, new)
+
+
+def test_the_teacher_is_asked_where_the_player_leads():
+    env, rng = choosing(), np.random.default_rng(0)
+    teacher, player = make("rating_function"), make("random")
+    alone, led = (watch(env, policy, teacher, 3, rng) for policy in (teacher, player))
+    first = slice(0, 2)  # both robots at the start
+    assert torch.equal(alone[first].observations["map"], led[first].observations["map"])
+    assert torch.equal(alone[first].actions, led[first].actions)
+    assert not torch.equal(alone.observations["map"], led.observations["map"])
+    ratings = led.observations["candidates"][..., 7].masked_fill(
+        led.observations["action_mask"] == 0, -np.inf
+    )
+    chosen = ratings[torch.arange(len(led)), led.actions]
+    torch.testing.assert_close(chosen, ratings.amax(dim=1))
+
+
+def test_the_environment_is_closed_even_if_the_teacher_fails():
+    closed = []
+
+    def factory():
+        env = choosing()
+        env.close = lambda: closed.append(env)
+        return env
+
+    class Fails(Nodder):
+        def act(self, belief, observations):
+            raise OSError("no idea")
+
+    model = make_model(choosing, NETWORK, seed=0)
+    with pytest.raises(OSError, match="no idea"):
+        clone(model, factory, Fails(), QUICK, seed=0)
+    assert len(closed) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("episodes", 1), ("rounds", 0), ("held_out", 0.0), ("held_out", 1.0), ("learning_rate", 0.0)],
+)
+def test_settings_out_of_range_are_refused_with_their_value(name, value):
+    with pytest.raises(ValueError, match=rf"ImitationSettings\.{name} must .*, got {value}"):
+        ImitationSettings(**{name: value})
