@@ -295,6 +295,13 @@ def test_trails_and_captions_are_drawn(vehicle):
     assert (plain[-30:] != drawn[-30:]).any()
 
 
+def test_the_second_robot_keeps_its_colour_when_it_is_alone(vehicle):
+    left, right = halves(picture(vehicle, numbers=[1]))
+    for panel in (left, right):
+        assert like(panel, ROBOT_COLORS[1]) > 500
+        assert like(panel, ROBOT_COLORS[0]) == 0
+
+
 def test_the_solids_of_a_world_have_the_colours_of_ground_target_and_others():
     world = make_field_scene("worksite").world(np.random.default_rng(0), 2)
     surfaces = surfaces_of(world)

@@ -149,9 +149,9 @@ def render_field(
         If Pillow (extra "render") or embreex (extra "field") is not installed.
     """
     most = max(len(robots), len(cameras), len(trails))
-    colors = [robot_color(k) for k in (range(most) if numbers is None else numbers)]
-    torches = [Torch(pose, camera, color) for pose, color in zip(cameras, colors, strict=False)]
-    bodies = [Surface(triangles, color) for triangles, color in zip(robots, colors, strict=False)]
+    theirs = [robot_color(k) for k in (range(most) if numbers is None else numbers)]
+    torches = [Torch(pose, camera, color) for pose, color in zip(cameras, theirs, strict=False)]
+    bodies = [Surface(triangles, color) for triangles, color in zip(robots, theirs, strict=False)]
     panels = []
     for shapes, colors in (_true_scene(truth), _mapped_scene(map_)):
         painting = Painting(
@@ -161,7 +161,7 @@ def render_field(
         )  # fmt: skip
         image, distance = painting.picture(view, torches)
         sketch = _Sketch(view, distance)
-        for trail, color in zip(trails, colors, strict=False):
+        for trail, color in zip(trails, theirs, strict=False):
             sketch.trail(np.asarray(trail, dtype=np.float64), color)
         for torch in torches:
             sketch.frustum(torch)
