@@ -36,8 +36,12 @@ before and the known target correct the pose of each look, as far as they tell (
 poses are for upper bounds only. Robots see each other, know each other's shape, and keep it out of
 the map.
 
+The common frame is that of the target. A target that looks alike from several sides has several
+such frames; the first robot that is located takes the one in which the world is written.
+
 By default robots know where they stand: policies train on mapping alone, and results do not hang on
-registration. With ``initialization="search"`` they are parked with any heading, know their mounts
+registration. With ``initialization="search"`` they are parked with any heading (but for those that
+a scene's file names), know their mounts
 and the target's geometry, and nothing of where they or the others stand (2.2). Each maps in a frame
 of its own, in which its base stands in the middle of a grid, and is rewarded for that map; after
 each scan it looks for the target in all that it has seen. Once it is located, its looks are moved
@@ -48,8 +52,9 @@ know each other as obstacles. A robot that never finds the target leaves nothing
 ``contact`` (whether it bumped into something) and ``touched`` (into what), ``camera_error`` (metres
 between where the camera is and where it is taken to be; scoring only, as ``camera_angle_error``,
 ``base_error`` and ``base_angle_error``, the last two None until it is located), ``located``,
-``corrected_directions`` (of the camera pose's six, how many fiducials told better than the
-prediction) and ``uncorrected`` (why they told nothing, or ""), ``new_information``,
+``not_located`` (why not, or ""), ``corrected_directions`` (of the camera pose's six, how many
+fiducials told better than the prediction) and ``uncorrected`` (why they told nothing, or ""),
+``new_information``,
 ``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and ``action_mask`` in
 "candidates" mode. After a reset there are only ``scans``, ``viewed_share`` and the mask.
 

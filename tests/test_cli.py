@@ -37,6 +37,19 @@ def test_evaluate_writes_a_row_for_each_policy_and_world_and_a_summary(tmp_path,
     assert "raster" in capsys.readouterr().out
 
 
+def test_evaluate_scores_robots_that_have_not_found_the_target(tmp_path):
+    for module in ("pybullet", "small_gicp"):
+        pytest.importorskip(module)
+    main([
+        "evaluate", "--env", "field", "--policies", "random", "--episodes", "2", "--max-scans", "1",
+        "--initialization", "search", "--motion-correction", "fiducials", "--out", str(tmp_path),
+    ])  # fmt: skip
+    rows = list(csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines()))
+    assert all(row["log_loss"] not in ("", "nan") for row in rows)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["env"]["initialization"] == "search"
+
+
 @pytest.mark.parametrize("command", ["reproduce", "evaluate", "localization", "bench"])
 def test_help_shows_examples(command):
     done = run(command, "--help")

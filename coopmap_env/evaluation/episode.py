@@ -41,12 +41,9 @@ class Extent:
 
     @classmethod
     def of(cls, map_: OccupancyMap, start: NDArray[np.float64]) -> Extent:
-        """Measure a map's sampled cells from a start point (D,), metres.
-
-        NaN if nothing was sampled, or the start was not known.
-        """
+        """Measure a map's sampled cells from a start point (D,), metres; 0 if there are none."""
         if not map_.sampled.any():
-            return cls(math.nan, math.nan, math.nan)
+            return cls(0.0, 0.0, 0.0)
         centers = map_.grid.center(np.argwhere(map_.sampled))
         radii = np.linalg.norm(centers - start, axis=1)
         return cls(float(radii.max()), float(radii.mean()), float(radii.std()))
@@ -189,9 +186,8 @@ def run_episode(
     observations, _ = env.reset(seed=seed)
     policy.reset(policy_rng(seed))
     map_ = env.belief().map
-    start = env.belief().positions.mean(axis=0)
     judge = judge_of(env, seed)
-    known = map_.sampled if judge else np.zeros_like(map_.sampled)
+    start, known = _start_of(env)
     viewed, entropy = [map_.viewed_share], [map_.entropy]
     surface = [judge.coverage(map_)] if judge else []
     reward = distance = planning = 0.0
@@ -213,21 +209,41 @@ def run_episode(
         entropy.append(map_.entropy)
         if judge:
             surface.append(judge.coverage(map_))
-    scored: Scored = (map_.probability, env.truth.occupied, told_by_scans(map_.sampled, known))
+    scored: Scored = (
+        map_.probability,
+        env.truth.occupied,
+        told_by_scans(map_.sampled, known & map_.sampled),
+    )
     return Episode(
         seed=seed,
         viewed=viewed,
         entropy=entropy,
         reward=reward,
         motion_cost=distance,
-        log_loss=log_loss(*scored),
-        brier=brier_score(*scored),
+        log_loss=_or(log_loss(*scored), math.log(2.0)),
+        brier=_or(brier_score(*scored), 0.25),
         extent=Extent.of(map_, start),
         refused=refused,
         contacts=contacts,
         planning_ms=1e3 * planning / max(decisions, 1),
         surface=_trace(judge, surface, map_, scored) if judge else None,
     )
+
+
+def _start_of(env: MappingEnv[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Middle of the cameras at the start (D,), and cells that are known without any scan.
+
+    In the field by the truth: robots may not know yet where they stand.
+    """
+    if isinstance(env, FieldEnv):
+        middle = np.mean([camera.translation for camera in env.true_cameras], axis=0)
+        return middle, env.parking_room
+    return env.belief().positions.mean(axis=0), np.zeros_like(env.belief().map.sampled)
+
+
+def _or(value: float, unknown: float) -> float:
+    """A score, or that of a map that knows nothing where there is nothing to score."""
+    return unknown if math.isnan(value) else value
 
 
 def judge_of(env: MappingEnv[Any], seed: int) -> SurfaceJudge | None:
@@ -251,7 +267,7 @@ def _trace(
         scores.precision,
         scores.recall,
         scores.chamfer,
-        float((there < P_EMPTY).mean()) if len(there) else float("nan"),
+        float((there < P_EMPTY).mean()) if len(there) else 0.0,
     )
 
 

@@ -198,6 +198,55 @@ def test_a_robot_that_is_not_located_leaves_nothing_in_the_teams_map(make, monke
     assert env.locating.registrations[0].reason.startswith("nothing")
 
 
+def test_when_a_robot_is_located_its_scan_is_in_the_frame_of_its_camera(make):
+    """No measured point lies further away than the camera sees."""
+    env = make(max_scans=10)
+    seed = next(found_worlds(env, range(8)))
+    env.reset(seed=seed)
+    rng, moved_in = np.random.default_rng(seed), 0
+
+    def check(env):
+        nonlocal moved_in
+        for scan, estimate in zip(env.scans, env.belief().estimates, strict=False):
+            np.testing.assert_array_equal(scan.origin, estimate.pose.translation)
+            moved_in += 1
+        return all_located(env)
+
+    wander(env, rng, check)
+    assert moved_in > 0
+
+
+def test_infos_say_why_a_robot_is_not_located(make):
+    env = make(max_scans=10)
+    seed = next(found_worlds(env, range(8)))
+    env.reset(seed=seed)
+    rng = np.random.default_rng(seed)
+    first = wander(env, rng, lambda env: env.scans)
+    assert any(info["not_located"] for info in first.values())
+    last = wander(env, rng, all_located)
+    assert all(info["not_located"] == "" for info in last.values())
+
+
+def test_headings_of_a_scenes_file_are_kept_and_bases_out_of_reach_refused(make, tmp_path):
+    pytest.importorskip("yaml")
+    path = tmp_path / "shed.yaml"
+    scene = """
+objects:
+  - {name: shed, box: [1.2, 0.8, 1.6], position: [0, 0, 0.8], target: true}
+bases:
+  - [%s, 0.0, 75]
+"""
+    path.write_text(scene % 3.0)
+    env = make(n_robots=1, scene=str(path))
+    env.reset(seed=0)
+    (base,) = env.truth.base_poses
+    assert np.degrees(np.arctan2(base.rotation[1, 0], base.rotation[0, 0])) == pytest.approx(75.0)
+    path.write_text(scene % 5.3)
+    far = make(n_robots=1, scene=str(path))
+    with pytest.raises(ValueError, match=r"robot_0 stands 5.30 m .* looked for 2 to 5.2 m"):
+        far.reset(seed=0)
+
+
 def test_own_frames_do_not_change_what_a_look_brings(make):
     """Before it is located, a robot's pose is off by its encoders only, as it is afterwards."""
     env = make(max_scans=2)

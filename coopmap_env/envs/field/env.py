@@ -15,7 +15,7 @@ from coopmap_env.envs.arguments import one_of
 from coopmap_env.envs.field.actions import JointMode
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.joint_space import JointSpace
-from coopmap_env.envs.field.locating import Locating, own_base, own_maps
+from coopmap_env.envs.field.locating import Locating, check_in_reach, own_base, own_maps
 from coopmap_env.envs.field.observations import FieldObserver
 from coopmap_env.envs.field.rendering import overview, render_field, surfaces_of
 from coopmap_env.envs.field.settings import FieldSettings
@@ -29,7 +29,7 @@ from coopmap_env.mapping import OccupancyMap, ScanGain
 from coopmap_env.robots import Mount, Vehicle, make_mount
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.field import FieldSimulator
-from coopmap_env.simulation.worksites import FieldScene, FieldWorld, make_field_scene
+from coopmap_env.simulation.worksites import FieldScene, FieldWorld, UserScene, make_field_scene
 
 
 class FieldEnv(MappingEnv[FieldBelief], EzPickle):
@@ -140,7 +140,10 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         world = _world_of(self.scene, streams.scene, n)
         searching = self.initialization == "search"
         if searching:
-            world = world.turned(streams.start.uniform(-math.pi, math.pi, n))
+            headings = streams.start.uniform(-math.pi, math.pi, n)
+            if not _says_headings(self.scene):
+                world = world.turned(headings)
+            check_in_reach(world, s.registration.search)
         simulator = FieldSimulator(world, self.mounts, s.camera, s.noise, s.physics, streams.start)
         self._close_simulator()
         self._simulator = simulator
@@ -220,6 +223,9 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             ]
             self._belief = self._locating.search(self._belief)
             if self._belief.located != before:
+                for robot, known in enumerate(before):
+                    if self._belief.located[robot] and not known:
+                        scans[robot] = self._locating.last_scan(robot)
                 self._field_observer.place([v.T_world_base for v in self._belief.vehicles])
         for trail, estimate, known in zip(
             self._trails, self._belief.estimates, self._belief.located, strict=True
@@ -239,6 +245,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             "camera_error": float(np.linalg.norm(off[:3])),
             "camera_angle_error": float(np.linalg.norm(off[3:])),
             "located": known,
+            "not_located": "" if known else self._locating.why_not(robot),
             "base_error": float(np.linalg.norm(base_off[:3])) if known else None,
             "base_angle_error": float(np.linalg.norm(base_off[3:])) if known else None,
             "corrected_directions": corrected.directions if corrected else 0,
@@ -268,6 +275,14 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         """T_world_camera as it is, for scoring only."""
         simulator = self._open_simulator()
         return [simulator.true_camera_pose(k) for k in range(len(self.possible_agents))]
+
+    @property
+    def parking_room(self) -> NDArray[np.bool_]:
+        """Voxels, shape of the grid, that are known without a look once all are located."""
+        world = self.truth
+        room = np.zeros(world.grid.n_cells, dtype=np.bool_)
+        room[known_around(world.grid, world.base_poses, self.settings.start_radius)] = True
+        return room.reshape(world.grid.shape)
 
     @property
     def true_vehicles(self) -> tuple[Vehicle, ...]:
@@ -327,6 +342,11 @@ def _mounts_of(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> tup
             f"mount must be one for all or one for each of {n_robots} robots, got {len(mount)}"
         )
     return tuple(make_mount(one) for one in mount)
+
+
+def _says_headings(scene: FieldScene) -> bool:
+    """Whether a scene's file names the poses of the bases."""
+    return isinstance(scene, UserScene) and bool(scene.bases)
 
 
 def _vehicles(mounts: Sequence[Mount], bases: Sequence[Pose]) -> tuple[Vehicle, ...]:

@@ -31,16 +31,18 @@ from coopmap_env.localization import (
     in_frame,
     register,
 )
+from coopmap_env.localization.registration.search import SearchSettings
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import CameraEstimate, without_bodies
 from coopmap_env.sensing import PointCloud, Scan, place
+from coopmap_env.simulation.worksites import FieldWorld
 
 Joints = NDArray[np.float64]
 
 NO_COVARIANCE = np.zeros((6, 6))
-LOOSE = np.diag([0.3, 0.3, 0.1, 0.05, 0.05, 0.1]) ** 2
-"""Covariance of a base that registration has found, for motion correction: next to nothing. The
-looks that found it are then corrected by the same pixels, which must not count twice."""
+AGAIN = 2.0
+"""Times the covariance with which registration has found a base: what motion correction begins
+with. The looks that found it are corrected by the same pixels, which tell less a second time."""
 ASKED_LATELY = 8
 """Looks at most that are searched for the target at once, the last ones: 40 ms each."""
 LEAST_HITS = 50
@@ -75,6 +77,19 @@ def own_base(grid: VoxelGrid) -> Pose:
     low = np.array(grid.origin)
     middle = low + 0.5 * np.array(grid.shape) * grid.resolution
     return Pose(np.array([*middle[:2], 0.0]), np.eye(3))
+
+
+def check_in_reach(world: FieldWorld, search: SearchSettings) -> None:
+    """Raise ValueError if a vehicle stands where registration does not look for it."""
+    low, high = world.target_triangles.min(axis=(0, 1)), world.target_triangles.max(axis=(0, 1))
+    for robot, base in enumerate(world.base_poses):
+        away = float(np.linalg.norm((base.translation - 0.5 * (low + high))[:2]))
+        if not search.nearest <= away <= search.farthest:
+            raise ValueError(
+                f"robot_{robot} stands {away:.2f} m from the middle of the target, and is looked "
+                f"for {search.nearest:g} to {search.farthest:g} m from it: set nearest or farthest "
+                "of FieldSettings.registration.search, or take initialization='located'"
+            )
 
 
 class Locating:
@@ -113,6 +128,7 @@ class Locating:
         self._looks: list[Look] = []
         self.corrections: list[Correction | None] = [None] * len(belief.agents)
         """Of each robot's last look, if fiducials were asked."""
+        self._last_scans: dict[int, Scan] = {}
         self.correction_times = [0.0] * len(belief.agents)
         """Seconds that these took; they differ from run to run."""
         self.registrations: list[Registration | None] = [None] * len(belief.agents)
@@ -179,6 +195,15 @@ class Locating:
             estimate.covariance,
         )  # fmt: skip
 
+    def last_scan(self, robot: int) -> Scan:
+        """The last look of a robot that was just located, placed in the team's frame."""
+        return self._last_scans[robot]
+
+    def why_not(self, robot: int) -> str:
+        """Why a robot has not been located yet."""
+        last = self.registrations[robot]
+        return "too little was in view so far" if last is None else last.reason
+
     def _saw_something(self, robot: int) -> bool:
         """Whether the robot's last look can have told anything new of the target."""
         own = [look for look in self._looks if look.robot == robot]
@@ -187,14 +212,17 @@ class Locating:
     def _register(self, belief: FieldBelief, robot: int) -> Registration:
         own = belief.vehicles[robot].T_world_base
         s, to_base = self._settings, own.inverse()
+        seen = [
+            look
+            for look in self._looks
+            if look.robot == robot and look.cloud.hit.sum() >= LEAST_HITS
+        ]
         views = []
-        for look in self._looks:
-            if look.robot == robot and look.cloud.hit.sum() >= LEAST_HITS:
-                then = belief.moved(look.joints)
-                clean = self._clean(then, robot, look.cloud, look.estimate)
-                pose, covariance = look.estimate
-                views.append(View(clean, CameraEstimate(to_base @ pose, covariance)))
-        found = register(self._model, views[-ASKED_LATELY:], s.camera, s.noise, s.registration)
+        for look in seen[-ASKED_LATELY:]:
+            clean = self._clean(belief.moved(look.joints), robot, look.cloud, look.estimate)
+            pose, covariance = look.estimate
+            views.append(View(clean, CameraEstimate(to_base @ pose, covariance)))
+        found = register(self._model, views, s.camera, s.noise, s.registration)
         if not found.located or len(found.equivalents) < 2:
             return found
         return self._in_one_frame(belief, robot, found, views)
@@ -215,9 +243,11 @@ class Locating:
     def _move_in(self, belief: FieldBelief, robot: int, found: Registration) -> FieldBelief:
         """Move a robot and its looks into the team's frame; make the team's map again."""
         assert found.T_target_base is not None
+        assert found.covariance is not None
         belief = belief.locate(robot, found.T_target_base, found.covariance)
         if self._correction is not None:
-            self._correction.place_base(robot, CameraEstimate(found.T_target_base, LOOSE))
+            doubtful = CameraEstimate(found.T_target_base, AGAIN * found.covariance)
+            self._correction.place_base(robot, doubtful)
         own = [k for k, look in enumerate(self._looks) if look.robot == robot]
         # what sees the target best comes first: later looks are predicted by it
         for k in sorted(own, key=lambda k: -self._on_target(belief, self._looks[k])):
@@ -226,9 +256,8 @@ class Locating:
             self._looks[k] = look._replace(estimate=placed.estimate)
             if k == own[-1]:
                 self.corrections[robot] = placed.correction
+                self._last_scans[robot] = placed.scan
             belief.map.integrate(placed.scan)  # for the looks that follow to find fiducials in
-        if self._correction is not None:
-            belief = belief.locate(robot, *self._correction.poses.base(robot))
         self._fuse_again(belief)
         return belief.with_estimate(robot, self._looks[own[-1]].estimate)
 

@@ -306,4 +306,4 @@ def _none() -> Matches:
 
 
 def _too_few(n: int, least: int) -> str:
-    return f"{n} fiducials are not enough, {least} are needed"
+    return f"fiducials in view: {n}, needed: {least}"

@@ -117,7 +117,7 @@ def test_the_same_input_twice_gives_the_same_bits():
 def stays(look, n=0):
     """Whether a look was left as it was predicted, and says that n fiducials were found."""
     correction = look.correction
-    assert correction.reason == f"{n} fiducials are not enough, 3 are needed"
+    assert correction.reason == f"fiducials in view: {n}, needed: 3"
     assert correction.directions == 0
     assert correction.estimate.pose == correction.predicted.pose
     assert np.array_equal(correction.estimate.covariance, correction.predicted.covariance)
