@@ -44,7 +44,8 @@ class CorrectionSettings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, bool) or not math.isfinite(value) or value < 0:
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not is_number or not math.isfinite(value) or value < 0:
                 raise ValueError(
                     f"CorrectionSettings.{field.name} must be finite and >= 0, got {value!r}"
                 )
@@ -52,5 +53,6 @@ class CorrectionSettings:
                 raise ValueError(
                     f"CorrectionSettings.{field.name} must be a whole number >= 1, got {value!r}"
                 )
-        if self.target_spacing == 0:
-            raise ValueError(f"CorrectionSettings.target_spacing must be > 0, got {0.0}")
+        for name in ("target_spacing", "outlier_sigmas"):
+            if getattr(self, name) == 0:
+                raise ValueError(f"CorrectionSettings.{name} must be > 0, got 0")

@@ -66,8 +66,11 @@ class RegistrationSettings:
     """Metres within which ICP pairs points with the surface: what the search leaves, twice."""
 
     def __post_init__(self) -> None:
-        if self.candidates < 1:
-            raise ValueError(f"RegistrationSettings.candidates must be >= 1, got {self.candidates}")
+        n = self.candidates
+        if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+            raise ValueError(
+                f"RegistrationSettings.candidates must be a whole number of at least 1, got {n!r}"
+            )
         if not self.refine_reach > 0:
             raise ValueError(
                 f"RegistrationSettings.refine_reach must be > 0 m, got {self.refine_reach}"
