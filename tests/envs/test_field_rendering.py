@@ -302,6 +302,13 @@ def test_the_second_robot_keeps_its_colour_when_it_is_alone(vehicle):
         assert like(panel, ROBOT_COLORS[0]) == 0
 
 
+def test_robots_that_are_not_located_are_in_the_truth_alone(vehicle):
+    triangles = robot_triangles(vehicle, vehicle.home)
+    left, right = halves(picture(vehicle, robots=[], cameras=[], unlocated={1: triangles}))
+    assert like(left, ROBOT_COLORS[1]) > 500
+    assert like(right, ROBOT_COLORS[1]) == 0
+
+
 def test_the_solids_of_a_world_have_the_colours_of_ground_target_and_others():
     world = make_field_scene("worksite").world(np.random.default_rng(0), 2)
     surfaces = surfaces_of(world)

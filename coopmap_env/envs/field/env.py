@@ -309,6 +309,11 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
             f"viewed {belief.map.viewed_share:.1%}",
             known,
+            {
+                robot: robot_triangles(vehicle, belief.joints[robot])
+                for robot, vehicle in enumerate(self.true_vehicles)
+                if robot not in known
+            },
         )
 
     def close(self) -> None:

@@ -6,7 +6,7 @@ robot's colour, on true surfaces at the left and on mapped voxels at the right.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -115,8 +115,9 @@ def render_field(
     trails: Sequence[ArrayLike] = (),
     caption: str = "",
     numbers: Sequence[int] | None = None,
+    unlocated: Mapping[int, ArrayLike] | None = None,
 ) -> NDArray[np.uint8]:
-    """Draw the truth and the team map side by side, both with the robots.
+    """Draw the truth and the team map side by side, both with the robots that are located.
 
     Parameters
     ----------
@@ -138,6 +139,8 @@ def render_field(
         Line below the pictures.
     numbers : sequence of int, optional
         Which robot each of them is, which decides its colour; from 0 on, if not given.
+    unlocated : mapping of int to array_like (m, 3, 3), optional
+        Triangles of robots that the team does not know of, by their numbers: in the truth alone.
 
     Returns
     -------
@@ -152,11 +155,15 @@ def render_field(
     theirs = [robot_color(k) for k in (range(most) if numbers is None else numbers)]
     torches = [Torch(pose, camera, color) for pose, color in zip(cameras, theirs, strict=False)]
     bodies = [Surface(triangles, color) for triangles, color in zip(robots, theirs, strict=False)]
+    lost = [Surface(triangles, robot_color(k)) for k, triangles in (unlocated or {}).items()]
     panels = []
-    for shapes, colors in (_true_scene(truth), _mapped_scene(map_)):
+    for (shapes, colors), shown in (
+        (_true_scene(truth), [*bodies, *lost]),
+        (_mapped_scene(map_), bodies),
+    ):
         painting = Painting(
-            [*shapes, *(body.triangles for body in bodies)],
-            [*colors, *(body.color for body in bodies)],
+            [*shapes, *(body.triangles for body in shown)],
+            [*colors, *(body.color for body in shown)],
             BACKGROUND, view.look_at, (7.0, 11.0),
         )  # fmt: skip
         image, distance = painting.picture(view, torches)
