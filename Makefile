@@ -45,6 +45,7 @@ pictures: setup
 	$(BIN)/coopmap localization --out results/localization --workers 2
 	cp results/localization/search.png docs/localization_search.png
 	cp results/localization/errors.png docs/localization_errors.png
+	cp results/localization/episode.png docs/localization_episode.png
 
 clean:
 	rm -rf .venv build *.egg-info .mypy_cache .ruff_cache .pytest_cache

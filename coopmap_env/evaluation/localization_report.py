@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from coopmap_env.envs.field import FieldSettings
+from coopmap_env.evaluation.figures import save_frame
 from coopmap_env.evaluation.identification_study import N_FIDUCIALS
 from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.localization_figures import (
@@ -15,7 +16,9 @@ from coopmap_env.evaluation.localization_figures import (
     draw_identifications,
     draw_search,
 )
+from coopmap_env.evaluation.localization_runs import pictured_search
 from coopmap_env.evaluation.localization_study import (
+    POLICY,
     SCANS_EACH,
     SEARCH_SCANS,
     SETTINGS,
@@ -27,6 +30,8 @@ from coopmap_env.evaluation.pages import fill_page
 from coopmap_env.evaluation.serial import settings_to_dict
 
 DEGREES = 180.0 / math.pi
+PICTURED = 0
+"""Seed of the search that is shown."""
 
 
 def write_localization_report(study: LocalizationStudy, out: Path) -> dict[str, Any]:
@@ -36,6 +41,7 @@ def write_localization_report(study: LocalizationStudy, out: Path) -> dict[str, 
     draw_search(found["search"], study, out / "search.png")
     draw_errors(study, out / "errors.png")
     draw_identifications(study, out / "identifications.png")
+    save_frame(pictured_search(PICTURED, "test", SEARCH_SCANS, POLICY), out / "episode.png")
     write_atomically(out / "summary.json", json.dumps(found, indent=2) + "\n")
     page = fill_page(
         "report_localization.html",

@@ -44,6 +44,29 @@ def _env(split: str, scans: int, scene: str, initialization: str, correction: st
     )
 
 
+def pictured_search(seed: int, split: str, scans: int, policy: str) -> NDArray[np.uint8]:
+    """Pictures of a search, one below the other.
+
+    At the start, when the first robot is located, and when all are or the last look was made.
+    """
+    env = FieldEnv(
+        split=split, max_scans=scans, render_mode="rgb_array",
+        initialization="search", motion_correction="fiducials",
+    )  # fmt: skip
+    chosen = make_policy(policy)
+    observations, _ = env.reset(seed=seed)
+    chosen.reset(policy_rng(seed))
+    frames = [env.render()]
+    while env.agents and not all(env.belief().located):
+        before = any(env.belief().located)
+        observations, *_ = env.step(chosen.act(env.belief(), observations))
+        if any(env.belief().located) and not before and not all(env.belief().located):
+            frames.append(env.render())
+    frames.append(env.render())
+    env.close()
+    return np.concatenate([frame for frame in frames if frame is not None])
+
+
 def search_episode(job: Job) -> Result:
     """Let a team look for the target; when and how well each of its robots found it.
 

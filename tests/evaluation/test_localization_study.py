@@ -131,6 +131,6 @@ def test_the_command_writes_report_and_summary(tmp_path, monkeypatch, capsys):
     for setting in ("kinematic", "fiducials", "exact"):
         assert set(summary["map_quality"][setting]) == {"f_score", "chamfer", "log_loss", "surface"}
     page = (tmp_path / "report.html").read_text()
-    assert page.count("data:image/png;base64") == 3
+    assert page.count("data:image/png;base64") == 4
     assert "False matches" in page
     assert "located within 6 scans" in capsys.readouterr().out

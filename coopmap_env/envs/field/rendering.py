@@ -115,7 +115,7 @@ def render_field(
     trails: Sequence[ArrayLike] = (),
     caption: str = "",
     numbers: Sequence[int] | None = None,
-    unlocated: Mapping[int, ArrayLike] | None = None,
+    unlocated: Mapping[int, NDArray[np.float64]] | None = None,
 ) -> NDArray[np.uint8]:
     """Draw the truth and the team map side by side, both with the robots that are located.
 
