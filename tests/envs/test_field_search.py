@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.geometry import displacement_between
+from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.localization import Registration
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.sensing import place
@@ -245,6 +245,19 @@ bases:
     far = make(n_robots=1, scene=str(path))
     with pytest.raises(ValueError, match=r"robot_0 stands 5.30 m .* looked for 2 to 5.2 m"):
         far.reset(seed=0)
+
+
+def test_a_match_that_puts_the_camera_outside_of_the_map_is_refused(make, monkeypatch):
+    def far_off(*_, **__):
+        there = Pose(np.array([50.0, 0.0, 0.0]), np.eye(3))
+        return Registration(True, "", there, 1e-4 * np.eye(6), None, (there,))
+
+    monkeypatch.setattr("coopmap_env.envs.field.locating.register", far_off)
+    env = make(max_scans=4)
+    env.reset(seed=0)
+    infos = wander(env, np.random.default_rng(0))
+    assert env.belief().located == (False, False)
+    assert any("outside of the map" in info["not_located"] for info in infos.values())
 
 
 def test_own_frames_do_not_change_what_a_look_brings(make):

@@ -15,7 +15,7 @@ from coopmap_env.envs.arguments import one_of
 from coopmap_env.envs.field.actions import JointMode
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.joint_space import JointSpace
-from coopmap_env.envs.field.locating import Locating, check_in_reach, own_base, own_maps
+from coopmap_env.envs.field.locating import Locating, begin_alone, check_in_reach, own_base
 from coopmap_env.envs.field.observations import FieldObserver
 from coopmap_env.envs.field.rendering import overview, render_field, surfaces_of
 from coopmap_env.envs.field.settings import FieldSettings
@@ -115,6 +115,8 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         self._simulator: FieldSimulator | None = None
         s, grid = self.settings, self.scene.grid
         self._map = OccupancyMap(grid, s.beam, s.log_odds_range)
+        alone = len(self.possible_agents) if initialization == "search" else 0
+        self._own_maps = tuple(OccupancyMap(grid, s.beam, s.log_odds_range) for _ in range(alone))
         self._rating = FieldRatingFunction(s.camera, grid, s.rating, s.log_odds_range)
         chains = [mount.chain() for mount in self.mounts]
         self._joint_spaces = tuple(
@@ -148,6 +150,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         self._close_simulator()
         self._simulator = simulator
         self._map.clear()
+        begin_alone(self._own_maps, s.start_radius)
         if not searching:
             self._map.mark_free(known_around(world.grid, world.base_poses, s.start_radius))
         bases = [own_base(world.grid)] * n if searching else world.base_poses
@@ -163,7 +166,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             rating=self._rating,
             joint_spaces=self._joint_spaces,
             motion=s.motion,
-            own_maps=own_maps(world.grid, s, n) if searching else (),
+            own_maps=self._own_maps,
             ways_around=s.paths == "ompl",
         )
         self._touched = [""] * n

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -223,9 +224,20 @@ class Locating:
             pose, covariance = look.estimate
             views.append(View(clean, CameraEstimate(to_base @ pose, covariance)))
         found = register(self._model, views, s.camera, s.noise, s.registration)
-        if not found.located or len(found.equivalents) < 2:
+        if found.located and len(found.equivalents) > 1:
+            found = self._in_one_frame(belief, robot, found, views)
+        return self._inside(belief.map.grid, found, views)
+
+    @staticmethod
+    def _inside(grid: VoxelGrid, found: Registration, views: list[View]) -> Registration:
+        """The registration, refused if it would put a camera outside of the map."""
+        if found.T_target_base is None:
             return found
-        return self._in_one_frame(belief, robot, found, views)
+        cameras = [found.T_target_base.transform(v.estimate.pose.translation) for v in views]
+        if grid.contains(grid.index(cameras)).all():
+            return found
+        reason = "what could be the target would put the camera outside of the map"
+        return replace(found, located=False, T_target_base=None, covariance=None, reason=reason)
 
     def _in_one_frame(
         self, belief: FieldBelief, robot: int, found: Registration, views: list[View]
@@ -274,16 +286,11 @@ class Locating:
         bases = [v.T_world_base for v, known in zip(belief.vehicles, located, strict=True) if known]
         belief.map.clear()
         belief.map.mark_free(known_around(belief.map.grid, bases, self._settings.start_radius))
-        scans = []
         for look in self._looks:
             if located[look.robot]:
-                then = belief.moved(look.joints)
+                then, (pose, covariance) = belief.moved(look.joints), look.estimate
                 clean = self._clean(then, look.robot, look.cloud, look.estimate)
-                scans.append(
-                    place(clean, look.estimate.pose, self._settings.noise, look.estimate.covariance)
-                )
-        for scan in scans:
-            belief.map.integrate(scan)
+                belief.map.integrate(place(clean, pose, self._settings.noise, covariance))
 
 
 @lru_cache(maxsize=8)
@@ -296,11 +303,8 @@ def _apart(one: Pose, other: Pose) -> float:
     return float(np.linalg.norm(displacement_between(one, other)))
 
 
-def own_maps(grid: VoxelGrid, settings: FieldSettings, n: int) -> tuple[OccupancyMap, ...]:
-    """Maps of n robots in frames of their own, with the room in which each was parked."""
-    maps = []
-    for _ in range(n):
-        map_ = OccupancyMap(grid, settings.beam, settings.log_odds_range)
-        map_.mark_free(known_around(grid, [own_base(grid)], settings.start_radius))
-        maps.append(map_)
-    return tuple(maps)
+def begin_alone(maps: Sequence[OccupancyMap], start_radius: float) -> None:
+    """Clear the maps of robots in frames of their own, but for the room where each was parked."""
+    for map_ in maps:
+        map_.clear()
+        map_.mark_free(known_around(map_.grid, [own_base(map_.grid)], start_radius))
