@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.traversal import advance, begin
 from coopmap_env.information.frustum import Frustum
 from coopmap_env.mapping import OccupancyMap
+from coopmap_env.mapping.sight import is_clear
 
 
 def first_seen(
@@ -58,8 +58,8 @@ def _first_seen(levels, sampled, shape, points, rotations, positions, lens, seei
     for n in range(len(points)):
         found = False
         for k in range(len(positions)):
-            seeing[k] = _in_view(points[n], rotations[k], positions[k], lens) and _is_clear(
-                levels, sampled, shape, positions[k], points[n]
+            seeing[k] = _in_view(points[n], rotations[k], positions[k], lens) and is_clear(
+                levels, sampled, shape, positions[k], points[n], 0.0
             )
             found |= seeing[k]
         if found:
@@ -78,28 +78,3 @@ def _in_view(point, R, position, lens):
     square = dx * dx + dy * dy + dz * dz
     inside = x > 0.0 and abs(y) <= a * x and abs(z) <= b * x
     return inside and near * near <= square <= far * far
-
-
-@njit(cache=True, nogil=True)
-def _is_clear(levels, sampled, shape, start, end):
-    """Whether no occupied voxel lies between those of two points; the camera in the grid."""
-    nx, ny, nz = shape
-    for axis in range(3):
-        if not 0.0 <= start[axis] < shape[axis]:
-            return False
-    ux, uy, uz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    length = np.sqrt(ux * ux + uy * uy + uz * uz)
-    ux, uy, uz = ux / length, uy / length, uz / length
-    cx, sx, tx, dx, end_x = begin(start[0], ux, nx, ny * nz)
-    cy, sy, ty, dy, end_y = begin(start[1], uy, ny, nz)
-    cz, sz, tz, dz, end_z = begin(start[2], uz, nz, 1)
-    cell = cx + cy + cz
-    goal = (int(end[0]) * ny + int(end[1])) * nz + int(end[2])
-    until = min(length, end_x, end_y, end_z)
-    t = 0.0
-    own = cell
-    while t < until and cell != goal:
-        if cell != own and sampled[cell] and levels[cell] >= 0:
-            return False
-        cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
-    return True

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -117,7 +117,7 @@ class Locating:
         self._settings = settings
         self._mode = motion_correction
         self._bases = tuple(true_bases)
-        self._model = _model_of(target.tobytes())
+        self._triangles = target
         self._correction = (
             MotionCorrection(
                 belief.vehicles, settings.camera, settings.noise, self._model,
@@ -136,6 +136,11 @@ class Locating:
         """The last attempt of each robot."""
         self.registration_times: list[float] = []
         """Seconds that those of the last step took."""
+
+    @cached_property
+    def _model(self) -> TargetModel:
+        """The known target, made ready where it is asked for: not if poses are known anyway."""
+        return _model_of(self._triangles.tobytes())
 
     def look(
         self, belief: FieldBelief, robot: int, cloud: PointCloud, true_camera: Pose

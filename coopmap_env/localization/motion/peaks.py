@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.traversal import advance, begin
+from coopmap_env.mapping.sight import is_clear
 
 SLACK = math.sqrt(3.0) / 2.0
 """Cells: half the diagonal of a voxel, by which its surface point may lie off its centre."""
@@ -185,28 +185,6 @@ def _distance_in_view(point, R, position, lens, border):
 
 
 @njit(cache=True, nogil=True)
-def _is_clear(levels, sampled, shape, start, end, slack):
-    """Whether no occupied voxel lies between the start's own and the last `slack` cells."""
-    nx, ny, nz = shape
-    ux, uy, uz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    length = math.sqrt(ux * ux + uy * uy + uz * uz)
-    ux, uy, uz = ux / length, uy / length, uz / length
-    cx, sx, tx, dx, end_x = begin(start[0], ux, nx, ny * nz)
-    cy, sy, ty, dy, end_y = begin(start[1], uy, ny, nz)
-    cz, sz, tz, dz, end_z = begin(start[2], uz, nz, 1)
-    cell = cx + cy + cz
-    goal = (int(end[0]) * ny + int(end[1])) * nz + int(end[2])
-    until = min(length - slack, end_x, end_y, end_z)
-    t = 0.0
-    own = cell
-    while t < until and cell != goal:
-        if cell != own and sampled[cell] and levels[cell] >= 0:
-            return False
-        cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
-    return True
-
-
-@njit(cache=True, nogil=True)
 def _is_new(cells, positions, count, cell, point, spacing):
     """Whether a fiducial is none of the first `count` ones and keeps its distance from them."""
     for m in range(count):
@@ -275,7 +253,7 @@ def choose(
             continue
         point = positions[count]
         radius, score = _rate(space, view, growth, 0.0, cell, point, covariances[count])
-        if score > 0.0 and _is_clear(levels, sampled, shape, position, point, slack):
+        if score > 0.0 and is_clear(levels, sampled, shape, position, point, slack):
             cells[count], radii[count], scores[count] = cell, radius, score
             count += 1
     if count == room:
@@ -287,7 +265,7 @@ def choose(
             break
         cell, point = found[best], positions[count]
         _surface(precision, vector, cell, shape, resolution, point, covariances[count])
-        if _is_new(cells, positions, count, cell, point, spacing) and _is_clear(
+        if _is_new(cells, positions, count, cell, point, spacing) and is_clear(
             levels, sampled, shape, position, point, slack
         ):
             cells[count], radii[count], scores[count] = cell, reaches[best], values[best]
