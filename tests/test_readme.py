@@ -76,7 +76,7 @@ def test_extras_named_in_the_readme_exist():
     import tomllib
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = "maps|render|report|cli|data|rl|bench|field|mounts|paths|octomap|replay"
+    extras = "maps|render|report|cli|data|rl|ray|notebooks|bench|field|mounts|paths|octomap|replay"
     named = set(re.findall(rf"`({extras})`", TEXT))
     assert named <= set(project["optional-dependencies"])
     assert 'pip install ".[all]"' in TEXT

@@ -1,0 +1,71 @@
+"""Each notebook runs from start to end, is kept without outputs, and says what it needs."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import nbformat
+import pytest
+from jupyter_client import AsyncKernelManager
+from jupyter_client.kernelspec import KernelSpecManager
+from nbclient import NotebookClient
+
+ROOT = Path(__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+SECONDS_PER_CELL = 300
+"""A whole notebook takes a tenth of it; the first run compiles kernels, on a busy machine for two
+minutes in a single cell."""
+
+each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+def test_the_first_notebook_is_the_quickstart():
+    assert NOTEBOOKS[0].name == "01_quickstart.ipynb"
+
+
+@each_notebook
+def test_a_notebook_runs_from_start_to_end_without_a_warning(path, tmp_path, monkeypatch):
+    # nobody's IPython start-up files, and no history left in a home
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    # without folders of kernels to look into, "python3" is this interpreter with its ipykernel
+    manager = AsyncKernelManager(kernel_spec_manager=KernelSpecManager(kernel_dirs=[]))
+    notebook = nbformat.read(path, as_version=4)
+    place = {"metadata": {"path": str(tmp_path)}}
+    client = NotebookClient(notebook, km=manager, timeout=SECONDS_PER_CELL, resources=place)
+    client.execute(cleanup_kc=True)  # a manager that it did not make itself it would leave open
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    errors = [output.text for output in outputs if output.get("name") == "stderr"]
+    assert not [text for text in errors if "Warning" in text]
+
+
+@each_notebook
+def test_a_notebook_is_kept_without_outputs_and_with_nothing_of_a_machine(path):
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    assert notebook["metadata"] == {
+        "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+        "language_info": {"name": "python"},
+    }
+    for cell in notebook["cells"]:
+        assert cell["metadata"] == {}, cell["id"]
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == [], f"{cell['id']}: clear all outputs before you save"
+            assert cell["execution_count"] is None, cell["id"]
+
+
+@each_notebook
+def test_a_notebook_is_valid_and_its_cells_have_names_of_their_own(path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    names = [cell["id"] for cell in notebook.cells]
+    assert len(set(names)) == len(names)
+
+
+@each_notebook
+def test_the_first_cell_is_a_title_and_the_command_that_installs_what_it_needs(path):
+    first = nbformat.read(path, as_version=4).cells[0]
+    assert first.cell_type == "markdown"
+    assert re.match(r"# \S", first.source)
+    (extras,) = re.findall(r'^pip install "\.\[(.*)\]"$', first.source, re.MULTILINE)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"notebooks"} <= set(extras.split(",")) <= set(project["optional-dependencies"])
