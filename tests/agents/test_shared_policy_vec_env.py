@@ -46,7 +46,7 @@ def test_each_robot_gets_the_action_of_its_row():
     env = toy(n_envs=2, n_robots=2)
     reset(env, 0)
     env.step(np.array([[0.1], [0.2], [0.3], [0.4]]))
-    assert [dict(e.calls[-1]) for e in env.envs] == [
+    assert [dict(calls[-1]) for calls in env.get_attr("calls", indices=[0, 2])] == [
         {"robot_0": 0.1, "robot_1": 0.2},
         {"robot_0": 0.3, "robot_1": 0.4},
     ]
@@ -104,6 +104,14 @@ def test_a_termination_is_done_but_not_truncated():
     assert all("terminal_observation" in info for info in infos)
 
 
+def test_actions_count_once():
+    env = toy()
+    env.reset()
+    env.step(np.zeros((6, 1)))
+    with pytest.raises(RuntimeError, match=r"call step_async\(\)"):
+        env.step_wait()
+
+
 def test_observations_stay_as_they_were_when_the_environments_go_on():
     env = toy()
     first = reset(env, 0)
@@ -154,7 +162,7 @@ def test_options_reach_each_environment_once():
     env.set_options({"k": 1})
     env.reset()
     env.reset()
-    assert [e.options for e in env.envs] == [[{"k": 1}, None]] * 2
+    assert env.get_attr("options", indices=[0, 2]) == [[{"k": 1}, None]] * 2
 
 
 def test_action_masks_are_those_of_the_observations():
@@ -194,6 +202,7 @@ def test_attributes_are_read_and_set_by_row():
     env.set_attr("n_steps", 9, indices=[2, 3])
     assert env.get_attr("n_steps") == [5, 5, 9, 9]
     assert env.get_attr("n_steps", indices=3) == [9]
+    assert env.has_attr("n_steps")
     assert not env.has_attr("no_such_thing")
 
 
@@ -201,7 +210,7 @@ def test_a_method_is_called_once_for_each_environment():
     env = toy(n_envs=2, n_robots=2)
     images = env.env_method("render", indices=[3, 0, 1])
     assert len(images) == 3
-    assert [e.calls for e in env.envs] == [["render"], ["render"]]
+    assert env.get_attr("calls", indices=[0, 2]) == [["render"], ["render"]]
     assert images[1] is images[2]
     assert images[0] is not images[1]
 
@@ -216,10 +225,14 @@ def test_a_picture_shows_each_environment_once():
     assert env.render().shape == (2 * 4, 2 * 6, 3)
 
 
-def test_close_closes_every_environment():
+def test_close_closes_every_environment_once_and_for_all():
     env = toy(n_envs=3)
+    calls = env.get_attr("calls")[::2]
     env.close()
-    assert [e.calls for e in env.envs] == [["close"]] * 3
+    env.close()
+    assert calls == [["close"]] * 3
+    with pytest.raises(RuntimeError, match="closed"):
+        env.reset()
 
 
 def test_vec_monitor_counts_each_robot_s_own_episode():

@@ -1,5 +1,6 @@
 """Teams so simple that everything about them is known by hand."""
 
+import os
 from typing import ClassVar
 
 import numpy as np
@@ -26,6 +27,7 @@ class ConstantReward(ParallelEnv):
         self.rng = np.random.default_rng()
         self.options = []
         self.calls = []
+        self.process_id = os.getpid()
 
     def observation_space(self, agent):
         return spaces.Dict({"pose": spaces.Box(-1.0, 1.0, (3,), np.float32)})
@@ -71,6 +73,45 @@ class ConstantReward(ParallelEnv):
 
     def close(self):
         self.calls.append("close")
+
+
+class Eventful(ConstantReward):
+    """The same, with functions to call where something may happen."""
+
+    def __init__(self, on_step=lambda: None, on_close=lambda: None, **arguments):
+        super().__init__(**arguments)
+        self.on_step = on_step
+        self.on_close = on_close
+
+    def step(self, actions):
+        self.on_step()
+        return super().step(actions)
+
+    def close(self):
+        self.on_close()
+
+
+class Watched(ConstantReward):
+    """Its state is [the share of the episode that is over, the episode's number]."""
+
+    state_space: ClassVar = spaces.Box(0.0, 1.0, (2,), np.float32)
+
+    def state(self):
+        return np.array([self.step_number / self.n_steps, self.episode], dtype=np.float32)
+
+
+class ThenNoMore:
+    """A factory of one environment, which leaves a file when it is closed."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.n_made = 0
+
+    def __call__(self):
+        self.n_made += 1
+        if self.n_made == 2:
+            raise OSError("there is no second environment")
+        return Eventful(on_close=lambda: (self.folder / str(os.getpid())).touch())
 
 
 class ConstantChoice(ConstantReward):
