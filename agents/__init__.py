@@ -3,18 +3,30 @@
 ====================  ==========================================================================
 module                content
 ====================  ==========================================================================
-``vec_env``           `SharedPolicyVecEnv`: a team as rows of a vectorised environment of
-                      Stable-Baselines3, so that all robots share one policy
-``features``          `RobotFeatures`, `SituationFeatures`: networks' views of an observation
+``settings``          `Task`, `PPOSettings`, `ImitationSettings`: what is trained, and how
+``team_block``,       a team's environments as rows of a vectorised environment of
+``workers``,          Stable-Baselines3, in this process or in workers: `SharedPolicyVecEnv`, in
+``vec_env``           which all robots share one policy
+``features``          `SituationFeatures`: what the networks see of one robot's observation
 ``candidate_scorer``  `CandidateScorer`: scores candidates one by one, in any order and number
-``learned_policy``    `save`, `load`, and `LearnedPolicy` for `evaluate`
-``ppo``               `PPOSettings`, `make_model`, `train`; those of ``learned_policy`` as well
-``imitation``         `ImitationSettings`, `clone`: learning from a planner, before PPO
+``pose_policy``       `PosePolicy`: a Gaussian over all poses
+``networks``          `make_network`: the one or the other, for every engine
+``ppo``               `train`: proximal policy optimisation on Stable-Baselines3
+``rllib``             the same on Ray's RLlib (extra ``ray``)
+``imitation``         `clone`: learning from a planner, before PPO
+``segments``,         a training as a chain of segments; `train_with_files`: with checkpoints,
+``training``          validation and going on after an interruption
+``policy_file``       `save_policy`, `load_policy`: weights and a page of JSON, no code
+``shipped``           the policies that ship in ``policies/``; ``shipping`` puts them there and
+                      ``learning_curves`` draws how they were learned
+``learned_policy``    `LearnedPolicy`: a trained network as a policy that the evaluation takes
+``commands``          `coopmap train`
 ====================  ==========================================================================
 
 This package imports none of them, so that it can be imported without torch::
 
-    from coopmap_agents.ppo import LearnedPolicy, PPOSettings, train
+    from coopmap_agents.learned_policy import LearnedPolicy
+    from coopmap_agents.ppo import train
 """
 
 NEEDS_RL = "torch and stable-baselines3 are needed here: pip install 'coopmap[rl]'"

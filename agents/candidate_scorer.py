@@ -7,7 +7,7 @@ Candidate i of m has the logit ::
 with the summary of the situation (`SituationFeatures`) and of all candidates on offer. The same
 weights score every candidate, and the summary is a mean and a maximum over them: permuting the
 candidates permutes the logits, and a policy that was trained with m = 32 decides among 300. The
-value is a function of the summary alone.
+value is a function of the summary alone, and of the whole team's state where it is observed.
 
 The second term is a direct path. With w = 1 and a score of zero (``initial="rating"``) the best
 candidate is that of the rating-function planner: learning can begin at the planner and needs to
@@ -17,8 +17,7 @@ find out only where to depart from it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -34,7 +33,9 @@ try:
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
-from .features import SituationFeatures
+from .features import SituationFeatures, as_tensors
+from .pose_policy import layers
+from .settings import Initial
 
 MASKED_LOGIT = -1e8
 """Its probability is exactly 0 in float32, and 0 times it is 0: no NaN in the entropy."""
@@ -45,10 +46,7 @@ RATING_GAIN = 30.0
 then has a probability of 0.77 on average, which leaves room to explore."""
 LEAST_SPREAD = 1e-3
 """Of a feature over the candidates on offer; below it they do not differ in it."""
-ANY_LENGTH = ("candidates", "action_mask", "teammates", "located")
-"""Entries of an observation whose first axis may have another length than in training."""
 
-Initial = Literal["random", "rating"]
 Observations = dict[str, torch.Tensor]
 
 
@@ -61,21 +59,26 @@ class ScoringNetwork(nn.Module):
         F, of each candidate.
     n_situation : int
         G, of the situation.
+    n_state : int
+        S, of the team's state, which only the critic sees; 0 without one.
     hidden : sequence of int
         Layers of actor and critic, each; the first one is also the width of the encoder.
     """
 
-    def __init__(self, n_features: int, n_situation: int, hidden: Sequence[int]) -> None:
+    def __init__(
+        self, n_features: int, n_situation: int, n_state: int, hidden: Sequence[int]
+    ) -> None:
         super().__init__()
         width = hidden[0]
         n_summary = n_situation + 2 * width
+        self.n_situation = n_situation
         self.encoder = nn.Sequential(nn.Linear(2 * n_features, width), nn.ReLU())
         self.from_candidate = nn.Linear(width, width)
         self.from_summary = nn.Linear(n_summary, width, bias=False)
-        self.mixed = nn.Sequential(nn.Tanh(), *_layers(hidden))
+        self.mixed = nn.Sequential(nn.Tanh(), layers(list(hidden)))
         self.score = nn.Linear(hidden[-1], 1, bias=False)  # a softmax does not see a bias
         self.value = nn.Sequential(
-            nn.Linear(n_summary, width), nn.Tanh(), *_layers(hidden), nn.Linear(hidden[-1], 1)
+            layers([n_summary + n_state, width, *hidden]), nn.Linear(hidden[-1], 1)
         )
         self.rating_weight = nn.Parameter(torch.zeros(()))
 
@@ -88,36 +91,32 @@ class ScoringNetwork(nn.Module):
         ----------
         candidates : Tensor, shape (n, m, F)
         offered : Tensor of bool, shape (n, m)
-        situation : Tensor, shape (n, G)
+        situation : Tensor, shape (n, G + S)
+            The team's state comes last.
         """
-        encoded, summary = self._encode(candidates, offered, situation)
+        encoded, summary, seen = self._encode(candidates, offered, situation)
         mixed = self.from_candidate(encoded) + self.from_summary(summary).unsqueeze(1)
         direct = RATING_GAIN * self.rating_weight * candidates[..., RATING_FEATURE]
-        return self.score(self.mixed(mixed)).squeeze(-1) + direct, self.value(summary)
+        return self.score(self.mixed(mixed)).squeeze(-1) + direct, self.value(seen)
 
     def values(
         self, candidates: torch.Tensor, offered: torch.Tensor, situation: torch.Tensor
     ) -> torch.Tensor:
         """Values (n, 1) alone."""
-        values: torch.Tensor = self.value(self._encode(candidates, offered, situation)[1])
+        values: torch.Tensor = self.value(self._encode(candidates, offered, situation)[2])
         return values
 
     def _encode(
         self, candidates: torch.Tensor, offered: torch.Tensor, situation: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Each candidate (n, m, H), and the summary (n, G + 2 H)."""
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Each candidate (n, m, H), the summary (n, G + 2 H) and what the critic sees of all."""
         weights = offered.to(candidates.dtype).unsqueeze(-1)
         relative = _standardised(candidates, weights)
         encoded = self.encoder(torch.cat([candidates, relative], dim=-1)) * weights
         largest = encoded.amax(dim=1)  # none is negative, so those that are masked out do not count
-        return encoded, torch.cat([situation, _mean(encoded, weights)[:, 0], largest], dim=1)
-
-
-def _layers(hidden: Sequence[int]) -> list[nn.Module]:
-    layers: list[nn.Module] = []
-    for n_in, n_out in pairwise(hidden):
-        layers += [nn.Linear(n_in, n_out), nn.Tanh()]
-    return layers
+        own, state = situation.tensor_split([self.n_situation], dim=1)
+        summary = torch.cat([own, _mean(encoded, weights)[:, 0], largest], dim=1)
+        return encoded, summary, torch.cat([summary, state], dim=1)
 
 
 def _mean(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
@@ -189,8 +188,12 @@ class CandidateScorer(ActorCriticPolicy):
         assert isinstance(self.observation_space, spaces.Dict)
         assert isinstance(self.net_arch, list)
         shape = self.observation_space["candidates"].shape
+        features = self.features_extractor
         assert shape is not None
-        self.network = ScoringNetwork(shape[-1], self.features_dim, self.net_arch)
+        assert isinstance(features, SituationFeatures)
+        self.network = ScoringNetwork(
+            shape[-1], features.own_dim, features.state_dim, self.net_arch
+        )
         for part in (self.features_extractor, self.network):
             for module in part.modules():
                 self.init_weights(module, gain=np.sqrt(2))
@@ -231,13 +234,8 @@ class CandidateScorer(ActorCriticPolicy):
     def obs_to_tensor(  # type: ignore[override]
         self, observation: dict[str, np.ndarray]
     ) -> tuple[Observations, bool]:
-        """Observations as tensors of n rows, and whether they came as rows; for any m."""
-        rows = np.ndim(observation["action_mask"]) == 2
-        tensors = {
-            key: torch.as_tensor(np.array(values if rows else values[None]), device=self.device)
-            for key, values in observation.items()
-        }
-        return tensors, rows
+        """See `as_tensors`."""
+        return as_tensors(self.observation_space, observation, self.device)
 
     def _inputs(self, obs: Observations) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         situation = self.extract_features(obs)

@@ -1,14 +1,16 @@
-"""Features extractors: what the networks see of one robot's observation.
-
-`RobotFeatures` takes all of it, for "pose" mode; `SituationFeatures` all but the candidates, which
-`coopmap_agents.candidate_scorer` sees one by one.
+"""Features extractor: what the networks see of one robot's observation.
 
 Stable-Baselines3 hands over the map with its 0 ... 255 scaled to 0 ... 1, and all else as float32.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from . import NEEDS_RL
 
@@ -20,53 +22,45 @@ try:
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
+APART = ("candidates", "action_mask", "teammates", "located", "state")
+"""Entries of an observation that are not simply appended."""
 
-class RobotFeatures(BaseFeaturesExtractor):
-    """A small convolutional network for the map; everything else is appended flat.
 
-    Two convolutions with a margin, so that any `view_cells` will do: Stable-Baselines3's NatureCNN
-    fails below 36 pixels. They take half the time of three finer ones, and learning is what takes
-    time here, not the simulation.
+def as_tensors(
+    space: spaces.Space[Any], observation: Mapping[str, NDArray[Any]], device: torch.device
+) -> tuple[dict[str, torch.Tensor], bool]:
+    """One observation or n of them as tensors of n rows, and whether they came as rows.
 
-    Parameters
-    ----------
-    observation_space : gymnasium.spaces.Dict
-        Image entries (channels first) and any others; see `coopmap_env.envs.planar.observations`.
-    image_features : int
-        Length of the map's feature vector.
+    Stable-Baselines3 does so for the very shapes of training only; here, candidates and teammates
+    may be of another number, and the state may be missing.
     """
-
-    def __init__(self, observation_space: spaces.Dict, image_features: int) -> None:
-        images = {k: box for k, box in observation_space.spaces.items() if is_image_space(box)}
-        others = {k: space for k, space in observation_space.spaces.items() if k not in images}
-        n_flat = sum(get_flattened_obs_dim(space) for space in others.values())
-        super().__init__(observation_space, image_features * len(images) + n_flat)
-        self.parts = nn.ModuleDict(
-            {
-                **{key: _image_network(box.shape, image_features) for key, box in images.items()},
-                **{key: nn.Flatten() for key in others},
-            }
-        )
-
-    def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Features (n, features_dim) of n observations, whatever the order of their entries."""
-        parts = [part(observations[key]) for key, part in self.parts.items()]
-        return torch.cat(parts, dim=1)
+    assert isinstance(space, spaces.Dict)
+    key, values = next(iter(observation.items()))
+    rows = np.ndim(values) == len(space[key].shape or ()) + 1
+    tensors = {
+        key: torch.as_tensor(np.array(values if rows else values[None]), device=device)
+        for key, values in observation.items()
+    }
+    return tensors, rows
 
 
 class SituationFeatures(BaseFeaturesExtractor):
     """What is around a robot, whichever candidates are on offer and however teammates are ordered.
 
-    The map and the robot's own state as in `RobotFeatures`; each teammate goes through one shared
-    layer, and the mean and the maximum over them count. So neither their order nor, as long as
-    there is one, their number is built in.
+    A small convolutional network for the map, and the robot's own numbers as they are. Each
+    teammate goes through one shared layer, and the mean and the maximum over them count: neither
+    their order nor their number is built in. Without teammates these features are zeros.
+
+    The state of the whole team, where it is observed, is for the critic alone: its features are the
+    last `state_dim`. Whoever only acts need not observe it.
 
     Parameters
     ----------
     observation_space : gymnasium.spaces.Dict
-        In "candidates" mode; see `coopmap_env.envs.planar.observations` and those of the field.
+        Image entries (channels first) and any others; see `coopmap_env.envs.planar.observations`
+        and those of the field.
     image_features : int
-        Length of the map's feature vector.
+        Length of the map's feature vector, and of the state's.
     teammate_features : int
         Width of the layer for teammates.
     """
@@ -74,47 +68,84 @@ class SituationFeatures(BaseFeaturesExtractor):
     def __init__(
         self,
         observation_space: spaces.Dict,
-        image_features: int = 128,
+        image_features: int = 64,
         teammate_features: int = 16,
     ) -> None:
-        apart = ("candidates", "action_mask", "teammates", "located")
-        own = {k: box for k, box in observation_space.spaces.items() if k not in apart}
-        tells_located = int("located" in observation_space.spaces)
-        robot = RobotFeatures(spaces.Dict(own), image_features) if own else None
-        n = (robot.features_dim if robot else 0) + tells_located
-        if "teammates" in observation_space.spaces:
-            n += 2 * teammate_features
-        super().__init__(observation_space, n)
-        self.robot = robot
+        parts = observation_space.spaces
+        images = {k: box for k, box in parts.items() if is_image_space(box)}
+        flat = {k: box for k, box in parts.items() if k not in images and k not in APART}
+        tells_located = int("located" in parts)
+        self.state_dim = image_features if "state" in parts else 0
+        self.own_dim = image_features * len(images) + tells_located
+        self.own_dim += sum(get_flattened_obs_dim(space) for space in flat.values())
+        self.own_dim += 2 * teammate_features if "teammates" in parts else 0
+        super().__init__(observation_space, self.own_dim + self.state_dim)
+        self.robot = nn.ModuleDict(
+            {
+                **{key: _image_network(_shape(box), image_features) for key, box in images.items()},
+                **{key: nn.Flatten() for key in flat},
+            }
+        )
         self.teammate: nn.Module | None = None
-        if "teammates" in observation_space.spaces:
-            shape = observation_space["teammates"].shape
-            assert shape is not None
-            self.teammate = nn.Sequential(
-                nn.Linear(shape[-1] + tells_located, teammate_features), nn.ReLU()
+        if "teammates" in parts:
+            told = _shape(parts["teammates"])[-1] + tells_located
+            self.teammate = nn.Sequential(nn.Linear(told, teammate_features), nn.ReLU())
+            self._no_teammate = 2 * teammate_features
+        self.state: nn.Module | None = None
+        if "state" in parts:
+            self.state = nn.Sequential(
+                nn.Linear(_shape(parts["state"])[0], image_features), nn.ReLU()
             )
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Features (n, features_dim) of n observations."""
-        parts = [self.robot(observations)] if self.robot else []
-        located = observations.get("located")  # the own flag, then one for each teammate
-        if located is not None:
-            parts.append(located[:, :1])
+        """Features (n, features_dim) of n observations, whatever the order of their entries."""
+        parts = [part(observations[key]) for key, part in self.robot.items()]
+        if "located" in observations:  # the own flag, then one for each teammate
+            parts.append(observations["located"][:, :1])
         if self.teammate is not None:
-            teammates = observations["teammates"]
-            if located is not None:
-                teammates = torch.cat([teammates, located[:, 1:, None]], dim=-1)
-            each = self.teammate(teammates)
-            parts += [each.mean(dim=1), each.amax(dim=1)]
+            parts.append(self._of_teammates(observations, len(parts[0])))
+        if self.state is not None:
+            told = observations.get("state")
+            empty = parts[0].new_zeros(len(parts[0]), self.state_dim)
+            parts.append(empty if told is None else self.state(told))
         return torch.cat(parts, dim=1)
 
+    def _of_teammates(self, observations: dict[str, torch.Tensor], n: int) -> torch.Tensor:
+        """Mean and maximum over teammates, shape (n, 2 teammate_features)."""
+        assert self.teammate is not None
+        teammates = observations.get("teammates")
+        if teammates is None:
+            return torch.zeros(n, self._no_teammate, device=next(self.parameters()).device)
+        if "located" in observations:
+            teammates = torch.cat([teammates, observations["located"][:, 1:, None]], dim=-1)
+        each = self.teammate(teammates)
+        return torch.cat([each.mean(dim=1), each.amax(dim=1)], dim=1)
 
-def _image_network(shape: tuple[int, ...] | None, n_features: int) -> nn.Sequential:
-    assert shape is not None
+
+def _shape(space: spaces.Space[Any]) -> tuple[int, ...]:
+    assert space.shape is not None
+    return space.shape
+
+
+class ChannelsLast(nn.Module):
+    """The same images in the order of memory in which CPUs convolve them twice as fast."""
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """Images (n, channels, height, width), as given."""
+        return images.contiguous(memory_format=torch.channels_last)
+
+
+def _image_network(shape: tuple[int, ...], n_features: int) -> nn.Sequential:
+    """Two convolutions with a margin, so that any side will do.
+
+    Stable-Baselines3's NatureCNN fails below 36 pixels; three finer ones take twice the time, and
+    learning is what takes time here, not the simulation.
+    """
     channels, height, width = shape
     for stride in (4, 2):  # the convolutions below divide a side by this, rounded up
         height, width = -(-height // stride), -(-width // stride)
     return nn.Sequential(
+        ChannelsLast(),
         nn.Conv2d(channels, 16, kernel_size=5, stride=4, padding=2),
         nn.ReLU(),
         nn.Conv2d(16, 32, kernel_size=3, stride=2, padding=1),

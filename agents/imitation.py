@@ -1,13 +1,13 @@
-"""Learning by imitation: a model does what a planner does, before it learns from rewards.
+"""Learning by imitation: a network does what a planner does, before it learns from rewards.
 
-Any `Policy` can be the teacher. It plays training worlds, and the model's network is fitted to its
-decisions (behaviour cloning); in further rounds the model plays, and the teacher says what it would
-have done there (DAgger, Ross et al. 2011)::
+Any `Policy` can be the teacher. It plays training worlds, and a network is fitted to its decisions
+(behaviour cloning); in further rounds the network plays, and the teacher says what it would have
+done there (DAgger, Ross et al. 2011)::
 
     settings = PPOSettings(critic_steps=20_000)
-    model = make_model(factory, settings, seed=0)
-    report = clone(model, factory, make("rating_function"), ImitationSettings(), seed=0)
-    model = train(factory, settings, seed=0, warm_start=model)
+    network = make_model(factory, settings, seed=0).policy
+    report = clone(network, factory, make("rating_function"), ImitationSettings(), seed=0)
+    model = train(factory, settings, seed=0, warm_start=network)
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from . import NEEDS_RL
 
 try:
     import torch
-    from stable_baselines3 import PPO
+    from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
 from .learned_policy import LearnedPolicy
+from .settings import ImitationSettings
 from .vec_env import EnvFactory, stack
 
 SAME_POSE = 0.1
@@ -39,55 +40,8 @@ ROWS_AT_ONCE = 1024
 
 
 @dataclass(frozen=True)
-class ImitationSettings:
-    """Hyper-parameters; a decision is one action of one robot.
-
-    Raises
-    ------
-    ValueError
-        If a value is outside of its range.
-    """
-
-    episodes: int = 150
-    """Of each round. All decisions stay in memory: 10 kB each with the planar map."""
-    rounds: int = 3
-    """The teacher plays the first one, the model the others: so it also learns what to do where
-    its own mistakes lead. Each is fitted to the decisions of all rounds so far."""
-    epochs: int = 10
-    """Passes over the decisions in each round."""
-    batch_size: int = 256
-    """Decisions of a gradient step."""
-    learning_rate: float = 1e-3
-    """Of Adam: labels are far less noisy than the gradients of PPO."""
-    max_gradient_norm: float = 1.0
-    """Longer gradients are cut to this length."""
-    held_out: float = 0.1
-    """Share of each round's episodes, rounded up, that nothing is fitted to: they tell how well the
-    model agrees with the teacher. Whole episodes, as decisions of one are alike."""
-
-    def __post_init__(self) -> None:
-        for name, least in (("episodes", 2), ("rounds", 1), ("epochs", 1), ("batch_size", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"ImitationSettings.{name} must be at least {least}, got {getattr(self, name)}"
-                )
-        if not 0 < self.held_out < 1:
-            raise ValueError(
-                f"ImitationSettings.held_out must lie between 0 and 1, got {self.held_out}"
-            )
-        for name in ("learning_rate", "max_gradient_norm"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"ImitationSettings.{name} must be > 0, got {getattr(self, name)}")
-
-    @property
-    def held_out_episodes(self) -> int:
-        """Of each round; at least one is left to learn from."""
-        return min(int(np.ceil(self.held_out * self.episodes)), self.episodes - 1)
-
-
-@dataclass(frozen=True)
 class ImitationReport:
-    """How well a model does as its teacher, on worlds that it was not fitted to."""
+    """How well a network does as its teacher, on worlds that it was not fitted to."""
 
     n_learned: int
     """Decisions that it was fitted to."""
@@ -133,21 +87,21 @@ class Decisions:
 
 
 def clone(
-    model: PPO,
+    network: ActorCriticPolicy,
     env_factory: EnvFactory,
     teacher: Policy,
     settings: ImitationSettings,
     seed: int,
 ) -> ImitationReport:
-    """Fit the model's network to a teacher's decisions, in place; its critic learns nothing.
+    """Fit a network to a teacher's decisions, in place; its critic learns nothing.
 
     The loss is minus the log-likelihood of the teacher's actions: cross-entropy among candidates,
     that of a Gaussian for poses, whose spread becomes that of the deviations.
 
     Parameters
     ----------
-    model : PPO
-        From `coopmap_agents.ppo.make_model`.
+    network : ActorCriticPolicy
+        Of `make_network`, or the ``policy`` of a model.
     env_factory : callable
         Makes a new parallel environment of the training split; one is made.
     teacher : Policy
@@ -155,27 +109,27 @@ def clone(
         offer where there are some.
     settings : ImitationSettings
     seed : int
-        Decides the worlds, what the teacher draws, and the order of the decisions. With the model's
-        own seed it decides the result.
+        Decides the worlds, what the teacher draws, and the order of the decisions. With the
+        network's weights it decides the result.
     """
     worlds, draws, order = np.random.SeedSequence(seed).spawn(3)
     env = env_factory()
     rng = np.random.default_rng(draws)
     generator = torch.Generator().manual_seed(int(order.generate_state(1)[0]))
     seeds = worlds.generate_state(settings.rounds * settings.episodes).reshape(settings.rounds, -1)
-    optimizer = torch.optim.Adam(model.policy.parameters(), lr=settings.learning_rate)
+    optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
     split = settings.episodes - settings.held_out_episodes
     learned: list[Decisions] = []
     held_out: list[Decisions] = []
     try:
         for number, round_seeds in enumerate(seeds.tolist()):
-            player = teacher if number == 0 else LearnedPolicy(model)
+            player = teacher if number == 0 else LearnedPolicy(network)
             played = [watch(env, player, teacher, world, rng) for world in round_seeds]
             learned, held_out = learned + played[:split], held_out + played[split:]
-            fit(model, Decisions.together(learned), settings, optimizer, generator)
+            fit(network, Decisions.together(learned), settings, optimizer, generator)
     finally:
         env.close()
-    return judge(model, Decisions.together(held_out), sum(map(len, learned)))
+    return judge(network, Decisions.together(held_out), sum(map(len, learned)))
 
 
 def watch(
@@ -205,37 +159,35 @@ def watch(
 
 
 def fit(
-    model: PPO,
+    network: ActorCriticPolicy,
     decisions: Decisions,
     settings: ImitationSettings,
     optimizer: torch.optim.Optimizer,
     generator: torch.Generator,
 ) -> None:
     """Raise the likelihood of decisions, `settings.epochs` times through them."""
-    policy = model.policy
-    policy.set_training_mode(True)
+    network.set_training_mode(True)
     for _ in range(settings.epochs):
         for rows in torch.randperm(len(decisions), generator=generator).split(settings.batch_size):
-            batch = decisions[rows].to(model.device)
-            _, log_prob, _ = policy.evaluate_actions(batch.observations, batch.actions)
+            batch = decisions[rows].to(network.device)
+            _, log_prob, _ = network.evaluate_actions(batch.observations, batch.actions)
             optimizer.zero_grad()
             (-log_prob.mean()).backward()
-            torch.nn.utils.clip_grad_norm_(policy.parameters(), settings.max_gradient_norm)
+            torch.nn.utils.clip_grad_norm_(network.parameters(), settings.max_gradient_norm)
             optimizer.step()
 
 
 @torch.no_grad()
-def judge(model: PPO, decisions: Decisions, n_learned: int) -> ImitationReport:
-    """Compare what the model does with what the teacher did."""
-    policy = model.policy
-    policy.set_training_mode(False)
+def judge(network: ActorCriticPolicy, decisions: Decisions, n_learned: int) -> ImitationReport:
+    """Compare what the network does with what the teacher did."""
+    network.set_training_mode(False)
     same = likelihood = 0.0
     for start in range(0, len(decisions), ROWS_AT_ONCE):
-        batch = decisions[start : start + ROWS_AT_ONCE].to(model.device)
-        distribution = policy.get_distribution(batch.observations)
+        batch = decisions[start : start + ROWS_AT_ONCE].to(network.device)
+        distribution = network.get_distribution(batch.observations)
         done = distribution.get_actions(deterministic=True)
         likelihood += float(distribution.log_prob(batch.actions).sum())
-        if isinstance(model.action_space, spaces.Discrete):
+        if isinstance(network.action_space, spaces.Discrete):
             same += int((done == batch.actions).sum())
         else:
             same += int(((done - batch.actions).abs().amax(dim=1) <= SAME_POSE).sum())

@@ -1,64 +1,78 @@
-"""Trained models: to files and back, and as policies that the evaluation takes."""
+"""Trained networks as policies that the evaluation takes."""
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief, Observation
 
 from . import NEEDS_RL
 
 try:
-    from stable_baselines3 import PPO
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
-from .candidate_scorer import ANY_LENGTH, CandidateScorer
+from .candidate_scorer import CandidateScorer
+from .networks import acting_weights
+from .policy_file import load_policy, read_page
+from .shipped import shipped_file, shipped_names
 from .vec_env import stack
 
+ANY_LENGTH = ("candidates", "action_mask", "teammates", "located")
+"""Entries of an observation whose first axis may have another length than in training."""
 
-def save(model: PPO, path: str | os.PathLike[str]) -> None:
-    """Write a trained model as the zip file of Stable-Baselines3."""
-    model.save(os.fspath(path))
-
-
-def load(path: str | os.PathLike[str], device: str = "cpu") -> PPO:
-    """Read a model that `save` wrote. Such files can run code: load only what you trust."""
-    return PPO.load(os.fspath(path), device=device)
+Shapes = dict[str, tuple[int | str, ...]]
 
 
 class LearnedPolicy:
-    """A trained model as a `Policy`: each robot does what it holds to be best, without chance.
+    """A trained network as a `Policy`: each robot does what it holds to be best, without chance.
 
-    A `CandidateScorer` decides among any number of candidates, and beside any number of teammates
-    if it was trained with some.
+    It decides among any number of candidates and beside any number of teammates, none included, if
+    it was trained with some.
 
     Parameters
     ----------
-    model : PPO or path
-        From `train`, or the file that `save` wrote.
+    model : path, str, ActorCriticPolicy or PPO, optional
+        A file of `save_policy`, the name of a policy that ships with coopmap, a network, or a model
+        of Stable-Baselines3 that holds one. By default the first one that ships and fits the
+        observations.
+    seed : int, optional
+        Of the training, for a policy that ships; see `shipped_file`.
 
     Raises
     ------
     ValueError
-        If the model chooses among candidates and is no `CandidateScorer`.
+        If the file cannot be read, no such policy ships, or the model chooses among candidates and
+        is no `CandidateScorer`.
     """
 
-    def __init__(self, model: PPO | str | os.PathLike[str]) -> None:
-        self.model = model if isinstance(model, PPO) else load(model)
-        if isinstance(self.model.action_space, spaces.Discrete) and not isinstance(
-            self.model.policy, CandidateScorer
-        ):
-            raise ValueError(
-                "a model that chooses among candidates must have a CandidateScorer, "
-                f"got {type(self.model.policy).__name__}"
-            )
+    def __init__(
+        self,
+        model: ActorCriticPolicy | BaseAlgorithm | str | os.PathLike[str] | None = None,
+        seed: int | None = None,
+    ) -> None:
+        self._seed = seed
+        self._network: ActorCriticPolicy | None = None
+        if model is not None:
+            self._network = _network_of(model, seed)
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the weights: of all that ship, as long as none has been chosen."""
+        if self._network is not None:
+            weights = acting_weights(self._network).values()
+            return _sha256(values.detach().cpu().numpy().tobytes() for values in weights)
+        names = shipped_names()
+        return _sha256(shipped_file(name, self._seed).read_bytes() for name in names)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Nothing to forget and nothing to draw."""
@@ -69,26 +83,78 @@ class LearnedPolicy:
         Raises
         ------
         ValueError
-            If the observations are not of the shape that the model was trained on.
+            If the observations are not of the shape that the network was trained on, or none that
+            ships fits them.
         """
         rows = stack(observations[agent] for agent in belief.agents)
-        self._check(rows)
-        actions, _ = self.model.predict(rows, deterministic=True)
+        given = {key: values.shape[1:] for key, values in rows.items()}
+        if self._network is None:
+            self._network = load_policy(shipped_file(_fitting(given), self._seed))
+        trained_on = self._network.observation_space
+        assert isinstance(trained_on, spaces.Dict)
+        learned = {key: box.shape or () for key, box in trained_on.spaces.items()}
+        if not _fits(learned, given):
+            raise ValueError(
+                f"this policy was trained on observations {_free(learned)}, but is given "
+                f"{_free(given)}: use the environment and the action mode that it was trained with"
+            )
+        actions, _ = self._network.predict(rows, deterministic=True)
         return dict(zip(belief.agents, actions, strict=True))
 
-    def _check(self, rows: Mapping[str, NDArray[Any]]) -> None:
-        space = self.model.observation_space
-        assert isinstance(space, spaces.Dict)
-        free = ANY_LENGTH if isinstance(self.model.policy, CandidateScorer) else ()
-        learned = {name: _shape(box.shape, name in free) for name, box in space.spaces.items()}
-        given = {name: _shape(rows[name].shape[1:], name in free) for name in rows}
-        if learned != given:
+
+def _sha256(parts: Iterable[bytes]) -> str:
+    sha = hashlib.sha256()
+    for part in parts:
+        sha.update(part)
+    return sha.hexdigest()
+
+
+def _network_of(model: Any, seed: int | None) -> ActorCriticPolicy:
+    if isinstance(model, BaseAlgorithm):
+        model = model.policy
+    if isinstance(model, ActorCriticPolicy):
+        if isinstance(model.action_space, spaces.Discrete) and not isinstance(
+            model, CandidateScorer
+        ):
             raise ValueError(
-                f"this policy was trained on observations {learned}, but is given {given}: use the "
-                "action mode, number of robots and candidates that it was trained with"
+                "a model that chooses among candidates must have a CandidateScorer, "
+                f"got {type(model).__name__}"
             )
+        return model
+    if str(model) in shipped_names():
+        return load_policy(shipped_file(str(model), seed))
+    if not Path(model).is_file():
+        raise ValueError(
+            f"model {str(model)!r} is neither a file nor one of the policies that ship: "
+            f"{', '.join(shipped_names())}"
+        )
+    return load_policy(model)
 
 
-def _shape(shape: tuple[int, ...] | None, any_length: bool) -> tuple[int | str, ...]:
-    assert shape is not None
-    return ("any", *shape[1:]) if any_length else shape
+def _fitting(given: Mapping[str, tuple[int, ...]]) -> str:
+    """Name of the first policy that ships and fits observations of these shapes."""
+    for name in shipped_names():
+        page = read_page(shipped_file(name))
+        if _fits({key: tuple(entry[1:]) for key, entry in page.observations.items()}, given):
+            return name
+    raise ValueError(
+        f"no policy that ships fits observations {_free(given)}; there are "
+        f"{', '.join(shipped_names())}: name the file of your own with model="
+    )
+
+
+def _fits(learned: Mapping[str, tuple[int, ...]], given: Mapping[str, tuple[int, ...]]) -> bool:
+    """Whether a network that learned on some shapes can decide on others."""
+    missing = set(learned) - set(given)
+    if not missing <= {"state", "teammates"}:
+        return False
+    return _free(learned, missing) == _free(given)
+
+
+def _free(shapes: Mapping[str, tuple[int, ...]], without: Iterable[str] = ()) -> Shapes:
+    """Shapes, but for the lengths that do not matter."""
+    return {
+        key: ("any", *shape[1:]) if key in ANY_LENGTH else shape
+        for key, shape in shapes.items()
+        if key not in without
+    }

@@ -1,113 +1,44 @@
 """Proximal policy optimisation with one policy for all robots, on Stable-Baselines3.
 
-Read it from top to bottom: settings, `make_model`, `train`; `save`, `load` and the `LearnedPolicy`
-that the evaluation takes are in `coopmap_agents.learned_policy` and can be had from here too::
+`train` trains in memory; `coopmap_agents.training` adds files, validation and resuming::
 
-    model = train(lambda: planar_v0.parallel_env(reward="information"), PPOSettings(), seed=0)
-    save(model, "ppo.zip")
-    env = planar_v0.parallel_env(reward="information", split="test")
-    evaluation = evaluate(env, LearnedPolicy("ppo.zip"), seeds=range(100))
+    model = train(lambda: planar_v0.parallel_env(reward="coverage"), PPOSettings(), seed=0)
+    save_policy(model.policy, PPOSettings(), "policy.safetensors")
+    env = planar_v0.parallel_env(reward="coverage", split="test")
+    evaluation = evaluate(env, LearnedPolicy("policy.safetensors"), seeds=range(100))
 
-In "candidates" mode the policy is a `CandidateScorer`, in "pose" mode a Gaussian around a network's
-output. `coopmap_agents.imitation` makes a model that has learned from a planner, to go on from.
+In "candidates" mode the network is a `CandidateScorer`, which masks what is not on offer by itself,
+in "pose" mode a `PosePolicy`. `coopmap_agents.imitation` makes a network that has learned from a
+planner, to go on from.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from pathlib import Path
 from typing import Any
 
-from gymnasium import spaces
+import numpy as np
 
 from . import NEEDS_RL
 
 try:
+    import torch
     from stable_baselines3 import PPO
-    from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.vec_env import VecMonitor
+    from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ConvertCallback
+    from stable_baselines3.common.logger import configure
+    from stable_baselines3.common.policies import ActorCriticPolicy
+    from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
-from .candidate_scorer import CandidateScorer, Initial
-from .features import RobotFeatures
-from .learned_policy import LearnedPolicy, load, save
+from .networks import CRITIC, acting_weights, network_class
+from .segments import SegmentReport, checkpoint_of, segment_seed, segment_steps
+from .settings import PPOSettings
 from .vec_env import EnvFactory, SharedPolicyVecEnv
 
-__all__ = ["LearnedPolicy", "PPOSettings", "load", "make_model", "save", "train"]
 
-CRITIC = ("network.value.", "mlp_extractor.value_net.", "value_net.")
-"""Beginnings of the names of the critic's own parameters, in either mode."""
-
-
-@dataclass(frozen=True)
-class PPOSettings:
-    """Hyper-parameters; a step is one action of one robot.
-
-    Raises
-    ------
-    ValueError
-        If a value is outside of its range.
-    """
-
-    total_steps: int = 500_000
-    """Rounded up to whole roll-outs."""
-    critic_steps: int = 0
-    """The first of them, in which only the critic learns: after a warm start the policy is better
-    than what a fresh critic could tell it."""
-    n_envs: int = 8
-    """Parallel environments: a roll-out then holds 8 worlds at a time, which differ."""
-    rollout_steps: int = 64
-    """Steps of each robot between updates: a few episodes of the default 16 scans."""
-    batch_size: int = 256
-    """Rows of a gradient step; should divide n_envs * n_robots * rollout_steps."""
-    n_epochs: int = 5
-    """Passes over a roll-out: simulation is cheap here, so data need not be squeezed."""
-    learning_rate: float = 3e-4
-    """Of Adam, constant."""
-    gamma: float = 0.95
-    """Discount: looks ahead about 20 scans, a bit more than an episode."""
-    gae_lambda: float = 0.95
-    """Advantage estimation; the usual compromise of bias and variance."""
-    clip_range: float = 0.2
-    """Of the probability ratio."""
-    entropy_weight: float = 0.0
-    """Raise it if the policy settles too early, as it may among candidates."""
-    value_weight: float = 0.5
-    """Of the value loss."""
-    max_gradient_norm: float = 0.5
-    """Longer gradients are cut to this length."""
-    log_std: float = -1.0
-    """Start of the exploration in "pose" mode, 0.37 of the reach: further goals mostly lie in
-    unknown space at first, where they are refused."""
-    initial: Initial = "random"
-    """Of the network in "candidates" mode: "rating" begins at the rating-function planner."""
-    image_features: int = 128
-    """Length of the map's feature vector."""
-    hidden: tuple[int, ...] = (64, 64)
-    """Layers of actor and critic, each."""
-    device: str = "cpu"
-    """Of torch: networks this small are no faster elsewhere."""
-
-    def __post_init__(self) -> None:
-        for name in (
-            "total_steps", "n_envs", "rollout_steps", "batch_size", "n_epochs", "image_features",
-        ):  # fmt: skip
-            if getattr(self, name) < 1:
-                raise ValueError(
-                    f"PPOSettings.{name} must be at least 1, got {getattr(self, name)}"
-                )
-        if not 0 <= self.critic_steps <= self.total_steps:
-            raise ValueError(
-                f"PPOSettings.critic_steps must lie in [0, total_steps], got {self.critic_steps}"
-            )
-        for name in ("gamma", "gae_lambda"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(
-                    f"PPOSettings.{name} must lie in [0, 1], got {getattr(self, name)}"
-                )
-
-
-def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int) -> PPO:
+def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, workers: int = 0) -> PPO:
     """Make an untrained model with its environments.
 
     Parameters
@@ -116,17 +47,21 @@ def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int) -> PPO
         Makes a new parallel environment; see `SharedPolicyVecEnv`.
     settings : PPOSettings
     seed : int
-        Decides everything: worlds, exploration and networks. Stable-Baselines3 seeds the global
-        generators of random, numpy and torch with it.
+        Decides the weights. Stable-Baselines3 seeds the global generators of random, numpy and
+        torch with it.
+    workers : int
+        Processes for the environments; 0 steps them in this one. The result does not depend on it.
 
     Raises
     ------
     ValueError
         If robots choose among candidates that they do not observe.
     """
-    env = VecMonitor(SharedPolicyVecEnv(env_factory, settings.n_envs))
+    central = settings.critic == "central"
+    rows = SharedPolicyVecEnv(env_factory, settings.n_envs, workers=workers, with_state=central)
+    env = VecMonitor(Stopwatch(rows))
     try:
-        policy, options = _policy(env.action_space, settings)
+        policy, options = network_class(env.action_space, settings)
         return PPO(
             policy,
             env,
@@ -149,78 +84,224 @@ def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int) -> PPO
         raise
 
 
-def _policy(
-    action_space: spaces.Space[Any], settings: PPOSettings
-) -> tuple[str | type[CandidateScorer], dict[str, Any]]:
-    """Policy and its options for an action mode."""
-    options: dict[str, Any] = {
-        "net_arch": list(settings.hidden),
-        "features_extractor_kwargs": {"image_features": settings.image_features},
-    }
-    if isinstance(action_space, spaces.Discrete):
-        return CandidateScorer, {**options, "initial": settings.initial}
-    own = {"features_extractor_class": RobotFeatures, "log_std_init": settings.log_std}
-    return "MultiInputPolicy", {**options, **own}
-
-
 def train(
     env_factory: EnvFactory,
     settings: PPOSettings,
     seed: int,
-    callback: BaseCallback | None = None,
-    warm_start: PPO | None = None,
+    callback: Any = None,
+    warm_start: ActorCriticPolicy | None = None,
+    workers: int = 0,
 ) -> PPO:
     """Train a policy that all robots of a team share.
 
     Parameters
     ----------
-    env_factory, settings, seed
+    env_factory, settings, workers
         As in `make_model`.
-    callback : BaseCallback, optional
-        Of Stable-Baselines3, for logs and checkpoints.
-    warm_start : PPO, optional
-        A model whose network to begin with, made with the same settings of the network; it stays as
-        it is.
+    seed : int
+        Decides everything: worlds, exploration and networks.
+    callback : BaseCallback or callable, optional
+        Of Stable-Baselines3, for logs; may end the training.
+    warm_start : ActorCriticPolicy, optional
+        A network to begin with, made with the same settings; it stays as it is.
 
     Returns
     -------
     stable_baselines3.PPO
+        Its network is ``policy``.
 
     Raises
     ------
     ValueError
-        As `make_model`, or if the network of `warm_start` is another one.
+        As `make_model`, or if `warm_start` is another network.
     """
-    model = make_model(env_factory, settings, seed)
+    training = PPOTraining(env_factory, settings, seed, workers)
     try:
         if warm_start is not None:
-            _copy_network(warm_start, model)
-        if settings.critic_steps:
-            _set_actor_learns(model, False)
-            model.learn(settings.critic_steps, callback)
-            _set_actor_learns(model, True)
-            if model.num_timesteps < settings.critic_steps:
-                return model  # the callback has ended it
-        left = max(settings.total_steps - model.num_timesteps, 0)
-        return model.learn(left, callback, reset_num_timesteps=model.num_timesteps == 0)
+            training.begin_with(warm_start)
+        segment = 0
+        while training.steps < settings.total_steps and training.learn(segment, callback):
+            segment += 1
+        return training.model
     finally:
-        assert model.env is not None
-        model.env.close()
+        training.close()
 
 
-def _copy_network(source: PPO, target: PPO) -> None:
-    given, own = source.policy.state_dict(), target.policy.state_dict()
-    shapes, needed = ({k: tuple(v.shape) for k, v in state.items()} for state in (given, own))
-    if shapes != needed:
-        other = sorted(k for k in shapes | needed if shapes.get(k) != needed.get(k))
-        raise ValueError(
-            f"warm_start has another network than these settings and environments make: {other[0]} "
-            f"has the shape {shapes.get(other[0])}, not {needed.get(other[0])}"
+class PPOTraining:
+    """A training by Stable-Baselines3, segment by segment.
+
+    Parameters
+    ----------
+    env_factory, settings, seed, workers
+        As in `train`.
+    logs : Path, optional
+        Folder of TensorBoard's logs.
+    """
+
+    def __init__(
+        self,
+        env_factory: EnvFactory,
+        settings: PPOSettings,
+        seed: int,
+        workers: int = 0,
+        logs: Path | None = None,
+    ) -> None:
+        self._settings = settings
+        self._seed = seed
+        self.model = make_model(env_factory, settings, seed, workers)
+        self._logger = configure(str(logs), ["tensorboard"]) if logs else None
+        if self._logger:
+            self.model.set_logger(self._logger)
+        self.report = SegmentReport()
+        """Of the last segment."""
+
+    @property
+    def network(self) -> ActorCriticPolicy:
+        """Actor and critic as they are now."""
+        return self.model.policy
+
+    @property
+    def steps(self) -> int:
+        """Steps that were learned from."""
+        return self.model.num_timesteps
+
+    def begin_with(self, network: ActorCriticPolicy) -> None:
+        """Take over the weights of another network, but for a critic of another shape.
+
+        Raises
+        ------
+        ValueError
+            With the first weight that has another shape.
+        """
+        copy_weights(network, self.model.policy)
+
+    def learn(self, segment: int, callback: Any = None) -> bool:
+        """Learn for one segment; false if the callback has ended the training."""
+        model, env = self.model, self.model.get_env()
+        assert env is not None
+        model.set_random_seed(segment_seed(self._seed, segment))
+        model.set_env(env, force_reset=True)
+        watch = _Watch(self._settings.critic_steps)
+        callbacks: list[BaseCallback] = [watch]
+        if callback is not None:
+            own = callback if isinstance(callback, BaseCallback) else ConvertCallback(callback)
+            callbacks.append(own)
+        wanted = segment_steps(self._settings, self.steps)
+        target = self.steps + wanted
+        stopwatch: Any = env  # wrappers hand on what is asked of those inside
+        before, in_environments = time.perf_counter(), stopwatch.seconds
+        model.learn(wanted, CallbackList(callbacks), reset_num_timesteps=False)
+        self.report = SegmentReport(
+            seconds=time.perf_counter() - before,
+            environment_seconds=stopwatch.seconds - in_environments,
+            collecting_seconds=watch.collecting,
+            returns=watch.returns,
         )
-    target.policy.load_state_dict(given)
+        return self.steps >= target
+
+    def save(self, path: Path) -> None:
+        """Write all that the next segment depends on; holds no code."""
+        torch.save({"steps": self.steps, "parameters": self.model.get_parameters()}, path)
+
+    def restore(self, path: Path) -> None:
+        """Go on from what `save` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file cannot be read or is of another network.
+        """
+        values = checkpoint_of(path, self._settings.device)
+        try:
+            self.model.set_parameters(values["parameters"], device=self._settings.device)
+        except (RuntimeError, ValueError) as error:
+            raise ValueError(f"{path} is of another network: {error}") from error
+        self.model.num_timesteps = values["steps"]
+
+    def log(self, scores: dict[str, float]) -> None:
+        """Write scores to TensorBoard, if there are logs."""
+        if self._logger:
+            for name, value in scores.items():
+                self._logger.record(name, value)
+            self._logger.dump(self.steps)
+
+    def close(self) -> None:
+        """Close environments and logs."""
+        env = self.model.get_env()
+        assert env is not None
+        env.close()
+        if self._logger:
+            self._logger.close()
 
 
-def _set_actor_learns(model: PPO, learns: bool) -> None:
-    for name, parameter in model.policy.named_parameters():
+def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
+    """Copy what both networks have; all that acts must be there, the critic may differ.
+
+    Raises
+    ------
+    ValueError
+        With the first weight that has another shape.
+    """
+    given, own = dict(source.named_parameters()), dict(target.named_parameters())
+    shapes, needed = ({k: tuple(v.shape) for k, v in part.items()} for part in (given, own))
+    differing = {k for k in shapes | needed if shapes.get(k) != needed.get(k)}
+    for name in sorted(differing):
         if not name.startswith(CRITIC):
-            parameter.requires_grad_(learns)
+            raise ValueError(
+                f"warm_start has another network than these settings and environments make: {name} "
+                f"has the shape {shapes.get(name)}, not {needed.get(name)}"
+            )
+    for name in set(own) - differing:
+        own[name].data.copy_(given[name])
+
+
+class Stopwatch(VecEnvWrapper):
+    """Sums up how long its environments take to step, with the resets of those that end."""
+
+    seconds = 0.0
+
+    def reset(self) -> Any:
+        """Reset all."""
+        return self.venv.reset()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Send the actions, timed."""
+        before = time.perf_counter()
+        self.venv.step_async(actions)
+        self.seconds += time.perf_counter() - before
+
+    def step_wait(self) -> Any:
+        """Wait for the step, timed."""
+        before = time.perf_counter()
+        result = self.venv.step_wait()
+        self.seconds += time.perf_counter() - before
+        return result
+
+
+class _Watch(BaseCallback):
+    """Lets only the critic learn at first, notes returns and how long roll-outs take."""
+
+    def __init__(self, critic_steps: int) -> None:
+        super().__init__()
+        self.critic_steps = critic_steps
+        self.collecting = 0.0
+        self.returns: list[float] = []
+
+    def _on_rollout_start(self) -> None:
+        self._started = time.perf_counter()
+        self._let_actor_learn(self.model.num_timesteps >= self.critic_steps)
+
+    def _on_rollout_end(self) -> None:
+        self.collecting += time.perf_counter() - self._started
+
+    def _on_training_end(self) -> None:
+        self._let_actor_learn(True)
+
+    def _let_actor_learn(self, learns: bool) -> None:
+        for weights in acting_weights(self.model.policy).values():
+            weights.requires_grad_(learns)
+
+    def _on_step(self) -> bool:
+        infos = self.locals["infos"]
+        self.returns += [float(info["episode"]["r"]) for info in infos if "episode" in info]
+        return True

@@ -50,7 +50,9 @@ def test_evaluate_scores_robots_that_have_not_found_the_target(tmp_path):
     assert summary["env"]["initialization"] == "search"
 
 
-@pytest.mark.parametrize("command", ["reproduce", "evaluate", "localization", "bench"])
+@pytest.mark.parametrize(
+    "command", ["reproduce", "evaluate", "localization", "bench", "compare", "train"]
+)
 def test_help_shows_examples(command):
     done = run(command, "--help")
     assert done.returncode == 0

@@ -1,8 +1,16 @@
-"""The command `coopmap`: one file for each of its commands."""
+"""The command `coopmap`: one file for each of its commands.
+
+A distribution adds commands of its own under the entry-point group ``coopmap.commands``:
+dataclasses with a method `run`, as `coopmap_agents` does for `coopmap train`.
+"""
 
 from __future__ import annotations
 
+from importlib.metadata import entry_points
+from typing import Any, Protocol
+
 from coopmap_env.cli.bench import Bench
+from coopmap_env.cli.compare import Compare
 from coopmap_env.cli.evaluate import Evaluate
 from coopmap_env.cli.localization import Localization
 from coopmap_env.cli.output import say
@@ -10,22 +18,31 @@ from coopmap_env.cli.replay import Replay
 from coopmap_env.cli.reproduce import Reproduce
 from coopmap_env.extras import require
 
-Command = Reproduce | Evaluate | Localization | Replay | Bench
+GROUP = "coopmap.commands"
+OWN: dict[str, Any] = {
+    "reproduce": Reproduce,
+    "evaluate": Evaluate,
+    "compare": Compare,
+    "localization": Localization,
+    "replay": Replay,
+    "bench": Bench,
+}
 INTERRUPTED = 130
 """What shells expect of a command that ended by an interrupt."""
+
+
+class Command(Protocol):
+    """What a command is, once its options are known."""
+
+    def run(self) -> None:
+        """Do it."""
 
 
 def parse(arguments: list[str] | None = None) -> Command:
     """The command that the arguments (default: those of the process) ask for."""
     tyro = require("tyro", "cli")
     command: Command = tyro.extras.subcommand_cli_from_dict(
-        {
-            "reproduce": Reproduce,
-            "evaluate": Evaluate,
-            "localization": Localization,
-            "replay": Replay,
-            "bench": Bench,
-        },
+        {**OWN, **{point.name: point.load() for point in entry_points(group=GROUP)}},
         prog="coopmap",
         description="Cooperative active mapping: environments, planners, evaluation.",
         args=arguments,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from coopmap_env.cli.evaluate import mounts_of
+from coopmap_env.cli.environment import mounts_of
 from coopmap_env.cli.output import say
 
 

@@ -25,7 +25,7 @@ from coopmap_env.evaluation.episode import (
     run_episode,
     warm_up,
 )
-from coopmap_env.evaluation.jobs import Job, Result, run_jobs, write_atomically
+from coopmap_env.evaluation.jobs import Engine, Job, Result, run_jobs, write_atomically
 from coopmap_env.evaluation.policy import Policy, make_policy
 from coopmap_env.evaluation.serial import settings_to_dict
 from coopmap_env.evaluation.statistics import (
@@ -51,6 +51,8 @@ SCORES = (
 )
 """Columns that the summary gives with intervals, those of them that the world has."""
 BOOTSTRAP_SEED = 20_011
+OF_POLICY = ("policy", "fingerprint", "seed")
+"""Entries of a job that do not decide its environment."""
 
 
 @dataclass(frozen=True)
@@ -107,17 +109,24 @@ def make_job(
     """One episode as JSON: all that decides it, so that equal jobs have equal results.
 
     Files that an option of the policy names count by their content, and so does a scene's file with
-    all that it names: images, meshes, URDFs.
+    all that it names: images, meshes, URDFs. A policy with a `fingerprint` counts by it too: what
+    it has learned can be another under the same name.
     """
     return {
         "version": coopmap_env.__version__,
         "files": _contents(policy) | _scene_contents(str(env.get("scene", "")), world),
         "policy": policy,
+        "fingerprint": _fingerprint(policy),
         "seed": seed,
         "world": world,
         "env": env,
         "settings": None if settings is None else settings_to_dict(settings),
     }
+
+
+@lru_cache(maxsize=64)
+def _fingerprint(policy: str) -> str:
+    return str(getattr(make_policy(policy), "fingerprint", ""))
 
 
 def _contents(policy: str) -> dict[str, str]:
@@ -159,7 +168,7 @@ def _policy(spec: str, arguments: str) -> Policy:
 
 def run_job(job: Job) -> Result:
     """Play the episode of a job; environments and policies are kept from job to job."""
-    kept = {name: value for name, value in job.items() if name not in ("policy", "seed")}
+    kept = {name: value for name, value in job.items() if name not in OF_POLICY}
     arguments = json.dumps(kept, sort_keys=True)
     return asdict(run_episode(_env(arguments), _policy(job["policy"], arguments), job["seed"]))
 
@@ -182,6 +191,7 @@ def compare(
     workers: int = 1,
     progress: bool = True,
     world: str = "planar",
+    engine: Engine = "processes",
 ) -> dict[str, Evaluation]:
     """Play every policy on the same worlds; resumable, and the same for any number of workers.
 
@@ -197,12 +207,14 @@ def compare(
     settings : optional
         `PlanarSettings` or `FieldSettings`.
     world : {"planar", "field"}
+    engine : {"processes", "ray"}
+        What the workers are; see `coopmap_env.evaluation.jobs.run_jobs`.
     """
     for policy in policies:
         make_policy(policy)  # refuses bad specs before any work
     kind_of(world).env(**env, settings=settings).close()  # and bad arguments
     jobs = [make_job(policy, seed, env, settings, world) for policy in policies for seed in seeds]
-    results = iter(run_jobs(run_job, jobs, store, workers, progress, _is_episode))
+    results = iter(run_jobs(run_job, jobs, store, workers, progress, _is_episode, engine))
     return {
         policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
         for policy in policies

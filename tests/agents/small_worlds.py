@@ -20,6 +20,6 @@ def small_world(**arguments):
     )
 
 
-def masked_world():
+def masked_world(**arguments):
     """At a start, the 5 known cells give far fewer poses than there are candidates."""
-    return small_world(action_mode="candidates", n_candidates=300)
+    return small_world(action_mode="candidates", n_candidates=300, **arguments)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import torch
 from coopmap_agents.candidate_scorer import RATING_FEATURE, CandidateScorer
-from coopmap_agents.ppo import LearnedPolicy, PPOSettings, make_model
+from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.ppo import make_model
+from coopmap_agents.settings import PPOSettings
 from coopmap_agents.vec_env import SharedPolicyVecEnv
 from coopmap_baselines import make
 from gymnasium import spaces
@@ -123,7 +125,7 @@ def test_with_all_but_m_masked_the_logits_are_those_of_m_candidates():
 
 
 @pytest.mark.parametrize("m", [1, 7, 300])
-@pytest.mark.parametrize("n_robots", [2, 4])
+@pytest.mark.parametrize("n_robots", [1, 2, 4])
 def test_a_policy_of_32_candidates_and_3_robots_decides_among_any_number(m, n_robots):
     learned = LearnedPolicy(make_model(lambda: team_world(32), SMALL, seed=0))
     env = team_world(m, n_robots)

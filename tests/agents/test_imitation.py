@@ -3,8 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.imitation import ImitationSettings, clone, watch
-from coopmap_agents.ppo import LearnedPolicy, PPOSettings, make_model
+from coopmap_agents.imitation import clone, watch
+from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.ppo import make_model
+from coopmap_agents.settings import ImitationSettings, PPOSettings
 from coopmap_baselines import make
 from small_worlds import small_world
 
@@ -27,7 +29,7 @@ def test_a_clone_of_the_rating_function_agrees_with_it_on_worlds_it_has_not_seen
     model = make_model(choosing, NETWORK, seed=0)
     model.policy.network.rating_weight.requires_grad_(False)  # 0: not even the direct path helps
     before = evaluate(choosing(), LearnedPolicy(model), range(100, 120)).table["reward"]
-    report = clone(model, choosing, make("rating_function"), LONG_ENOUGH, seed=0)
+    report = clone(model.policy, choosing, make("rating_function"), LONG_ENOUGH, seed=0)
     print(report)
     assert report.n_held_out == 2 * 4 * 8 * 2
     assert report.n_learned == 2 * 36 * 8 * 2
@@ -41,7 +43,7 @@ def test_a_clone_of_the_rating_function_agrees_with_it_on_worlds_it_has_not_seen
 def test_a_network_set_to_the_rating_agrees_with_its_planner_before_it_learns():
     model = make_model(choosing, replace(NETWORK, initial="rating"), seed=0)
     settings = replace(QUICK, learning_rate=1e-12)
-    report = clone(model, choosing, make("rating_function"), settings, seed=0)
+    report = clone(model.policy, choosing, make("rating_function"), settings, seed=0)
     assert report.agreement == 1.0
 
 
@@ -50,7 +52,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_others(make_env):
     def cloned(seed):
         model = make_model(make_env, NETWORK, seed=0)
         torch.manual_seed(np.random.default_rng().integers(2**31))  # it draws nothing from there
-        report = clone(model, make_env, make("random"), QUICK, seed)
+        report = clone(model.policy, make_env, make("random"), QUICK, seed)
         return parameters(model), report
 
     (one, report), (two, again), (other, _) = cloned(0), cloned(0), cloned(1)
@@ -73,7 +75,7 @@ def test_poses_are_learned_too_and_with_them_how_far_the_teacher_strays():
     model = make_model(small_world, NETWORK, seed=0)
     spread = float(model.policy.log_std.detach().mean())
     settings = replace(QUICK, episodes=20, epochs=20, learning_rate=3e-3)
-    report = clone(model, small_world, Nodder(), settings, seed=0)
+    report = clone(model.policy, small_world, Nodder(), settings, seed=0)
     assert report.agreement == 1.0
     assert float(model.policy.log_std.detach().mean()) < spread
 
@@ -81,7 +83,7 @@ def test_poses_are_learned_too_and_with_them_how_far_the_teacher_strays():
 def test_the_critic_learns_nothing():
     model = make_model(choosing, NETWORK, seed=0)
     before = [p.detach().clone() for p in model.policy.network.value.parameters()]
-    clone(model, choosing, make("rating_function"), QUICK, seed=0)
+    clone(model.policy, choosing, make("rating_function"), QUICK, seed=0)
     for old, new in zip(before, model.policy.network.value.parameters(), strict=True):
         assert torch.equal(old, new)
 
@@ -115,7 +117,7 @@ def test_the_environment_is_closed_even_if_the_teacher_fails():
 
     model = make_model(choosing, NETWORK, seed=0)
     with pytest.raises(OSError, match="no idea"):
-        clone(model, factory, Fails(), QUICK, seed=0)
+        clone(model.policy, factory, Fails(), QUICK, seed=0)
     assert len(closed) == 1
 
 

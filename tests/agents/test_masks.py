@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from coopmap_agents import ppo
+from coopmap_agents.settings import PPOSettings
 from coopmap_agents.vec_env import SharedPolicyVecEnv
 from scorers import as_tensors, played_rows, scorer_of
 from small_worlds import masked_world
@@ -117,14 +118,12 @@ class Watch(VecEnvWrapper):
 def test_training_takes_no_masked_candidate(monkeypatch):
     watched = []
 
-    def make(env_factory, n_envs):
-        watched.append(Watch(SharedPolicyVecEnv(env_factory, n_envs)))
+    def make(env_factory, n_envs, **options):
+        watched.append(Watch(SharedPolicyVecEnv(env_factory, n_envs, **options)))
         return watched[0]
 
     monkeypatch.setattr(ppo, "SharedPolicyVecEnv", make)
-    settings = ppo.PPOSettings(
-        total_steps=256, n_envs=2, rollout_steps=32, batch_size=64, n_epochs=2
-    )
+    settings = PPOSettings(total_steps=256, n_envs=2, rollout_steps=32, batch_size=64, n_epochs=2)
     ppo.train(masked_world, settings, seed=0)
     assert watched[0].actions == 256
     assert watched[0].refused == 0

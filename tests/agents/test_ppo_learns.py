@@ -1,6 +1,9 @@
 import numpy as np
 import pytest
-from coopmap_agents.ppo import LearnedPolicy, PPOSettings, load, save, train
+from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.policy_file import save_policy
+from coopmap_agents.ppo import train
+from coopmap_agents.settings import PPOSettings
 from coopmap_baselines import make
 
 from coopmap_env import planar_v0
@@ -37,13 +40,14 @@ class AnyAction:
 
 @pytest.mark.slow
 def test_ppo_beats_random_actions_and_random_feasible_poses_on_worlds_it_has_not_seen(tmp_path):
-    model = train(world, PPOSettings(total_steps=24_000, learning_rate=1e-3), seed=0)
+    settings = PPOSettings(total_steps=24_000, learning_rate=1e-3)
+    model = train(world, settings, seed=0)
     learned = evaluate(world("test"), LearnedPolicy(model), SEEDS).table["reward"]
     for other in (AnyAction(), make("random")):
         rewards = evaluate(world("test"), other, SEEDS).table["reward"]
         gain = bootstrap_paired_difference(learned, rewards, np.random.default_rng(0))
         print(f"{type(other).__name__}: PPO {learned.mean():.2f}, {rewards.mean():.2f}, {gain}")
         assert gain.low > 0
-    save(model, tmp_path / "model.zip")
-    again = evaluate(world("test"), LearnedPolicy(load(tmp_path / "model.zip")), SEEDS)
+    save_policy(model.policy, settings, tmp_path / "policy.safetensors")
+    again = evaluate(world("test"), LearnedPolicy(tmp_path / "policy.safetensors"), SEEDS)
     np.testing.assert_array_equal(again.table["reward"], learned)

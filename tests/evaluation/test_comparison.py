@@ -9,6 +9,7 @@ import pytest
 from coopmap_env import evaluation, planar_v0
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
+from coopmap_env.evaluation import comparison
 from coopmap_env.evaluation.comparison import (
     Evaluation,
     compare,
@@ -231,12 +232,38 @@ def test_a_changed_map_is_played_anew(tmp_path):
     assert coverage() != first
 
 
-def test_a_file_named_in_a_spec_counts_by_its_content(tmp_path):
-    model = tmp_path / "model.zip"
-    model.write_bytes(b"one")
-    before = make_job(f"learned:model={model}", 0, {}, None)
-    model.write_bytes(b"two")
-    assert make_job(f"learned:model={model}", 0, {}, None) != before
+class Reader:
+    """A policy that is made from a file."""
+
+    def __init__(self, notes="", fingerprint=""):
+        self.fingerprint = fingerprint
+
+    def reset(self, rng):
+        pass
+
+    def act(self, belief, observations):
+        return {}
+
+
+def test_a_file_named_in_a_spec_counts_by_its_content(tmp_path, monkeypatch):
+    monkeypatch.setattr(comparison, "make_policy", lambda spec: Reader())
+    notes = tmp_path / "notes.txt"
+    notes.write_bytes(b"one")
+    before = make_job(f"reader:notes={notes}", 0, {}, None)
+    assert make_job(f"reader:notes={notes}", 0, {}, None) == before
+    notes.write_bytes(b"two")
+    assert make_job(f"reader:notes={notes}", 0, {}, None) != before
+
+
+def test_what_a_policy_has_learned_counts_too(monkeypatch):
+    jobs = []
+    for fingerprint in ("one", "two"):
+        comparison._fingerprint.cache_clear()
+        learned = Reader(fingerprint=fingerprint)
+        monkeypatch.setattr(comparison, "make_policy", lambda spec, learned=learned: learned)
+        jobs.append(make_job("reader", 0, {}, None))
+    comparison._fingerprint.cache_clear()
+    assert [job["fingerprint"] for job in jobs] == ["one", "two"]
 
 
 class Cheat:

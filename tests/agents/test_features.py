@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.features import RobotFeatures, SituationFeatures
+from coopmap_agents.features import SituationFeatures
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 
@@ -15,30 +15,30 @@ def batch(space, n=2, seed=0):
     }
 
 
-def test_map_features_and_all_other_numbers_make_the_vector():
+def test_map_features_all_other_numbers_and_the_teammates_make_the_vector():
     space = small_world(n_robots=3).observation_space("robot_0")
-    features = RobotFeatures(space, 10)
-    assert features.features_dim == 10 + 4 + 2 * 4
+    features = SituationFeatures(space, 10, 5)
+    assert features.features_dim == features.own_dim == 10 + 4 + 2 * 5
     assert features(batch(space)).shape == (2, features.features_dim)
 
 
 @pytest.mark.parametrize("side", [4, 5, 13, 36, 64])
 def test_any_side_of_the_map_will_do(side):
     space = spaces.Dict({"map": spaces.Box(0, 255, (4, side, side), np.uint8)})
-    assert RobotFeatures(space, 7)(batch(space)).shape == (2, 7)
+    assert SituationFeatures(space, 7)(batch(space)).shape == (2, 7)
 
 
 def test_no_map_is_fine_too():
     space = spaces.Dict({"pose": spaces.Box(-1, 1, (4,)), "team": spaces.Box(-1, 1, (2, 4))})
     values = batch(space)
     expected = torch.cat([values["pose"], values["team"].reshape(2, 8)], dim=1)
-    torch.testing.assert_close(RobotFeatures(space, 7)(values), expected)
+    torch.testing.assert_close(SituationFeatures(space, 7)(values), expected)
 
 
 def test_the_order_of_the_entries_does_not_matter():
     # environments give theirs in another order than the roll-out buffer, which sorts them
     space = small_world(n_robots=3).observation_space("robot_0")
-    features, values = RobotFeatures(space, 10), batch(space)
+    features, values = SituationFeatures(space, 10), batch(space)
     backwards = dict(reversed(values.items()))
     torch.testing.assert_close(features(values), features(backwards), rtol=0, atol=0)
 
@@ -65,3 +65,26 @@ def test_a_teammate_that_is_there_twice_counts_once():
 def test_a_lone_robot_s_situation_is_its_map_and_its_state():
     space = small_world(n_robots=1).observation_space("robot_0")
     assert SituationFeatures(space, 10, 5).features_dim == 10 + 4
+
+
+def test_whoever_learned_beside_teammates_sees_zeros_where_there_are_none():
+    space = small_world(n_robots=3).observation_space("robot_0")
+    features, values = SituationFeatures(space, 10, 5), batch(space)
+    with_teammates = features(values)
+    del values["teammates"]
+    alone = features(values)
+    torch.testing.assert_close(alone[:, :-10], with_teammates[:, :-10], rtol=0, atol=0)
+    assert (alone[:, -10:] == 0).all()
+    assert (with_teammates[:, -10:] > 0).any()
+
+
+def test_the_state_comes_last_and_acting_does_not_need_it():
+    parts = small_world(n_robots=2).observation_space("robot_0").spaces
+    space = spaces.Dict({**parts, "state": spaces.Box(-1.0, 1.0, (30,))})
+    features, values = SituationFeatures(space, 10, 5), batch(space)
+    assert (features.own_dim, features.state_dim) == (10 + 4 + 2 * 5, 10)
+    whole = features(values)
+    del values["state"]
+    without = features(values)
+    torch.testing.assert_close(without[:, :-10], whole[:, :-10], rtol=0, atol=0)
+    assert not torch.equal(without, whole)

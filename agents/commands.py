@@ -1,0 +1,77 @@
+"""The command `coopmap train`; torch is imported only when it runs."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from coopmap_env.cli.environment import EnvironmentOptions
+from coopmap_env.cli.output import say
+
+from .settings import EngineName, ImitationSettings, PPOSettings, Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train(EnvironmentOptions):
+    """Train a policy that all robots of a team share.
+
+    Writes policy.safetensors (the best one on validation worlds, for `coopmap evaluate --policies
+    learned:model=...`), training.json (all about it, and the learning curve), a checkpoint and logs
+    for TensorBoard. The same command goes on after an interruption, and ends as if there had been
+    none. Needs the extra rl, and ray for --engine rllib.
+
+    Such as:
+      coopmap train --out results/train --ppo.total-steps 100000
+      coopmap train --env field --imitate rating_function --workers 2 --out results/train-field
+      coopmap train --engine rllib --workers 2 --out results/train-ray
+    """
+
+    out: Path
+    """Folder of the training."""
+    seed: int = 0
+    """Decides everything."""
+    engine: EngineName = "sb3"
+    """Who learns: Stable-Baselines3, or RLlib on Ray (on the cluster that RAY_ADDRESS names)."""
+    workers: int = 0
+    """Processes for the environments; 0 steps them in this one."""
+    imitate: str = ""
+    """Policy to imitate first, such as rating_function, with options as in `coopmap evaluate`."""
+    validation_episodes: int = 40
+    """Validation worlds that the policy plays after each segment."""
+    action_mode: Literal["pose", "candidates"] = "candidates"
+    """Any pose (in the field: joints of the mount), or a choice among random candidates."""
+    reward: Literal["rating", "information", "coverage"] = "coverage"
+    """The reward that is learned from."""
+    ppo: PPOSettings = field(default_factory=PPOSettings)
+    """Of proximal policy optimisation."""
+    imitation: ImitationSettings = field(default_factory=ImitationSettings)
+    """Of the imitation."""
+
+    def run(self) -> None:
+        """Train, and say where the policy is."""
+        from coopmap_env.evaluation.serial import settings_to_dict
+
+        from .training import POLICY, Plan, train_with_files
+
+        settings = self.settings()
+        made = None if settings is None else settings_to_dict(settings)
+        plan = Plan(
+            Task(self.env, self.arguments(), made),
+            self.ppo,
+            self.seed,
+            self.engine,
+            self.imitate,
+            self.imitation,
+            self.validation_episodes,
+        )
+        record = train_with_files(
+            plan, self.out, self.workers, say, shlex.join(["coopmap", *sys.argv[1:]])
+        )
+        best = record["rows"][record["best"]]
+        say(
+            f"policy: {self.out / POLICY}, after {best['steps']:,} steps; validation reward "
+            f"{best['validation']['reward']:.4f}"
+        )

@@ -1,0 +1,66 @@
+"""Networks for every kind of actions, the same for every engine that trains them.
+
+A network is a policy object of Stable-Baselines3: it holds actor and critic, knows its spaces and
+can act. `CandidateScorer` chooses among candidates, `PosePolicy` among all poses.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gymnasium import spaces
+
+from . import NEEDS_RL
+
+try:
+    from stable_baselines3.common.policies import ActorCriticPolicy
+    from torch import nn
+except ImportError as error:
+    raise ImportError(NEEDS_RL) from error
+
+from .candidate_scorer import CandidateScorer
+from .pose_policy import PosePolicy
+from .settings import PPOSettings
+
+CRITIC = (
+    "network.value.",
+    "mlp_extractor.value_net.",
+    "value_net.",
+    "features_extractor.state.",
+)
+"""Beginnings of the names of the critic's own parameters: what acting does not need."""
+
+
+def acting_weights(network: nn.Module) -> dict[str, nn.Parameter]:
+    """All weights by name but for the critic's own."""
+    return {
+        name: values for name, values in network.named_parameters() if not name.startswith(CRITIC)
+    }
+
+
+def network_class(
+    action_space: spaces.Space[Any], settings: PPOSettings
+) -> tuple[type[ActorCriticPolicy], dict[str, Any]]:
+    """Class of the network for these actions, and its options."""
+    options: dict[str, Any] = {
+        "net_arch": list(settings.hidden),
+        "features_extractor_kwargs": {"image_features": settings.image_features},
+    }
+    if isinstance(action_space, spaces.Discrete):
+        return CandidateScorer, {**options, "initial": settings.initial}
+    return PosePolicy, {**options, "log_std_init": settings.log_std}
+
+
+def make_network(
+    observation_space: spaces.Space[Any], action_space: spaces.Space[Any], settings: PPOSettings
+) -> ActorCriticPolicy:
+    """Make an untrained network; its weights come from torch's global generator.
+
+    Raises
+    ------
+    ValueError
+        If robots choose among candidates that they do not observe.
+    """
+    kind, options = network_class(action_space, settings)
+    rate = settings.learning_rate
+    return kind(observation_space, action_space, lambda _: rate, **options).to(settings.device)

@@ -1,0 +1,158 @@
+"""Hyper-parameters of training, and what it trains on; needs no torch.
+
+All are JSON values inside, so that a training's record, a policy's file and a worker process can
+hold them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.evaluation.worlds import make_env
+
+Initial = Literal["random", "rating"]
+Critic = Literal["own", "central"]
+EngineName = Literal["sb3", "rllib"]
+
+
+@dataclass(frozen=True)
+class Task:
+    """An environment of the training split; called, it makes a new one."""
+
+    world: str = "planar"
+    """"planar" or "field"."""
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    """Of the environment's constructor, but for the split and the settings."""
+    settings: Mapping[str, Any] | None = None
+    """`PlanarSettings` or `FieldSettings` as `settings_to_dict` writes them; by default its own."""
+
+    def __call__(self) -> MappingEnv[Any]:
+        """Make an environment whose worlds are those of the training split."""
+        return self.on("train")
+
+    def on(self, split: str) -> MappingEnv[Any]:
+        """Make an environment whose worlds are those of a split."""
+        settings = None if self.settings is None else dict(self.settings)
+        return make_env(self.world, {**self.arguments, "split": split}, settings)
+
+
+@dataclass(frozen=True)
+class PPOSettings:
+    """Of proximal policy optimisation; a step is one action of one robot.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    total_steps: int = 500_000
+    """Rounded up to whole segments."""
+    segment_steps: int = 16_384
+    """Rounded up to whole roll-outs. A training is a chain of segments: at the beginning of each,
+    environments start anew and all random numbers come from the training's seed and the segment's
+    number, so one that is resumed from the end of a segment goes on as if nothing had happened."""
+    critic_steps: int = 0
+    """The first of all steps, in which only the critic learns: after a warm start the policy is
+    better than what a fresh critic could tell it."""
+    n_envs: int = 8
+    """Parallel environments: a roll-out then holds 8 worlds at a time, which differ."""
+    rollout_steps: int = 64
+    """Steps of each robot between updates: a few episodes of the default 16 scans."""
+    batch_size: int = 256
+    """Rows of a gradient step; should divide n_envs * n_robots * rollout_steps."""
+    n_epochs: int = 5
+    """Passes over a roll-out: simulation is cheap here, so data need not be squeezed."""
+    learning_rate: float = 3e-4
+    """Of Adam, constant."""
+    gamma: float = 0.95
+    """Discount: looks ahead about 20 scans, a bit more than an episode."""
+    gae_lambda: float = 0.95
+    """Advantage estimation; the usual compromise of bias and variance."""
+    clip_range: float = 0.2
+    """Of the probability ratio."""
+    entropy_weight: float = 0.0
+    """Raise it if the policy settles too early, as it may among candidates."""
+    value_weight: float = 0.5
+    """Of the value loss."""
+    max_gradient_norm: float = 0.5
+    """Longer gradients are cut to this length."""
+    log_std: float = -1.0
+    """Start of the exploration in "pose" mode, 0.37 of the reach: further goals mostly lie in
+    unknown space at first, where they are refused."""
+    initial: Initial = "random"
+    """Of the network in "candidates" mode: "rating" begins at the rating-function planner."""
+    critic: Critic = "own"
+    """What the critic sees: each robot's own observation, or the environment's `state` besides
+    (MAPPO, Yu et al. 2022). The policy sees its own observation in either case."""
+    image_features: int = 64
+    """Length of the map's feature vector; most of the network's parameters lead there."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Layers of actor and critic, each."""
+    device: str = "cpu"
+    """Of torch: networks this small are no faster elsewhere."""
+
+    def __post_init__(self) -> None:
+        for name in (
+            "total_steps", "segment_steps", "n_envs", "rollout_steps", "batch_size", "n_epochs",
+            "image_features",
+        ):  # fmt: skip
+            _require(self, name, getattr(self, name) >= 1, "be at least 1")
+        within = 0 <= self.critic_steps <= self.total_steps
+        _require(self, "critic_steps", within, "lie in [0, total_steps]")
+        for name in ("gamma", "gae_lambda"):
+            _require(self, name, 0 <= getattr(self, name) <= 1, "lie in [0, 1]")
+        _require(self, "hidden", bool(self.hidden), "have at least one layer")
+        for name, choices in (("initial", Initial), ("critic", Critic)):
+            words = get_args(choices)
+            _require(self, name, getattr(self, name) in words, f"be {' or '.join(words)}")
+
+
+@dataclass(frozen=True)
+class ImitationSettings:
+    """Of learning from a planner; a decision is one action of one robot.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    episodes: int = 150
+    """Of each round. All decisions stay in memory: 10 kB each with the planar map."""
+    rounds: int = 3
+    """The teacher plays the first one, the model the others: so it also learns what to do where
+    its own mistakes lead. Each is fitted to the decisions of all rounds so far."""
+    epochs: int = 10
+    """Passes over the decisions in each round."""
+    batch_size: int = 256
+    """Decisions of a gradient step."""
+    learning_rate: float = 1e-3
+    """Of Adam: labels are far less noisy than the gradients of PPO."""
+    max_gradient_norm: float = 1.0
+    """Longer gradients are cut to this length."""
+    held_out: float = 0.1
+    """Share of each round's episodes, rounded up, that nothing is fitted to: they tell how well the
+    model agrees with the teacher. Whole episodes, as decisions of one are alike."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("episodes", 2), ("rounds", 1), ("epochs", 1), ("batch_size", 1)):
+            _require(self, name, getattr(self, name) >= least, f"be at least {least}")
+        _require(self, "held_out", 0 < self.held_out < 1, "lie between 0 and 1")
+        for name in ("learning_rate", "max_gradient_norm"):
+            _require(self, name, getattr(self, name) > 0, "be > 0")
+
+    @property
+    def held_out_episodes(self) -> int:
+        """Of each round; at least one is left to learn from."""
+        return min(math.ceil(self.held_out * self.episodes), self.episodes - 1)
+
+
+def _require(settings: object, name: str, fits: bool, what: str) -> None:
+    if not fits:
+        value = getattr(settings, name)
+        raise ValueError(f"{type(settings).__name__}.{name} must {what}, got {value!r}")

@@ -1,0 +1,86 @@
+"""Collect trainings of several seeds as a policy that ships: for maintainers, see `make policies`.
+
+::
+
+    python -m coopmap_agents.shipping agents/policies/planar-candidates results/train/seed_*
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from coopmap_env.evaluation.jobs import write_atomically
+
+from .shipped import RECORD
+
+POLICY = "policy.safetensors"
+
+
+def ship(folder: Path, trainings: Sequence[Path]) -> None:
+    """Copy each training's policy, and write what tells of them all.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the policy; its name is the policy's name.
+    trainings : sequence of Path
+        Folders of `train_with_files`, of the same plan but for the seed.
+
+    Raises
+    ------
+    ValueError
+        If the trainings differ by more than their seeds.
+    """
+    records = {training: _record(training) for training in trainings}
+    plans = [{**record["plan"], "seed": None} for record in records.values()]
+    for training, plan in zip(trainings, plans, strict=True):
+        if plan != plans[0]:
+            raise ValueError(f"{training} and {trainings[0]} differ by more than their seeds")
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob("*.safetensors"):
+        old.unlink()
+    for training, record in records.items():
+        shutil.copy(training / POLICY, folder / f"seed_{record['plan']['seed']}.safetensors")
+    told = _told(list(records.values()))
+    write_atomically(folder / RECORD, json.dumps(told, indent=1) + "\n")
+
+
+def _record(training: Path) -> dict[str, Any]:
+    record: dict[str, Any] = json.loads((training / RECORD).read_text(encoding="utf-8"))
+    return record
+
+
+def _told(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What is the same in all trainings, and each one's curve."""
+    first = records[0]
+    best = max(records, key=_best_reward)
+    return {
+        "version": first["version"],
+        "machine": first["machine"],
+        "plan": {**first["plan"], "seed": None},
+        "seeds": sorted(record["plan"]["seed"] for record in records),
+        "best_seed": best["plan"]["seed"],
+        "trainings": {str(record["plan"]["seed"]): _one(record) for record in records},
+    }
+
+
+def _one(record: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "command": record["command"],
+        "imitation": record["imitation"],
+        "best_row": record["best"],
+        "rows": record["rows"],
+    }
+
+
+def _best_reward(record: Mapping[str, Any]) -> float:
+    return float(record["rows"][record["best"]]["validation"]["reward"])
+
+
+if __name__ == "__main__":
+    ship(Path(sys.argv[1]), [Path(argument) for argument in sys.argv[2:]])

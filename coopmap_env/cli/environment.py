@@ -1,0 +1,77 @@
+"""Options of commands that play in an environment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvironmentOptions:
+    """Which environment; an empty text leaves the environment's own default."""
+
+    env: Literal["planar", "field"] = "planar"
+    """Environment; "field" needs the extra of that name."""
+    scene: str = ""
+    """planar: obstacles (default), rooms, house, or a ROS map_server YAML file; field: worksite
+    (default), clutter, rubble, or a YAML file of meshes."""
+    mount: str = ""
+    """field: mast (default), husky_panda or tiago; or one for each robot, separated by commas."""
+    physics: Literal["", "kinematic", "stepped"] = ""
+    """field: kinematic (default) or stepped; see FieldSettings.physics."""
+    initialization: Literal["", "located", "search"] = ""
+    """field: located (default), or search: robots have to find the target first."""
+    motion_correction: Literal["", "kinematic", "fiducials", "exact"] = ""
+    """field: where cameras are taken to be; kinematic (default)."""
+    robots: int = 2
+    """Robots in the team."""
+    max_scans: int = 16
+    """Scans of each robot."""
+    action_mode: Literal["pose", "candidates"] = "pose"
+    """Any pose (in the field: joints of the mount), or a choice among random candidates."""
+    n_candidates: int = 32
+    """m, in candidates mode."""
+    reward: Literal["rating", "information", "coverage"] = "rating"
+    """The reward that is paid."""
+    team_reward: Literal["individual", "shared"] = "individual"
+    """Each robot its own, or all the mean of the team."""
+
+    def arguments(self) -> dict[str, Any]:
+        """Arguments of the environment, but for the split and the settings.
+
+        Raises
+        ------
+        ValueError
+            If an option of the field is given for the plane.
+        """
+        for name in ("mount", "physics", "initialization", "motion_correction"):
+            if self.env != "field" and getattr(self, name):
+                option = name.replace("_", "-")
+                raise ValueError(f"--{option} belongs to --env field, not to --env {self.env}")
+        arguments: dict[str, Any] = {
+            "n_robots": self.robots,
+            "max_scans": self.max_scans,
+            "action_mode": self.action_mode,
+            "n_candidates": self.n_candidates,
+            "reward": self.reward,
+            "team_reward": self.team_reward,
+        }
+        if self.mount:
+            arguments["mount"] = mounts_of(self.mount)
+        for name in ("scene", "initialization", "motion_correction"):
+            if getattr(self, name):
+                arguments[name] = getattr(self, name)
+        return arguments
+
+    def settings(self) -> Any:
+        """Settings of the environment, or None for its own."""
+        from coopmap_env.evaluation.worlds import kind_of
+
+        if not self.physics:
+            return None
+        return kind_of(self.env).settings(physics=self.physics)
+
+
+def mounts_of(text: str) -> str | list[str]:
+    """One mount for all robots, or one for each where there is a comma."""
+    return text.split(",") if "," in text else text

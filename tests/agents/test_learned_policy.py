@@ -1,0 +1,98 @@
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from coopmap_agents.features import SituationFeatures
+from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.policy_file import save_policy
+from coopmap_agents.ppo import make_model, train
+from coopmap_agents.settings import PPOSettings
+from coopmap_agents.vec_env import SharedPolicyVecEnv
+from small_worlds import SETTINGS, masked_world, small_world
+from stable_baselines3 import PPO
+
+from coopmap_env.evaluation import Policy, evaluate
+
+TINY = PPOSettings(total_steps=128, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2)
+
+
+def test_a_learned_policy_is_a_policy_and_gives_each_robot_what_its_own_view_asks_for():
+    model = train(small_world, TINY, seed=0)
+    policy = LearnedPolicy(model)
+    assert isinstance(policy, Policy)
+    env = small_world(n_robots=2)
+    observations, _ = env.reset(seed=0)
+    policy.reset(np.random.default_rng(0))
+    actions = policy.act(env.belief(), dict(reversed(observations.items())))
+    assert list(actions) == ["robot_0", "robot_1"]
+    for agent, action in actions.items():
+        alone, _ = model.predict(observations[agent], deterministic=True)
+        # batches of one and of two are summed in another order
+        np.testing.assert_allclose(action, alone, atol=1e-6)
+        assert env.action_space(agent).contains(action)
+
+
+def test_a_learned_policy_on_other_observations_names_both_shapes():
+    policy = LearnedPolicy(make_model(small_world, TINY, seed=0))
+    env = small_world(settings=replace(SETTINGS, view_cells=12))
+    observations, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"trained on .*\(4, 8, 8\).* is given .*\(4, 12, 12\)"):
+        policy.act(env.belief(), observations)
+
+
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+@pytest.mark.parametrize("n_robots", [1, 2, 5])
+def test_a_policy_learned_by_two_robots_plays_in_any_team(make_env, n_robots):
+    policy = LearnedPolicy(make_model(make_env, TINY, seed=0))
+    env = make_env(n_robots=n_robots)
+    table = evaluate(env, policy, [0]).table
+    assert table["coverage"][0] > 0
+
+
+def test_a_policy_learned_alone_is_not_for_teams():
+    policy = LearnedPolicy(make_model(lambda: small_world(n_robots=1), TINY, seed=0))
+    assert evaluate(small_world(n_robots=1), policy, [0]).table["coverage"][0] > 0
+    with pytest.raises(ValueError, match=r"is given .*teammates"):
+        evaluate(small_world(), policy, [0])
+
+
+def test_a_learned_policy_never_asks_for_a_masked_candidate():
+    policy = LearnedPolicy(train(masked_world, TINY, seed=0))
+    evaluation = evaluate(masked_world(), policy, range(5))
+    assert evaluation.table["refused"].sum() == 0
+
+
+def test_a_policy_among_candidates_names_what_it_was_trained_on_but_for_their_number():
+    policy = LearnedPolicy(make_model(masked_world, TINY, seed=0))
+    env = small_world()
+    observations, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"trained on .*candidates': \('any', 9\).* is given"):
+        policy.act(env.belief(), observations)
+
+
+def test_a_model_that_ignores_masks_is_refused():
+    env = SharedPolicyVecEnv(masked_world, 1)
+    extractor = {
+        "features_extractor_class": SituationFeatures,
+        "features_extractor_kwargs": {"image_features": 8},
+    }
+    model = PPO("MultiInputPolicy", env, n_steps=8, batch_size=16, policy_kwargs=extractor)
+    with pytest.raises(ValueError, match="CandidateScorer, got MultiInputActorCriticPolicy"):
+        LearnedPolicy(model)
+
+
+def test_the_fingerprint_tells_weights_apart_and_is_the_same_in_every_process(tmp_path):
+    for seed in (0, 1):
+        model = make_model(small_world, TINY, seed)
+        save_policy(model.policy, TINY, tmp_path / f"{seed}.safetensors")
+    path = tmp_path / "0.safetensors"
+    ours = LearnedPolicy(path).fingerprint
+    code = (
+        "from coopmap_agents.learned_policy import LearnedPolicy\n"
+        f"print(LearnedPolicy({str(path)!r}).fingerprint)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == ours
+    assert LearnedPolicy(tmp_path / "1.safetensors").fingerprint != ours

@@ -1,0 +1,112 @@
+import json
+
+import numpy as np
+import pytest
+import torch
+from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.policy_file import FORMAT, PAGE, load_policy, read_page, save_policy
+from coopmap_agents.ppo import make_model
+from coopmap_agents.settings import PPOSettings
+from coopmap_agents.vec_env import SharedPolicyVecEnv
+from safetensors.torch import load_file, save_file
+from small_worlds import masked_world, small_world
+
+import coopmap_env
+from coopmap_env.evaluation import evaluate
+
+SMALL = PPOSettings(
+    n_envs=2, rollout_steps=16, batch_size=32, hidden=(16, 8), image_features=8, initial="rating"
+)
+BOTH = pytest.mark.parametrize("make_env", [small_world, masked_world])
+
+
+def model_and_file(make_env, folder, settings=SMALL):
+    model = make_model(make_env, settings, seed=0)
+    save_policy(model.policy, settings, folder / "policy.safetensors", {"seed": 7})
+    return model, folder / "policy.safetensors"
+
+
+@BOTH
+def test_a_policy_read_from_a_file_acts_as_the_one_that_was_written(make_env, tmp_path):
+    model, path = model_and_file(make_env, tmp_path)
+    env = SharedPolicyVecEnv(make_env, 4)
+    env.seed(0)
+    observations = env.reset()
+    expected, _ = model.predict(observations, deterministic=True)
+    actions, _ = load_policy(path).predict(observations, deterministic=True)
+    np.testing.assert_array_equal(actions, expected)
+    by_path, by_model = (
+        evaluate(make_env(), LearnedPolicy(given), [0, 1]).table["reward"]
+        for given in (path, model)
+    )
+    np.testing.assert_array_equal(by_path, by_model)
+
+
+@BOTH
+def test_the_critic_and_the_state_it_saw_stay_behind(make_env, tmp_path):
+    central = PPOSettings(n_envs=1, rollout_steps=8, batch_size=8, critic="central")
+    model, path = model_and_file(make_env, tmp_path, central)
+    assert "state" in model.observation_space.spaces
+    assert "state" not in read_page(path).observations
+    assert not [name for name in load_file(path) if "value" in name or "state" in name]
+    assert evaluate(make_env(), LearnedPolicy(path), [0]).table["coverage"][0] > 0
+
+
+def test_the_page_says_what_is_in_the_file(tmp_path):
+    _, path = model_and_file(masked_world, tmp_path)
+    page = read_page(path)
+    assert page.observations["map"] == ["uint8", 4, 8, 8]
+    assert page.observations["candidates"] == ["float32", 300, 9]
+    assert (page.n_candidates, page.n_numbers) == (300, None)
+    assert page.network["image_features"] == 8
+    assert page.trained == {"seed": 7}
+    assert (page.version, page.format) == (coopmap_env.__version__, FORMAT)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["policy.safetensors"]
+
+
+def test_a_file_of_another_format_names_both_versions(tmp_path):
+    _, path = model_and_file(small_world, tmp_path)
+    page = {"version": "9.9.9", "format": FORMAT + 1, "new": 0}
+    save_file(load_file(path), path, {PAGE: json.dumps(page)})
+    with pytest.raises(
+        ValueError, match=rf"written by coopmap 9\.9\.9 in format {FORMAT + 1}, .* train .* anew"
+    ):
+        LearnedPolicy(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"PK zip of another library", b"\x08" + bytes(7) + b'{"a": 1}']
+)
+def test_a_file_that_is_none_of_ours_is_refused(content, tmp_path):
+    path = tmp_path / "policy.safetensors"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"policy\.safetensors is no policy that"):
+        LearnedPolicy(path)
+
+
+def test_tensors_of_somebody_else_are_refused(tmp_path):
+    save_file({"a": torch.zeros(2)}, tmp_path / "other.safetensors")
+    with pytest.raises(ValueError, match="is no policy that"):
+        load_policy(tmp_path / "other.safetensors")
+
+
+def test_weights_of_another_network_are_refused_with_the_first_that_differs(tmp_path):
+    _, path = model_and_file(masked_world, tmp_path)
+    weights = load_file(path) | {"network.rating_weight": torch.zeros(3)}
+    save_file(weights, path, {PAGE: json.dumps(read_page(path).__dict__)})
+    with pytest.raises(ValueError, match=r"network\.rating_weight has the shape \(3,\), not \(\)"):
+        load_policy(path)
+
+
+def test_another_ending_is_refused_and_nothing_written(tmp_path):
+    model = make_model(small_world, SMALL, seed=0)
+    with pytest.raises(ValueError, match=r"ends in \.safetensors, got .*policy\.zip"):
+        save_policy(model.policy, SMALL, tmp_path / "policy.zip")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_name_that_is_no_file_and_does_not_ship_is_refused():
+    with pytest.raises(
+        ValueError, match=r"'nobody' is neither a file nor one of the policies that"
+    ):
+        LearnedPolicy("nobody")

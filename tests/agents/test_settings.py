@@ -1,0 +1,41 @@
+import re
+import subprocess
+import sys
+
+import pytest
+from coopmap_agents.settings import PPOSettings, Task
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("n_envs", 0),
+        ("total_steps", -1),
+        ("critic_steps", -1),
+        ("gamma", 1.1),
+        ("gae_lambda", -0.1),
+        ("segment_steps", 0),
+        ("hidden", ()),
+        ("initial", "best"),
+        ("critic", "none"),
+    ],
+)
+def test_settings_out_of_range_are_refused_with_their_value(name, value):
+    with pytest.raises(
+        ValueError, match=rf"PPOSettings\.{name} must .*, got {re.escape(repr(value))}"
+    ):
+        PPOSettings(**{name: value})
+
+
+def test_a_task_makes_environments_of_its_splits():
+    task = Task("planar", {"n_robots": 3, "action_mode": "candidates"})
+    assert task().split == "train"
+    assert task.on("validation").split == "validation"
+    assert len(task().possible_agents) == 3
+    assert task() is not task()
+
+
+def test_settings_and_the_command_need_no_torch():
+    code = "import coopmap_agents.commands, sys; print('torch' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "False\n"

@@ -1,0 +1,211 @@
+"""A training with files: what it writes, and that an interruption changes nothing."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from coopmap_agents import training
+from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.policy_file import read_page
+from coopmap_agents.settings import ImitationSettings, PPOSettings, Task
+from coopmap_agents.training import Plan, train_with_files
+from safetensors.torch import load_file
+
+from coopmap_env.evaluation import evaluate
+
+TASK = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
+SETTINGS = PPOSettings(
+    total_steps=192, segment_steps=64, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2,
+    hidden=(16,), image_features=8,
+)  # fmt: skip
+PLAN = Plan(TASK, SETTINGS, seed=3, validation_episodes=2)
+
+
+class Interrupted(Exception):  # noqa: N818  # no error
+    pass
+
+
+def interrupt_after(n_segments):
+    lines = []
+
+    def say(line):
+        lines.append(line)
+        if len(lines) == n_segments:
+            raise Interrupted
+
+    return say
+
+
+def untimed(record):
+    """All but how long it took."""
+    rows = [{k: v for k, v in row.items() if "seconds" not in k} for row in record["rows"]]
+    return {**record, "rows": rows}
+
+
+def weights(folder):
+    return torch.cat([p.ravel() for p in load_file(folder / "policy.safetensors").values()])
+
+
+def checkpoint(folder):
+    (path,) = folder.glob("checkpoint-*.pt")
+    return torch.load(path, weights_only=True)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Folder and record of an uninterrupted training."""
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, train_with_files(PLAN, folder)
+
+
+@pytest.mark.parametrize("n_segments", [1, 2])
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_training_that_was_interrupted_ends_as_if_it_had_not_been(
+    whole, n_segments, workers, tmp_path
+):
+    with pytest.raises(Interrupted):
+        train_with_files(PLAN, tmp_path, workers, interrupt_after(n_segments))
+    record = train_with_files(PLAN, tmp_path, workers)
+    assert untimed(record) == untimed(whole[1])
+    ours, theirs = checkpoint(tmp_path), checkpoint(whole[0])
+    assert ours["steps"] == theirs["steps"] == 192
+    for name, values in theirs["parameters"]["policy"].items():
+        assert torch.equal(ours["parameters"]["policy"][name], values)
+    assert torch.equal(weights(tmp_path), weights(whole[0]))
+
+
+def test_one_that_is_killed_while_it_writes_goes_on_from_the_segment_before(
+    whole, tmp_path, monkeypatch
+):
+    written = []
+
+    def dies_on_the_second(path, text):
+        written.append(path)
+        if len(written) == 2:
+            raise Interrupted
+        path.write_text(text, encoding="utf-8")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training, "write_atomically", dies_on_the_second)
+        with pytest.raises(Interrupted):
+            train_with_files(PLAN, tmp_path)
+    assert {path.name for path in tmp_path.glob("checkpoint-*")} == {
+        "checkpoint-1.pt", "checkpoint-2.pt",
+    }  # fmt: skip
+    assert untimed(train_with_files(PLAN, tmp_path)) == untimed(whole[1])
+    assert {path.name for path in tmp_path.glob("checkpoint-*")} == {"checkpoint-3.pt"}
+
+
+def test_a_longer_training_goes_on_where_the_shorter_one_ended(whole, tmp_path):
+    train_with_files(replace(PLAN, settings=replace(SETTINGS, total_steps=128)), tmp_path)
+    assert untimed(train_with_files(PLAN, tmp_path)) == untimed(whole[1])
+
+
+def test_a_finished_training_is_not_trained_again(whole):
+    folder, record = whole
+    before = (folder / "training.json").stat().st_mtime_ns
+    assert train_with_files(PLAN, folder) == record
+    assert (folder / "training.json").stat().st_mtime_ns == before
+
+
+def test_the_policy_is_the_one_that_did_best_on_validation_worlds(whole):
+    folder, record = whole
+    rewards = [row["validation"]["reward"] for row in record["rows"]]
+    assert record["rows"][record["best"]]["validation"]["reward"] == max(rewards)
+    path = folder / "policy.safetensors"
+    table = evaluate(TASK.on("validation"), LearnedPolicy(path), range(2)).table
+    assert table["reward"].mean() == pytest.approx(max(rewards), abs=0)
+    said = read_page(path).trained
+    assert said["plan"]["seed"] == 3
+    assert said["plan"]["task"]["arguments"]["n_candidates"] == 6
+
+
+def test_the_record_tells_where_the_time_went_and_what_came_of_it(whole):
+    folder, record = whole
+    assert json.loads((folder / "training.json").read_text()) == record
+    assert [row["steps"] for row in record["rows"]] == [64, 128, 192]
+    for row in record["rows"]:
+        assert 0 < row["environment_seconds"] < row["collecting_seconds"] < row["seconds"]
+        assert np.isfinite(row["return"])
+    assert list((folder / "tensorboard").glob("events*"))
+
+
+@pytest.mark.parametrize(
+    ("other", "named"),
+    [
+        (replace(PLAN, seed=4), "seed = 3, not 4"),
+        (
+            replace(PLAN, settings=replace(SETTINGS, gamma=0.5)),
+            r"settings\.gamma = 0\.95, not 0\.5",
+        ),
+        (
+            replace(PLAN, task=Task("planar", {**TASK.arguments, "n_robots": 3})),
+            r"task\.arguments\.n_robots = None, not 3",
+        ),
+    ],
+)
+def test_the_folder_of_another_training_is_refused_with_what_differs(whole, other, named):
+    with pytest.raises(ValueError, match=f"holds another training, with {named}: use another"):
+        train_with_files(other, whole[0])
+
+
+def test_broken_files_are_named(whole, tmp_path):
+    (tmp_path / "training.json").write_text("{")
+    with pytest.raises(ValueError, match=r"training\.json is broken .* remove its folder"):
+        train_with_files(PLAN, tmp_path)
+    longer = replace(PLAN, settings=replace(SETTINGS, total_steps=256))
+    (tmp_path / "training.json").write_text(json.dumps(whole[1]))
+    with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-3\.pt cannot be read"):
+        train_with_files(longer, tmp_path)
+    (tmp_path / "checkpoint-3.pt").write_bytes(b"broken")
+    with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-3\.pt cannot be read"):
+        train_with_files(longer, tmp_path)
+
+
+def test_a_training_can_begin_with_a_planner(tmp_path):
+    plan = replace(
+        PLAN,
+        settings=replace(SETTINGS, total_steps=64, learning_rate=1e-12),
+        teacher="rating_function",
+        imitation=ImitationSettings(episodes=6, rounds=2, epochs=8, batch_size=16),
+    )
+    record = train_with_files(plan, tmp_path)
+    assert record["imitation"]["n_learned"] == 2 * 5 * 4 * 2
+    assert record["imitation"]["agreement"] > 0.5  # one of six by chance
+
+
+def test_a_central_critic_learns_from_the_state_and_the_policy_does_not_need_it(tmp_path):
+    plan = replace(PLAN, settings=replace(SETTINGS, total_steps=64, critic="central"))
+    train_with_files(plan, tmp_path)
+    policy = LearnedPolicy(tmp_path / "policy.safetensors")
+    assert evaluate(TASK.on("test"), policy, [0]).table["coverage"][0] > 0
+
+
+def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
+    def coopmap(*arguments):
+        command = [sys.executable, "-m", "coopmap_env.cli", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+
+    done = coopmap(
+        "train", "--out", "t", "--max-scans", "4", "--n-candidates", "6", "--validation-episodes",
+        "2", "--ppo.total-steps", "64", "--ppo.rollout-steps", "16", "--ppo.n-envs", "2",
+        "--ppo.batch-size", "32",
+    )  # fmt: skip
+    assert "64 of 64 steps" in done.stderr
+    assert "policy: t/policy.safetensors, after 64 steps" in done.stderr
+    done = coopmap(
+        "evaluate", "--policies", "learned:model=t/policy.safetensors", "--action-mode",
+        "candidates", "--episodes", "2", "--max-scans", "4", "--out", "e",
+    )  # fmt: skip
+    assert "area under curve" in done.stdout
+
+
+def test_plans_out_of_range_are_refused():
+    with pytest.raises(ValueError, match="engine must be sb3 or rllib, got 'torchrl'"):
+        replace(PLAN, engine="torchrl")
+    with pytest.raises(ValueError, match="validation_episodes must be at least 1, got 0"):
+        replace(PLAN, validation_episodes=0)
