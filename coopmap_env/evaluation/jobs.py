@@ -1,4 +1,4 @@
-"""Many independent jobs: in worker processes, resumable, the same results in any order.
+"""Many independent jobs: in worker processes or on a Ray cluster, resumable, in any order the same.
 
 Each finished job is one JSON file, written at once (a temporary file, then renamed), named by a
 hash of what the job is. A run that was interrupted finds them and does the rest.
@@ -6,20 +6,26 @@ hash of what the job is. A run that was interrupted finds them and does the rest
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import logging
 import multiprocessing
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, Literal, get_args
 
 from coopmap_env.extras import require
 
+Engine = Literal["processes", "ray"]
 Job = dict[str, Any]
 Result = dict[str, Any]
+Numbered = Iterator[tuple[int, Result]]
 
 
 def write_atomically(path: Path, text: str) -> None:
@@ -48,6 +54,7 @@ def run_jobs(
     workers: int = 1,
     progress: bool = True,
     usable: Callable[[Any], bool] = lambda result: True,
+    engine: Engine = "processes",
 ) -> list[Result]:
     """Results of all jobs, in the order of the jobs.
 
@@ -60,25 +67,33 @@ def run_jobs(
     store : Path
         Folder of finished results.
     workers : int
-        Processes; 1 works in this one.
+        Jobs at a time, each in a process; 1 works in this one unless the engine is Ray.
     progress : bool
         Show a bar (extra ``cli``).
     usable : callable
         Whether a stored result can be used; others count as missing.
+    engine : {"processes", "ray"}
+        Where the work is done: processes of this machine, or tasks of Ray, see `connected_ray`.
+        Results are stored by this process either way.
 
     Raises
     ------
     ValueError
-        If `workers` is less than 1.
+        If `workers` is less than 1, or the engine is neither.
+    ImportError
+        If Ray is asked for and missing (extra ``ray``).
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
+    if engine not in get_args(Engine):
+        raise ValueError(f"engine must be one of {get_args(Engine)}, got {engine!r}")
+    run = _run_in_ray if engine == "ray" else _run
     store.mkdir(parents=True, exist_ok=True)
     paths = [store / f"{job_key(job)}.json" for job in jobs]
     results = [_read(path, usable) for path in paths]
     missing = [i for i, result in enumerate(results) if result is None]
     for i, result in _bar(
-        _run(function, [(i, jobs[i]) for i in missing], workers), len(jobs), len(missing), progress
+        run(function, [(i, jobs[i]) for i in missing], workers), len(jobs), len(missing), progress
     ):
         write_atomically(paths[i], json.dumps(result))
         results[i] = result
@@ -94,9 +109,7 @@ def _read(path: Path, usable: Callable[[Any], bool]) -> Result | None:
     return value if usable(value) else None
 
 
-def _run(
-    function: Callable[[Job], Result], jobs: list[tuple[int, Job]], workers: int
-) -> Iterator[tuple[int, Result]]:
+def _run(function: Callable[[Job], Result], jobs: list[tuple[int, Job]], workers: int) -> Numbered:
     if workers == 1 or len(jobs) < 2:
         for i, job in jobs:
             yield i, function(job)
@@ -111,6 +124,62 @@ def _run(
                 yield futures.pop(future), future.result()
     finally:  # an interruption leaves at most the jobs that run already
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def connected_ray(workers: int) -> Iterator[ModuleType]:
+    """Ray, connected for as long as the context lasts, quietly and without its statistics of use.
+
+    A connection that is there already is used and left open. Else the environment variable
+    ``RAY_ADDRESS`` names the cluster ("auto": the one that runs on this machine), all nodes of
+    which have this package and the files that the work names; without it, Ray runs on this
+    machine alone, with `workers` processes.
+
+    Raises
+    ------
+    ImportError
+        If Ray is not installed (extra ``ray``).
+    ConnectionError
+        If there is no cluster at that address.
+    """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    ray = require("ray", "ray")
+    if ray.is_initialized():
+        yield ray
+        return
+    cluster = os.environ.get("RAY_ADDRESS")
+    ray.init(
+        address=cluster or "local",
+        num_cpus=None if cluster else max(workers, 1),
+        include_dashboard=False,
+        logging_level=logging.ERROR,
+        log_to_driver=False,
+    )
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+def _run_in_ray(
+    function: Callable[[Job], Result], jobs: list[tuple[int, Job]], workers: int
+) -> Numbered:
+    if not jobs:  # Ray takes seconds to start
+        return
+    with connected_ray(min(workers, len(jobs))) as ray:
+        task, waiting = ray.remote(function), iter(jobs)
+        running: dict[Any, int] = {}
+        try:
+            while True:
+                for i, job in islice(waiting, workers - len(running)):
+                    running[task.remote(job)] = i
+                if not running:
+                    return
+                for done in ray.wait(list(running))[0]:
+                    yield running.pop(done), ray.get(done)
+        finally:  # of an interruption: a cluster would go on
+            for left in running:
+                ray.cancel(left)
 
 
 def _bar(
