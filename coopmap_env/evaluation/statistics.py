@@ -3,7 +3,8 @@
 Policies run on the same worlds, so comparisons are paired: a bootstrap resamples worlds and keeps
 what every policy did on a drawn world together. Intervals are percentile bootstrap intervals, as
 in Agarwal et al. (2021), "Deep reinforcement learning at the edge of the statistical precipice".
-Data that do not vary give an interval of zero width.
+Data that do not vary give an interval of zero width. Algorithms with several training runs are the
+matter of `evaluation.run_statistics`.
 """
 
 from collections.abc import Callable, Sequence
@@ -382,7 +383,7 @@ def _worlds(values: ArrayLike, name: str, at_least: int = 2) -> NDArray[np.float
         raise ValueError(f"{name} must have one axis (n_worlds,), got shape {array.shape}")
     if array.size < at_least:
         raise ValueError(f"{name} needs at least {at_least} worlds, got {array.size}")
-    _require_finite(array, name)
+    require_finite(array, name)
     return array
 
 
@@ -395,11 +396,12 @@ def _table(values: ArrayLike, name: str, min_columns: int) -> NDArray[np.float64
         raise ValueError(f"{name} needs at least 2 worlds (rows), got {array.shape[0]}")
     if array.shape[1] < min_columns:
         raise ValueError(f"{name} needs at least {min_columns} columns, got {array.shape[1]}")
-    _require_finite(array, name)
+    require_finite(array, name)
     return array
 
 
-def _require_finite(array: NDArray[np.float64], name: str) -> None:
+def require_finite(array: NDArray[np.float64], name: str) -> None:
+    """ValueError with the index of the first value that is not finite, if there is one."""
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         index = tuple(int(i) for i in bad[0])
