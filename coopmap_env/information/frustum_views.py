@@ -14,8 +14,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from coopmap_env.information.depth_buffer import depth_limits, is_outside
+from coopmap_env.information.depth_buffer import box_of_occluders, depth_limits, is_outside
 from coopmap_env.information.frustum import frustum_columns, image_forms
+
+MANY = 8
+"""Poses for which it pays to find the box of the occluders: 200 us against 50 us each."""
 
 
 @njit(cache=True, nogil=True)
@@ -32,8 +35,19 @@ def scratch(optics):
 
 
 @njit(cache=True, nogil=True)
-def look(known, position, R, bodies, optics, work):
-    """Fill depth limits and runs of a pose; return the number of runs and a step in z."""
+def everywhere():
+    """A box (2, 3) without ends."""
+    box = np.empty((2, 3))
+    box[0], box[1] = -np.inf, np.inf
+    return box
+
+
+@njit(cache=True, nogil=True)
+def look(known, box, position, R, bodies, optics, work):
+    """Fill depth limits and runs of a pose; return the number of runs and a step in z.
+
+    All occluding voxels lie in the `box`.
+    """
     levels, sampled, _, shape = known
     lens, directions, _ = optics
     distances, limits, runs, starts = work
@@ -41,7 +55,7 @@ def look(known, position, R, bodies, optics, work):
     if is_outside(shape, position):
         return 0, forms[:, 2]
     depth_limits(
-        levels, sampled, shape, position, R, lens, directions,
+        levels, sampled, shape, box, position, R, lens, directions,
         bodies[0], bodies[1], distances, limits,
     )  # fmt: skip
     return frustum_columns(shape, position, R, forms, lens, runs, starts), forms[:, 2]
@@ -57,17 +71,18 @@ def _count(known, n, step, stride, work, gray, counts):
     step_x, step_u, step_v = step[0], step[1], step[2]
     for r in range(n):
         X, U, V, up, flat2 = starts[r, 0], starts[r, 1], starts[r, 2], starts[r, 3], starts[r, 4]
-        first = runs[r, 0]
-        for cell in range(first, first + runs[r, 1]):
+        first = np.uint64(runs[r, 0])  # the compiler guards signed indices against negative ones
+        for cell in range(first, first + np.uint64(runs[r, 1])):
             inverse = 1.0 / X
-            depth = limits[int(U * inverse) * stride + int(V * inverse)]
+            depth = limits[np.uint64(int(U * inverse) * stride + int(V * inverse))]
             if depth >= X:  # noqa: SIM102 - nested is faster
                 if not claimed[cell]:
-                    d = int(up * up + flat2)
+                    d = np.uint64(up * up + flat2)
                     if sampled[cell]:
-                        counts[table[distance_class[d], levels[cell] + clamp]] += 1
+                        row, column = np.uint64(distance_class[d]), np.uint64(levels[cell] + clamp)
+                        counts[np.uint64(table[row, column])] += 1
                     else:
-                        counts[n_gray + unknown_bin[d]] += 1
+                        counts[np.uint64(n_gray + unknown_bin[d])] += 1
             X += step_x
             U += step_u
             V += step_v
@@ -83,10 +98,13 @@ def histograms(known, positions, rotations, bodies, optics, gray, out):
     """
     work = scratch(optics)
     stride = optics[0][5] + 1
+    box = everywhere()
+    if len(positions) >= MANY:
+        box_of_occluders(known[0], known[1], known[3], box)
     for p in range(len(positions)):
         for b in range(out.shape[1]):
             out[p, b] = 0
-        n, step = look(known, positions[p], rotations[p], bodies, optics, work)
+        n, step = look(known, box, positions[p], rotations[p], bodies, optics, work)
         _count(known, n, step, stride, work, gray, out[p])
 
 
@@ -96,7 +114,7 @@ def view(known, position, R, bodies, optics):
     work = scratch(optics)
     _, limits, runs, starts = work
     stride = optics[0][5] + 1
-    n, step = look(known, position, R, bodies, optics, work)
+    n, step = look(known, everywhere(), position, R, bodies, optics, work)
     size = 0
     for r in range(n):
         size += runs[r, 1]

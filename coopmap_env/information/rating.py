@@ -14,10 +14,9 @@ from coopmap_env.information.settings import RatingConstants, RatingSettings
 from coopmap_env.information.views import (
     all_inside,
     compose,
-    new_information,
     new_information_in_turn,
-    unknown_cells,
     view,
+    views,
 )
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
@@ -103,31 +102,26 @@ class RatingFunction:
         claimed : ndarray of uint8, shape (n_cells,), optional
             1 at cells that a teammate is about to see: they are left out of the histogram.
         """
-        return self._new_information(map_, self.check(map_, ids), claimed)
-
-    def _new_information(
-        self, map_: OccupancyMap, ids: NDArray[np.int64], claimed: NDArray[np.uint8] | None
-    ) -> NDArray[np.float64]:
-        out = np.empty(len(ids))
-        nx, ny = map_.grid.shape
-        new_information(
-            map_.levels, map_.sampled_cells, self._nobody if claimed is None else claimed,
-            nx, ny, ids, self._fan, self._gray, self._terms, self.settings.n_gray, out,
-        )  # fmt: skip
-        return out
+        return self.views(map_, ids, claimed)[0]
 
     def unknown_cells(
         self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
     ) -> NDArray[np.int64]:
         """Number of never-sampled cells in view of each pose, shape (k,)."""
+        return self.views(map_, ids, claimed)[1]
+
+    def views(
+        self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """`new_information` and `unknown_cells` of poses, from one look at the map."""
         ids = self.check(map_, ids)
-        out = np.empty(len(ids), dtype=np.int64)
+        ni, unknown = np.empty(len(ids)), np.empty(len(ids), dtype=np.int64)
         nx, ny = map_.grid.shape
-        unknown_cells(
+        views(
             map_.levels, map_.sampled_cells, self._nobody if claimed is None else claimed,
-            nx, ny, ids, self._fan, out,
+            nx, ny, ids, self._fan, self._gray, self._terms, self.settings.n_gray, ni, unknown,
         )  # fmt: skip
-        return out
+        return ni, unknown
 
     def visible_cells(self, map_: OccupancyMap, pose_id: int) -> NDArray[np.int64]:
         """Flat numbers of the cells that a pose would see on the known map, nearest first."""
@@ -158,8 +152,7 @@ class RatingFunction:
         claimed : ndarray of uint8, shape (n_cells,), optional
             See `new_information`.
         """
-        ids, start = self.check(map_, ids), self.check(map_, [current])
-        return self._compose(map_, ids, start, self._new_information(map_, ids, claimed))
+        return self.compose(map_, ids, [current], self.new_information(map_, ids, claimed))
 
     def rate_team(self, map_: OccupancyMap, ids: ArrayLike, current: ArrayLike) -> Ratings:
         """Eq. 9 of one pose for each robot, looking at once.

@@ -66,11 +66,13 @@ def view(levels, sampled, nx, ny, pose, fan, alive, visible, entries):
 
 @njit(cache=True, nogil=True)
 def entropy_of_view(levels, sampled, claimed, visible, entries, n, gray, minus_q_ln_q, counts):
-    """NI of one view: the gray levels' histogram (Eqs. 7, 8), then H (Eq. 6) from a table.
+    """NI of one view, and its never-sampled cells.
 
-    `gray` is (table, distance class, unknown bin, clamp); `counts` comes and goes as zeros.
+    NI is the gray levels' histogram (Eqs. 7, 8), then H (Eq. 6) from a table. `gray` is (table,
+    distance class, unknown bin, clamp); `counts` comes and goes as zeros.
     """
     table, distance_class, unknown_bin, clamp = gray
+    unknown = 0
     for v in range(n):
         cell, k = visible[v], entries[v]
         if claimed[cell]:
@@ -79,19 +81,22 @@ def entropy_of_view(levels, sampled, claimed, visible, entries, n, gray, minus_q
             counts[table[distance_class[k], levels[cell] + clamp]] += 1
         else:
             counts[unknown_bin[k]] += 1
+            unknown += 1
     h = 0.0
     for b in range(len(counts)):
         h += minus_q_ln_q[counts[b]]
         counts[b] = 0
-    return h
+    return h, unknown
 
 
 @njit(cache=True, nogil=True)
-def new_information(levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out):
-    """NI (Eqs. 6-8) of each pose."""
+def views(
+    levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, ni, unknown
+):  # fmt: skip
+    """NI (Eqs. 6-8) of each pose, and how many never-sampled cells it sees."""
     if len(fan[3]) == 1:
-        _new_information_of_64_beams(
-            levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out
+        _views_of_64_beams(
+            levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, ni, unknown
         )
         return
     size = most_visible(fan)
@@ -101,14 +106,14 @@ def new_information(levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_
     counts = np.zeros(n_gray, np.int64)
     for p in range(len(poses)):
         n = view(levels, sampled, nx, ny, poses[p], fan, alive, visible, entries)
-        out[p] = entropy_of_view(
+        ni[p], unknown[p] = entropy_of_view(
             levels, sampled, claimed, visible, entries, n, gray, minus_q_ln_q, counts
         )
 
 
 @njit(cache=True, nogil=True)
-def _new_information_of_64_beams(
-    levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out
+def _views_of_64_beams(
+    levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, ni, unknown
 ):
     """`view` and `entropy_of_view` in one pass, for cameras whose beams fit one word.
 
@@ -123,28 +128,33 @@ def _new_information_of_64_beams(
         x, y = cell // ny, cell % ny
         inland = reach <= x < nx - reach and reach <= y < ny - reach
         alive = all_beams[0]
-        for k in range(start[heading], start[heading + 1]):
-            if alive & beams[k, 0] == 0:
+        n_unknown = 0
+        for entry in range(start[heading], start[heading + 1]):
+            k = np.uint64(entry)  # the compiler guards signed indices against negative ones
+            bits = beams[k, 0]
+            if alive & bits == 0:
                 continue
             i, j = x + offsets[k, 0], y + offsets[k, 1]
             if not inland and (i < 0 or i >= nx or j < 0 or j >= ny):
                 continue
-            seen = i * ny + j
+            seen = np.uint64(i * ny + j)
             if sampled[seen]:
                 level = levels[seen]
                 if not claimed[seen]:
-                    counts[table[distance_class[k], level + clamp]] += 1
+                    row, column = np.uint64(distance_class[k]), np.uint64(level + clamp)
+                    counts[np.uint64(table[row, column])] += 1
                 if level >= 0:
-                    alive &= ~beams[k, 0]
+                    alive &= ~bits
                     if alive == 0:
                         break
             elif not claimed[seen]:
-                counts[unknown_bin[k]] += 1
+                counts[np.uint64(unknown_bin[k])] += 1
+                n_unknown += 1
         h = 0.0
         for b in range(n_gray):
             h += minus_q_ln_q[counts[b]]
             counts[b] = 0
-        out[p] = h
+        ni[p], unknown[p] = h, n_unknown
 
 
 @njit(cache=True, nogil=True)
@@ -160,7 +170,7 @@ def new_information_in_turn(
     seen = np.zeros(len(poses), np.int64)
     for p in range(len(poses)):
         seen[p] = view(levels, sampled, nx, ny, poses[p], fan, alive, visible[p], entries)
-        out[p] = entropy_of_view(
+        out[p], _ = entropy_of_view(
             levels, sampled, claimed, visible[p], entries, seen[p], gray, minus_q_ln_q, counts
         )
         for v in range(seen[p]):
@@ -168,21 +178,6 @@ def new_information_in_turn(
     for p in range(len(poses)):
         for v in range(seen[p]):
             claimed[visible[p, v]] = 0
-
-
-@njit(cache=True, nogil=True)
-def unknown_cells(levels, sampled, claimed, nx, ny, poses, fan, out):
-    """Number of never-sampled visible cells of each pose."""
-    size = most_visible(fan)
-    alive = np.empty(len(fan[3]), np.uint64)
-    visible = np.empty(size, np.int64)
-    entries = np.empty(size, np.int64)
-    for p in range(len(poses)):
-        n = view(levels, sampled, nx, ny, poses[p], fan, alive, visible, entries)
-        total = 0
-        for v in range(n):
-            total += sampled[visible[v]] == 0 and claimed[visible[v]] == 0
-        out[p] = total
 
 
 @njit(cache=True, nogil=True)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.mapping import VoxelGrid
@@ -37,31 +39,31 @@ class PoseLattice:
         """Number of poses, free or not."""
         return self.grid.n_cells * self.n_headings
 
+    @cached_property
+    def layout(self) -> tuple[int, int, float, tuple[float, ...]]:
+        """As kernels want it: headings, cells along y, resolution, origin."""
+        grid = self.grid
+        return int(self.n_headings), grid.shape[1], float(grid.resolution), grid.origin
+
     def poses(self, ids: ArrayLike) -> NDArray[np.float64]:
         """Poses (..., 3) [x, y, heading in [-pi, pi)], metres and radians, of pose numbers."""
-        ids = np.asarray(ids)
-        cell, heading = np.divmod(ids, self.n_headings)
-        ix, iy = np.divmod(cell, self.grid.shape[1])
-        resolution, (x0, y0) = self.grid.resolution, self.grid.origin
-        heading = np.where(2 * heading < self.n_headings, heading, heading - self.n_headings)
-        out = np.empty((*ids.shape, 3))
-        out[..., 0] = (ix + 0.5) * resolution + x0
-        out[..., 1] = (iy + 0.5) * resolution + y0
-        out[..., 2] = heading * (2 * math.pi / self.n_headings)
-        return out
+        ids = np.asarray(ids, dtype=np.int64)
+        out = np.empty((ids.size, 3))
+        write_poses(ids.ravel(), self.layout, out)
+        return out.reshape(*ids.shape, 3)
 
     def pose(self, pose_id: int) -> tuple[float, float, float]:
         """One pose (x, y, heading) of a pose number; as `poses`, without arrays."""
-        cell, heading = divmod(pose_id, self.n_headings)
-        ix, iy = divmod(cell, self.grid.shape[1])
-        resolution, (x0, y0) = self.grid.resolution, self.grid.origin
-        if 2 * heading >= self.n_headings:
-            heading -= self.n_headings
-        return (
-            (ix + 0.5) * resolution + x0,
-            (iy + 0.5) * resolution + y0,
-            heading * (2 * math.pi / self.n_headings),
-        )
+        x, y, heading = pose_of(pose_id, self.layout)
+        return x, y, heading
+
+    def within(self, cells: NDArray[np.int32], pose_id: int, reach: float) -> NDArray[np.int32]:
+        """Those of some cells at most `reach` metres ahead of a pose or back, and to a side.
+
+        A cell counts if its centre does, but for the rounding of the rotation.
+        """
+        out = np.empty_like(cells)
+        return out[: write_within(cells, pose_id, reach * (1 + 1e-9), self.layout, out)]
 
     def nearest(self, pose: tuple[float, float, float]) -> int:
         """Number of the lattice pose nearest to (x, y, heading), -1 if that is outside the grid."""
@@ -72,3 +74,42 @@ class PoseLattice:
             return -1
         turn = round(heading * self.n_headings / (2 * math.pi)) % self.n_headings
         return int((ix * ny + iy) * self.n_headings + turn)
+
+
+@njit(cache=True, nogil=True)
+def center_of(cell, layout):
+    """Where the centre of a flat cell is, metres."""
+    _, ny, resolution, (x0, y0) = layout
+    return (cell // ny + 0.5) * resolution + x0, (cell % ny + 0.5) * resolution + y0
+
+
+@njit(cache=True, nogil=True)
+def pose_of(pose_id, layout):
+    """The pose (x, y, heading) of a pose number; see `PoseLattice.poses`."""
+    n_headings = layout[0]
+    x, y = center_of(pose_id // n_headings, layout)
+    heading = pose_id % n_headings
+    if 2 * heading >= n_headings:
+        heading -= n_headings
+    return x, y, heading * (2.0 * math.pi / n_headings)
+
+
+@njit(cache=True, nogil=True)
+def write_poses(ids, layout, out):
+    """Write the poses (k, 3) of numbers (k,)."""
+    for k in range(len(ids)):
+        out[k, 0], out[k, 1], out[k, 2] = pose_of(ids[k], layout)
+
+
+@njit(cache=True, nogil=True)
+def write_within(cells, pose_id, reach, layout, out):
+    """Write the cells of `PoseLattice.within` in their order; return how many they are."""
+    x, y, heading = pose_of(pose_id, layout)
+    c, s = math.cos(heading), math.sin(heading)
+    count = 0
+    for cell in cells:
+        at_x, at_y = center_of(cell, layout)
+        dx, dy = at_x - x, at_y - y
+        out[count] = cell  # the next one is written over it unless it is within
+        count += abs(c * dx + s * dy) <= reach and abs(c * dy - s * dx) <= reach
+    return count

@@ -45,10 +45,10 @@ def flood(levels, sampled, nx, ny, start, goal, marks, queue):
     marks[start] = 1
     head, tail = 0, 1
     while head < tail and (goal < 0 or marks[goal] == 0):
-        cell = queue[head]
+        cell = np.int64(queue[np.uint64(head)])
         head += 1
         iy = cell % ny
-        steps = marks[cell] + 1
+        steps = marks[np.uint64(cell)] + 1
         for side in range(4):
             if side == 0:
                 neighbour, inside = cell - ny, cell >= ny
@@ -58,9 +58,10 @@ def flood(levels, sampled, nx, ny, start, goal, marks, queue):
                 neighbour, inside = cell - 1, iy > 0
             else:
                 neighbour, inside = cell + 1, iy + 1 < ny
-            if inside and marks[neighbour] == 0 and is_free(levels, sampled, neighbour):
-                marks[neighbour] = steps
-                queue[tail] = neighbour
+            index = np.uint64(neighbour)  # the compiler guards signed indices against negative ones
+            if inside and marks[index] == 0 and is_free(levels, sampled, index):
+                marks[index] = steps
+                queue[np.uint64(tail)] = neighbour
                 tail += 1
     return tail
 

@@ -211,6 +211,23 @@ def most_at_teammates(belief, robot, rng):
     return poses[np.argmax((to_others * R[:, None, :, 0]).sum(-1).max(-1))]
 
 
+@pytest.mark.parametrize("m", [1, 7, 40])
+def test_random_poses_are_the_first_feasible_ones_of_those_drawn(make, m):
+    env = make(n_robots=2, mount=["mast", "husky_panda"])
+    env.reset(seed=2)
+    env.step(random_actions(env, np.random.default_rng(0)))
+    belief = env.belief()
+    for robot in range(2):
+        rng, same = np.random.default_rng(m), np.random.default_rng(m)
+        poses = belief.random_poses(robot, m, rng)
+        drawn = np.empty((0, belief.joint_spaces[robot].n))
+        while len(drawn) < m:
+            some = belief.joint_spaces[robot].draw(max(m, 16), same)
+            drawn = np.concatenate([drawn, some[belief.free(robot, some)]])
+        np.testing.assert_array_equal(poses, drawn[:m])
+        assert rng.bit_generator.state == same.bit_generator.state
+
+
 def test_only_exact_poses_have_no_error(make):
     for estimate in ("exact", "kinematic"):
         env = make(max_scans=8, motion_correction=estimate)

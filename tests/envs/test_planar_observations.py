@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from plain import offers
 from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
 from plain.random_maps import random_map, write
 from plain.rollouts import random_actions
@@ -9,6 +10,7 @@ from plain.rollouts import random_actions
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.planar.local_map import view_offsets
 from coopmap_env.information import RatingSettings
+from coopmap_env.sensing import PlanarCamera
 
 SIDE = 16
 OCCUPANCY, SAMPLED, TEAMMATES, INSIDE = range(4)
@@ -207,6 +209,29 @@ def test_candidate_features_by_hand():
     np.testing.assert_allclose(observation["candidates"][row], expected, atol=1e-6)
     assert expected[7] == pytest.approx((expected[4] - expected[5]) * 0.999, abs=1e-4)
     assert 0.9 < expected[8] < 1
+
+
+@pytest.mark.parametrize("n_headings", [5, 16])
+def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings):
+    rng = np.random.default_rng(3)
+    env = env_in(
+        open_world(30, 34, 0.3, origin=(-3.0, 7.7)), n_robots=3, action_mode="candidates",
+        settings=PlanarSettings(
+            camera=PlanarCamera(depth_of_field=3.0), reach=2.4, n_headings=n_headings,
+            rating=RatingSettings(exponent=2.0, alpha_heading=0.7),
+        ),
+    )  # fmt: skip
+    for _ in range(4):
+        map_, known = random_map(rng, (30, 34), occupied=0.02), env.belief().map
+        known.levels[:], known.sampled_cells[:] = map_.levels, map_.sampled_cells
+        env._belief = env._belief.moved(tuple(rng.integers(env.belief().lattice.n_poses, size=3)))
+        env._offer_candidates()
+        belief = env.belief()
+        for robot in range(3):
+            observation, offer = look(env, robot), belief.offers[robot]
+            told = observation["candidates"][: len(offer)]
+            expected = [offers.features(belief, robot, int(pose)) for pose in offer]
+            np.testing.assert_array_equal(told.view(np.uint32), np.array(expected).view(np.uint32))
 
 
 def test_huge_costs_end_at_the_limit():

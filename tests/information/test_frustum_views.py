@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from plain import dense_views
 from plain.random_maps import write
-from plain.random_space import random_poses, random_space
+from plain.random_space import random_poses, random_space, rotation
 
 from coopmap_env.information import FieldRatingFunction
+from coopmap_env.information.depth_buffer import box_of_occluders
+from coopmap_env.information.frustum_views import MANY
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
@@ -142,6 +144,40 @@ def test_a_camera_outside_the_grid_sees_nothing():
     map_ = empty_map()
     for translation in ([-0.01, 1.5, 1.5], [1.5, 1.5, 3.1]):
         assert len(view_of(map_, translation)) == 0
+
+
+def test_the_box_of_the_occluders_by_hand():
+    map_, box = OccupancyMap(VoxelGrid((9, 8, 7))), np.empty((2, 3))
+    for index, p in (((3, 5, 1), 0.99), ((4, 2, 1), 0.5), ((8, 7, 6), 0.49)):
+        write(map_, int(map_.grid.flat(index)), p)
+    box_of_occluders(map_.levels, map_.sampled_cells, map_.grid.shape, box)
+    np.testing.assert_allclose(box, [[3, 2, 1], [5, 6, 2]], atol=2e-6)
+    assert (box[0] < [3, 2, 1]).all()
+    assert (box[1] > [5, 6, 2]).all()
+    map_.clear()
+    box_of_occluders(map_.levels, map_.sampled_cells, map_.grid.shape, box)
+    assert (box[0] > box[1]).all()
+
+
+@pytest.mark.parametrize("occluders", ["none", "a few", "many"])
+def test_many_poses_see_what_each_sees_alone(occluders):
+    """Rays of many poses end at the box of the occluders, those of a single one do not."""
+    rng = np.random.default_rng(0)
+    map_ = random_space(rng, (22, 18, 15), 8, 4)
+    if occluders != "many":
+        map_.levels[map_.sampled_cells == 1] = -map_.range.clamp
+    if occluders == "a few":
+        cells = np.arange(map_.grid.n_cells).reshape(map_.grid.shape)
+        write(map_, cells[9:12, 7:11, 6:8].ravel(), 0.9)
+    rating = FieldRatingFunction(WIDE, map_.grid)
+    R, t = random_poses(rng, map_, 40, any_way_up=True)
+    R[:4] = [rotation(yaw, 0, 0).round() for yaw in (0, np.pi / 2, np.pi, -np.pi / 2)]
+    ni, unknown = rating.views(map_, R, t)
+    alone = [rating.views(map_, R[k : k + 1], t[k : k + 1]) for k in range(40)]
+    assert ni.tolist() == [float(one[0]) for one, _ in alone]
+    assert unknown.tolist() == [int(one[0]) for _, one in alone]
+    assert len(R) >= MANY
+    assert len(set(unknown.tolist())) > 10
 
 
 def test_a_view_looks_the_same_wherever_the_world_lies_and_however_large_its_voxels_are():

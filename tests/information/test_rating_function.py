@@ -230,10 +230,11 @@ def test_every_voxel_counts_once_however_many_beams_cross_it_eq_7():
     assert len(set(visible.tolist())) == len(visible) == few.unknown_cells(map_, [here])[0]
 
 
-def test_unknown_cells_are_those_in_view_that_were_never_sampled():
+@pytest.mark.parametrize("n_beams", [64, 65])  # one word of bits, and two
+def test_unknown_cells_are_those_in_view_that_were_never_sampled(n_beams):
     rng = np.random.default_rng(1)
     map_ = random_map(rng, (21, 15))
-    rating = rating_of(map_, PlanarCamera(depth_of_field=7.0))
+    rating = rating_of(map_, PlanarCamera(depth_of_field=7.0, n_beams=n_beams))
     claimed = (rng.random(map_.grid.n_cells) < 0.3).astype(np.uint8)
     ids = rng.integers(0, rating.lattice.n_poses, 60)
     free, taken = rating.unknown_cells(map_, ids), rating.unknown_cells(map_, ids, claimed)

@@ -157,14 +157,17 @@ class FieldBelief(Belief):
 
     def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> Joints:
         """Up to m feasible poses, uniformly at random; staying where nothing else is found."""
-        space = self.joint_spaces[robot]
-        found: list[Joints] = []
+        space, missing = self.joint_spaces[robot], m
+        found = [np.empty((0, space.n))]
         for _ in range(ROUNDS):
             poses = space.draw(max(m, LEAST_DRAWN), rng)
-            found.append(poses[self.free(robot, poses)])
-            if sum(map(len, found)) >= m:
+            while missing and len(poses):  # no more are asked about than may be needed
+                asked, poses = poses[:missing], poses[missing:]
+                found.append(asked[self.free(robot, asked)])
+                missing -= len(found[-1])
+            if not missing:
                 break
-        poses = np.concatenate(found)[:m]
+        poses = np.concatenate(found)
         return poses if len(poses) else self._staying(robot)
 
     def rate(self, robot: int, poses: Joints, claimed: Claimed = None) -> Ratings:

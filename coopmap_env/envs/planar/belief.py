@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.envs.belief import Belief, Claimed
-from coopmap_env.geometry import to_camera_frame
 from coopmap_env.information import (
     BeamInformation,
     RatingFunction,
@@ -42,25 +41,17 @@ class PlanarBelief(Belief):
     @cached_property
     def poses(self) -> NDArray[np.float64]:
         """Camera poses (n_robots, 3) [x, y, heading], metres and radians."""
-        return np.array([self.lattice.pose(pose_id) for pose_id in self.pose_ids])
+        return self.lattice.poses(self.pose_ids)
 
     @property
     def positions(self) -> NDArray[np.float64]:
         """Where the cameras are, shape (n_robots, 2), metres."""
         return self.poses[:, :2]
 
-    def within_reach(self, robot: int, cells: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Which cells one action can bring the robot to, walls aside, shape (k,)."""
-        here = self.lattice.poses(self.pose_ids[robot])
-        centers = self.lattice.poses(cells.astype(np.int64) * self.lattice.n_headings)
-        relative = np.abs(to_camera_frame(centers, here)[:, :2])
-        # a cell counts if its centre is in reach, but for the rounding of the rotation
-        return relative.max(axis=1) <= self.reach * (1 + 1e-9)
-
     def feasible_cells(self, robot: int) -> NDArray[np.int32]:
         """Cells that satisfy constraints i and ii and lie within reach, nearest by path first."""
         cells = Reach.search(self.map, self.cell(robot)).cells
-        return cells[self.within_reach(robot, cells)]
+        return self.lattice.within(cells, self.pose_ids[robot], self.reach)
 
     def feasible_poses(self, robot: int) -> NDArray[np.int64]:
         """All headings in all feasible cells, lattice numbers in the order of the cells."""
@@ -69,9 +60,10 @@ class PlanarBelief(Belief):
 
     def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Up to m different feasible poses, uniformly at random, lattice numbers."""
-        cells, n = self.feasible_cells(robot).astype(np.int64), self.lattice.n_headings
+        cells, n = self.feasible_cells(robot), self.lattice.n_headings
         picks = rng.choice(len(cells) * n, min(m, len(cells) * n), replace=False)
-        return cells[picks // n] * n + picks % n
+        places, headings = np.divmod(picks, n)
+        return cells[places] * np.int64(n) + headings
 
     def cell(self, robot: int) -> int:
         """Flat number of the cell in which the robot's camera is."""

@@ -1,4 +1,4 @@
-"""Kernels that draw what robots observe: the local map, their own pose, their teammates."""
+"""Kernels that write what robots observe: local map, own pose, teammates, candidates."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ import math
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from coopmap_env.geometry.transforms import TURN
+from coopmap_env.robots.lattice import pose_of
 
 
 def view_offsets(side: int, n_headings: int) -> NDArray[np.int32]:
@@ -33,15 +36,16 @@ def draw_local_map(levels, sampled, nx, ny, cell, offsets, margin, shades, clamp
     if margin <= cx < nx - margin and margin <= cy < ny - margin:  # the world is all around
         out[3] = 255
         for k in range(out.shape[1]):
-            at = cell + offsets[k, 0] * ny + offsets[k, 1]
-            out[0, k] = shades[levels[at] + clamp]
+            # the compiler guards signed indices against negative ones
+            at = np.uint64(cell + offsets[k, 0] * ny + offsets[k, 1])
+            out[0, k] = shades[np.uint64(levels[at] + clamp)]
             out[1, k] = np.uint8(255) * sampled[at]
         return
     for k in range(out.shape[1]):
         ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
         inside = 0 <= ix < nx and 0 <= iy < ny
-        at = ix * ny + iy if inside else 0
-        out[0, k] = shades[levels[at] + clamp] if inside else shades[clamp]
+        at = np.uint64(ix * ny + iy if inside else 0)
+        out[0, k] = shades[np.uint64(levels[at] + clamp if inside else clamp)]
         out[1, k] = np.uint8(255) * sampled[at] if inside else 0
         out[3, k] = 255 if inside else 0
 
@@ -91,3 +95,42 @@ def draw_team(
         vectors[robot, 1] = (poses[robot, 1] - origin[1]) / size[1]
         vectors[robot, 2] = math.cos(poses[robot, 2])
         vectors[robot, 3] = math.sin(poses[robot, 2])
+
+
+@njit(cache=True, nogil=True)
+def _wrapped(angle):
+    """One angle in [-pi, pi), bit for bit as of `wrap_angle`."""
+    turned = (angle + math.pi) % TURN
+    return (turned if turned < TURN else 0.0) - math.pi
+
+
+@njit(cache=True, nogil=True)
+def describe_candidates(ids, counts, cameras, layout, rated, units, features, mask):
+    """Fill the features and masks of all robots' candidates.
+
+    `ids` (k,) are the lattice numbers of the first robot's candidates, then those of the next;
+    `counts` says how many each robot has, `cameras` (n, 3) where it is. `rated` is (NI, motion
+    cost, P, rating, unknown cells), each (k,); `units` (diagonal, most information, most cells in
+    view, limit) is what features are measured in and how large they can be.
+    """
+    new_information, cost, occupancy, rating, unknown = rated
+    diagonal, most_information, most_visible, limit = units
+    k = 0
+    for robot in range(len(counts)):
+        x, y, heading = cameras[robot]
+        c, s = math.cos(heading), math.sin(heading)
+        for row in range(counts[robot]):
+            at_x, at_y, at_heading = pose_of(ids[k], layout)
+            dx, dy, turn = at_x - x, at_y - y, _wrapped(at_heading - heading)
+            out = features[robot, row]
+            out[0] = (c * dx + s * dy) / diagonal
+            out[1] = (c * dy - s * dx) / diagonal
+            out[2] = math.cos(turn)
+            out[3] = math.sin(turn)
+            out[4] = new_information[k] / most_information
+            out[5] = min(cost[k] / most_information, limit)
+            out[6] = occupancy[k]
+            out[7] = max(rating[k] / most_information, -limit)
+            out[8] = unknown[k] / most_visible
+            mask[robot, row] = 1
+            k += 1

@@ -53,6 +53,7 @@ index    content
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -61,8 +62,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.planar.belief import PlanarBelief
-from coopmap_env.envs.planar.local_map import draw_team, view_offsets
-from coopmap_env.geometry import to_camera_frame
+from coopmap_env.envs.planar.local_map import describe_candidates, draw_team, view_offsets
 
 N_CHANNELS = 4
 N_FEATURES = 9
@@ -104,20 +104,16 @@ class PlanarObserver:
     def observe(self, belief: PlanarBelief) -> list[Observation]:
         """Observations of all robots, as new arrays."""
         images, vectors, teammates = self._draw(belief)
-        observations: list[Observation] = []
-        for robot in range(self._n_robots):
-            observation: Observation = {"map": images[robot], "pose": vectors[robot]}
-            if self._n_robots > 1:
-                observation["teammates"] = teammates[robot]
-            if belief.offers is not None and self._n_candidates is not None:
-                offers = belief.offers[robot]
-                features = np.zeros((self._n_candidates, N_FEATURES), dtype=np.float32)
-                features[: len(offers)] = self._features(belief, robot, offers)
-                observation["candidates"] = features
-                observation["action_mask"] = (np.arange(self._n_candidates) < len(offers)).astype(
-                    np.int8
-                )
-            observations.append(observation)
+        observations: list[Observation] = [
+            {"map": image, "pose": vector} for image, vector in zip(images, vectors, strict=True)
+        ]
+        if self._n_robots > 1:
+            for observation, mates in zip(observations, teammates, strict=True):
+                observation["teammates"] = mates
+        if belief.offers is not None and self._n_candidates is not None:
+            described = self._describe(belief, belief.offers, self._n_candidates)
+            for observation, features, mask in zip(observations, *described, strict=True):
+                observation["candidates"], observation["action_mask"] = features, mask
         return observations
 
     def state_space(self) -> spaces.Box:
@@ -154,19 +150,20 @@ class PlanarObserver:
         )  # fmt: skip
         return images, vectors, teammates
 
-    def _features(
-        self, belief: PlanarBelief, robot: int, offers: NDArray[np.int64]
-    ) -> NDArray[np.float32]:
-        rating = belief.rating
-        rated = rating.rate(belief.map, offers, belief.pose_ids[robot])
-        out = np.empty((len(offers), N_FEATURES), dtype=np.float32)
-        relative = to_camera_frame(belief.lattice.poses(offers), belief.poses[robot])
-        out[:, :2] = relative[:, :2] / self._diagonal
-        out[:, 2] = np.cos(relative[:, 2])
-        out[:, 3] = np.sin(relative[:, 2])
-        out[:, 4] = rated.new_information / self._scale
-        out[:, 5] = np.minimum(rated.motion_cost / self._scale, FEATURE_LIMIT)
-        out[:, 6] = rated.occupancy
-        out[:, 7] = np.maximum(rated.rating / self._scale, -FEATURE_LIMIT)
-        out[:, 8] = rating.unknown_cells(belief.map, offers) / rating.fan.n_visible
-        return out
+    def _describe(
+        self, belief: PlanarBelief, offers: Sequence[NDArray[np.int64]], m: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
+        """The entries ``candidates`` and ``action_mask`` of all robots."""
+        rating, ids = belief.rating, np.concatenate(offers)
+        counts = np.array([len(offer) for offer in offers])
+        ni, unknown = rating.views(belief.map, ids)
+        rated = rating.compose(belief.map, ids, np.repeat(belief.pose_ids, counts), ni)
+        features = np.zeros((self._n_robots, m, N_FEATURES), dtype=np.float32)
+        mask = np.zeros((self._n_robots, m), dtype=np.int8)
+        describe_candidates(
+            ids, counts, belief.poses, belief.lattice.layout,
+            (ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
+            (self._diagonal, self._scale, rating.fan.n_visible, FEATURE_LIMIT),
+            features, mask,
+        )  # fmt: skip
+        return features, mask

@@ -1,0 +1,43 @@
+"""What can be offered to a planar robot and what it is told of it, one pose at a time."""
+
+import math
+
+import numpy as np
+
+from coopmap_env.geometry import to_camera_frame
+
+
+def within(lattice, cells, pose_id, reach):
+    """Those of the cells at most `reach` metres ahead of a pose or back, and to a side."""
+    here = lattice.pose(pose_id)
+    kept = []
+    for cell in cells:
+        x, y, _ = lattice.pose(int(cell) * lattice.n_headings)
+        ahead, left, _ = to_camera_frame([x, y, 0.0], here)
+        if max(abs(ahead), abs(left)) <= reach * (1 + 1e-9):
+            kept.append(cell)
+    return kept
+
+
+def features(belief, robot, pose_id):
+    """The nine features of one candidate; see `coopmap_env.envs.planar.observations`."""
+    lattice, rating, grid = belief.lattice, belief.rating, belief.map.grid
+    here = belief.pose_ids[robot]
+    ahead, left, turn = to_camera_frame(lattice.pose(pose_id), lattice.pose(here)).tolist()
+    rated = rating.rate(belief.map, [pose_id], here)
+    diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
+    most = math.log(rating.settings.n_gray)
+    visible = rating.visible_cells(belief.map, pose_id)
+    unknown = int(np.count_nonzero(belief.map.sampled_cells[visible] == 0))
+    values = [
+        ahead / diagonal,
+        left / diagonal,
+        math.cos(turn),
+        math.sin(turn),
+        rated.new_information[0] / most,
+        min(rated.motion_cost[0] / most, 10.0),
+        rated.occupancy[0],
+        max(rated.rating[0] / most, -10.0),
+        unknown / rating.fan.n_visible,
+    ]
+    return np.array(values).astype(np.float32)
