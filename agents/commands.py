@@ -11,7 +11,7 @@ from typing import Literal
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.cli.output import say
 
-from .settings import EngineName, ImitationSettings, PPOSettings, Task
+from .settings import EngineName, ImitationSettings, Plan, PPOSettings, Task
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class Train(EnvironmentOptions):
         """Train, and say where the policy is."""
         from coopmap_env.evaluation.serial import settings_to_dict
 
-        from .training import POLICY, Plan, train_with_files
+        from .training import POLICY, train_with_files
 
         settings = self.settings()
         made = None if settings is None else settings_to_dict(settings)

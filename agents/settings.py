@@ -153,6 +153,27 @@ class ImitationSettings:
         return min(math.ceil(self.held_out * self.episodes), self.episodes - 1)
 
 
+@dataclass(frozen=True)
+class Plan:
+    """All that decides the result of a training."""
+
+    task: Task
+    settings: PPOSettings
+    seed: int
+    engine: EngineName = "sb3"
+    teacher: str = ""
+    """Spec of a policy to imitate before; empty for none."""
+    imitation: ImitationSettings = field(default_factory=ImitationSettings)
+    validation_episodes: int = 40
+    """Validation worlds after each segment: with 40 in the plane the area under the coverage curve
+    is known to 3 % of itself."""
+
+    def __post_init__(self) -> None:
+        names = get_args(EngineName)
+        _require(self, "engine", self.engine in names, f"be {' or '.join(names)}")
+        _require(self, "validation_episodes", self.validation_episodes >= 1, "be at least 1")
+
+
 def _require(settings: object, name: str, fits: bool, what: str) -> None:
     if not fits:
         value = getattr(settings, name)

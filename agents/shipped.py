@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 RECORD = "training.json"
+"""As of a single training; needs no torch here."""
 
 
 def shipped_names() -> list[str]:

@@ -14,16 +14,12 @@ always there. Who does the learning is an `Engine`: Stable-Baselines3, or RLlib 
 from __future__ import annotations
 
 import json
-import platform
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol, get_args
+from typing import Any, Protocol
 
-import numpy as np
-
-import coopmap_env
 from coopmap_env.evaluation import evaluate
 from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.policy import make_policy
@@ -39,9 +35,18 @@ from .imitation import clone
 from .learned_policy import LearnedPolicy
 from .policy_file import save_policy
 from .segments import SegmentReport
-from .settings import EngineName, ImitationSettings, PPOSettings, Task
+from .settings import Plan
+from .training_record import (
+    RECORD,
+    Record,
+    add_row,
+    as_json,
+    check_same,
+    new_record,
+    progress_line,
+    read_record,
+)
 
-RECORD = "training.json"
 POLICY = "policy.safetensors"
 SCORES = ("coverage_auc", "coverage", "reward", "log_loss", "motion_cost")
 """Of `Episode.row`, averaged over the validation worlds."""
@@ -79,32 +84,6 @@ class Engine(Protocol):
         """Close everything."""
 
 
-@dataclass(frozen=True)
-class Plan:
-    """All that decides the result of a training."""
-
-    task: Task
-    settings: PPOSettings
-    seed: int
-    engine: EngineName = "sb3"
-    teacher: str = ""
-    """Spec of a policy to imitate before; empty for none."""
-    imitation: ImitationSettings = field(default_factory=ImitationSettings)
-    validation_episodes: int = 40
-    """Validation worlds after each segment: with 40 in the plane the area under the coverage curve
-    is known to 3 % of itself."""
-
-    def __post_init__(self) -> None:
-        if self.engine not in get_args(EngineName):
-            raise ValueError(
-                f"engine must be {' or '.join(get_args(EngineName))}, got {self.engine!r}"
-            )
-        if self.validation_episodes < 1:
-            raise ValueError(
-                f"validation_episodes must be at least 1, got {self.validation_episodes}"
-            )
-
-
 def train_with_files(
     plan: Plan,
     out: Path,
@@ -131,11 +110,11 @@ def train_with_files(
     ValueError
         If the folder holds another training, or its files are broken.
     """
-    record = _read_record(out / RECORD) or _new_record(plan, command)
-    _check_same(record, plan, out)
+    record = read_record(out / RECORD) or new_record(plan, command)
+    check_same(record, plan, out)
     if record["rows"] and record["rows"][-1]["steps"] >= plan.settings.total_steps:
         return record
-    record["plan"] = _as_json(plan)  # total_steps may have grown
+    record["plan"] = as_json(plan)  # total_steps may have grown
     engine = _engine(plan, workers, out / "tensorboard")
     validation = plan.task.on("validation")
     try:
@@ -147,10 +126,10 @@ def train_with_files(
             segment = len(record["rows"])
             engine.learn(segment)
             scores = _validate(validation, engine.network, plan.validation_episodes)
-            _note(record, engine, scores)
+            add_row(record, engine.steps, engine.report, scores)
             engine.log({f"validation/{name}": value for name, value in scores.items()})
             _write(record, engine, plan, out)
-            say(_line(record, plan))
+            say(progress_line(record))
     finally:
         validation.close()
         engine.close()
@@ -181,22 +160,7 @@ def _validate(env: Any, network: ActorCriticPolicy, episodes: int) -> dict[str, 
     return {name: float(table[name].mean()) for name in SCORES}
 
 
-def _note(record: dict[str, Any], engine: Engine, scores: Mapping[str, float]) -> None:
-    """Add the row of a segment."""
-    report = engine.report
-    record["rows"].append(
-        {
-            "steps": engine.steps,
-            "return": float(np.mean(report.returns)) if report.returns else None,
-            "validation": dict(scores),
-            "seconds": report.seconds,
-            "environment_seconds": report.environment_seconds,
-            "collecting_seconds": report.collecting_seconds,
-        }
-    )
-
-
-def _write(record: dict[str, Any], engine: Engine, plan: Plan, out: Path) -> None:
+def _write(record: Record, engine: Engine, plan: Plan, out: Path) -> None:
     """Write the checkpoint, the policy if it is the best one so far, and then the record."""
     out.mkdir(parents=True, exist_ok=True)
     rows, before = record["rows"], record["checkpoint"]
@@ -210,70 +174,3 @@ def _write(record: dict[str, Any], engine: Engine, plan: Plan, out: Path) -> Non
     write_atomically(out / RECORD, json.dumps(record, indent=1) + "\n")
     if before and before != record["checkpoint"]:
         (out / before).unlink(missing_ok=True)
-
-
-def _line(record: Mapping[str, Any], plan: Plan) -> str:
-    row, best = record["rows"][-1], record["rows"][record["best"]]
-    left = (plan.settings.total_steps - row["steps"]) / (row["steps"] / _total(record, "seconds"))
-    return (
-        f"{row['steps']:>9,} of {plan.settings.total_steps:,} steps   "
-        f"validation: reward {row['validation']['reward']:.4f} "
-        f"(best {best['validation']['reward']:.4f}), area under the coverage curve "
-        f"{100 * row['validation']['coverage_auc']:.2f} %   about {left / 60:.0f} min left"
-    )
-
-
-def _total(record: Mapping[str, Any], name: str) -> float:
-    return float(sum(row[name] for row in record["rows"]))
-
-
-def _new_record(plan: Plan, command: str) -> dict[str, Any]:
-    return {
-        "version": coopmap_env.__version__,
-        "command": command,
-        "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "plan": _as_json(plan),
-        "imitation": None,
-        "rows": [],
-        "best": None,
-        "checkpoint": "",
-    }
-
-
-def _read_record(path: Path) -> dict[str, Any] | None:
-    if not path.exists():
-        return None
-    try:
-        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if record["rows"] is None or record["plan"] is None:
-            raise KeyError("rows")
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"{path} is broken ({error!r}): remove its folder to begin anew"
-        ) from error
-    return record
-
-
-def _check_same(record: Mapping[str, Any], plan: Plan, out: Path) -> None:
-    """Refuse to go on with another training; only its length may differ."""
-    was, now = _flat(record["plan"]), _flat(_as_json(plan))
-    was["version"], now["version"] = record["version"], coopmap_env.__version__
-    for key in sorted(set(was) | set(now)):
-        if key != "settings.total_steps" and was.get(key) != now.get(key):
-            raise ValueError(
-                f"{out} holds another training, with {key} = {was.get(key)!r}, not "
-                f"{now.get(key)!r}: use another folder"
-            )
-
-
-def _as_json(plan: Plan) -> dict[str, Any]:
-    values: dict[str, Any] = json.loads(json.dumps(asdict(plan)))
-    return values
-
-
-def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        name = f"{before}{key}"
-        flat.update(_flat(value, f"{name}.") if isinstance(value, dict) else {name: value})
-    return flat

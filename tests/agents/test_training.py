@@ -11,8 +11,8 @@ import torch
 from coopmap_agents import training
 from coopmap_agents.learned_policy import LearnedPolicy
 from coopmap_agents.policy_file import read_page
-from coopmap_agents.settings import ImitationSettings, PPOSettings, Task
-from coopmap_agents.training import Plan, train_with_files
+from coopmap_agents.settings import ImitationSettings, Plan, PPOSettings, Task
+from coopmap_agents.training import train_with_files
 from safetensors.torch import load_file
 
 from coopmap_env.evaluation import evaluate
@@ -140,7 +140,7 @@ def test_the_record_tells_where_the_time_went_and_what_came_of_it(whole):
         (replace(PLAN, seed=4), "seed = 3, not 4"),
         (
             replace(PLAN, settings=replace(SETTINGS, gamma=0.5)),
-            r"settings\.gamma = 0\.95, not 0\.5",
+            r"settings\.gamma = 0\.8, not 0\.5",
         ),
         (
             replace(PLAN, task=Task("planar", {**TASK.arguments, "n_robots": 3})),
@@ -205,7 +205,7 @@ def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
 
 
 def test_plans_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="engine must be sb3 or rllib, got 'torchrl'"):
+    with pytest.raises(ValueError, match=r"Plan\.engine must be sb3 or rllib, got 'torchrl'"):
         replace(PLAN, engine="torchrl")
-    with pytest.raises(ValueError, match="validation_episodes must be at least 1, got 0"):
+    with pytest.raises(ValueError, match=r"Plan\.validation_episodes must be at least 1, got 0"):
         replace(PLAN, validation_episodes=0)
