@@ -1,0 +1,325 @@
+"""Training by RLlib: the same problem, networks and files as with Stable-Baselines3."""
+
+import math
+import subprocess
+import sys
+import traceback
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.ppo import PPOTraining
+from coopmap_agents.rllib import RLlibTraining, make_config
+from coopmap_agents.rllib_env import quietly
+from coopmap_agents.rllib_network import SHARED, shared_network
+from coopmap_agents.segments import checkpoint_of
+from coopmap_agents.settings import PPOSettings, Task
+from coopmap_agents.team_block import TeamBlock, stack
+from coopmap_agents.training import Plan, train_with_files
+from pettingzoo.utils import BaseParallelWrapper
+from ray.rllib.core.columns import Columns
+from small_worlds import masked_world, small_world
+from toy_team import ConstantChoice, ConstantReward, Eventful, Watched
+
+from coopmap_env.evaluation.jobs import connected_ray
+
+TINY = PPOSettings(
+    total_steps=256, segment_steps=128, n_envs=4, rollout_steps=16, batch_size=64, n_epochs=2,
+    hidden=(16,), image_features=8,
+)  # fmt: skip
+CONSTANT_REWARD = PPOSettings(
+    total_steps=6144, segment_steps=6144, n_envs=4, rollout_steps=32, batch_size=64, n_epochs=10,
+    learning_rate=1e-2, gamma=0.9, max_gradient_norm=10.0, hidden=(32,),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ray():
+    """Two processors for the workers of this file."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(Path(__file__).parent))  # toys are imported from here
+        with connected_ray(workers=2) as started:
+            yield started
+
+
+@pytest.fixture
+def train():
+    """Trainings that are closed at the end of a test."""
+    opened = []
+
+    def begin(env_factory, settings=TINY, seed=0, workers=0, segments=0):
+        opened.append(RLlibTraining(env_factory, settings, seed, workers))
+        for segment in range(segments):
+            opened[-1].learn(segment)
+        return opened[-1]
+
+    yield begin
+    for training in opened:
+        training.close()
+
+
+def parameters(network, critic=(True, False)):
+    own = dict(network.named_parameters()).items()
+    return torch.cat([p.detach().ravel() for name, p in own if ("value" in name) in critic])
+
+
+def values_of(network, toy):
+    """Values (5, 2) over one episode of the toy's two robots."""
+    observations, values = toy.reset(seed=11)[0], []
+    for _ in range(5):
+        rows, _ = network.obs_to_tensor(stack(observations.values()))
+        with torch.no_grad():
+            values.append(network.predict_values(rows).numpy().ravel())
+        observations, *_ = toy.step({})
+    return np.array(values)
+
+
+@pytest.mark.parametrize("toy", [ConstantReward, ConstantChoice])
+def test_the_value_of_reward_1_for_ever_is_1_over_1_minus_gamma_despite_truncation(train, toy):
+    # no clock: what is seen at the cut is also seen before, so its value is learned, not guessed
+    training = train(lambda: toy(clock=False), CONSTANT_REWARD, segments=1)
+    values = values_of(training.network, toy(clock=False))
+    np.testing.assert_allclose(values, 1 / (1 - 0.9), rtol=0.02)
+
+
+def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it(train):
+    training = train(lambda: ConstantReward(truncates=False), CONSTANT_REWARD, segments=1)
+    expected = [sum(0.9**k for k in range(left)) for left in (5, 4, 3, 2, 1)]  # 4.10 ... 1
+    values = values_of(training.network, ConstantReward())
+    np.testing.assert_allclose(values, np.column_stack([expected] * 2), rtol=0.1)
+
+
+class Strict(BaseParallelWrapper):
+    """Fails where an action is none, or one that is masked out."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.masks = {}
+
+    def reset(self, seed=None, options=None):
+        observations, infos = super().reset(seed, options)
+        self.masks = {agent: own.get("action_mask") for agent, own in observations.items()}
+        return observations, infos
+
+    def step(self, actions):
+        for agent, action in actions.items():
+            assert self.action_space(agent).contains(action)
+            assert self.masks[agent] is None or self.masks[agent][action] == 1
+        result = super().step(actions)
+        self.masks = {agent: own.get("action_mask") for agent, own in result[0].items()}
+        return result
+
+
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+def test_no_action_is_masked_or_out_of_its_space(train, make_env):
+    settings = replace(TINY, log_std=1.0)  # most poses would be out of reach
+    training = train(lambda: Strict(make_env()), settings, segments=2)
+    assert training.steps == 256
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_what_an_environment_fails_with_ends_the_training_and_is_told(train, workers):
+    def fail():
+        raise OSError("broken")
+
+    training = train(lambda: Eventful(on_step=fail), workers=workers)
+    with pytest.raises(RuntimeError) as raised:
+        training.learn(0)
+    assert "OSError: broken" in "".join(traceback.format_exception(raised.value))
+
+
+def strict_world():
+    return Strict(masked_world())
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_an_interrupted_training_ends_as_if_it_had_not_been(train, workers, tmp_path):
+    whole = train(strict_world, workers=workers, segments=1)
+    whole.save(tmp_path / "checkpoint.pt")
+    whole.learn(1)
+    after = parameters(whole.network).clone()
+    whole.close()  # its workers have all the processors
+    resumed = train(strict_world, workers=workers)
+    resumed.restore(tmp_path / "checkpoint.pt")
+    resumed.learn(1)
+    assert resumed.steps == whole.steps == 256
+    assert torch.equal(parameters(resumed.network), after)
+    assert resumed.report.returns == whole.report.returns
+    assert len(whole.report.returns) == 2 * 4 * 4
+
+
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+def test_training_twice_with_one_seed_gives_the_same_network_and_another_another(train, make_env):
+    one, two, other = (
+        parameters(train(make_env, seed=seed, segments=1).network) for seed in (0, 0, 1)
+    )
+    assert torch.equal(one, two)
+    assert not torch.equal(one, other)
+
+
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+def test_networks_and_checkpoints_are_those_of_stable_baselines3(train, make_env, tmp_path):
+    ours, theirs = train(make_env), PPOTraining(make_env, TINY, seed=0)
+    assert torch.equal(parameters(ours.network), parameters(theirs.network))
+    ours.learn(0)
+    ours.save(tmp_path / "checkpoint.pt")
+    theirs.restore(tmp_path / "checkpoint.pt")
+    assert theirs.steps == 128
+    assert torch.equal(parameters(ours.network), parameters(theirs.network))
+    theirs.save(tmp_path / "theirs.pt")
+    ours.restore(tmp_path / "theirs.pt")
+    momenta, own = (
+        training.network.optimizer.state_dict()["state"][0]["exp_avg"]
+        for training in (ours, theirs)
+    )
+    assert momenta.any()
+    assert torch.equal(momenta, own)
+    theirs.close()
+
+
+@pytest.mark.parametrize("make_env", [small_world, masked_world])
+def test_rllib_s_logits_and_values_are_those_of_the_network(train, make_env):
+    network = train(make_env, segments=1).network
+    rows = stack(make_env().reset(seed=5)[0].values())
+    assert rows["map"].dtype == np.uint8  # scaled by Stable-Baselines3, or not at all
+    module = shared_network(TeamBlock(make_env, 1).layout(), TINY, seed=3).build()
+    module.network.load_state_dict(network.state_dict())
+    given, _ = network.obs_to_tensor(rows)
+    with torch.no_grad():
+        told = module.forward_inference({Columns.OBS: given})[Columns.ACTION_DIST_INPUTS]
+        values = module.compute_values({Columns.OBS: given})
+        theirs = network.get_distribution(given)
+        assert torch.equal(values, network.predict_values(given).ravel())
+    ours = module.get_inference_action_dist_cls().from_logits(told)
+    actions = theirs.get_actions(deterministic=True)
+    torch.testing.assert_close(ours.logp(actions), theirs.log_prob(actions))
+    torch.testing.assert_close(ours.entropy(), theirs.entropy())
+    torch.testing.assert_close(ours.to_deterministic().sample(), actions)
+
+
+def test_at_first_only_the_critic_learns_if_asked_to(train):
+    training = train(masked_world, replace(TINY, critic_steps=128))
+    before = [parameters(training.network, critic=[own]).clone() for own in (False, True)]
+    training.learn(0)
+    assert torch.equal(parameters(training.network, critic=[False]), before[0])
+    assert not torch.equal(parameters(training.network, critic=[True]), before[1])
+    training.learn(1)
+    assert not torch.equal(parameters(training.network, critic=[False]), before[0])
+
+
+def test_a_warm_start_begins_with_the_network_it_is_given(train):
+    given = train(masked_world, seed=5).network
+    training = train(masked_world, replace(TINY, learning_rate=0.0))
+    training.begin_with(given)
+    training.learn(0)
+    assert torch.equal(parameters(training.network), parameters(given))
+
+
+def test_a_central_critic_sees_the_state_of_the_team(train):
+    training = train(Watched, replace(TINY, critic="central"), segments=1)
+    assert "state" in training.network.observation_space.spaces
+    rows, _ = training.network.obs_to_tensor(
+        {"pose": np.zeros((2, 3), np.float32), "state": np.eye(2, dtype=np.float32)}
+    )
+    one, two = training.network.predict_values(rows)
+    assert one != two
+
+
+def test_a_segment_reports_returns_and_where_its_time_went(train):
+    report = train(ConstantReward, segments=1).report
+    assert set(report.returns) == {5.0}
+    assert len(report.returns) == 2 * 4 * 3  # in 16 steps an episode of 5 ends three times
+    assert 0 < report.environment_seconds < report.collecting_seconds < report.seconds
+
+
+def test_rllib_s_own_checkpoints_work_too(tmp_path):
+    config = make_config(masked_world, TINY, seed=0)
+    with quietly():
+        algorithm, again = config.copy().build_algo(), config.copy().build_algo()
+    algorithm.train()
+    algorithm.save_to_path(tmp_path)
+    again.restore_from_path(tmp_path)
+    one, two = (parameters(each.get_module(SHARED).network) for each in (algorithm, again))
+    assert torch.equal(one, two)
+    again.train()
+    assert not torch.equal(parameters(again.get_module(SHARED).network), one)
+    for each in (algorithm, again):
+        each.stop()
+
+
+def test_a_training_with_files_is_of_the_same_files(tmp_path):
+    task = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
+    plan = Plan(task, TINY, seed=3, engine="rllib", validation_episodes=2)
+    record = train_with_files(plan, tmp_path)
+    assert [row["steps"] for row in record["rows"]] == [128, 256]
+    assert checkpoint_of(tmp_path / record["checkpoint"], "cpu")["steps"] == 256
+    LearnedPolicy(tmp_path / "policy.safetensors")
+    assert len(list(tmp_path.glob("tensorboard/events*"))) == 1
+    assert train_with_files(plan, tmp_path) == record
+
+
+def test_settings_are_told_to_rllib_one_by_one():
+    settings = PPOSettings(
+        n_envs=6, rollout_steps=8, batch_size=24, n_epochs=3, learning_rate=0.01, gamma=0.8,
+        gae_lambda=0.7, clip_range=0.15, entropy_weight=0.02, value_weight=0.4,
+        max_gradient_norm=0.9,
+    )  # fmt: skip
+    config = make_config(lambda: masked_world(n_robots=3), settings, seed=4, workers=2)
+    told = {
+        "num_env_runners": 2,
+        "num_envs_per_env_runner": 3,
+        "rollout_fragment_length": 8 * 3,  # rows of an environment: steps of three robots
+        "train_batch_size_per_learner": 6 * 8 * 3,
+        "minibatch_size": 24,
+        "num_epochs": 3,
+        "lr": 0.01,
+        "gamma": 0.8,
+        "lambda_": 0.7,
+        "clip_param": 0.15,
+        "entropy_coeff": 0.02,
+        "vf_loss_coeff": 0.4,
+        "vf_clip_param": math.inf,
+        "grad_clip": 0.9,
+        "grad_clip_by": "global_norm",
+        "use_kl_loss": False,
+        "seed": 4,
+    }
+    assert {name: getattr(config, name) for name in told} == told
+
+
+@pytest.mark.parametrize("workers", [-1, 3])
+def test_environments_that_cannot_be_dealt_out_evenly_are_refused(workers):
+    with pytest.raises(ValueError, match=rf"0 or divide PPOSettings.n_envs = 4, got {workers}"):
+        RLlibTraining(ConstantReward, TINY, 0, workers)
+
+
+def test_more_workers_than_processors_are_refused():
+    with pytest.raises(ValueError, match=r"4 workers need a processor each, but .* with 2"):
+        RLlibTraining(ConstantReward, TINY, 0, 4)
+
+
+def test_a_checkpoint_of_another_network_is_refused(train, tmp_path):
+    train(masked_world, replace(TINY, hidden=(8,))).save(tmp_path / "other.pt")
+    with pytest.raises(ValueError, match=r"other\.pt is of another network: "):
+        train(masked_world).restore(tmp_path / "other.pt")
+
+
+@pytest.mark.parametrize("missing", ["ray", "torch"])
+def test_what_is_missing_is_named_with_the_command_that_brings_it(missing):
+    extra = {"ray": "ray", "torch": "rl"}[missing]
+    code = f"""
+import sys
+sys.modules[{missing!r}] = None
+for module in ("rllib_env", "rllib_network", "rllib"):
+    try:
+        __import__("coopmap_agents." + module)
+    except ImportError as error:
+        print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    lines = run.stdout.splitlines()
+    assert lines
+    assert all(f"pip install 'coopmap[{extra}]'" in line for line in lines)
