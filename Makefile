@@ -8,7 +8,17 @@ OUT ?= results/section3
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name __pycache__)
 
-.PHONY: setup check test reproduce pictures clean
+SEEDS := 0 1 2
+# How each policy that ships is trained, beside its seed.
+planar-candidates := --validation-episodes 100
+planar-candidates-rating := --reward rating --ppo.initial rating --validation-episodes 100
+planar-pose := --action-mode pose --ppo.total-steps 524288 --ppo.segment-steps 65536 \
+	--validation-episodes 60
+field-candidates := --env field --ppo.initial rating --ppo.total-steps 24576 \
+	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
+POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
+
+.PHONY: setup check test reproduce policies $(POLICIES) pictures clean
 
 setup: .venv/.package
 
@@ -37,6 +47,16 @@ test: check
 reproduce: setup
 	$(BIN)/coopmap reproduce --quick --out $(OUT)
 
+# The policies that ship, trained anew: about three hours on one core. `make planar-pose` is one.
+policies: $(POLICIES)
+	$(BIN)/python -m coopmap_agents.learning_curves docs/learning_curves.png
+
+$(POLICIES): setup
+	for seed in $(SEEDS); do \
+		OMP_NUM_THREADS=1 $(BIN)/coopmap train --out results/$@/$$seed --seed $$seed $($@) || exit 1; \
+	done
+	$(BIN)/python -m coopmap_agents.shipping agents/policies/$@ $(addprefix results/$@/,$(SEEDS))
+
 # The pictures of the README, from the full runs.
 pictures: setup
 	$(BIN)/coopmap reproduce --out results/section3-full --workers 2
@@ -46,6 +66,10 @@ pictures: setup
 	cp results/localization/search.png docs/localization_search.png
 	cp results/localization/errors.png docs/localization_errors.png
 	cp results/localization/episode.png docs/localization_episode.png
+	$(BIN)/coopmap compare --out results/comparison --workers 2
+	cp results/comparison/planar.png docs/policies_planar.png
+	cp results/comparison/field.png docs/policies_field.png
+	cp results/comparison/elsewhere.png docs/policies_elsewhere.png
 
 clean:
 	rm -rf .venv build *.egg-info .mypy_cache .ruff_cache .pytest_cache

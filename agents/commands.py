@@ -55,6 +55,7 @@ class Train(EnvironmentOptions):
         from coopmap_env.evaluation.serial import settings_to_dict
 
         from .training import POLICY, train_with_files
+        from .training_record import throughput_line
 
         settings = self.settings()
         made = None if settings is None else settings_to_dict(settings)
@@ -70,6 +71,7 @@ class Train(EnvironmentOptions):
         record = train_with_files(
             plan, self.out, self.workers, say, shlex.join(["coopmap", *sys.argv[1:]])
         )
+        say(throughput_line(record))
         best = record["rows"][record["best"]]
         say(
             f"policy: {self.out / POLICY}, after {best['steps']:,} steps; validation reward "

@@ -102,6 +102,19 @@ def progress_line(record: Record) -> str:
     )
 
 
+def throughput_line(record: Record) -> str:
+    """How fast a training was, and what its time went into; validation is not counted."""
+    seconds, environment, collecting = (
+        _total(record, name) for name in ("seconds", "environment_seconds", "collecting_seconds")
+    )
+    network = collecting - environment
+    return (
+        f"{record['rows'][-1]['steps'] / seconds:,.0f} agent-steps/s: environment "
+        f"{environment / seconds:.0%}, network while collecting {network / seconds:.0%}, updates "
+        f"{1 - collecting / seconds:.0%}"
+    )
+
+
 def as_json(plan: Plan) -> dict[str, Any]:
     """All of a plan as JSON values."""
     values: dict[str, Any] = json.loads(json.dumps(asdict(plan)))

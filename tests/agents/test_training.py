@@ -1,6 +1,7 @@
 """A training with files: what it writes, and that an interruption changes nothing."""
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -196,6 +197,9 @@ def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
         "--ppo.batch-size", "32",
     )  # fmt: skip
     assert "64 of 64 steps" in done.stderr
+    assert re.search(
+        r"agent-steps/s: environment \d+%, network while collecting \d+%, updates \d+%", done.stderr
+    )
     assert "policy: t/policy.safetensors, after 64 steps" in done.stderr
     done = coopmap(
         "evaluate", "--policies", "learned:model=t/policy.safetensors", "--action-mode",
