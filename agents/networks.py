@@ -64,3 +64,30 @@ def make_network(
     kind, options = network_class(action_space, settings)
     rate = settings.learning_rate
     return kind(observation_space, action_space, lambda _: rate, **options).to(settings.device)
+
+
+def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
+    """Copy what both networks have; all that acts must be there, the critic may differ.
+
+    Raises
+    ------
+    ValueError
+        With the first weight that has another shape.
+    """
+    given, own = dict(source.named_parameters()), dict(target.named_parameters())
+    shapes, needed = ({k: tuple(v.shape) for k, v in part.items()} for part in (given, own))
+    differing = {k for k in shapes | needed if shapes.get(k) != needed.get(k)}
+    for name in sorted(differing):
+        if not name.startswith(CRITIC):
+            raise ValueError(
+                f"the network to begin with is another than these settings make here: {name} "
+                f"has the shape {shapes.get(name)}, not {needed.get(name)}"
+            )
+    for name in set(own) - differing:
+        own[name].data.copy_(given[name])
+
+
+def let_actor_learn(network: nn.Module, learns: bool) -> None:
+    """Let all of it learn, or the critic alone."""
+    for weights in acting_weights(network).values():
+        weights.requires_grad_(learns)

@@ -23,7 +23,6 @@ import numpy as np
 from . import NEEDS_RL
 
 try:
-    import torch
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ConvertCallback
     from stable_baselines3.common.logger import configure
@@ -32,8 +31,8 @@ try:
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
-from .networks import CRITIC, acting_weights, network_class
-from .segments import SegmentReport, checkpoint_of, segment_seed, segment_steps
+from .networks import copy_weights, let_actor_learn, network_class
+from .segments import SegmentReport, segment_seed, segment_steps
 from .settings import PPOSettings
 from .vec_env import EnvFactory, SharedPolicyVecEnv
 
@@ -118,7 +117,7 @@ def train(
     training = PPOTraining(env_factory, settings, seed, workers)
     try:
         if warm_start is not None:
-            training.begin_with(warm_start)
+            copy_weights(warm_start, training.network)
         segment = 0
         while training.steps < settings.total_steps and training.learn(segment, callback):
             segment += 1
@@ -165,15 +164,9 @@ class PPOTraining:
         """Steps that were learned from."""
         return self.model.num_timesteps
 
-    def begin_with(self, network: ActorCriticPolicy) -> None:
-        """Take over the weights of another network, but for a critic of another shape.
-
-        Raises
-        ------
-        ValueError
-            With the first weight that has another shape.
-        """
-        copy_weights(network, self.model.policy)
+    @steps.setter
+    def steps(self, steps: int) -> None:
+        self.model.num_timesteps = steps
 
     def learn(self, segment: int, callback: Any = None) -> bool:
         """Learn for one segment; false if the callback has ended the training."""
@@ -199,25 +192,6 @@ class PPOTraining:
         )
         return self.steps >= target
 
-    def save(self, path: Path) -> None:
-        """Write all that the next segment depends on; holds no code."""
-        torch.save({"steps": self.steps, "parameters": self.model.get_parameters()}, path)
-
-    def restore(self, path: Path) -> None:
-        """Go on from what `save` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the file cannot be read or is of another network.
-        """
-        values = checkpoint_of(path, self._settings.device)
-        try:
-            self.model.set_parameters(values["parameters"], device=self._settings.device)
-        except (RuntimeError, ValueError) as error:
-            raise ValueError(f"{path} is of another network: {error}") from error
-        self.model.num_timesteps = values["steps"]
-
     def log(self, scores: dict[str, float]) -> None:
         """Write scores to TensorBoard, if there are logs."""
         if self._logger:
@@ -232,27 +206,6 @@ class PPOTraining:
         env.close()
         if self._logger:
             self._logger.close()
-
-
-def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
-    """Copy what both networks have; all that acts must be there, the critic may differ.
-
-    Raises
-    ------
-    ValueError
-        With the first weight that has another shape.
-    """
-    given, own = dict(source.named_parameters()), dict(target.named_parameters())
-    shapes, needed = ({k: tuple(v.shape) for k, v in part.items()} for part in (given, own))
-    differing = {k for k in shapes | needed if shapes.get(k) != needed.get(k)}
-    for name in sorted(differing):
-        if not name.startswith(CRITIC):
-            raise ValueError(
-                f"warm_start has another network than these settings and environments make: {name} "
-                f"has the shape {shapes.get(name)}, not {needed.get(name)}"
-            )
-    for name in set(own) - differing:
-        own[name].data.copy_(given[name])
 
 
 class Stopwatch(VecEnvWrapper):
@@ -289,17 +242,13 @@ class _Watch(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self._started = time.perf_counter()
-        self._let_actor_learn(self.model.num_timesteps >= self.critic_steps)
+        let_actor_learn(self.model.policy, self.model.num_timesteps >= self.critic_steps)
 
     def _on_rollout_end(self) -> None:
         self.collecting += time.perf_counter() - self._started
 
     def _on_training_end(self) -> None:
-        self._let_actor_learn(True)
-
-    def _let_actor_learn(self, learns: bool) -> None:
-        for weights in acting_weights(self.model.policy).values():
-            weights.requires_grad_(learns)
+        let_actor_learn(self.model.policy, True)
 
     def _on_step(self) -> bool:
         infos = self.locals["infos"]

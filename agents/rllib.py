@@ -39,7 +39,6 @@ from . import NEEDS_RL
 from .rllib_env import NEEDS_RAY, RLlibTeam, TeamRunner, quietly, watched
 
 try:
-    import torch
     from stable_baselines3.common.logger import configure
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
@@ -58,8 +57,7 @@ try:
 except ImportError as error:
     raise ImportError(NEEDS_RAY) from error
 
-from .networks import CRITIC
-from .ppo import copy_weights
+from .networks import let_actor_learn
 from .rllib_network import (
     SHARED,
     SharedNetworkLearner,
@@ -67,7 +65,7 @@ from .rllib_network import (
     network_of,
     shared_network,
 )
-from .segments import SegmentReport, checkpoint_of, segment_seed, segment_steps
+from .segments import SegmentReport, segment_seed, segment_steps
 from .settings import PPOSettings
 from .team_block import EnvFactory, TeamBlock
 
@@ -206,23 +204,13 @@ class RLlibTraining:
         """Actor and critic as they are now."""
         return network_of(self._learner)
 
-    def begin_with(self, network: ActorCriticPolicy) -> None:
-        """Take over the weights of another network, but for a critic of another shape.
-
-        Raises
-        ------
-        ValueError
-            With the first weight that has another shape.
-        """
-        copy_weights(network, self.network)
-
     def learn(self, segment: int) -> bool:
         """Learn for one segment; its result depends on the weights before it and its number."""
         before, updating = time.perf_counter(), self._learner.seconds
         self._begin(segment_seed(self._seed, segment))
         target = self.steps + segment_steps(self._settings, self.steps)
         while self.steps < target:
-            self._let_actor_learn(self.steps >= self._settings.critic_steps)
+            let_actor_learn(self.network, self.steps >= self._settings.critic_steps)
             result = self.algorithm.train()
             self.steps += int(result[ENV_RUNNER_RESULTS][NUM_MODULE_STEPS_SAMPLED][SHARED])
             told = result[LEARNER_RESULTS][SHARED]
@@ -236,33 +224,6 @@ class RLlibTraining:
             returns=[one for _, returns in seen for one in returns],
         )
         return True
-
-    def save(self, path: Path) -> None:
-        """Write all that the next segment depends on, as `PPOTraining.save` does; holds no code."""
-        network = self.network
-        parameters = {
-            "policy": network.state_dict(),
-            "policy.optimizer": network.optimizer.state_dict(),
-        }
-        unfinished = path.with_name(f"{path.name}.tmp")
-        torch.save({"steps": self.steps, "parameters": parameters}, unfinished)
-        unfinished.replace(path)
-
-    def restore(self, path: Path) -> None:
-        """Go on from what `save` wrote, be it here or in `PPOTraining`.
-
-        Raises
-        ------
-        ValueError
-            If the file cannot be read or is of another network.
-        """
-        values = checkpoint_of(path, self._settings.device)
-        try:
-            self.network.load_state_dict(values["parameters"]["policy"])
-            self.network.optimizer.load_state_dict(values["parameters"]["policy.optimizer"])
-        except (RuntimeError, ValueError) as error:
-            raise ValueError(f"{path} is of another network: {error}") from error
-        self.steps = values["steps"]
 
     def log(self, scores: dict[str, float]) -> None:
         """Write scores to TensorBoard."""
@@ -288,11 +249,6 @@ class RLlibTraining:
         group: Any = self.algorithm.env_runner_group
         results: list[Any] = group.foreach_env_runner(function, local_env_runner=not self._workers)
         return results
-
-    def _let_actor_learn(self, learns: bool) -> None:
-        for name, parameter in self.network.named_parameters():
-            if not name.startswith(CRITIC):
-                parameter.requires_grad_(learns)
 
 
 def _stop(algorithm: Algorithm) -> None:

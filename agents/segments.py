@@ -17,6 +17,7 @@ from . import NEEDS_RL
 
 try:
     import torch
+    from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
@@ -47,18 +48,40 @@ def segment_steps(settings: PPOSettings, done: int) -> int:
     return min(settings.segment_steps, settings.total_steps - done)
 
 
-def checkpoint_of(path: Path, device: str) -> dict[str, Any]:
-    """What `torch.save` wrote, without running code that it may hold.
+def save_checkpoint(path: Path, network: ActorCriticPolicy, steps: int) -> None:
+    """Write all that the next segment depends on; holds no code, and is there whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    network : ActorCriticPolicy
+        Its weights and those of its optimizer.
+    steps : int
+        That it has learned from.
+    """
+    unfinished = path.with_name(f"{path.name}.tmp")
+    states = {"network": network.state_dict(), "optimizer": network.optimizer.state_dict()}
+    torch.save({"steps": steps, **states}, unfinished)
+    unfinished.replace(path)
+
+
+def restore_checkpoint(path: Path, network: ActorCriticPolicy) -> int:
+    """Give a network back what `save_checkpoint` wrote, and the steps.
 
     Raises
     ------
     ValueError
-        If it cannot be read.
+        If the file cannot be read or is of another network.
     """
     try:
-        values: dict[str, Any] = torch.load(path, map_location=device, weights_only=True)
+        values: dict[str, Any] = torch.load(path, map_location=network.device, weights_only=True)
     except Exception as error:  # of a broken file torch raises whatever it stumbles over
         raise ValueError(
             f"the checkpoint {path} cannot be read ({error}): remove its folder to begin anew"
         ) from error
-    return values
+    try:
+        network.load_state_dict(values["network"])
+        network.optimizer.load_state_dict(values["optimizer"])
+        return int(values["steps"])
+    except (RuntimeError, ValueError, KeyError) as error:
+        raise ValueError(f"the checkpoint {path} is of another network: {error}") from error

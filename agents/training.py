@@ -34,7 +34,7 @@ except ImportError as error:
 from .imitation import clone
 from .learned_policy import LearnedPolicy
 from .policy_file import save_policy
-from .segments import SegmentReport
+from .segments import SegmentReport, restore_checkpoint, save_checkpoint
 from .settings import Plan
 from .training_record import (
     RECORD,
@@ -56,26 +56,16 @@ class Engine(Protocol):
     """Who learns, segment by segment."""
 
     report: SegmentReport
+    """Of the last one."""
+    steps: int
+    """That were learned from."""
 
     @property
     def network(self) -> ActorCriticPolicy:
-        """Actor and critic as they are now."""
-
-    @property
-    def steps(self) -> int:
-        """Steps that were learned from."""
-
-    def begin_with(self, network: ActorCriticPolicy) -> None:
-        """Take over the weights of another network."""
+        """Actor and critic themselves: who changes their weights changes what is learned on."""
 
     def learn(self, segment: int) -> bool:
         """Learn for one segment."""
-
-    def save(self, path: Path) -> None:
-        """Write all that the next segment depends on."""
-
-    def restore(self, path: Path) -> None:
-        """Go on from what `save` wrote."""
 
     def log(self, scores: dict[str, float]) -> None:
         """Write scores to TensorBoard."""
@@ -119,7 +109,7 @@ def train_with_files(
     validation = plan.task.on("validation")
     try:
         if record["rows"]:
-            engine.restore(out / record["checkpoint"])
+            engine.steps = restore_checkpoint(out / record["checkpoint"], engine.network)
         elif plan.teacher:
             record["imitation"] = _imitate(plan, engine)
         while engine.steps < plan.settings.total_steps:
@@ -148,10 +138,8 @@ def _engine(plan: Plan, workers: int, logs: Path) -> Engine:
 
 def _imitate(plan: Plan, engine: Engine) -> dict[str, Any]:
     began = time.perf_counter()
-    network = engine.network
     teacher = make_policy(plan.teacher)
-    report = clone(network, plan.task, teacher, plan.imitation, plan.seed)
-    engine.begin_with(network)
+    report = clone(engine.network, plan.task, teacher, plan.imitation, plan.seed)
     return {**asdict(report), "seconds": time.perf_counter() - began}
 
 
@@ -165,7 +153,7 @@ def _write(record: Record, engine: Engine, plan: Plan, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     rows, before = record["rows"], record["checkpoint"]
     record["checkpoint"] = f"checkpoint-{len(rows)}.pt"
-    engine.save(out / record["checkpoint"])
+    save_checkpoint(out / record["checkpoint"], engine.network, engine.steps)
     rewards = [row["validation"]["reward"] for row in rows]
     if rewards[-1] == max(rewards):
         record["best"] = len(rows) - 1

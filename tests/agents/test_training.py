@@ -12,6 +12,8 @@ import torch
 from coopmap_agents import training
 from coopmap_agents.learned_policy import LearnedPolicy
 from coopmap_agents.policy_file import read_page
+from coopmap_agents.ppo import make_model
+from coopmap_agents.segments import restore_checkpoint, save_checkpoint
 from coopmap_agents.settings import ImitationSettings, Plan, PPOSettings, Task
 from coopmap_agents.training import train_with_files
 from safetensors.torch import load_file
@@ -74,8 +76,8 @@ def test_a_training_that_was_interrupted_ends_as_if_it_had_not_been(
     assert untimed(record) == untimed(whole[1])
     ours, theirs = checkpoint(tmp_path), checkpoint(whole[0])
     assert ours["steps"] == theirs["steps"] == 192
-    for name, values in theirs["parameters"]["policy"].items():
-        assert torch.equal(ours["parameters"]["policy"][name], values)
+    for name, values in theirs["network"].items():
+        assert torch.equal(ours["network"][name], values)
     assert torch.equal(weights(tmp_path), weights(whole[0]))
 
 
@@ -165,6 +167,16 @@ def test_broken_files_are_named(whole, tmp_path):
     (tmp_path / "checkpoint-3.pt").write_bytes(b"broken")
     with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-3\.pt cannot be read"):
         train_with_files(longer, tmp_path)
+
+
+def test_the_checkpoint_of_another_network_is_refused(tmp_path):
+    one, other = (
+        make_model(TASK, replace(SETTINGS, hidden=hidden), seed=0).policy
+        for hidden in ((16,), (8,))
+    )
+    save_checkpoint(tmp_path / "other.pt", other, steps=64)
+    with pytest.raises(ValueError, match=r"other\.pt is of another network: "):
+        restore_checkpoint(tmp_path / "other.pt", one)
 
 
 def test_a_training_can_begin_with_a_planner(tmp_path):
