@@ -11,7 +11,8 @@ from typing import Literal
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.cli.output import say
 
-from .settings import EngineName, ImitationSettings, Plan, PPOSettings, Task
+from .plan import EngineName, Plan, Task
+from .settings import ImitationSettings, PPOSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +38,11 @@ class Train(EnvironmentOptions):
     """Who learns: Stable-Baselines3, or RLlib on Ray (on the cluster that RAY_ADDRESS names)."""
     workers: int = 0
     """Processes for the environments; 0 steps them in this one."""
+    begin_with: str = ""
+    """Policy whose weights to begin with: a file, or the name of one that ships."""
     imitate: str = ""
-    """Policy to imitate first, such as rating_function, with options as in `coopmap evaluate`."""
+    """Policy to imitate first, such as rating_function, with options as in `coopmap evaluate`. Let
+    the critic learn for a while then (--ppo.critic-steps), before it moves the policy."""
     validation_episodes: int = 40
     """Validation worlds that the policy plays after each segment."""
     action_mode: Literal["pose", "candidates"] = "candidates"
@@ -54,8 +58,8 @@ class Train(EnvironmentOptions):
         """Train, and say where the policy is."""
         from coopmap_env.evaluation.serial import settings_to_dict
 
-        from .training import POLICY, train_with_files
-        from .training_record import throughput_line
+        from .training import train_with_files
+        from .training_record import POLICY, throughput_line
 
         settings = self.settings()
         made = None if settings is None else settings_to_dict(settings)
@@ -64,6 +68,7 @@ class Train(EnvironmentOptions):
             self.ppo,
             self.seed,
             self.engine,
+            self.begin_with,
             self.imitate,
             self.imitation,
             self.validation_episodes,

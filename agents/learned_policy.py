@@ -61,15 +61,20 @@ class LearnedPolicy:
         seed: int | None = None,
     ) -> None:
         self._seed = seed
-        self._network: ActorCriticPolicy | None = None
-        if model is not None:
-            self._network = _network_of(model, seed)
+        self._given = None if model is None else network_of(model, seed)
+        self._fitting: dict[str, ActorCriticPolicy] = {}
+
+    def _fit(self, given: Mapping[str, tuple[int, ...]]) -> ActorCriticPolicy:
+        name = _fitting(given)
+        if name not in self._fitting:
+            self._fitting[name] = load_policy(shipped_file(name, self._seed))
+        return self._fitting[name]
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the weights: of all that ship, as long as none has been chosen."""
-        if self._network is not None:
-            weights = acting_weights(self._network).values()
+        """Hash of the weights: of all that ship, where the observations decide among them."""
+        if self._given is not None:
+            weights = acting_weights(self._given).values()
             return _sha256(values.detach().cpu().numpy().tobytes() for values in weights)
         names = shipped_names()
         return _sha256(shipped_file(name, self._seed).read_bytes() for name in names)
@@ -88,9 +93,8 @@ class LearnedPolicy:
         """
         rows = stack(observations[agent] for agent in belief.agents)
         given = {key: values.shape[1:] for key, values in rows.items()}
-        if self._network is None:
-            self._network = load_policy(shipped_file(_fitting(given), self._seed))
-        trained_on = self._network.observation_space
+        network = self._given or self._fit(given)
+        trained_on = network.observation_space
         assert isinstance(trained_on, spaces.Dict)
         learned = {key: box.shape or () for key, box in trained_on.spaces.items()}
         if not _fits(learned, given):
@@ -98,7 +102,7 @@ class LearnedPolicy:
                 f"this policy was trained on observations {_free(learned)}, but is given "
                 f"{_free(given)}: use the environment and the action mode that it was trained with"
             )
-        actions, _ = self._network.predict(rows, deterministic=True)
+        actions, _ = network.predict(rows, deterministic=True)
         return dict(zip(belief.agents, actions, strict=True))
 
 
@@ -109,7 +113,8 @@ def _sha256(parts: Iterable[bytes]) -> str:
     return sha.hexdigest()
 
 
-def _network_of(model: Any, seed: int | None) -> ActorCriticPolicy:
+def network_of(model: Any, seed: int | None = None) -> ActorCriticPolicy:
+    """The network of a model, of a file, or of a policy that ships; see `LearnedPolicy`."""
     if isinstance(model, BaseAlgorithm):
         model = model.policy
     if isinstance(model, ActorCriticPolicy):
@@ -126,8 +131,10 @@ def _network_of(model: Any, seed: int | None) -> ActorCriticPolicy:
     if not Path(model).is_file():
         raise ValueError(
             f"model {str(model)!r} is neither a file nor one of the policies that ship: "
-            f"{', '.join(shipped_names())}"
+            f"{', '.join(shipped_names()) or 'none'}"
         )
+    if seed is not None:
+        raise ValueError(f"seed={seed} picks a training of a policy that ships; {model} is a file")
     return load_policy(model)
 
 
@@ -139,7 +146,7 @@ def _fitting(given: Mapping[str, tuple[int, ...]]) -> str:
             return name
     raise ValueError(
         f"no policy that ships fits observations {_free(given)}; there are "
-        f"{', '.join(shipped_names())}: name the file of your own with model="
+        f"{', '.join(shipped_names()) or 'none'}: name the file of your own with model="
     )
 
 

@@ -48,6 +48,10 @@ def network_class(
     }
     if isinstance(action_space, spaces.Discrete):
         return CandidateScorer, {**options, "initial": settings.initial}
+    if settings.initial == "rating":
+        raise ValueError(
+            'initial="rating" is for choosing among candidates, these actions are poses'
+        )
     return PosePolicy, {**options, "log_std_init": settings.log_std}
 
 

@@ -87,7 +87,9 @@ class PolicyPage:
         boxes: dict[str, spaces.Space[Any]] = {
             key: _box(*entry) for key, entry in self.observations.items()
         }
-        settings = settings_from_dict({**self.network, "critic": "own"}, PPOSettings)
+        settings = settings_from_dict(
+            {**self.network, "critic": "own", "device": "cpu"}, PPOSettings
+        )
         return make_network(spaces.Dict(boxes), actions, settings)
 
 
@@ -113,7 +115,7 @@ def save_policy(
     Raises
     ------
     ValueError
-        If the path has another ending.
+        If the path has another ending, or the network was made with other settings.
     """
     target = Path(path)
     if target.suffix != ".safetensors":
@@ -122,10 +124,12 @@ def save_policy(
     weights = {
         name: values.detach().cpu().contiguous() for name, values in acting_weights(network).items()
     }
+    _require_shapes(weights, _fresh(page), f"the network is not one of these settings, {target}")
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=target.stem) as folder:
         unfinished = Path(folder) / target.name
         save_file(weights, unfinished, {PAGE: json.dumps(asdict(page))})
+        unfinished.chmod(0o644)  # the library's own mode would lock out everybody else
         os.replace(unfinished, target)
 
 
@@ -161,23 +165,31 @@ def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
     ValueError
         As `read_page`, or if the weights are not those of the network that the page tells of.
     """
-    page = read_page(path)
-    with torch.random.fork_rng(devices=[]):  # a file that is read leaves no trace in later draws
-        network = page.make()
-    needed = acting_weights(network)
+    network = _fresh(read_page(path))
     with safe_open(path, "pt") as file:
         given = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no mapping
-    shapes = [{k: tuple(v.shape) for k, v in part.items()} for part in (given, needed)]
-    if shapes[0] != shapes[1]:
-        other = min(k for k in shapes[0] | shapes[1] if shapes[0].get(k) != shapes[1].get(k))
-        raise ValueError(
-            f"{path} does not hold the weights that it tells of: {other} has the shape "
-            f"{shapes[0].get(other)}, not {shapes[1].get(other)}"
-        )
-    for name, values in needed.items():
+    _require_shapes(given, network, f"{path} does not hold the weights that it tells of")
+    for name, values in acting_weights(network).items():
         values.data.copy_(given[name])
     network.set_training_mode(False)
     return network
+
+
+def _fresh(page: PolicyPage) -> ActorCriticPolicy:
+    with torch.random.fork_rng(devices=[]):  # leaves no trace in what is drawn later
+        return page.make()
+
+
+def _require_shapes(
+    given: Mapping[str, torch.Tensor], network: ActorCriticPolicy, what: str
+) -> None:
+    own, needed = (
+        {name: tuple(values.shape) for name, values in part.items()}
+        for part in (given, acting_weights(network))
+    )
+    if own != needed:
+        other = min(name for name in own | needed if own.get(name) != needed.get(name))
+        raise ValueError(f"{what}: {other} has the shape {own.get(other)}, not {needed.get(other)}")
 
 
 def _box(dtype: str, *shape: int) -> spaces.Box:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from . import NEEDS_RL
 
@@ -54,12 +55,14 @@ def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, worker
     Raises
     ------
     ValueError
-        If robots choose among candidates that they do not observe.
+        If robots choose among candidates that they do not observe, or a map has more channels than
+        cells across.
     """
     central = settings.critic == "central"
     rows = SharedPolicyVecEnv(env_factory, settings.n_envs, workers=workers, with_state=central)
     env = VecMonitor(Stopwatch(rows))
     try:
+        _require_channels_first(rows.observation_space)
         policy, options = network_class(env.action_space, settings)
         return PPO(
             policy,
@@ -206,6 +209,18 @@ class PPOTraining:
         env.close()
         if self._logger:
             self._logger.close()
+
+
+def _require_channels_first(space: spaces.Space[Any]) -> None:
+    """Stable-Baselines3 takes the shortest axis of an image for its channels, and swaps axes."""
+    assert isinstance(space, spaces.Dict)
+    for name, box in space.spaces.items():
+        shape = box.shape or ()
+        if len(shape) == 3 and shape[0] > min(shape[1:]):
+            raise ValueError(
+                f"the observation {name} has the shape {shape}, with more channels than cells "
+                "across, which Stable-Baselines3 takes for channels last: use larger view_cells"
+            )
 
 
 class Stopwatch(VecEnvWrapper):

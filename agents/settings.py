@@ -1,43 +1,13 @@
-"""Hyper-parameters of training, and what it trains on; needs no torch.
-
-All are JSON values inside, so that a training's record, a policy's file and a worker process can
-hold them.
-"""
+"""Hyper-parameters of training; needs no torch."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
-
-from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.evaluation.worlds import make_env
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 Initial = Literal["random", "rating"]
 Critic = Literal["own", "central"]
-EngineName = Literal["sb3", "rllib"]
-
-
-@dataclass(frozen=True)
-class Task:
-    """An environment of the training split; called, it makes a new one."""
-
-    world: str = "planar"
-    """"planar" or "field"."""
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    """Of the environment's constructor, but for the split and the settings."""
-    settings: Mapping[str, Any] | None = None
-    """`PlanarSettings` or `FieldSettings` as `settings_to_dict` writes them; by default its own."""
-
-    def __call__(self) -> MappingEnv[Any]:
-        """Make an environment whose worlds are those of the training split."""
-        return self.on("train")
-
-    def on(self, split: str) -> MappingEnv[Any]:
-        """Make an environment whose worlds are those of a split."""
-        settings = None if self.settings is None else dict(self.settings)
-        return make_env(self.world, {**self.arguments, "split": split}, settings)
 
 
 @dataclass(frozen=True)
@@ -51,7 +21,7 @@ class PPOSettings:
     """
 
     total_steps: int = 131_072
-    """Rounded up to whole segments."""
+    """Rounded up to whole roll-outs; the last segment is cut short where it does not fit in."""
     segment_steps: int = 16_384
     """Rounded up to whole roll-outs. A training is a chain of segments: at the beginning of each,
     environments start anew and all random numbers come from the training's seed and the segment's
@@ -99,18 +69,23 @@ class PPOSettings:
 
     def __post_init__(self) -> None:
         for name in (
-            "total_steps", "segment_steps", "n_envs", "rollout_steps", "batch_size", "n_epochs",
-            "image_features",
+            "total_steps", "segment_steps", "n_envs", "rollout_steps", "n_epochs", "image_features",
         ):  # fmt: skip
-            _require(self, name, getattr(self, name) >= 1, "be at least 1")
+            require(self, name, getattr(self, name) >= 1, "be at least 1")
+        require(self, "batch_size", self.batch_size >= 2, "be at least 2")
+        for name in ("learning_rate", "entropy_weight", "value_weight"):
+            require(self, name, getattr(self, name) >= 0, "be at least 0")
+        for name in ("clip_range", "max_gradient_norm"):
+            require(self, name, getattr(self, name) > 0, "be > 0")
         within = 0 <= self.critic_steps <= self.total_steps
-        _require(self, "critic_steps", within, "lie in [0, total_steps]")
+        require(self, "critic_steps", within, "lie in [0, total_steps]")
         for name in ("gamma", "gae_lambda"):
-            _require(self, name, 0 <= getattr(self, name) <= 1, "lie in [0, 1]")
-        _require(self, "hidden", bool(self.hidden), "have at least one layer")
+            require(self, name, 0 <= getattr(self, name) <= 1, "lie in [0, 1]")
+        wide = bool(self.hidden) and min(self.hidden) >= 1
+        require(self, "hidden", wide, "have at least one layer, each at least 1 wide")
         for name, choices in (("initial", Initial), ("critic", Critic)):
             words = get_args(choices)
-            _require(self, name, getattr(self, name) in words, f"be {' or '.join(words)}")
+            require(self, name, getattr(self, name) in words, f"be {' or '.join(words)}")
 
 
 @dataclass(frozen=True)
@@ -142,10 +117,10 @@ class ImitationSettings:
 
     def __post_init__(self) -> None:
         for name, least in (("episodes", 2), ("rounds", 1), ("epochs", 1), ("batch_size", 1)):
-            _require(self, name, getattr(self, name) >= least, f"be at least {least}")
-        _require(self, "held_out", 0 < self.held_out < 1, "lie between 0 and 1")
+            require(self, name, getattr(self, name) >= least, f"be at least {least}")
+        require(self, "held_out", 0 < self.held_out < 1, "lie between 0 and 1")
         for name in ("learning_rate", "max_gradient_norm"):
-            _require(self, name, getattr(self, name) > 0, "be > 0")
+            require(self, name, getattr(self, name) > 0, "be > 0")
 
     @property
     def held_out_episodes(self) -> int:
@@ -153,28 +128,8 @@ class ImitationSettings:
         return min(math.ceil(self.held_out * self.episodes), self.episodes - 1)
 
 
-@dataclass(frozen=True)
-class Plan:
-    """All that decides the result of a training."""
-
-    task: Task
-    settings: PPOSettings
-    seed: int
-    engine: EngineName = "sb3"
-    teacher: str = ""
-    """Spec of a policy to imitate before; empty for none."""
-    imitation: ImitationSettings = field(default_factory=ImitationSettings)
-    validation_episodes: int = 40
-    """Validation worlds after each segment: with 40 in the plane the area under the coverage curve
-    is known to 3 % of itself."""
-
-    def __post_init__(self) -> None:
-        names = get_args(EngineName)
-        _require(self, "engine", self.engine in names, f"be {' or '.join(names)}")
-        _require(self, "validation_episodes", self.validation_episodes >= 1, "be at least 1")
-
-
-def _require(settings: object, name: str, fits: bool, what: str) -> None:
+def require(settings: object, name: str, fits: bool, what: str) -> None:
+    """Refuse a value of some settings, with its name and what it must be."""
     if not fits:
         value = getattr(settings, name)
         raise ValueError(f"{type(settings).__name__}.{name} must {what}, got {value!r}")

@@ -11,8 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-RECORD = "training.json"
-"""As of a single training; needs no torch here."""
+from .training_record import RECORD
 
 
 def shipped_names() -> list[str]:
@@ -29,7 +28,9 @@ def training_record(name: str) -> dict[str, Any]:
         With the choices, if there is none of that name.
     """
     if name not in shipped_names():
-        raise ValueError(f"no policy {name!r} ships; there are {', '.join(shipped_names())}")
+        raise ValueError(
+            f"no policy {name!r} ships; there are {', '.join(shipped_names()) or 'none'}"
+        )
     record: dict[str, Any] = json.loads((_folder() / name / RECORD).read_text(encoding="utf-8"))
     return record
 

@@ -16,9 +16,7 @@ from typing import Any
 
 from coopmap_env.evaluation.jobs import write_atomically
 
-from .shipped import RECORD
-
-POLICY = "policy.safetensors"
+from .training_record import POLICY, RECORD
 
 
 def ship(folder: Path, trainings: Sequence[Path]) -> None:
@@ -34,9 +32,16 @@ def ship(folder: Path, trainings: Sequence[Path]) -> None:
     Raises
     ------
     ValueError
-        If the trainings differ by more than their seeds.
+        If the trainings differ by more than their seeds, or in nothing, or one is unfinished.
     """
     records = {training: _record(training) for training in trainings}
+    seeds = [record["plan"]["seed"] for record in records.values()]
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(f"each training needs a seed of its own, got {seeds}")
+    for training, record in records.items():
+        wanted = record["plan"]["settings"]["total_steps"]
+        if record["rows"][-1]["steps"] < wanted:
+            raise ValueError(f"{training} has not come to its {wanted} steps yet")
     plans = [{**record["plan"], "seed": None} for record in records.values()]
     for training, plan in zip(trainings, plans, strict=True):
         if plan != plans[0]:
@@ -45,7 +50,7 @@ def ship(folder: Path, trainings: Sequence[Path]) -> None:
     for old in folder.glob("*.safetensors"):
         old.unlink()
     for training, record in records.items():
-        shutil.copy(training / POLICY, folder / f"seed_{record['plan']['seed']}.safetensors")
+        shutil.copyfile(training / POLICY, folder / f"seed_{record['plan']['seed']}.safetensors")
     told = _told(list(records.values()))
     write_atomically(folder / RECORD, json.dumps(told, indent=1) + "\n")
 

@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
+from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.evaluation import evaluate
 from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.policy import make_policy
@@ -27,16 +29,19 @@ from coopmap_env.evaluation.policy import make_policy
 from . import NEEDS_RL
 
 try:
+    import torch
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
     raise ImportError(NEEDS_RL) from error
 
 from .imitation import clone
-from .learned_policy import LearnedPolicy
+from .learned_policy import LearnedPolicy, network_of
+from .networks import copy_weights
+from .plan import Plan
 from .policy_file import save_policy
 from .segments import SegmentReport, restore_checkpoint, save_checkpoint
-from .settings import Plan
 from .training_record import (
+    POLICY,
     RECORD,
     Record,
     add_row,
@@ -47,7 +52,6 @@ from .training_record import (
     read_record,
 )
 
-POLICY = "policy.safetensors"
 SCORES = ("coverage_auc", "coverage", "reward", "log_loss", "motion_cost")
 """Of `Episode.row`, averaged over the validation worlds."""
 
@@ -89,63 +93,107 @@ def train_with_files(
     out : Path
         Folder; one that holds the same training, finished or not, is gone on with.
     workers : int
-        Processes for the environments; the result does not depend on it with Stable-Baselines3.
+        Processes for the environments. With Stable-Baselines3 the result does not depend on it;
+        with RLlib it does, and the folder can be gone on with by as many only.
     say : callable, optional
-        Gets a line after each segment.
+        Gets a line before the first and after each segment.
     command : str, optional
         What asked for the training, for the record.
 
     Raises
     ------
     ValueError
-        If the folder holds another training, or its files are broken.
+        If the folder holds another training or broken files, or the plan names a device that is not
+        there or weights of another network.
     """
-    record = read_record(out / RECORD) or new_record(plan, command)
-    check_same(record, plan, out)
+    record = read_record(out / RECORD) or new_record(plan, command, workers)
+    check_same(record, plan, workers, out)
     if record["rows"] and record["rows"][-1]["steps"] >= plan.settings.total_steps:
+        say(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
         return record
     record["plan"] = as_json(plan)  # total_steps may have grown
-    engine = _engine(plan, workers, out / "tensorboard")
-    validation = plan.task.on("validation")
-    try:
+    with _one_thread(), _engine(plan, workers, out / "tensorboard") as engine:
         if record["rows"]:
             engine.steps = restore_checkpoint(out / record["checkpoint"], engine.network)
-        elif plan.teacher:
-            record["imitation"] = _imitate(plan, engine)
-        while engine.steps < plan.settings.total_steps:
-            segment = len(record["rows"])
-            engine.learn(segment)
-            scores = _validate(validation, engine.network, plan.validation_episodes)
-            add_row(record, engine.steps, engine.report, scores)
-            engine.log({f"validation/{name}": value for name, value in scores.items()})
-            _write(record, engine, plan, out)
-            say(progress_line(record))
-    finally:
-        validation.close()
-        engine.close()
+        else:
+            _begin(plan, engine, record)
+        with closing(plan.task.on("validation")) as validation:
+            if not record["rows"]:
+                _judge(plan, engine, record, validation, out, say)
+            while engine.steps < plan.settings.total_steps:
+                engine.learn(len(record["rows"]) - 1)
+                _judge(plan, engine, record, validation, out, say)
     return record
 
 
-def _engine(plan: Plan, workers: int, logs: Path) -> Engine:
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """One thread of torch: more of them round sums otherwise, and small networks gain little."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
+def _engine(plan: Plan, workers: int, logs: Path) -> Iterator[Engine]:
+    _require_device(plan.settings.device)
+    engine: Engine
     if plan.engine == "rllib":
         from .rllib import RLlibTraining
 
-        return RLlibTraining(plan.task, plan.settings, plan.seed, workers, logs)
-    from .ppo import PPOTraining
+        engine = RLlibTraining(plan.task, plan.settings, plan.seed, workers, logs)
+    else:
+        from .ppo import PPOTraining
 
-    return PPOTraining(plan.task, plan.settings, plan.seed, workers, logs)
+        engine = PPOTraining(plan.task, plan.settings, plan.seed, workers, logs)
+    try:
+        yield engine
+    finally:
+        engine.close()
 
 
-def _imitate(plan: Plan, engine: Engine) -> dict[str, Any]:
+def _require_device(device: str) -> None:
+    try:
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError) as error:  # torch asserts that it was built with CUDA
+        raise ValueError(f"PPOSettings.device {device!r} is not there: {error}") from error
+
+
+def _begin(plan: Plan, engine: Engine, record: Record) -> None:
+    """Take over the weights that the plan names, and imitate its teacher."""
+    if plan.begin_with:
+        copy_weights(network_of(plan.begin_with), engine.network)
+    if plan.teacher:
+        began = time.perf_counter()
+        teacher = make_policy(plan.teacher)
+        report = clone(engine.network, plan.task, teacher, plan.imitation, plan.seed)
+        record["imitation"] = {**asdict(report), "seconds": time.perf_counter() - began}
+
+
+def _judge(
+    plan: Plan,
+    engine: Engine,
+    record: Record,
+    validation: MappingEnv[Any],
+    out: Path,
+    say: Callable[[str], None],
+) -> None:
+    """Let the policy play validation worlds, and write all files."""
     began = time.perf_counter()
-    teacher = make_policy(plan.teacher)
-    report = clone(engine.network, plan.task, teacher, plan.imitation, plan.seed)
-    return {**asdict(report), "seconds": time.perf_counter() - began}
-
-
-def _validate(env: Any, network: ActorCriticPolicy, episodes: int) -> dict[str, float]:
-    table = evaluate(env, LearnedPolicy(network), range(episodes)).table
-    return {name: float(table[name].mean()) for name in SCORES}
+    played = evaluate(validation, LearnedPolicy(engine.network), range(plan.validation_episodes))
+    scores = {name: float(played.table[name].mean()) for name in SCORES}
+    n_robots = len(validation.possible_agents)
+    seconds = time.perf_counter() - began
+    report = engine.report
+    add_row(record, engine.steps, n_robots, report, scores, seconds)
+    engine.log({f"validation/{name}": value for name, value in scores.items()})
+    if report.returns:
+        engine.log({"train/team_return": record["rows"][-1]["team_return"]})
+    _write(record, engine, plan, out)
+    say(progress_line(record))
 
 
 def _write(record: Record, engine: Engine, plan: Plan, out: Path) -> None:

@@ -55,7 +55,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         parse(arguments).run()
     except KeyboardInterrupt:
-        say("interrupted; finished episodes are kept, the same command goes on with the rest")
+        say("interrupted; what is finished is kept, the same command goes on with the rest")
         raise SystemExit(INTERRUPTED) from None
     except (ValueError, ImportError, OSError) as error:
         raise SystemExit(f"coopmap: {' '.join(str(error).split())}") from None

@@ -13,8 +13,8 @@ class Compare:
     """Compare the learned policies that ship with the planners, on the same test worlds.
 
     Writes report.html, summary.json, table.md, figures and a row for each episode into the folder.
-    An interrupted run goes on where it was; where the policies that ship have changed, use a new
-    folder. Needs the extras rl, report, cli and data, and field for the worlds of that name.
+    An interrupted run goes on where it was. Needs the extras rl, report, cli and data, and field
+    for the worlds of that name.
 
     Such as:
       coopmap compare --out results/comparison --quick

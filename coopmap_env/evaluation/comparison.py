@@ -114,7 +114,7 @@ def make_job(
     """
     return {
         "version": coopmap_env.__version__,
-        "files": _contents(policy) | _scene_contents(str(env.get("scene", "")), world),
+        "files": contents_of(policy, str(env.get("scene", "")), world),
         "policy": policy,
         "fingerprint": _fingerprint(policy),
         "seed": seed,
@@ -129,9 +129,10 @@ def _fingerprint(policy: str) -> str:
     return str(getattr(make_policy(policy), "fingerprint", ""))
 
 
-def _contents(policy: str) -> dict[str, str]:
-    """SHA-256 of the files that a policy's spec names."""
-    return _hashes([Path(word) for word in re.split("[=+:]", policy)])
+def contents_of(policy: str, scene: str, world: str) -> dict[str, str]:
+    """SHA-256 of the files that a policy's spec names, and of a scene's."""
+    named = [Path(word) for word in re.split("[=+:]", policy) if word]
+    return _hashes(named) | _scene_contents(scene, world)
 
 
 def _scene_contents(scene: str, world: str) -> dict[str, str]:

@@ -117,7 +117,7 @@ class PolicySize:
     elsewhere_field: int
 
 
-FULL = PolicySize(100, 100, 100, 30)
+FULL = PolicySize(100, 100, 100, 20)
 QUICK = PolicySize(4, 2, 2, 2)
 
 
@@ -225,7 +225,11 @@ def planar_elsewhere(n_worlds: int) -> list[Condition]:
         "a real house": {"scene": "house"},
         "32 scans each": {"max_scans": 32},
     }
-    return _elsewhere("planar", "planar-candidates", cases, n_worlds)
+    poses = (
+        learned("planar-pose", "learned, poses", POSES),
+        planner("rating_function:search=100", POSES),
+    )
+    return _elsewhere("planar", "planar-candidates", cases, n_worlds, poses)
 
 
 def field_elsewhere(n_worlds: int) -> list[Condition]:
@@ -264,13 +268,18 @@ def planner(spec: str, arguments: Arguments, pictured: bool = False) -> Entry:
 
 
 def _elsewhere(
-    world: str, model: str, cases: Mapping[str, Arguments], n_worlds: int
+    world: str,
+    model: str,
+    cases: Mapping[str, Arguments],
+    n_worlds: int,
+    others: tuple[Entry, ...] = (),
 ) -> list[Condition]:
     offered = among(N_CANDIDATES)
     entries = (
         learned(model, f"learned, {N_CANDIDATES} candidates", offered),
         planner("rating_function", offered),
         planner("coverage", offered),
+        *others,
     )
     return [
         Condition(label, world, n_worlds, {**TEAM, **case}, entries)

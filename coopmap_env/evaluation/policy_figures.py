@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from coopmap_env.evaluation.figures import COLORS, pyplot, save_figure
-from coopmap_env.evaluation.policy_entries import FAMILIES, LEARNED, RATING
+from coopmap_env.evaluation.policy_entries import FAMILIES, RATING
 
 AREA_LABELS = {
     "coverage_auc": "area under the curve of viewed share, %",
@@ -16,7 +16,9 @@ AREA_LABELS = {
 }
 CURVE_LABELS = {"planar": "% of the world viewed", "field": "% of reachable surface covered"}
 STYLES = ("-", "--", ":", "-.")
-"""Of the entries of one family, in their order."""
+"""Lines of the entries of one family, in their order."""
+MARKERS = ("o", "s", "^", "D")
+"""Dots of them, likewise."""
 FAMILY_COLORS = dict(
     zip(FAMILIES, (COLORS[1], COLORS[0], COLORS[3], COLORS[2], "#666666"), strict=True)
 )
@@ -96,18 +98,28 @@ def draw_elsewhere(conditions: list[dict[str, Any]], path: Path) -> None:
     save_figure(figure, path)
 
 
+def judged_entries(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Entries of a condition that are held against the rating function, by label."""
+    return {
+        label: entry
+        for label, entry in found["entries"].items()
+        if entry["family"] != RATING and entry["baseline"]
+    }
+
+
 def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
     axis.axvline(1.0, color=FAMILY_COLORS[RATING], linewidth=1)
     for row, found in enumerate(reversed(conditions)):
-        area = found["areas"][0]
-        for label, entry in found["entries"].items():
-            against = entry["against"].get(entry["baseline"])
-            if against is None:
-                continue
-            shift = 0.14 if entry["family"] == LEARNED else -0.14
-            color = FAMILY_COLORS[entry["family"]]
+        area, judged = found["areas"][0], judged_entries(found)
+        seen = dict.fromkeys(FAMILIES, 0)
+        for number, (label, entry) in enumerate(judged.items()):
+            family = entry["family"]
+            ratio = entry["against"][entry["baseline"]]["ratio"][area]
+            place = row + 0.22 * ((len(judged) - 1) / 2 - number)
+            marker = MARKERS[seen[family]]
+            seen[family] += 1
             name = label if row == 0 else None
-            _draw_interval(axis, row + shift, against["ratio"][area], color, label=name)
+            _draw_interval(axis, place, ratio, FAMILY_COLORS[family], label=name, marker=marker)
     axis.set_yticks(range(len(conditions)), [found["label"] for found in reversed(conditions)])
     axis.set_xlabel("area under the curve over the rating function's")
     axis.grid(axis="x", alpha=0.3)
@@ -120,10 +132,11 @@ def _draw_interval(
     color: str,
     scale: float = 1.0,
     label: str | None = None,
+    marker: str = "o",
 ) -> None:
     at, low, high = (scale * interval[part] for part in ("estimate", "low", "high"))
     axis.plot([low, high], [row, row], "-", color=color, linewidth=2, alpha=0.6)
-    axis.plot(at, row, "o", color=color, markersize=5, label=label)
+    axis.plot(at, row, marker, color=color, markersize=5, label=label)
 
 
 def _pictured(found: dict[str, Any]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:

@@ -10,7 +10,7 @@ from typing import Any
 from coopmap_env.evaluation.comparison import write_episodes
 from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.pages import fill_page
-from coopmap_env.evaluation.policy_figures import draw_condition, draw_elsewhere
+from coopmap_env.evaluation.policy_figures import draw_condition, draw_elsewhere, judged_entries
 from coopmap_env.evaluation.policy_study import ConditionResult, PolicyStudy, summary
 from coopmap_env.evaluation.statistics import Interval
 
@@ -218,13 +218,15 @@ def rivals_table(part: dict[str, Any]) -> Table:
 
 def elsewhere_table(conditions: list[dict[str, Any]]) -> Table:
     """Ratios of areas under the curve to the rating function's, a row a condition."""
-    rows = [["worlds and teams", "number", "learned", "coverage"]]
+    labels = list(dict.fromkeys(label for part in conditions for label in judged_entries(part)))
+    rows = [["worlds and teams", "number", *labels]]
     for part in conditions:
-        area = part["areas"][0]
+        area, judged = part["areas"][0], judged_entries(part)
         ratios = [
-            scaled(entry["against"][entry["baseline"]]["ratio"][area])
-            for entry in part["entries"].values()
-            if entry["baseline"]
+            scaled(judged[label]["against"][judged[label]["baseline"]]["ratio"][area])
+            if label in judged
+            else "-"
+            for label in labels
         ]
         rows.append([f"{WORLDS[part['world']]}: {part['label']}", str(part["worlds"]), *ratios])
     return rows

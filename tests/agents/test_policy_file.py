@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,9 +15,7 @@ from small_worlds import masked_world, small_world
 import coopmap_env
 from coopmap_env.evaluation import evaluate
 
-SMALL = PPOSettings(
-    n_envs=2, rollout_steps=16, batch_size=32, hidden=(16, 8), image_features=8, initial="rating"
-)
+SMALL = PPOSettings(n_envs=2, rollout_steps=16, batch_size=32, hidden=(16, 8), image_features=8)
 BOTH = pytest.mark.parametrize("make_env", [small_world, masked_world])
 
 
@@ -103,6 +102,28 @@ def test_another_ending_is_refused_and_nothing_written(tmp_path):
     with pytest.raises(ValueError, match=r"ends in \.safetensors, got .*policy\.zip"):
         save_policy(model.policy, SMALL, tmp_path / "policy.zip")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_network_of_other_settings_is_refused_and_nothing_written(tmp_path):
+    model = make_model(masked_world, SMALL, seed=0)
+    with pytest.raises(ValueError, match="not one of these settings"):
+        save_policy(model.policy, PPOSettings(), tmp_path / "policy.safetensors")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_policy_of_another_device_is_read_onto_the_processor(tmp_path):
+    elsewhere = replace(SMALL, device="cuda")
+    model = make_model(small_world, SMALL, seed=0)
+    save_policy(model.policy, elsewhere, tmp_path / "policy.safetensors")
+    assert load_policy(tmp_path / "policy.safetensors").device.type == "cpu"
+
+
+def test_a_seed_is_for_policies_that_ship(tmp_path):
+    _, path = model_and_file(small_world, tmp_path)
+    with pytest.raises(
+        ValueError, match=r"seed=1 picks a training of a policy that ships; .* file"
+    ):
+        LearnedPolicy(path, seed=1)
 
 
 def test_a_name_that_is_no_file_and_does_not_ship_is_refused():

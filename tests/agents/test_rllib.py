@@ -12,12 +12,13 @@ import pytest
 import torch
 from coopmap_agents.learned_policy import LearnedPolicy
 from coopmap_agents.networks import copy_weights
+from coopmap_agents.plan import Plan, Task
 from coopmap_agents.ppo import PPOTraining
 from coopmap_agents.rllib import RLlibTraining, make_config
 from coopmap_agents.rllib_env import quietly
 from coopmap_agents.rllib_network import SHARED, shared_network
 from coopmap_agents.segments import restore_checkpoint, save_checkpoint
-from coopmap_agents.settings import Plan, PPOSettings, Task
+from coopmap_agents.settings import PPOSettings
 from coopmap_agents.team_block import TeamBlock, stack
 from coopmap_agents.training import train_with_files
 from pettingzoo.utils import BaseParallelWrapper

@@ -3,7 +3,8 @@ import subprocess
 import sys
 
 import pytest
-from coopmap_agents.settings import PPOSettings, Task
+from coopmap_agents.plan import Task
+from coopmap_agents.settings import PPOSettings
 
 
 @pytest.mark.parametrize(
@@ -16,6 +17,10 @@ from coopmap_agents.settings import PPOSettings, Task
         ("gae_lambda", -0.1),
         ("segment_steps", 0),
         ("hidden", ()),
+        ("hidden", (16, 0)),
+        ("batch_size", 1),
+        ("clip_range", -1.0),
+        ("learning_rate", -1.0),
         ("initial", "best"),
         ("critic", "none"),
     ],

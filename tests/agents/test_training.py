@@ -11,14 +11,19 @@ import pytest
 import torch
 from coopmap_agents import training
 from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.plan import Plan, Task
 from coopmap_agents.policy_file import read_page
 from coopmap_agents.ppo import make_model
 from coopmap_agents.segments import restore_checkpoint, save_checkpoint
-from coopmap_agents.settings import ImitationSettings, Plan, PPOSettings, Task
+from coopmap_agents.settings import ImitationSettings, PPOSettings
 from coopmap_agents.training import train_with_files
+from coopmap_baselines import make
+from gymnasium import spaces
 from safetensors.torch import load_file
+from toy_team import ConstantReward
 
 from coopmap_env.evaluation import evaluate
+from coopmap_env.simulation.scenes import save_map_server
 
 TASK = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
 SETTINGS = PPOSettings(
@@ -37,7 +42,7 @@ def interrupt_after(n_segments):
 
     def say(line):
         lines.append(line)
-        if len(lines) == n_segments:
+        if len(lines) == 1 + n_segments:  # the first line comes before all segments
             raise Interrupted
 
     return say
@@ -86,21 +91,21 @@ def test_one_that_is_killed_while_it_writes_goes_on_from_the_segment_before(
 ):
     written = []
 
-    def dies_on_the_second(path, text):
+    def dies_in_the_second_segment(path, text):
         written.append(path)
-        if len(written) == 2:
+        if len(written) == 3:
             raise Interrupted
         path.write_text(text, encoding="utf-8")
 
     with monkeypatch.context() as patch:
-        patch.setattr(training, "write_atomically", dies_on_the_second)
+        patch.setattr(training, "write_atomically", dies_in_the_second_segment)
         with pytest.raises(Interrupted):
             train_with_files(PLAN, tmp_path)
     assert {path.name for path in tmp_path.glob("checkpoint-*")} == {
-        "checkpoint-1.pt", "checkpoint-2.pt",
+        "checkpoint-2.pt", "checkpoint-3.pt",
     }  # fmt: skip
     assert untimed(train_with_files(PLAN, tmp_path)) == untimed(whole[1])
-    assert {path.name for path in tmp_path.glob("checkpoint-*")} == {"checkpoint-3.pt"}
+    assert {path.name for path in tmp_path.glob("checkpoint-*")} == {"checkpoint-4.pt"}
 
 
 def test_a_longer_training_goes_on_where_the_shorter_one_ended(whole, tmp_path):
@@ -130,24 +135,25 @@ def test_the_policy_is_the_one_that_did_best_on_validation_worlds(whole):
 def test_the_record_tells_where_the_time_went_and_what_came_of_it(whole):
     folder, record = whole
     assert json.loads((folder / "training.json").read_text()) == record
-    assert [row["steps"] for row in record["rows"]] == [64, 128, 192]
-    for row in record["rows"]:
+    assert [row["steps"] for row in record["rows"]] == [0, 64, 128, 192]
+    for row in record["rows"][1:]:
         assert 0 < row["environment_seconds"] < row["collecting_seconds"] < row["seconds"]
-        assert np.isfinite(row["return"])
+        assert np.isfinite(row["team_return"])
+    assert record["rows"][0]["team_return"] is None
     assert list((folder / "tensorboard").glob("events*"))
 
 
 @pytest.mark.parametrize(
     ("other", "named"),
     [
-        (replace(PLAN, seed=4), "seed = 3, not 4"),
+        (replace(PLAN, seed=4), r"plan\.seed = 3, not 4"),
         (
             replace(PLAN, settings=replace(SETTINGS, gamma=0.5)),
-            r"settings\.gamma = 0\.8, not 0\.5",
+            r"plan\.settings\.gamma = 0\.8, not 0\.5",
         ),
         (
             replace(PLAN, task=Task("planar", {**TASK.arguments, "n_robots": 3})),
-            r"task\.arguments\.n_robots = None, not 3",
+            r"plan\.task\.arguments\.n_robots = None, not 3",
         ),
     ],
 )
@@ -156,16 +162,85 @@ def test_the_folder_of_another_training_is_refused_with_what_differs(whole, othe
         train_with_files(other, whole[0])
 
 
+def test_a_training_whose_last_segment_was_cut_short_is_not_lengthened(tmp_path):
+    short, longer = (
+        replace(PLAN, settings=replace(SETTINGS, segment_steps=128, total_steps=total))
+        for total in (192, 256)
+    )
+    assert [row["steps"] for row in train_with_files(short, tmp_path)["rows"]] == [0, 128, 192]
+    with pytest.raises(ValueError, match=r"ended after 192 steps .* cannot be lengthened to 256"):
+        train_with_files(longer, tmp_path)
+
+
+def test_what_it_begins_with_is_judged_too_and_kept_where_nothing_better_comes(tmp_path):
+    still = replace(SETTINGS, learning_rate=0.0, total_steps=64, initial="rating")
+    record = train_with_files(replace(PLAN, settings=still), tmp_path)
+    planner = evaluate(TASK.on("validation"), make("rating_function"), range(2)).table
+    assert record["rows"][0]["validation"]["reward"] == planner["reward"].mean()
+    assert read_page(tmp_path / "policy.safetensors").trained["steps"] in (0, 64)
+
+
+def test_a_training_can_begin_with_a_policy(whole, tmp_path):
+    path = str(whole[0] / "policy.safetensors")
+    plan = replace(PLAN, begin_with=path, settings=replace(SETTINGS, total_steps=64))
+    record = train_with_files(plan, tmp_path)
+    best = whole[1]["rows"][whole[1]["best"]]
+    assert record["rows"][0]["validation"] == best["validation"]
+    assert list(record["files"]) == [path]
+
+
+def test_a_scene_that_has_changed_is_another_training(tmp_path):
+    scene = tmp_path / "map.yaml"
+    walls = np.zeros((60, 60))
+    walls[[0, -1], :] = walls[:, [0, -1]] = 1.0
+    save_map_server(scene, walls, resolution=0.2, origin=(0.0, 0.0))
+    plan = replace(
+        PLAN,
+        task=Task("planar", {**TASK.arguments, "scene": str(scene)}),
+        settings=replace(SETTINGS, total_steps=64),
+    )
+    train_with_files(plan, tmp_path / "training")
+    walls[20, 5:30] = 1.0
+    save_map_server(scene, walls, resolution=0.2, origin=(0.0, 0.0))
+    with pytest.raises(ValueError, match=r"another training, with files\..*map\."):
+        train_with_files(plan, tmp_path / "training")
+
+
+def test_a_device_that_is_not_there_is_refused(tmp_path):
+    plan = replace(PLAN, settings=replace(SETTINGS, device="mainframe"))
+    with pytest.raises(ValueError, match=r"PPOSettings\.device 'mainframe' is not there"):
+        train_with_files(plan, tmp_path)
+
+
+def test_a_map_that_would_be_taken_for_channels_last_is_refused():
+    image = spaces.Box(0, 255, (32, 24, 24), np.uint8)
+
+    class Deep(ConstantReward):
+        def observation_space(self, agent):
+            return spaces.Dict({"map": image, **super().observation_space(agent).spaces})
+
+    with pytest.raises(ValueError, match=r"map has the shape \(32, 24, 24\), with more channels"):
+        make_model(Deep, SETTINGS, seed=0)
+
+
+def test_the_rating_is_no_beginning_for_poses():
+    with pytest.raises(ValueError, match='initial="rating" is for choosing among candidates'):
+        make_model(Task("planar"), replace(SETTINGS, initial="rating"), seed=0)
+
+
 def test_broken_files_are_named(whole, tmp_path):
+    (tmp_path / "training.json").write_text('{"plan": {}, "rows": []}')
+    with pytest.raises(ValueError, match=r"training\.json is broken .*'best'.* remove its folder"):
+        train_with_files(PLAN, tmp_path)
     (tmp_path / "training.json").write_text("{")
     with pytest.raises(ValueError, match=r"training\.json is broken .* remove its folder"):
         train_with_files(PLAN, tmp_path)
     longer = replace(PLAN, settings=replace(SETTINGS, total_steps=256))
     (tmp_path / "training.json").write_text(json.dumps(whole[1]))
-    with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-3\.pt cannot be read"):
+    with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-4\.pt cannot be read"):
         train_with_files(longer, tmp_path)
-    (tmp_path / "checkpoint-3.pt").write_bytes(b"broken")
-    with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-3\.pt cannot be read"):
+    (tmp_path / "checkpoint-4.pt").write_bytes(b"broken")
+    with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-4\.pt cannot be read"):
         train_with_files(longer, tmp_path)
 
 
@@ -212,7 +287,7 @@ def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
     assert re.search(
         r"agent-steps/s: environment \d+%, network while collecting \d+%, updates \d+%", done.stderr
     )
-    assert "policy: t/policy.safetensors, after 64 steps" in done.stderr
+    assert re.search(r"policy: t/policy\.safetensors, after (0|64) steps; ", done.stderr)
     done = coopmap(
         "evaluate", "--policies", "learned:model=t/policy.safetensors", "--action-mode",
         "candidates", "--episodes", "2", "--max-scans", "4", "--out", "e",

@@ -1,0 +1,130 @@
+"""The policies that ship: by name, in their environments, and with what they say of themselves."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from coopmap_agents.learned_policy import LearnedPolicy
+from coopmap_agents.learning_curves import draw_learning_curves
+from coopmap_agents.plan import Task
+from coopmap_agents.policy_file import FORMAT, read_page
+from coopmap_agents.settings import PPOSettings
+from coopmap_agents.shipped import shipped_file, shipped_names, training_record
+from coopmap_agents.shipping import ship
+from coopmap_agents.training import Plan, train_with_files
+
+from coopmap_env.evaluation import evaluate
+from coopmap_env.evaluation.policy import make_policy
+
+NAMES = ("field-candidates", "planar-candidates", "planar-candidates-rating", "planar-pose")
+each_policy = pytest.mark.parametrize("name", NAMES)
+
+
+def task_of(name, **arguments):
+    task = training_record(name)["plan"]["task"]
+    if task["world"] == "field":
+        pytest.importorskip("pybullet")
+    return Task(task["world"], {**task["arguments"], **arguments}, task["settings"])
+
+
+def test_these_ship():
+    assert shipped_names() == list(NAMES)
+
+
+@each_policy
+def test_every_training_seed_of_a_policy_loads_and_plays(name):
+    env = task_of(name, max_scans=3).on("test")
+    coverage = set()
+    for seed in training_record(name)["seeds"]:
+        policy = make_policy(f"learned:model={name}+seed={seed}")
+        table = evaluate(env, policy, [0]).table
+        assert table["refused"][0] < 3
+        coverage.add(float(table["coverage"][0]))
+    env.close()
+    assert len(coverage) > 1  # they are policies of their own
+
+
+@each_policy
+def test_its_record_has_commands_and_curves_and_names_the_best_seed(name):
+    record = training_record(name)
+    assert len(record["seeds"]) >= 3
+    best = {}
+    for seed, training in record["trainings"].items():
+        assert f"--seed {seed}" in training["command"]
+        rewards = [row["validation"]["reward"] for row in training["rows"]]
+        assert max(rewards) == rewards[training["best_row"]]
+        best[int(seed)] = max(rewards)
+        page = read_page(shipped_file(name, int(seed)))
+        assert page.format == FORMAT
+        assert page.trained["plan"]["seed"] == int(seed)
+        assert page.trained["steps"] == training["rows"][training["best_row"]]["steps"]
+        assert shipped_file(name, int(seed)).stat().st_size < 1_000_000
+    assert record["best_seed"] == max(best, key=best.get)
+    assert shipped_file(name) == shipped_file(name, record["best_seed"])
+
+
+@pytest.mark.parametrize("name", ["planar-candidates", "planar-pose", "field-candidates"])
+def test_without_a_name_the_first_that_fits_plays(name):
+    env = task_of(name, max_scans=2).on("test")
+    by_default, by_name = (
+        evaluate(env, policy, [0]).table["coverage"][0]
+        for policy in (make_policy("learned"), LearnedPolicy(name))
+    )
+    env.close()
+    assert by_default == by_name
+
+
+def test_what_does_not_fit_anything_that_ships_is_refused_with_what_there_is():
+    env = Task("planar", {"settings": None, "scene": "obstacles"}).on("test")
+    observations, _ = env.reset(seed=0)
+    for own in observations.values():
+        own["thermometer"] = np.zeros(1, np.float32)
+    with pytest.raises(ValueError, match=r"no policy that ships fits .*thermometer.*planar-pose"):
+        LearnedPolicy().act(env.belief(), observations)
+
+
+def test_unknown_names_and_seeds_are_refused_with_the_choices():
+    with pytest.raises(ValueError, match=r"no policy 'best' ships; there are .*planar-candidates"):
+        training_record("best")
+    with pytest.raises(ValueError, match=r"trained with the seeds \[0, 1, 2\], got 7"):
+        make_policy("learned:model=planar-candidates+seed=7")
+
+
+@pytest.fixture(scope="module")
+def trainings(tmp_path_factory):
+    """Folders of two trainings that differ by their seeds, and of one that differs by more."""
+    task = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
+    settings = PPOSettings(
+        total_steps=32, n_envs=1, rollout_steps=16, batch_size=16, hidden=(8,), image_features=8
+    )
+    plan = Plan(task, settings, seed=0, validation_episodes=1)
+    folder = tmp_path_factory.mktemp("trainings")
+    for name, one in {
+        "0": plan,
+        "1": replace(plan, seed=1),
+        "other": replace(plan, settings=replace(settings, gamma=0.5)),
+    }.items():
+        train_with_files(one, folder / name, command=f"coopmap train --seed {one.seed}")
+    return folder
+
+
+def test_trainings_of_several_seeds_become_a_policy_that_ships(trainings, tmp_path):
+    ship(tmp_path / "small", [trainings / "0", trainings / "1"])
+    files = {path.name for path in (tmp_path / "small").iterdir()}
+    assert files == {"seed_0.safetensors", "seed_1.safetensors", "training.json"}
+    record = json.loads((tmp_path / "small" / "training.json").read_text())
+    assert record["seeds"] == [0, 1]
+    assert record["trainings"]["1"]["command"] == "coopmap train --seed 1"
+    assert record["plan"]["seed"] is None
+
+
+def test_trainings_that_differ_by_more_than_their_seeds_do_not_ship(trainings, tmp_path):
+    with pytest.raises(ValueError, match="differ by more than their seeds"):
+        ship(tmp_path / "small", [trainings / "0", trainings / "other"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_learning_curves_are_drawn(tmp_path):
+    draw_learning_curves(tmp_path / "curves.png")
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
