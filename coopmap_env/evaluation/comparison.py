@@ -8,6 +8,7 @@ import io
 import json
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -211,15 +212,23 @@ def compare(
     engine : {"processes", "ray"}
         What the workers are; see `coopmap_env.evaluation.jobs.run_jobs`.
     """
-    for policy in policies:
-        make_policy(policy)  # refuses bad specs before any work
-    kind_of(world).env(**env, settings=settings).close()  # and bad arguments
+    made = [make_policy(policy) for policy in policies]  # refuses bad specs before any work
+    with closing(kind_of(world).env(**env, settings=settings)) as tried:  # and bad arguments
+        for policy in made:
+            _try_out(policy, tried)
     jobs = [make_job(policy, seed, env, settings, world) for policy in policies for seed in seeds]
     results = iter(run_jobs(run_job, jobs, store, workers, progress, _is_episode, engine))
     return {
         policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
         for policy in policies
     }
+
+
+def _try_out(policy: Policy, env: MappingEnv[Any]) -> None:
+    """Let a policy decide once, so that one that does not fit is found out before others play."""
+    observations, _ = env.reset(seed=0)
+    policy.reset(np.random.default_rng(0))
+    policy.act(env.belief(), observations)
 
 
 def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict[str, Any]:

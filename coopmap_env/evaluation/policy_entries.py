@@ -83,7 +83,7 @@ class Condition:
             raise ValueError(f"labels must differ, {sorted(twice)} are there more than once")
 
     def baseline_of(self, entry: Entry) -> Entry | None:
-        """The rating function on the same candidates; else, and for it itself, `REFERENCE`."""
+        """The rating function on as many candidates; else, and for it itself, `REFERENCE`."""
         same = (
             other
             for other in self.entries
@@ -95,11 +95,15 @@ class Condition:
         return None if found == entry else found
 
     def rivals_of(self, entry: Entry) -> list[Entry]:
-        """Whom an entry is compared with: baseline, planners of its candidates, `REFERENCE`."""
+        """Whom an entry is compared with: baseline, planners that choose as it does, `REFERENCE`.
+
+        Planners on any pose are compared with the baseline only; there are many of them.
+        """
         baseline = self.baseline_of(entry)
         rivals = [baseline] if baseline else []
         for other in self.entries:
-            same = entry.chooses_candidates and other.arguments == entry.arguments
+            chooses = entry.chooses_candidates or entry.family == LEARNED
+            same = chooses and other.arguments == entry.arguments
             rival = (same and other.family != LEARNED) or other.label == REFERENCE
             if rival and other != entry and other not in rivals:
                 rivals.append(other)

@@ -86,7 +86,7 @@ def _draw_areas(axis: Any, found: dict[str, Any]) -> None:
 
 
 def draw_elsewhere(conditions: list[dict[str, Any]], path: Path) -> None:
-    """Areas under the curve over the rating function's on the same candidates, by condition."""
+    """Areas under the curve over the rating function's on as many candidates, by condition."""
     plt = pyplot()
     worlds = list(dict.fromkeys(found["world"] for found in conditions))
     figure, axes = plt.subplots(1, len(worlds), figsize=(5.6 * len(worlds), 4.4), squeeze=False)

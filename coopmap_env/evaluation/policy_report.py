@@ -133,7 +133,7 @@ def text_summary(found: dict[str, Any]) -> str:
         parts.append(_markdown(verdict_table(found["verdicts"])))
     if found["elsewhere"]:
         parts.append(
-            "Area under the curve over the rating function's on the same candidates:\n\n"
+            "Area under the curve over the rating function's on as many candidates:\n\n"
             + _markdown(elsewhere_table(found["elsewhere"]))
         )
     return "\n\n".join(parts) + "\n"
@@ -144,8 +144,8 @@ def caption(part: dict[str, Any]) -> str:
     robots, scans = part["arguments"]["n_robots"], part["arguments"]["max_scans"]
     return (
         f"After {robots * scans} scans of {robots} robots {WORLDS[part['world']]}, "
-        f"{part['worlds']} worlds of the test split: means [95 % bootstrap intervals over worlds "
-        "and training runs]."
+        f"{part['worlds']} worlds of the test split: means [95 % intervals over worlds and "
+        "training runs]."
     )
 
 

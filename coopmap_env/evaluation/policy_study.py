@@ -199,10 +199,9 @@ def comparison_summary(ours: Outcome, theirs: Outcome, areas: tuple[str, ...]) -
     """One entry against another on the same worlds."""
     judged = (*areas, REWARD)
     return {
-        "same_candidates": ours.entry.chooses_candidates
-        and ours.entry.arguments == theirs.entry.arguments,
+        "chooses_alike": ours.entry.arguments == theirs.entry.arguments,
         "difference": {
-            name: run_statistics.difference(scores, theirs.scores[name], _rng()).as_dict()
+            name: run_statistics.difference(scores, theirs.scores[name]).as_dict()
             for name, scores in ours.scores.items()
             if name != "planning_ms"
         },
@@ -254,9 +253,9 @@ def where_it_lies(interval: Interval) -> str:
 
 
 def judged_rivals(entries: dict[str, Any], entry: dict[str, Any], score: str) -> list[str]:
-    """Baseline, best planner on the same candidates, and those that choose any pose."""
+    """Baseline, the planner that does best choosing alike, and those that choose any pose."""
     against = entry["against"]
-    same = [name for name, values in against.items() if values["same_candidates"]]
+    same = [name for name, values in against.items() if values["chooses_alike"]]
 
     def mean(name: str) -> float:
         return float(entries[name]["scores"][score]["mean"]["estimate"])
