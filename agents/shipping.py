@@ -34,25 +34,27 @@ def ship(folder: Path, trainings: Sequence[Path]) -> None:
     ValueError
         If the trainings differ by more than their seeds, or in nothing, or one is unfinished.
     """
-    records = {training: _record(training) for training in trainings}
-    seeds = [record["plan"]["seed"] for record in records.values()]
-    if len(set(seeds)) < len(seeds):
-        raise ValueError(f"each training needs a seed of its own, got {seeds}")
-    for training, record in records.items():
-        wanted = record["plan"]["settings"]["total_steps"]
-        if record["rows"][-1]["steps"] < wanted:
-            raise ValueError(f"{training} has not come to its {wanted} steps yet")
-    plans = [{**record["plan"], "seed": None} for record in records.values()]
-    for training, plan in zip(trainings, plans, strict=True):
-        if plan != plans[0]:
-            raise ValueError(f"{training} and {trainings[0]} differ by more than their seeds")
+    records = [_record(training) for training in trainings]
+    _check(trainings, records)
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("*.safetensors"):
         old.unlink()
-    for training, record in records.items():
+    for training, record in zip(trainings, records, strict=True):
         shutil.copyfile(training / POLICY, folder / f"seed_{record['plan']['seed']}.safetensors")
-    told = _told(list(records.values()))
-    write_atomically(folder / RECORD, json.dumps(told, indent=1) + "\n")
+    write_atomically(folder / RECORD, json.dumps(_told(records), indent=1) + "\n")
+
+
+def _check(trainings: Sequence[Path], records: Sequence[Mapping[str, Any]]) -> None:
+    seeds = [record["plan"]["seed"] for record in records]
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(f"each training needs a seed of its own, got {seeds}")
+    plans = [{**record["plan"], "seed": None} for record in records]
+    for training, record, plan in zip(trainings, records, plans, strict=True):
+        if plan != plans[0]:
+            raise ValueError(f"{training} and {trainings[0]} differ by more than their seeds")
+        wanted = plan["settings"]["total_steps"]
+        if record["rows"][-1]["steps"] < wanted:
+            raise ValueError(f"{training} has not come to its {wanted} steps yet")
 
 
 def _record(training: Path) -> dict[str, Any]:

@@ -103,7 +103,7 @@ def trainings(tmp_path_factory):
     for name, one in {
         "0": plan,
         "1": replace(plan, seed=1),
-        "other": replace(plan, settings=replace(settings, gamma=0.5)),
+        "other": replace(plan, seed=2, settings=replace(settings, gamma=0.5)),
     }.items():
         train_with_files(one, folder / name, command=f"coopmap train --seed {one.seed}")
     return folder
@@ -122,6 +122,8 @@ def test_trainings_of_several_seeds_become_a_policy_that_ships(trainings, tmp_pa
 def test_trainings_that_differ_by_more_than_their_seeds_do_not_ship(trainings, tmp_path):
     with pytest.raises(ValueError, match="differ by more than their seeds"):
         ship(tmp_path / "small", [trainings / "0", trainings / "other"])
+    with pytest.raises(ValueError, match=r"needs a seed of its own, got \[0, 0\]"):
+        ship(tmp_path / "small", [trainings / "0", trainings / "0"])
     assert not list(tmp_path.iterdir())
 
 
