@@ -254,7 +254,7 @@ def test_a_training_with_files_is_of_the_same_files(tmp_path):
     task = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
     plan = Plan(task, TINY, seed=3, engine="rllib", validation_episodes=2)
     record = train_with_files(plan, tmp_path)
-    assert [row["steps"] for row in record["rows"]] == [128, 256]
+    assert [row["steps"] for row in record["rows"]] == [0, 128, 256]
     LearnedPolicy(tmp_path / "policy.safetensors")
     assert len(list(tmp_path.glob("tensorboard/events*"))) == 1
     assert train_with_files(plan, tmp_path) == record

@@ -76,7 +76,7 @@ def test_without_a_name_the_first_that_fits_plays(name):
 
 
 def test_what_does_not_fit_anything_that_ships_is_refused_with_what_there_is():
-    env = Task("planar", {"settings": None, "scene": "obstacles"}).on("test")
+    env = Task("planar").on("test")
     observations, _ = env.reset(seed=0)
     for own in observations.values():
         own["thermometer"] = np.zeros(1, np.float32)
