@@ -3,7 +3,8 @@
 ====================  ==========================================================================
 module                content
 ====================  ==========================================================================
-``settings``          `Task`, `PPOSettings`, `ImitationSettings`: what is trained, and how
+``plan``,             `Plan` and its `Task`: what is trained; `PPOSettings`,
+``settings``          `ImitationSettings`: how
 ``team_block``,       a team's environments as rows of a vectorised environment of
 ``workers``,          Stable-Baselines3, in this process or in workers: `SharedPolicyVecEnv`, in
 ``vec_env``           which all robots share one policy
@@ -12,10 +13,12 @@ module                content
 ``pose_policy``       `PosePolicy`: a Gaussian over all poses
 ``networks``          `make_network`: the one or the other, for every engine
 ``ppo``               `train`: proximal policy optimisation on Stable-Baselines3
-``rllib``             the same on Ray's RLlib (extra ``ray``)
+``rllib``             the same on Ray's RLlib (extra ``ray``); ``rllib_env`` and
+                      ``rllib_network`` hand it the environments and the network
 ``imitation``         `clone`: learning from a planner, before PPO
 ``segments``,         a training as a chain of segments; `train_with_files`: with checkpoints,
-``training``          validation and going on after an interruption
+``training``          validation and going on after an interruption; ``training_record`` is what
+                      training.json says
 ``policy_file``       `save_policy`, `load_policy`: weights and a page of JSON, no code
 ``shipped``           the policies that ship in ``policies/``; ``shipping`` puts them there and
                       ``learning_curves`` draws how they were learned

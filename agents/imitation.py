@@ -4,8 +4,10 @@ Any `Policy` can be the teacher. It plays training worlds, and a network is fitt
 (behaviour cloning); in further rounds the network plays, and the teacher says what it would have
 done there (DAgger, Ross et al. 2011)::
 
-    settings = PPOSettings(critic_steps=20_000)
-    network = make_model(factory, settings, seed=0).policy
+    settings, env = PPOSettings(critic_steps=20_000), factory()
+    network = make_network(
+        env.observation_space("robot_0"), env.action_space("robot_0"), settings
+    )
     report = clone(network, factory, make("rating_function"), ImitationSettings(), seed=0)
     model = train(factory, settings, seed=0, warm_start=network)
 """
