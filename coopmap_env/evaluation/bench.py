@@ -24,8 +24,10 @@ def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
     """All figures, as JSON values."""
     spread = require("mpe2.simple_spread_v3", "bench").parallel_env()
     planar = PlanarEnv(max_scans=SCANS_EACH)
+    offering = PlanarEnv(max_scans=SCANS_EACH, action_mode="candidates")
     say("compiling")
     stepping(planar, 2)
+    stepping(offering, 2)
     names = ("exhaustive", "exhaustive+coordination=sequential", "100")
     policies = {name: make_policy(f"rating_function:search={name}") for name in names}
     wide = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=settings())
@@ -38,7 +40,11 @@ def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
 
     for turn in range(rounds):
         say(f"round {turn + 1} of {rounds}")
-        for name, env in (("", planar), ("simple_spread_", spread)):
+        for name, env in (
+            ("", planar),
+            ("candidates_", offering),
+            ("simple_spread_", spread),
+        ):
             in_steps, with_resets, whole = stepping(env, 40)
             note(f"{name}agent_steps_per_s", in_steps)
             note(f"{name}agent_steps_per_s, with resets", with_resets)
