@@ -46,9 +46,9 @@ class PPOSettings:
     """Advantage estimation; the usual compromise of bias and variance."""
     clip_range: float = 0.2
     """Of the probability ratio."""
-    entropy_weight: float = 0.0
+    entropy_coefficient: float = 0.0
     """Raise it if the policy settles too early, as it may among candidates."""
-    value_weight: float = 0.5
+    value_coefficient: float = 0.5
     """Of the value loss."""
     max_gradient_norm: float = 0.5
     """Longer gradients are cut to this length."""
@@ -73,7 +73,7 @@ class PPOSettings:
         ):  # fmt: skip
             require(self, name, getattr(self, name) >= 1, "be at least 1")
         require(self, "batch_size", self.batch_size >= 2, "be at least 2")
-        for name in ("learning_rate", "entropy_weight", "value_weight"):
+        for name in ("learning_rate", "entropy_coefficient", "value_coefficient"):
             require(self, name, getattr(self, name) >= 0, "be at least 0")
         for name in ("clip_range", "max_gradient_norm"):
             require(self, name, getattr(self, name) > 0, "be > 0")

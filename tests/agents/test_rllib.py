@@ -263,7 +263,7 @@ def test_a_training_with_files_is_of_the_same_files(tmp_path):
 def test_settings_are_told_to_rllib_one_by_one():
     settings = PPOSettings(
         n_envs=6, rollout_steps=8, batch_size=24, n_epochs=3, learning_rate=0.01, gamma=0.8,
-        gae_lambda=0.7, clip_range=0.15, entropy_weight=0.02, value_weight=0.4,
+        gae_lambda=0.7, clip_range=0.15, entropy_coefficient=0.02, value_coefficient=0.4,
         max_gradient_norm=0.9,
     )  # fmt: skip
     config = make_config(lambda: masked_world(n_robots=3), settings, seed=4, workers=2)
