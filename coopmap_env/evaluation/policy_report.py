@@ -10,6 +10,7 @@ from typing import Any
 from coopmap_env.evaluation.comparison import write_episodes
 from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.pages import fill_page
+from coopmap_env.evaluation.policy_entries import REFERENCE
 from coopmap_env.evaluation.policy_figures import draw_condition, draw_elsewhere, judged_entries
 from coopmap_env.evaluation.policy_study import ConditionResult, PolicyStudy, summary
 from coopmap_env.evaluation.statistics import Interval
@@ -147,7 +148,8 @@ def caption(part: dict[str, Any]) -> str:
     return (
         f"After {robots * scans} scans of {robots} robots {WORLDS[part['world']]}, "
         f"{part['worlds']} worlds of the test split: means [95 % intervals over worlds and "
-        "training runs]. The ms of a decision leave out what the environment computes to offer "
+        "training runs]. Less the rating function's: paired by world with that on as many "
+        f"candidates, and of all others with {REFERENCE}. The ms of a decision leave out what the environment computes to offer "
         "candidates, their features included."
     )
 
