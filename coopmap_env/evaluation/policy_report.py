@@ -149,8 +149,8 @@ def caption(part: dict[str, Any]) -> str:
         f"After {robots * scans} scans of {robots} robots {WORLDS[part['world']]}, "
         f"{part['worlds']} worlds of the test split: means [95 % intervals over worlds and "
         "training runs]. Less the rating function's: paired by world with that on as many "
-        f"candidates, and of all others with {REFERENCE}. The ms of a decision leave out what the environment computes to offer "
-        "candidates, their features included."
+        f"candidates, and of all others with the {REFERENCE}. The ms of a decision leave out what "
+        "the environment computes to offer candidates, their features included."
     )
 
 
