@@ -62,13 +62,14 @@ class LearnedPolicy:
     ) -> None:
         self._seed = seed
         self._given = None if model is None else network_of(model, seed)
-        self._fitting: dict[str, ActorCriticPolicy] = {}
+        self._fitting: dict[frozenset[Any], ActorCriticPolicy] = {}
+        """By the shapes of observations: files are looked through once for each kind of them."""
 
     def _fit(self, given: Mapping[str, tuple[int, ...]]) -> ActorCriticPolicy:
-        name = _fitting(given)
-        if name not in self._fitting:
-            self._fitting[name] = load_policy(shipped_file(name, self._seed))
-        return self._fitting[name]
+        kind = frozenset(given.items())
+        if kind not in self._fitting:
+            self._fitting[kind] = load_policy(shipped_file(_fitting(given), self._seed))
+        return self._fitting[kind]
 
     @property
     def fingerprint(self) -> str:
