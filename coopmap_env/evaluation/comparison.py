@@ -214,8 +214,7 @@ def compare(
     """
     made = [make_policy(policy) for policy in policies]  # refuses bad specs before any work
     with closing(kind_of(world).env(**env, settings=settings)) as tried:  # and bad arguments
-        for policy in made:
-            _try_out(policy, tried)
+        _try_out(made, tried)
     jobs = [make_job(policy, seed, env, settings, world) for policy in policies for seed in seeds]
     results = iter(run_jobs(run_job, jobs, store, workers, progress, _is_episode, engine))
     return {
@@ -224,11 +223,12 @@ def compare(
     }
 
 
-def _try_out(policy: Policy, env: MappingEnv[Any]) -> None:
-    """Let a policy decide once, so that one that does not fit is found out before others play."""
+def _try_out(policies: Iterable[Policy], env: MappingEnv[Any]) -> None:
+    """Let each decide once, so that one that does not fit is found out before others play."""
     observations, _ = env.reset(seed=0)
-    policy.reset(np.random.default_rng(0))
-    policy.act(env.belief(), observations)
+    for policy in policies:
+        policy.reset(np.random.default_rng(0))
+        policy.act(env.belief(), observations)
 
 
 def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict[str, Any]:
