@@ -23,7 +23,7 @@ POLICIES := planar-candidates planar-candidates-rating planar-pose field-candida
 setup: .venv/.package
 
 # torch comes first and pinned: asked for later, another package would pull its GPU build.
-.venv/.dependencies: pyproject.toml constraints.txt
+.venv/.dependencies: pyproject.toml setup.py constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(PIP) $(TORCH)
 	$(PIP) --editable ".[dev]" --config-settings editable_mode=strict
@@ -49,13 +49,13 @@ reproduce: setup
 
 # The policies that ship, trained anew: about two hours on one core. `make planar-pose` is one.
 policies: $(POLICIES)
-	$(BIN)/python -m coopmap_agents.learning_curves docs/learning_curves.png
+	$(BIN)/python -m coopmap_env.studies.benchmark.learning_curves docs/learning_curves.png
 
 $(POLICIES): setup
 	for seed in $(SEEDS); do \
 		OMP_NUM_THREADS=1 $(BIN)/coopmap train --out results/$@/$$seed --seed $$seed $($@) || exit 1; \
 	done
-	$(BIN)/python -m coopmap_agents.shipping agents/policies/$@ $(addprefix results/$@/,$(SEEDS))
+	$(BIN)/python -m coopmap_agents.pretrained.shipping agents/pretrained/policies/$@ $(addprefix results/$@/,$(SEEDS))
 
 # The pictures of the README, from the full runs.
 pictures: setup

@@ -28,8 +28,8 @@ module                content
 
 This package imports none of them, so that it can be imported without torch::
 
-    from coopmap_agents.learned_policy import LearnedPolicy
-    from coopmap_agents.ppo import train
+    from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+    from coopmap_agents.sb3.ppo import train
 """
 
 NEEDS_RL = "torch and stable-baselines3 are needed here: pip install 'coopmap[rl]'"

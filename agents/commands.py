@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from coopmap_env.cli.environment import EnvironmentOptions
-from coopmap_env.cli.output import say
+from coopmap_agents.plan import EngineName, Plan, Task
+from coopmap_agents.settings import ImitationSettings, PPOSettings
 
-from .plan import EngineName, Plan, Task
-from .settings import ImitationSettings, PPOSettings
+from coopmap_env.cli.environment import EnvironmentOptions
+from coopmap_env.core.progress import say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +56,10 @@ class Train(EnvironmentOptions):
 
     def run(self) -> None:
         """Train, and say where the policy is."""
-        from coopmap_env.evaluation.serial import settings_to_dict
+        from coopmap_agents.record import POLICY, throughput_line
+        from coopmap_agents.training.loop import train_with_files
 
-        from .training import train_with_files
-        from .training_record import POLICY, throughput_line
+        from coopmap_env.core.serial import settings_to_dict
 
         settings = self.settings()
         made = None if settings is None else settings_to_dict(settings)

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
+from coopmap_agents.settings import ImitationSettings, PPOSettings, require
+
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.evaluation.worlds import make_env
-
-from .settings import ImitationSettings, PPOSettings, require
 
 EngineName = Literal["sb3", "rllib"]
 

@@ -14,14 +14,14 @@ random                any feasible pose
 
 from typing import Any
 
-from coopmap_env.evaluation.policy import Policy
+from coopmap_baselines.coverage import CoveragePolicy
+from coopmap_baselines.frontier import FrontierPolicy
+from coopmap_baselines.information_gain import InformationGainPolicy
+from coopmap_baselines.random_poses import RandomPolicy
+from coopmap_baselines.raster import RasterPolicy
+from coopmap_baselines.rating_function import RatingFunctionPolicy
 
-from .coverage import CoveragePolicy
-from .frontier import FrontierPolicy
-from .information_gain import InformationGainPolicy
-from .random_poses import RandomPolicy
-from .raster import RasterPolicy
-from .rating_function import RatingFunctionPolicy
+from coopmap_env.evaluation.policy import Policy
 
 __all__ = [
     "POLICIES",

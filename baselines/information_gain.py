@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from coopmap_baselines.planner import Coordination, Planner, Search
+from coopmap_baselines.utility import checked_weight, minus_motion
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief, Claimed, Poses
-
-from .planner import Coordination, Planner, Search
-from .utility import checked_weight, minus_motion
 
 
 class InformationGainPolicy(Planner):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from coopmap_baselines.planner import Planner
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief, Claimed, Poses
-
-from .planner import Planner
 
 
 class RasterPolicy(Planner):

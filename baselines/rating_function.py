@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from coopmap_baselines.planner import Coordination, Planner, Search
+from coopmap_baselines.rating_cache import NewInformationCache
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief, Claimed, Poses
 from coopmap_env.envs.planar.belief import PlanarBelief
-
-from .planner import Coordination, Planner, Search
-from .rating_cache import NewInformationCache
 
 
 class RatingFunctionPolicy(Planner):

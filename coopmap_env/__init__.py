@@ -3,10 +3,10 @@
 from types import ModuleType
 
 from coopmap_env import field_v0, planar_v0
+from coopmap_env.core.version import __version__
 from coopmap_env.envs.registration import register as _register
 
-__version__ = "0.1.0"
-__all__ = ["evaluation", "field_v0", "planar_v0"]
+__all__ = ["__version__", "evaluation", "field_v0", "planar_v0"]
 
 _register()
 

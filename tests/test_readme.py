@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from coopmap_agents.shipped import shipped_file
+from coopmap_agents.pretrained.shipped import shipped_file
 
 from coopmap_env.cli import parse
 

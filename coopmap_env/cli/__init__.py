@@ -1,7 +1,7 @@
 """The command `coopmap`: one file for each of its commands.
 
-A distribution adds commands of its own under the entry-point group ``coopmap.commands``:
-dataclasses with a method `run`, as `coopmap_agents` does for `coopmap train`.
+The commands of studies and of `coopmap_agents`, and those of other distributions, register
+themselves under the entry-point group ``coopmap.commands``: dataclasses with a method `run`.
 """
 
 from __future__ import annotations
@@ -9,23 +9,15 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from typing import Any, Protocol
 
-from coopmap_env.cli.bench import Bench
-from coopmap_env.cli.compare import Compare
 from coopmap_env.cli.evaluate import Evaluate
-from coopmap_env.cli.localization import Localization
-from coopmap_env.cli.output import say
 from coopmap_env.cli.replay import Replay
-from coopmap_env.cli.reproduce import Reproduce
-from coopmap_env.extras import require
+from coopmap_env.core.extras import require
+from coopmap_env.core.progress import say
 
 GROUP = "coopmap.commands"
 OWN: dict[str, Any] = {
-    "reproduce": Reproduce,
     "evaluate": Evaluate,
-    "compare": Compare,
-    "localization": Localization,
     "replay": Replay,
-    "bench": Bench,
 }
 INTERRUPTED = 130
 """What shells expect of a command that ended by an interrupt."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
-from coopmap_env.cli.output import say
+from coopmap_env.core.progress import say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,11 +45,11 @@ class Evaluate(EnvironmentOptions):
 
     def run(self) -> None:
         """Play all episodes, write the files, print a summary."""
-        import coopmap_env
         from coopmap_env import evaluation
+        from coopmap_env.core.serial import settings_to_dict
+        from coopmap_env.core.version import __version__
         from coopmap_env.evaluation.comparison import write_episodes
         from coopmap_env.evaluation.jobs import write_atomically
-        from coopmap_env.evaluation.serial import settings_to_dict
         from coopmap_env.evaluation.worlds import kind_of
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]
@@ -71,7 +71,7 @@ class Evaluate(EnvironmentOptions):
         )
         made = kind.env(**arguments, settings=settings)
         summary = {
-            "version": coopmap_env.__version__,
+            "version": __version__,
             "env": {
                 "id": made.metadata["name"],
                 **arguments,

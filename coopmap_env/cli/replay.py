@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from coopmap_env.cli.environment import mounts_of
-from coopmap_env.cli.output import say
+from coopmap_env.core.progress import say
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Replay:
         """Play the episode and write the file."""
         from coopmap_env import field_v0
         from coopmap_env.evaluation.policy import make_policy
-        from coopmap_env.evaluation.replay import record, write_replay
+        from coopmap_env.evaluation.replay.recording import record, write_replay
 
         policy = make_policy(self.policy)
         env = field_v0.parallel_env(

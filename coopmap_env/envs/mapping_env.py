@@ -11,12 +11,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
+from coopmap_env.core.arguments import at_least_one, one_of
 from coopmap_env.envs.actions import ActionMode, CandidateMode, InvalidActionError
-from coopmap_env.envs.arguments import at_least_one, one_of
 from coopmap_env.envs.belief import Belief, Observation
 from coopmap_env.envs.rewards import TERMS, Look, Scale, terms_of
-from coopmap_env.envs.window import HumanWindow
 from coopmap_env.mapping import ScanGain
+from coopmap_env.rendering.window import HumanWindow
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.scenes import world_seed
 

@@ -17,26 +17,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import coopmap_env
+from coopmap_env.core.serial import settings_to_dict
+from coopmap_env.core.version import __version__
 from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.evaluation.episode import (
+from coopmap_env.evaluation.jobs import Engine, Job, Result, run_jobs, write_atomically
+from coopmap_env.evaluation.policy import Policy, make_policy
+from coopmap_env.evaluation.rollout import (
     SURFACE_SCORES,
     Episode,
     episode_from_dict,
     run_episode,
     warm_up,
 )
-from coopmap_env.evaluation.jobs import Engine, Job, Result, run_jobs, write_atomically
-from coopmap_env.evaluation.policy import Policy, make_policy
-from coopmap_env.evaluation.serial import settings_to_dict
-from coopmap_env.evaluation.statistics import (
+from coopmap_env.evaluation.statistics.bootstrap import (
     bootstrap_interquartile_mean,
     bootstrap_mean,
     bootstrap_paired_difference,
     probability_of_improvement,
 )
 from coopmap_env.evaluation.worlds import kind_of, make_env
-from coopmap_env.simulation.worksites import read_user_scene
+from coopmap_env.simulation.scenes.field import read_user_scene
 
 SCORES = (
     "coverage",
@@ -114,7 +114,7 @@ def make_job(
     it has learned can be another under the same name.
     """
     return {
-        "version": coopmap_env.__version__,
+        "version": __version__,
         "files": contents_of(policy, str(env.get("scene", "")), world),
         "policy": policy,
         "fingerprint": _fingerprint(policy),

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args
 
-from coopmap_env.extras import require
+from coopmap_env.core.extras import require
 
 Engine = Literal["processes", "ray"]
 Job = dict[str, Any]

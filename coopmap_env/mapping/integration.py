@@ -10,7 +10,7 @@ from numba import njit
 from coopmap_env.geometry.traversal import advance, begin
 from coopmap_env.mapping.beam import CUT, WINDOW, end_weights, end_weights_along, level_of_beam
 from coopmap_env.mapping.gaussian import add_observation
-from coopmap_env.mapping.partial_walk import walk_partial
+from coopmap_env.mapping.integration_simd import walk_partial
 
 MIN_SIGMA = 0.01
 """Cells: no observation is trusted beyond a hundredth of a cell, so a noise-free camera is fine."""

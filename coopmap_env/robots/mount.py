@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots.chain import SAME_FRAME, Chain
+from coopmap_env.robots.kinematics.chain import SAME_FRAME, Chain
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 
 DEGREE = math.pi / 180.0
@@ -114,7 +114,7 @@ def make_mount(mount: str | Mount) -> Mount:
     ImportError
         If the mount needs a package that is not installed; the message says how to install it.
     """
-    from coopmap_env.robots.ready_mounts import MOUNTS  # they are made of what stands above
+    from coopmap_env.robots.mount_library import MOUNTS  # they are made of what stands above
 
     if isinstance(mount, Mount):
         return mount

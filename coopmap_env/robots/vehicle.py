@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry.rotations import skew
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots.body import Body
-from coopmap_env.robots.chain import Chain
+from coopmap_env.robots.kinematics.chain import Chain
+from coopmap_env.robots.kinematics.collision_spheres import Body
 from coopmap_env.robots.mount import Mount, make_mount
 
 

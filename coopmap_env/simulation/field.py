@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots.chain import Chain
-from coopmap_env.robots.forward import frame_poses
+from coopmap_env.robots.kinematics.chain import Chain
+from coopmap_env.robots.kinematics.forward import frame_poses
 from coopmap_env.robots.mount import Mount
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.bullet_world import BulletWorld
-from coopmap_env.simulation.depth import DepthRenderer, measure
-from coopmap_env.simulation.motions import Stepping, move_kinematically, move_stepped
+from coopmap_env.simulation.depth.renderer import DepthRenderer, measure
+from coopmap_env.simulation.depth.traced_mesh import TracedMesh
+from coopmap_env.simulation.physics.motion import Stepping, move_kinematically, move_stepped
+from coopmap_env.simulation.physics.world import BulletWorld
+from coopmap_env.simulation.scenes.field.world import FieldWorld
 from coopmap_env.simulation.simulator import Moved
-from coopmap_env.simulation.traced_mesh import TracedMesh
-from coopmap_env.simulation.worksites.world import FieldWorld
 
 Physics = Literal["kinematic", "stepped"]
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry.traversal import advance, begin
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
-from coopmap_env.simulation.scenes.world import World
+from coopmap_env.simulation.scenes.planar.world import World
 from coopmap_env.simulation.simulator import Moved
 
 

@@ -2,7 +2,7 @@
 
 from coopmap_env import planar_v0
 from coopmap_env.sensing import PlanarCamera
-from coopmap_env.simulation.scenes import Obstacles
+from coopmap_env.simulation.scenes.planar import Obstacles
 
 SETTINGS = planar_v0.PlanarSettings(
     camera=PlanarCamera(depth_of_field=6.0, n_beams=16),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.features import SituationFeatures
+from coopmap_agents.networks.features import SituationFeatures
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 

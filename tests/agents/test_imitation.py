@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.imitation import clone, watch
-from coopmap_agents.learned_policy import LearnedPolicy
-from coopmap_agents.ppo import make_model
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+from coopmap_agents.sb3.ppo import make_model
 from coopmap_agents.settings import ImitationSettings, PPOSettings
+from coopmap_agents.training.imitation import clone, watch
 from coopmap_baselines import make
 from small_worlds import small_world
 

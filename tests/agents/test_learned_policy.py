@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coopmap_agents.features import SituationFeatures
-from coopmap_agents.learned_policy import LearnedPolicy
-from coopmap_agents.policy_file import save_policy
-from coopmap_agents.ppo import make_model, train
+from coopmap_agents.networks.features import SituationFeatures
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+from coopmap_agents.pretrained.policy_file import save_policy
+from coopmap_agents.sb3.ppo import make_model, train
+from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
 from coopmap_agents.settings import PPOSettings
-from coopmap_agents.vec_env import SharedPolicyVecEnv
 from small_worlds import SETTINGS, masked_world, small_world
 from stable_baselines3 import PPO
 
@@ -90,7 +90,7 @@ def test_the_fingerprint_tells_weights_apart_and_is_the_same_in_every_process(tm
     path = tmp_path / "0.safetensors"
     ours = LearnedPolicy(path).fingerprint
     code = (
-        "from coopmap_agents.learned_policy import LearnedPolicy\n"
+        "from coopmap_agents.pretrained.learned_policy import LearnedPolicy\n"
         f"print(LearnedPolicy({str(path)!r}).fingerprint)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents import ppo
+from coopmap_agents.sb3 import ppo
+from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
 from coopmap_agents.settings import PPOSettings
-from coopmap_agents.vec_env import SharedPolicyVecEnv
 from scorers import as_tensors, played_rows, scorer_of
 from small_worlds import masked_world
 from stable_baselines3.common.vec_env import VecEnvWrapper

@@ -4,11 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.learned_policy import LearnedPolicy
-from coopmap_agents.policy_file import FORMAT, PAGE, load_policy, read_page, save_policy
-from coopmap_agents.ppo import make_model
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+from coopmap_agents.pretrained.policy_file import FORMAT, PAGE, load_policy, read_page, save_policy
+from coopmap_agents.sb3.ppo import make_model
+from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
 from coopmap_agents.settings import PPOSettings
-from coopmap_agents.vec_env import SharedPolicyVecEnv
 from safetensors.torch import load_file, save_file
 from small_worlds import masked_world, small_world
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.ppo import make_model, train
+from coopmap_agents.sb3.ppo import make_model, train
+from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
 from coopmap_agents.settings import PPOSettings
-from coopmap_agents.vec_env import SharedPolicyVecEnv
 from small_worlds import masked_world, small_world
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor

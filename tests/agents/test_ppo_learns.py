@@ -1,16 +1,16 @@
 import numpy as np
 import pytest
-from coopmap_agents.learned_policy import LearnedPolicy
-from coopmap_agents.policy_file import save_policy
-from coopmap_agents.ppo import train
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+from coopmap_agents.pretrained.policy_file import save_policy
+from coopmap_agents.sb3.ppo import train
 from coopmap_agents.settings import PPOSettings
 from coopmap_baselines import make
 
 from coopmap_env import planar_v0
 from coopmap_env.evaluation import evaluate
-from coopmap_env.evaluation.statistics import bootstrap_paired_difference
+from coopmap_env.evaluation.statistics.bootstrap import bootstrap_paired_difference
 from coopmap_env.sensing import PlanarCamera
-from coopmap_env.simulation.scenes import Obstacles
+from coopmap_env.simulation.scenes.planar import Obstacles
 
 SETTINGS = planar_v0.PlanarSettings(
     camera=PlanarCamera(depth_of_field=10.0), reach=6.0, start_spread=10.0, view_cells=32

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.learned_policy import LearnedPolicy
-from coopmap_agents.networks import copy_weights
+from coopmap_agents.networks.networks import copy_weights
 from coopmap_agents.plan import Plan, Task
-from coopmap_agents.ppo import PPOTraining
-from coopmap_agents.rllib import RLlibTraining, make_config
-from coopmap_agents.rllib_env import quietly
-from coopmap_agents.rllib_network import SHARED, shared_network
-from coopmap_agents.segments import restore_checkpoint, save_checkpoint
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+from coopmap_agents.rllib.env import quietly
+from coopmap_agents.rllib.network import SHARED, shared_network
+from coopmap_agents.rllib.ppo import RLlibTraining, make_config
+from coopmap_agents.rollouts.team_block import TeamBlock, stack
+from coopmap_agents.sb3.ppo import PPOTraining
 from coopmap_agents.settings import PPOSettings
-from coopmap_agents.team_block import TeamBlock, stack
-from coopmap_agents.training import train_with_files
+from coopmap_agents.training.loop import train_with_files
+from coopmap_agents.training.segments import restore_checkpoint, save_checkpoint
 from pettingzoo.utils import BaseParallelWrapper
 from ray.rllib.core.columns import Columns
 from small_worlds import masked_world, small_world

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from coopmap_agents.rllib_env import RLlibTeam
-from coopmap_agents.team_block import TeamBlock
+from coopmap_agents.rllib.env import RLlibTeam
+from coopmap_agents.rollouts.team_block import TeamBlock
 from ray.rllib.env.env_context import EnvContext
 from toy_team import ConstantReward, Watched
 

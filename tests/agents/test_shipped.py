@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coopmap_agents.learned_policy import LearnedPolicy
-from coopmap_agents.learning_curves import draw_learning_curves
 from coopmap_agents.plan import Task
-from coopmap_agents.policy_file import FORMAT, read_page
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+from coopmap_agents.pretrained.policy_file import FORMAT, read_page
+from coopmap_agents.pretrained.shipped import shipped_file, shipped_names, training_record
+from coopmap_agents.pretrained.shipping import ship
 from coopmap_agents.settings import PPOSettings
-from coopmap_agents.shipped import shipped_file, shipped_names, training_record
-from coopmap_agents.shipping import ship
-from coopmap_agents.training import Plan, train_with_files
+from coopmap_agents.training.loop import Plan, train_with_files
 
 from coopmap_env.evaluation import evaluate
 from coopmap_env.evaluation.policy import make_policy
+from coopmap_env.studies.benchmark.learning_curves import draw_learning_curves
 
 NAMES = ("field-candidates", "planar-candidates", "planar-candidates-rating", "planar-pose")
 each_policy = pytest.mark.parametrize("name", NAMES)

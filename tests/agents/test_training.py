@@ -9,21 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents import training
-from coopmap_agents.learned_policy import LearnedPolicy
 from coopmap_agents.plan import Plan, Task
-from coopmap_agents.policy_file import read_page
-from coopmap_agents.ppo import make_model
-from coopmap_agents.segments import restore_checkpoint, save_checkpoint
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+from coopmap_agents.pretrained.policy_file import read_page
+from coopmap_agents.sb3.ppo import make_model
 from coopmap_agents.settings import ImitationSettings, PPOSettings
-from coopmap_agents.training import train_with_files
+from coopmap_agents.training import loop as training
+from coopmap_agents.training.loop import train_with_files
+from coopmap_agents.training.segments import restore_checkpoint, save_checkpoint
 from coopmap_baselines import make
 from gymnasium import spaces
 from safetensors.torch import load_file
 from toy_team import ConstantReward
 
 from coopmap_env.evaluation import evaluate
-from coopmap_env.simulation.scenes import save_map_server
+from coopmap_env.simulation.scenes.planar import save_map_server
 
 TASK = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
 SETTINGS = PPOSettings(

@@ -1,6 +1,6 @@
 import pytest
 
-from coopmap_env.simulation.scenes import Obstacles, Rooms
+from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 
 
 @pytest.fixture(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
-from coopmap_env.evaluation.episode import run_episode
+from coopmap_env.evaluation.rollout import run_episode
 from coopmap_env.information import beside_unknown, first_seen
 
 pytest.importorskip("pybullet")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from coopmap_env import planar_v0
-from coopmap_env.evaluation.section3 import settings
+from coopmap_env.studies.section3.study import settings
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.simulation.scenes import save_map_server
+from coopmap_env.simulation.scenes.planar import save_map_server
 
 
 @pytest.fixture(scope="session")

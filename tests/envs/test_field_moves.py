@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from coopmap_env.envs.actions import InvalidActionError
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.simulation.worksites import FieldWorld, Worksite
-from coopmap_env.simulation.worksites.solid import box_corners, solid_of_boxes
+from coopmap_env.simulation.scenes.field import FieldWorld, Worksite
+from coopmap_env.simulation.scenes.field.solid import box_corners, solid_of_boxes
 
 pytest.importorskip("pybullet")
 

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from coopmap_env.envs.field.ray_tracing import Overview, Painting, Torch
-from coopmap_env.envs.field.rendering import (
+from coopmap_env.geometry import Pose
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.rendering.field import (
     BACKGROUND,
     HEIGHTS,
     SEEN,
@@ -12,19 +13,18 @@ from coopmap_env.envs.field.rendering import (
     render_field,
     surfaces_of,
 )
-from coopmap_env.envs.field.shapes import (
+from coopmap_env.rendering.meshes import (
     MESH_DETAIL,
     drawn_parts,
     exposed_faces,
     robot_triangles,
     simplified,
 )
-from coopmap_env.envs.panels import NEVER_SAMPLED, ROBOT_COLORS
-from coopmap_env.geometry import Pose
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.rendering.panels import NEVER_SAMPLED, ROBOT_COLORS
+from coopmap_env.rendering.ray_tracing import Overview, Painting, Torch
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
-from coopmap_env.simulation.worksites import Solid, make_field_scene
+from coopmap_env.simulation.scenes.field import Solid, make_field_scene
 
 pytest.importorskip("PIL")
 pytest.importorskip("embreex")

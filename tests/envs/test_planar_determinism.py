@@ -10,7 +10,7 @@ import pytest
 from plain.rollouts import MODES, feed, hash_of, play, trajectory_hash
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.simulation.scenes import Rooms
+from coopmap_env.simulation.scenes.planar import Rooms
 
 SEED = 5
 

@@ -8,7 +8,7 @@ from plain.rollouts import MODES, hash_of, random_actions, trajectory_hash
 from coopmap_env.envs.actions import InvalidActionError
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
-from coopmap_env.simulation.scenes import Obstacles
+from coopmap_env.simulation.scenes.planar import Obstacles
 
 NAN, INF = float("nan"), float("inf")
 FINE = np.zeros(3, dtype=np.float32)

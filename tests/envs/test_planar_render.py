@@ -3,7 +3,7 @@ import pytest
 
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
-from coopmap_env.simulation.scenes import Obstacles
+from coopmap_env.simulation.scenes.planar import Obstacles
 
 pytest.importorskip("PIL")
 SMALL = Obstacles(shape=(48, 48))

@@ -12,7 +12,7 @@ from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.rewards import TERMS
 from coopmap_env.information import RatingSettings
 from coopmap_env.sensing import PlanarCamera
-from coopmap_env.simulation.scenes import Obstacles, Rooms
+from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 
 SMALL = Obstacles(shape=(48, 48))
 

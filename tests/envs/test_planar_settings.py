@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.simulation.scenes import Obstacles
+from coopmap_env.simulation.scenes.planar import Obstacles
 
 
 def in_cells_of(resolution, **changes):

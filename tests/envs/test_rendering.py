@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from coopmap_env.envs.panels import FREE, NEVER_SAMPLED, OCCUPIED, ROBOT_COLORS, robot_color
-from coopmap_env.envs.planar.rendering import render_team
-from coopmap_env.envs.window import HumanWindow
+from coopmap_env.rendering.panels import FREE, NEVER_SAMPLED, OCCUPIED, ROBOT_COLORS, robot_color
+from coopmap_env.rendering.planar import render_team
+from coopmap_env.rendering.window import HumanWindow
 
 pytest.importorskip("PIL")
 pygame = pytest.importorskip("pygame")

@@ -5,7 +5,7 @@ from scipy import ndimage
 from coopmap_env.envs.planar.starts import place_team
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import PoseLattice
-from coopmap_env.simulation.scenes import Obstacles, Rooms, World, largest_free_region
+from coopmap_env.simulation.scenes.planar import Obstacles, Rooms, World, largest_free_region
 
 SPREAD, RADIUS = 3.0, 1.5
 

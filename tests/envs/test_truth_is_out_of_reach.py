@@ -7,8 +7,8 @@ from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.simulation import PlanarSimulator
 from coopmap_env.simulation.field import FieldSimulator
-from coopmap_env.simulation.scenes import World
-from coopmap_env.simulation.worksites import FieldWorld, Solid
+from coopmap_env.simulation.scenes.field import FieldWorld, Solid
+from coopmap_env.simulation.scenes.planar import World
 
 TRUTH = (World, PlanarSimulator, FieldWorld, Solid, FieldSimulator, PlanarEnv, FieldEnv)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from coopmap_env import evaluation, planar_v0
+from coopmap_env.core.serial import settings_from_dict, settings_to_dict
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation import comparison
@@ -17,12 +18,11 @@ from coopmap_env.evaluation.comparison import (
     summarize,
     write_episodes,
 )
-from coopmap_env.evaluation.episode import Episode, Extent, episode_from_dict, run_episode
 from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
-from coopmap_env.evaluation.serial import settings_from_dict, settings_to_dict
+from coopmap_env.evaluation.rollout import Episode, Extent, episode_from_dict, run_episode
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
-from coopmap_env.simulation.scenes import Obstacles, save_map_server
+from coopmap_env.simulation.scenes.planar import Obstacles, save_map_server
 
 POLICIES = ["rating_function:search=10", "raster"]
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.envs.panels import ROBOT_COLORS
-from coopmap_env.evaluation.replay import Frame, Replay, record, write_replay
-from coopmap_env.evaluation.replay_page import page_of, scan_times, voxel_colors, voxel_lives
+from coopmap_env.evaluation.replay.page import page_of, scan_times, voxel_colors, voxel_lives
+from coopmap_env.evaluation.replay.recording import Frame, Replay, record, write_replay
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.rendering.panels import ROBOT_COLORS
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
 

@@ -4,8 +4,8 @@ import pytest
 
 from coopmap_env.evaluation.comparison import compare
 from coopmap_env.evaluation.worlds import make_env
-from coopmap_env.simulation.scenes import Obstacles
-from coopmap_env.simulation.worksites import Rubble
+from coopmap_env.simulation.scenes.field import Rubble
+from coopmap_env.simulation.scenes.planar import Obstacles
 
 BLOCKS = {"name": "obstacles", "shape": [60, 50], "occupied_share": 0.24}
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from plain.looking import aimed, box, distances
 
-from coopmap_env.localization.expected_view import expect, nearest_around, pinhole
+from coopmap_env.localization.depth_rendering import expect, nearest_around, pinhole
 from coopmap_env.sensing import DepthCamera
 
 

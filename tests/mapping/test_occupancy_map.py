@@ -13,7 +13,7 @@ from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.mapping.log_odds import level_of
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.scenes.world import World
+from coopmap_env.simulation.scenes.planar.world import World
 
 GRIDS = [
     pytest.param(VoxelGrid((14, 11), 0.5, (-2.0, 1.0)), id="2-D"),

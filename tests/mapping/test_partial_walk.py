@@ -6,7 +6,7 @@ from plain.random_scans import random_scan
 
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
 from coopmap_env.mapping.integration import DIAGONAL, MIN_SIGMA, walk_beams
-from coopmap_env.mapping.partial_walk import walk_partial
+from coopmap_env.mapping.integration_simd import walk_partial
 from coopmap_env.sensing import Scan
 
 GRID = VoxelGrid((11, 9, 8), 0.25, (0.5, -1.0, 2.0))

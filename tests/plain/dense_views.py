@@ -7,7 +7,7 @@ from numba import njit
 from plain.views import gray
 
 from coopmap_env.geometry import traverse
-from coopmap_env.information.depth_buffer import THICKNESS
+from coopmap_env.information.field.depth_buffer import THICKNESS
 
 
 def all_cells(shape):

@@ -6,7 +6,7 @@ import numpy as np
 
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.sensing import RangeNoise
-from coopmap_env.simulation.scenes import RecordedMap, World
+from coopmap_env.simulation.scenes.planar import RecordedMap, World
 
 NO_NOISE = RangeNoise(intrinsic=0.0)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from coopmap_env.robots.urdf import Model
+from coopmap_env.robots.kinematics.urdf import Model
 
 
 def turn(axis, angle):

@@ -4,14 +4,14 @@ import numpy as np
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.simulation.worksites.solid import (
+from coopmap_env.simulation.scenes.field.solid import (
     box_corners,
     ground,
     solid_of_boxes,
     solid_of_hull,
     turn_about_z,
 )
-from coopmap_env.simulation.worksites.world import FieldWorld
+from coopmap_env.simulation.scenes.field.world import FieldWorld
 
 GRID = VoxelGrid((128, 128, 40), 0.1, (-6.4, -6.4, -0.35))
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.robots import Body, SphereSettings
-from coopmap_env.robots.body import cover
+from coopmap_env.robots.kinematics.collision_spheres import cover
 
 
 def random_points(triangles, rng, n):

@@ -4,7 +4,7 @@ from plain.kinematics import link_poses, random_joints
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots import Chain
-from coopmap_env.robots.urdf import Model
+from coopmap_env.robots.kinematics.urdf import Model
 
 TWO_LINKS = """<robot name="two">
   <link name="root"/>

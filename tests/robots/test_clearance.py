@@ -5,7 +5,7 @@ from scipy.ndimage import distance_transform_edt
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import Clearance, spheres_clear
-from coopmap_env.robots.clearance import FREE, OCCUPIED, OUTSIDE, UNKNOWN
+from coopmap_env.robots.collision.clearance import FREE, OCCUPIED, OUTSIDE, UNKNOWN
 from coopmap_env.robots.reach import LEVEL_EMPTY
 
 

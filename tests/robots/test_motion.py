@@ -6,8 +6,8 @@ from plain.kinematics import pose_is_free, random_joints, waypoints
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots import MotionSettings, Surroundings, Vehicle, plan_path
-from coopmap_env.robots.contact import n_waypoints
-from coopmap_env.robots.forward import scratch
+from coopmap_env.robots.collision.contact import n_waypoints
+from coopmap_env.robots.kinematics.forward import scratch
 from coopmap_env.robots.reach import LEVEL_EMPTY
 
 LEFT, RIGHT = np.array([-1.0, 0.6, 0.9, 0, 0]), np.array([1.0, 0.6, 0.9, 0, 0])

@@ -7,9 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from coopmap_env.robots import Suspension, compose, make_mount, wrap_urdf
-from coopmap_env.robots.compose import place
-from coopmap_env.robots.urdf import Model
+from coopmap_env.robots import Suspension, make_mount, wrap_urdf
+from coopmap_env.robots.kinematics import urdf_editing as compose
+from coopmap_env.robots.kinematics.urdf import Model
+from coopmap_env.robots.kinematics.urdf_editing import place
 
 ARM = """<robot name="arm">
   <link name="stand"/>

@@ -18,11 +18,11 @@ from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
 from coopmap_env.sensing import DepthCamera
-from coopmap_env.simulation.anatomy import Anatomy
-from coopmap_env.simulation.bullet import BulletClient, BulletRenderer, quaternion
-from coopmap_env.simulation.bullet_world import OWN_BODY, BulletWorld
-from coopmap_env.simulation.motions import Stepping, move_kinematically, move_stepped
-from coopmap_env.simulation.worksites.solid import Solid, random_rotation
+from coopmap_env.simulation.physics.client import BulletClient, BulletRenderer, quaternion
+from coopmap_env.simulation.physics.joint_map import Anatomy
+from coopmap_env.simulation.physics.motion import Stepping, move_kinematically, move_stepped
+from coopmap_env.simulation.physics.world import OWN_BODY, BulletWorld
+from coopmap_env.simulation.scenes.field.solid import Solid, random_rotation
 
 pybullet = pytest.importorskip("pybullet")
 

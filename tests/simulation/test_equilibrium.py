@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
-from coopmap_env.simulation.equilibrium import GRAVITY, Equilibrium
+from coopmap_env.simulation.physics.equilibrium import GRAVITY, Equilibrium
 
 pytest.importorskip("yourdfpy")
 

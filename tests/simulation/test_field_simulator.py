@@ -10,10 +10,10 @@ from plain.yards import base, cluttered_yard, crate, yard
 
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.sensing import DepthCamera, RangeNoise
-from coopmap_env.simulation.anatomy import Anatomy
-from coopmap_env.simulation.bullet import BulletRenderer
 from coopmap_env.simulation.field import FieldSimulator
-from coopmap_env.simulation.worksites import make_field_scene
+from coopmap_env.simulation.physics.client import BulletRenderer
+from coopmap_env.simulation.physics.joint_map import Anatomy
+from coopmap_env.simulation.scenes.field import make_field_scene
 
 pytest.importorskip("pybullet")
 pytest.importorskip("embreex")

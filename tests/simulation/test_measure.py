@@ -8,7 +8,7 @@ import pytest
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera, RangeNoise, place
-from coopmap_env.simulation.depth import measure
+from coopmap_env.simulation.depth.renderer import measure
 
 EXACT = RangeNoise(intrinsic=0.0)
 SMALL = DepthCamera(width=4, height=3)

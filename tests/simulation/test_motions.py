@@ -9,14 +9,14 @@ from plain.yards import base, cluttered_yard, crate, yard
 
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
-from coopmap_env.simulation.bullet_world import BulletWorld
-from coopmap_env.simulation.motions import (
+from coopmap_env.simulation.physics.motion import (
     FREE,
     Stepping,
     move_kinematically,
     move_stepped,
     progress,
 )
+from coopmap_env.simulation.physics.world import BulletWorld
 
 pytest.importorskip("pybullet")
 OUT = np.array([0.0, 0.8, 0.9, 0.0, 0.0])

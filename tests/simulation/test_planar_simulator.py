@@ -7,7 +7,7 @@ import pytest
 
 from coopmap_env.sensing import PlanarCamera, RangeNoise, rotate_covariances
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.scenes.world import World
+from coopmap_env.simulation.scenes.planar.world import World
 
 EXACT = RangeNoise(intrinsic=0.0)
 

@@ -6,8 +6,8 @@ from plain.sweeps import points_in_boxes, touches_boxes
 from plain.yards import base
 
 from coopmap_env.robots.mount import make_mount
-from coopmap_env.simulation.anatomy import Anatomy
-from coopmap_env.simulation.sweep import Outline, covering_spheres, square_distance
+from coopmap_env.simulation.physics.joint_map import Anatomy
+from coopmap_env.simulation.physics.sweep import Outline, covering_spheres, square_distance
 
 pytest.importorskip("pybullet")
 NOTHING = np.zeros((0, 4))

@@ -11,25 +11,25 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from coopmap_env.envs.arguments import one_of
+from coopmap_env.core.arguments import one_of
 from coopmap_env.envs.field.actions import JointMode
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.joint_space import JointSpace
-from coopmap_env.envs.field.locating import Locating, begin_alone, check_in_reach, own_base
+from coopmap_env.envs.field.localizer import Locating, begin_alone, check_in_reach, own_base
 from coopmap_env.envs.field.observations import FieldObserver
-from coopmap_env.envs.field.rendering import overview, render_field, surfaces_of
 from coopmap_env.envs.field.settings import FieldSettings
-from coopmap_env.envs.field.shapes import robot_triangles
 from coopmap_env.envs.field.starts import known_around
 from coopmap_env.envs.mapping_env import MappingEnv, Motion, Streams
 from coopmap_env.envs.rewards import Scale
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap, ScanGain
+from coopmap_env.rendering.field import overview, render_field, surfaces_of
+from coopmap_env.rendering.meshes import robot_triangles
 from coopmap_env.robots import Mount, Vehicle, make_mount
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.field import FieldSimulator
-from coopmap_env.simulation.worksites import FieldScene, FieldWorld, UserScene, make_field_scene
+from coopmap_env.simulation.scenes.field import FieldScene, FieldWorld, UserScene, make_field_scene
 
 
 class FieldEnv(MappingEnv[FieldBelief], EzPickle):

@@ -6,7 +6,7 @@ import math
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Literal
 
-from coopmap_env.envs.arguments import at_least_one, one_of
+from coopmap_env.core.arguments import at_least_one, one_of
 from coopmap_env.information import FieldRatingSettings
 from coopmap_env.localization import (
     CorrectionSettings,

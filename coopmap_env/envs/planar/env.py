@@ -13,16 +13,16 @@ from coopmap_env.envs.mapping_env import MappingEnv, Motion, Streams
 from coopmap_env.envs.planar.actions import PoseMode
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.observations import PlanarObserver
-from coopmap_env.envs.planar.rendering import render_team
 from coopmap_env.envs.planar.settings import PlanarSettings
 from coopmap_env.envs.planar.starts import place_team
 from coopmap_env.envs.rewards import Scale
 from coopmap_env.information import RatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.rendering.planar import render_team
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.scenes import Scene, World, make_scene
+from coopmap_env.simulation.scenes.planar import Scene, World, make_scene
 
 
 class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.robots import PoseLattice
-from coopmap_env.simulation.scenes import World, largest_free_region
+from coopmap_env.simulation.scenes.planar import World, largest_free_region
 
 
 def place_team(

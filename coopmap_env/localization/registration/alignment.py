@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry.rotations import displaced, displacement_between
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.expected_view import expect
-from coopmap_env.localization.registration.fit_pixels import (
+from coopmap_env.localization.depth_rendering import expect
+from coopmap_env.localization.registration.likelihood_field import distances
+from coopmap_env.localization.registration.pixel_residuals import (
     AGREES,
     IN_FRONT,
     OPEN,
@@ -20,9 +21,8 @@ from coopmap_env.localization.registration.fit_pixels import (
     judge,
     unexplained,
 )
-from coopmap_env.localization.registration.likelihood_field import distances
-from coopmap_env.localization.registration.looks import Looks
 from coopmap_env.localization.registration.shared_pose import carried_to_base, shared_pose
+from coopmap_env.localization.registration.views import Looks
 from coopmap_env.localization.target import TargetModel, about_z
 from coopmap_env.sensing.noise import RangeNoise
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
-from coopmap_env.localization.registration.looks import View
-from coopmap_env.localization.registration.target_registration import Registration
+from coopmap_env.localization.registration.register import Registration
+from coopmap_env.localization.registration.views import View
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.mapping import OccupancyMap
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.registration.branch_and_bound import best_first, cells_of, climb
 from coopmap_env.localization.registration.likelihood_field import likelihood_field
-from coopmap_env.localization.registration.looks import Looks
+from coopmap_env.localization.registration.views import Looks
 from coopmap_env.localization.target import TargetModel, about_z
 
 _FINER = ((0.5, 0.75), (0.25, 0.5))

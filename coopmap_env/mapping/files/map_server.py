@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.extras import require
+from coopmap_env.core.extras import require
 from coopmap_env.mapping.files.base import MapFileError, read_bytes, write_whole
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.log_odds import level_of

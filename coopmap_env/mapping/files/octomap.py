@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.extras import require
+from coopmap_env.core.extras import require
 from coopmap_env.mapping.files.base import (
     MapFileError,
     empty_map,

@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.extras import require
-
-from .recorded import SceneError
+from coopmap_env.core.extras import require
+from coopmap_env.simulation.scenes.planar.recorded import SceneError
 
 
 def read_yaml(path: Path) -> Mapping[str, Any]:

@@ -16,8 +16,8 @@ from coopmap_env.localization.registration.common_frame import (
     in_frame,
     support_of,
 )
-from coopmap_env.localization.registration.looks import View
-from coopmap_env.localization.registration.target_registration import Registration
+from coopmap_env.localization.registration.register import Registration
+from coopmap_env.localization.registration.views import View
 from coopmap_env.localization.target import TargetModel, about_z
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
 from coopmap_env.robots import CameraEstimate

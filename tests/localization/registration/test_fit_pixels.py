@@ -4,8 +4,8 @@ from plain.looking import aimed, box, look
 
 from coopmap_env.geometry.rotations import displaced
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.expected_view import expect
-from coopmap_env.localization.registration.fit_pixels import (
+from coopmap_env.localization.depth_rendering import expect
+from coopmap_env.localization.registration.pixel_residuals import (
     AGREES,
     IN_FRONT,
     OPEN,
@@ -13,7 +13,7 @@ from coopmap_env.localization.registration.fit_pixels import (
     judge,
     unexplained,
 )
-from coopmap_env.localization.registration.looks import Looks, View
+from coopmap_env.localization.registration.views import Looks, View
 from coopmap_env.localization.target import TargetModel, about_z
 from coopmap_env.robots import CameraEstimate
 from coopmap_env.sensing import DepthCamera, RangeNoise

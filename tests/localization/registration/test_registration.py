@@ -8,19 +8,19 @@ from plain.looking import aimed, box, look
 
 from coopmap_env.geometry.rotations import displaced, displacement_between
 from coopmap_env.geometry.transforms import Pose
+from coopmap_env.localization.registration.acceptance import FitnessSettings
 from coopmap_env.localization.registration.alignment import AlignmentSettings, align, levelled
-from coopmap_env.localization.registration.fitness import FitnessSettings
-from coopmap_env.localization.registration.looks import Looks
-from coopmap_env.localization.registration.refine import SmallGicp
-from coopmap_env.localization.registration.target_registration import (
+from coopmap_env.localization.registration.icp import SmallGicp
+from coopmap_env.localization.registration.register import (
     RegistrationSettings,
     View,
     register,
 )
+from coopmap_env.localization.registration.views import Looks
 from coopmap_env.localization.target import TargetModel, about_z
 from coopmap_env.robots import CameraEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.worksites.worksite import target_solids
+from coopmap_env.simulation.scenes.field.worksite import target_solids
 
 CAMERA, NOISE = DepthCamera(), RangeNoise()
 GROUND = box((40, 40, 1), (0, 0, -0.5))

@@ -13,8 +13,8 @@ from coopmap_env.localization.registration.branch_and_bound import (
     seen_through,
 )
 from coopmap_env.localization.registration.likelihood_field import distances, likelihood_field
-from coopmap_env.localization.registration.looks import Looks, View
 from coopmap_env.localization.registration.search import SearchSettings, search, votes
+from coopmap_env.localization.registration.views import Looks, View
 from coopmap_env.localization.target import TargetModel, about_z
 from coopmap_env.robots import CameraEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise

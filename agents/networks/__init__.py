@@ -1,0 +1,1 @@
+"""Networks: features of an observation, candidate scorer, pose policy."""

@@ -1,0 +1,249 @@
+"""A policy among candidates: one network scores each of them, whatever their order and number.
+
+Candidate i of m has the logit ::
+
+    score(candidate i, summary) + RATING_GAIN * w * rating of i
+
+with the summary of the situation (`SituationFeatures`) and of all candidates on offer. The same
+weights score every candidate, and the summary is a mean and a maximum over them: permuting the
+candidates permutes the logits, and a policy that was trained with m = 32 decides among 300. The
+value is a function of the summary alone, and of the whole team's state where it is observed.
+
+The second term is a direct path. With w = 1 and a score of zero (``initial="rating"``) the best
+candidate is that of the rating-function planner: learning can begin at the planner and needs to
+find out only where to depart from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, get_args
+
+import numpy as np
+from coopmap_agents import NEEDS_RL
+from gymnasium import spaces
+
+try:
+    import torch
+    from stable_baselines3.common.distributions import CategoricalDistribution, Distribution
+    from stable_baselines3.common.policies import ActorCriticPolicy
+    from stable_baselines3.common.type_aliases import Schedule
+    from torch import nn
+except ImportError as error:
+    raise ImportError(NEEDS_RL) from error
+
+from coopmap_agents.networks.features import SituationFeatures, as_tensors
+from coopmap_agents.networks.pose_policy import layers
+from coopmap_agents.settings import Initial
+
+MASKED_LOGIT = -1e8
+"""Its probability is exactly 0 in float32, and 0 times it is 0: no NaN in the entropy."""
+RATING_FEATURE = -2
+"""Place of the rating (Eq. 9) in a candidate's features, in the plane and in the field."""
+RATING_GAIN = 30.0
+"""Logits per unit of the rating feature: on planar training worlds the best-rated of 32 candidates
+then has a probability of 0.77 on average, which leaves room to explore."""
+LEAST_SPREAD = 1e-3
+"""Of a feature over the candidates on offer; below it they do not differ in it."""
+
+Observations = dict[str, torch.Tensor]
+
+
+class ScoringNetwork(nn.Module):
+    """Scores of candidates and the value, from their features and those of the situation.
+
+    Parameters
+    ----------
+    n_features : int
+        F, of each candidate.
+    n_situation : int
+        G, of the situation.
+    n_state : int
+        S, of the team's state, which only the critic sees; 0 without one.
+    hidden : sequence of int
+        Layers of actor and critic, each; the first one is also the width of the encoder.
+    """
+
+    def __init__(
+        self, n_features: int, n_situation: int, n_state: int, hidden: Sequence[int]
+    ) -> None:
+        super().__init__()
+        width = hidden[0]
+        n_summary = n_situation + 2 * width
+        self.n_situation = n_situation
+        self.encoder = nn.Sequential(nn.Linear(2 * n_features, width), nn.ReLU())
+        self.from_candidate = nn.Linear(width, width)
+        self.from_summary = nn.Linear(n_summary, width, bias=False)
+        self.mixed = nn.Sequential(nn.Tanh(), layers(list(hidden)))
+        self.score = nn.Linear(hidden[-1], 1, bias=False)  # a softmax does not see a bias
+        self.value = nn.Sequential(
+            layers([n_summary + n_state, width, *hidden]), nn.Linear(hidden[-1], 1)
+        )
+        self.rating_weight = nn.Parameter(torch.zeros(()))
+
+    def forward(
+        self, candidates: torch.Tensor, offered: torch.Tensor, situation: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Logits (n, m) before masking, and values (n, 1).
+
+        Parameters
+        ----------
+        candidates : Tensor, shape (n, m, F)
+        offered : Tensor of bool, shape (n, m)
+        situation : Tensor, shape (n, G + S)
+            The team's state comes last.
+        """
+        encoded, summary, seen = self._encode(candidates, offered, situation)
+        mixed = self.from_candidate(encoded) + self.from_summary(summary).unsqueeze(1)
+        direct = RATING_GAIN * self.rating_weight * candidates[..., RATING_FEATURE]
+        return self.score(self.mixed(mixed)).squeeze(-1) + direct, self.value(seen)
+
+    def values(
+        self, candidates: torch.Tensor, offered: torch.Tensor, situation: torch.Tensor
+    ) -> torch.Tensor:
+        """Values (n, 1) alone."""
+        values: torch.Tensor = self.value(self._encode(candidates, offered, situation)[2])
+        return values
+
+    def _encode(
+        self, candidates: torch.Tensor, offered: torch.Tensor, situation: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Each candidate (n, m, H), the summary (n, G + 2 H) and what the critic sees of all."""
+        weights = offered.to(candidates.dtype).unsqueeze(-1)
+        relative = _standardised(candidates, weights)
+        encoded = self.encoder(torch.cat([candidates, relative], dim=-1)) * weights
+        largest = encoded.amax(dim=1)  # none is negative, so those that are masked out do not count
+        own, state = situation.tensor_split([self.n_situation], dim=1)
+        summary = torch.cat([own, _mean(encoded, weights)[:, 0], largest], dim=1)
+        return encoded, summary, torch.cat([summary, state], dim=1)
+
+
+def _mean(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+    """Mean over the candidates on offer, shape (n, 1, k); 0 if there are none."""
+    return (values * weights).sum(1, keepdim=True) / weights.sum(1, keepdim=True).clamp(min=1)
+
+
+def _standardised(candidates: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+    """Each feature as it stands among the candidates on offer, in standard deviations."""
+    centred = candidates - _mean(candidates, weights)
+    return centred / (_mean(centred**2, weights) + LEAST_SPREAD**2).sqrt()
+
+
+class CandidateScorer(ActorCriticPolicy):
+    """Policy for Stable-Baselines3 in "candidates" mode.
+
+    The observation holds the mask, so the network applies it wherever it makes a distribution:
+    while it collects, while it learns (the probabilities of what was done are those it was done
+    with), and when it decides. Plain PPO can then train it; nothing has to pass masks around.
+
+    Parameters
+    ----------
+    observation_space : gymnasium.spaces.Dict
+        With ``candidates`` (m, F) and ``action_mask`` (m,); see the environments' `observations`.
+    action_space : gymnasium.spaces.Discrete
+    lr_schedule : callable
+    initial : {"random", "rating"}
+        Where learning begins: nearly indifferent, or exactly at the rating-function planner.
+    net_arch : sequence of int
+        See `ScoringNetwork`.
+    features_extractor_class, **others
+        As in `ActorCriticPolicy`; actor and critic share their features.
+
+    Raises
+    ------
+    ValueError
+        If the observations carry no candidates or an argument is none of its choices.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Discrete,
+        lr_schedule: Schedule,
+        initial: Initial = "random",
+        net_arch: Sequence[int] = (64, 64),
+        features_extractor_class: type[SituationFeatures] = SituationFeatures,
+        **others: Any,
+    ) -> None:
+        if not {"candidates", "action_mask"} <= set(getattr(observation_space, "spaces", ())):
+            raise ValueError(
+                "a CandidateScorer needs observations with candidates and their action_mask, as in "
+                f'action_mode="candidates", got {observation_space}'
+            )
+        if initial not in get_args(Initial):
+            raise ValueError(f"initial is 'random' or 'rating', got {initial!r}")
+        if not net_arch:
+            raise ValueError(f"net_arch needs at least one layer, got {net_arch!r}")
+        self.initial = initial
+        super().__init__(
+            observation_space, action_space, lr_schedule, list(net_arch),
+            features_extractor_class=features_extractor_class, **others,
+        )  # fmt: skip
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {**super()._get_constructor_parameters(), "initial": self.initial}
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        assert isinstance(self.observation_space, spaces.Dict)
+        assert isinstance(self.net_arch, list)
+        shape = self.observation_space["candidates"].shape
+        features = self.features_extractor
+        assert shape is not None
+        assert isinstance(features, SituationFeatures)
+        self.network = ScoringNetwork(
+            shape[-1], features.own_dim, features.state_dim, self.net_arch
+        )
+        for part in (self.features_extractor, self.network):
+            for module in part.modules():
+                self.init_weights(module, gain=np.sqrt(2))
+        self.init_weights(self.network.value[-1], gain=0.01)  # rewards of a step are small
+        self.init_weights(self.network.score, gain=0.01)
+        if self.initial == "rating":
+            nn.init.zeros_(self.network.score.weight)
+            nn.init.ones_(self.network.rating_weight)
+        self.optimizer = self.optimizer_class(
+            self.parameters(),
+            lr=lr_schedule(1),  # type: ignore[call-arg]  # of Adam and the like
+            **self.optimizer_kwargs,
+        )
+
+    def forward(  # type: ignore[override]  # the parent declares one tensor and gets a dict too
+        self, obs: Observations, deterministic: bool = False
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Actions (n,), values (n, 1) and log probabilities (n,) for n observations."""
+        distribution, values = self._decide(obs)
+        actions = distribution.get_actions(deterministic=deterministic)
+        return actions, values, distribution.log_prob(actions)
+
+    def evaluate_actions(  # type: ignore[override]
+        self, obs: Observations, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        """Values (n, 1), log probabilities (n,) and entropies (n,) of actions that were done."""
+        distribution, values = self._decide(obs)
+        return values, distribution.log_prob(actions), distribution.entropy()
+
+    def get_distribution(self, obs: Observations) -> Distribution:  # type: ignore[override]
+        """Distribution of the actions for n observations."""
+        return self._decide(obs)[0]
+
+    def predict_values(self, obs: Observations) -> torch.Tensor:  # type: ignore[override]
+        """Values (n, 1) of n observations."""
+        return self.network.values(*self._inputs(obs))
+
+    def obs_to_tensor(  # type: ignore[override]
+        self, observation: dict[str, np.ndarray]
+    ) -> tuple[Observations, bool]:
+        """See `as_tensors`."""
+        return as_tensors(self.observation_space, observation, self.device)
+
+    def _inputs(self, obs: Observations) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        situation = self.extract_features(obs)
+        assert isinstance(situation, torch.Tensor)  # shared by actor and critic
+        return obs["candidates"].float(), obs["action_mask"] != 0, situation
+
+    def _decide(self, obs: Observations) -> tuple[Distribution, torch.Tensor]:
+        candidates, offered, situation = self._inputs(obs)
+        logits, values = self.network(candidates, offered, situation)
+        assert isinstance(self.action_dist, CategoricalDistribution)
+        masked = logits.masked_fill(~offered, MASKED_LOGIT)
+        return self.action_dist.proba_distribution(action_logits=masked), values

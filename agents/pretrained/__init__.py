@@ -1,0 +1,1 @@
+"""Trained policies as files, and those that ship with coopmap."""

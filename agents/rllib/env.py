@@ -1,0 +1,157 @@
+"""A team as an environment of RLlib.
+
+RLlib's own adapter of PettingZoo reports truncation robot by robot, where RLlib loses it and takes
+the end of the clock for the end of the task; here it is reported once, for the whole team. Robots
+go by their numbers: RLlib keeps them in sets, in which the order of names, and so of the rows of a
+batch, differs from process to process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
+
+import numpy as np
+
+from coopmap_env.envs.belief import Observation
+
+NEEDS_RAY = "ray[rllib] is needed here: pip install 'coopmap[ray]'"
+"""What a module says whose import of Ray fails."""
+
+try:
+    from ray.rllib.env.env_context import EnvContext
+    from ray.rllib.env.multi_agent_env import MultiAgentEnv
+    from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
+except ImportError as error:
+    raise ImportError(NEEDS_RAY) from error
+
+Observations = dict[Any, Observation]
+"""By the number of the robot; Any, as RLlib allows for all kinds of names."""
+Flags = dict[Any, bool]
+Result = TypeVar("Result")
+
+
+class RLlibTeam(MultiAgentEnv):
+    """A parallel environment whose robots end their episode together.
+
+    Infos are left out: RLlib needs none of them, and would send them all to the learner.
+
+    Parameters
+    ----------
+    context : EnvContext
+        With the entries ``env_factory``, ``layout`` (`TeamLayout`) and ``seed``; those that
+        `coopmap_agents.rllib.ppo.make_config` puts there.
+    """
+
+    def __init__(self, context: EnvContext) -> None:
+        super().__init__()
+        layout = context["layout"]
+        self._env = context["env_factory"]()
+        self._with_state = "state" in layout.observation_space.spaces
+        self._entropy = (context["seed"], context.worker_index)
+        self._robots = layout.robots
+        self.possible_agents = list(range(len(layout.robots)))
+        self.agents = self.possible_agents
+        self.observation_spaces = dict.fromkeys(self.agents, layout.observation_space)
+        self.action_spaces = dict.fromkeys(self.agents, layout.action_space)
+        self._returns = [0.0] * len(layout.robots)
+        self.returns: list[float] = []
+        """Summed rewards of each robot in each episode that ended."""
+        self.seconds = 0.0
+        """In the environment's own code."""
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[Any, Any]]:
+        """Start an episode.
+
+        RLlib counts its seeds up, from worker to worker and from environment to environment: some
+        would play the same worlds. So they are mixed with the training's seed and the worker's
+        number.
+        """
+        if seed is not None:
+            mixed = np.random.SeedSequence((*self._entropy, seed))
+            seed = int(mixed.generate_state(1)[0])
+        observations, _ = self._timed(lambda: self._env.reset(seed=seed, options=options))
+        self._returns = [0.0] * len(self._robots)
+        return self._seen(observations), {}
+
+    def step(  # type: ignore[override]  # the parent already differs from Gymnasium's
+        self, action_dict: dict[Any, Any]
+    ) -> tuple[Observations, dict[Any, float], Flags, Flags, dict[Any, Any]]:
+        """Step all robots.
+
+        Raises
+        ------
+        RuntimeError
+            If some robots have ended their episode and others have not.
+        """
+        actions = {robot: action_dict[i] for i, robot in enumerate(self._robots)}
+        observations, rewards, terminated, truncated, _ = self._timed(
+            lambda: self._env.step(actions)
+        )
+        ends = {(bool(terminated[robot]), bool(truncated[robot])) for robot in self._robots}
+        if len(ends) > 1:
+            raise RuntimeError(
+                f"robots must end their episode together, got terminated {terminated} and "
+                f"truncated {truncated}"
+            )
+        is_terminated, is_truncated = ends.pop()
+        own = [float(rewards[robot]) for robot in self._robots]
+        self._returns = [sum_ + reward for sum_, reward in zip(self._returns, own, strict=True)]
+        if is_terminated or is_truncated:
+            self.returns += self._returns
+        return (
+            self._seen(observations),
+            dict(enumerate(own)),
+            {"__all__": is_terminated},
+            {"__all__": is_truncated and not is_terminated},
+            {},
+        )
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._env.close()
+
+    def _seen(self, observations: dict[str, Observation]) -> Observations:
+        """By the robots' numbers, with the state of the team if the critic sees it."""
+        state = {"state": self._env.state()} if self._with_state else {}
+        return {i: {**observations[robot], **state} for i, robot in enumerate(self._robots)}
+
+    def _timed(self, function: Callable[[], Result]) -> Result:
+        before = time.perf_counter()
+        result = function()
+        self.seconds += time.perf_counter() - before
+        return result
+
+
+class TeamRunner(MultiAgentEnvRunner):
+    """RLlib's runner of environments, whose errors reach the main process."""
+
+    def apply(self, func: Callable[..., Result], *arguments: Any, **options: Any) -> Result:
+        """Call a function with this runner; RLlib ends the process if it fails, and says no why."""
+        return func(self, *arguments, **options)
+
+
+def watched(runner: Any) -> tuple[float, list[float]]:
+    """Seconds and returns of all environments that one of RLlib's runners has."""
+    envs = [env.unwrapped for env in runner.env.envs]
+    return sum(env.seconds for env in envs), [one for env in envs for one in env.returns]
+
+
+@contextlib.contextmanager
+def quietly() -> Iterator[None]:
+    """Without two warnings: RLlib says that it is new, and registers one name again and again."""
+    logger = logging.getLogger("ray.rllib")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=".*Overriding environment rllib-multi-agent")
+            yield
+    finally:
+        logger.setLevel(level)

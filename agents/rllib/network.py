@@ -1,0 +1,119 @@
+"""A shared network in RLlib: the policy object of Stable-Baselines3 and its optimiser."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+from coopmap_agents import NEEDS_RL
+from coopmap_agents.rllib.env import NEEDS_RAY, quietly
+
+try:
+    import torch
+    from stable_baselines3.common.policies import ActorCriticPolicy
+except ImportError as error:
+    raise ImportError(NEEDS_RL) from error
+
+try:
+    from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
+    from ray.rllib.core.columns import Columns
+    from ray.rllib.core.rl_module import RLModuleSpec
+    from ray.rllib.core.rl_module.apis import ValueFunctionAPI
+    from ray.rllib.core.rl_module.torch import TorchRLModule
+    from ray.rllib.utils.debug import update_global_seed_if_necessary
+except ImportError as error:
+    raise ImportError(NEEDS_RAY) from error
+
+from coopmap_agents.networks.networks import make_network
+from coopmap_agents.rollouts.team_block import TeamLayout
+from coopmap_agents.settings import PPOSettings
+
+SHARED = "shared"
+"""Name of the one policy of all robots."""
+
+
+class SharedNetwork(TorchRLModule, ValueFunctionAPI):
+    """A network of `make_network` as a module of RLlib.
+
+    The observation holds the mask, and the network applies it wherever it makes a distribution.
+    Observations are scaled in the network too: what it is given here is what it is given there.
+    """
+
+    observation_space: gymnasium.Space[Any]
+    action_space: gymnasium.Space[Any]
+    model_config: dict[str, Any]
+    network: ActorCriticPolicy
+
+    def setup(self) -> None:
+        """Make the network; its seed alone decides the weights, wherever it is made."""
+        settings = replace(self.model_config["settings"], device="cpu")  # RLlib moves it
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(self.model_config["seed"])
+            self.network = make_network(self.observation_space, self.action_space, settings)
+
+    def _forward(self, batch: dict[str, Any], **_: Any) -> dict[str, Any]:
+        """Masked logits (n, m), or means and logarithms of standard deviations (n, 2 k)."""
+        chances: Any = self.network.get_distribution(batch[Columns.OBS]).distribution
+        if isinstance(chances, torch.distributions.Categorical):
+            return {Columns.ACTION_DIST_INPUTS: chances.logits}
+        both = [chances.mean, chances.stddev.log()]
+        return {Columns.ACTION_DIST_INPUTS: torch.cat(both, dim=-1)}
+
+    def compute_values(self, batch: dict[str, Any], embeddings: Any = None) -> torch.Tensor:
+        """Values (n,) of n observations."""
+        return self.network.predict_values(batch[Columns.OBS]).squeeze(-1)
+
+
+def shared_network(layout: TeamLayout, settings: PPOSettings, seed: int) -> RLModuleSpec:
+    """What RLlib makes the network from, in every process."""
+    return RLModuleSpec(
+        module_class=SharedNetwork,
+        observation_space=layout.observation_space,
+        action_space=layout.action_space,
+        model_config={"settings": settings, "seed": seed},
+    )
+
+
+def network_of(owner: Any) -> ActorCriticPolicy:
+    """The network that a learner or a runner of environments has."""
+    network: ActorCriticPolicy = owner.module[SHARED].network
+    return network
+
+
+def begin_anew(runner: Any, seed: int, weights: dict[str, torch.Tensor]) -> None:
+    """Give a runner new environments, these weights, and random numbers of its own of this seed."""
+    runner.config.environment(env_config={**runner.config.env_config, "seed": seed})
+    with quietly():
+        runner.make_env()
+    network_of(runner).load_state_dict(weights)
+    update_global_seed_if_necessary("torch", (seed + runner.worker_index) % 2**32)
+
+
+class SharedNetworkLearner(PPOTorchLearner):
+    """RLlib's PPO, some parameters of which may be held still."""
+
+    seconds = 0.0
+    """Spent in updates so far."""
+
+    def configure_optimizers_for_module(self, module_id: str, config: Any = None) -> None:
+        """Take over the network's own: an Adam whose epsilon is a thousand times RLlib's."""
+        self.register_optimizer(
+            module_id=module_id,
+            optimizer=network_of(self).optimizer,
+            params=self.get_parameters(self.module[module_id]),
+            lr_or_lr_schedule=config.lr,
+        )
+
+    def compute_gradients(self, loss_per_module: dict[str, Any], **options: Any) -> dict[Any, Any]:
+        """Gradients of what learns; RLlib stumbles over those that are None."""
+        gradients = super().compute_gradients(loss_per_module, **options)
+        return {key: gradient for key, gradient in gradients.items() if gradient is not None}
+
+    def update(self, *arguments: Any, **options: Any) -> Any:
+        """Learn from a roll-out, and note how long it took."""
+        before = time.perf_counter()
+        result = super().update(*arguments, **options)
+        self.seconds += time.perf_counter() - before
+        return result

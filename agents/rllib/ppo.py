@@ -1,0 +1,267 @@
+"""Proximal policy optimisation with one policy for all robots, on RLlib and so on Ray.
+
+Environments, networks, hyper-parameters and files are those of `coopmap_agents.sb3.ppo`; roll-outs come
+from workers on this machine or a cluster, see `connected_ray`. `RLlibTraining` is what
+`coopmap_agents.training.loop` asks for; RLlib's own classes can be had as well::
+
+    with connected_ray(workers=2):
+        algorithm = make_config(Task(), PPOSettings(), seed=0, workers=2).build_algo()
+        algorithm.train()
+
+Where RLlib goes other ways than Stable-Baselines3:
+
+==========  =================================================  ===============================
+            RLlib                                              Stable-Baselines3
+==========  =================================================  ===============================
+advantages  standardised over a roll-out                       over a batch
+batches     in the order of the roll-out in the first epoch    shuffled in every epoch
+            with a row after each episode, left out of losses  of rows to learn from alone
+==========  =================================================  ===============================
+
+The same seed, settings and number of workers give the same weights, to the last bit, interrupted
+between segments or not. Another number of workers gives other worlds, and so other weights.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from coopmap_agents import NEEDS_RL
+from coopmap_agents.rllib.env import NEEDS_RAY, RLlibTeam, TeamRunner, quietly, watched
+
+from coopmap_env.evaluation.jobs import connected_ray
+
+try:
+    from stable_baselines3.common.logger import configure
+    from stable_baselines3.common.policies import ActorCriticPolicy
+except ImportError as error:
+    raise ImportError(NEEDS_RL) from error
+
+try:
+    from ray.rllib.algorithms import Algorithm
+    from ray.rllib.algorithms.ppo import PPOConfig
+    from ray.rllib.core.rl_module import MultiRLModuleSpec
+    from ray.rllib.utils.debug import update_global_seed_if_necessary
+    from ray.rllib.utils.metrics import (
+        ENV_RUNNER_RESULTS,
+        LEARNER_RESULTS,
+        NUM_MODULE_STEPS_SAMPLED,
+    )
+except ImportError as error:
+    raise ImportError(NEEDS_RAY) from error
+
+from coopmap_agents.networks.networks import let_actor_learn
+from coopmap_agents.rllib.network import (
+    SHARED,
+    SharedNetworkLearner,
+    begin_anew,
+    network_of,
+    shared_network,
+)
+from coopmap_agents.rollouts.team_block import EnvFactory, TeamBlock
+from coopmap_agents.settings import PPOSettings
+from coopmap_agents.training.segments import SegmentReport, segment_seed, segment_steps
+
+LOGGED = {
+    "train/policy_gradient_loss": "policy_loss",
+    "train/value_loss": "vf_loss",
+    "train/entropy": "entropy",
+    "train/explained_variance": "vf_explained_var",
+}
+"""What TensorBoard gets of each update, and RLlib's names for it."""
+
+
+def make_config(
+    env_factory: EnvFactory, settings: PPOSettings, seed: int, workers: int = 0
+) -> PPOConfig:
+    """Say the settings in RLlib's words; `build_algo` then makes the algorithm.
+
+    Parameters
+    ----------
+    env_factory : callable
+        Makes a new parallel environment, such as a `Task`; cloudpickle takes it to the workers.
+    settings : PPOSettings
+    seed : int
+        Decides everything. RLlib seeds the global generators of random, numpy and torch with it.
+    workers : int
+        Processes for the environments, each with the same number of them; 0 steps them in this one.
+
+    Raises
+    ------
+    ValueError
+        If `workers` does not divide the number of environments, or robots differ in their spaces.
+    """
+    if workers < 0 or settings.n_envs % max(workers, 1):
+        raise ValueError(
+            f"workers must be 0 or divide PPOSettings.n_envs = {settings.n_envs}, got {workers}"
+        )
+    with contextlib.closing(TeamBlock(env_factory, 1, settings.critic == "central")) as block:
+        layout = block.layout()
+    steps_of_team = settings.rollout_steps * len(layout.robots)
+    network = shared_network(layout, settings, seed)
+    config = (
+        PPOConfig()
+        .environment(
+            RLlibTeam,
+            env_config={"env_factory": env_factory, "layout": layout, "seed": seed},
+            normalize_actions=False,
+            clip_actions=True,
+            disable_env_checking=True,  # the check takes random actions, masked ones too
+        )
+        .multi_agent(
+            policies={SHARED},
+            policy_mapping_fn=lambda *_, **__: SHARED,
+            count_steps_by="agent_steps",
+        )
+        .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs={SHARED: network}))
+        .env_runners(
+            env_runner_cls=TeamRunner,
+            num_env_runners=workers,
+            num_envs_per_env_runner=settings.n_envs // max(workers, 1),
+            rollout_fragment_length=steps_of_team,
+            sample_timeout_s=None,  # RLlib drops what comes later
+        )
+        .learners(
+            learner_class=SharedNetworkLearner,
+            num_learners=0,
+            num_gpus_per_learner=int(settings.device != "cpu"),
+        )
+        .training(
+            train_batch_size_per_learner=settings.n_envs * steps_of_team,
+            minibatch_size=settings.batch_size,
+            num_epochs=settings.n_epochs,
+            lr=settings.learning_rate,
+            gamma=settings.gamma,
+            lambda_=settings.gae_lambda,
+            clip_param=settings.clip_range,
+            entropy_coeff=settings.entropy_coefficient,
+            vf_loss_coeff=settings.value_coefficient,
+            vf_clip_param=math.inf,
+            grad_clip=settings.max_gradient_norm,
+            grad_clip_by="global_norm",
+            use_kl_loss=False,
+        )
+        .fault_tolerance(restart_failed_env_runners=False)  # errors are to be seen
+        .debugging(seed=seed, log_level="ERROR")
+    )
+    assert isinstance(config, PPOConfig)
+    return config
+
+
+class RLlibTraining:
+    """A training by RLlib, segment by segment.
+
+    Parameters
+    ----------
+    env_factory, settings, seed, workers
+        As in `make_config`.
+    logs : Path, optional
+        Folder of TensorBoard's logs.
+
+    Raises
+    ------
+    ValueError
+        As `make_config`, or if robots choose among candidates that they do not observe, or Ray was
+        started with fewer processors than there are workers.
+    """
+
+    def __init__(
+        self,
+        env_factory: EnvFactory,
+        settings: PPOSettings,
+        seed: int,
+        workers: int = 0,
+        logs: Path | None = None,
+    ) -> None:
+        self._settings = settings
+        self._seed = seed
+        self._workers = workers
+        self.steps = 0
+        """Steps that were learned from."""
+        self.report = SegmentReport()
+        """Of the last segment."""
+        with contextlib.ExitStack() as opened, quietly():
+            config = make_config(env_factory, settings, seed, workers)
+            _require_processors(opened.enter_context(connected_ray(workers)), workers)
+            self.algorithm = config.build_algo()
+            opened.callback(_stop, self.algorithm)
+            self._logger = configure(str(logs), ["tensorboard"]) if logs is not None else None
+            self._opened = opened.pop_all()
+        learners: Any = self.algorithm.learner_group
+        self._learner: SharedNetworkLearner = next(
+            iter(learners.foreach_learner(lambda learner: learner))
+        ).get()
+
+    @property
+    def network(self) -> ActorCriticPolicy:
+        """Actor and critic as they are now."""
+        return network_of(self._learner)
+
+    def learn(self, segment: int) -> bool:
+        """Learn for one segment; its result depends on the weights before it and its number."""
+        before, updating = time.perf_counter(), self._learner.seconds
+        self._begin(segment_seed(self._seed, segment))
+        target = self.steps + segment_steps(self._settings, self.steps)
+        while self.steps < target:
+            let_actor_learn(self.network, self.steps >= self._settings.critic_steps)
+            result = self.algorithm.train()
+            self.steps += int(result[ENV_RUNNER_RESULTS][NUM_MODULE_STEPS_SAMPLED][SHARED])
+            told = result[LEARNER_RESULTS][SHARED]
+            self.log({name: float(told[key]) for name, key in LOGGED.items()})
+        seen = self._on_runners(watched)
+        seconds = time.perf_counter() - before
+        self.report = SegmentReport(
+            seconds=seconds,
+            environment_seconds=max(spent for spent, _ in seen),  # workers work side by side
+            collecting_seconds=seconds - (self._learner.seconds - updating),
+            returns=[one for _, returns in seen for one in returns],
+        )
+        return True
+
+    def log(self, scores: dict[str, float]) -> None:
+        """Write scores to TensorBoard."""
+        if self._logger is not None:
+            for name, value in scores.items():
+                self._logger.record(name, value)
+            self._logger.dump(self.steps)
+
+    def close(self) -> None:
+        """Close environments and logs, and Ray if it was started here."""
+        self._opened.close()
+        if self._logger is not None:
+            self._logger.close()
+
+    def _begin(self, seed: int) -> None:
+        """Give all workers new environments, these weights, and random numbers of this seed."""
+        update_global_seed_if_necessary("torch", seed)
+        weights = {name: values.cpu() for name, values in self.network.state_dict().items()}
+        self._on_runners(partial(begin_anew, seed=seed, weights=weights))
+
+    def _on_runners(self, function: Callable[[Any], Any]) -> list[Any]:
+        """Results of a function of each runner that has environments."""
+        group: Any = self.algorithm.env_runner_group
+        results: list[Any] = group.foreach_env_runner(function, local_env_runner=not self._workers)
+        return results
+
+
+def _stop(algorithm: Algorithm) -> None:
+    """End the workers, and remove the folder that RLlib has made in the home for nothing."""
+    algorithm.stop()
+    with contextlib.suppress(OSError):  # there is something in it after all
+        os.rmdir(algorithm.logdir)
+
+
+def _require_processors(ray: Any, workers: int) -> None:
+    """Refuse what RLlib would wait for without a word."""
+    processors = int(ray.cluster_resources().get("CPU", 0))
+    if processors < workers:
+        raise ValueError(
+            f"{workers} workers need a processor each, but Ray was started with {processors}"
+        )

@@ -1,0 +1,220 @@
+"""Some environments of a team, stepped together: the same code in the main process and in a worker.
+
+Nothing here needs torch or Stable-Baselines3, so that worker processes start without them: they
+load this module and what the environments need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+if TYPE_CHECKING:  # environments of others do without ours
+    from coopmap_env.envs.belief import Observation
+
+Team: TypeAlias = "ParallelEnv[str, Observation, Any]"
+EnvFactory: TypeAlias = "Callable[[], Team]"
+Info = dict[str, Any]
+
+
+def stack(observations: Iterable[Observation]) -> Observation:
+    """Observations of n robots as one, each entry with a new first axis of length n."""
+    rows = list(observations)
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+
+
+class TeamLayout(NamedTuple):
+    """What all environments of a block have in common."""
+
+    robots: tuple[str, ...]
+    observation_space: spaces.Dict
+    action_space: spaces.Space[Any]
+
+
+class Seen(NamedTuple):
+    """What one environment shows."""
+
+    rows: list[Observation]
+    """One for each robot."""
+    shared: Observation
+    """The entry "state" of all of them if it is wanted, else empty. It can be far larger than all
+    others, so that it goes through pipes once, and not once for each robot."""
+
+
+class StackedSeen(NamedTuple):
+    """The same of several environments, stacked."""
+
+    rows: Observation
+    """Entries (n_envs * n_robots, ...)."""
+    shared: Observation
+    """Entries (n_envs, ...)."""
+
+
+class EnvStep(NamedTuple):
+    """What a step of one environment gives."""
+
+    seen: Seen
+    """Of the next episode if this one has ended."""
+    rewards: list[float]
+    ended: bool
+    infos: list[Info]
+    reset_infos: list[Info | None]
+    """None if the episode goes on."""
+
+
+class BlockStep(NamedTuple):
+    """The same of a block, robot after robot, environment after environment."""
+
+    seen: StackedSeen
+    rewards: NDArray[np.float32]
+    dones: NDArray[np.bool_]
+    infos: list[Info]
+    reset_infos: list[Info | None]
+
+
+class TeamBlock:
+    """`n_envs` parallel environments that are stepped one after the other.
+
+    Parameters
+    ----------
+    env_factory, n_envs, with_state
+        As of `coopmap_agents.sb3.vec_env.SharedPolicyVecEnv`; all rows of the block.
+
+    Raises
+    ------
+    ValueError
+        If the factory gives an environment twice, robots differ in their spaces, or `with_state` is
+        asked of an environment that has none. The environments made so far are closed.
+    """
+
+    def __init__(self, env_factory: EnvFactory, n_envs: int, with_state: bool = False) -> None:
+        self._envs: list[Team] = []
+        self._with_state = with_state
+        try:
+            for _ in range(n_envs):
+                self._envs.append(env_factory())
+            if len({id(env) for env in self._envs}) < n_envs:
+                raise ValueError("env_factory must make a new environment on each call")
+            self._layout = _common_layout(self._envs[0], with_state)
+        except BaseException:
+            self.close()
+            raise
+
+    def layout(self) -> TeamLayout:
+        """Names and spaces, those of the first environment."""
+        return self._layout
+
+    def reset(
+        self, seeds: Sequence[int | None], options: Sequence[dict[str, Any] | None]
+    ) -> tuple[StackedSeen, list[Info]]:
+        """Start an episode in each environment, with a seed and options of its own."""
+        begun = [
+            self._begin(env, seed=seed, options=own)
+            for env, seed, own in zip(self._envs, seeds, options, strict=True)
+        ]
+        return stack_seen(seen for seen, _ in begun), [info for _, told in begun for info in told]
+
+    def step(self, actions: NDArray[Any]) -> BlockStep:
+        """Step all environments, and reset those that are done.
+
+        Parameters
+        ----------
+        actions : (n_envs * n_robots, ...) array
+        """
+        n_robots = len(self._layout.robots)
+        of_envs = actions.reshape(len(self._envs), n_robots, *actions.shape[1:])
+        steps = [self._step_one(env, own) for env, own in zip(self._envs, of_envs, strict=True)]
+        return BlockStep(
+            stack_seen(step.seen for step in steps),
+            np.array([reward for step in steps for reward in step.rewards], dtype=np.float32),
+            np.repeat([step.ended for step in steps], n_robots),
+            [info for step in steps for info in step.infos],
+            [info for step in steps for info in step.reset_infos],
+        )
+
+    def apply(
+        self, numbers: Sequence[int], function: Callable[..., Any], *arguments: Any
+    ) -> list[Any]:
+        """Results of ``function(env, *arguments)`` for the environments of these numbers."""
+        return [function(self._envs[i], *arguments) for i in numbers]
+
+    def close(self) -> None:
+        """Close all environments, once."""
+        while self._envs:
+            self._envs.pop(0).close()
+
+    def _step_one(self, env: Team, actions: NDArray[Any]) -> EnvStep:
+        robots = self._layout.robots
+        observations, rewards, terminated, truncated, told = env.step(
+            dict(zip(robots, actions, strict=True))
+        )
+        done = {robot: bool(terminated[robot] or truncated[robot]) for robot in robots}
+        if len(set(done.values())) > 1:
+            raise RuntimeError(f"robots must end their episode together, got {done}")
+        seen = self._see(env, observations)
+        infos: list[Info] = [dict(told[robot]) for robot in robots]
+        for robot, info in zip(robots, infos, strict=True):
+            info["TimeLimit.truncated"] = bool(truncated[robot] and not terminated[robot])
+        ended = done[robots[0]]
+        reset_infos: list[Info | None] = [None] * len(robots)
+        if ended:
+            for info, last in zip(infos, seen.rows, strict=True):
+                info["terminal_observation"] = {**last, **seen.shared}
+            seen, reset_infos[:] = self._begin(env)
+        return EnvStep(seen, [rewards[robot] for robot in robots], ended, infos, reset_infos)
+
+    def _begin(self, env: Team, **arguments: Any) -> tuple[Seen, list[Info]]:
+        observations, infos = env.reset(**arguments)
+        return self._see(env, observations), [infos[robot] for robot in self._layout.robots]
+
+    def _see(self, env: Team, observations: dict[str, Observation]) -> Seen:
+        shared: Observation = {"state": env.state()} if self._with_state else {}
+        return Seen([observations[robot] for robot in self._layout.robots], shared)
+
+
+def stack_seen(envs: Iterable[Seen]) -> StackedSeen:
+    """What several environments show, as one."""
+    seen = list(envs)
+    rows = stack(row for env in seen for row in env.rows)
+    return StackedSeen(rows, stack(env.shared for env in seen))
+
+
+def rows_of(blocks: Iterable[StackedSeen], n_robots: int) -> Observation:
+    """What several blocks show, as one observation with all entries in all rows."""
+    seen = list(blocks)
+    rows = {key: np.concatenate([block.rows[key] for block in seen]) for key in seen[0].rows}
+    for key in seen[0].shared:
+        rows[key] = np.concatenate([block.shared[key] for block in seen]).repeat(n_robots, axis=0)
+    return rows
+
+
+def _common_layout(env: Team, with_state: bool) -> TeamLayout:
+    robots = tuple(env.possible_agents)
+    both = env.observation_space(robots[0]), env.action_space(robots[0])
+    observation_space, action_space = both
+    if not isinstance(observation_space, spaces.Dict):
+        raise ValueError(f"observations must be a Dict space, got {observation_space}")
+    for robot in robots:
+        own = env.observation_space(robot), env.action_space(robot)
+        if own != both:
+            raise ValueError(
+                f"robots that share a policy must share their spaces: {robot} has {own}, "
+                f"{robots[0]} has {both}"
+            )
+    if with_state:
+        observation_space = _with_state(observation_space, env)
+    return TeamLayout(robots, observation_space, action_space)
+
+
+def _with_state(space: spaces.Dict, env: Team) -> spaces.Dict:
+    state_space = getattr(env, "state_space", None)
+    if state_space is None:
+        raise ValueError(f"with_state=True needs an environment with a state_space, not {env}")
+    if "state" in space.spaces:
+        raise ValueError('with_state=True would overwrite the entry "state" of the observations')
+    return spaces.Dict({**space.spaces, "state": state_space})

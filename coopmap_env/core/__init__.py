@@ -1,0 +1,1 @@
+"""The ground: files, serialisation, optional imports, argument checks; each exists once."""

@@ -1,0 +1,97 @@
+"""The judge of a field world: its true surface, what of it can be seen, and maps against it.
+
+Made once a world from the truth, and asked after each scan. Only scores and pictures may know it:
+no planner does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.evaluation.metrics.surface_samples import sample_surface
+from coopmap_env.evaluation.metrics.surface_scores import (
+    SampleCells,
+    SurfaceScores,
+    distance_scores,
+    surface_points,
+)
+from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
+from coopmap_env.evaluation.metrics.visible_surface import N_POSES, reachable
+from coopmap_env.mapping import OccupancyMap
+from coopmap_env.robots import Vehicle
+from coopmap_env.sensing import DepthCamera
+from coopmap_env.simulation.scenes.field import FieldWorld
+
+
+class SurfaceJudge:
+    """Scores maps of one world; see `evaluation.surface_scores` for what the scores mean.
+
+    Parameters
+    ----------
+    world : FieldWorld
+        The truth.
+    vehicles : sequence of Vehicle
+        Who could see what is to be covered.
+    camera : DepthCamera
+        What they see it with.
+    rng : numpy.random.Generator
+        Draws the samples of the surface and the poses that tell what can be reached.
+    n_samples : int
+        Points on the surface, of which those that can be reached are scored.
+    n_poses : int
+        Feasible poses of each vehicle that are looked from.
+    tau : float, optional
+        Metres within which a point counts as right; one voxel of the world's grid, if not given.
+
+    Attributes
+    ----------
+    samples : SurfaceSamples
+        All of them.
+    reachable : ndarray of bool, shape (n_samples,)
+        Which of them some pose sees.
+    """
+
+    def __init__(
+        self,
+        world: FieldWorld,
+        vehicles: Sequence[Vehicle],
+        camera: DepthCamera,
+        rng: np.random.Generator,
+        n_samples: int = 20_000,
+        n_poses: int = N_POSES,
+        tau: float | None = None,
+    ) -> None:
+        self.samples = sample_surface(world, rng, n_samples)
+        points = self.samples.points
+        self.reachable = reachable(world, vehicles, camera, points, rng, n_poses)
+        self.tau = world.grid.resolution if tau is None else float(tau)
+        self._points: NDArray[np.float64] = points[self.reachable]
+        self._cells = SampleCells.of(self._points, world.grid)
+        on_target = points[self.reachable & self.samples.is_target]
+        self._target_cells = SampleCells.of(on_target, world.grid)
+        self._bins = TriangleBins.of(world.triangles, world.grid)
+
+    def coverage(self, map_: OccupancyMap) -> float:
+        """Covered share of the reachable surface; cheap enough to be asked after each scan."""
+        return self._cells.coverage(map_)
+
+    def target_coverage(self, map_: OccupancyMap) -> float:
+        """Covered share of the target's reachable surface."""
+        return self._target_cells.coverage(map_)
+
+    def scores(self, map_: OccupancyMap) -> SurfaceScores:
+        """All scores; some ten milliseconds."""
+        f_score, precision, recall, chamfer = distance_scores(
+            surface_points(map_), self._points, self._bins, self.tau
+        )
+        return SurfaceScores(
+            coverage=self.coverage(map_),
+            target_coverage=self.target_coverage(map_),
+            f_score=f_score,
+            precision=precision,
+            recall=recall,
+            chamfer=chamfer,
+        )

@@ -1,0 +1,130 @@
+"""Points spread evenly over the true surface of a field world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.scenes.field import FieldWorld
+
+SIDES = tuple((axis, sign) for axis in range(3) for sign in (1.0, -1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSamples:
+    """Points on the surface inside of a grid, each for an equal share of its area.
+
+    Faces that touch or lie inside of other solids have points too: no camera ever sees them, so
+    they drop out with what cannot be reached.
+    """
+
+    points: NDArray[np.float64]
+    """Shape (n, 3), metres, world frame."""
+    normals: NDArray[np.float64]
+    """Shape (n, 3), of length 1, outward if the solids' faces are."""
+    solid: NDArray[np.int64]
+    """Shape (n,): whose surface it is, index in `FieldWorld.solids`."""
+    is_target: NDArray[np.bool_]
+    """Shape (n,): whether that solid belongs to the target."""
+    area: float
+    """Square metres of the whole surface inside of the grid."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def sample_surface(world: FieldWorld, rng: np.random.Generator, n: int = 20_000) -> SurfaceSamples:
+    """Draw points on the surface of a world, inside of its grid.
+
+    The area is laid out as one interval and cut into n equal parts, each of which gets one point
+    at random: a triangle gets its share of the points to within two, which counts shares with less
+    error than independent points.
+
+    Parameters
+    ----------
+    world : FieldWorld
+    rng : numpy.random.Generator
+    n : int
+        Points; the default is about one for each voxel face of the default grid's surface.
+
+    Raises
+    ------
+    ValueError
+        If n is below 1, or no surface lies inside of the grid.
+    """
+    if n < 1:
+        raise ValueError(f"n must be at least 1, got {n}")
+    counts = [len(solid.faces) for solid in world.solids]
+    solid_of = np.repeat(np.arange(len(counts)), counts)
+    triangles, source = triangles_in_grid(world.triangles, world.grid)
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    normals = np.cross(b - a, c - a)
+    twice = np.linalg.norm(normals, axis=1)
+    ends = np.cumsum(twice)
+    if not (len(ends) and ends[-1] > 0):
+        raise ValueError(f"no surface of {world.name!r} lies inside of the grid {world.grid}")
+    at = (np.arange(n) + rng.random(n)) * (ends[-1] / n)
+    chosen = np.minimum(np.searchsorted(ends, at, side="right"), len(ends) - 1)
+    u, v = rng.random((2, n))
+    root = np.sqrt(u)[:, None]  # uniform over the triangle, not over its two parameters
+    side = a[chosen] + v[:, None] * (b[chosen] - a[chosen])
+    points = c[chosen] + root * (side - c[chosen])
+    solid = solid_of[source[chosen]]
+    is_target = np.array([one.is_target for one in world.solids])
+    return SurfaceSamples(
+        points, normals[chosen] / twice[chosen, None], solid, is_target[solid], float(ends[-1]) / 2
+    )
+
+
+def triangles_in_grid(
+    triangles: ArrayLike, grid: VoxelGrid
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Cut triangles (m, 3, 3) off at the sides of a grid.
+
+    Returns
+    -------
+    triangles : ndarray, shape (k, 3, 3)
+        What lies inside, turned as before.
+    source : ndarray, shape (k,)
+        Which of the m triangles each of them is a part of.
+    """
+    triangles = np.asarray(triangles, dtype=np.float64)
+    lower = np.array(grid.origin)
+    upper = lower + np.array(grid.shape) * grid.resolution
+    least, most = triangles.min(axis=1), triangles.max(axis=1)
+    outside = ((least > upper) | (most < lower)).any(axis=1)
+    inside = ((least >= lower) & (most <= upper)).all(axis=1)
+    pieces, source = [triangles[inside]], [np.flatnonzero(inside)]
+    for m in np.flatnonzero(~inside & ~outside):
+        polygon = _clipped(triangles[m], lower, upper)
+        if len(polygon) < 3:
+            continue
+        fan = [[polygon[0], polygon[k], polygon[k + 1]] for k in range(1, len(polygon) - 1)]
+        pieces.append(np.array(fan))
+        source.append(np.full(len(fan), m))
+    return np.concatenate(pieces), np.concatenate(source)
+
+
+def _clipped(
+    polygon: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """What of a convex polygon (k, 3) lies inside of a box (Sutherland and Hodgman 1974)."""
+    for axis, sign in SIDES:
+        limit = lower[axis] if sign > 0 else -upper[axis]
+        height = sign * polygon[:, axis] - limit
+        kept = []
+        for k, (point, h) in enumerate(zip(polygon, height, strict=True)):
+            before, g = polygon[k - 1], height[k - 1]
+            if (h >= 0) != (g >= 0):
+                cut = before + (point - before) * (g / (g - h))
+                cut[axis] = sign * limit
+                kept.append(cut)
+            if h >= 0:
+                kept.append(point)
+        polygon = np.array(kept).reshape(-1, 3)
+        if not len(polygon):
+            break
+    return polygon

@@ -1,0 +1,263 @@
+"""A replay as one HTML page with a timeline: the 3-D part by viser, the numbers laid over it.
+
+viser records what a server would send to its viewers; the page holds that recording and the viewer.
+The overlay reads where the timeline stands and shows the numbers of that moment.
+"""
+
+from __future__ import annotations
+
+import json
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.extras import require
+from coopmap_env.evaluation.replay.recording import Frame, Replay
+from coopmap_env.mapping import VoxelGrid
+from coopmap_env.rendering.field import (
+    HEIGHTS,
+    TALL,
+    TARGET,
+    floor_height,
+    height_colors,
+    overview,
+)
+from coopmap_env.rendering.meshes import drawn_parts, simplified
+from coopmap_env.rendering.panels import Color, robot_color
+from coopmap_env.robots.mount_library import OPTICAL
+
+OVERLAY = Path(__file__).with_name("overlay.html")
+
+MOTION, PAUSE, END = 0.8, 0.5, 3.0
+"""Seconds of the timeline: of a motion, after each scan, and after the last one."""
+STEPS = 16
+"""Positions of a mount on its way from one pose to the next."""
+FRUSTUM = 0.3
+"""Metres, height of the drawn pyramid of a camera."""
+NEW: Color = (255, 196, 61)
+"""Of voxels that the last scans have found."""
+SCENERY: Color = (150, 146, 140)
+SAME = 1e-4
+"""Metres: corners of triangles that are closer to each other are one vertex."""
+_CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+_SIDES = np.array([
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+])  # fmt: skip
+
+
+def page_of(replay: Replay) -> str:
+    """The whole page.
+
+    Raises
+    ------
+    ImportError
+        If viser is not installed (extra "replay").
+    """
+    viser = require("viser", "replay")
+    with redirect_stdout(StringIO()):  # it greets, verbose or not
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        page = _recorded(server, replay)
+    finally:
+        with redirect_stdout(StringIO()):
+            server.stop()
+    head, body, tail = page.rpartition("</body>")
+    if not body:
+        raise RuntimeError("viser's page has no end to put the overlay in: another version of it?")
+    return head + _overlay(replay) + body + tail
+
+
+def scan_times(n_frames: int) -> list[float]:
+    """When on the timeline each frame's scans are in the map, seconds."""
+    return [0.0, *(k * MOTION + (k - 1) * PAUSE for k in range(1, n_frames))]
+
+
+def voxel_lives(frames: tuple[Frame, ...]) -> dict[tuple[int, int], NDArray[np.int64]]:
+    """Voxels by their lives: occupied in the frames from `born` up to but without `gone`.
+
+    A voxel that is taken as free in between has several lives.
+    """
+    cells = np.unique(np.concatenate([frame.occupied for frame in frames]))
+    filled = np.zeros((len(frames) + 2, len(cells)), dtype=np.int8)
+    for k, frame in enumerate(frames):
+        filled[k + 1, np.searchsorted(cells, frame.occupied)] = 1
+    change = np.diff(filled, axis=0)
+    # both in order of the voxels, so that the k-th birth belongs to the k-th death
+    which, born = np.nonzero(change.T == 1)
+    _, gone = np.nonzero(change.T == -1)
+    lives = np.stack([born, gone], axis=1)
+    return {
+        (int(b), int(g)): cells[which[(lives == (b, g)).all(axis=1)]]
+        for b, g in np.unique(lives, axis=0)
+    }
+
+
+def _recorded(server: Any, replay: Replay) -> str:
+    scene = server.scene
+    view = overview(replay.target, [vehicle.T_world_base for vehicle in replay.vehicles])
+    server.initial_camera.position, server.initial_camera.look_at = view.eye, view.look_at
+    server.initial_camera.fov = 2 * float(
+        np.arctan(np.tan(view.field_of_view / 2) * view.height / view.width)
+    )
+    scene.set_up_direction("+z")
+    # the viewer's own surroundings are so bright that colours fade
+    scene.configure_environment_map(None)
+    scene.add_light_ambient("/light", intensity=0.8)
+    _add_scenery(scene, replay)
+    robots = [_Robot(scene, replay, robot) for robot in range(len(replay.vehicles))]
+    voxels = _Voxels(scene, replay)
+    recording = server.get_scene_serializer()
+    for k, frame in enumerate(replay.frames):
+        if k:
+            for step in range(1, STEPS + 1):
+                recording.insert_sleep(MOTION / STEPS)
+                for robot in robots:
+                    robot.move(k, step / STEPS)
+        for robot in robots:
+            robot.arrive(k)
+        voxels.show(k)
+        recording.insert_sleep(END if frame is replay.frames[-1] else PAUSE if k else 0.0)
+    page: str = recording.as_html()
+    return page
+
+
+def _add_scenery(scene: Any, replay: Replay) -> None:
+    """The truth, faintly, and a grid of metres on the ground."""
+    low = np.array(replay.grid.origin)
+    size = np.array(replay.grid.shape) * replay.grid.resolution
+    scene.add_grid(
+        "/ground", width=size[0], height=size[1], cell_size=1.0, section_size=5.0,
+        cell_color=(214, 217, 222), section_color=(184, 190, 199), cell_thickness=1.0,
+        plane_color=(238, 240, 243), plane_opacity=1.0, shadow_opacity=0.2,
+        position=(*(low + size / 2)[:2], floor_height(replay.grid)),
+    )  # fmt: skip
+    for name, triangles, color, opacity in (
+        ("/truth/target", replay.target, TARGET, 0.2),
+        ("/truth/scenery", replay.scenery, SCENERY, 0.15),
+    ):
+        if len(triangles):
+            vertices, faces = simplified(triangles, SAME)
+            scene.add_mesh_simple(
+                name, vertices, faces, color=color, opacity=opacity, flat_shading=True,
+                side="double", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+
+
+class _Robot:
+    """One robot in the recorded scene."""
+
+    def __init__(self, scene: Any, replay: Replay, robot: int) -> None:
+        self._scene, self._name = scene, f"/robot_{robot}"
+        self._vehicle, self._frames = replay.vehicles[robot], replay.frames
+        self._robot, self._color = robot, robot_color(robot)
+        self._links, self._parts = [], []
+        for link, triangles in drawn_parts(self._vehicle.chain):
+            vertices, faces = simplified(triangles, SAME)
+            name = f"{self._name}/{self._vehicle.chain.link_names[link]}"
+            self._links.append(link)
+            self._parts.append(
+                scene.add_mesh_simple(name, vertices, faces, color=self._color, flat_shading=True)
+            )
+        camera = replay.camera
+        height = np.tan(camera.vertical_field_of_view / 2)
+        self._frustum = scene.add_camera_frustum(
+            f"{self._name}/camera", fov=camera.vertical_field_of_view,
+            aspect=np.tan(camera.horizontal_field_of_view / 2) / height,
+            scale=FRUSTUM, thickness=0.012, color=self._color, variant="filled",
+            cast_shadow=False,
+        )  # fmt: skip
+        self._place(0, 1.0)
+
+    def move(self, k: int, share: float) -> None:
+        """Put it at a share of its way to the pose of frame k; slow at both ends."""
+        self._place(k, share * share * (3 - 2 * share))
+
+    def _place(self, k: int, share: float) -> None:
+        here, there = (self._frames[max(j, 0)].joints[self._robot] for j in (k - 1, k))
+        if np.array_equal(here, there) and k > 0:
+            return
+        q = here + share * (there - here)
+        rotations, translations = self._vehicle.link_poses(q)
+        for link, part in zip(self._links, self._parts, strict=True):
+            _set_pose(part, rotations[link], translations[link])
+        pose = self._vehicle.camera_pose(q)
+        _set_pose(self._frustum, pose.rotation @ OPTICAL.T, pose.translation)
+
+    def arrive(self, k: int) -> None:
+        """Draw the camera's way to frame k."""
+        if k == 0:
+            return
+        here, there = (self._frames[j].cameras[self._robot].translation for j in (k - 1, k))
+        if not np.array_equal(here, there):
+            self._scene.add_line_segments(
+                f"{self._name}/trail/{k:03}",
+                np.array([[here, there]]),
+                self._color,
+                thickness=0.012,
+            )
+
+
+class _Voxels:
+    """The map's occupied voxels in the recorded scene, those of equal lives as one node."""
+
+    def __init__(self, scene: Any, replay: Replay) -> None:
+        self._scene, self._grid = scene, replay.grid
+        self._lives = voxel_lives(replay.frames)
+        self._nodes: dict[tuple[int, int], Any] = {}
+
+    def show(self, k: int) -> None:
+        """The map of frame k: what it has found just now stands out."""
+        for (born, gone), cells in self._lives.items():
+            life = (born, gone)
+            if gone == k:
+                self._nodes[life].visible = False
+            elif born == k:
+                self._nodes[life] = self._add(f"/map/{born:03}_{gone:03}", cells)
+            elif born == k - 1:
+                self._nodes[life].batched_colors = voxel_colors(cells, self._grid)
+
+    def _add(self, name: str, cells: NDArray[np.int64]) -> Any:
+        centers = self._grid.center(np.stack(np.unravel_index(cells, self._grid.shape), axis=-1))
+        return self._scene.add_batched_meshes_simple(
+            name, _CUBE * self._grid.resolution * 0.96, _SIDES,
+            np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(cells), 4)), centers,
+            batched_colors=np.broadcast_to(np.array(NEW, dtype=np.uint8), (len(cells), 3)),
+            lod="off", flat_shading=True,
+        )  # fmt: skip
+
+
+def voxel_colors(cells: NDArray[np.int64], grid: VoxelGrid) -> NDArray[np.uint8]:
+    """Colours (n, 3) of voxels by their height."""
+    heights = grid.origin[2] + (cells % grid.shape[2] + 0.5) * grid.resolution
+    return height_colors(heights).round().astype(np.uint8)
+
+
+def _set_pose(node: Any, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> None:
+    from scipy.spatial.transform import Rotation
+
+    node.wxyz = np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
+    node.position = translation
+
+
+def _overlay(replay: Replay) -> str:
+    """The numbers laid over the scene, with the script that follows the timeline."""
+    frames = replay.frames
+    data = {
+        "title": replay.title,
+        "times": scan_times(len(frames)),
+        "viewed": [round(frame.viewed, 5) for frame in frames],
+        "voxels": [len(frame.occupied) for frame in frames],
+        "rewards": [[round(value, 4) for value in frame.rewards] for frame in frames],
+        "notes": [list(frame.notes) for frame in frames],
+        "colors": [f"rgb{robot_color(k)}" for k in range(len(replay.vehicles))],
+        "heights": [f"rgb{color}" for color in HEIGHTS],
+        "tall": TALL,
+        "new": f"rgb{NEW}",
+    }
+    text = json.dumps(data).replace("</", "<\\/")
+    return OVERLAY.read_text(encoding="utf-8").replace("/*DATA*/", text)

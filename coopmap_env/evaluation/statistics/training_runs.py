@@ -1,0 +1,261 @@
+"""Statistics of learned policies and planners on the same worlds, over worlds and training runs.
+
+The scores of an algorithm are a matrix (n_runs, n_worlds): a row for each training run, and one row
+for a planner, which is not trained. A resample of the bootstrap
+
+- draws worlds with replacement, once for all algorithms: a comparison stays paired, and a planner's
+  interval tells how much its score hangs on the worlds;
+- draws training runs of each algorithm with replacement, once for all worlds. Agarwal et al. (2021)
+  draw runs anew for each task, as each of theirs was trained on that task alone. A run of ours
+  meets all worlds; drawn anew for each, the luck of its training would average out;
+- draws n - 1 of n runs, as Rao and Wu (1988) do: a mean of n draws from n runs has (n - 1)/n of the
+  variance that it should have, a third too little with three runs. Worlds are many, and all n of
+  them are drawn.
+
+Resampling rows and columns is Owen's (2007) pigeonhole bootstrap, rather too wide than too narrow
+as far as worlds go. About training, few runs tell little: where they differ more than worlds do,
+the interval of three runs is the range of their means, which holds the true mean in three of four
+cases. So reports give the mean of each run besides, and verdicts stand on t intervals, those of
+`difference`.
+
+Intervals are percentiles of the resamples. The same generator state draws the same worlds for every
+statistic over as many worlds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from coopmap_env.evaluation.statistics.bootstrap import Interval, require_finite
+
+Array = NDArray[Any]
+Statistic = Callable[..., Array]
+"""Reduces arrays (n_resamples, n_runs, n_worlds, ...) to (n_resamples, ...)."""
+N_RESAMPLES = 2000
+"""Of a number: the ends of a 95 % interval stand on 50 resamples each."""
+N_BAND_RESAMPLES = 500
+"""Of a curve, whose bands are looked at and not quoted."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """A curve and its pointwise confidence intervals, each of shape (n,)."""
+
+    estimate: Array
+    low: Array
+    high: Array
+
+    def as_dict(self) -> dict[str, list[float]]:
+        """Lists by name, ready for JSON."""
+        return {name: getattr(self, name).tolist() for name in ("estimate", "low", "high")}
+
+
+def mean(scores: ArrayLike, rng: np.random.Generator, n_resamples: int = N_RESAMPLES) -> Interval:
+    """Mean over runs and worlds with its 95 % interval.
+
+    Parameters
+    ----------
+    scores : array_like (n_runs, n_worlds)
+        One run or more, two worlds or more.
+    rng : numpy.random.Generator
+        Draws the resamples.
+    n_resamples : int
+        Bootstrap resamples.
+
+    Raises
+    ------
+    ValueError
+        If the matrix is too small, or a value is not finite (its index is named).
+    """
+    return _interval([_matrix(scores, "scores")], _mean, rng, n_resamples)
+
+
+def interquartile_mean(
+    scores: ArrayLike, rng: np.random.Generator, n_resamples: int = N_RESAMPLES
+) -> Interval:
+    """Mean of the middle half of all scores, runs and worlds together; as `mean` else."""
+    return _interval([_matrix(scores, "scores")], _interquartile_mean, rng, n_resamples)
+
+
+def difference(ours: ArrayLike, theirs: ArrayLike) -> Interval:
+    """Mean of ours less mean of theirs, paired by world, with its 95 % t interval.
+
+    Verdicts stand on this one, and with few runs the bootstrap is too sure of itself. The variance
+    is that of the mean over worlds of the difference of both (all runs together), plus for each
+    algorithm that of its mean over runs; the degrees of freedom are Welch's and Satterthwaite's.
+    What runs and worlds do together counts in both, so the interval is rather too wide.
+
+    Parameters
+    ----------
+    ours, theirs : array_like (n_runs, n_worlds)
+        Two algorithms on the same worlds, in the same order; the numbers of runs may differ.
+
+    Raises
+    ------
+    ValueError
+        As in `mean`, or if the numbers of worlds differ.
+    """
+    pair = _pair(ours, theirs)
+    by_world = pair[0].mean(axis=0) - pair[1].mean(axis=0)
+    samples = [by_world, *(scores.mean(axis=1) for scores in pair if len(scores) > 1)]
+    parts = np.array([sample.var(ddof=1) / len(sample) for sample in samples])
+    freedom = np.array([len(sample) - 1 for sample in samples])
+    estimate, variance = float(by_world.mean()), float(parts.sum())
+    if variance == 0:
+        return Interval(estimate, estimate, estimate)
+    half = stats.t.ppf(0.975, variance**2 / (parts**2 / freedom).sum()) * np.sqrt(variance)
+    return Interval(estimate, float(estimate - half), float(estimate + half))
+
+
+def ratio(
+    ours: ArrayLike,
+    theirs: ArrayLike,
+    rng: np.random.Generator,
+    n_resamples: int = N_RESAMPLES,
+) -> Interval:
+    """Mean of ours over mean of theirs, paired by world; theirs must be positive."""
+    pair = _pair(ours, theirs)
+    if (pair[1] <= 0).any():
+        raise ValueError(f"a ratio needs scores above 0 below it, got {pair[1].min()}")
+    return _interval(pair, lambda a, b: _mean(a) / _mean(b), rng, n_resamples)
+
+
+def probability_of_improvement(
+    ours: ArrayLike,
+    theirs: ArrayLike,
+    rng: np.random.Generator,
+    n_resamples: int = N_RESAMPLES,
+) -> Interval:
+    """Chance that a run of ours beats a run of theirs on a world, a tie counting as half.
+
+    Every run is compared with every run of the other, on the same world; as `difference` else.
+    """
+    return _interval(_pair(ours, theirs), _improvement, rng, n_resamples)
+
+
+def mean_curve(
+    curves: ArrayLike, rng: np.random.Generator, n_resamples: int = N_BAND_RESAMPLES
+) -> Band:
+    """Mean of curves over runs and worlds with its pointwise 95 % band.
+
+    Parameters
+    ----------
+    curves : array_like (n_runs, n_worlds, n)
+        A curve for each run and world.
+    rng, n_resamples
+        As in `mean`.
+
+    Raises
+    ------
+    ValueError
+        As in `mean`.
+    """
+    values = _matrix(curves, "curves", axes=3)
+    return Band(*_bootstrap([values], _mean, rng, n_resamples))
+
+
+def performance_profile(
+    scores: ArrayLike,
+    thresholds: ArrayLike,
+    rng: np.random.Generator,
+    n_resamples: int = N_BAND_RESAMPLES,
+) -> Band:
+    """Share of runs and worlds with a score above each threshold, with its pointwise 95 % band.
+
+    Parameters
+    ----------
+    scores : array_like (n_runs, n_worlds)
+    thresholds : array_like (n,)
+    rng, n_resamples
+        As in `mean`.
+
+    Raises
+    ------
+    ValueError
+        As in `mean`.
+    """
+    above = _matrix(scores, "scores")[..., None] > np.asarray(thresholds, dtype=np.float64)
+    return Band(*_bootstrap([above], _mean, rng, n_resamples))
+
+
+def resample(samples: Sequence[Array], rng: np.random.Generator, n_resamples: int) -> list[Array]:
+    """Resamples of the scores of algorithms that met the same worlds, as the module says.
+
+    Parameters
+    ----------
+    samples : sequence of arrays (n_runs_i, n_worlds, ...)
+    rng : numpy.random.Generator
+    n_resamples : int
+
+    Returns
+    -------
+    list of arrays (n_resamples, max(n_runs_i - 1, 1), n_worlds, ...)
+    """
+    n_worlds = samples[0].shape[1]
+    worlds = rng.integers(n_worlds, size=(n_resamples, 1, n_worlds))
+    drawn = []
+    for sample in samples:
+        n_drawn = max(len(sample) - 1, 1)
+        runs = rng.integers(len(sample), size=(n_resamples, n_drawn, 1))
+        drawn.append(sample[runs, worlds])
+    return drawn
+
+
+def _mean(values: Array) -> Array:
+    return np.asarray(values.mean(axis=(1, 2)))
+
+
+def _interquartile_mean(values: Array) -> Array:
+    return np.asarray(stats.trim_mean(values.reshape(len(values), -1), 0.25, axis=1))
+
+
+def _improvement(ours: Array, theirs: Array) -> Array:
+    a, b = ours[:, :, None], theirs[:, None]
+    return np.asarray(((a > b) + 0.5 * (a == b)).mean(axis=(1, 2, 3)))
+
+
+def _interval(
+    samples: list[Array], statistic: Statistic, rng: np.random.Generator, n_resamples: int
+) -> Interval:
+    return Interval(*map(float, _bootstrap(samples, statistic, rng, n_resamples)))
+
+
+def _bootstrap(
+    samples: list[Array], statistic: Statistic, rng: np.random.Generator, n_resamples: int
+) -> tuple[Array, Array, Array]:
+    """Estimate, low and high end."""
+    if n_resamples < 1:
+        raise ValueError(f"n_resamples must be at least 1, got {n_resamples}")
+    estimate = statistic(*(sample[None] for sample in samples))[0]
+    resampled = statistic(*resample(samples, rng, n_resamples))
+    low, high = np.percentile(resampled, [2.5, 97.5], axis=0)
+    return estimate, low, high
+
+
+def _pair(ours: ArrayLike, theirs: ArrayLike) -> list[Array]:
+    a, b = _matrix(ours, "ours"), _matrix(theirs, "theirs")
+    if a.shape[1] != b.shape[1]:
+        raise ValueError(
+            f"ours and theirs must cover the same worlds, got {a.shape[1]} and {b.shape[1]} of them"
+        )
+    return [a, b]
+
+
+def _matrix(values: ArrayLike, name: str, axes: int = 2) -> Array:
+    """Check finite scores of one run or more on two worlds or more."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != axes:
+        wanted = "(n_runs, n_worlds)" if axes == 2 else "(n_runs, n_worlds, n)"
+        raise ValueError(f"{name} must have the axes {wanted}, got shape {array.shape}")
+    if array.shape[0] < 1 or array.shape[1] < 2:
+        raise ValueError(
+            f"{name} needs at least 1 run and 2 worlds, got {array.shape[0]} and {array.shape[1]}"
+        )
+    require_finite(array, name)
+    return array

@@ -1,0 +1,1 @@
+"""What a view in the 3-D (field) environment would observe."""

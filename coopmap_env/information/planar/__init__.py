@@ -1,0 +1,1 @@
+"""What a view in the 2-D (planar) environment would observe."""

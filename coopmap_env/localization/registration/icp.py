@@ -1,0 +1,86 @@
+"""From a hypothesis to the nearest pose in which the points fit, by a library's ICP."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.extras import require
+from coopmap_env.geometry.rotations import nearest_rotation
+from coopmap_env.geometry.transforms import Pose
+
+
+class Refiner(Protocol):
+    """Whatever aligns points with the samples of a surface."""
+
+    def __call__(
+        self,
+        points: NDArray[np.float64],
+        surface: NDArray[np.float64],
+        T_target_base: Pose,
+        reach: float,
+    ) -> Pose:
+        """Align points with a surface.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            In the base frame, metres.
+        surface : ndarray, shape (m, 3)
+            In the target's frame, metres: samples of what can be seen from the base.
+        T_target_base : Pose
+            Where to begin.
+        reach : float
+            Metres between a point and the surface at most; points further away are left out.
+
+        Returns
+        -------
+        Pose
+            T_target_base; the one that was given if too few points are within reach.
+        """
+
+
+LEAST = 12
+"""Points and samples: two for each degree of freedom."""
+NEIGHBOURS = 8
+"""Samples of which the library takes a normal: those next to one on a face."""
+
+
+class SmallGicp:
+    """Point-to-plane ICP of small_gicp (Koide 2024), on one thread and so the same at each call.
+
+    Raises
+    ------
+    ImportError
+        If the extra "field" is not installed.
+    """
+
+    def __init__(self, iterations: int = 15) -> None:
+        self.iterations = iterations
+        self._library = require("small_gicp", "field")
+
+    def __call__(
+        self,
+        points: NDArray[np.float64],
+        surface: NDArray[np.float64],
+        T_target_base: Pose,
+        reach: float,
+    ) -> Pose:
+        """See `Refiner`."""
+        if len(points) < LEAST or len(surface) < LEAST:
+            return T_target_base
+        target = self._library.PointCloud(surface)
+        tree = self._library.KdTree(target)
+        self._library.estimate_normals(target, tree, NEIGHBOURS)
+        start = np.eye(4)
+        start[:3, :3], start[:3, 3] = T_target_base.rotation, T_target_base.translation
+        result = self._library.align(
+            target, self._library.PointCloud(points), tree, start, "PLANE_ICP",
+            max_correspondence_distance=reach, num_threads=1, max_iterations=self.iterations,
+        )  # fmt: skip
+        T = np.asarray(result.T_target_source)
+        if result.num_inliers < LEAST or not np.isfinite(T).all():
+            return T_target_base
+        return Pose(T[:3, 3].copy(), nearest_rotation(T[:3, :3]))

@@ -1,0 +1,1 @@
+"""Pictures of planar and field episodes, and the window that shows them."""

@@ -1,0 +1,295 @@
+"""Shaded pictures of coloured triangles, ray traced by Embree.
+
+A sky that is brighter above, one sun with shadows, and cameras that cast their robot's colour on
+what they see, as a torch would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.core.extras import require
+from coopmap_env.geometry import Pose
+from coopmap_env.sensing import DepthCamera
+
+Floats = NDArray[np.float32]
+
+SUN = np.array([-0.35, -0.25, 0.9], dtype=np.float32)
+"""Towards the light, from the viewer's: right, away, up; not a unit vector."""
+SUNLIGHT, SKYLIGHT = 0.38, (0.46, 0.66)
+"""Brightness by the sun, and by the sky on surfaces that look down and up."""
+TINT = 0.42
+"""Share of a camera's colour on what it sees."""
+CHUNK = 8192
+"""Rays at a time: what is worked out for them stays in the processor's cache."""
+EDGE = 0.06
+"""Pixels that differ more than this from a neighbour are taken in 4 points instead of one."""
+OFF = 2e-3
+"""Metres above a surface at which a ray to the light begins."""
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The camera that a picture is taken with; up is z.
+
+    Raises
+    ------
+    ValueError
+        If it would look straight up or down, or a value is outside of its range.
+    """
+
+    eye: tuple[float, float, float]
+    look_at: tuple[float, float, float]
+    field_of_view: float
+    """Horizontal, radians."""
+    width: int
+    """Pixels."""
+    height: int
+
+    def __post_init__(self) -> None:
+        away = np.subtract(self.eye, self.look_at)[:2]
+        if not np.hypot(*away) > 1e-6:
+            raise ValueError(f"Overview must not look straight down: {self.eye}, {self.look_at}")
+        if not 0 < self.field_of_view < np.pi:
+            raise ValueError(
+                f"Overview.field_of_view must lie in (0, pi) radians, got {self.field_of_view}"
+            )
+        if not (self.width >= 1 and self.height >= 1):
+            raise ValueError(f"Overview must have pixels, got {self.width} x {self.height}")
+
+    @cached_property
+    def axes(self) -> NDArray[np.float64]:
+        """Rows: right, up, and towards the viewer, in the world frame."""
+        back = np.subtract(self.eye, self.look_at)
+        back = back / np.linalg.norm(back)
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(back, right), back])
+
+    @property
+    def focal_length(self) -> float:
+        """Pixels."""
+        return self.width / 2 / float(np.tan(self.field_of_view / 2))
+
+    @cached_property
+    def centers(self) -> Floats:
+        """Positions (n, 2) of all pixels, row by row: column, row."""
+        rows, columns = np.indices((self.height, self.width), dtype=np.float32)
+        return np.stack([columns.ravel(), rows.ravel()], axis=1) + np.float32(0.5)
+
+    def rays(self, pixels: Floats) -> Floats:
+        """Unit vectors (n, 3) through positions (n, 2) in the picture: column, row."""
+        right, up, back = self.axes.astype(np.float32)
+        column, row = pixels.T
+        rays: Floats = column[:, None] * right - row[:, None] * up
+        rays -= self.width / 2 * right - self.height / 2 * up + self.focal_length * back
+        rays /= np.sqrt(_dot(rays, rays))[:, None]
+        return rays
+
+    def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions (..., 2) in the picture of points (..., 3), and their distances (...)."""
+        away = np.asarray(points, dtype=np.float64) - self.eye
+        local = away @ self.axes.T
+        depth = np.maximum(-local[..., 2:], 1e-6)
+        at = local[..., :2] * (1, -1) * self.focal_length / depth
+        at += [self.width / 2, self.height / 2]
+        return at, np.linalg.norm(away, axis=-1)
+
+
+class Torch(NamedTuple):
+    """A depth camera that tints what it sees."""
+
+    pose: Pose
+    """T_world_camera."""
+    camera: DepthCamera
+    color: ArrayLike
+
+
+class Hits(NamedTuple):
+    """Where rays end."""
+
+    distance: Floats
+    """Metres; inf where there is nothing."""
+    triangle: NDArray[np.int32]
+    """-1 where there is nothing."""
+
+
+class Painting:
+    """Coloured triangles that pictures can be taken of.
+
+    Parameters
+    ----------
+    triangles : sequence of array_like (m, 3, 3)
+        Surfaces, metres.
+    colors : sequence of array_like, (3,) or (m, 3)
+        Of each surface, or of each of its triangles; 0 to 255.
+    background : array_like (3,)
+        Colour where there is nothing, and into which surfaces fade far from `center`.
+    center : array_like (3,)
+        Middle of what is shown.
+    fade : (float, float)
+        Metres from there at which fading begins and ends.
+
+    Raises
+    ------
+    ImportError
+        If embreex is not installed (extra "field").
+    """
+
+    def __init__(
+        self,
+        triangles: Sequence[ArrayLike],
+        colors: Sequence[ArrayLike],
+        background: ArrayLike,
+        center: ArrayLike,
+        fade: tuple[float, float],
+    ) -> None:
+        parts = [np.asarray(part, dtype=np.float32) for part in triangles]
+        corners = np.ascontiguousarray(np.concatenate(parts))
+        self._colors = np.concatenate(
+            [
+                np.broadcast_to(np.asarray(color, dtype=np.float32) / 255, (len(part), 3))
+                for part, color in zip(parts, colors, strict=True)
+            ]
+        )
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        self._normals = normals / np.maximum(length, 1e-12)
+        self._background: Floats = np.asarray(np.asarray(background) / 255, dtype=np.float32)
+        self._center = np.asarray(center, dtype=np.float32)
+        self._fade = fade
+        self._scene = require("embreex.rtcore_scene", "field").EmbreeScene(robust=True)
+        require("embreex.mesh_construction", "field").TriangleMesh(self._scene, corners)
+
+    def first_hits(self, origins: Floats, directions: Floats) -> Hits:
+        """What rays (n, 3) of unit directions meet first."""
+        found = self._scene.run(
+            np.ascontiguousarray(origins), np.ascontiguousarray(directions),
+            query="INTERSECT", output=True,
+        )  # fmt: skip
+        nothing = found["primID"] < 0
+        return Hits(np.where(nothing, np.float32(np.inf), found["tfar"]), found["primID"])
+
+    def blocked(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
+        """Whether anything lies on rays (n, 3) of these lengths."""
+        if not len(lengths):
+            return np.empty(0, dtype=np.bool_)
+        found = self._scene.run(
+            np.ascontiguousarray(origins), np.ascontiguousarray(directions),
+            np.array(lengths, dtype=np.float32), query="OCCLUDED",
+        )  # fmt: skip
+        return np.asarray(found) >= 0
+
+    def picture(self, view: Overview, torches: Sequence[Torch]) -> tuple[Floats, Floats]:
+        """Colours (height, width, 3) from 0 to 1, and the distance of each pixel (height, width).
+
+        Edges are smooth: where neighbouring pixels differ, four points of the pixel are taken.
+        """
+        colors, distance = self._shade(view, view.centers, torches)
+        image = colors.reshape(view.height, view.width, 3)
+        edge = np.flatnonzero(_edges(image))
+        points = view.centers[edge][:, None] + _FOUR
+        fine, _ = self._shade(view, points.reshape(-1, 2), torches)
+        colors[edge] = fine.reshape(-1, 4, 3).mean(axis=1)
+        return image, distance.reshape(view.height, view.width)
+
+    def _shade(
+        self, view: Overview, pixels: Floats, torches: Sequence[Torch]
+    ) -> tuple[Floats, Floats]:
+        """Colours (n, 3) and distances (n,) at positions (n, 2) in the picture."""
+        colors = np.empty((len(pixels), 3), dtype=np.float32)
+        distance = np.empty(len(pixels), dtype=np.float32)
+        for k in range(0, len(pixels), CHUNK):
+            part = slice(k, k + CHUNK)
+            colors[part], distance[part] = self._shade_few(view, pixels[part], torches)
+        return colors, distance
+
+    def _shade_few(
+        self, view: Overview, pixels: Floats, torches: Sequence[Torch]
+    ) -> tuple[Floats, Floats]:
+        rays = view.rays(pixels)
+        eye = np.broadcast_to(np.array(view.eye, dtype=np.float32), rays.shape)
+        hits = self.first_hits(eye, rays)
+        colors: Floats = np.broadcast_to(self._background, rays.shape).copy()
+        met = np.flatnonzero(hits.triangle >= 0)
+        rays, triangle = rays[met], hits.triangle[met]
+        points = eye[met] + hits.distance[met, None] * rays
+        normals = self._normals[triangle]
+        normals = np.where(_dot(normals, rays)[:, None] > 0, -normals, normals)
+        points = points + OFF * normals
+        lit = self._colors[triangle]
+        for torch in torches:
+            seen = self._seen_by(torch, points, normals)
+            color = np.asarray(torch.color, dtype=np.float32) / 255
+            lit[seen] += TINT * (color - lit[seen])
+        lit *= self._light(view, points, normals)[:, None]
+        far = np.hypot(points[:, 0] - self._center[0], points[:, 1] - self._center[1])
+        share = np.clip((far - self._fade[0]) / (self._fade[1] - self._fade[0]), 0, 1)[:, None]
+        colors[met] += (1 - share * share * (3 - 2 * share)) * (
+            np.minimum(lit, 1) - self._background
+        )
+        return colors, hits.distance
+
+    def _light(self, view: Overview, points: Floats, normals: Floats) -> Floats:
+        """Brightness of points: the sky's, and Lambert's of the sun where it shines."""
+        right, _, back = view.axes
+        ahead = np.array([-back[0], -back[1]]) / np.hypot(back[0], back[1])
+        sun = np.array([*(SUN[0] * right[:2] + SUN[1] * ahead), SUN[2]], dtype=np.float32)
+        sun /= np.linalg.norm(sun)
+        cosine = np.maximum(normals @ sun, 0)
+        facing = np.flatnonzero(cosine)
+        to_sun = np.broadcast_to(sun, (len(facing), 3))
+        shadow = self.blocked(points[facing], to_sun, np.full(len(facing), 1e3))
+        cosine[facing[shadow]] = 0
+        down, up = SKYLIGHT
+        light: Floats = down + (up - down) * (normals[:, 2] + 1) / 2 + SUNLIGHT * cosine
+        return light
+
+    def _seen_by(self, torch: Torch, points: Floats, normals: Floats) -> NDArray[np.int64]:
+        """Which points a camera sees: in its field of view and range, and nothing in between."""
+        camera, t = torch.camera, torch.pose.translation.astype(np.float32)
+        ahead, left, up = torch.pose.rotation.T.astype(np.float32)
+        which = np.flatnonzero(np.abs(points @ ahead - t @ ahead - camera.far / 2) < camera.far / 2)
+        for axis, angle in (
+            (left, camera.horizontal_field_of_view),
+            (up, camera.vertical_field_of_view),
+        ):
+            # the two planes that bound the field of view
+            bound = np.float32(np.tan(angle / 2)) * ahead
+            away = points[which] - t
+            which = which[(away @ (bound - axis) > 0) & (away @ (bound + axis) > 0)]
+        away = points[which] - t
+        distance: Floats = np.sqrt(_dot(away, away))
+        inside = (distance > camera.near) & (distance < camera.far)
+        inside &= _dot(away, normals[which]) < 0
+        which, distance = which[inside], distance[inside]
+        back: Floats = -away[inside] / distance[:, None]
+        return which[~self.blocked(points[which], back, distance - np.float32(camera.near))]
+
+
+_FOUR = np.array(
+    [[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], dtype=np.float32
+)
+"""A turned grid: lines near the axes get four shades."""
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.einsum("nk,nk->n", a, b)
+
+
+def _edges(image: Floats) -> NDArray[np.bool_]:
+    """Pixels that differ from a neighbour."""
+    edge = np.zeros(image.shape[:2], dtype=np.bool_)
+    down = (np.abs(image[1:] - image[:-1]) > EDGE).any(axis=2)
+    right = (np.abs(image[:, 1:] - image[:, :-1]) > EDGE).any(axis=2)
+    edge[1:] |= down
+    edge[:-1] |= down
+    edge[:, 1:] |= right
+    edge[:, :-1] |= right
+    return edge

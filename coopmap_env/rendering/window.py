@@ -1,0 +1,57 @@
+"""A window for people to look at."""
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.extras import require
+
+
+class HumanWindow:
+    """A window that shows RGB frames, opened by the first one.
+
+    A person may close it at any time: from then on frames are dropped silently. pygame has one
+    window per process, so two of these share it.
+    """
+
+    def __init__(self) -> None:
+        self.dismissed = False
+        self._pygame: Any = None
+
+    def show(self, frame: NDArray[np.uint8]) -> None:
+        """Show one (height, width, 3) frame and answer the window's events.
+
+        Raises
+        ------
+        ImportError
+            If pygame is not installed (extra "render").
+        """
+        if self.dismissed:
+            return
+        screen = self._screen(frame.shape[1], frame.shape[0])
+        pixels = np.ascontiguousarray(frame, dtype=np.uint8).tobytes()
+        screen.blit(self._pygame.image.frombuffer(pixels, screen.get_size(), "RGB"), (0, 0))
+        self._pygame.display.flip()
+        if any(event.type == self._pygame.QUIT for event in self._pygame.event.get()):
+            self.dismissed = True
+            self.close()
+
+    def close(self) -> None:
+        """Close the window, if there is one; may be called again."""
+        if self._pygame is not None:
+            self._pygame.display.quit()
+            self._pygame = None
+
+    def _screen(self, width: int, height: int) -> Any:
+        if self._pygame is None:
+            os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+            self._pygame = require("pygame", "render")
+        display = self._pygame.display
+        display.init()
+        screen = display.get_surface()
+        if screen is None or screen.get_size() != (width, height):
+            screen = display.set_mode((width, height))
+            display.set_caption("coopmap")
+        return screen

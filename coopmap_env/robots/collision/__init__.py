@@ -1,0 +1,1 @@
+"""Collision checking of mounts: clearance, contact, motion planning, self-filtering."""

@@ -1,0 +1,130 @@
+"""Ways around: joint motions in several straight pieces, by OMPL."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.core.extras import require
+from coopmap_env.robots.collision.checker import Surroundings
+
+
+def plan_path(
+    surroundings: Surroundings,
+    start: ArrayLike,
+    goal: ArrayLike,
+    seed: int,
+    iterations: int = 300,
+) -> NDArray[np.float64] | None:
+    """A motion from `start` to `goal` of which each straight piece is free, if one is found.
+
+    The straight motion if that is free; else RRT-Connect (Kuffner and LaValle 2000) over the
+    mount's joints, shortened by leaving out waypoints. The same seed gives the same path; what is
+    limited is the number of its steps, not its time.
+
+    Parameters
+    ----------
+    surroundings : Surroundings
+    start, goal : array_like, shape (n,)
+        Joint values.
+    seed : int
+        At least 1.
+    iterations : int, optional
+        Steps of the search, at 0.1 to 0.5 ms each.
+
+    Returns
+    -------
+    ndarray, shape (w, n), or None
+        Waypoints from start to goal, both included.
+
+    Raises
+    ------
+    ImportError
+        If the `paths` extra is not installed.
+    ValueError
+        If joint values are of another shape or out of the limits, or seed or iterations below 1.
+    """
+    if seed < 1 or iterations < 1:
+        raise ValueError(f"seed and iterations must be at least 1, got {seed} and {iterations}")
+    chain = surroundings.vehicle.chain
+    q0, q1 = chain.joints(start), chain.check_limits(goal)
+    require("ompl", "paths")
+    contact = surroundings.first_contact(q0, q1, goal_first=True)
+    if contact is None:
+        return np.stack([q0, q1])
+    if contact.at_goal:
+        return None
+    # a reading at the end of a joint's travel may lie a hair outside of its limits
+    inside = np.clip(q0, chain.lower, chain.upper)
+    found = _rrt_connect(surroundings, inside, q1, seed, iterations)
+    return None if found is None else np.concatenate([[q0], _shortened(surroundings, found)[1:]])
+
+
+def _rrt_connect(
+    surroundings: Surroundings,
+    q0: NDArray[np.float64],
+    q1: NDArray[np.float64],
+    seed: int,
+    iterations: int,
+) -> NDArray[np.float64] | None:
+    base, geometric = require("ompl.base", "paths"), require("ompl.geometric", "paths")
+    util = require("ompl.util", "paths")
+    util.setLogLevel(util.LogLevel.LOG_NONE)
+    util.RNG.setSeed(seed)  # seeds all generators made from here on: the sampler's, the planner's
+    chain = surroundings.vehicle.chain
+    n = chain.n_joints
+    space = base.RealVectorStateSpace(n)
+    bounds = base.RealVectorBounds(n)
+    for j in range(n):
+        turn = 2.0 * math.pi  # of joints without limits
+        bounds.setLow(j, float(max(chain.lower[j], -turn)))
+        bounds.setHigh(j, float(min(chain.upper[j], turn)))
+    space.setBounds(bounds)
+    information = base.SpaceInformation(space)
+
+    def values(state: Any) -> NDArray[np.float64]:
+        return np.array([state[j] for j in range(n)])
+
+    def is_valid(state: Any) -> bool:
+        q = values(state)
+        return bool((q == q0).all() or (q == q1).all() or surroundings.are_clear(q)[0])
+
+    class Validator(base.MotionValidator):  # type: ignore[name-defined]
+        def checkMotion(self, one: Any, other: Any, *_: Any) -> bool:  # noqa: N802
+            """OMPL's name for whether a straight motion is free."""
+            return bool(surroundings.are_free(values(one), values(other))[0])
+
+    validator = Validator(information)
+    information.setStateValidityChecker(is_valid)
+    information.setMotionValidator(validator)
+    information.setup()
+    problem = base.ProblemDefinition(information)
+    ends = []
+    for q in (q0, q1):
+        state = space.allocState()
+        for j in range(n):
+            state[j] = float(q[j])
+        ends.append(state)
+    problem.setStartAndGoalStates(*ends)
+    planner = geometric.RRTConnect(information)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    left = iter(range(iterations))
+    planner.solve(base.PlannerTerminationCondition(lambda: next(left, None) is None))
+    if not problem.hasExactSolution():
+        return None
+    path = problem.getSolutionPath()
+    return np.array([values(path.getState(i)) for i in range(path.getStateCount())])
+
+
+def _shortened(surroundings: Surroundings, path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out waypoints: from each go straight to the last one that can be reached so."""
+    kept, at = [0], 0
+    while at < len(path) - 1:
+        free = surroundings.are_free(path[at], path[at + 1 :])
+        at += 1 + (int(np.flatnonzero(free)[-1]) if free.any() else 0)
+        kept.append(at)
+    return path[kept]

@@ -1,0 +1,1 @@
+"""Kinematic chains: URDF files, forward kinematics, collision spheres."""

@@ -1,0 +1,276 @@
+"""Kinematics of a camera mount, read from its URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots.kinematics.forward import (
+    Bodies,
+    frame_jacobian,
+    frame_poses,
+    point_positions,
+    sorted_rotations,
+)
+from coopmap_env.robots.kinematics.urdf import MOVING, Joint, Model, displacement
+
+SAME_FRAME = Pose(np.zeros(3), np.eye(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A tree of links of which some joints move; a camera is fixed to one link.
+
+    Poses are given in the frame of the root link ("base"). Links that no chosen joint moves
+    against each other are one rigid body, so the cost grows with the joints, not with the links.
+    """
+
+    joint_names: tuple[str, ...]
+    lower: NDArray[np.float64]
+    """Shape (n,): lower limits, radians or metres; -inf where there is none."""
+    upper: NDArray[np.float64]
+    is_prismatic: NDArray[np.bool_]
+    """Shape (n,): whether a joint slides, so that its value is in metres."""
+    link_names: tuple[str, ...]
+    masses: NDArray[np.float64]
+    """Shape (L,): kilograms."""
+    centers_of_mass: NDArray[np.float64]
+    """Shape (L, 3), in the links' frames."""
+    inertias: NDArray[np.float64]
+    """Shape (L, 3, 3): kg m^2 about the centres of mass, along the links' axes."""
+    meshes: tuple[NDArray[np.float64], ...]
+    """Per link triangles (m, 3, 3) in the link's frame: what is seen of it."""
+    bodies: Bodies
+    link_body: NDArray[np.int64]
+    """Shape (L,): the rigid body that each link belongs to; 0 is what does not move."""
+    link_rotations: NDArray[np.float64]
+    """Shape (L, 3, 3): of the links' frames in their bodies."""
+    link_translations: NDArray[np.float64]
+    camera_link: int
+    T_link_camera: Pose
+
+    @classmethod
+    def read(
+        cls,
+        urdf: str | Path,
+        joints: Sequence[str],
+        camera_link: str,
+        T_link_camera: Pose | None = None,
+        package_dirs: Sequence[str] = (),
+        frozen: Mapping[str, float] | None = None,
+    ) -> Chain:
+        """Read a URDF; joints that are not in `joints` are frozen.
+
+        Parameters
+        ----------
+        urdf : path
+        joints : sequence of str
+            The joints that move, in the order of q. For the body on its suspension put the
+            `SUSPENSION_JOINTS` first.
+        camera_link : str
+        T_link_camera : Pose, optional
+            Camera frame (x optical axis, y left, z up) in the link's frame.
+        package_dirs : sequence of str, optional
+            Folders in which ``package://`` meshes are looked up.
+        frozen : mapping of str to float, optional
+            Values at which other joints are frozen; 0 if not given.
+
+        Raises
+        ------
+        ImportError
+            If the `field` extra is not installed.
+        ValueError
+            If a joint or link does not exist, or a joint does not move; the message lists those
+            that do.
+        """
+        model = Model.read(urdf, package_dirs)
+        names, values = tuple(joints), dict(frozen or {})
+        _check(model, names, camera_link, values)
+        links = [model.root, *(joint.child for joint in model.joints)]
+        bodies, link_body, frames = _rigid_bodies(model, names, values)
+        by_name = {joint.name: joint for joint in model.joints}
+        order = [links.index(name) for name in model.links]
+        parts = [model.links[name] for name in model.links]
+        return cls(
+            joint_names=names,
+            lower=np.array([by_name[name].lower for name in names]),
+            upper=np.array([by_name[name].upper for name in names]),
+            is_prismatic=np.array([by_name[name].kind == "prismatic" for name in names]),
+            link_names=tuple(model.links),
+            masses=np.array([link.mass for link in parts]),
+            centers_of_mass=np.array([link.center_of_mass for link in parts]),
+            inertias=np.array([link.inertia for link in parts]),
+            meshes=tuple(model.triangles(name) for name in model.links),
+            bodies=bodies,
+            link_body=link_body[order],
+            link_rotations=np.ascontiguousarray(frames[order, :3, :3]),
+            link_translations=np.ascontiguousarray(frames[order, :3, 3]),
+            camera_link=list(model.links).index(camera_link),
+            T_link_camera=T_link_camera or SAME_FRAME,
+        )
+
+    def __post_init__(self) -> None:
+        arrays = (self.lower, self.upper, self.is_prismatic, self.masses, self.centers_of_mass,
+                  self.inertias, self.link_body, self.link_rotations, self.link_translations,
+                  *self.meshes, *self.bodies)  # fmt: skip
+        for array in arrays:
+            array.flags.writeable = False
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints that move."""
+        return len(self.joint_names)
+
+    @property
+    def n_links(self) -> int:
+        """Number of links."""
+        return len(self.link_names)
+
+    def joints(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Joint values as an array (k, n), or (n,) as given.
+
+        Raises
+        ------
+        ValueError
+            If the shape is another one or a value is not finite; the message names the joint.
+        """
+        q = np.ascontiguousarray(q, dtype=np.float64)
+        if q.ndim not in (1, 2) or q.shape[-1] != self.n_joints:
+            raise ValueError(
+                f"joint values of shape {q.shape}, expected ({self.n_joints},) or "
+                f"(k, {self.n_joints}) for {list(self.joint_names)}"
+            )
+        if not np.isfinite(q).all():
+            bad = int(np.argwhere(~np.isfinite(q))[0, -1])
+            raise ValueError(f"joint {self.joint_names[bad]!r} has a value that is not finite: {q}")
+        return q
+
+    def check_limits(self, q: ArrayLike) -> NDArray[np.float64]:
+        """As `joints`, and refuse values outside the limits.
+
+        Raises
+        ------
+        ValueError
+            Naming the joint, its value and its limits.
+        """
+        q = self.joints(q)
+        outside = (q < self.lower - 1e-9) | (q > self.upper + 1e-9)
+        if outside.any():
+            at = tuple(np.argwhere(outside)[0])
+            raise ValueError(
+                f"joint {self.joint_names[at[-1]]!r} at {q[at]:.6g} is outside of its limits "
+                f"[{self.lower[at[-1]]:.6g}, {self.upper[at[-1]]:.6g}]"
+            )
+        return q
+
+    def link_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Poses of all links: R (k, L, 3, 3), t (k, L, 3); without k for a single q (n,)."""
+        return self._frames(q, self.link_body, self.link_rotations, self.link_translations)
+
+    def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Poses of the camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
+        body, rotation, translation = self._camera
+        R, t = self._frames(q, body, rotation, translation)
+        return R[..., 0, :, :], t[..., 0, :]
+
+    def point_positions(
+        self, q: ArrayLike, body: NDArray[np.int64], points: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Positions (k, s, 3) of points (s, 3) fixed to rigid bodies (s,)."""
+        q = np.atleast_2d(self.joints(q))
+        out = np.empty((len(q), len(points), 3))
+        point_positions(self.bodies, q, body, points, out)
+        return out
+
+    def jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Jacobian (6, n) of the camera [translation; rotation vector] in the base frame, at q."""
+        q = self.joints(q)
+        if q.ndim != 1:
+            raise ValueError(f"the Jacobian needs joint values of one pose, got shape {q.shape}")
+        body, _, translation = self._camera
+        out = np.empty((6, self.n_joints))
+        frame_jacobian(self.bodies, q, body[0], translation[0], out)
+        return out
+
+    @cached_property
+    def _camera(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        link = slice(self.camera_link, self.camera_link + 1)
+        R, camera = self.link_rotations[link], self.T_link_camera
+        translation = self.link_translations[link] + camera.translation @ R[0].T
+        return self.link_body[link], R @ camera.rotation, translation
+
+    def _frames(
+        self,
+        q: ArrayLike,
+        body: NDArray[np.int64],
+        rotation: NDArray[np.float64],
+        translation: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        q = self.joints(q)
+        batch = np.atleast_2d(q)
+        R, t = np.empty((len(batch), len(body), 3, 3)), np.empty((len(batch), len(body), 3))
+        frame_poses(self.bodies, batch, body, rotation, translation, R, t)
+        return (R, t) if q.ndim == 2 else (R[0], t[0])
+
+
+def _check(
+    model: Model, joints: tuple[str, ...], camera_link: str, frozen: Mapping[str, float]
+) -> None:
+    moving = [joint.name for joint in model.joints if joint.kind in MOVING]
+    if not joints:
+        raise ValueError(f"name at least one joint of {model.path}; those that move: {moving}")
+    if len(set(joints)) != len(joints):
+        raise ValueError(f"a joint is named twice: {list(joints)}")
+    for name in (*joints, *frozen):
+        if name not in moving:
+            raise ValueError(f"{model.path} has no moving joint {name!r}; it has {moving}")
+    if camera_link not in model.links:
+        raise ValueError(
+            f"{model.path} has no link {camera_link!r} for the camera; it has {list(model.links)}"
+        )
+
+
+def _rigid_bodies(
+    model: Model, names: tuple[str, ...], frozen: Mapping[str, float]
+) -> tuple[Bodies, NDArray[np.int64], NDArray[np.float64]]:
+    """The tree of bodies; per link (root first, then the joints' children) body and frame."""
+    rows: list[tuple[int, NDArray[np.float64], Joint, int, float, float]] = []
+    placed = {model.root: (0, np.eye(4))}
+    for joint in model.joints:
+        body, T_body_parent = placed[joint.parent]
+        T_body_joint = T_body_parent @ joint.origin
+        source, multiplier, offset = joint.mimic or (joint.name, 1.0, 0.0)
+        if joint.name in names or (joint.kind in MOVING and source in names):
+            if joint.name in names:
+                source, multiplier, offset = joint.name, 1.0, 0.0
+            rows.append((body, T_body_joint, joint, names.index(source), multiplier, offset))
+            placed[joint.child] = (len(rows), np.eye(4))
+        else:
+            value = multiplier * frozen.get(source, 0.0) + offset
+            placed[joint.child] = (body, T_body_joint @ displacement(joint.kind, joint.axis, value))
+    frames = [np.eye(4), *(row[1] for row in rows)]
+    axis = np.array([np.zeros(3), *(row[2].axis for row in rows)])
+    prismatic = np.array([False, *(row[2].kind == "prismatic" for row in rows)])
+    constant, cosine, sine = sorted_rotations(
+        np.array([frame[:3, :3] for frame in frames]), axis, prismatic
+    )
+    bodies = Bodies(
+        parent=np.array([0, *(row[0] for row in rows)], dtype=np.int64),
+        translation=np.array([frame[:3, 3] for frame in frames]),
+        constant=constant,
+        cosine=cosine,
+        sine=sine,
+        axis=axis,
+        prismatic=prismatic,
+        variable=np.array([0, *(row[3] for row in rows)], dtype=np.int64),
+        multiplier=np.array([0.0, *(row[4] for row in rows)]),
+        offset=np.array([0.0, *(row[5] for row in rows)]),
+    )
+    body_of = np.array([body for body, _ in placed.values()], dtype=np.int64)
+    return bodies, body_of, np.array([frame for _, frame in placed.values()])

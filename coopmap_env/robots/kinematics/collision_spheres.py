@@ -1,0 +1,250 @@
+"""The space that a vehicle takes: spheres that cover its links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.robots.kinematics.chain import Chain
+
+
+@dataclass(frozen=True)
+class SphereSettings:
+    """How finely links are covered.
+
+    Raises
+    ------
+    ValueError
+        If a value is not positive.
+    """
+
+    radius: float = 0.15
+    """Metres: parts of moving links are halved until their spheres are no larger."""
+    static_radius: float = 0.2
+    """Metres, the same for links that do not move: they meet the mount's own links only."""
+    most: int = 8
+    """Spheres per link, whatever their radius."""
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "static_radius", "most"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"SphereSettings.{name} must be > 0, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Spheres fixed to the links of a chain; those that no joint moves come first.
+
+    The spheres of each rigid body cover all triangles of its links; a sphere inside another one is
+    left out.
+    """
+
+    chain: Chain
+    sphere_body: NDArray[np.int64]
+    """Shape (s,): the rigid body of the chain that each sphere is fixed to; 0 does not move."""
+    local_centers: NDArray[np.float64]
+    """Shape (s, 3), in the frames of those bodies."""
+    radii: NDArray[np.float64]
+    """Shape (s,), metres."""
+    link: NDArray[np.int64]
+    """Shape (s,): index in `chain.link_names`."""
+    partners: NDArray[np.int64]
+    """Shape (p,): spheres that moving ones must not touch, by moving sphere, static ones first."""
+    pair_rows: NDArray[np.int64]
+    """Shape (s, 3): in `partners` a sphere's begin, its first moving one, and its end."""
+    static_ball: NDArray[np.float64]
+    """Shape (4,): centre and radius of a ball around all static spheres, base frame."""
+
+    @classmethod
+    def of(
+        cls, chain: Chain, home: Sequence[float], settings: SphereSettings | None = None
+    ) -> Body:
+        """Cover the links of a chain, once per process.
+
+        `home` tells which spheres touch by construction: pairs that overlap there are not asked
+        about, and neither are those of joined links, which the joints' limits keep apart.
+        """
+        return _cover(chain, tuple(float(v) for v in home), settings or SphereSettings())
+
+    @property
+    def n_spheres(self) -> int:
+        """Number of spheres."""
+        return len(self.radii)
+
+    @property
+    def pairs(self) -> NDArray[np.int64]:
+        """Pairs (p, 2) of a moving sphere and another one that it must not touch."""
+        counts = self.pair_rows[:, 2] - self.pair_rows[:, 0]
+        return np.stack([np.repeat(np.arange(self.n_spheres), counts), self.partners], axis=1)
+
+    def asked_links(self) -> set[frozenset[str]]:
+        """Names of the two links of every pair."""
+        names = self.chain.link_names
+        return {frozenset((names[a], names[b])) for a, b in self.link[self.pairs].tolist()}
+
+    @property
+    def is_static(self) -> NDArray[np.bool_]:
+        """Shape (s,): spheres that no joint moves, as those of the chassis."""
+        return self.sphere_body == 0
+
+    @property
+    def n_static(self) -> int:
+        """Number of spheres that no joint moves; they come first."""
+        return int(np.count_nonzero(self.sphere_body == 0))
+
+    def centers(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Centres (k, s, 3) in the base frame; (s, 3) for a single q (n,)."""
+        out = self.chain.point_positions(q, self.sphere_body, self.local_centers)
+        return out if np.ndim(q) == 2 else out[0]
+
+    def spheres(
+        self, q: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+        """Centres (k, s, 3) in the base frame, radii (s,) and links (s,)."""
+        return self.centers(q), self.radii, self.link
+
+
+@lru_cache(maxsize=32)
+def _cover(chain: Chain, home: tuple[float, ...], settings: SphereSettings) -> Body:
+    rows: list[tuple[int, NDArray[np.float64], float, int]] = []
+    for link, triangles in enumerate(chain.meshes):
+        if not len(triangles):
+            continue
+        body = int(chain.link_body[link])
+        limit = settings.radius if body else settings.static_radius
+        R, t = chain.link_rotations[link], chain.link_translations[link]
+        for center, radius in cover(triangles, limit, settings.most):
+            rows.append((body, R @ center + t, radius, link))
+    if not rows:
+        raise ValueError("no link has a shape, so there is nothing to keep clear of obstacles")
+    rows = [row for row in rows if not any(_swallows(other, row) for other in rows)]
+    rows.sort(key=lambda row: row[0] != 0)
+    bodies = np.array([row[0] for row in rows], dtype=np.int64)
+    centers, radii = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
+    at_home = chain.point_positions(home, bodies, centers)[0]
+    partners, pair_rows = _pairs(chain.bodies.parent, bodies, at_home, radii)
+    return Body(
+        chain=chain,
+        sphere_body=bodies,
+        local_centers=centers,
+        radii=radii,
+        link=np.array([row[3] for row in rows], dtype=np.int64),
+        partners=partners,
+        pair_rows=pair_rows,
+        static_ball=_ball_of_balls(at_home[bodies == 0], radii[bodies == 0]),
+    )
+
+
+def _swallows(
+    other: tuple[int, NDArray[np.float64], float, int],
+    row: tuple[int, NDArray[np.float64], float, int],
+) -> bool:
+    """Whether a sphere lies inside a larger one on the same rigid body."""
+    gap = float(np.linalg.norm(other[1] - row[1]))
+    return other[0] == row[0] and other[2] > row[2] and gap + row[2] <= other[2]
+
+
+def _pairs(
+    parent: NDArray[np.int64],
+    body: NDArray[np.int64],
+    centers: NDArray[np.float64],
+    radii: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """`Body.partners` and `pair_rows`: spheres apart at home that are not on joined bodies.
+
+    Two moving bodies with one between them count as joined: the axes of a wrist lie close.
+    """
+    n = len(parent)
+    joined = np.eye(n, dtype=np.bool_)
+    for b in range(1, n):
+        joined[b, parent[b]] = joined[parent[b], b] = True
+        above = parent[parent[b]]
+        if parent[b] > 0 and above > 0:
+            joined[b, above] = joined[above, b] = True
+    gaps = np.linalg.norm(centers[:, None] - centers, axis=2) - radii[:, None] - radii
+    asked = (gaps > 0) & ~joined[body[:, None], body] & (body[:, None] > 0)
+    asked &= np.tri(len(body), k=-1, dtype=np.bool_)  # static ones come first, so second here
+    static, ends = asked[:, body == 0].sum(axis=1), asked.sum(axis=1).cumsum()
+    begins = np.concatenate([[0], ends[:-1]])
+    return np.nonzero(asked)[1], np.stack([begins, begins + static, ends], axis=1)
+
+
+def _ball_of_balls(centers: NDArray[np.float64], radii: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A ball (4,) around balls; far away and of no size if there are none."""
+    if not len(radii):
+        return np.array([1e9, 1e9, 1e9, 0.0])
+    middle = 0.5 * ((centers - radii[:, None]).min(axis=0) + (centers + radii[:, None]).max(axis=0))
+    return np.append(middle, (np.linalg.norm(centers - middle, axis=1) + radii).max())
+
+
+def cover(
+    triangles: NDArray[np.float64], radius: float, most: int
+) -> list[tuple[NDArray[np.float64], float]]:
+    """Spheres (centre, radius) whose union covers triangles (m, 3, 3).
+
+    The part with the largest sphere is cut across its longest side, triangles with it, until no
+    sphere is larger than `radius` or there are `most`.
+    """
+    parts = [(_ball(triangles), triangles)]
+    while len(parts) < most:
+        worst = max(range(len(parts)), key=lambda i: parts[i][0][1])
+        (_, largest), cut = parts[worst]
+        if largest <= radius:
+            break
+        points = cut.reshape(-1, 3)
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        axis = int(np.argmax(upper - lower))
+        level = 0.5 * (lower[axis] + upper[axis])
+        halves = [_clip(cut, axis, level, sign) for sign in (1.0, -1.0)]
+        parts[worst : worst + 1] = [(_ball(half), half) for half in halves if len(half)]
+    return [ball for ball, _ in parts]
+
+
+def _clip(
+    triangles: NDArray[np.float64], axis: int, level: float, sign: float
+) -> NDArray[np.float64]:
+    """Triangles of what lies beyond a plane across an axis: ``sign * (x - level) >= 0``."""
+    side = sign * (triangles[:, :, axis] - level)
+    inside = side >= 0
+    count = inside.sum(axis=1)
+    whole = triangles[count == 3]
+    pieces = [whole]
+    for wanted in (1, 2):
+        cut = triangles[count == wanted]
+        if not len(cut):
+            continue
+        # turn each so that the vertex that is alone on its side comes first
+        alone = (inside[count == wanted] == (wanted == 1)).argmax(axis=1)
+        order = (alone[:, None] + np.arange(3)) % 3
+        a, b, c = np.moveaxis(np.take_along_axis(cut, order[:, :, None], axis=1), 1, 0)
+        share = np.take_along_axis(side[count == wanted], order, axis=1)
+        ab = a + (b - a) * (share[:, 0] / (share[:, 0] - share[:, 1]))[:, None]
+        ac = a + (c - a) * (share[:, 0] / (share[:, 0] - share[:, 2]))[:, None]
+        if wanted == 1:
+            pieces.append(np.stack([a, ab, ac], axis=1))
+        else:
+            pieces += [np.stack([ab, b, c], axis=1), np.stack([ab, c, ac], axis=1)]
+    return np.concatenate(pieces)
+
+
+def _ball(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """A ball around all vertices, next to the smallest.
+
+    Steps towards the farthest vertex, ever shorter, find the smallest ball's centre (Badoiu and
+    Clarkson 2003); the radius is measured, so that nothing sticks out.
+    """
+    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    best = center
+    distance = np.linalg.norm(points - center, axis=1)
+    smallest = float(distance.max())
+    for step in range(1, 60):
+        center = center + (points[distance.argmax()] - center) / (step + 1)
+        distance = np.linalg.norm(points - center, axis=1)
+        if distance.max() < smallest:
+            best, smallest = center, float(distance.max())
+    return best, smallest * (1.0 + 1e-9)

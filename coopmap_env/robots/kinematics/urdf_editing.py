@@ -1,0 +1,252 @@
+"""Vehicles put together from the URDFs of others, on a suspension."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import math
+import os
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.robots.kinematics.urdf import MOVING, displacement, find_mesh
+from coopmap_env.robots.suspension import SUSPENSION_JOINTS
+
+TINY_MASS, TINY_INERTIA = 1e-3, 1e-6
+"""Of links without a mass: physics engines take a missing one for 1 kg, and zero for fixed."""
+
+
+def read_tree(path: str | Path, package_dirs: Sequence[str] = ()) -> ET.Element:
+    """A URDF as XML with absolute mesh paths, no massless link and nothing but links and joints.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the URDF or one of its meshes does not exist.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"there is no URDF at {path}")
+    tree = ET.parse(path).getroot()
+    for element in list(tree):
+        if element.tag not in ("link", "joint", "material"):
+            tree.remove(element)
+    for mesh in tree.iter("mesh"):
+        found = find_mesh(mesh.get("filename", ""), path, package_dirs)
+        mesh.set("filename", str(found.resolve()))
+    for link in tree.findall("link"):
+        mass = link.find("inertial/mass")
+        if mass is None or float(mass.get("value", "0")) <= 0.0:
+            for inertial in link.findall("inertial"):
+                link.remove(inertial)
+            link.append(_inertial())
+    return tree
+
+
+def drop(tree: ET.Element, links: Iterable[str]) -> None:
+    """Remove links with all that hangs on them."""
+    front = list(links)
+    while front:
+        name = front.pop()
+        for joint in tree.findall("joint"):
+            parent, child = _ends(joint)
+            if name in (parent, child):
+                tree.remove(joint)
+            if name == parent:
+                front.append(child)
+        for link in tree.findall("link"):
+            if link.get("name") == name:
+                tree.remove(link)
+
+
+def freeze(tree: ET.Element, moving: Sequence[str], values: Mapping[str, float]) -> None:
+    """Fix all joints but `moving`, at given values or at 0.
+
+    Raises
+    ------
+    ValueError
+        If a joint that is to move, or has a value, is none that moves.
+    """
+    joints = {j.get("name", ""): j for j in tree.findall("joint") if j.get("type") in MOVING}
+    for name in (*moving, *values):
+        if name not in joints:
+            raise ValueError(f"there is no moving joint {name!r}; there are {sorted(joints)}")
+    for name, joint in joints.items():
+        if name in moving:
+            continue
+        axis = joint.find("axis")
+        direction = np.array(_numbers(axis, "xyz", (1.0, 0.0, 0.0)))
+        T = displacement(
+            joint.get("type", ""), direction / np.linalg.norm(direction), values.get(name, 0.0)
+        )
+        _set_origin(joint, _origin(joint) @ T)
+        joint.set("type", "fixed")
+        for tag in ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration"):
+            for element in joint.findall(tag):
+                joint.remove(element)
+
+
+def attach(
+    tree: ET.Element, other: ET.Element, link: str, T_link_root: NDArray[np.float64]
+) -> None:
+    """Fix the root of another tree to a link of this one.
+
+    Raises
+    ------
+    ValueError
+        If both have a link or joint of the same name.
+    """
+    taken = {(e.tag, e.get("name")) for e in tree if e.tag != "material"}
+    twice = [e.get("name") for e in other if (e.tag, e.get("name")) in taken]
+    if twice:
+        raise ValueError(f"both URDFs have {twice}")
+    joint = _fixed(f"{link}_to_{root_of(other)}", link, root_of(other), T_link_root)
+    tree.extend([*copy.deepcopy(list(other)), joint])
+
+
+def put_on_suspension(
+    tree: ET.Element,
+    roll_centre_height: float,
+    root_height: float = 0.0,
+    wheels: Iterable[str] = (),
+) -> None:
+    """Put heave, roll and pitch between a new root "base", on the ground, and the old root.
+
+    Parameters
+    ----------
+    tree : Element
+        Changed in place.
+    roll_centre_height : float
+        Of the axes of roll and pitch above ground, metres.
+    root_height : float
+        Of the old root above ground at rest, metres.
+    wheels : iterable of str
+        Links that stay on the ground with all that hangs on them.
+    """
+    old = root_of(tree)
+    names = {element.get("name") for element in tree.findall("link")}
+    base = "base" if "base" not in names else "ground_base"
+    for wheel in wheels:
+        _to_the_ground(tree, wheel, old, base, root_height)
+    body = "suspension_body"
+    links = [base, "suspension_heave_link", "suspension_roll_link", body]
+    for name in links:
+        link = ET.SubElement(tree, "link", name=name)
+        link.append(_inertial())
+    kinds = (("prismatic", "0 0 1", 0.1), ("revolute", "1 0 0", 0.3), ("revolute", "0 1 0", 0.3))
+    for i, (name, (kind, axis, travel)) in enumerate(zip(SUSPENSION_JOINTS, kinds, strict=True)):
+        joint = _fixed(name, links[i], links[i + 1], place(0, 0, 0 if i else roll_centre_height))
+        joint.set("type", kind)
+        ET.SubElement(joint, "axis", xyz=axis)
+        limit = {"lower": str(-travel), "upper": str(travel), "effort": "1e5", "velocity": "10"}
+        ET.SubElement(joint, "limit", limit)
+        tree.append(joint)
+    lift = place(0, 0, root_height - roll_centre_height)
+    tree.append(_fixed("suspension_to_vehicle", body, old, lift))
+
+
+def _to_the_ground(tree: ET.Element, wheel: str, root: str, base: str, root_height: float) -> None:
+    """Hang a wheel on the ground-fixed base instead of on the body."""
+    above = {_ends(joint)[1]: joint for joint in tree.findall("joint")}
+    if wheel not in above:
+        raise ValueError(f"there is no wheel {wheel!r} below the root; there are {sorted(above)}")
+    T, link = np.eye(4), wheel
+    while link != root:
+        T = _origin(above[link]) @ T
+        link = _ends(above[link])[0]
+    joint = above[wheel]
+    tree.remove(joint)
+    tree.append(_fixed(joint.get("name", ""), base, wheel, place(0, 0, root_height) @ T))
+
+
+def write_once(tree: ET.Element, name: str) -> Path:
+    """Write a URDF to a file named by its content, in this user's folder for temporary files.
+
+    Several processes may do so at once: the file appears whole or not at all.
+    """
+    text = ET.tostring(tree, encoding="utf-8", xml_declaration=True)
+    folder = Path(tempfile.gettempdir()) / f"coopmap-{getattr(os, 'getuid', lambda: 0)()}"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path = folder / f"{name}-{hashlib.sha256(text).hexdigest()[:16]}.urdf"
+    if not (path.is_file() and path.read_bytes() == text):
+        handle, draft = tempfile.mkstemp(dir=folder)
+        with os.fdopen(handle, "wb") as file:
+            file.write(text)
+        os.replace(draft, path)
+    return path
+
+
+def root_of(tree: ET.Element) -> str:
+    """Name of the link that is no joint's child."""
+    children = {_ends(joint)[1] for joint in tree.findall("joint")}
+    roots = [link.get("name", "") for link in tree.findall("link")]
+    roots = [name for name in roots if name not in children]
+    if len(roots) != 1:
+        raise ValueError(f"a URDF needs one root link, got {roots}")
+    return roots[0]
+
+
+def place(x: float, y: float, z: float, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+    """T (4, 4) from a translation and a URDF's roll, pitch, yaw about fixed axes."""
+    roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
+    T = np.eye(4)
+    for axis, angle in (((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll)):
+        T = T @ displacement("revolute", np.array(axis, dtype=np.float64), float(angle))
+    T[:3, 3] = x, y, z
+    return T
+
+
+def _origin(joint: ET.Element) -> NDArray[np.float64]:
+    origin = joint.find("origin")
+    x, y, z = _numbers(origin, "xyz", (0.0, 0.0, 0.0))
+    return place(x, y, z, _numbers(origin, "rpy", (0.0, 0.0, 0.0)))
+
+
+def _set_origin(joint: ET.Element, T: NDArray[np.float64]) -> None:
+    for origin in joint.findall("origin"):
+        joint.remove(origin)
+    level = math.hypot(T[0, 0], T[1, 0])
+    if level > 1e-9:
+        roll, yaw = math.atan2(T[2, 1], T[2, 2]), math.atan2(T[1, 0], T[0, 0])
+    else:  # straight up or down: roll and yaw are one turn
+        roll, yaw = math.atan2(-T[1, 2], T[1, 1]), 0.0
+    rpy = (roll, math.atan2(-T[2, 0], level), yaw)
+    # repr keeps all digits, so that reading it back changes nothing
+    texts = [" ".join(repr(float(v)) for v in values) for values in (T[:3, 3], rpy)]
+    ET.SubElement(joint, "origin", xyz=texts[0], rpy=texts[1])
+
+
+def _numbers(
+    element: ET.Element | None, attribute: str, default: tuple[float, float, float]
+) -> tuple[float, ...]:
+    text = None if element is None else element.get(attribute)
+    return default if text is None else tuple(float(part) for part in text.split())
+
+
+def _ends(joint: ET.Element) -> tuple[str, str]:
+    parent, child = joint.find("parent"), joint.find("child")
+    if parent is None or child is None:
+        raise ValueError(f"the joint {joint.get('name')!r} lacks its parent or child")
+    return parent.get("link", ""), child.get("link", "")
+
+
+def _fixed(name: str, parent: str, child: str, T: NDArray[np.float64]) -> ET.Element:
+    joint = ET.Element("joint", name=name, type="fixed")
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    _set_origin(joint, T)
+    return joint
+
+
+def _inertial() -> ET.Element:
+    inertial = ET.Element("inertial")
+    ET.SubElement(inertial, "mass", value=str(TINY_MASS))
+    moments = {f"i{a}{b}": "0" for a, b in ("xy", "xz", "yz")}
+    moments |= {f"i{a}{a}": str(TINY_INERTIA) for a in "xyz"}
+    ET.SubElement(inertial, "inertia", moments)
+    return inertial

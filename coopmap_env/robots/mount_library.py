@@ -1,0 +1,209 @@
+"""The mounts that come with the package, and how to make one of any other URDF."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coopmap_env.core.extras import require
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots.kinematics import urdf_editing as compose
+from coopmap_env.robots.mount import DEGREE, Mount
+from coopmap_env.robots.suspension import Suspension
+
+MODELS = Path(__file__).parent / "models"
+
+_SIDES = ("left", "right")
+
+OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""R_optical_camera: from x forward, y left, z up to an optical frame's z forward, y down."""
+
+
+def wrap_urdf(
+    urdf: str | Path,
+    joints: Sequence[str],
+    camera_link: str,
+    home: Sequence[float],
+    *,
+    name: str = "",
+    suspension: Suspension | None = None,
+    root_height: float = 0.0,
+    wheels: Sequence[str] = (),
+    frozen: Mapping[str, float] | None = None,
+    package_dirs: Sequence[str] = (),
+    **settings: Any,
+) -> Mount:
+    """A mount from any URDF: its root is put on a suspension, other joints are fixed.
+
+    Parameters
+    ----------
+    urdf : path
+    joints : sequence of str
+        The joints that move the camera.
+    camera_link : str
+    home : sequence of float
+        Joint values at the start.
+    name : str, optional
+        The URDF's file name, if not given.
+    suspension : Suspension, optional
+        Choose the stiffness for the mass: the default is one for 150 kg.
+    root_height : float, optional
+        Of the URDF's root link above ground, metres.
+    wheels : sequence of str, optional
+        Links that stay on the ground while the body heaves, rolls and pitches.
+    frozen : mapping of str to float, optional
+        Values of joints that are not to move, such as a folded arm; 0 if not given.
+    package_dirs : sequence of str, optional
+        Folders in which ``package://`` meshes are looked up.
+    **settings
+        Other fields of `Mount`: `T_link_camera`, `encoder_noise`, `calibration_error`, `alpha`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the URDF or a mesh is not there.
+    ValueError
+        If a joint or link does not exist; the message lists those that do.
+    """
+    tree = compose.read_tree(urdf, package_dirs)
+    return _on_suspension(
+        tree, name or Path(urdf).stem, joints, camera_link, home, suspension or Suspension(),
+        root_height, wheels, frozen or {}, settings,
+    )  # fmt: skip
+
+
+def _on_suspension(
+    tree: Any,
+    name: str,
+    joints: Sequence[str],
+    camera_link: str,
+    home: Sequence[float],
+    suspension: Suspension,
+    root_height: float,
+    wheels: Sequence[str],
+    frozen: Mapping[str, float],
+    settings: Mapping[str, Any],
+) -> Mount:
+    compose.freeze(tree, joints, frozen)
+    compose.put_on_suspension(tree, suspension.roll_centre_height, root_height, wheels)
+    mount = Mount(
+        name=name,
+        urdf=compose.write_once(tree, name),
+        camera_link=camera_link,
+        joints=tuple(joints),
+        home=tuple(home),
+        suspension=suspension,
+        **settings,
+    )
+    mount.chain()  # a wrong name or value is told here, not at the first use
+    return mount
+
+
+def mast() -> Mount:
+    """A chassis of 120 kg with a mast of 25 kg: turntable, shoulder, elbow, wrist pan and tilt."""
+    return Mount(
+        name="mast",
+        urdf=MODELS / "mast.urdf",
+        camera_link="camera",
+        joints=("turntable", "shoulder", "elbow", "wrist_pan", "wrist_tilt"),
+        home=(0.0, -0.8, 1.8, 0.0, 0.0),
+        suspension=Suspension(),
+    )
+
+
+def husky_panda() -> Mount:
+    """Clearpath's Husky carrying Franka's Panda, the camera beside its gripper.
+
+    From the files of pybullet_data. The camera looks along the hand's approach axis and sits
+    where a wrist camera is screwed on, so that the fingers are out of its sight.
+    """
+    data = Path(require("pybullet_data", "field").getDataPath())
+    tree = compose.read_tree(data / "husky" / "husky.urdf")
+    compose.drop(tree, ["imu_link"])  # its pose is left to a variable of the shell
+    panda = compose.read_tree(data / "franka_panda" / "panda.urdf")
+    compose.attach(tree, panda, "base_link", compose.place(0.05, 0.0, 0.224))
+    R = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    R[:, 1] *= -1.0  # camera x along the hand's z, camera z along the hand's x
+    return _on_suspension(
+        tree, "husky_panda", tuple(f"panda_joint{i}" for i in range(1, 8)), "panda_hand",
+        (0.0, -0.6, 0.0, -2.2, 0.0, 3.0, math.pi / 4), _HUSKY_SUSPENSION, 0.0,
+        tuple(f"{end}_{side}_wheel_link" for end in ("front", "rear") for side in _SIDES),
+        {}, {"T_link_camera": Pose(np.array([0.07, 0.0, 0.04]), R)},
+    )  # fmt: skip
+
+
+_HUSKY_SUSPENSION = Suspension(
+    heave_stiffness=20_000.0,
+    roll_stiffness=5_000.0,
+    pitch_stiffness=6_500.0,
+    heave_damping=1_450.0,
+    roll_damping=300.0,
+    pitch_damping=390.0,
+    roll_centre_height=0.18,
+)
+"""As the mast's, for a third of the mass: 0.7 of the critical damping."""
+
+
+def tiago() -> Mount:
+    """PAL's TIAGo with its arm folded: torso lift, head pan, head tilt, camera in the head."""
+    urdf = _example_robot_data("tiago_description/robots/tiago_no_hand.urdf")
+    arm = dict(zip(range(1, 8), (0.2, -1.34, -0.2, 1.94, -1.57, 1.37, 0.0), strict=True))
+    casters = [f"caster_{end}_{side}_1_link" for end in ("front", "back") for side in _SIDES]
+    return wrap_urdf(
+        urdf,
+        ("torso_lift_joint", "head_1_joint", "head_2_joint"),
+        "xtion_optical_frame",
+        (0.15, 0.0, -0.2),
+        name="tiago",
+        suspension=_TIAGO_SUSPENSION,
+        wheels=[*(f"wheel_{side}_link" for side in _SIDES), *casters],
+        frozen={f"arm_{i}_joint": value for i, value in arm.items()},
+        package_dirs=[str(urdf.parents[3]), str(urdf.parents[4])],
+        # 3 cm in front of the link, whose origin lies inside the shell of the head
+        T_link_camera=Pose(np.array([0.0, 0.0, 0.03]), OPTICAL),
+        encoder_noise=(0.001, 0.1 * DEGREE, 0.1 * DEGREE),
+        calibration_error=(0.002, 0.15 * DEGREE, 0.15 * DEGREE),
+        # its whole lift of 0.35 m is as far as a turn of the head by 1.75 rad
+        alpha=(25.0, 1.0, 1.0),
+    )
+
+
+_TIAGO_SUSPENSION = Suspension(
+    heave_stiffness=28_000.0,
+    roll_stiffness=2_000.0,
+    pitch_stiffness=2_500.0,
+    heave_damping=2_000.0,
+    roll_damping=300.0,
+    pitch_damping=330.0,
+    roll_centre_height=0.1,
+    heave_std=0.0002,
+    roll_std=0.0002,
+    pitch_std=0.00015,
+)
+"""Softer in roll and pitch, a narrow base; its lift and light head move it little."""
+
+
+def _example_robot_data(inside: str) -> Path:
+    """A file of the example-robot-data package, which is no Python module."""
+    try:
+        files = importlib.metadata.files("example-robot-data") or []
+    except importlib.metadata.PackageNotFoundError as error:
+        raise ImportError(
+            "example-robot-data is needed here and is not installed: pip install 'coopmap[mounts]'"
+        ) from error
+    for file in files:
+        if file.as_posix().endswith(inside):
+            return Path(str(file.locate()))
+    raise FileNotFoundError(f"example-robot-data is installed, but has no file {inside}")
+
+
+MOUNTS: dict[str, Callable[[], Mount]] = {
+    "mast": mast,
+    "husky_panda": husky_panda,
+    "tiago": tiago,
+}

@@ -1,0 +1,1 @@
+"""Depth images by ray tracing (Embree)."""

@@ -1,0 +1,1 @@
+"""Physics of mounts on vehicles (PyBullet)."""

@@ -1,0 +1,173 @@
+"""Where a body comes to rest on its suspension, at given joints of the mount that it carries.
+
+With the deflections s = (heave h, roll r, pitch p), the stiffness K, the preload P and the weight w
+(mass times gravity) of all that the springs carry, whose centre of mass lies at u from the centre
+of roll and pitch, the potential energy is
+
+    V(s) = s^T K s / 2 - P^T s - w^T (h e_z + R_x(r) R_y(p) u)
+
+and the body rests where its gradient vanishes. The preload is what makes that s = 0 at home. Heave
+stays 0 in every posture, as the weight does not change; roll and pitch follow by Newton's method.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.robots.kinematics.forward import Bodies, body_poses, scratch
+from coopmap_env.robots.mount import Mount
+
+GRAVITY = 9.81
+"""m/s^2, along -z of the world."""
+N_SUSPENSION = 3
+"""Heave, roll and pitch come first among the joints of a chain on its suspension."""
+DOWN = (0.0, 0.0, -GRAVITY)
+
+
+@njit(cache=True, nogil=True)
+def lever(bodies, masses, centers, pivot, q, work, out):
+    """Centre of mass of the bodies at q (3 + n,), from `pivot`; `work` is what `scratch` made."""
+    R, t = work[0], work[1]
+    body_poses(bodies, q, *work)
+    out[:] = 0.0
+    total = 0.0
+    for b in range(1, len(masses)):
+        c = centers[b]
+        for i in range(3):
+            at = t[b, i] + R[b, i, 0] * c[0] + R[b, i, 1] * c[1] + R[b, i, 2] * c[2]
+            out[i] += masses[b] * at
+        total += masses[b]
+    for i in range(3):
+        out[i] = out[i] / total - pivot[i]
+
+
+@njit(cache=True, nogil=True)
+def roll_and_pitch(u, w, k_roll, k_pitch, preload_roll, preload_pitch):
+    """Where the gradient of V vanishes, by Newton's method from the unloaded attitude."""
+    r = p = 0.0
+    for _ in range(20):
+        cr, sr, cp, sp = math.cos(r), math.sin(r), math.cos(p), math.sin(p)
+        vx, vy, vz = cp * u[0] + sp * u[2], u[1], cp * u[2] - sp * u[0]  # R_y u
+        dx, dz = vz, -vx  # its derivative; the second one is (-vx, 0, -vz)
+        gradient_r = (
+            k_roll * r - preload_roll - (w[1] * (-sr * vy - cr * vz) + w[2] * (cr * vy - sr * vz))
+        )
+        gradient_p = k_pitch * p - preload_pitch - (w[0] * dx - w[1] * sr * dz + w[2] * cr * dz)
+        rr = k_roll + w[1] * (cr * vy - sr * vz) + w[2] * (sr * vy + cr * vz)
+        rp = w[1] * cr * dz + w[2] * sr * dz
+        pp = k_pitch + w[0] * vx - w[1] * sr * vz + w[2] * cr * vz
+        determinant = rr * pp - rp * rp
+        step_r = (pp * gradient_r - rp * gradient_p) / determinant
+        step_p = (rr * gradient_p - rp * gradient_r) / determinant
+        r -= step_r
+        p -= step_p
+        if abs(step_r) + abs(step_p) < 1e-13:
+            break
+    return r, p
+
+
+@njit(cache=True, nogil=True)
+def settle(bodies, masses, centers, pivot, weight, stiffness, preload, q):
+    """Overwrite the first three of the joints q (k, 3 + n) by the deflections at rest."""
+    work, u = scratch(bodies), np.empty(3)
+    for k in range(len(q)):
+        q[k, :3] = 0.0
+        lever(bodies, masses, centers, pivot, q[k], work, u)
+        q[k, 0] = (preload[0] + weight[2]) / stiffness[0]
+        q[k, 1], q[k, 2] = roll_and_pitch(
+            u, weight, stiffness[1], stiffness[2], preload[1], preload[2]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """Static equilibrium of a mount's vehicle on its suspension; `Equilibrium.of` makes one."""
+
+    bodies: Bodies
+    masses: NDArray[np.float64]
+    """Shape (b,): kilograms of each rigid body; body 0 stands on the ground."""
+    centers: NDArray[np.float64]
+    """Shape (b, 3): their centres of mass, in their own frames."""
+    pivot: NDArray[np.float64]
+    """Shape (3,): where the axes of roll and pitch meet at rest, base frame."""
+    weight: NDArray[np.float64]
+    """Shape (3,): newtons, base frame: what the springs carry."""
+    stiffness: NDArray[np.float64]
+    damping: NDArray[np.float64]
+    preload: NDArray[np.float64]
+    """Shape (3,): N, N m, N m: spring forces at home."""
+
+    @classmethod
+    def of(cls, mount: Mount, gravity: ArrayLike = DOWN) -> Equilibrium:
+        """Read masses from the mount's URDF and preload the springs for its home.
+
+        Parameters
+        ----------
+        mount : Mount
+        gravity : array_like, shape (3,), optional
+            In the base frame, m/s^2: not straight down where a vehicle stands on a slope.
+
+        Raises
+        ------
+        ValueError
+            If the mount has no suspension, or its joints are not heave along z, then roll about
+            x and pitch about y through one point.
+        """
+        chain = mount.chain(on_suspension=True)
+        assert mount.suspension is not None  # or it would have no such chain
+        bodies, n_bodies = chain.bodies, len(chain.bodies.parent)
+        masses, moments = np.zeros(n_bodies), np.zeros((n_bodies, 3))
+        turned = np.einsum("lij,lj->li", chain.link_rotations, chain.centers_of_mass)
+        np.add.at(masses, chain.link_body, chain.masses)
+        np.add.at(
+            moments, chain.link_body, chain.masses[:, None] * (chain.link_translations + turned)
+        )
+        centers = np.divide(
+            moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0
+        )
+        masses[0] = 0.0
+        pivot = _pivot(mount.name, bodies)
+        weight = masses.sum() * np.asarray(gravity, dtype=np.float64)
+        home, u = np.array([0.0, 0.0, 0.0, *mount.home]), np.empty(3)
+        lever(bodies, masses, centers, pivot, home, scratch(bodies), u)
+        springs = mount.suspension
+        return cls(
+            bodies, masses, centers, pivot, weight,
+            np.array(springs.stiffness), np.array(springs.damping),
+            # minus what the weight does to heave, roll and pitch at s = 0
+            -np.array([
+                weight[2],
+                weight[2] * u[1] - weight[1] * u[2],
+                weight[0] * u[2] - weight[2] * u[0],
+            ]),
+        )  # fmt: skip
+
+    def settled(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joints (k, n) of the mount with the deflections before them: (k, 3 + n)."""
+        q = np.empty((len(joints), N_SUSPENSION + joints.shape[1]))
+        q[:, N_SUSPENSION:] = joints
+        settle(
+            self.bodies, self.masses, self.centers, self.pivot, self.weight,
+            self.stiffness, self.preload, q,
+        )  # fmt: skip
+        return q
+
+
+def _pivot(name: str, bodies: Bodies) -> NDArray[np.float64]:
+    """Point about which the body rolls and pitches."""
+    work = scratch(bodies)
+    R, t = work[0], work[1]
+    body_poses(bodies, np.zeros(bodies.variable.max() + 1), *work)
+    axes = [R[b] @ bodies.axis[b] for b in range(1, N_SUSPENSION + 1)]
+    in_a_row = (bodies.parent[1:4] == [0, 1, 2]).all() and (bodies.variable[1:4] == [0, 1, 2]).all()
+    if not (in_a_row and np.allclose(axes, np.eye(3)[[2, 0, 1]]) and np.allclose(t[2], t[3])):
+        raise ValueError(
+            f"the suspension of {name!r} must be heave along z, then roll about x and pitch "
+            f"about y through one point; its axes are {np.round(axes, 6).tolist()}"
+        )
+    return t[2]

@@ -1,0 +1,148 @@
+"""What a physics engine's numbers of joints and links mean for a mount."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.robots.kinematics.chain import Chain
+from coopmap_env.robots.kinematics.collision_spheres import Body
+from coopmap_env.robots.kinematics.urdf import Model
+from coopmap_env.robots.mount import Mount
+from coopmap_env.simulation.physics.client import BulletClient
+from coopmap_env.simulation.physics.sweep import Outline
+
+TOUCHING_AT_HOME = 0.005
+"""Metres: links of one vehicle that are so near to each other at home are neighbours."""
+
+
+HELD = 1000.0
+"""N or N m: force of a motor whose joint states no limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Anatomy:
+    """A mount's URDF by PyBullet's numbers. Link j is moved by joint j; the base is link -1."""
+
+    joints: tuple[int, ...]
+    """All joints that can move: heave, roll and pitch, then the mount's, then any other."""
+    values: NDArray[np.float64]
+    """Shape (len(joints), m): joint values are ``values @ q + offsets``; some may mimic others."""
+    offsets: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+    """Shape (n,): limits of the mount's joints, rad/s or m/s."""
+    forces: tuple[float, ...]
+    """Of the motors of all `joints`, N m or N."""
+    n_suspension: int
+    """How many of the joints are the suspension's: 3, or 0 without one."""
+    link_names: tuple[str, ...]
+    """Of link j at j + 1."""
+    arm: frozenset[int]
+    """The links that the mount's joints move."""
+    neighbours: tuple[tuple[int, int], ...]
+    """Pairs of a link of the arm and another one whose contacts count for nothing: as good as in
+    contact at home, or never asked about by the robot's own model of its body. Their collision
+    shapes, blown up by whoever wrote the URDF, may overlap where their surfaces do not."""
+    outline: Outline
+
+    @classmethod
+    def of(cls, mount: Mount) -> Anatomy:
+        """Take a mount's URDF apart; once per process."""
+        chain = mount.chain(on_suspension=mount.suspension is not None)
+        known = _KNOWN.setdefault(chain, {})  # mounts that are made twice share their chain
+        if mount.home not in known:
+            client = BulletClient()
+            try:
+                known[mount.home] = _dissect(client, mount, chain)
+            finally:
+                client.close()
+        return known[mount.home]
+
+
+_KNOWN: WeakKeyDictionary[Chain, dict[tuple[float, ...], Anatomy]] = WeakKeyDictionary()
+
+
+def _dissect(client: BulletClient, mount: Mount, chain: Chain) -> Anatomy:
+    p, k = client.p, {"physicsClientId": client.id}
+    body = client.load(mount, Pose(np.zeros(3), np.eye(3)))
+    infos = [p.getJointInfo(body, j, **k) for j in range(p.getNumJoints(body, **k))]
+    names = [info[1].decode() for info in infos]
+    first = [names.index(name) for name in chain.joint_names]
+    turning = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
+    joints = (*first, *(j for j, i in enumerate(infos) if i[2] in turning and j not in first))
+    values, offsets = _dependence(mount, chain, [names[j] for j in joints])
+
+    link_names = (
+        p.getBodyInfo(body, **k)[0].decode(), *(info[12].decode() for info in infos)
+    )  # fmt: skip
+    rigid = dict(zip(chain.link_names, chain.link_body.tolist(), strict=True))
+    n_suspension = chain.n_joints - len(mount.joints)
+    arm = [j - 1 for j, name in enumerate(link_names) if rigid[name] > n_suspension]
+    boxes = {name: _box(client, body, j - 1) for j, name in enumerate(link_names)}
+
+    home = values @ np.array([*(0.0,) * n_suspension, *mount.home]) + offsets
+    p.resetJointStatesMultiDof(body, list(joints), home[:, None].tolist(), **k)
+    near = p.getClosestPoints(body, body, TOUCHING_AT_HOME, **k) or ()
+    pairs = {pair for point in near for pair in (point[3:5], point[4:2:-1])}
+    asked = Body.of(mount.chain(), mount.home).asked_links()
+    pairs |= {
+        (a, b)
+        for a in arm
+        for b in range(-1, len(link_names) - 1)
+        if frozenset((link_names[a + 1], link_names[b + 1])) not in asked
+    }
+    neighbours = tuple(sorted((a, b) for a, b in pairs if a in arm and b not in arm))
+    return Anatomy(
+        joints, values, offsets,
+        np.array([i[11] if 0 < i[11] < 100 else 1.0 for i in (infos[j] for j in first)])[
+            n_suspension:
+        ],
+        tuple(infos[j][10] if infos[j][10] > 0 else HELD for j in joints),
+        n_suspension, link_names, frozenset(arm), neighbours,
+        Outline.of_links(
+            chain,
+            {name: box for name, box in boxes.items() if box is not None},
+            [link_names[j + 1] for j in arm],
+            [(link_names[a + 1], link_names[b + 1]) for a, b in neighbours],
+        ),
+    )  # fmt: skip
+
+
+def _dependence(
+    mount: Mount, chain: Chain, names: list[str]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How the values of joints follow from q: by themselves, by mimicking, or not at all."""
+    of = chain.joint_names
+    values, offsets = np.zeros((len(names), len(of))), np.zeros(len(names))
+    joints = {joint.name: joint for joint in Model.read(mount.urdf, mount.package_dirs).joints}
+    for row, name in enumerate(names):
+        mimic = joints[name].mimic
+        if name in of:
+            values[row, of.index(name)] = 1.0
+        elif mimic is not None:
+            source, multiplier, offsets[row] = mimic
+            if source in of:
+                values[row, of.index(source)] = multiplier
+    return values, offsets
+
+
+def _box(client: BulletClient, body: int, link: int) -> NDArray[np.float64] | None:
+    """Box (2, 3) around a link's collision shape, in the link's frame; None if it has none."""
+    p, k = client.p, {"physicsClientId": client.id}
+    if not p.getCollisionShapeData(body, link, **k):
+        return None
+    if link < 0:
+        return np.array(p.getAABB(body, link, **k))  # loaded with this frame in the origin
+    # the box is along the world's axes: turn the vehicle until the link's are the same
+    p.resetBasePositionAndOrientation(body, [0, 0, 0], [0, 0, 0, 1], **k)
+    turned = p.getLinkState(body, link, **k)[5]
+    _, back = p.invertTransform([0, 0, 0], turned)
+    p.resetBasePositionAndOrientation(body, [0, 0, 0], back, **k)
+    at = p.getLinkState(body, link, computeForwardKinematics=1, **k)[4]
+    box = np.array(p.getAABB(body, link, **k)) - at
+    p.resetBasePositionAndOrientation(body, [0, 0, 0], [0, 0, 0, 1], **k)
+    return box

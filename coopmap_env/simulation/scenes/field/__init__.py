@@ -1,0 +1,76 @@
+"""Worksites: where worlds of the field come from.
+
+=================  ==========================================================================
+``"worksite"``     `Worksite`: a solar panel of known geometry among rocks and crates
+``"clutter"``      `Clutter`: tables, shelves and objects of pybullet_data (extra ``field``)
+``"rubble"``       `Rubble`: a dense pile of blocks that hide each other
+``"….yaml"``       `read_user_scene`: meshes, URDFs and boxes of one's own (extra ``maps``)
+=================  ==========================================================================
+
+`make_field_scene` turns any of these names, or a `FieldScene` of one's own, into a `FieldScene`.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from coopmap_env.simulation.scenes.field.base_poses import Stand
+from coopmap_env.simulation.scenes.field.clutter import Clutter
+from coopmap_env.simulation.scenes.field.rubble import Rubble
+from coopmap_env.simulation.scenes.field.solid import Solid
+from coopmap_env.simulation.scenes.field.user_file import read_user_scene
+from coopmap_env.simulation.scenes.field.user_scene import UserScene
+from coopmap_env.simulation.scenes.field.worksite import Worksite, target_solids
+from coopmap_env.simulation.scenes.field.world import CLEARANCE, FIELD_GRID, FieldScene, FieldWorld
+
+__all__ = [
+    "CLEARANCE",
+    "FIELD_GRID",
+    "Clutter",
+    "FieldScene",
+    "FieldWorld",
+    "Rubble",
+    "Solid",
+    "Stand",
+    "UserScene",
+    "Worksite",
+    "make_field_scene",
+    "read_user_scene",
+    "target_solids",
+]
+
+_SCENES: dict[str, Callable[[], FieldScene]] = {
+    "worksite": Worksite,
+    "clutter": Clutter,
+    "rubble": Rubble,
+}
+
+
+def make_field_scene(scene: str | os.PathLike[str] | FieldScene) -> FieldScene:
+    """Make the scene of a name or a file; a scene is returned as it is.
+
+    Parameters
+    ----------
+    scene : str, path or FieldScene
+        "worksite", "clutter", "rubble", or the path of a scene's file (.yaml or .yml).
+
+    Raises
+    ------
+    ValueError
+        With the choices, if the name is none of these.
+    SceneError
+        If the file holds no usable scene.
+    ImportError
+        With the pip command, if an extra is missing.
+    """
+    if isinstance(scene, FieldScene) and not isinstance(scene, type):
+        return scene
+    if isinstance(scene, str | os.PathLike):
+        if isinstance(scene, str) and scene in _SCENES:
+            return _SCENES[scene]()
+        if Path(scene).suffix.lower() in (".yaml", ".yml"):
+            return read_user_scene(scene)
+    names = ", ".join(repr(name) for name in _SCENES)
+    raise ValueError(
+        f"scene must be {names}, a path ending in .yaml or .yml, or a FieldScene, not {scene!r}"
+    )

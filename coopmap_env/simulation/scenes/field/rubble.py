@@ -1,0 +1,143 @@
+"""Rubble: a dense pile of blocks that hide each other.
+
+The target is the core of the pile, the blocks that came down first about its middle: what a
+search would be after, and mostly covered by the rest.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.simulation.scenes.field.base_poses import Stand, draw_bases
+from coopmap_env.simulation.scenes.field.layout import Yard
+from coopmap_env.simulation.scenes.field.pile import Pile
+from coopmap_env.simulation.scenes.field.solid import (
+    Solid,
+    box_corners,
+    random_rotation,
+    solid_of_boxes,
+    turn,
+    turn_about_z,
+)
+from coopmap_env.simulation.scenes.field.world import (
+    CLEARANCE,
+    FIELD_GRID,
+    FieldWorld,
+    check_field_grid,
+    ground_of,
+)
+
+TARGET = "core"
+
+_STAND = Stand(nearest=3.2)
+_PLACES = 4
+"""Where a block may come down: it takes the lowest place of these, as if it rolled there."""
+_LYING = 0.7
+"""Share of blocks that lie nearly flat; the others stand at any angle."""
+
+
+@dataclass(frozen=True)
+class Rubble:
+    """Worlds of one pile of blocks."""
+
+    grid: VoxelGrid = FIELD_GRID
+    blocks: tuple[int, int] = (40, 90)
+    """Fewest and most blocks drawn, the core included; what finds no place is left out."""
+    core: int = 12
+    """Blocks of the core."""
+    core_radius: float = 0.9
+    """Metres from the middle within which the core's blocks come down."""
+    radius: float = 2.5
+    """Metres from the middle within which all blocks come down."""
+    side_min: float = 0.2
+    """Shortest side of a block in metres."""
+    side_max: float = 1.0
+    """Longest side of a block in metres."""
+    height_max: float = 1.9
+    """Metres above the ground that no block exceeds: the pile stays below a mast."""
+    stand: Stand = _STAND
+    """Vehicles keep further away, so that blocks may lie on all sides of the core."""
+
+    def __post_init__(self) -> None:
+        check_field_grid(self.grid)
+        fewest, most = self.blocks
+        if not 1 <= self.core <= fewest <= most:
+            raise ValueError(
+                f"core and blocks must satisfy 1 <= core <= fewest <= most, not {self.core!r} and "
+                f"{self.blocks!r}"
+            )
+        if not 0.0 < self.core_radius <= self.radius < math.inf:
+            raise ValueError(
+                "radii must satisfy 0 < core_radius <= radius, not "
+                f"{self.core_radius!r}, {self.radius!r}"
+            )
+        if not 0.0 < self.side_min <= self.side_max < math.inf:
+            raise ValueError(
+                "sides must satisfy 0 < side_min <= side_max, not "
+                f"{self.side_min!r}, {self.side_max!r}"
+            )
+        if not self.side_max * math.sqrt(3.0) <= self.height_max < math.inf:
+            raise ValueError(
+                f"height_max must hold the diagonal of the largest block, "
+                f"{self.side_max * math.sqrt(3.0):.2f} m, not {self.height_max!r}"
+            )
+
+    @property
+    def name(self) -> str:
+        """What the scene is called in reports."""
+        return "rubble"
+
+    def world(
+        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+    ) -> FieldWorld:
+        """Draw vehicles, then let blocks come down where they leave them room."""
+        bases = draw_bases(rng, n_robots, self.stand, footprint, self.grid, ())
+        pile = Pile(self.radius + self.side_max)
+        core: list[Solid] = []
+        room = Yard(self.grid, bases, footprint, ())
+        yard = Yard(self.grid, bases, footprint, core)
+        for k in range(rng.integers(self.blocks[0], self.blocks[1] + 1)):
+            is_core = k < self.core
+            size = self.side_min * (self.side_max / self.side_min) ** rng.random(3)
+            rotation = _orientation(rng)
+            middles = self._middles(rng, self.core_radius if is_core else self.radius)
+            outline = 0.5 * float(np.linalg.norm(np.abs(rotation[:2]) @ size))
+            rests = [
+                pile.rest(size, middle, rotation)
+                for middle in middles
+                if room.is_free(middle, outline)
+            ]
+            rest = min(rests, key=lambda rest: rest.top, default=None)
+            if rest is None or rest.top > self.height_max:
+                continue
+            pile.put(len(core) + len(yard.solids), rest)
+            solid = solid_of_boxes(
+                f"core_{k}" if is_core else f"block_{k}",
+                [box_corners(size, rest.centre, rotation)],
+                is_target=is_core,
+            )
+            if is_core:
+                core.append(solid)
+            else:
+                yard.add(solid, max(rest.below - len(core), -1))
+        solids = (ground_of(self.grid), *core, *yard.in_sight())
+        return FieldWorld(self.name, solids, TARGET, self.grid, bases)
+
+    def _middles(self, rng: np.random.Generator, within: float) -> NDArray[np.float64]:
+        """Draw places (n, 2) for a block to come down."""
+        distances = within * np.sqrt(rng.random(_PLACES))
+        angles = rng.uniform(-math.pi, math.pi, _PLACES)
+        return distances[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def _orientation(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Draw an orientation: lying within a few degrees of flat, or any."""
+    if rng.random() >= _LYING:
+        return random_rotation(rng)
+    axis = turn_about_z(rng.uniform(-math.pi, math.pi))[0]
+    return turn(axis, rng.normal(0.0, math.radians(8.0))) @ turn_about_z(
+        rng.uniform(-math.pi, math.pi)
+    )

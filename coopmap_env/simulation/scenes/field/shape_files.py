@@ -1,0 +1,106 @@
+"""Meshes and URDF files as vertices, faces and convex parts."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.extras import require
+
+_FULL = 1e-3
+"""A part counts as convex if its hull has at most this share of volume more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What a file describes, in its own frame."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    parts: tuple[NDArray[np.float64], ...]
+    """Points of the convex parts; none if a part of it is not convex."""
+
+
+def read_mesh(path: Path) -> Shape:
+    """Read a mesh in any format of trimesh.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read or has no triangles.
+    """
+    trimesh = require("trimesh", "field")
+    if not path.is_file():
+        raise ValueError("there is no such file")
+    try:
+        # unprocessed: trimesh would drop vertices that are not finite without a word
+        mesh = trimesh.load(path, force="mesh", process=False)
+    except Exception as error:  # each format of trimesh has errors of its own
+        raise ValueError(f"trimesh cannot read it: {error}") from error
+    return _shape([mesh])
+
+
+def read_urdf(path: Path) -> Shape:
+    """Read all links of a URDF with its joints at 0: what is seen, else what collides.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read or there are no triangles.
+    """
+    yourdfpy = require("yourdfpy", "field")
+    if not path.is_file():
+        raise ValueError("there is no such file")
+    missing: list[str] = []
+
+    def find(fname: str) -> str:
+        file = path.parent / fname.removeprefix("package://").removeprefix("file://")
+        if not file.is_file():
+            missing.append(str(file))
+        return str(file)
+
+    try:
+        urdf = yourdfpy.URDF.load(
+            str(path),
+            filename_handler=find,
+            build_collision_scene_graph=True,
+            load_collision_meshes=True,
+        )
+    except Exception as error:  # XML, numbers and each format of mesh have errors of their own
+        raise ValueError(f"yourdfpy cannot read it: {error}") from error
+    if missing:
+        raise ValueError(f"it names files that are missing: {', '.join(sorted({*missing}))}")
+    for scene in (urdf.scene, urdf.collision_scene):
+        meshes = [] if scene is None else scene.dump(concatenate=False)
+        if meshes:
+            return _shape(list(meshes))
+    raise ValueError("none of its links has a shape")
+
+
+def _shape(meshes: list[Any]) -> Shape:
+    """Join meshes of trimesh."""
+    trimesh = require("trimesh", "field")
+    vertices, faces, parts, n = [], [], [], 0
+    for surface in meshes:
+        if len(getattr(surface, "faces", ())) == 0:
+            continue
+        mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+        if not np.isfinite(mesh.vertices).all():
+            raise ValueError("a vertex is not finite")
+        mesh.merge_vertices()
+        vertices.append(np.asarray(mesh.vertices, dtype=np.float64))
+        faces.append(np.asarray(mesh.faces, dtype=np.int64) + n)
+        n += len(mesh.vertices)
+        parts += list(mesh.split(only_watertight=False))
+    if not faces:
+        raise ValueError("it has no triangles")
+    is_convex = all(_is_convex(part) for part in parts)
+    hulls = tuple(np.asarray(part.vertices) for part in parts) if is_convex else ()
+    return Shape(np.concatenate(vertices), np.concatenate(faces), hulls)
+
+
+def _is_convex(mesh: Any) -> bool:
+    """Whether a connected mesh is closed and fills its convex hull."""
+    return bool(mesh.is_watertight and mesh.volume >= (1.0 - _FULL) * mesh.convex_hull.volume)

@@ -1,0 +1,211 @@
+"""Scenes of one's own, from a YAML file.
+
+.. code-block:: yaml
+
+    ground: true                  # default: flat ground at z = 0
+    grid:                         # default: 12.8 x 12.8 x 4 m in voxels of 0.1 m
+      shape: [128, 128, 40]
+      resolution: 0.1
+      origin: [-6.4, -6.4, -0.35]
+    objects:                      # each is one of box, mesh and urdf
+      - box: [1.0, 0.6, 0.8]      # sides in metres, about its middle
+        position: [0, 0, 0.4]     # metres
+        rpy: [0, 0, 30]           # degrees about the fixed axes x, y, z, in this order
+        target: true
+      - mesh: meshes/rock.obj     # any format of trimesh; paths are relative to this file
+        name: rock
+        scale: 0.5                # or one factor an axis
+        position: [2, 1, 0]
+      - urdf: shelf.urdf          # all links, joints at 0
+    bases:                        # default: drawn; x, y in metres and yaw in degrees
+      - [3, 0, 180]
+
+Positions are those of the world's frame, which is the target's. A mesh whose connected parts are
+all convex stands in the physics as these, any other one as its triangles.
+"""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.simulation.scenes.field.shape_files import Shape, read_mesh, read_urdf
+from coopmap_env.simulation.scenes.field.solid import (
+    Solid,
+    box_corners,
+    rotation_of_rpy,
+    solid_of_boxes,
+)
+from coopmap_env.simulation.scenes.field.user_scene import UserScene
+from coopmap_env.simulation.scenes.field.world import FIELD_GRID, ground_of
+from coopmap_env.simulation.scenes.planar.recorded import SceneError
+from coopmap_env.simulation.scenes.yaml_file import read_yaml
+
+_KINDS = ("box", "mesh", "urdf")
+_OBJECT = (*_KINDS, "name", "position", "rpy", "scale", "target")
+
+
+def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
+    """Read a scene; it is named after the file.
+
+    Raises
+    ------
+    SceneError
+        With file, entry, value and what was expected, if there is no usable scene.
+    ImportError
+        With the pip command, if PyYAML is not installed, or for meshes and URDFs the extra
+        ``field``.
+    """
+    path = Path(path)
+    top = _Fields(str(path), read_yaml(path))
+    top.only("grid", "ground", "objects", "bases")
+    grid = _grid(top)
+    entries = top.content.get("objects")
+    if not isinstance(entries, list) or not entries:
+        raise top.wrong("objects", "a list of at least one object")
+    solids = [ground_of(grid)] if top.flag("ground", True) else []
+    for k, entry in enumerate(entries):
+        where = f"{path}: objects[{k}]"
+        if not isinstance(entry, Mapping):
+            raise SceneError(f"{where}: expected a mapping of fields, not {entry!r:.80}")
+        solid = _solid(_Fields(where, entry), path.parent, f"object_{k}")
+        if any(solid.name == other.name for other in solids):
+            raise SceneError(f"{where}: name must differ from all others, not {solid.name!r}")
+        solids.append(solid)
+    if not any(solid.is_target for solid in solids):
+        raise SceneError(f"{path}: objects must hold a target (target: true), not none")
+    try:
+        return UserScene(path.stem, tuple(solids), grid, _bases(top))
+    except SceneError:
+        raise
+    except ValueError as error:
+        raise SceneError(f"{path}: {error}") from error
+
+
+@dataclass(frozen=True)
+class _Fields:
+    """Typed access to one mapping of the file, with errors that say where it stands."""
+
+    where: str
+    content: Mapping[str, Any]
+
+    def only(self, *known: str) -> None:
+        unknown = [key for key in self.content if key not in known]
+        if unknown:
+            raise SceneError(
+                f"{self.where}: unknown field {unknown[0]!r}, expected {', '.join(known)}"
+            )
+
+    def wrong(self, field: str, expected: str) -> SceneError:
+        if field not in self.content:
+            return SceneError(f"{self.where}: {field} is missing, expected {expected}")
+        value = self.content[field]
+        return SceneError(f"{self.where}: {field} must be {expected}, not {value!r:.80}")
+
+    def flag(self, field: str, default: bool) -> bool:
+        value = self.content.get(field, default)
+        if not isinstance(value, bool):
+            raise self.wrong(field, "true or false")
+        return value
+
+    def text(self, field: str, default: str | None = None) -> str:
+        value = self.content.get(field, default)
+        if not isinstance(value, str) or not value or "\0" in value:
+            raise self.wrong(field, "text")
+        return value
+
+    def three(self, field: str, default: float | None = None, least: float = -math.inf) -> Any:
+        """Read three finite numbers above `least`, (3,)."""
+        if field not in self.content and default is not None:
+            return np.full(3, default)
+        values = self.content.get(field)
+        numbers = [_number(value) for value in values] if isinstance(values, list) else []
+        if len(numbers) != 3 or not all(map(math.isfinite, numbers)) or min(numbers) <= least:
+            above = "" if least == -math.inf else f" above {least:g}"
+            raise self.wrong(field, f"three finite numbers{above}")
+        return np.array(numbers)
+
+
+def _number(value: object) -> float:
+    """Read a YAML scalar as a number, NaN if it is none (``1e-2`` is a string to PyYAML)."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return math.nan
+    try:
+        return float(value)
+    except (ValueError, OverflowError):
+        return math.nan
+
+
+def _grid(top: _Fields) -> VoxelGrid:
+    if "grid" not in top.content:
+        return FIELD_GRID
+    if not isinstance(top.content["grid"], Mapping):
+        raise top.wrong("grid", "a mapping of shape, resolution and origin")
+    fields = _Fields(f"{top.where}: grid", top.content["grid"])
+    fields.only("shape", "resolution", "origin")
+    shape = fields.three("shape", least=0.0)
+    if (shape % 1.0).any():
+        raise fields.wrong("shape", "three whole numbers")
+    resolution = _number(fields.content.get("resolution", FIELD_GRID.resolution))
+    if not 0.0 < resolution < math.inf:
+        raise fields.wrong("resolution", "a finite number of metres above 0")
+    nx, ny, nz = (int(n) for n in shape)
+    x, y, z = (float(metres) for metres in fields.three("origin"))
+    return VoxelGrid((nx, ny, nz), resolution, (x, y, z))
+
+
+def _solid(fields: _Fields, folder: Path, name: str) -> Solid:
+    """Make the solid of an entry."""
+    fields.only(*_OBJECT)
+    kinds = [kind for kind in _KINDS if kind in fields.content]
+    if len(kinds) != 1:
+        raise SceneError(
+            f"{fields.where}: expected one of {', '.join(_KINDS)}, not {kinds or 'none'}"
+        )
+    name, is_target = fields.text("name", name), fields.flag("target", False)
+    position = fields.three("position", default=0.0)
+    rotation = rotation_of_rpy(*np.radians(fields.three("rpy", default=0.0)))
+    scale = _scale(fields)
+    if kinds == ["box"]:
+        corners = box_corners(fields.three("box", least=0.0) * scale, position, rotation)
+        return solid_of_boxes(name, [corners], is_target=is_target)
+    file = folder / fields.text(kinds[0])
+    try:
+        shape: Shape = read_mesh(file) if kinds == ["mesh"] else read_urdf(file)
+        return Solid(
+            name,
+            shape.vertices * scale @ rotation.T + position,
+            shape.faces,
+            tuple(part * scale @ rotation.T + position for part in shape.parts),
+            is_target=is_target,
+            is_concave=not shape.parts,
+        )
+    except ValueError as error:
+        raise SceneError(f"{fields.where}: {kinds[0]} {str(file)!r}: {error}") from error
+
+
+def _scale(fields: _Fields) -> Any:
+    """Factors (3,)."""
+    if isinstance(fields.content.get("scale"), list):
+        return fields.three("scale", least=0.0)
+    scale = _number(fields.content.get("scale", 1.0))
+    if not 0.0 < scale < math.inf:
+        raise fields.wrong("scale", "a finite number above 0, or three")
+    return np.full(3, scale)
+
+
+def _bases(top: _Fields) -> tuple[tuple[float, float, float], ...]:
+    """Read x, y and yaw (radians) of each base."""
+    entries = top.content.get("bases", [])
+    if not isinstance(entries, list):
+        raise top.wrong("bases", "a list of [x, y, yaw in degrees]")
+    bases = []
+    for k, entry in enumerate(entries):
+        x, y, yaw = _Fields(top.where, {f"bases[{k}]": entry}).three(f"bases[{k}]")
+        bases.append((float(x), float(y), math.radians(yaw)))
+    return tuple(bases)

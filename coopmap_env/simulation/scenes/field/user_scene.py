@@ -1,0 +1,122 @@
+"""A scene that somebody set up: always the same solids, and bases that are named or drawn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.simulation.scenes.field.base_poses import (
+    DEFAULT_STAND,
+    Stand,
+    check_team,
+    draw_bases,
+    on_ground,
+)
+from coopmap_env.simulation.scenes.field.outlines import axis_distance
+from coopmap_env.simulation.scenes.field.solid import Solid
+from coopmap_env.simulation.scenes.field.world import (
+    CLEARANCE,
+    FIELD_GRID,
+    FieldWorld,
+    check_field_grid,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class UserScene:
+    """The scene of one set of solids; read one with `read_user_scene`.
+
+    Attributes
+    ----------
+    name : str
+        What the scene is called in reports.
+    solids : tuple of Solid
+        At least one is a target.
+    grid : VoxelGrid
+        The voxels that the robots map.
+    bases : tuple of (float, float, float)
+        Where vehicles stand: x, y in metres and yaw in radians. Empty: drawn for each world.
+
+    Raises
+    ------
+    ValueError
+        With the value, if a field is not as described.
+    """
+
+    name: str
+    solids: tuple[Solid, ...]
+    grid: VoxelGrid = FIELD_GRID
+    bases: tuple[tuple[float, float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        check_field_grid(self.grid)
+        low, high = self._target_bounds()
+        origin = np.array(self.grid.origin)
+        end = origin + np.array(self.grid.shape) * self.grid.resolution
+        if (high < origin).any() or (low > end).any():
+            raise ValueError(
+                f"the target must reach into the grid, {origin} to {end} m, not lie from {low} to "
+                f"{high} m"
+            )
+        for k, base in enumerate(self.bases):
+            if len(base) != 3 or not np.isfinite(base).all():
+                raise ValueError(f"base {k} must be three finite numbers x, y, yaw, not {base!r}")
+            if (base[:2] < origin[:2]).any() or (base[:2] > end[:2]).any():
+                raise ValueError(
+                    f"base {k} must stand in the grid, {origin[:2]} to {end[:2]} m, not at "
+                    f"{base[:2]}"
+                )
+
+    def world(
+        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+    ) -> FieldWorld:
+        """Stand the first of the named bases, or drawn ones, among the solids.
+
+        Raises
+        ------
+        ValueError
+            If there are too few bases, if one is not clear, or if no place is found.
+        """
+        check_team(n_robots, footprint)
+        if self.bases:
+            self._check_bases(n_robots, footprint)
+            poses = tuple(on_ground(*base) for base in self.bases[:n_robots])
+        else:
+            low, high = self._target_bounds()
+            reach = float(np.linalg.norm(high[:2] - low[:2])) / 2
+            stand = Stand(
+                DEFAULT_STAND.nearest, max(DEFAULT_STAND.farthest, reach + DEFAULT_STAND.nearest)
+            )
+            middle = (low + high) / 2
+            poses = draw_bases(rng, n_robots, stand, footprint, self.grid, self.solids, middle)
+        target = next(solid.name for solid in self.solids if solid.is_target)
+        return FieldWorld(self.name, self.solids, target, self.grid, poses)
+
+    def _target_bounds(self) -> NDArray[np.float64]:
+        """Lower and upper corner (2, 3) of the box around the target."""
+        bounds = np.array([solid.bounds for solid in self.solids if solid.is_target])
+        if len(bounds) == 0:
+            raise ValueError("one of the solids must be a target, not none of them")
+        return np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+
+    def _check_bases(self, n_robots: int, footprint: float) -> None:
+        if n_robots > len(self.bases):
+            raise ValueError(
+                f"{self.name} names {len(self.bases)} bases, too few for {n_robots} robots: name "
+                f"more, or none to have them drawn"
+            )
+        for k, base in enumerate(self.bases[:n_robots]):
+            distance = axis_distance(base[:2], self.solids)
+            if distance < footprint:
+                raise ValueError(
+                    f"base {k} of {self.name} must keep {footprint:g} m clear of the solids, not "
+                    f"{distance:.2f} m"
+                )
+            for other, place in enumerate(self.bases[:k]):
+                apart = float(np.linalg.norm(np.subtract(base[:2], place[:2])))
+                if apart < footprint:
+                    raise ValueError(
+                        f"bases {other} and {k} of {self.name} must stand {footprint:g} m apart, "
+                        f"not {apart:.2f} m"
+                    )

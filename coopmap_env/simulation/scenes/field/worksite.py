@@ -1,0 +1,144 @@
+"""A worksite: a solar-panel structure of known geometry, with rocks and crates about it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.simulation.scenes.field.base_poses import DEFAULT_STAND, Stand, draw_bases
+from coopmap_env.simulation.scenes.field.layout import Yard
+from coopmap_env.simulation.scenes.field.solid import (
+    Solid,
+    box_corners,
+    random_rotation,
+    solid_of_boxes,
+    solid_of_hull,
+    turn,
+    turn_about_z,
+)
+from coopmap_env.simulation.scenes.field.world import (
+    CLEARANCE,
+    FIELD_GRID,
+    FieldWorld,
+    check_field_grid,
+    ground_of,
+)
+
+TARGET = "solar_panel"
+
+_TILT = math.radians(40.0)
+_PANEL = (1.56, 0.77, 0.05)
+"""Length up the slope, width and thickness of a panel."""
+
+
+def target_solids() -> tuple[Solid, ...]:
+    """Make the solar-panel structure, which is always the same; its front is +x.
+
+    Three panels, 2.4 m wide together, lean back by 40 degrees from 0.85 m above the ground in
+    front to 1.9 m at the back. Four legs on two skids carry them, and two bars along y. A strut
+    crosses the back from the foot of the right rear leg (-y) to the top of the left one (+y), and
+    a junction box hangs at the left one: front, back, left and right all look different.
+    """
+    legs = [(0.53, 0.93), (-0.53, 1.73)]
+    boxes = [_bar((x, y, 0.0), (x, y, top), 0.08) for y in (-0.97, 0.97) for x, top in legs]
+    boxes += [_bar((-0.73, y, 0.04), (0.73, y, 0.04), 0.08) for y in (-0.97, 0.97)]
+    boxes += [_bar((x, -1.13, top), (x, 1.13, top), 0.08) for x, top in legs]
+    boxes.append(_bar((-0.53, -0.97, 0.13), (-0.53, 0.97, 1.63), 0.06))
+    lean = turn([0.0, 1.0, 0.0], _TILT)
+    boxes += [box_corners(_PANEL, (0.0, y, 1.40), lean) for y in (-0.81, 0.0, 0.81)]
+    boxes.append(box_corners((0.22, 0.36, 0.46), (-0.67, 0.97, 0.83)))
+    return (solid_of_boxes(TARGET, boxes, is_target=True),)
+
+
+def _bar(start: ArrayLike, end: ArrayLike, width: float) -> NDArray[np.float64]:
+    """Corners of a square bar from one point to another, in a plane x = const or y = const."""
+    start, end = np.asarray(start), np.asarray(end)
+    along = (end - start) / (length := math.dist(start, end))
+    side = np.array([1.0, 0.0, 0.0]) if abs(along[0]) < 0.5 else np.array([0.0, 1.0, 0.0])
+    rotation = np.column_stack([along, side, np.cross(along, side)])
+    return box_corners((length, width, width), (start + end) / 2, rotation)
+
+
+@dataclass(frozen=True)
+class Worksite:
+    """Worlds of the solar panel among random rocks and crates."""
+
+    grid: VoxelGrid = FIELD_GRID
+    rocks: tuple[int, int] = (6, 14)
+    """Fewest and most rocks drawn; what finds no place or hides the panel is left out."""
+    crates: tuple[int, int] = (4, 10)
+    """Fewest and most crates drawn, those on top of another included."""
+    stacked_share: float = 0.3
+    """Chance that a crate goes on top of the one before it."""
+    stand: Stand = DEFAULT_STAND
+
+    def __post_init__(self) -> None:
+        check_field_grid(self.grid)
+        for name in ("rocks", "crates"):
+            fewest, most = getattr(self, name)
+            if not 0 <= fewest <= most:
+                raise ValueError(f"{name} must be (fewest, most), not {getattr(self, name)!r}")
+        if not 0.0 <= self.stacked_share <= 1.0:
+            raise ValueError(f"stacked_share must lie in [0, 1], not {self.stacked_share!r}")
+
+    @property
+    def name(self) -> str:
+        """What the scene is called in reports."""
+        return "worksite"
+
+    def world(
+        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+    ) -> FieldWorld:
+        """Draw vehicles about the panel, then rocks and crates that leave them room and sight."""
+        target = target_solids()
+        bases = draw_bases(rng, n_robots, self.stand, footprint, self.grid, target)
+        yard = Yard(self.grid, bases, footprint, target)
+        n_rocks = rng.integers(self.rocks[0], self.rocks[1] + 1)
+        n_crates = rng.integers(self.crates[0], self.crates[1] + 1)
+        for k in range(n_crates):
+            _add_crate(rng, yard, f"crate_{k}", self.stacked_share)
+        for k in range(n_rocks):
+            _add_rock(rng, yard, f"rock_{k}")
+        solids = (ground_of(self.grid), *target, *yard.in_sight())
+        return FieldWorld(self.name, solids, TARGET, self.grid, bases)
+
+
+_FROM, _TO = 1.0, 6.0
+"""Distances in metres from the middle of the target between which things lie."""
+
+
+def _add_crate(rng: np.random.Generator, yard: Yard, name: str, stacked_share: float) -> None:
+    """Put a crate on the one before it, if that stands on the ground, or on a free spot."""
+    size, yaw = rng.uniform(0.3, 0.8, 3), rng.uniform(-math.pi, math.pi)
+    on_top = rng.random() < stacked_share
+    if on_top and yard.solids and yard.below[-1] == -1:
+        lower = yard.solids[-1]
+        middle, floor = lower.bounds.mean(axis=0)[:2], lower.bounds[1, 2]
+        reach = np.linalg.norm(lower.vertices[:, :2] - middle, axis=1).max()
+        size[:2] *= min(1.0, 2.0 * reach / math.hypot(size[0], size[1]))  # stays in its circle
+        below = len(yard.solids) - 1
+    else:
+        radius = 0.5 * math.hypot(size[0], size[1])
+        spot = yard.spot(rng, radius, _FROM, _TO)
+        if spot is None:
+            return
+        middle, floor, below = spot, 0.0, -1
+    corners = box_corners(size, (*middle, floor + size[2] / 2), turn_about_z(yaw))
+    yard.add(solid_of_boxes(name, [corners]), below)
+
+
+def _add_rock(rng: np.random.Generator, yard: Yard, name: str) -> None:
+    """Put a rock on a free spot, a sixth of its height in the ground."""
+    points = rng.normal(size=(16, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    points *= rng.uniform(0.8, 1.0, (16, 1)) * rng.uniform(0.6, 1.0, 3)
+    points = points @ random_rotation(rng).T
+    points -= (points.min(axis=0) + points.max(axis=0)) / 2
+    points *= rng.uniform(0.2, 0.9) / np.ptp(points, axis=0).max()
+    radius = float(np.linalg.norm(points[:, :2], axis=1).max())
+    spot = yard.spot(rng, radius, _FROM, _TO)
+    if spot is not None:
+        height = float(np.ptp(points[:, 2]))
+        yard.add(solid_of_hull(name, points + np.array([*spot, height / 3])))

@@ -1,0 +1,153 @@
+"""The truth that vehicles map in the field, and the seam behind which scenes make it."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.geometry.transforms import Pose
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.simulation.scenes.field.solid import Solid, ground, turn_about_z
+from coopmap_env.simulation.scenes.field.voxel_truth import voxels_of_solids
+
+CLEARANCE = 1.2
+"""Metres around a base's axis that hold nothing but ground: a Husky's half diagonal is 0.6 m, and
+its arm needs room to begin."""
+
+GROUND_BEYOND = 10.0
+"""Metres of ground around the grid: further than a camera sees."""
+
+FIELD_GRID = VoxelGrid((128, 128, 40), 0.1, (-6.4, -6.4, -0.35))
+"""Default voxels: the surface of the ground lies in the middle of a layer, so rounding never
+decides to which side of a face it belongs."""
+
+
+@dataclass(frozen=True, eq=False)
+class FieldWorld:
+    """One world of the field: solids on the ground, and where vehicles stand among them.
+
+    The world frame is that of the target, z up, the ground at z = 0.
+
+    Attributes
+    ----------
+    name : str
+        What this world is called in reports.
+    solids : tuple of Solid
+        All that stands still, the ground included; at least one is a target.
+    target : str
+        What the target is called.
+    grid : VoxelGrid
+        The voxels that the robots map.
+    base_poses : tuple of Pose
+        T_world_base of each vehicle: on the ground, x forward, z up.
+
+    Raises
+    ------
+    ValueError
+        With the value, if a field is not as described.
+    """
+
+    name: str
+    solids: tuple[Solid, ...]
+    target: str
+    grid: VoxelGrid
+    base_poses: tuple[Pose, ...]
+
+    def __post_init__(self) -> None:
+        names = [solid.name for solid in self.solids]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"solids must have different names, not twice {twice}")
+        if not any(solid.is_target for solid in self.solids):
+            raise ValueError(f"one of the solids must be a target, not none of {names}")
+        check_field_grid(self.grid)
+        if not self.base_poses:
+            raise ValueError("base_poses must hold at least one pose, not none")
+        for k, pose in enumerate(self.base_poses):
+            if pose.translation.shape != (3,):
+                raise ValueError(f"base pose {k} must have 3 axes, not {pose.translation.shape}")
+
+    def turned(self, headings: ArrayLike) -> "FieldWorld":
+        """The same world with vehicles that head elsewhere: radians (n_robots,), from +x to +y."""
+        bases = tuple(
+            Pose(base.translation, turn_about_z(float(heading)))
+            for base, heading in zip(self.base_poses, np.asarray(headings), strict=True)
+        )
+        return replace(self, base_poses=bases)
+
+    @property
+    def n_robots(self) -> int:
+        """Number of vehicles."""
+        return len(self.base_poses)
+
+    @cached_property
+    def triangles(self) -> NDArray[np.float64]:
+        """Triangles (m, 3, 3) of all solids, in their order."""
+        return _joined(self.solids)
+
+    @cached_property
+    def target_triangles(self) -> NDArray[np.float64]:
+        """Triangles (m, 3, 3) of the target."""
+        return _joined(tuple(solid for solid in self.solids if solid.is_target))
+
+    @cached_property
+    def occupied(self) -> NDArray[np.bool_]:
+        """Voxels (nx, ny, nz) that a surface meets or that lie inside of a closed solid."""
+        occupied = voxels_of_solids(self.solids, self.grid)
+        occupied.setflags(write=False)
+        return occupied
+
+
+def _joined(solids: tuple[Solid, ...]) -> NDArray[np.float64]:
+    triangles = np.concatenate([solid.triangles for solid in solids])
+    triangles.setflags(write=False)
+    return triangles
+
+
+def check_field_grid(grid: VoxelGrid) -> None:
+    """Raise ValueError unless a grid has three axes and holds the ground's surface."""
+    if grid.dimension != 3:
+        raise ValueError(f"grid must have 3 axes, not shape {grid.shape}")
+    top = grid.origin[2] + grid.shape[2] * grid.resolution
+    if not grid.origin[2] < 0.0 < top:
+        raise ValueError(
+            f"grid must reach from below the ground (z = 0) to above it, not from "
+            f"{grid.origin[2]} to {top} m"
+        )
+
+
+def ground_of(grid: VoxelGrid) -> Solid:
+    """Make the ground under a grid and `GROUND_BEYOND` metres around it."""
+    low = np.array(grid.origin)
+    high = low + np.array(grid.shape) * grid.resolution
+    return ground(low - GROUND_BEYOND, high + GROUND_BEYOND, thickness=1.0 - low[2])
+
+
+@runtime_checkable
+class FieldScene(Protocol):
+    """Whatever makes worlds of the field on one grid."""
+
+    @property
+    def name(self) -> str:
+        """What the scene is called in reports."""
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """The voxels that the robots map, the same for each world."""
+
+    def world(
+        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+    ) -> FieldWorld:
+        """Make one world.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Makes every random choice.
+        n_robots : int
+            Vehicles to find a place for.
+        footprint : float
+            Radius in metres around each base's axis that is kept free at any height.
+        """

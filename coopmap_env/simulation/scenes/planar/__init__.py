@@ -1,0 +1,71 @@
+"""Scenes: where worlds come from.
+
+=====================  ======================================================================
+``"obstacles"``        `Obstacles`: random convex blocks in the open (Figure 7 of the paper)
+``"rooms"``            `Rooms`: a random floor of rooms, corridors, doors and furniture
+``"house"``            `house`: a real floor plan, from rtb-data (extra ``data``)
+``"….yaml"``           `read_map_server`: a recorded ROS map (extra ``maps``)
+=====================  ======================================================================
+
+`make_scene` turns any of these names, or a `Scene` of one's own, into a `Scene`.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from coopmap_env.simulation.scenes.planar.house import house
+from coopmap_env.simulation.scenes.planar.map_server import read_map_server
+from coopmap_env.simulation.scenes.planar.map_server_writer import save_map_server
+from coopmap_env.simulation.scenes.planar.obstacles import Obstacles
+from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, SceneError, max_pool
+from coopmap_env.simulation.scenes.planar.regions import largest_free_region
+from coopmap_env.simulation.scenes.planar.rooms import Rooms
+from coopmap_env.simulation.scenes.planar.world import Scene, World
+
+__all__ = [
+    "Obstacles",
+    "RecordedMap",
+    "Rooms",
+    "Scene",
+    "SceneError",
+    "World",
+    "house",
+    "largest_free_region",
+    "make_scene",
+    "max_pool",
+    "read_map_server",
+    "save_map_server",
+]
+
+_SCENES: dict[str, Callable[[], Scene]] = {"obstacles": Obstacles, "rooms": Rooms, "house": house}
+
+
+def make_scene(scene: str | os.PathLike[str] | Scene) -> Scene:
+    """Make the scene of a name or a file; a scene is returned as it is.
+
+    Parameters
+    ----------
+    scene : str, path or Scene
+        "obstacles", "rooms", "house", or the path of a map_server file (.yaml or .yml).
+
+    Raises
+    ------
+    ValueError
+        With the choices, if the name is none of these.
+    SceneError
+        If the file holds no usable scene.
+    ImportError
+        With the pip command, if an extra is missing.
+    """
+    if isinstance(scene, Scene) and not isinstance(scene, type):
+        return scene
+    if isinstance(scene, str | os.PathLike):
+        if isinstance(scene, str) and scene in _SCENES:
+            return _SCENES[scene]()
+        if Path(scene).suffix.lower() in (".yaml", ".yml"):
+            return read_map_server(scene)
+    names = ", ".join(repr(name) for name in _SCENES)
+    raise ValueError(
+        f"scene must be {names}, a path ending in .yaml or .yml, or a Scene, not {scene!r}"
+    )

@@ -1,0 +1,81 @@
+"""A scene that is always the same world: a map that somebody recorded."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.simulation.scenes.planar.world import World
+
+
+class SceneError(ValueError):
+    """A file holds no usable scene; the message names file, field, value and what was expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedMap:
+    """The scene of one recorded world.
+
+    Read one with `read_map_server` or `house`.
+
+    Attributes
+    ----------
+    truth : World
+        The world that this scene makes, each time the same object.
+    """
+
+    truth: World
+
+    @property
+    def name(self) -> str:
+        """What the scene is called in reports."""
+        return self.truth.name
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of cells along x and y."""
+        return self.truth.shape
+
+    @property
+    def resolution(self) -> float:
+        """Side of a cell in metres."""
+        return self.truth.resolution
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Position in metres of the lower corner of cell (0, 0)."""
+        return self.truth.origin
+
+    def world(self, rng: np.random.Generator) -> World:
+        """Return the recorded world; `rng` is left as it is."""
+        return self.truth
+
+
+def max_pool(occupied: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
+    """Join blocks of cells into one: occupied if any of them is, so no wall gets a hole.
+
+    Blocks start at cell (0, 0). Those cut by the upper borders count by the cells that they have.
+
+    Parameters
+    ----------
+    occupied : (nx, ny) bool array
+        True where something stands.
+    factor : int
+        Cells per side of a block, 1 or more.
+
+    Returns
+    -------
+    (ceil(nx / factor), ceil(ny / factor)) bool array
+        The coarser grid.
+
+    Raises
+    ------
+    ValueError
+        If the factor is no whole number of at least 1.
+    """
+    if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 1:
+        raise ValueError(f"pool must be a whole number of at least 1, not {factor!r}")
+    n_x, n_y = (-(-side // factor) for side in occupied.shape)
+    padded = np.zeros((n_x * factor, n_y * factor), dtype=np.bool_)
+    padded[: occupied.shape[0], : occupied.shape[1]] = occupied
+    return np.logical_or.reduce(padded.reshape(n_x, factor, n_y, factor), axis=(1, 3))

@@ -1,0 +1,147 @@
+"""Rooms and corridors: a floor of an office building with doors and furniture.
+
+The floor is split again and again (`floor_plan.split_floor`); each part becomes a room or a
+corridor, doors join them, and furniture stands in the rooms. Every free cell can be reached from
+every other one by construction:
+
+- the parts are joined by a spanning tree of openings (`floor_plan.choose_doors`);
+- pieces of furniture keep a gap to each other, to the wall opposite and to doors, so one can
+  always walk around each of them.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.simulation.scenes.planar.floor_plan import Measures, choose_doors, split_floor
+from coopmap_env.simulation.scenes.planar.furniture import place_furniture
+from coopmap_env.simulation.scenes.planar.world import World, check_resolution, check_shape
+
+
+@dataclass(frozen=True)
+class Rooms:
+    """Worlds of rooms along corridors, inside an outer wall. Lengths are rounded to cells."""
+
+    shape: tuple[int, int] = (200, 200)
+    """Cells along x and y, the same as in the obstacle worlds."""
+    resolution: float = 0.2
+    """Side of a cell in metres: a wall is one cell, a door five; 40 m x 40 m in all."""
+    origin: tuple[float, float] = (0.0, 0.0)
+    """Lower corner of cell (0, 0) in metres."""
+    wall: float = 0.2
+    """Thickness of each wall in metres: that of a light brick wall."""
+    corridor: float = 2.0
+    """Width of corridors in metres: two robots pass."""
+    door: float = 1.0
+    """Width of doors in metres: one robot passes."""
+    room_min: float = 3.0
+    """Shortest side of a room in metres: a small office."""
+    room_max: float = 8.0
+    """Longest side of a room in metres: a longer one is split, so it must hold two small ones."""
+    corridor_from: float = 12.0
+    """A part is split by a corridor if both of its sides exceed this many metres: a row of rooms
+    on each side of the corridor."""
+    extra_doors: float = 0.15
+    """Chance of an opening beyond those needed to reach each room: makes loops."""
+    furniture: float = 0.2
+    """Pieces of furniture tried per square metre of room; those that fit are placed."""
+    furniture_sides: tuple[float, float] = (0.4, 2.0)
+    """Shortest and longest side of a piece in metres: a stool to a table."""
+    aisle: float = 0.8
+    """Free space in metres in front of doors and between pieces: one robot passes."""
+
+    def __post_init__(self) -> None:
+        check_shape(self.shape)
+        check_resolution(self.resolution)
+        for name in ("wall", "corridor", "door", "room_min", "corridor_from", "aisle"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be above 0 m, not {getattr(self, name)!r}")
+        measures = self._measures
+        if measures.door > min(measures.room_min, measures.corridor):
+            raise ValueError(
+                f"door must fit into the smallest room and corridor, not {self.door!r} m "
+                f"(room_min {self.room_min!r} m, corridor {self.corridor!r} m)"
+            )
+        if measures.room_max < 2 * measures.room_min + measures.wall:
+            raise ValueError(
+                "room_max must hold two rooms and a wall "
+                f"({2 * self.room_min + self.wall!r} m), not {self.room_max!r} m"
+            )
+        if min(self.shape) < measures.room_min + 2 * measures.wall:
+            raise ValueError(
+                f"shape must hold a room of {self.room_min!r} m inside its walls "
+                f"at {self.resolution!r} m per cell, not {self.shape}"
+            )
+        if not 0.0 <= self.extra_doors <= 1.0:
+            raise ValueError(f"extra_doors must lie in [0, 1], not {self.extra_doors!r}")
+        if not 0.0 <= self.furniture < math.inf:
+            raise ValueError(f"furniture must be 0 or more, not {self.furniture!r}")
+        if not 0.0 < self.furniture_sides[0] <= self.furniture_sides[1] < math.inf:
+            raise ValueError(f"furniture_sides must ascend from above 0: {self.furniture_sides!r}")
+
+    @property
+    def name(self) -> str:
+        """What the scene is called in reports."""
+        return "rooms"
+
+    def world(self, rng: np.random.Generator) -> World:
+        """Split the floor, open doors, place furniture."""
+        measures = self._measures
+        parts = split_floor(rng, self.shape, measures)
+        doors = choose_doors(rng, parts, measures, self.extra_doors)
+        occupied = np.ones(self.shape, dtype=np.bool_)
+        for free in [*parts, *doors]:
+            occupied[free.slices] = False
+        aisle = self._cells(self.aisle)
+        kept_free = np.zeros(self.shape, dtype=np.bool_)
+        for door in doors:
+            kept_free[door.grown(aisle).slices] = True
+        rooms = [(room.x, room.y, room.n_x, room.n_y) for room in parts if not room.is_corridor]
+        pieces = self._random_furniture(rng, np.array(rooms).reshape(-1, 4))
+        place_furniture(occupied, kept_free, pieces, aisle)
+        return World(occupied, self.resolution, self.origin, self.name)
+
+    @property
+    def _measures(self) -> Measures:
+        return Measures(
+            wall=self._cells(self.wall),
+            corridor=self._cells(self.corridor),
+            door=self._cells(self.door),
+            room_min=self._cells(self.room_min),
+            room_max=self._cells(self.room_max),
+            corridor_from=self._cells(self.corridor_from),
+        )
+
+    def _cells(self, metres: float) -> int:
+        return max(1, round(metres / self.resolution))
+
+    def _random_furniture(
+        self, rng: np.random.Generator, rooms: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Draw the pieces to try, room by room, each with an aisle to the walls opposite.
+
+        Both the rooms (n, 4) and the pieces (k, 4) are rectangles [x, y, n_x, n_y] of cells.
+        """
+        tries = rng.poisson(self.furniture * self.resolution**2 * rooms[:, 2] * rooms[:, 3])
+        room = np.repeat(rooms, tries, axis=0)
+        drawn = rng.random((len(room), 4))
+        shortest, longest = self.furniture_sides
+        sides = (shortest + (longest - shortest) * drawn[:, :2]) / self.resolution
+        cells = np.maximum(1, np.rint(sides)).astype(np.int64)
+        start, fits = _positions(drawn[:, 2:], room[:, 2:] - cells, self._cells(self.aisle))
+        return np.hstack([room[:, :2] + start, cells])[fits.all(axis=1)]
+
+
+def _positions(
+    drawn: NDArray[np.float64], spare: NDArray[np.int64], aisle: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Where pieces start along a side of their rooms that is `spare` cells longer, if they fit.
+
+    One time in three at the lower wall, one in three at the upper, else an aisle from both.
+    """
+    places = spare - 2 * aisle + 1
+    between = aisle + ((3 * drawn - 2) * places).astype(np.int64)
+    start = np.where(drawn < 1 / 3, 0, np.where(drawn < 2 / 3, spare, between))
+    return start, np.where(drawn < 2 / 3, spare >= aisle, places > 0)

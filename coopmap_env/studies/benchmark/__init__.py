@@ -1,0 +1,1 @@
+"""Learned policies and planners on the same test worlds."""

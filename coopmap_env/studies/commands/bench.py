@@ -1,0 +1,46 @@
+"""The command `coopmap bench`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from coopmap_env.core.progress import say
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure steps per second, decision times and memory, beside mpe2's simple_spread.
+
+    Everything runs in one process on one core, interleaved, so that ratios mean something on a
+    busy machine too.
+
+    Such as:
+      coopmap bench --out results/bench.json
+    """
+
+    out: Path
+    """JSON file of the results."""
+    env: Literal["planar", "field", "all"] = "all"
+    """Which worlds; "field" needs the extras field, octomap and bench."""
+    rounds: int = 5
+    """Repetitions, of which the median counts."""
+
+    def run(self) -> None:
+        """Measure, write the file, print it."""
+        from coopmap_env.evaluation.jobs import write_atomically
+        from coopmap_env.studies.speed.field import measure_field
+        from coopmap_env.studies.speed.planar import measure
+
+        if self.rounds < 1:
+            raise ValueError(f"--rounds must be at least 1, got {self.rounds}")
+        figures: dict[str, Any] = {}
+        if self.env != "field":
+            figures |= measure(self.rounds, say)
+        if self.env != "planar":
+            figures["field"] = measure_field(self.rounds, say)
+        text = json.dumps(figures, indent=2)
+        write_atomically(self.out, text + "\n")
+        print(text)

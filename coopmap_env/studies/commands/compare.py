@@ -1,0 +1,45 @@
+"""The command `coopmap compare`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from coopmap_env.core.progress import say
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Compare the learned policies that ship with the planners, on the same test worlds.
+
+    Writes report.html, summary.json, table.md, figures and a row for each episode into the folder.
+    An interrupted run goes on where it was. Needs the extras rl, report, cli and data, and field
+    for the worlds of that name.
+
+    Such as:
+      coopmap compare --out results/comparison --quick
+      coopmap compare --out results/comparison --workers 2
+      coopmap compare --out results/comparison --worlds planar
+    """
+
+    out: Path
+    """Folder of the results."""
+    quick: bool = False
+    """A few worlds each, to see that all works."""
+    workers: int = 1
+    """Processes; the numbers do not depend on it, planning times apart."""
+    worlds: str = "planar,field"
+    """Where to compare, separated by commas."""
+
+    def run(self) -> None:
+        """Run the comparison, write its files, print table and verdicts."""
+        from coopmap_env.studies.benchmark import entries as policy_entries
+        from coopmap_env.studies.benchmark import study as policy_study
+        from coopmap_env.studies.benchmark.report import text_summary, write_policy_report
+
+        size = policy_entries.QUICK if self.quick else policy_entries.FULL
+        names = [name.strip() for name in self.worlds.split(",") if name.strip()]
+        plan = policy_entries.plan(size, names)
+        study = policy_study.run(self.out / "episodes", plan, self.workers, say)
+        print(text_summary(write_policy_report(study, self.out)))
+        say(f"report: {self.out / 'report.html'}")

@@ -1,0 +1,41 @@
+"""The command `coopmap localization`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from coopmap_env.core.progress import say
+
+
+@dataclass(frozen=True)
+class Localization:
+    """Study how robots find the target, and how camera poses are corrected by fiducials.
+
+    Writes report.html, summary.json and figures into the folder. An interrupted run goes on where
+    it was. Needs the extras field, report and cli.
+
+    Such as:
+      coopmap localization --out results/localization --quick
+      coopmap localization --out results/localization --workers 2
+    """
+
+    out: Path
+    """Folder of the results."""
+    quick: bool = False
+    """Fewer worlds: about a minute instead of about ten."""
+    workers: int = 1
+    """Processes; the numbers do not depend on it, times apart."""
+
+    def run(self) -> None:
+        """Run the study, write its files, print the main figures."""
+        from coopmap_env.studies.localization import study as localization_study
+        from coopmap_env.studies.localization.report import (
+            text_summary,
+            write_localization_report,
+        )
+
+        size = localization_study.QUICK if self.quick else localization_study.FULL
+        study = localization_study.run(self.out / "episodes", size, self.workers, say)
+        print(text_summary(write_localization_report(study, self.out)))
+        say(f"report: {self.out / 'report.html'}")

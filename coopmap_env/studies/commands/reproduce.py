@@ -1,0 +1,67 @@
+"""The command `coopmap reproduce`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from coopmap_env.core.progress import say
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Run Section 3 of the paper over many worlds, then the field, and write one report.
+
+    Writes report.html, table1.csv, figure7.png, figure8.png, summary.json, field_replay.html and
+    more pictures into the folder, and prints Table 1 beside the paper's. An interrupted run goes on
+    where it was. Without the extras of the field, only the plane is run.
+
+    Such as:
+      coopmap reproduce --out results/section3 --quick
+      coopmap reproduce --out results/section3 --workers 2
+    """
+
+    out: Path
+    """Folder of the results."""
+    quick: bool = False
+    """Fewer worlds: under two minutes instead of about half an hour."""
+    workers: int = 1
+    """Processes; the numbers do not depend on it."""
+
+    def run(self) -> None:
+        """Run the study, write its files, print the table."""
+        from coopmap_env.studies.field import report as field_report
+        from coopmap_env.studies.field import study as field_study
+        from coopmap_env.studies.section3 import report
+        from coopmap_env.studies.section3 import study as section3
+
+        size = section3.QUICK if self.quick else section3.FULL
+        study = section3.run(self.out / "episodes", size, self.workers, say)
+        field = None
+        if missing := missing_extras():
+            say(f"without the field, for which this is missing: {missing}")
+        else:
+            field_size = field_study.QUICK if self.quick else field_study.FULL
+            field = field_study.run(self.out / "episodes", field_size, self.workers, say)
+        report.write_report(study, self.out, field)
+        print(report.text_table_1(study))
+        if field is not None:
+            print(field_report.text_table(field))
+        say(f"report: {self.out / 'report.html'}")
+
+
+def missing_extras() -> str:
+    """What to install for the field's part of the report; empty if all is there."""
+    needed = {
+        "field": ("pybullet", "trimesh", "embreex", "yourdfpy"),
+        "octomap": ("pyoctomap",),
+        "replay": ("viser",),
+        "data": ("skimage",),
+    }
+    extras = [
+        extra
+        for extra, modules in needed.items()
+        if any(find_spec(name) is None for name in modules)
+    ]
+    return f"pip install 'coopmap[{','.join(extras)}]'" if extras else ""

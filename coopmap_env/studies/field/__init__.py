@@ -1,0 +1,1 @@
+"""Policies on field scenes, OctoMap, and a real stereo pair."""

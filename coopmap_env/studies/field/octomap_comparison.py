@@ -1,0 +1,171 @@
+"""The same scans fused by OctoMap and by us: agreement, log-loss and time side by side.
+
+OctoMap (Hornung et al. 2013, extra ``octomap``) updates each voxel once per scan by one of two
+constants, hit 0.7 and miss 0.4, and clamps at 0.12 and 0.97: what its users have by default. It
+knows no uncertainty of the range. Its time is that of one `insertPointCloud` call of a scan, ours
+that of one `OccupancyMap.integrate` call; both of the process, the median over the scans.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.core.extras import require
+from coopmap_env.evaluation.metrics.calibration import log_loss
+from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
+from coopmap_env.mapping.files.octomap import octomap_shift, sample_octree
+from coopmap_env.sensing import Scan
+
+BEYOND = 2.0
+"""Metres that beams without return are lengthened by: OctoMap takes a point for a surface unless
+it lies beyond the largest range, up to which the beam is then free."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One map of the two."""
+
+    cells: int
+    """Voxels of which it knows something."""
+    log_loss: float
+    """Nats, over those."""
+    log_loss_common: float
+    """Nats, over the voxels that both know."""
+    right_share: float
+    """Share of the voxels that both know on whose side of one half it is right."""
+    milliseconds: float
+    """Median time of a scan."""
+
+
+@dataclass(frozen=True)
+class OctomapComparison:
+    """Both maps of the same scans, against the truth and each other."""
+
+    n_scans: int
+    common_cells: int
+    """Voxels that both know."""
+    agreement: float
+    """Share of them that both call occupied, or both free (P = 1/2 counts as occupied)."""
+    ours: Side
+    octomap: Side
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON values."""
+        return asdict(self)
+
+
+def compare_with_octomap(
+    scans: Sequence[Scan],
+    occupied: ArrayLike,
+    grid: VoxelGrid,
+    model: BeamModel | None = None,
+    log_odds_range: LogOddsRange | None = None,
+) -> OctomapComparison:
+    """Fuse scans one after the other in both maps, and score both.
+
+    Parameters
+    ----------
+    scans : sequence of Scan
+        3-D, at least one.
+    occupied : array_like of bool, shape of the grid
+        The truth.
+    grid : VoxelGrid
+    model, log_odds_range : optional
+        Ours.
+
+    Raises
+    ------
+    ValueError
+        If there is no scan, the truth is not of the grid's shape, or the grid is not 3-D.
+    ImportError
+        With the pip command, if OctoMap's library is not installed.
+    """
+    truth = np.asarray(occupied, dtype=np.bool_)
+    if not scans or grid.dimension != 3 or truth.shape != grid.shape:
+        raise ValueError(
+            f"expected scans, a 3-D grid and its truth, got {len(scans)} scans, {grid.shape}, "
+            f"{truth.shape}"
+        )
+    map_, our_time = fuse_ours(scans, grid, model, log_odds_range)
+    tree, their_time = fuse_octomap(scans, grid)
+    log_odds, known = sample_octree(tree, grid)
+    theirs = 1.0 / (1.0 + np.exp(-log_odds))
+    both = map_.sampled & known
+
+    def side(p: NDArray[np.float64], cells: NDArray[np.bool_], seconds: float) -> Side:
+        right = ((p >= 0.5) == truth)[both]
+        return Side(
+            int(cells.sum()), log_loss(p, truth, cells), log_loss(p, truth, both),
+            float(right.mean()) if len(right) else float("nan"), 1e3 * seconds,
+        )  # fmt: skip
+
+    same = ((map_.probability >= 0.5) == (theirs >= 0.5))[both]
+    return OctomapComparison(
+        n_scans=len(scans),
+        common_cells=int(both.sum()),
+        agreement=float(same.mean()) if len(same) else float("nan"),
+        ours=side(map_.probability, map_.sampled, our_time),
+        octomap=side(theirs, known, their_time),
+    )
+
+
+def fuse_ours(
+    scans: Sequence[Scan],
+    grid: VoxelGrid,
+    model: BeamModel | None = None,
+    log_odds_range: LogOddsRange | None = None,
+) -> tuple[OccupancyMap, float]:
+    """Our map of the scans, and the median seconds of one."""
+    map_ = OccupancyMap(grid, model, log_odds_range)
+    map_.integrate(scans[0])  # compiles
+    map_.clear()
+    seconds = []
+    for scan in scans:
+        start = time.process_time()
+        map_.integrate(scan)
+        seconds.append(time.process_time() - start)
+    return map_, float(np.median(seconds))
+
+
+def fuse_octomap(scans: Sequence[Scan], grid: VoxelGrid) -> tuple[Any, float]:
+    """OctoMap's tree of the scans, in `to_octree`'s coordinates, and the median seconds of one.
+
+    Beams without return that end before the furthest one (cut off by a robot's body, say) take a
+    call for each length, in steps of a voxel: the largest range holds for a whole call.
+    """
+    tree = require("pyoctomap", "octomap").OcTree(grid.resolution)
+    shift = octomap_shift(grid)
+    seconds = []
+    for scan in scans:
+        calls = [(points - shift, reach) for points, reach in _calls(scan, grid.resolution)]
+        start = time.process_time()
+        for points, reach in calls:
+            tree.insertPointCloud(points, scan.origin - shift, max_range=reach)
+        seconds.append(time.process_time() - start)
+    return tree, float(np.median(seconds))
+
+
+def _calls(scan: Scan, resolution: float) -> list[tuple[NDArray[np.float64], float]]:
+    """Points and largest range of each call: hits and the longest free beams, then shorter ones."""
+    rays = scan.points - scan.origin
+    lengths = np.linalg.norm(rays, axis=1)
+    beams = lengths > 0
+    free = beams & ~scan.hit
+    if not free.any():
+        return [(scan.points[beams], -1.0)]
+    reach = float(lengths[free].max())
+    steps = np.floor((reach - lengths) / resolution).astype(np.int64)
+    stretched = scan.points.copy()
+    stretched[free] += rays[free] / lengths[free, None] * (reach + BEYOND)
+    first = (beams & scan.hit) | (free & (steps == 0))
+    calls = [(stretched[first], reach)]
+    for step in np.unique(steps[free & (steps > 0)]):
+        group = free & (steps == step)
+        calls.append((stretched[group], float(lengths[group].min())))
+    return calls

@@ -1,0 +1,72 @@
+"""The field's part of the report: pictures, replay, tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from coopmap_env.core.serial import settings_to_dict
+from coopmap_env.evaluation.comparison import summarize
+from coopmap_env.evaluation.replay.recording import write_replay
+from coopmap_env.studies.common import figures
+from coopmap_env.studies.field import stereo
+from coopmap_env.studies.field.study import SCANS_EACH, FieldStudy
+
+TABLE = (
+    "surface",
+    "surface_auc",
+    "target",
+    "f_score",
+    "chamfer",
+    "missed",
+    "log_loss",
+    "brier",
+    "motion_cost",
+    "contacts",
+    "planning_ms",
+)
+"""Scores of the report's table, in its order."""
+
+
+def write_parts(study: FieldStudy, out: Path) -> None:
+    """Write the pictures and the replay into the folder `out`."""
+    figures.draw_coverage_curves(
+        study.evaluations, 2, out / "field_surface.png", "test worksites",
+        curve="surface", label="% of reachable surface covered",
+    )  # fmt: skip
+    figures.save_frame(study.frame, out / "field_render.png")
+    stereo.draw(study.stereo, out / "stereo.png")
+    write_replay(study.replay, out / "field_replay.html")
+
+
+def field_summary(study: FieldStudy) -> dict[str, Any]:
+    """Everything that was found, as JSON values."""
+    reference = next(iter(study.evaluations))
+    return {
+        "settings": settings_to_dict(study.settings),
+        "n_robots": 2,
+        "scans_each": SCANS_EACH,
+        "scene": "worksite",
+        "split": "test",
+        "worlds": study.size.worlds,
+        "policies": summarize(study.evaluations, reference),
+        "octomap": study.octomap.as_dict(),
+        "stereo": study.stereo.summary(),
+    }
+
+
+def text_table(study: FieldStudy) -> str:
+    """The main scores, for the terminal."""
+    lines = [
+        f"In the field after {2 * SCANS_EACH} scans, {study.size.worlds} test worksites: means",
+        f"{'policy':<50}{'surface':>9}{'its AUC':>9}{'F-score':>9}{'Chamfer':>9}{'log-loss':>10}"
+        f"{'motion':>9}",
+    ]
+    for name, evaluation in study.evaluations.items():
+        t = {score: values.mean() for score, values in evaluation.table.items()}
+        lines.append(
+            f"{name:<50}{100 * t['surface']:>8.1f}%{100 * t['surface_auc']:>8.1f}%"
+            f"{t['f_score']:>9.3f}{t['chamfer']:>7.3f} m{t['log_loss']:>10.4f}"
+            f"{t['motion_cost']:>9.1f}"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,113 @@
+"""The field in the report: policies on test worksites, OctoMap beside us, a real stereo pair.
+
+`run` plays the policies on worlds of the test split; one episode of the rating function is kept for
+the picture, the replay and the comparison with OctoMap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.field import FieldEnv, FieldSettings
+from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, compare
+from coopmap_env.evaluation.policy import Policy, make_policy
+from coopmap_env.evaluation.replay.recording import Replay, record
+from coopmap_env.evaluation.rollout import policy_rng
+from coopmap_env.sensing import Scan
+from coopmap_env.studies.field import stereo
+from coopmap_env.studies.field.octomap_comparison import OctomapComparison, compare_with_octomap
+
+RATING = "rating_function:search=100"
+RANDOM = "random"
+SCANS_EACH = 16
+"""Two robots: 32 scans together, as in the plane."""
+PICTURED = 0
+"""Seed of the episode that is kept."""
+
+
+@dataclass(frozen=True)
+class FieldSize:
+    """How much is run."""
+
+    worlds: int
+    policies: tuple[str, ...]
+
+
+FULL = FieldSize(
+    20,
+    (
+        RATING,
+        "rating_function:search=300",
+        f"{RATING}+coordination=sequential",
+        "information_gain",
+        "coverage",
+        "frontier",
+        "raster",
+        RANDOM,
+    ),
+)
+QUICK = FieldSize(2, (RATING, RANDOM))
+
+
+@dataclass(frozen=True)
+class FieldStudy:
+    """All results."""
+
+    size: FieldSize
+    settings: FieldSettings
+    evaluations: dict[str, Evaluation]
+    octomap: OctomapComparison
+    """On the scans of the recorded episode, in the order in which they were fused."""
+    frame: NDArray[np.uint8]
+    """The recorded episode's last picture, (H, W, 3)."""
+    replay: Replay
+    stereo: stereo.StereoResult
+
+
+def run(store: Path, size: FieldSize, workers: int, say: Callable[[str], None]) -> FieldStudy:
+    """Run everything; finished episodes are kept in `store` and not run again."""
+    say(f"in the field: {size.worlds} test worksites, {len(size.policies)} policies")
+    arguments = {"max_scans": SCANS_EACH, "split": "test"}
+    settings = FieldSettings()
+    evaluations = compare(
+        size.policies, range(size.worlds), arguments, store, settings, workers, world="field"
+    )
+    say("an episode in the field, its replay, and OctoMap on the same scans")
+    env = FieldEnv(split="test", max_scans=SCANS_EACH, settings=settings, render_mode="rgb_array")
+    try:
+        policy = make_policy(RATING)
+        replay = record(env, policy, PICTURED)
+        frame = env.render()
+        assert frame is not None
+        octomap = compare_with_octomap(
+            scans_of(env, policy, PICTURED), env.truth.occupied, env.scene.grid, settings.beam,
+            settings.log_odds_range,
+        )  # fmt: skip
+    finally:
+        env.close()
+    say("a real stereo pair")
+    return FieldStudy(
+        size=size,
+        settings=settings,
+        evaluations=evaluations,
+        octomap=octomap,
+        frame=frame,
+        replay=replay,
+        stereo=stereo.run(np.random.default_rng(BOOTSTRAP_SEED)),
+    )
+
+
+def scans_of(env: FieldEnv, policy: Policy, seed: int) -> list[Scan]:
+    """The scans of an episode, as they were fused."""
+    observations, _ = env.reset(seed=seed)
+    policy.reset(policy_rng(seed))
+    scans: list[Scan] = []
+    while env.agents:
+        observations, *_ = env.step(policy.act(env.belief(), observations))
+        scans += env.scans
+    return scans

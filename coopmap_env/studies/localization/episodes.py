@@ -1,0 +1,234 @@
+"""Episodes of the localization study, as jobs: the search for the target, and corrected motions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.field import FieldEnv
+from coopmap_env.envs.mapping_env import Infos
+from coopmap_env.evaluation.jobs import Job, Result
+from coopmap_env.evaluation.metrics.calibration import log_loss
+from coopmap_env.evaluation.policy import make_policy
+from coopmap_env.evaluation.rollout import judge_of, policy_rng, run_episode
+from coopmap_env.geometry import Pose, displacement_between
+from coopmap_env.localization import BadlyPlacedError, consistent, linear_pose, rigid_transform
+from coopmap_env.mapping import OccupancyMap
+from coopmap_env.robots import CameraEstimate
+from coopmap_env.sensing import PointCloud, place
+
+LEAST_SEEN = 50
+"""Points of a look that the displacement of what was seen is averaged over."""
+LEAST_TRACKED = 6
+"""Fiducials of the map that were found in an image, to identify a pose from their mean points."""
+
+
+def run_localization_job(job: Job) -> Result:
+    """Play the episode of a job of either kind."""
+    return search_episode(job) if job["kind"] == "search" else correction_episode(job)
+
+
+@lru_cache(maxsize=4)
+def _env(split: str, scans: int, scene: str, initialization: str, correction: str) -> FieldEnv:
+    return FieldEnv(
+        split=split,
+        max_scans=scans,
+        scene=scene,
+        initialization=initialization,  # type: ignore[arg-type]
+        motion_correction=correction,  # type: ignore[arg-type]
+    )
+
+
+def pictured_search(seed: int, split: str, scans: int, policy: str) -> NDArray[np.uint8]:
+    """Pictures of a search, one below the other.
+
+    At the start, when the first robot is located, and when all are or the last look was made.
+    """
+    env = FieldEnv(
+        split=split, max_scans=scans, render_mode="rgb_array",
+        initialization="search", motion_correction="fiducials",
+    )  # fmt: skip
+    chosen = make_policy(policy)
+    observations, _ = env.reset(seed=seed)
+    chosen.reset(policy_rng(seed))
+    frames = [env.render()]
+    while env.agents and not all(env.belief().located):
+        before = any(env.belief().located)
+        observations, *_ = env.step(chosen.act(env.belief(), observations))
+        if any(env.belief().located) and not before and not all(env.belief().located):
+            frames.append(env.render())
+    frames.append(env.render())
+    env.close()
+    return np.concatenate([frame for frame in frames if frame is not None])
+
+
+def search_episode(job: Job) -> Result:
+    """Let a team look for the target; when and how well each of its robots found it.
+
+    A job names its "seed", "split", "scans" of each robot, "scene" and "policy".
+    """
+    env = _env(job["split"], job["scans"], job["scene"], "search", "kinematic")
+    policy = make_policy(job["policy"])
+    observations, _ = env.reset(seed=job["seed"])
+    policy.reset(policy_rng(job["seed"]))
+    robots: dict[str, dict[str, Any]] = {}
+    times: list[float] = []
+    while env.agents:
+        actions = policy.act(env.belief(), observations)
+        observations, _, _, _, infos = env.step(actions)
+        for robot, agent in enumerate(env.possible_agents):
+            if infos[agent]["located"] and agent not in robots:
+                estimate = CameraEstimate(
+                    env.belief().vehicles[robot].T_world_base, _covariance(env, robot)
+                )
+                true = env.truth.base_poses[robot]
+                robots[agent] = {"scans": infos[agent]["scans"], **_errors(estimate, true)}
+        times.extend(env.locating.registration_times)
+        if len(robots) == len(env.possible_agents):
+            break
+    found = [robots.get(agent) for agent in env.possible_agents]
+    return {"robots": found, "registration_ms": [1e3 * t for t in times]}
+
+
+def _covariance(env: FieldEnv, robot: int) -> NDArray[np.float64]:
+    covariance = env.belief().vehicles[robot].base_covariance
+    return np.zeros((6, 6)) if covariance is None else covariance
+
+
+def correction_episode(job: Job) -> Result:
+    """Play an episode and hold every look's pose against the truth.
+
+    A job names its "seed", "split", "scans" of each robot, "scene", "policy", "initialization" and
+    "motion_correction".
+    """
+    env = _env(
+        job["split"], job["scans"], job["scene"], job["initialization"], job["motion_correction"]
+    )
+    policy = make_policy(job["policy"])
+    looks: list[dict[str, Any]] = []
+    again = SameLooks(env)
+
+    def watch(infos: Infos) -> None:
+        for robot, agent in enumerate(env.possible_agents):
+            if infos[agent]["located"]:
+                looks.append(_look(env, robot, infos[agent]))
+                again.add(robot)
+
+    episode = run_episode(env, policy, job["seed"], watch)
+    return {"episode": asdict(episode), "looks": looks, "same_looks": again.scores(job["seed"])}
+
+
+class SameLooks:
+    """The same looks fused by the encoders alone, as they were taken to be, and by the truth.
+
+    Policies look elsewhere with another map. Here the views are those of one episode, so that
+    nothing but the camera poses differs.
+    """
+
+    def __init__(self, env: FieldEnv) -> None:
+        self._env = env
+        s = env.settings
+        self._maps = {
+            name: OccupancyMap(env.scene.grid, s.beam, s.log_odds_range)
+            for name in ("kinematic", "taken", "exact")
+        }
+
+    def add(self, robot: int) -> None:
+        """Fuse a robot's last look into each map."""
+        env, scan = self._env, self._env.scans[robot]
+        belief = env.belief()
+        taken = belief.estimates[robot]
+        cloud = PointCloud(taken.pose.inverse().transform(scan.points), scan.hit)
+        estimates = {
+            "kinematic": belief.vehicles[robot].camera_estimate(belief.joints[robot]),
+            "taken": taken,
+            "exact": CameraEstimate(env.true_cameras[robot], np.zeros((6, 6))),
+        }
+        for name, (pose, covariance) in estimates.items():
+            self._maps[name].integrate(place(cloud, pose, env.settings.noise, covariance))
+
+    def scores(self, seed: int) -> dict[str, dict[str, float]]:
+        """Map quality by each kind of pose."""
+        judge = judge_of(self._env, seed)
+        assert judge is not None
+        out = {}
+        for name, map_ in self._maps.items():
+            scores = judge.scores(map_)
+            out[name] = {
+                "f_score": scores.f_score,
+                "chamfer": scores.chamfer,
+                "log_loss": log_loss(map_.probability, self._env.truth.occupied, map_.sampled),
+            }
+        return out
+
+
+def _look(env: FieldEnv, robot: int, info: dict[str, Any]) -> dict[str, Any]:
+    """One look's errors: by the encoders alone, and as it was fused."""
+    belief, true = env.belief(), env.true_cameras[robot]
+    taken = belief.estimates[robot]
+    kinematic = belief.vehicles[robot].camera_estimate(belief.joints[robot])
+    scan = env.scans[robot]
+    seen = taken.pose.inverse().transform(scan.points[scan.hit])
+    out: dict[str, Any] = {
+        "directions": info["corrected_directions"],
+        "reason": info["uncorrected"],
+        "hits": len(seen),
+        "kinematic": {**_errors(kinematic, true), "seen": _seen(seen, kinematic.pose, true)},
+        "taken": {**_errors(taken, true), "seen": _seen(seen, taken.pose, true)},
+    }
+    correction = env.locating.corrections[robot]
+    if correction is not None:
+        out["correction_ms"] = 1e3 * env.locating.correction_times[robot]
+        out["fiducials"] = int(correction.matches.used.sum())
+        out["outliers"] = int((~correction.matches.used).sum())
+        out["mean_points"] = _by_mean_points(*correction.tracked, true)
+    return out
+
+
+def _errors(estimate: CameraEstimate, true: Pose) -> dict[str, float]:
+    """Position (m) and angle (rad) of an error, and its square in units of what is claimed."""
+    off = displacement_between(estimate.pose, true)
+    claimed = estimate.covariance
+    sure = not claimed.any()
+    return {
+        "position": float(np.linalg.norm(off[:3])),
+        "angle": float(np.linalg.norm(off[3:])),
+        "nees": math.nan if sure else float(off @ np.linalg.solve(claimed, off)),
+    }
+
+
+def _seen(points: NDArray[np.float64], pose: Pose, true: Pose) -> float:
+    """Mean displacement in metres of what a look saw, by the error of its pose; NaN for little."""
+    if len(points) < LEAST_SEEN:
+        return math.nan
+    return float(np.linalg.norm(pose.transform(points) - true.transform(points), axis=1).mean())
+
+
+def _by_mean_points(
+    base: NDArray[np.float64], seen: NDArray[np.float64], true: Pose
+) -> dict[str, Any] | None:
+    """Errors of poses that are identified from the regions' mean points; None if too few."""
+    if len(base) < LEAST_TRACKED:
+        return None
+    # a region's mean lies anywhere in its ball, which is some centimetres
+    kept = consistent(base, seen, np.full(len(base), 0.05))
+    out = {}
+    try:
+        poses = {
+            "linear": linear_pose(base, seen),
+            "rigid": rigid_transform(base[kept], seen[kept]),
+        }
+    except BadlyPlacedError:
+        return None
+    for name, pose in poses.items():
+        off = displacement_between(pose, true)
+        out[name] = {
+            "position": float(np.linalg.norm(off[:3])),
+            "angle": float(np.linalg.norm(off[3:])),
+        }
+    return out

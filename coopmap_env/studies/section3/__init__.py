@@ -1,0 +1,1 @@
+"""The paper's experiments (Section 3) in the planar environment."""

@@ -1,0 +1,133 @@
+"""The trends of the paper's Section 3, each a question with a statistical answer.
+
+T1  Viewed area after 32 scans is about equal for every m and for the exhaustive search.
+T2  A raster scan views far less.
+T3  The spread of the viewed space (sigma) and its farthest point fall as m grows.
+
+All three compare searches on the same worlds. They are reported as held or not held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation
+from coopmap_env.evaluation.statistics.bootstrap import Interval, equivalence, ordered_alternative
+
+EQUAL_WITHIN = 0.15
+"""T1: "about equal" is a mean within 15 % of the mean of all searches, its interval included. The
+curves of the paper's Figure 8 lie about so far apart."""
+FAR_LESS = 0.75
+"""T2: "far less" is less than three quarters of the least that any other search views."""
+SIGNIFICANT = 0.05
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A verdict and what it stands on."""
+
+    held: bool
+    question: str
+    statistic: str
+    """What the value is."""
+    value: float
+    p_value: float | None
+    details: dict[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON values."""
+        return {
+            "held": self.held,
+            "question": self.question,
+            "statistic": self.statistic,
+            "value": self.value,
+            "p_value": self.p_value,
+            **self.details,
+        }
+
+
+def equal_coverage(searches: Mapping[Any, Evaluation]) -> Trend:
+    """T1, as an equivalence: every search's mean within `EQUAL_WITHIN` of the mean of all."""
+    viewed = _table(searches, "coverage")
+    test = equivalence(viewed, EQUAL_WITHIN, np.random.default_rng(BOOTSTRAP_SEED))
+    return Trend(
+        held=test.held,
+        question="viewed area is about equal for every m and exhaustive",
+        statistic="largest distance of a search's mean, its 95 % interval included, from the mean "
+        f"of all, as a share of it; held if at most {EQUAL_WITHIN}",
+        value=test.worst,
+        p_value=None,
+        details={
+            "ratio_to_mean": {
+                str(name): interval.as_dict()
+                for name, interval in zip(searches, test.intervals, strict=True)
+            }
+        },
+    )
+
+
+def raster_views_less(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> Trend:
+    """T2: the ratio of what a raster scan views to the least of the searches."""
+    ours, theirs = raster.table["coverage"], _table(searches, "coverage")
+    ratio = _ratio_to_least(ours, theirs)
+    p_values = [
+        float(stats.wilcoxon(ours, column, alternative="less").pvalue) for column in theirs.T
+    ]
+    return Trend(
+        held=ratio.high < FAR_LESS and max(p_values) < SIGNIFICANT,
+        question="a raster scan views far less than any search",
+        statistic="viewed area of the raster scan over the least of the searches; held if its "
+        f"interval lies below {FAR_LESS} and every paired test is significant",
+        value=ratio.estimate,
+        p_value=max(p_values),
+        details={"ratio": ratio.as_dict(), "p_value_of": "largest of the Wilcoxon tests"},
+    )
+
+
+def extent_falls(searches: Mapping[Any, Evaluation]) -> Trend:
+    """T3: sigma and the farthest viewed point fall from the smallest m to exhaustive (Page)."""
+    tests = {
+        column: ordered_alternative(_table(searches, column), direction="decreasing")
+        for column in ("sigma", "farthest")
+    }
+    worst = max(tests, key=lambda column: tests[column].p_value)
+    return Trend(
+        held=all(test.p_value < SIGNIFICANT for test in tests.values()),
+        question="sigma and the farthest viewed point fall as m grows",
+        statistic=f"Page's L of {worst}, the less certain of the two; held if both are significant",
+        value=float(tests[worst].statistic),
+        p_value=float(tests[worst].p_value),
+        details={
+            column: {"statistic": float(test.statistic), "p_value": float(test.p_value)}
+            for column, test in tests.items()
+        },
+    )
+
+
+def all_trends(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> dict[str, Trend]:
+    """T1 to T3; `searches` from the smallest m to exhaustive."""
+    return {
+        "T1": equal_coverage(searches),
+        "T2": raster_views_less(raster, searches),
+        "T3": extent_falls(searches),
+    }
+
+
+def _table(searches: Mapping[Any, Evaluation], column: str) -> np.ndarray[Any, Any]:
+    """(n_worlds, n_searches) of one score."""
+    columns: Sequence[Any] = [evaluation.table[column] for evaluation in searches.values()]
+    return np.column_stack(columns)
+
+
+def _ratio_to_least(ours: np.ndarray[Any, Any], theirs: np.ndarray[Any, Any]) -> Interval:
+    """Mean of `ours` (n,) over the least column mean of `theirs` (n, k), worlds resampled."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    worlds = rng.integers(len(ours), size=(2000, len(ours)))
+    ratios = ours[worlds].mean(axis=1) / theirs[worlds].mean(axis=1).min(axis=1)
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    return Interval(float(ours.mean() / theirs.mean(axis=0).min()), float(low), float(high))

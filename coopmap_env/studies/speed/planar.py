@@ -1,0 +1,196 @@
+"""Speed: steps, ratings, decisions, memory, beside a well-known environment in the same run.
+
+The machines that this runs on are shared; so figures are medians over interleaved rounds, and the
+ratio to mpe2's simple_spread (extra ``bench``) is what to compare between machines.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from coopmap_env.core.extras import require
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation.policy import Policy, make_policy
+from coopmap_env.evaluation.rollout import policy_rng
+from coopmap_env.studies.section3.study import SCANS_EACH, settings
+
+
+def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """All figures, as JSON values."""
+    spread = require("mpe2.simple_spread_v3", "bench").parallel_env()
+    planar = PlanarEnv(max_scans=SCANS_EACH)
+    offering = PlanarEnv(max_scans=SCANS_EACH, action_mode="candidates")
+    say("compiling")
+    stepping(planar, 2)
+    stepping(offering, 2)
+    names = ("exhaustive", "exhaustive+coordination=sequential", "100")
+    policies = {name: make_policy(f"rating_function:search={name}") for name in names}
+    wide = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=settings())
+    for policy in policies.values():
+        decision_ms(wide, policy, seed=0)
+    samples: dict[str, list[float]] = {}
+
+    def note(name: str, value: float) -> None:
+        samples.setdefault(name, []).append(value)
+
+    for turn in range(rounds):
+        say(f"round {turn + 1} of {rounds}")
+        for name, env in (
+            ("", planar),
+            ("candidates_", offering),
+            ("simple_spread_", spread),
+        ):
+            in_steps, with_resets, whole = stepping(env, 40)
+            note(f"{name}agent_steps_per_s", in_steps)
+            note(f"{name}agent_steps_per_s, with resets", with_resets)
+            note(f"{name}agent_steps_per_s, with resets and sampled actions", whole)
+        for kind in ("", ", with resets", ", with resets and sampled actions"):
+            name = f"agent_steps_per_s{kind}"
+            note(
+                f"ratio_to_simple_spread{kind}",
+                samples[name][-1] / samples[f"simple_spread_{name}"][-1],
+            )
+        for size in (1, 100):
+            note(f"rating_us_per_pose, {size} a call", rating_us(wide, size))
+        for search, policy in policies.items():
+            note(f"decision_ms, search={search}", decision_ms(wide, policy, seed=turn + 1))
+        note("decision_ms, brute force", brute_force_ms(wide, seed=turn + 1))
+    figures: dict[str, Any] = {name: statistics.median(values) for name, values in samples.items()}
+    figures["resident_memory_mb"] = fresh_process_memory_mb()
+    figures["step_profile_us"] = step_profile(planar)
+    return figures
+
+
+def stepping(env: Any, episodes: int) -> tuple[float, float, float]:
+    """Agent-steps per second of random roll-outs.
+
+    Of `step` alone; with the resets between episodes; and with the sampling of actions too, which
+    is how PettingZoo's own benchmark counts.
+    """
+    agents = env.possible_agents
+    env.reset(seed=0)
+    for k, agent in enumerate(agents):
+        env.action_space(agent).seed(k)
+    in_steps = in_resets = in_sampling = 0.0
+    count = 0
+    clock = time.perf_counter
+    for episode in range(episodes):
+        start = clock()
+        env.reset(seed=episode)
+        in_resets += clock() - start
+        while env.agents:
+            start = clock()
+            actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+            sampled = clock()
+            env.step(actions)
+            in_steps += clock() - sampled
+            in_sampling += sampled - start
+            count += len(agents)
+    return (
+        count / in_steps,
+        count / (in_steps + in_resets),
+        count / (in_steps + in_resets + in_sampling),
+    )
+
+
+def rating_us(env: PlanarEnv, size: int, n_poses: int = 1000) -> float:
+    """Microseconds to rate one random pose (Eq. 9) half-way through an episode.
+
+    `size` poses are rated in one call, as a decision does.
+    """
+    _play(env, make_policy("rating_function:search=100"), seed=0, scans=SCANS_EACH // 2)
+    belief, rng = env.belief(), np.random.default_rng(0)
+    cells = belief.feasible_cells(0).astype(np.int64)
+    n = belief.lattice.n_headings
+    ids = rng.choice(cells, n_poses) * n + rng.integers(n, size=n_poses)
+    start = time.perf_counter()
+    for batch in ids.reshape(-1, size):
+        belief.rating.rate(belief.map, batch, belief.pose_ids[0])
+    return 1e6 * (time.perf_counter() - start) / n_poses
+
+
+def decision_ms(env: PlanarEnv, policy: Policy, seed: int) -> float:
+    """Milliseconds of one robot's decision, in the mean over an episode of 32 scans."""
+    return 1e3 * _play(env, policy, seed, SCANS_EACH)
+
+
+def brute_force_ms(env: PlanarEnv, seed: int) -> float:
+    """The same for rating every feasible pose anew."""
+
+    class BruteForce:
+        """Exhaustive search without memory."""
+
+        def reset(self, rng: np.random.Generator) -> None:
+            """Nothing to forget."""
+
+        def act(self, belief: Any, observations: Any) -> dict[str, Any]:
+            """The pose of the highest rating."""
+            actions = {}
+            for robot, agent in enumerate(belief.agents):
+                ids = belief.feasible_poses(robot)
+                rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot])
+                actions[agent] = belief.action_for(robot, int(ids[np.argmax(rated.rating)]))
+            return actions
+
+    return 1e3 * _play(env, BruteForce(), seed, SCANS_EACH)
+
+
+def _play(env: PlanarEnv, policy: Policy, seed: int, scans: int) -> float:
+    """Play some scans; return the mean seconds of one robot's decision."""
+    observations, _ = env.reset(seed=seed)
+    policy.reset(policy_rng(seed))
+    elapsed = 0.0
+    for _ in range(scans):
+        start = time.perf_counter()
+        actions = policy.act(env.belief(), observations)
+        elapsed += time.perf_counter() - start
+        observations, *_ = env.step(actions)
+    return elapsed / (scans * len(env.possible_agents))
+
+
+def fresh_process_memory_mb() -> float:
+    """Resident memory of a fresh process after some episodes, without the bench's own imports."""
+    import subprocess
+    import sys
+
+    require("psutil", "bench")
+    code = (
+        "import psutil; from coopmap_env import planar_v0;"
+        "env = planar_v0.parallel_env()\n"
+        "for seed in range(5):\n"
+        "    env.reset(seed=seed)\n"
+        "    while env.agents: env.step({a: env.action_space(a).sample() for a in env.agents})\n"
+        "print(psutil.Process().memory_info().rss / 2**20)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return float(done.stdout)
+
+
+def step_profile(env: PlanarEnv, steps: int = 400) -> dict[str, float]:
+    """Microseconds of a team step by the function that spends them (own time, ten largest)."""
+    import cProfile
+    import pstats
+
+    env.reset(seed=0)
+    for k, agent in enumerate(env.possible_agents):
+        env.action_space(agent).seed(k)
+    profile = cProfile.Profile()
+    for _ in range(steps):
+        if not env.agents:
+            env.reset()
+        actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+        profile.enable()
+        env.step(actions)
+        profile.disable()
+    stats: Any = pstats.Stats(profile)
+    own = {
+        f"{path.rsplit('/', 1)[-1]}:{name}": 1e6 * values[2] / steps
+        for (path, _, name), values in stats.stats.items()
+    }
+    top = sorted(own, key=own.__getitem__, reverse=True)[:10]
+    return {name: round(own[name], 2) for name in top}

@@ -1,0 +1,335 @@
+"""Surfaces held against those seen before: what is measured of a patch's displacement."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from plain import patches as plain
+from plain.looking import aimed, box, look
+
+from coopmap_env.geometry import Pose, displaced
+from coopmap_env.localization.correction.patches import (
+    FACING,
+    KNOWN,
+    LEAST_VARIANCE,
+    N_SUMS,
+    associate,
+    count_shared,
+    measure_patches,
+    patches_of,
+)
+from coopmap_env.localization.correction.settings import CorrectionSettings
+from coopmap_env.localization.correction.surface_normals import surface_normals
+from coopmap_env.localization.depth_rendering import pinhole
+from coopmap_env.sensing import DepthCamera, RangeNoise
+
+CAMERA = DepthCamera(width=32, height=24)
+LENS = pinhole(CAMERA)
+NOISE, EXACT = RangeNoise(), RangeNoise(intrinsic=0.0)
+LATERAL = 0.25
+SETTINGS = CorrectionSettings()
+HERE = Pose(np.zeros(3), np.eye(3))
+WALL = box((1, 8, 8), (2.5, 0, 0))
+"""Its face is 2 m ahead."""
+SIGMA = 0.01
+"""Metres, of each pixel, in tests by hand."""
+
+
+def seen(triangles, pose, noise=EXACT, seed=0, stated=NOISE):
+    """A look, its normals, and what Eq. 1 says of its pixels."""
+    cloud = look(triangles, pose, CAMERA, noise, np.random.default_rng(seed))
+    normals = surface_normals(cloud, CAMERA, stated)
+    ranges = np.linalg.norm(cloud.points, axis=1)
+    deviations = np.where(cloud.hit, stated.intrinsic * ranges**2, 0.0)
+    return plain.PlainLook(
+        pose, cloud.points, normals.normals, normals.planar, normals.tilts, deviations
+    )
+
+
+def sure(one):
+    """The same look with errors of `SIGMA` in each pixel."""
+    return one._replace(deviations=np.full(len(one.points), SIGMA))
+
+
+def sources(looks):
+    n = CAMERA.n_pixels
+    return (
+        np.array([s.points for s in looks]).reshape(-1, n, 3),
+        np.array([s.normals for s in looks]).reshape(-1, n, 3),
+        np.array([s.planar for s in looks], dtype=bool).reshape(-1, n),
+        np.array([s.pose.rotation for s in looks]).reshape(-1, 3, 3),
+        np.array([s.pose.translation for s in looks]).reshape(-1, 3),
+    )
+
+
+def measure(now, looks, labels=None, known=None, gates=(0.25, 0.0), n_labels=1, order=None):
+    """Hold a look against others, in their order or in another one."""
+    n = CAMERA.n_pixels
+    slots = np.arange(len(looks)) if order is None else np.array(order)
+    labels = np.zeros(n, dtype=np.int32) if labels is None else labels
+    known = np.zeros((n, 6)) if known is None else known
+    sums = np.zeros((n_labels, 1 + len(slots), N_SUMS))
+    measure_patches(
+        now.pose.transform(now.points), now.normals @ now.pose.rotation.T, now.planar, now.tilts,
+        now.deviations, np.ascontiguousarray(now.pose.rotation[:, 0]), LATERAL, labels, known,
+        slots, sources(looks), np.array([s.tilts for s in looks]).reshape(-1, n),
+        np.array([s.deviations for s in looks]).reshape(-1, n), LENS, gates,
+        np.zeros((len(slots), n), dtype=bool), sums,
+    )  # fmt: skip
+    return sums
+
+
+def scene(rng):
+    """A few crates before a wall, and ground."""
+    crates = [
+        box(rng.uniform(0.3, 0.9, 3), [rng.uniform(1.8, 3.0), y, rng.uniform(-0.5, 0.5)], turn)
+        for y, turn in zip((-0.8, 0.0, 0.7), rng.uniform(0, 3, 3), strict=True)
+    ]
+    return np.concatenate([*crates, box((1, 9, 9), (4.5, 0, 0)), box((9, 9, 1), (2, 0, -1.2))])
+
+
+def around(rng):
+    """A camera somewhere near to the origin, turned a little."""
+    return displaced(HERE, rng.normal(size=6) * [0.2, 0.2, 0.2, 0.05, 0.05, 0.05])
+
+
+# association
+
+
+def test_by_hand_a_pixel_looks_through_where_its_point_is():
+    """The wall of an earlier look: the pixel right and above of the middle sees 5 cm and 4 cm."""
+    there = seen(WALL, HERE)
+    p, n = np.array([2.0, -0.01, 0.01]), np.array([-1.0, 0, 0])
+    middle = 11 * 32 + 16  # row 11 of 24, column 16 of 32: the first to the right, above
+    assert associate(p, n, 0, sources([there]), LENS, 0.25) == middle
+    assert associate(p * [1, -1, -1], n, 0, sources([there]), LENS, 0.25) == middle + 31
+
+
+@pytest.mark.parametrize(
+    ("point", "normal"),
+    [
+        ((-2.0, 0, 0), (-1.0, 0, 0)),  # behind the camera
+        ((0.05, 0, 0), (-1.0, 0, 0)),  # in it
+        ((2.0, 3, 0), (-1.0, 0, 0)),  # out of the image
+        ((2.0, 0, -3), (-1.0, 0, 0)),
+        ((1.7, 0, 0), (-1.0, 0, 0)),  # nothing within 25 cm
+        ((2.0, 0, 0), (1.0, 0, 0)),  # the back of a wall
+        ((2.0, 0, 0), (-0.8, 0.6, 0)),  # turned by 37 degrees
+        ((2.0, 1.12, 0), (-1.0, 0, 0)),  # a pixel without a normal, at the border
+    ],
+)
+def test_a_surface_that_an_earlier_look_did_not_see_has_no_pixel(point, normal):
+    args = (0, sources([seen(WALL, HERE)]), LENS, 0.25)
+    assert associate(np.array(point), np.array(normal), *args) == -1
+
+
+def test_association_is_the_plain_one():
+    rng = np.random.default_rng(1)
+    found = 0
+    for k in range(6):
+        triangles = scene(rng)
+        now, *looks = (seen(triangles, around(rng), NOISE, 3 * k + i) for i in range(3))
+        points, normals = now.pose.transform(now.points), now.normals @ now.pose.rotation.T
+        for gate in (0.05, 0.25):
+            wanted = [
+                [plain.associated(p, n, there, CAMERA, gate, FACING)
+                 for p, n in zip(points, normals, strict=True)]
+                for there in looks
+            ]  # fmt: skip
+            for s in range(2):
+                for p, n, m in zip(points, normals, wanted[s], strict=True):
+                    same = associate(p, n, s, sources(looks), LENS, gate)
+                    assert same == (-1 if m is None else m)
+            counts = np.full(2, -1)
+            count_shared(
+                points, normals, now.planar, 5, np.array([1, 0]), sources(looks), LENS, gate, counts
+            )
+            shared = [
+                sum(bool(now.planar[i]) and of[i] is not None for i in range(0, len(points), 5))
+                for of in wanted
+            ]
+            assert counts.tolist() == shared[::-1]  # in the order in which they were named
+            found += sum(shared)
+    assert found > 500
+
+
+# sums over pixels
+
+
+@pytest.mark.parametrize("gates", [(0.25, 0.05), (0.15, 0.0)])
+def test_sums_are_the_plain_ones(gates):
+    rng = np.random.default_rng(2)
+    counts = np.zeros(4)
+    for k in range(4):
+        triangles = scene(rng)
+        now, *looks = (seen(triangles, around(rng), NOISE, 10 * k + i) for i in range(4))
+        labels = rng.integers(-1, 5, CAMERA.n_pixels).astype(np.int32)
+        known = np.zeros((CAMERA.n_pixels, 6))
+        told = rng.random(CAMERA.n_pixels) < 0.2
+        n = rng.normal(size=(told.sum(), 3))
+        known[told, :3] = n / np.linalg.norm(n, axis=1)[:, None]
+        known[told, 3:] = now.pose.transform(now.points[told]) + 0.03 * rng.normal(size=n.shape)
+        sums = measure(now, looks, labels, known, gates, 5)
+        wanted = plain.measured(
+            now, looks, CAMERA, LATERAL, labels, known, gates, FACING, LEAST_VARIANCE, 5
+        )
+        scale = np.abs(wanted).max(axis=(0, 1))
+        # hundreds of terms, added in the same order
+        np.testing.assert_allclose(sums / scale, wanted / scale, atol=1e-10)
+        counts += sums[:, :, 17].sum(axis=0)
+        backwards = measure(now, looks, labels, known, gates, 5, order=[2, 0])
+        wanted = plain.measured(
+            now, [looks[2], looks[0]], CAMERA, LATERAL, labels, known, gates, FACING,
+            LEAST_VARIANCE, 5,
+        )  # fmt: skip
+        np.testing.assert_allclose(backwards / scale, wanted / scale, atol=1e-10)
+    assert (counts > 50).all()  # the target, and each of three looks
+
+
+def test_by_hand_a_wall_that_came_1_cm_nearer():
+    """N pixels of 1 cm in each look: 2 cm^2 / N along the axis, and nothing is told across it."""
+    there, now = sure(seen(WALL, HERE)), sure(seen(WALL, HERE))
+    now = now._replace(points=now.points - [0.01, 0, 0])
+    sums = measure(now, [there])
+    n = sums[0, 1, 17]
+    assert n > 400
+    assert sums[0, 0].tolist() == [0.0] * N_SUMS  # of the target nothing is known
+    patches = patches_of(sums, SETTINGS)
+    assert patches.labels.tolist() == [0]
+    assert patches.sources.tolist() == [0]
+    np.testing.assert_allclose(patches.displacements, [[0.01, 0, 0]], atol=1e-12)
+    strength = 1.0 / (2 * SIGMA**2 / n + SETTINGS.patch_std**2 + LEAST_VARIANCE)
+    np.testing.assert_allclose(patches.strengths, [[0, 0, strength]], rtol=1e-9)
+    np.testing.assert_allclose(patches.information, [np.diag([strength, 0, 0])], atol=1e-6)
+    np.testing.assert_allclose(patches.positions[0, 0], 1.99, atol=1e-12)
+    np.testing.assert_allclose(
+        np.abs(patches.along_axes(np.array([[0.3, 0.0, 0.0]]))), [[0, 0, 0.3]], atol=1e-12
+    )
+
+
+def test_a_wall_that_moved_along_itself_tells_nothing_of_that():
+    there, now = sure(seen(WALL, HERE)), sure(seen(WALL, HERE))
+    now = now._replace(points=now.points - np.array([0, -0.03, 0.02]))
+    patches = patches_of(measure(now, [there]), SETTINGS)
+    np.testing.assert_allclose(patches.displacements, [[0, 0, 0]], atol=1e-12)
+    assert (patches.strengths > 0).tolist() == [[False, False, True]]
+
+
+def test_an_oblique_wall_tells_what_is_along_its_normal():
+    """Seen from another place; it is moved by 1 cm along its normal and 2 cm along itself."""
+    triangles = box((1, 8, 8), (3.0, 0, 0), 0.6)
+    n = -np.array([np.cos(0.6), np.sin(0.6), 0])
+    there = sure(seen(triangles, aimed((0, 0.1, 0), (2.5, 0.2, 0.1))))
+    now = sure(seen(triangles, aimed((0.2, -0.3, 0.2), (2.5, -0.1, 0))))
+    moved = 0.01 * n + 0.02 * np.array([0, 0, 1])
+    now = now._replace(points=now.points + moved @ now.pose.rotation)
+    patches = patches_of(measure(now, [there]), SETTINGS)
+    np.testing.assert_allclose(patches.displacements, [-0.01 * n], atol=1e-12)
+    np.testing.assert_allclose(np.abs(patches.axes[0, :, 2] @ n), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("faces", "directions"), [("edge", 2), ("corner", 3)])
+def test_two_faces_tell_two_directions_and_three_all(faces, directions):
+    crate = box((1.2, 1.2, 1.2), (2.4, 0, 0), np.pi / 4)
+    eye = (0, 0, 0) if faces == "edge" else (0.4, 0, 1.8)
+    pose = aimed(eye, (2.4, 0, 0.0 if faces == "edge" else 0.5))
+    there, now = sure(seen(crate, pose)), sure(seen(crate, pose))
+    moved = np.array([0.01, -0.005, 0.004])
+    now = now._replace(points=now.points + moved @ pose.rotation)
+    patches = patches_of(measure(now, [there]), SETTINGS)
+    assert (patches.strengths > 0).sum() == directions
+    wanted = -moved * [1, 1, directions == 3]
+    # pixels at the edges are held against the face that the earlier look saw there
+    np.testing.assert_allclose(patches.displacements, [wanted], atol=1e-9)
+
+
+def test_of_the_target_only_the_present_look_errs():
+    now = sure(seen(WALL, HERE))
+    known = np.tile([-1.0, 0, 0, 2.01, 5, 5], (CAMERA.n_pixels, 1))
+    sums = measure(now, [], known=known)
+    patches = patches_of(sums, SETTINGS)
+    assert patches.sources.tolist() == [KNOWN]
+    np.testing.assert_allclose(patches.displacements, [[0.01, 0, 0]], atol=1e-12)
+    n = CAMERA.n_pixels
+    strength = 1.0 / (SIGMA**2 / n + SETTINGS.patch_std**2 + LEAST_VARIANCE)
+    np.testing.assert_allclose(patches.strengths, [[0, 0, strength]], rtol=1e-9)
+
+
+def test_across_the_optical_axis_errors_are_smaller_by_eq_1():
+    """A surface along the axis: its pixels are known four times as well along its normal."""
+    now = sure(seen(WALL, HERE))
+    known = np.zeros((CAMERA.n_pixels, 6))
+    known[:, 1] = 1.0
+    known[:, 3:] = now.points
+    sums = measure(now, [], known=known)
+    assert sums[0, 0, 15] == pytest.approx(CAMERA.n_pixels / (LATERAL * SIGMA) ** 2, rel=1e-9)
+
+
+def test_a_pixel_of_an_earlier_look_serves_once():
+    """All present pixels are at one place: one is held against the first look, one the second."""
+    there, now = sure(seen(WALL, HERE)), sure(seen(WALL, HERE))
+    now = now._replace(points=np.tile([[2.0, -0.01, 0.01]], (CAMERA.n_pixels, 1)))
+    assert measure(now, [there])[0, :, 17].tolist() == [0, 1]
+    assert measure(now, [there, there])[0, :, 17].tolist() == [0, 1, 1]
+
+
+def test_by_hand_residuals_beyond_three_sigma_are_left_out():
+    """Both looks err by 1 cm: three sigma are 4.24 cm, and 5.20 cm with 1 cm that is added."""
+    there = sure(seen(WALL, HERE))
+    for off, gate, used in [(0.042, 0, True), (0.043, 0, False), (0.051, 0.01, True),
+                            (0.053, 0.01, False)]:  # fmt: skip
+        now = there._replace(points=there.points + np.array([off, 0, 0]))
+        assert (measure(now, [there], gates=(0.25, gate))[0, 1, 17] > 0) == used
+
+
+def test_pixels_without_a_label_or_a_normal_say_nothing():
+    there = sure(seen(WALL, HERE))
+    none = np.full(CAMERA.n_pixels, -1, dtype=np.int32)
+    assert not measure(there, [there], labels=none).any()
+    assert not measure(there._replace(planar=np.zeros_like(there.planar)), [there]).any()
+
+
+# patches
+
+
+def test_patches_of_too_few_pixels_are_left_out():
+    there = sure(seen(WALL, HERE))
+    labels = np.full(CAMERA.n_pixels, -1, dtype=np.int32)
+    labels[12 * 32 + 5 : 12 * 32 + 10] = 0  # five
+    labels[12 * 32 + 15 : 12 * 32 + 21] = 1  # six
+    patches = patches_of(measure(there, [there], labels, n_labels=3), SETTINGS)
+    assert patches.labels.tolist() == [1]
+    fewer = dataclasses.replace(SETTINGS, least_pixels=5)
+    patches = patches_of(measure(there, [there], labels, n_labels=3), fewer)
+    assert patches.labels.tolist() == [0, 1]
+
+
+def noisy_wall(seed):
+    pose = aimed((0.1, -0.2, 0.1), (2.2, 0.3, 0))
+    there, now = seen(WALL, HERE, NOISE, seed), seen(WALL, pose, NOISE, seed + 1000)
+    labels = -np.ones(CAMERA.n_pixels, dtype=np.int32)
+    near = np.linalg.norm(pose.transform(now.points) - [2.0, 0.1, 0], axis=1) < 0.4
+    labels[near] = 0
+    return measure(now, [there], labels)
+
+
+def test_directions_that_noise_in_normals_makes_up_are_left_out():
+    """Fifty looks at a wall: one direction each. Noise makes up others, which it tells itself."""
+    made_up = 0
+    for seed in range(50):
+        sums = noisy_wall(seed)
+        patches = patches_of(sums, SETTINGS)
+        assert (patches.strengths > 0).tolist() == [[False, False, True]]
+        all_of_them = patches_of(sums, dataclasses.replace(SETTINGS, tilt_margin=0.0))
+        made_up += (all_of_them.strengths > 0).sum() - 1
+    assert made_up == 100
+
+
+def test_what_a_noisy_wall_tells_is_as_good_as_it_says():
+    """200 pairs of looks at a wall that stands still: squared displacements in their variance."""
+    squares = []
+    for seed in range(200):
+        patches = patches_of(noisy_wall(seed), dataclasses.replace(SETTINGS, patch_std=0.0))
+        squares.append((patches.along_axes(patches.displacements)[0, 2]) ** 2
+                       * patches.strengths[0, 2])  # fmt: skip
+    assert 0.81 < np.mean(squares) < 1.21  # the mean of 200 squares is 1 +- 0.1

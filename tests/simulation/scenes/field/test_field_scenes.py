@@ -1,0 +1,316 @@
+import hashlib
+import os
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coopmap_env.geometry import Pose
+from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.simulation.scenes import world_seed
+from coopmap_env.simulation.scenes.field import (
+    CLEARANCE,
+    FIELD_GRID,
+    Clutter,
+    FieldScene,
+    FieldWorld,
+    Rubble,
+    Stand,
+    Worksite,
+    make_field_scene,
+    target_solids,
+)
+from coopmap_env.simulation.scenes.field.base_poses import draw_bases, on_ground, seen_share
+from coopmap_env.simulation.scenes.field.layout import Yard
+from coopmap_env.simulation.scenes.field.outlines import axis_distance
+from coopmap_env.simulation.scenes.field.solid import box_corners, solid_of_boxes
+from coopmap_env.simulation.scenes.field.voxel_truth import is_closed
+
+NAMES = ("worksite", "clutter", "rubble")
+N_SEEDS = 25
+GOLDEN = {
+    "worksite": ("cf63454ce04d71a8", "aa372b189193c40f", "940029082a8e3811"),
+    "clutter": ("3bd424f163f87183", "3f8a19f529fb0e2b", "861be1d24e2ac86c"),
+    "rubble": ("04a65824440e3e32", "051fa24b56ea8dd1", "0e8ba6426c4354dc"),
+}
+"""SHA-256 of the first world of each split: changing one changes every published result."""
+
+
+@pytest.fixture(autouse=True)
+def _needs_pybullet_data(request):
+    if "clutter" in request.node.name:
+        pytest.importorskip("pybullet_data")
+
+
+@cache
+def world(name, seed, n_robots, split="train"):
+    return make_field_scene(name).world(np.random.default_rng(world_seed(split, seed)), n_robots)
+
+
+def digest(world):
+    """SHA-256 of the corners of a world and its bases, to a hundredth of a millimetre."""
+    poses = [np.column_stack([pose.rotation, pose.translation]) for pose in world.base_poses]
+    content = hashlib.sha256()
+    for solid in world.solids:
+        content.update(f"{solid.name} {solid.is_target} {len(solid.hulls)}".encode())
+        corners = np.unique(np.round(solid.vertices, 5) + 0.0, axis=0)
+        content.update(corners.tobytes())
+    content.update((np.round(poses, 5) + 0.0).tobytes())
+    return content.hexdigest()[:16]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_world_carries_the_fields_of_its_scene(name):
+    scene = make_field_scene(name)
+    assert isinstance(scene, FieldScene)
+    drawn = world(name, 0, 3)
+    assert drawn.name == scene.name == name
+    assert drawn.grid == scene.grid == FIELD_GRID
+    assert drawn.n_robots == 3
+    assert drawn.triangles.shape == (sum(len(solid.faces) for solid in drawn.solids), 3, 3)
+    assert drawn.target in {solid.name for solid in drawn.solids} | {"core"}
+    assert 0 < len(drawn.target_triangles) < len(drawn.triangles)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("n_robots", [1, 5])
+def test_vehicles_find_room_and_sight_in_every_world(name, n_robots):
+    scene = make_field_scene(name)
+    low = np.array(scene.grid.origin)[:2] + 1.3
+    high = np.array(scene.grid.origin)[:2] + np.multiply(scene.grid.shape, 0.1)[:2] - 1.3
+    for seed in range(N_SEEDS):
+        drawn = world(name, seed, n_robots)
+        places = np.array([pose.translation for pose in drawn.base_poses])
+        assert len(places) == n_robots
+        assert (places[:, 2] == 0.0).all()
+        assert (places[:, :2] >= low).all()
+        assert (places[:, :2] <= high).all()
+        distances = np.linalg.norm(places, axis=1)
+        assert (distances >= 2.5).all()
+        assert (distances <= 4.5).all()
+        apart = np.linalg.norm(places[:, None] - places, axis=-1) + 9 * np.eye(n_robots)
+        assert apart.min() >= 2.2
+        for pose, place in zip(drawn.base_poses, places, strict=True):
+            assert axis_distance(place, drawn.solids) >= CLEARANCE - 1e-9
+            assert seen_share(place, drawn.solids) >= 0.25
+            np.testing.assert_allclose(pose.rotation[:, 0], -place / np.linalg.norm(place))
+            np.testing.assert_allclose(pose.rotation[:, 2], [0, 0, 1])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_solids_are_closed_named_and_within_the_grid(name):
+    low = np.array(FIELD_GRID.origin)
+    high = low + np.multiply(FIELD_GRID.shape, 0.1)
+    for seed in range(N_SEEDS):
+        drawn = world(name, seed, 5)
+        assert [solid.is_ground for solid in drawn.solids].count(True) == 1
+        assert len(drawn.triangles) <= 20_000
+        for solid in drawn.solids:
+            assert is_closed(solid.faces), solid.name
+            if not solid.is_ground:
+                assert (solid.bounds[0, :2] >= low[:2]).all(), solid.name
+                assert (solid.bounds[1] <= high).all(), solid.name
+                assert solid.bounds[1, 2] > 0.0, solid.name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_hulls_cover_what_is_not_concave(name):
+    drawn = world(name, 1, 2)
+    for solid in drawn.solids:
+        points = np.concatenate(solid.parts)
+        np.testing.assert_allclose(points.min(axis=0), solid.bounds[0], atol=1e-9)
+        np.testing.assert_allclose(points.max(axis=0), solid.bounds[1], atol=1e-9)
+        assert solid.is_concave or solid.hulls
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_seed_makes_the_same_world_and_another_split_another_one(name):
+    scene = make_field_scene(name)
+    for split, golden in zip(("train", "validation", "test"), GOLDEN[name], strict=True):
+        drawn = [scene.world(np.random.default_rng(world_seed(split, 0)), 3) for _ in range(2)]
+        assert digest(drawn[0]) == digest(drawn[1]) == golden
+    assert len(set(GOLDEN[name])) == 3
+
+
+def test_another_process_makes_the_same_worlds():
+    pytest.importorskip("pybullet_data")
+    code = "import test_field_scenes as t\nprint(*(t.digest(t.world(n, 0, 3)) for n in t.NAMES))"
+    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    env = {**os.environ, "PYTHONPATH": paths, "PYTHONHASHSEED": "1"}
+    command = [sys.executable, "-c", code]
+    out = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+    assert out.stdout.split() == [GOLDEN[name][0] for name in NAMES]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_ground_and_target_are_occupied_and_vehicles_stand_in_the_open(name):
+    drawn = world(name, 2, 3)
+    occupied, grid = drawn.occupied, drawn.grid
+    surface = int(grid.index((0.0, 0.0, 0.0))[2])
+    assert occupied[:, :, : surface + 1].all()
+    assert not occupied.flags.writeable
+    middles = drawn.triangles.mean(axis=1)
+    index = grid.index(middles)
+    assert occupied[tuple(index[grid.contains(index)].T)].all()
+    above = grid.center(np.argwhere(occupied))
+    above = above[above[:, 2] > 0.1]
+    for pose in drawn.base_poses:
+        distances = np.linalg.norm((above - pose.translation)[:, :2], axis=1)
+        assert distances.min() >= CLEARANCE - 0.0708  # half the diagonal of a voxel's floor
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_world_and_its_voxels_are_made_quickly(name):
+    scene = make_field_scene(name)
+    rng = np.random.default_rng(0)
+    assert scene.world(rng, 3).occupied.any()  # compiles, and reads the first things
+    times = []
+    for _ in range(5):
+        start = time.perf_counter()
+        drawn = scene.world(rng, 3)
+        made = time.perf_counter()
+        assert drawn.occupied.any()
+        times.append((made - start, time.perf_counter() - made))
+    # several times what an idle machine takes, 30 and 60 ms at most
+    assert np.min(times, axis=0)[0] < 0.15
+    assert np.min(times, axis=0)[1] < 0.3
+
+
+def test_the_solar_panel_is_always_the_same_and_has_no_symmetry():
+    (panel,) = target_solids()
+    np.testing.assert_array_equal(panel.vertices, target_solids()[0].vertices)
+    size = np.ptp(panel.vertices, axis=0)
+    assert 2.3 < size[1] < 2.5
+    assert 1.8 < size[2] < 2.0
+    assert panel.bounds[0, 2] == 0.0
+    points = panel.triangles.mean(axis=1)
+    for flip in ([-1, -1, 1], [-1, 1, 1], [1, -1, 1]):
+        gaps = np.linalg.norm((points * flip)[:, None] - points, axis=-1).min(axis=1)
+        assert gaps.max() > 0.3
+
+
+def test_a_worksite_has_rocks_and_crates_some_of_them_stacked():
+    names = [solid.name for seed in range(N_SEEDS) for solid in world("worksite", seed, 1).solids]
+    rocks, crates = (sum(name.startswith(kind) for name in names) for kind in ("rock", "crate"))
+    assert 6 * N_SEEDS < rocks <= 14 * N_SEEDS
+    assert 3 * N_SEEDS < crates <= 10 * N_SEEDS
+    floors = [
+        solid.bounds[0, 2]
+        for seed in range(N_SEEDS)
+        for solid in world("worksite", seed, 1).solids
+        if solid.name.startswith("crate")
+    ]
+    assert 0.05 < np.mean(np.array(floors) > 0.2) < 0.4
+
+
+def test_things_around_the_panel_do_not_meet_it_or_each_other():
+    for seed in range(N_SEEDS):
+        solids = [solid for solid in world("worksite", seed, 2).solids if not solid.is_ground]
+        (panel, *things) = solids
+        circles = []
+        for thing in things:
+            middle = thing.bounds.mean(axis=0)[:2]
+            radius = np.linalg.norm(thing.vertices[:, :2] - middle, axis=1).max()
+            assert axis_distance(middle, [panel]) >= radius
+            for other, place, reach in circles:
+                stacked = abs(thing.bounds[0, 2] - other.bounds[1, 2]) < 1e-9
+                assert stacked or np.linalg.norm(middle - place) >= radius + reach
+            circles.append((thing, middle, radius))
+
+
+def test_clutter_lies_on_its_tables():
+    drawn = world("clutter", 0, 3)
+    on_target = [s for s in drawn.solids if s.name.startswith("table_thing")]
+    assert len(on_target) >= 4
+    for thing in on_target:
+        assert thing.is_target
+        assert thing.bounds[0, 2] == pytest.approx(0.625)
+        assert (np.abs(thing.bounds[:, :2]) <= [0.76, 0.51]).all()
+
+
+def test_rubble_hides_its_core():
+    shares = []
+    for seed in range(N_SEEDS):
+        drawn = world("rubble", seed, 2)
+        blocks = [solid for solid in drawn.solids if not solid.is_ground]
+        assert 5 <= sum(solid.is_target for solid in blocks) <= 12
+        assert len(blocks) >= 25
+        for pose in drawn.base_poses:
+            shares.append(seen_share(pose.translation, drawn.solids))
+    assert min(shares) >= 0.25
+    assert np.mean(shares) < 0.7
+
+
+def test_what_hides_the_target_goes_and_what_stands_on_it_too():
+    def box(name, size, centre, **kind):
+        return solid_of_boxes(name, [box_corners(size, centre)], **kind)
+
+    target = [box("target", (1, 1, 1), (0, 0, 0.5), is_target=True)]
+    yard = Yard(FIELD_GRID, [on_ground(4.0, 0.0, np.pi)], 1.2, target)
+    wall = yard.add(box("wall", (0.2, 3, 2), (1.5, 0, 1)))
+    yard.add(box("on the wall", (0.2, 0.2, 0.2), (1.5, 0, 2.1)), below=wall)
+    yard.add(box("aside", (0.2, 0.2, 0.2), (0, 3, 0.1)))
+    assert [solid.name for solid in yard.in_sight()] == ["aside"]
+
+
+def test_settings_that_make_no_sense_say_so():
+    for make, message in [
+        (lambda: Worksite(rocks=(5, 2)), r"rocks must be \(fewest, most\), not \(5, 2\)"),
+        (lambda: Worksite(stacked_share=1.5), "stacked_share must lie in"),
+        (lambda: Clutter(enlarged=0.0), "enlarged must be finite and above 0, not 0.0"),
+        (lambda: Clutter(tables=(-1, 2)), "tables must be"),
+        (lambda: Rubble(core=50), "core and blocks must satisfy"),
+        (lambda: Rubble(core_radius=3.0), "radii must satisfy"),
+        (lambda: Rubble(side_min=2.0), "sides must satisfy"),
+        (lambda: Rubble(height_max=1.0), "height_max must hold the diagonal"),
+        (lambda: Stand(nearest=5.0), "0 < nearest < farthest"),
+        (lambda: Stand(spacing=-1.0), "spacing must be finite"),
+        (lambda: Worksite(VoxelGrid((4, 4))), "grid must have 3 axes"),
+        (lambda: Worksite(VoxelGrid((40, 40, 4), 0.1, (0, 0, 1))), "below the ground"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
+def test_too_many_vehicles_for_the_room_say_what_to_do():
+    with pytest.raises(ValueError, match=r"no place for 40 vehicles.*fewer vehicles"):
+        draw_bases(np.random.default_rng(0), 40, Stand(), 1.2, FIELD_GRID, ())
+    with pytest.raises(ValueError, match="n_robots must be at least 1, not 0"):
+        Worksite().world(np.random.default_rng(0), 0)
+    with pytest.raises(ValueError, match="footprint must be finite"):
+        Worksite().world(np.random.default_rng(0), 1, np.nan)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"base_poses": ()}, "at least one pose"),
+        ({"base_poses": (Pose.planar(0, 0, 0),)}, "base pose 0 must have 3 axes"),
+        ({"grid": VoxelGrid((4, 4))}, "grid must have 3 axes"),
+        ({"solids": target_solids() * 2}, "not twice"),
+        ({"solids": (replace(target_solids()[0], is_target=False),)}, "must be a target"),
+    ],
+)
+def test_a_broken_world_says_what_is_wrong(change, message):
+    fields = {
+        "name": "w",
+        "solids": target_solids(),
+        "target": "solar_panel",
+        "grid": FIELD_GRID,
+        "base_poses": (on_ground(3, 0, 0),),
+    }
+    with pytest.raises(ValueError, match=message):
+        FieldWorld(**{**fields, **change})
+
+
+def test_scenes_are_made_by_name_or_passed_on():
+    scene = Worksite(rocks=(0, 0))
+    assert make_field_scene(scene) is scene
+    for wrong in ("worksites", 3, Worksite):
+        with pytest.raises(ValueError, match="'worksite', 'clutter', 'rubble', a path ending"):
+            make_field_scene(wrong)

@@ -1,0 +1,135 @@
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from coopmap_env.simulation.scenes import SPLITS, world_seed
+from coopmap_env.simulation.scenes.planar import Obstacles, largest_free_region
+
+GOLDEN = {"train": "4d9736c9b5a83c61", "validation": "a7b0eaed2ab289e6", "test": "600d87ddf41d96e2"}
+"""SHA-256 of the first world of each split: changing one changes every published result."""
+
+
+def first_world(split, scene):
+    return scene.world(np.random.default_rng(world_seed(split, 0)))
+
+
+def test_a_world_carries_the_fields_of_its_scene():
+    scene = Obstacles(shape=(40, 60), resolution=0.5, origin=(-1.0, 2.0), side_max=8.0)
+    world = first_world("train", scene)
+    assert world.shape == scene.shape == (40, 60)
+    assert world.resolution == scene.resolution == 0.5
+    assert world.origin == scene.origin == (-1.0, 2.0)
+    assert world.name == scene.name == "obstacles"
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.12, 0.3, 0.5])
+def test_the_occupied_share_is_met_to_the_cell(share):
+    scene = Obstacles(shape=(100, 50), occupied_share=share)
+    for seed in range(5):
+        world = scene.world(np.random.default_rng(seed))
+        assert np.count_nonzero(world.occupied) == round(share * 5000)
+
+
+def test_the_default_world_is_mostly_one_free_region_with_many_obstacles():
+    for seed in range(10):
+        occupied = Obstacles().world(np.random.default_rng(seed)).occupied
+        assert largest_free_region(occupied).sum() > 0.99 * np.count_nonzero(~occupied)
+        assert ndimage.label(occupied)[1] > 15
+
+
+def test_obstacles_may_reach_the_border_but_no_wall_surrounds_the_world():
+    borders = []
+    for seed in range(10):
+        occupied = Obstacles().world(np.random.default_rng(seed)).occupied
+        borders.append(
+            np.concatenate([occupied[0], occupied[-1], occupied[:, 0], occupied[:, -1]]).mean()
+        )
+    assert 0.0 < np.mean(borders) < 0.3
+
+
+def test_obstacles_are_as_likely_in_each_quarter_of_the_world():
+    scene = Obstacles(shape=(60, 60), side_max=10.0)
+    worlds = [scene.world(np.random.default_rng(seed)).occupied for seed in range(100)]
+    quarters = np.mean(worlds, axis=0).reshape(2, 30, 2, 30).mean(axis=(1, 3))
+    # About 14 blocks a world, 350 a quarter: three standard errors are about a sixth.
+    np.testing.assert_allclose(quarters, 0.12, rtol=0.2)
+
+
+def test_a_rectangle_has_two_pairs_of_parallel_edges():
+    scene = Obstacles(polygon_share=0.0)
+    turns, distances, _ = scene._random_blocks(np.random.default_rng(0), 50)
+    np.testing.assert_allclose(np.diff(turns[:, :4]), 0.25)
+    np.testing.assert_array_equal(distances[:, :2], distances[:, 2:4])
+    assert np.isinf(distances[:, 4:]).all()
+    sides = 2 * distances[:, :2]
+    assert (sides >= scene.side_min).all()
+    assert (sides <= scene.side_max).all()
+
+
+def test_polygons_have_3_to_6_edges_around_them():
+    turns, distances, _ = Obstacles(polygon_share=1.0)._random_blocks(np.random.default_rng(0), 200)
+    n_edges = np.isfinite(distances).sum(axis=1)
+    assert set(n_edges.tolist()) == {3, 4, 5, 6}
+    for heading, n in zip(turns, n_edges, strict=True):
+        gaps = np.diff(heading[:n], append=heading[0] + 1.0)
+        assert (gaps > 0.0).all()
+        assert (gaps < 0.5).all()
+
+
+def test_the_polygon_share_is_the_share_of_polygons():
+    turns, _, _ = Obstacles(polygon_share=0.4)._random_blocks(np.random.default_rng(0), 2000)
+    is_rectangle = np.isclose(np.diff(turns[:, :4]), 0.25).all(axis=1)
+    # Three standard errors of a share of 0.4 among 2000.
+    assert np.mean(~is_rectangle) == pytest.approx(0.4, abs=0.033)
+
+
+def test_no_corner_of_a_block_lies_beyond_its_reach():
+    turns, distances, reaches = Obstacles()._random_blocks(np.random.default_rng(0), 200)
+    for heading, distance, reach in zip(turns, distances, reaches, strict=True):
+        angle = 2 * np.pi * heading[np.isfinite(distance)]
+        normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        distance = distance[np.isfinite(distance)]
+        for k in range(len(distance)):
+            pair = [k - 1, k]
+            corner = np.linalg.solve(normals[pair], distance[pair])
+            assert np.hypot(*corner) <= reach
+
+
+def test_a_crowded_world_takes_more_blocks_than_are_drawn_at_once():
+    scene = Obstacles(side_max=4.0, occupied_share=0.3)
+    occupied = scene.world(np.random.default_rng(0)).occupied
+    assert np.count_nonzero(occupied) == 12_000  # 750 blocks of 4 x 4 cells at least
+
+
+def test_the_same_generator_state_makes_the_same_world():
+    a, b = (Obstacles().world(np.random.default_rng(5)).occupied for _ in range(2))
+    other = Obstacles().world(np.random.default_rng(6)).occupied
+    np.testing.assert_array_equal(a, b)
+    assert (a != other).any()
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_the_first_world_of_each_split_is_frozen(split):
+    packed = np.packbits(first_world(split, Obstacles()).occupied)
+    assert hashlib.sha256(packed.tobytes()).hexdigest()[:16] == GOLDEN[split]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"shape": (200, 4)}, r"8 x 8 cells, not \(200, 4\)"),
+        ({"resolution": -1.0}, "above 0 m, not -1.0"),
+        ({"occupied_share": 0.51}, r"\[0, 0.5\], not 0.51"),
+        ({"occupied_share": float("nan")}, "nan"),
+        ({"side_min": 30.0}, "1.0, 30.0, 20.0"),
+        ({"side_min": 0.5}, "1.0, 0.5, 20.0"),
+        ({"side_max": float("inf")}, "inf"),
+        ({"polygon_share": 1.5}, r"\[0, 1\], not 1.5"),
+    ],
+)
+def test_a_wrong_setting_is_named_with_its_value(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(Obstacles(), **change)

@@ -1,0 +1,62 @@
+"""The field's part of the report, small."""
+
+import json
+
+import pytest
+
+from coopmap_env.cli import main
+from coopmap_env.studies.commands.reproduce import missing_extras
+from coopmap_env.studies.field import study as field_study
+from coopmap_env.studies.field.report import TABLE, field_summary, text_table, write_parts
+from coopmap_env.studies.field.study import RANDOM, FieldSize
+
+for module in ("pybullet", "pyoctomap", "viser", "skimage", "matplotlib"):
+    pytest.importorskip(module)
+
+SIZE = FieldSize(2, ("rating_function:search=10", RANDOM))
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(field_study, "SCANS_EACH", 2)
+        return field_study.run(tmp_path_factory.mktemp("store"), SIZE, 1, print)
+
+
+def test_every_policy_is_scored_against_the_surface_on_every_world(study):
+    assert set(study.evaluations) == set(SIZE.policies)
+    for evaluation in study.evaluations.values():
+        assert len(evaluation.episodes) == 2
+        assert evaluation.curves["surface"].shape == (2, 3)
+        assert set(TABLE) <= set(evaluation.table)
+        assert ((evaluation.table["f_score"] > 0) & (evaluation.table["f_score"] < 1)).all()
+
+
+def test_octomap_saw_the_scans_of_the_pictured_episode(study):
+    assert study.octomap.n_scans == 4
+    assert study.octomap.agreement > 0.9
+    assert study.octomap.ours.log_loss_common < study.octomap.octomap.log_loss_common
+
+
+def test_the_summary_is_json_and_the_table_names_every_policy(study):
+    summary = json.loads(json.dumps(field_summary(study)))
+    assert summary["policies"][RANDOM]["against"]["policy"] == SIZE.policies[0]
+    assert summary["octomap"]["n_scans"] == 4
+    for policy in SIZE.policies:
+        assert policy in text_table(study)
+
+
+def test_all_parts_are_written(study, tmp_path):
+    write_parts(study, tmp_path)
+    names = {"field_surface.png", "field_render.png", "stereo.png", "field_replay.html"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_nothing_is_missing_here():
+    assert missing_extras() == ""
+
+
+def test_the_replay_command_writes_a_page(tmp_path):
+    page = tmp_path / "replay.html"
+    main(["replay", "--policy", "random", "--max-scans", "1", "--out", str(page)])
+    assert page.read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")

@@ -1,0 +1,140 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from coopmap_env.cli import main
+from coopmap_env.evaluation.statistics.bootstrap import bootstrap_groups
+from coopmap_env.studies.localization import study as localization_study
+from coopmap_env.studies.localization.episodes import search_episode
+from coopmap_env.studies.localization.pose_estimators import (
+    LEVELS,
+    METHODS,
+    compare_identifications,
+)
+from coopmap_env.studies.localization.study import (
+    LocalizationSize,
+    errors_summary,
+    nees_summary,
+    search_summary,
+)
+
+
+def robot(scans, position=0.01, angle=0.001, nees=6.0):
+    return {"scans": scans, "position": position, "angle": angle, "nees": nees}
+
+
+SEARCHES = [
+    {"robots": [robot(1), robot(4)], "registration_ms": [50.0]},
+    {"robots": [robot(3, position=0.5), None], "registration_ms": [70.0, 90.0]},
+]
+
+
+def test_a_robot_counts_as_located_within_the_scans_that_it_took():
+    found = search_summary(SEARCHES)
+    shares = {k: share["estimate"] for k, share in found["located_share"].items()}
+    assert (shares["1"], shares["3"], shares["4"], shares["10"]) == (0.25, 0.5, 0.75, 0.75)
+    assert found["never_located"] == 1
+    assert found["robots"] == 4
+
+
+def test_a_base_half_a_metre_off_is_a_false_match():
+    assert search_summary(SEARCHES)["false_matches"] == 1
+    turned = [{"robots": [robot(1, angle=0.1), robot(2)], "registration_ms": [1.0]}] * 2
+    assert search_summary(turned)["false_matches"] == 2
+
+
+def test_errors_of_bases_are_those_of_located_robots():
+    found = search_summary(SEARCHES)
+    assert found["position_error"]["median"]["estimate"] == pytest.approx(0.01)
+    assert found["largest_errors"] == [0.5, 0.001]
+    assert found["registration_ms"]["median"] == 70.0
+
+
+def look(before, after):
+    kinds = ("position", "angle", "seen")
+    return {"kinematic": dict.fromkeys(kinds, before), "taken": dict.fromkeys(kinds, after)}
+
+
+def test_the_error_ratio_is_that_of_the_medians():
+    groups = [[look(8.0, 1.0), look(10.0, 2.0)], [look(12.0, 4.0), look(math.nan, 1.0)]]
+    found = errors_summary(groups, np.random.default_rng(0))
+    assert found["looks"] == 4
+    ratio = found["position"]["error_ratio_median"]
+    assert ratio["estimate"] == 5.0  # 10 over 2, the look that saw nothing left out
+    assert ratio["low"] <= 5.0 <= ratio["high"]
+    assert found["seen"]["before"]["median"]["estimate"] == 10.0
+
+
+def test_honest_errors_lie_in_the_band_and_boasting_ones_do_not():
+    rng = np.random.default_rng(0)
+    groups = [stats.chi2.rvs(6, size=20, random_state=rng) for _ in range(20)]
+    found = nees_summary(groups)
+    np.testing.assert_allclose(found["band"], stats.chi2.ppf([0.025, 0.975], 2400) / 400)
+    assert found["in_band"]
+    assert not nees_summary([1.5 * group for group in groups])["in_band"]
+    assert nees_summary([np.zeros(0)]) == {"looks": 0}
+
+
+def test_groups_are_resampled_as_a_whole():
+    groups = [[0.0] * 50, [1.0] * 50]
+
+    def mean(rows):
+        return float(rows.mean())
+
+    found = bootstrap_groups(groups, mean, np.random.default_rng(0))
+    assert found.estimate == 0.5
+    assert (found.low, found.high) == (0.0, 1.0)  # a quarter of the resamples has one group alone
+    with pytest.raises(ValueError, match="at least 2, got 1"):
+        bootstrap_groups(groups[:1], mean, np.random.default_rng(0))
+
+
+def test_what_knows_more_identifies_better():
+    """At the default noise: Eq. 12 < Umeyama < the Gaussian solution, and outliers matter."""
+    clean = compare_identifications(np.random.default_rng(0), 80, 0.0)
+    moved = compare_identifications(np.random.default_rng(0), 80, 0.2)
+    here = LEVELS.index(1.0)
+    linear, _, umeyama, rejected, gaussian, both = METHODS
+    error = {name: clean[name]["position"][here] for name in METHODS}
+    assert error[linear] > error[umeyama] > error[gaussian] >= error[both]
+    assert moved[umeyama]["position"][here] > 1.5 * moved[rejected]["position"][here]
+    for name in METHODS:  # all of them follow the noise
+        assert clean[name]["angle"][-1] > clean[name]["angle"][0]
+
+
+def test_a_search_ends_when_all_are_located():
+    pytest.importorskip("small_gicp")
+    job = {
+        "seed": 0,
+        "split": "train",
+        "scans": 8,
+        "scene": "worksite",
+        "policy": "rating_function:search=50",
+    }
+    found = search_episode(job)
+    assert len(found["robots"]) == 2
+    for base in found["robots"]:
+        assert base is None or (1 <= base["scans"] <= 8 and base["position"] < 0.2)
+
+
+@pytest.mark.slow
+def test_the_command_writes_report_and_summary(tmp_path, monkeypatch, capsys):
+    for module in ("small_gicp", "matplotlib", "jinja2"):
+        pytest.importorskip(module)
+    monkeypatch.setattr(localization_study, "QUICK", LocalizationSize(2, 2, 5))
+    monkeypatch.setattr(localization_study, "SCANS_EACH", 4)
+    main(["localization", "--quick", "--out", str(tmp_path)])
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["search"]["robots"] == 4
+    assert set(summary["search"]["located_share"]["6"]) == {"estimate", "low", "high"}
+    assert summary["search"]["false_matches"] == 0
+    for part in ("all_looks", "corrected_looks"):
+        assert "error_ratio_median" in summary["correction"][part]["position"]
+    for setting in ("kinematic", "fiducials", "exact"):
+        assert set(summary["map_quality"][setting]) == {"f_score", "chamfer", "log_loss", "surface"}
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("data:image/png;base64") == 4
+    assert "False matches" in page
+    assert "located within 6 scans" in capsys.readouterr().out

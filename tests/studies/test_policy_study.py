@@ -1,0 +1,268 @@
+"""The comparison of learned policies and planners, with planners in place of the learned ones."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coopmap_env.cli import main
+from coopmap_env.evaluation.comparison import Evaluation
+from coopmap_env.evaluation.policy import make_policy
+from coopmap_env.evaluation.rollout import Episode, Extent
+from coopmap_env.evaluation.statistics.bootstrap import Interval
+from coopmap_env.evaluation.worlds import kind_of
+from coopmap_env.studies.benchmark import entries as policy_entries
+from coopmap_env.studies.benchmark import study as policy_study
+from coopmap_env.studies.benchmark.entries import (
+    FULL,
+    LEARNED,
+    POSES,
+    QUICK,
+    REFERENCE,
+    Condition,
+    Entry,
+    Plan,
+    among,
+    plan,
+    planner,
+)
+from coopmap_env.studies.benchmark.report import text_summary, verdict_table, write_policy_report
+from coopmap_env.studies.benchmark.study import (
+    ConditionResult,
+    Outcome,
+    condition_summary,
+    summary,
+    verdicts,
+    where_it_lies,
+)
+
+SHORT = {"n_robots": 2, "max_scans": 2, "split": "test", "reward": "rating"}
+STANDS_IN = Entry("learned", ("coverage", "information_gain"), among(8), LEARNED, pictured=True)
+"""Two planners as two training runs."""
+ENTRIES = (
+    STANDS_IN,
+    planner("rating_function", among(8), pictured=True),
+    planner("coverage", among(8)),
+    planner("rating_function:search=100", POSES),
+    planner("random", POSES, pictured=True),
+)
+
+
+def test_the_comparison_is_what_it_says():
+    whole = plan(FULL, ("planar", "field"))
+    planar, field = whole.main
+    assert (planar.n_worlds, field.n_worlds) == (100, 100)
+    assert len([entry for entry in planar.entries if entry.family == LEARNED]) == 5
+    first = planar.entries[0]
+    assert first.specs == tuple(f"learned:model=planar-candidates+seed={k}" for k in (0, 1, 2))
+    assert first.arguments == {"action_mode": "candidates", "n_candidates": 32}
+    assert {c.arguments["n_robots"] for c in whole.elsewhere if c.world == "planar"} == set(
+        range(1, 6)
+    )
+    assert [condition.n_worlds for condition in plan(QUICK, ("planar",)).main] == [4]
+
+
+def test_every_planner_of_the_comparison_can_be_made():
+    for condition in (*plan(FULL, ("planar", "field")).main, *plan(FULL, ("planar",)).elsewhere):
+        for entry in condition.entries:
+            if entry.family != LEARNED:
+                make_policy(entry.specs[0])
+
+
+@pytest.mark.parametrize("world", ["planar", "field"])
+def test_every_environment_of_the_comparison_can_be_made(world):
+    pytest.importorskip("rtbdata" if world == "planar" else "pybullet")
+    whole = plan(FULL, (world,))
+    for condition in (*whole.main, *whole.elsewhere):
+        for arguments in (POSES, among(3)):
+            kind_of(world).env(**{**condition.arguments, **arguments}).close()
+
+
+def test_the_seed_decides_world_and_starts_whatever_the_action_mode():
+    starts = []
+    for arguments in (POSES, among(32), among(300)):
+        env = kind_of("planar").env(**SHORT, **arguments)
+        env.reset(seed=4)
+        starts.append((env.truth.occupied, env.belief().positions))
+    for occupied, positions in starts[1:]:
+        np.testing.assert_array_equal(occupied, starts[0][0])
+        np.testing.assert_array_equal(positions, starts[0][1])
+
+
+def test_labels_say_what_a_spec_does():
+    assert planner("rating_function:search=100", POSES).label == REFERENCE
+    sequential = planner("rating_function:coordination=sequential", among(32))
+    assert sequential.label == "rating function, 32 candidates, sequential"
+    assert sequential.family == "rating function"
+    assert planner("frontier", POSES).family == "other"
+
+
+def test_everybody_is_held_against_the_rating_function_on_as_many_candidates():
+    condition = Condition("here", "planar", 2, SHORT, ENTRIES)
+    learned, rating, coverage, reference, random = ENTRIES
+    assert condition.baseline_of(learned) is rating
+    assert condition.baseline_of(rating) is reference
+    assert condition.baseline_of(random) is reference
+    assert condition.baseline_of(reference) is None
+    assert condition.rivals_of(learned) == [rating, coverage, reference]
+    assert condition.rivals_of(coverage) == [rating, reference]
+    assert condition.rivals_of(random) == [reference]
+    assert replace(condition, entries=(learned, coverage)).baseline_of(learned) is None
+
+
+def episode(seed, area, reward=0.0):
+    """An episode of one scan: from nothing to twice the area."""
+    return Episode(
+        seed=seed, viewed=[0.0, 2 * area], entropy=[1.0, 0.5], reward=reward, motion_cost=1.0,
+        log_loss=0.1, brier=0.1, extent=Extent(1.0, 1.0, 1.0), refused=0, contacts=0,
+        planning_ms=1.0,
+    )  # fmt: skip
+
+
+def outcome(entry, *runs):
+    """What an entry did: rows of areas under the curve, a world each."""
+    return Outcome(
+        entry, tuple(Evaluation(tuple(episode(k, a) for k, a in enumerate(row))) for row in runs)
+    )
+
+
+def made_up():
+    outcomes = (
+        outcome(ENTRIES[0], [0.3, 0.5], [0.4, 0.6]),
+        outcome(ENTRIES[1], [0.2, 0.4]),
+        outcome(ENTRIES[2], [0.4, 0.6]),
+        outcome(ENTRIES[3], [0.2, 0.2]),
+        outcome(ENTRIES[4], [0.1, 0.1]),
+    )
+    return ConditionResult(Condition("here", "planar", 2, SHORT, ENTRIES), outcomes)
+
+
+def test_scores_are_summed_up_over_runs_and_worlds():
+    found = condition_summary(made_up())["entries"]["learned"]
+    area = found["scores"]["coverage_auc"]
+    assert area["runs"] == pytest.approx([0.4, 0.5])
+    assert area["mean"]["estimate"] == pytest.approx(0.45)
+    assert area["interquartile_mean"]["estimate"] == pytest.approx(0.45)  # of 0.4 and 0.5
+    assert found["curve"]["estimate"] == pytest.approx([0.0, 0.9])
+    assert "surface" not in found["scores"]
+
+
+def test_the_verdict_follows_from_the_paired_difference():
+    found = verdicts(condition_summary(made_up()))
+    areas = {v["planner"]: v for v in found if v["score"] == "coverage_auc"}
+    # runs lead the rating function by 0.1 and 0.2 on both worlds; the best planner is coverage
+    over_rating = areas["rating function, 8 candidates"]
+    half = 12.7062 * 0.05  # two runs, one degree of freedom
+    assert list(over_rating["difference"].values()) == pytest.approx(
+        [0.15, 0.15 - half, 0.15 + half], abs=1e-5
+    )
+    assert over_rating["runs"] == pytest.approx([0.1, 0.2])
+    assert over_rating["verdict"] == "zero lies within"
+    assert areas["coverage, 8 candidates"]["difference"]["estimate"] == pytest.approx(-0.05)
+    assert set(areas) == {*(entry.label for entry in ENTRIES[1:4])}
+    rewards = [v for v in found if v["score"] == "reward"]
+    assert {v["verdict"] for v in rewards} == {"zero lies within"}  # all made up to be zero
+    assert verdict_table(found)[1][3:] == [
+        "+15.00 [-48.53, +78.53]",
+        "zero lies within",
+        "+10.00, +20.00",
+    ]
+
+
+def test_an_interval_that_touches_zero_is_no_verdict():
+    assert where_it_lies(Interval(0.2, 0.1, 0.3)) == "above zero"
+    assert where_it_lies(Interval(-0.2, -0.3, -0.1)) == "below zero"
+    assert where_it_lies(Interval(0.2, 0.0, 0.3)) == "zero lies within"
+
+
+def test_improvement_and_ratio_are_against_the_same_worlds():
+    against = condition_summary(made_up())["entries"]["learned"]["against"]
+    rating = against["rating function, 8 candidates"]
+    assert rating["probability_of_improvement"]["coverage_auc"]["estimate"] == 1.0
+    assert rating["ratio"]["coverage_auc"]["estimate"] == pytest.approx(1.5)
+    assert rating["chooses_alike"]
+    assert not against[REFERENCE]["chooses_alike"]
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    store = tmp_path_factory.mktemp("store")
+    elsewhere = Condition("3 robots", "planar", 2, {**SHORT, "n_robots": 3}, ENTRIES[:3])
+    small = Plan((Condition("all policies", "planar", 3, SHORT, ENTRIES),), (elsewhere,))
+    return policy_study.run(store, small, 1, print)
+
+
+def test_all_entries_play_on_the_same_worlds(study):
+    for outcome in study.main[0].outcomes:
+        assert len(outcome.runs) == len(outcome.entry.specs)
+        assert outcome.scores["coverage_auc"].shape == (len(outcome.runs), 3)
+        assert outcome.curves("viewed").shape == (len(outcome.runs), 3, 3)
+        for run in outcome.runs:
+            assert run.table["seed"].tolist() == [0, 1, 2]
+    learned, _, coverage, *_ = study.main[0].outcomes
+    np.testing.assert_array_equal(learned.scores["reward"][:1], coverage.scores["reward"])
+
+
+def test_a_policy_that_is_missing_is_named_before_anybody_plays(tmp_path):
+    first = Condition("all policies", "planar", 2, SHORT, ENTRIES[1:])
+    last = replace(first, entries=(Entry("late", ("nobody",), POSES, LEARNED),))
+    with pytest.raises(ValueError, match="unknown policy 'nobody'"):
+        policy_study.run(tmp_path / "store", Plan((first,), (last,)), 1, print)
+    assert not (tmp_path / "store").exists()
+
+
+def test_the_table_has_a_row_for_each_entry_and_condition(study):
+    text = text_summary(summary(study))
+    for entry in ENTRIES:
+        assert f"| {entry.label} " in text
+    assert "| learned (2 training runs) |" in text
+    assert "In the plane, learned - rating function, 8 candidates, area under viewed" in text
+    assert "| in the plane: 3 robots | 2 |" in text
+    widths = {line.count(" | ") for line in text.splitlines() if line.startswith("| policy")}
+    assert widths == {9}
+
+
+def test_the_report_is_written_whole(study, tmp_path):
+    for module in ("matplotlib", "jinja2"):
+        pytest.importorskip(module)
+    found = write_policy_report(study, tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(found))
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64") == 2
+    assert (tmp_path / "table.md").read_text() == text_summary(found)
+    rows = list(csv.DictReader((tmp_path / "planar_episodes.csv").read_text().splitlines()))
+    assert len(rows) == 3 * 6
+    assert {row["policy"] for row in rows} >= {"learned; coverage", "learned; information_gain"}
+
+
+def test_the_command_compares_in_the_worlds_it_is_told(tmp_path, monkeypatch, capsys):
+    for module in ("matplotlib", "jinja2", "tyro"):
+        pytest.importorskip(module)
+    asked = []
+
+    def small_plan(size, worlds):
+        asked.append((size, tuple(worlds)))
+        return Plan((Condition("all policies", "planar", 2, SHORT, ENTRIES[1:4]),), ())
+
+    monkeypatch.setattr(policy_entries, "plan", small_plan)
+    main(["compare", "--quick", "--worlds", "planar", "--out", str(tmp_path)])
+    assert asked == [(QUICK, ("planar",))]
+    assert "| rating function, m = 100 |" in capsys.readouterr().out
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_bad_input_is_named(tmp_path):
+    with pytest.raises(SystemExit, match="worlds must be planar, field or both, got moon"):
+        main(["compare", "--worlds", "planar,moon", "--out", str(tmp_path)])
+    with pytest.raises(ValueError, match="field or both, got none"):
+        plan(FULL, ())
+    with pytest.raises(ValueError, match="n_worlds must be at least 2 for an interval, got 1"):
+        Condition("here", "planar", 1, SHORT, ENTRIES)
+    with pytest.raises(ValueError, match=r"\['learned'\] are there more than once"):
+        Condition("here", "planar", 2, SHORT, (STANDS_IN, STANDS_IN))
+    with pytest.raises(ValueError, match=r"one of learned, rating function, .* got 'magic'"):
+        Entry("label", ("random",), POSES, "magic")
+    with pytest.raises(ValueError, match="entry 'label' needs at least one policy"):
+        Entry("label", (), POSES, LEARNED)

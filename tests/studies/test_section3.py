@@ -1,0 +1,74 @@
+"""The main job from end to end, as small as it goes."""
+
+import csv
+import json
+
+import pytest
+
+from coopmap_env.studies.section3 import study as section3
+from coopmap_env.studies.section3.study import PAPER_TABLE_1, Size
+
+SMALL = Size(worlds=4, swept_worlds=2, k_sweep=(0.1, 0.3), house_runs=1, calibration_worlds=1)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    report = pytest.importorskip("coopmap_env.studies.section3.report")
+    for needed in ("matplotlib", "jinja2", "rtbdata", "PIL"):
+        pytest.importorskip(needed)
+    out = tmp_path_factory.mktemp("section3")
+    study = section3.run(out / "episodes", SMALL, workers=1, say=lambda _: None, progress=False)
+    report.write_report(study, out)
+    (out / "table.txt").write_text(report.text_table_1(study))
+    return out
+
+
+@pytest.mark.slow
+def test_all_files_are_written(out):
+    names = "report.html table1.csv figure7.png figure8.png summary.json render.png"
+    for name in names.split():
+        assert (out / name).stat().st_size > 500
+
+
+@pytest.mark.slow
+def test_table_1_stands_beside_the_papers(out):
+    rows = {
+        row["search"]: row for row in csv.DictReader((out / "table1.csv").read_text().split("\n"))
+    }
+    assert list(rows) == [
+        "raster",
+        "m = 10",
+        "m = 50",
+        "m = 100",
+        "m = 200",
+        "m = 300",
+        "exhaustive",
+    ]
+    for search, (farthest, _, sigma) in PAPER_TABLE_1.items():
+        row = rows[f"m = {search}" if isinstance(search, int) else search]
+        assert (float(row["paper_farthest"]), float(row["paper_sigma"])) == (farthest, sigma)
+        assert float(row["sigma_low"]) <= float(row["sigma"]) <= float(row["sigma_high"])
+    assert "54.89" in (out / "table.txt").read_text()
+
+
+@pytest.mark.slow
+def test_the_summary_gives_verdicts_not_assertions(out):
+    summary = json.loads((out / "summary.json").read_text())
+    assert set(summary["trends"]) == {"T1", "T2", "T3"}
+    for trend in summary["trends"].values():
+        assert isinstance(trend["held"], bool)
+        assert {"statistic", "value", "p_value"} <= set(trend)
+    assert summary["settings"]["planar"]["rating"]["K"] == 0.2
+    assert (
+        summary["killian_court"]["gaussian_beam"]["all"]
+        < summary["killian_court"]["hit_miss"]["all"]
+    )
+
+
+@pytest.mark.slow
+def test_the_report_is_self_contained(out):
+    html = (out / "report.html").read_text()
+    assert 'src="data:image/png;base64,' in html
+    assert "http://" not in html
+    assert "https://" not in html
+    assert "held" in html

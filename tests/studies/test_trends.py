@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from coopmap_env.evaluation.comparison import Evaluation
+from coopmap_env.evaluation.rollout import Episode, Extent
+from coopmap_env.studies.section3.trends import equal_coverage, extent_falls, raster_views_less
+
+
+def evaluation(coverage, sigma=5.0, worlds=24, seed=0):
+    """Worlds whose scores scatter a little around the given ones."""
+    rng = np.random.default_rng(seed)
+
+    def scatter(value):
+        return value * (1 + 0.05 * rng.standard_normal())
+
+    return Evaluation(
+        tuple(
+            Episode(
+                seed=world,
+                viewed=[0.0, scatter(coverage)],
+                entropy=[1.0, 0.5],
+                reward=0.0,
+                motion_cost=0.0,
+                log_loss=0.0,
+                brier=0.0,
+                extent=Extent(4 * scatter(sigma), 2 * sigma, scatter(sigma)),
+                refused=0,
+                contacts=0,
+                planning_ms=0.0,
+            )
+            for world in range(worlds)
+        )
+    )
+
+
+def searches(coverages, sigmas=(5.0, 5.0, 5.0)):
+    return {
+        f"m{k}": evaluation(coverage, sigma, seed=k)
+        for k, (coverage, sigma) in enumerate(zip(coverages, sigmas, strict=True))
+    }
+
+
+def test_equal_coverage_is_held_within_the_margin():
+    trend = equal_coverage(searches([0.09, 0.092, 0.088]))
+    assert trend.held
+    assert trend.value < 0.15
+
+
+def test_equal_coverage_is_not_held_if_one_search_is_far_off():
+    trend = equal_coverage(searches([0.09, 0.09, 0.05]))
+    assert not trend.held
+    # mean 0.0767: the third lies at 0.65 of it
+    assert trend.details["ratio_to_mean"]["m2"]["estimate"] == pytest.approx(0.652, abs=0.01)
+
+
+def test_a_raster_scan_that_views_half_is_far_less():
+    trend = raster_views_less(evaluation(0.045, seed=9), searches([0.09, 0.1, 0.09]))
+    assert trend.held
+    assert trend.value == pytest.approx(0.5, abs=0.03)
+    assert trend.p_value < 1e-4
+
+
+def test_a_raster_scan_that_views_a_little_less_is_not_far_less():
+    trend = raster_views_less(evaluation(0.08, seed=9), searches([0.09, 0.1, 0.09]))
+    assert not trend.held
+    assert trend.p_value < 0.05
+
+
+def test_falling_extents_are_found():
+    trend = extent_falls(searches([0.09] * 3, sigmas=(9.0, 8.0, 7.0)))
+    assert trend.held
+    assert trend.p_value < 1e-6
+
+
+def test_rising_extents_do_not_pass_for_falling_ones():
+    trend = extent_falls(searches([0.09] * 3, sigmas=(7.0, 8.0, 9.0)))
+    assert not trend.held
+    assert trend.p_value > 0.9
+
+
+def test_a_trend_is_json():
+    import json
+
+    text = json.dumps(extent_falls(searches([0.09] * 3)).as_dict())
+    assert '"held": ' in text
