@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from coopmap_agents import NEEDS_RL
 from gymnasium import spaces
 
+from coopmap_env.core.files import atomic_path
 from coopmap_env.core.serial import settings_from_dict
 from coopmap_env.core.version import __version__
 
@@ -125,11 +125,9 @@ def save_policy(
     }
     _require_shapes(weights, _fresh(page), f"the network is not one of these settings, {target}")
     target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=target.stem) as folder:
-        unfinished = Path(folder) / target.name
-        save_file(weights, unfinished, {PAGE: json.dumps(asdict(page))})
-        unfinished.chmod(0o644)  # the library's own mode would lock out everybody else
-        os.replace(unfinished, target)
+    with atomic_path(target) as temporary:
+        save_file(weights, temporary, {PAGE: json.dumps(asdict(page))})
+        temporary.chmod(0o644)  # the library's own mode would lock out everybody else
 
 
 def read_page(path: str | os.PathLike[str]) -> PolicyPage:

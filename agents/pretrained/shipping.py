@@ -16,7 +16,7 @@ from typing import Any
 
 from coopmap_agents.record import POLICY, RECORD
 
-from coopmap_env.evaluation.jobs import write_atomically
+from coopmap_env.core.files import write_atomically
 
 
 def ship(folder: Path, trainings: Sequence[Path]) -> None:

@@ -23,9 +23,9 @@ from typing import Any, Protocol
 
 from coopmap_agents import NEEDS_RL
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.evaluation import evaluate
-from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.policy import make_policy
 
 try:

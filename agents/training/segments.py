@@ -22,6 +22,8 @@ except ImportError as error:
 
 from coopmap_agents.settings import PPOSettings
 
+from coopmap_env.core.files import atomic_path
+
 
 @dataclass(frozen=True)
 class SegmentReport:
@@ -58,10 +60,9 @@ def save_checkpoint(path: Path, network: ActorCriticPolicy, steps: int) -> None:
     steps : int
         That it has learned from.
     """
-    unfinished = path.with_name(f"{path.name}.tmp")
     states = {"network": network.state_dict(), "optimizer": network.optimizer.state_dict()}
-    torch.save({"steps": steps, **states}, unfinished)
-    unfinished.replace(path)
+    with atomic_path(path) as temporary:
+        torch.save({"steps": steps, **states}, temporary)
 
 
 def restore_checkpoint(path: Path, network: ActorCriticPolicy) -> int:

@@ -46,10 +46,10 @@ class Evaluate(EnvironmentOptions):
     def run(self) -> None:
         """Play all episodes, write the files, print a summary."""
         from coopmap_env import evaluation
+        from coopmap_env.core.files import write_atomically
         from coopmap_env.core.serial import settings_to_dict
         from coopmap_env.core.version import __version__
         from coopmap_env.evaluation.comparison import write_episodes
-        from coopmap_env.evaluation.jobs import write_atomically
         from coopmap_env.evaluation.worlds import kind_of
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]

@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.core.serial import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.evaluation.jobs import Engine, Job, Result, run_jobs, write_atomically
+from coopmap_env.evaluation.jobs import Engine, Job, Result, run_jobs
 from coopmap_env.evaluation.policy import Policy, make_policy
 from coopmap_env.evaluation.rollout import (
     SURFACE_SCORES,

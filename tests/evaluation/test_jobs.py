@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.evaluation.comparison import compare
 from coopmap_env.evaluation.jobs import (
     _run,
@@ -16,7 +17,6 @@ from coopmap_env.evaluation.jobs import (
     connected_ray,
     job_key,
     run_jobs,
-    write_atomically,
 )
 
 JOBS = [{"n": n} for n in range(5)]

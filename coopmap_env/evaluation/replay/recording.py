@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.policy import Policy
 from coopmap_env.evaluation.rollout import policy_rng
 from coopmap_env.geometry import Pose

@@ -1,12 +1,9 @@
-"""What all map files share: whole writes, errors that name the file, a map's settings as JSON."""
+"""What all map files share: errors that name the file, a map's settings as JSON."""
 
 from __future__ import annotations
 
 import json
 import os
-import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,24 +16,6 @@ from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 class MapFileError(ValueError):
     """A map file that is missing, broken, truncated or of another format; the message names it."""
-
-
-def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file beside its place, then move it there in one step."""
-    with unfinished(path) as place:
-        place.write_bytes(content)
-
-
-@contextmanager
-def unfinished(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path beside `path` to write to; what lies there at the end is moved to `path`."""
-    path = Path(path)
-    place = path.with_name(f".{path.stem}.{uuid.uuid4().hex}.tmp{path.suffix}")
-    try:
-        yield place
-        os.replace(place, path)
-    finally:
-        place.unlink(missing_ok=True)
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:

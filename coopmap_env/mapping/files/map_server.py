@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import require
-from coopmap_env.mapping.files.base import MapFileError, read_bytes, write_whole
+from coopmap_env.core.files import write_atomically
+from coopmap_env.mapping.files.base import MapFileError, read_bytes
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.log_odds import level_of
 from coopmap_env.mapping.occupancy_map import OccupancyMap
@@ -103,8 +104,8 @@ def write_map_server(
         "occupied_thresh": OCCUPIED_THRESH if trinary else 1.0,
         "free_thresh": FREE_THRESH if trinary else 0.0,
     }
-    write_whole(image, _pgm(probability) if trinary else _png(probability))
-    write_whole(path, yaml.safe_dump(fields, sort_keys=False, allow_unicode=True).encode())
+    write_atomically(image, _pgm(probability) if trinary else _png(probability))
+    write_atomically(path, yaml.safe_dump(fields, sort_keys=False, allow_unicode=True).encode())
 
 
 def _checked(probability: NDArray[np.float64]) -> NDArray[np.float64]:

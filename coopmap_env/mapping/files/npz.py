@@ -10,12 +10,12 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.mapping.files.base import (
     MapFileError,
     empty_map,
     read_bytes,
     settings_text,
-    write_whole,
 )
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
@@ -38,7 +38,7 @@ def save_npz(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
         precisions=precisions,
         vectors=vectors,
     )
-    write_whole(path, buffer.getvalue())
+    write_atomically(path, buffer.getvalue())
 
 
 def load_npz(path: str | os.PathLike[str]) -> OccupancyMap:

@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import require
+from coopmap_env.core.files import atomic_path
 from coopmap_env.mapping.files.base import (
     MapFileError,
     empty_map,
     read_bytes,
     settings_text,
-    unfinished,
 )
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.log_odds import LEVELS_PER_NAT
@@ -52,15 +52,15 @@ def save_octomap(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
         If the map is planar or does not fit between OctoMap's keys.
     """
     path = Path(path)
-    with unfinished(path) as place:
+    with atomic_path(path) as temporary:
         tree = to_octree(map_)
         write = tree.writeBinary if path.suffix.lower() == ".bt" else tree.write
-        if not write(str(place)):
+        if not write(str(temporary)):
             raise OSError(f"OctoMap could not write {path}")
         # after the line that says that comments may be added
-        first, second, rest = place.read_bytes().split(b"\n", 2)
+        first, second, rest = temporary.read_bytes().split(b"\n", 2)
         comment = COMMENT + settings_text(map_).encode()
-        place.write_bytes(b"\n".join((first, second, comment, rest)))
+        temporary.write_bytes(b"\n".join((first, second, comment, rest)))
 
 
 def to_octree(map_: OccupancyMap) -> Any:

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.mapping.files.base import MapFileError, read_bytes, write_whole
+from coopmap_env.core.files import write_atomically
+from coopmap_env.mapping.files.base import MapFileError, read_bytes
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -83,7 +84,7 @@ def save_surfaces(map_: OccupancyMap, path: str | os.PathLike[str], ascii_: bool
         body = "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()).encode()
     else:
         body = rows.tobytes()
-    write_whole(path, header + body)
+    write_atomically(path, header + body)
 
 
 def load_surfaces(path: str | os.PathLike[str]) -> Surfaces:

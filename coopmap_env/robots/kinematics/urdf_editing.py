@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.robots.kinematics.urdf import MOVING, displacement, find_mesh
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS
 
@@ -174,10 +175,7 @@ def write_once(tree: ET.Element, name: str) -> Path:
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = folder / f"{name}-{hashlib.sha256(text).hexdigest()[:16]}.urdf"
     if not (path.is_file() and path.read_bytes() == text):
-        handle, draft = tempfile.mkstemp(dir=folder)
-        with os.fdopen(handle, "wb") as file:
-            file.write(text)
-        os.replace(draft, path)
+        write_atomically(path, text)
     return path
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.evaluation.comparison import write_episodes
-from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.statistics.bootstrap import Interval
 from coopmap_env.studies.benchmark.entries import REFERENCE
 from coopmap_env.studies.benchmark.figures import draw_condition, draw_elsewhere, judged_entries

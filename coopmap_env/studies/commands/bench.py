@@ -30,7 +30,7 @@ class Bench:
 
     def run(self) -> None:
         """Measure, write the file, print it."""
-        from coopmap_env.evaluation.jobs import write_atomically
+        from coopmap_env.core.files import write_atomically
         from coopmap_env.studies.speed.field import measure_field
         from coopmap_env.studies.speed.planar import measure
 

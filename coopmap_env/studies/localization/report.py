@@ -7,9 +7,9 @@ import math
 from pathlib import Path
 from typing import Any
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.core.serial import settings_to_dict
 from coopmap_env.envs.field import FieldSettings
-from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.studies.common.figures import save_frame
 from coopmap_env.studies.common.pages import fill_page
 from coopmap_env.studies.localization.episodes import pictured_search

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from coopmap_env.core.files import write_atomically
 from coopmap_env.core.serial import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, summarize
-from coopmap_env.evaluation.jobs import write_atomically
 from coopmap_env.evaluation.statistics.bootstrap import Interval, bootstrap_mean
 from coopmap_env.studies.common import figures
 from coopmap_env.studies.common.pages import fill_page
