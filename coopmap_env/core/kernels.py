@@ -1,0 +1,29 @@
+"""The decorator of all compiled kernels: cached on disk, without the interpreter's lock.
+
+Kernels take arrays and named tuples of arrays, allocate little, draw no random numbers and raise
+nothing: the function that calls them validates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+from numba import njit
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function when it is first called; to a type checker it stays what it was."""
+    return cast(Function, njit(cache=True, nogil=True)(function))
+
+
+def inlined_kernel(function: Function) -> Function:
+    """Compile a kernel into its callers, where a call would take longer than what it does."""
+    return cast(Function, njit(cache=True, nogil=True, inline="always")(function))
+
+
+def unchecked_division_kernel(function: Function) -> Function:
+    """Compile a kernel in which 1 / 0 is infinite, as in numpy, instead of an error."""
+    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))

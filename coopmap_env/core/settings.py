@@ -1,0 +1,133 @@
+"""Settings: frozen dataclasses whose annotations say which values they accept.
+
+The range of a field stands in its type, and is checked in one place::
+
+    @dataclass(frozen=True)
+    class RangeNoise(Settings):
+        intrinsic: NonNegative = 0.0015
+        exponent: Annotated[float, Range(at_least=1, at_most=3)] = 2.0
+
+Numbers are finite, integers are integers, nested settings are of their class, and a `Literal` is
+one of its choices. Relations between fields are checked by a class's own `__post_init__`, which
+calls that of `Settings` first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+
+@dataclass(frozen=True)
+class Range:
+    """Interval of the numbers that a field accepts; a bound that is left out is infinite."""
+
+    at_least: float = -math.inf
+    above: float = -math.inf
+    at_most: float = math.inf
+    below: float = math.inf
+
+    def __contains__(self, value: float) -> bool:
+        return self.at_least <= value <= self.at_most and self.above < value < self.below
+
+    def __str__(self) -> str:
+        bounds = (
+            (">", self.above),
+            (">=", self.at_least),
+            ("<", self.below),
+            ("<=", self.at_most),
+        )
+        return " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if math.isfinite(bound))
+
+
+Positive = Annotated[float, Range(above=0)]
+NonNegative = Annotated[float, Range(at_least=0)]
+UnitInterval = Annotated[float, Range(at_least=0, at_most=1)]
+OpenUnitInterval = Annotated[float, Range(above=0, below=1)]
+PositiveInt = Annotated[int, Range(at_least=1)]
+NonNegativeInt = Annotated[int, Range(at_least=0)]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of all settings; checks every field against its annotation.
+
+    Raises
+    ------
+    ValueError
+        With the class, the field, what it accepts and the value.
+    """
+
+    def __post_init__(self) -> None:
+        for name, (accepts, expected) in _checks(type(self)).items():
+            value = getattr(self, name)
+            if not accepts(value):
+                raise ValueError(f"{type(self).__name__}.{name} must be {expected}, got {value!r}")
+
+
+Check = tuple[Callable[[Any], bool], str]
+"""Whether a value is accepted, and what is expected, in words."""
+
+
+@cache
+def _checks(kind: Any) -> dict[str, Check]:
+    hints = get_type_hints(kind, include_extras=True)
+    return {field.name: _check(hints[field.name]) for field in fields(kind)}
+
+
+def _check(hint: Any, within: Range | None = None) -> Check:
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        ranges = [part for part in parts[1:] if isinstance(part, Range)]
+        return _check(parts[0], ranges[0] if ranges else within)
+    if origin is Literal:
+        return (lambda value: value in parts), f"one of {', '.join(map(repr, parts))}"
+    if origin in (Union, UnionType):
+        checks = [_check(part, within) for part in parts]
+        return (
+            lambda value: any(accepts(value) for accepts, _ in checks),
+            " or ".join(expected for _, expected in checks),
+        )
+    if origin is tuple:
+        return _tuple_check(parts, within)
+    if hint in (int, float):
+        return _number_check(hint, within)
+    if hint is NoneType:
+        return (lambda value: value is None), "None"
+    if hint in (bool, str) or is_dataclass(hint):
+        return (lambda value: isinstance(value, hint)), hint.__name__
+    return (lambda value: True), "any value"
+
+
+def _number_check(hint: type, within: Range | None) -> Check:
+    whole, bounds = hint is int, within or Range()
+    kind: type = Integral if whole else Real
+
+    def accepts(value: Any) -> bool:
+        is_number = isinstance(value, kind) and not isinstance(value, bool)
+        return is_number and math.isfinite(value) and value in bounds
+
+    return accepts, f"{'an integer' if whole else 'a finite number'} {bounds}".rstrip()
+
+
+def _tuple_check(parts: tuple[Any, ...], within: Range | None) -> Check:
+    if parts[-1] is Ellipsis:
+        accepts, expected = _check(parts[0], within)
+        return (
+            lambda value: isinstance(value, tuple) and all(map(accepts, value)),
+            f"a tuple, each {expected}",
+        )
+    checks = [_check(part, within) for part in parts]
+    return (
+        lambda value: (
+            isinstance(value, tuple)
+            and len(value) == len(checks)
+            and all(accepts(one) for (accepts, _), one in zip(checks, value, strict=True))
+        ),
+        f"({', '.join(expected for _, expected in checks)})",
+    )
