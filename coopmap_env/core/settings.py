@@ -64,10 +64,11 @@ class Settings:
     """
 
     def __post_init__(self) -> None:
-        for name, (accepts, expected) in _checks(type(self)).items():
+        kind: Any = type(self)
+        for name, (accepts, expected) in _checks(kind).items():
             value = getattr(self, name)
             if not accepts(value):
-                raise ValueError(f"{type(self).__name__}.{name} must be {expected}, got {value!r}")
+                raise ValueError(f"{kind.__name__}.{name} must be {expected}, got {value!r}")
 
 
 Check = tuple[Callable[[Any], bool], str]
