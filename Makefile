@@ -11,10 +11,10 @@ PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name 
 SEEDS := 0 1 2
 # How each policy that ships is trained, beside its seed.
 planar-candidates := --validation-episodes 100
-planar-candidates-rating := --reward rating --ppo.initial rating --validation-episodes 100
+planar-candidates-rating := --reward rating --ppo.initial-policy rating --validation-episodes 100
 planar-pose := --action-mode pose --ppo.total-steps 524288 --ppo.segment-steps 65536 \
 	--validation-episodes 60
-field-candidates := --env field --ppo.initial rating --ppo.total-steps 24576 \
+field-candidates := --env field --ppo.initial-policy rating --ppo.total-steps 24576 \
 	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
 POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
 
@@ -69,7 +69,7 @@ pictures: setup
 	$(BIN)/coopmap compare --out results/comparison --workers 2
 	cp results/comparison/planar.png docs/policies_planar.png
 	cp results/comparison/field.png docs/policies_field.png
-	cp results/comparison/elsewhere.png docs/policies_elsewhere.png
+	cp results/comparison/generalization.png docs/policies_generalization.png
 
 clean:
 	rm -rf .venv build *.egg-info .mypy_cache .ruff_cache .pytest_cache

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from coopmap_agents.plan import EngineName, Plan, Task
+from coopmap_agents.plan import EngineName, EnvConfig, TrainingConfig
 from coopmap_agents.settings import ImitationSettings, PPOSettings
 
 from coopmap_env.cli.environment import EnvironmentOptions
-from coopmap_env.core.progress import say
+from coopmap_env.core.progress import log
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,11 +38,11 @@ class Train(EnvironmentOptions):
     """Who learns: Stable-Baselines3, or RLlib on Ray (on the cluster that RAY_ADDRESS names)."""
     workers: int = 0
     """Processes for the environments; 0 steps them in this one."""
-    begin_with: str = ""
+    init_from: str = ""
     """Policy whose weights to begin with: a file, or the name of one that ships."""
     imitate: str = ""
     """Policy to imitate first, such as rating_function, with options as in `coopmap evaluate`. Let
-    the critic learn for a while then (--ppo.critic-steps), before it moves the policy."""
+    the critic learn for a while then (--ppo.critic-warmup-steps), before it moves the policy."""
     validation_episodes: int = 40
     """Validation worlds that the policy plays after each segment."""
     action_mode: Literal["pose", "candidates"] = "candidates"
@@ -56,29 +56,29 @@ class Train(EnvironmentOptions):
 
     def run(self) -> None:
         """Train, and say where the policy is."""
-        from coopmap_agents.record import POLICY, throughput_line
-        from coopmap_agents.training.loop import train_with_files
+        from coopmap_agents.record import POLICY_FILE, throughput_line
+        from coopmap_agents.training.loop import run_training
 
         from coopmap_env.core.serial import settings_to_dict
 
         settings = self.settings()
         made = None if settings is None else settings_to_dict(settings)
-        plan = Plan(
-            Task(self.env, self.arguments(), made),
+        config = TrainingConfig(
+            EnvConfig(self.env, self.arguments(), made),
             self.ppo,
             self.seed,
             self.engine,
-            self.begin_with,
+            self.init_from,
             self.imitate,
             self.imitation,
             self.validation_episodes,
         )
-        record = train_with_files(
-            plan, self.out, self.workers, say, shlex.join(["coopmap", *sys.argv[1:]])
+        record = run_training(
+            config, self.out, self.workers, log, shlex.join(["coopmap", *sys.argv[1:]])
         )
-        say(throughput_line(record))
+        log(throughput_line(record))
         best = record["rows"][record["best"]]
-        say(
-            f"policy: {self.out / POLICY}, after {best['steps']:,} steps; validation reward "
+        log(
+            f"policy: {self.out / POLICY_FILE}, after {best['steps']:,} steps; validation reward "
             f"{best['validation']['reward']:.4f}"
         )

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
-from coopmap_agents.settings import ImitationSettings, PPOSettings, require
+from coopmap_agents.settings import ImitationSettings, PPOSettings, check_setting
 
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.evaluation.worlds import make_env
@@ -19,10 +19,10 @@ EngineName = Literal["sb3", "rllib"]
 
 
 @dataclass(frozen=True)
-class Task:
+class EnvConfig:
     """An environment of the training split; called, it makes a new one."""
 
-    world: str = "planar"
+    name: str = "planar"
     """"planar" or "field"."""
     arguments: Mapping[str, Any] = field(default_factory=dict)
     """Of the environment's constructor, but for the split and the settings."""
@@ -31,25 +31,25 @@ class Task:
 
     def __call__(self) -> MappingEnv[Any]:
         """Make an environment whose worlds are those of the training split."""
-        return self.on("train")
+        return self.make("train")
 
-    def on(self, split: str) -> MappingEnv[Any]:
+    def make(self, split: str) -> MappingEnv[Any]:
         """Make an environment whose worlds are those of a split."""
         settings = None if self.settings is None else dict(self.settings)
-        return make_env(self.world, {**self.arguments, "split": split}, settings)
+        return make_env(self.name, {**self.arguments, "split": split}, settings)
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrainingConfig:
     """All that decides the result of a training."""
 
-    task: Task
-    settings: PPOSettings
+    env: EnvConfig
+    ppo: PPOSettings
     seed: int
     engine: EngineName = "sb3"
-    begin_with: str = ""
+    init_from: str = ""
     """File or shipped name of a policy whose weights to begin with; empty for fresh ones."""
-    teacher: str = ""
+    expert: str = ""
     """Spec of a policy to imitate before; empty for none."""
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
     validation_episodes: int = 40
@@ -57,7 +57,7 @@ class Plan:
     is known to 3 % of itself."""
 
     def __post_init__(self) -> None:
-        require(self, "seed", self.seed >= 0, "be at least 0")
+        check_setting(self, "seed", self.seed >= 0, "be at least 0")
         names = get_args(EngineName)
-        require(self, "engine", self.engine in names, f"be {' or '.join(names)}")
-        require(self, "validation_episodes", self.validation_episodes >= 1, "be at least 1")
+        check_setting(self, "engine", self.engine in names, f"be {' or '.join(names)}")
+        check_setting(self, "validation_episodes", self.validation_episodes >= 1, "be at least 1")

@@ -1,4 +1,4 @@
-"""What training.json says of a training: its plan, its machine, and one row for every segment."""
+"""What training.json says of a training: its config, its machine, and one row for every segment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from coopmap_agents.plan import Plan
+from coopmap_agents.plan import TrainingConfig
 
 from coopmap_env.core.version import __version__
 from coopmap_env.evaluation.comparison import contents_of
@@ -20,26 +20,26 @@ from coopmap_env.evaluation.comparison import contents_of
 if TYPE_CHECKING:
     from coopmap_agents.training.segments import SegmentReport
 
-RECORD = "training.json"
-POLICY = "policy.safetensors"
+RECORD_FILE = "training.json"
+POLICY_FILE = "policy.safetensors"
 
 Record = dict[str, Any]
-"""JSON values, under `KEYS`."""
-KEYS = {
-    "version", "command", "machine", "plan", "files", "workers", "imitation", "rows", "best",
+"""JSON values, under `RECORD_KEYS`."""
+RECORD_KEYS = {
+    "version", "command", "machine", "config", "files", "workers", "imitation", "rows", "best",
     "checkpoint",
 }  # fmt: skip
 
 
-def new_record(plan: Plan, command: str, workers: int) -> Record:
+def new_record(config: TrainingConfig, command: str, workers: int) -> Record:
     """Begin a record."""
     return {
         "version": __version__,
         "command": command,
-        "machine": this_machine(),
-        "plan": as_json(plan),
-        "files": _files(plan),
-        "workers": _workers(plan, workers),
+        "machine": machine_description(),
+        "config": config_to_dict(config),
+        "files": _file_hashes(config),
+        "workers": _recorded_workers(config, workers),
         "imitation": None,
         "rows": [],
         "best": None,
@@ -47,7 +47,7 @@ def new_record(plan: Plan, command: str, workers: int) -> Record:
     }
 
 
-def this_machine() -> str:
+def machine_description() -> str:
     """Processor, cores and versions: what the time depends on, and the last bits of the weights."""
     return (
         f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, "
@@ -67,7 +67,7 @@ def read_record(path: Path) -> Record | None:
         return None
     try:
         record: Record = json.loads(path.read_text(encoding="utf-8"))
-        missing = sorted(KEYS - set(record))
+        missing = sorted(RECORD_KEYS - set(record))
         if missing:
             raise KeyError(*missing)
     except (json.JSONDecodeError, KeyError, TypeError) as error:
@@ -77,7 +77,7 @@ def read_record(path: Path) -> Record | None:
     return record
 
 
-def check_same(record: Record, plan: Plan, workers: int, out: Path) -> None:
+def check_same_training(record: Record, config: TrainingConfig, workers: int, out: Path) -> None:
     """Refuse to go on with another training; only its length may differ.
 
     Raises
@@ -87,26 +87,26 @@ def check_same(record: Record, plan: Plan, workers: int, out: Path) -> None:
         training would have gone another way.
     """
     was, now = (
-        _flat({name: told[name] for name in ("version", "plan", "files", "workers")})
-        for told in (record, new_record(plan, "", workers))
+        _flatten({name: recorded[name] for name in ("version", "config", "files", "workers")})
+        for recorded in (record, new_record(config, "", workers))
     )
     for key in sorted(set(was) | set(now)):
-        if key != "plan.settings.total_steps" and was.get(key) != now.get(key):
+        if key != "config.ppo.total_steps" and was.get(key) != now.get(key):
             raise ValueError(
                 f"{out} holds another training, with {key} = {was.get(key)!r}, not "
                 f"{now.get(key)!r}: use another folder"
             )
-    _refuse_to_lengthen(record, plan, out)
+    _check_can_be_extended(record, config, out)
 
 
-def _refuse_to_lengthen(record: Record, plan: Plan, out: Path) -> None:
-    steps, wanted = [row["steps"] for row in record["rows"]], plan.settings.total_steps
-    if len(steps) < 2 or steps[-1] >= wanted:
+def _check_can_be_extended(record: Record, config: TrainingConfig, out: Path) -> None:
+    steps, total_steps = [row["steps"] for row in record["rows"]], config.ppo.total_steps
+    if len(steps) < 2 or steps[-1] >= total_steps:
         return
-    if steps[-1] - steps[-2] < plan.settings.segment_steps:
+    if steps[-1] - steps[-2] < config.ppo.segment_steps:
         raise ValueError(
             f"{out} ended after {steps[-1]} steps with a segment that was cut short: it cannot be "
-            f"lengthened to {wanted}; use another folder"
+            f"lengthened to {total_steps}; use another folder"
         )
 
 
@@ -134,12 +134,12 @@ def add_row(
 
 def progress_line(record: Record) -> str:
     """What a training says after a segment."""
-    wanted = record["plan"]["settings"]["total_steps"]
+    total_steps = record["config"]["ppo"]["total_steps"]
     row, best = record["rows"][-1], record["rows"][record["best"]]
-    spent = _total(record, "seconds") + _total(record, "validation_seconds")
-    left = max(wanted - row["steps"], 0) * spent / max(row["steps"], 1)
+    elapsed = _column_sum(record, "seconds") + _column_sum(record, "validation_seconds")
+    left = max(total_steps - row["steps"], 0) * elapsed / max(row["steps"], 1)
     return (
-        f"{row['steps']:>9,} of {wanted:,} steps   "
+        f"{row['steps']:>9,} of {total_steps:,} steps   "
         f"validation: reward {row['validation']['reward']:.4f} "
         f"(best {best['validation']['reward']:.4f}), area under the coverage curve "
         f"{100 * row['validation']['coverage_auc']:.2f} %"
@@ -150,7 +150,8 @@ def progress_line(record: Record) -> str:
 def throughput_line(record: Record) -> str:
     """How fast a training was, and what its time went into; validation is not counted."""
     seconds, environment, collecting = (
-        _total(record, name) for name in ("seconds", "environment_seconds", "collecting_seconds")
+        _column_sum(record, name)
+        for name in ("seconds", "environment_seconds", "collecting_seconds")
     )
     network = collecting - environment
     return (
@@ -160,31 +161,31 @@ def throughput_line(record: Record) -> str:
     )
 
 
-def as_json(plan: Plan) -> dict[str, Any]:
+def config_to_dict(config: TrainingConfig) -> dict[str, Any]:
     """All of a plan as JSON values."""
-    values: dict[str, Any] = json.loads(json.dumps(asdict(plan)))
+    values: dict[str, Any] = json.loads(json.dumps(asdict(config)))
     return values
 
 
-def _files(plan: Plan) -> dict[str, str]:
+def _file_hashes(config: TrainingConfig) -> dict[str, str]:
     """Hashes of all files that a plan names: scenes, policies to begin with or to imitate."""
-    task = plan.task
-    named = f"{plan.teacher}:{plan.begin_with}"
-    return contents_of(named, str(task.arguments.get("scene", "")), task.world)
+    env_config = config.env
+    sources = f"{config.expert}:{config.init_from}"
+    return contents_of(sources, str(env_config.arguments.get("scene", "")), env_config.name)
 
 
-def _workers(plan: Plan, workers: int) -> int | None:
+def _recorded_workers(config: TrainingConfig, workers: int) -> int | None:
     """How many processes, where the result depends on it."""
-    return workers if plan.engine == "rllib" else None
+    return workers if config.engine == "rllib" else None
 
 
-def _total(record: Record, name: str) -> float:
+def _column_sum(record: Record, name: str) -> float:
     return float(sum(row[name] for row in record["rows"]))
 
 
-def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+def _flatten(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f"{before}{key}"
-        flat.update(_flat(value, f"{name}.") if isinstance(value, dict) else {name: value})
+        flat.update(_flatten(value, f"{name}.") if isinstance(value, dict) else {name: value})
     return flat

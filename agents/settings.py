@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-Initial = Literal["random", "rating"]
-Critic = Literal["own", "central"]
+InitialPolicy = Literal["random", "rating"]
+CriticInput = Literal["local", "central"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class PPOSettings:
     """Rounded up to whole roll-outs. A training is a chain of segments: at the beginning of each,
     environments start anew and all random numbers come from the training's seed and the segment's
     number, so one that is resumed from the end of a segment goes on as if nothing had happened."""
-    critic_steps: int = 0
+    critic_warmup_steps: int = 0
     """The first of all steps, in which only the critic learns: after a warm start the policy is
     better than what a fresh critic could tell it."""
     n_envs: int = 8
@@ -55,9 +55,9 @@ class PPOSettings:
     log_std: float = -1.0
     """Start of the exploration in "pose" mode, 0.37 of the reach: further goals mostly lie in
     unknown space at first, where they are refused."""
-    initial: Initial = "random"
+    initial_policy: InitialPolicy = "random"
     """Of the network in "candidates" mode: "rating" begins at the rating-function planner."""
-    critic: Critic = "own"
+    critic: CriticInput = "local"
     """What the critic sees: each robot's own observation, or the environment's `state` besides
     (MAPPO, Yu et al. 2022). The policy sees its own observation in either case."""
     image_features: int = 64
@@ -71,21 +71,21 @@ class PPOSettings:
         for name in (
             "total_steps", "segment_steps", "n_envs", "rollout_steps", "n_epochs", "image_features",
         ):  # fmt: skip
-            require(self, name, getattr(self, name) >= 1, "be at least 1")
-        require(self, "batch_size", self.batch_size >= 2, "be at least 2")
+            check_setting(self, name, getattr(self, name) >= 1, "be at least 1")
+        check_setting(self, "batch_size", self.batch_size >= 2, "be at least 2")
         for name in ("learning_rate", "entropy_coefficient", "value_coefficient"):
-            require(self, name, getattr(self, name) >= 0, "be at least 0")
+            check_setting(self, name, getattr(self, name) >= 0, "be at least 0")
         for name in ("clip_range", "max_gradient_norm"):
-            require(self, name, getattr(self, name) > 0, "be > 0")
-        within = 0 <= self.critic_steps <= self.total_steps
-        require(self, "critic_steps", within, "lie in [0, total_steps]")
+            check_setting(self, name, getattr(self, name) > 0, "be > 0")
+        within = 0 <= self.critic_warmup_steps <= self.total_steps
+        check_setting(self, "critic_warmup_steps", within, "lie in [0, total_steps]")
         for name in ("gamma", "gae_lambda"):
-            require(self, name, 0 <= getattr(self, name) <= 1, "lie in [0, 1]")
+            check_setting(self, name, 0 <= getattr(self, name) <= 1, "lie in [0, 1]")
         wide = bool(self.hidden) and min(self.hidden) >= 1
-        require(self, "hidden", wide, "have at least one layer, each at least 1 wide")
-        for name, choices in (("initial", Initial), ("critic", Critic)):
+        check_setting(self, "hidden", wide, "have at least one layer, each at least 1 wide")
+        for name, choices in (("initial_policy", InitialPolicy), ("critic", CriticInput)):
             words = get_args(choices)
-            require(self, name, getattr(self, name) in words, f"be {' or '.join(words)}")
+            check_setting(self, name, getattr(self, name) in words, f"be {' or '.join(words)}")
 
 
 @dataclass(frozen=True)
@@ -111,24 +111,26 @@ class ImitationSettings:
     """Of Adam: labels are far less noisy than the gradients of PPO."""
     max_gradient_norm: float = 1.0
     """Longer gradients are cut to this length."""
-    held_out: float = 0.1
+    held_out_fraction: float = 0.1
     """Share of each round's episodes, rounded up, that nothing is fitted to: they tell how well the
     model agrees with the teacher. Whole episodes, as decisions of one are alike."""
 
     def __post_init__(self) -> None:
         for name, least in (("episodes", 2), ("rounds", 1), ("epochs", 1), ("batch_size", 1)):
-            require(self, name, getattr(self, name) >= least, f"be at least {least}")
-        require(self, "held_out", 0 < self.held_out < 1, "lie between 0 and 1")
+            check_setting(self, name, getattr(self, name) >= least, f"be at least {least}")
+        check_setting(
+            self, "held_out_fraction", 0 < self.held_out_fraction < 1, "lie between 0 and 1"
+        )
         for name in ("learning_rate", "max_gradient_norm"):
-            require(self, name, getattr(self, name) > 0, "be > 0")
+            check_setting(self, name, getattr(self, name) > 0, "be > 0")
 
     @property
-    def held_out_episodes(self) -> int:
+    def n_held_out_episodes(self) -> int:
         """Of each round; at least one is left to learn from."""
-        return min(math.ceil(self.held_out * self.episodes), self.episodes - 1)
+        return min(math.ceil(self.held_out_fraction * self.episodes), self.episodes - 1)
 
 
-def require(settings: object, name: str, fits: bool, what: str) -> None:
+def check_setting(settings: object, name: str, fits: bool, what: str) -> None:
     """Refuse a value of some settings, with its name and what it must be."""
     if not fits:
         value = getattr(settings, name)

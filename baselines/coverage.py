@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from coopmap_baselines.planner import Coordination, Planner, Search
-from coopmap_baselines.utility import checked_weight, minus_motion
+from coopmap_baselines.utility import check_motion_weight, subtract_motion_cost
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Claimed, Poses
+from coopmap_env.envs.belief import Belief, Poses, ReservedMask
 
 
 class CoveragePolicy(Planner):
@@ -30,11 +30,11 @@ class CoveragePolicy(Planner):
         motion_weight: float = 0.006,
     ) -> None:
         super().__init__(search, coordination)
-        self.motion_weight = checked_weight(motion_weight)
+        self.motion_weight = check_motion_weight(motion_weight)
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
         """Share of a full view that is new, minus the weighted distance."""
-        gain = belief.unknown_share(robot, poses, claimed)
-        return minus_motion(gain, belief, robot, poses, self.motion_weight)
+        gain = belief.unknown_fraction(robot, poses, reserved_mask)
+        return subtract_motion_cost(gain, belief, robot, poses, self.motion_weight)

@@ -6,7 +6,7 @@ import numpy as np
 from coopmap_baselines.planner import Coordination, Planner
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Claimed, Poses
+from coopmap_env.envs.belief import Belief, Poses, ReservedMask
 
 
 class FrontierPolicy(Planner):
@@ -27,9 +27,9 @@ class FrontierPolicy(Planner):
         super().__init__("exhaustive", coordination)
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
         """Unknown cells in view (a share) at the nearest frontier; -1 elsewhere."""
-        unknown = belief.unknown_share(robot, poses, claimed)
-        there = belief.nearest_frontier(robot, poses, unknown > 0)
-        return np.where(there, unknown, -1.0) if there.any() else unknown
+        unknown = belief.unknown_fraction(robot, poses, reserved_mask)
+        at_frontier = belief.nearest_frontier_mask(robot, poses, unknown > 0)
+        return np.where(at_frontier, unknown, -1.0) if at_frontier.any() else unknown

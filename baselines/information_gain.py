@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from coopmap_baselines.planner import Coordination, Planner, Search
-from coopmap_baselines.utility import checked_weight, minus_motion
+from coopmap_baselines.utility import check_motion_weight, subtract_motion_cost
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Claimed, Poses
+from coopmap_env.envs.belief import Belief, Poses, ReservedMask
 
 
 class InformationGainPolicy(Planner):
@@ -34,15 +34,15 @@ class InformationGainPolicy(Planner):
         prior: float | None = None,
     ) -> None:
         super().__init__(search, coordination)
-        self.motion_weight = checked_weight(motion_weight)
+        self.motion_weight = check_motion_weight(motion_weight)
         if prior is not None and not (isinstance(prior, float) and 0 < prior < 1):
             raise ValueError(f"prior must be a number in (0, 1), got {prior!r}")
         self.prior = prior
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
         """Share of a full view's information, minus the weighted distance."""
         prior = belief.prior if self.prior is None else self.prior
-        gain = belief.information_share(robot, poses, prior, claimed)
-        return minus_motion(gain, belief, robot, poses, self.motion_weight)
+        gain = belief.information_fraction(robot, poses, prior, reserved_mask)
+        return subtract_motion_cost(gain, belief, robot, poses, self.motion_weight)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Claimed, Observations, Poses
+from coopmap_env.envs.belief import Belief, Observations, Poses, ReservedMask
 
 Search = int | Literal["exhaustive"]
 Coordination = Literal["independent", "sequential"]
@@ -52,33 +52,33 @@ class Planner(ABC):
 
     @abstractmethod
     def score(
-        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
-        """Score of each pose, higher is better; `claimed` cells are left out."""
+        """Score of each pose, higher is better; `reserved_mask` cells are left out."""
 
     def act(self, belief: Belief, observations: Observations) -> dict[str, Any]:
         """Choose the best pose of each robot, as actions."""
         sequential = self.coordination == "sequential" and len(belief.agents) > 1
-        claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
+        reserved_mask = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = {}
         for robot, agent in enumerate(belief.agents):
-            score = partial(self._score_on, robot, claimed)
-            poses = belief.shortlist(self.candidates(belief, robot), score)
-            best = poses[np.argmax(self.score(belief, robot, poses, claimed))]
+            score = partial(self._score_on, robot, reserved_mask)
+            poses = belief.prescreen(self.candidate_poses(belief, robot), score)
+            best = poses[np.argmax(self.score(belief, robot, poses, reserved_mask))]
             actions[agent] = belief.action_for(robot, best)
-            if claimed is not None:
-                claimed[belief.visible_cells(robot, best)] = 1
+            if reserved_mask is not None:
+                reserved_mask[belief.visible_cells(robot, best)] = 1
         return actions
 
     def _score_on(
-        self, robot: int, claimed: Claimed, belief: Belief, poses: Poses
+        self, robot: int, reserved_mask: ReservedMask, belief: Belief, poses: Poses
     ) -> NDArray[np.float64]:
-        return self.score(belief, robot, poses, claimed)
+        return self.score(belief, robot, poses, reserved_mask)
 
-    def candidates(self, belief: Belief, robot: int) -> Poses:
+    def candidate_poses(self, belief: Belief, robot: int) -> Poses:
         """List the poses to choose from."""
-        if belief.offers is not None:
-            return belief.offers[robot]
+        if belief.candidates is not None:
+            return belief.candidates[robot]
         if isinstance(self.search, int):
             return belief.random_poses(robot, self.search, self.rng)
         return belief.feasible_poses(robot)

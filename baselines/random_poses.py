@@ -6,7 +6,7 @@ import numpy as np
 from coopmap_baselines.planner import Planner
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Claimed, Poses
+from coopmap_env.envs.belief import Belief, Poses, ReservedMask
 
 
 class RandomPolicy(Planner):
@@ -16,7 +16,7 @@ class RandomPolicy(Planner):
         super().__init__(1, "independent")
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
         """Score at random, so that a choice among offers is random too."""
         return self.rng.random(len(poses))

@@ -6,7 +6,7 @@ import numpy as np
 from coopmap_baselines.planner import Planner
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Claimed, Poses
+from coopmap_env.envs.belief import Belief, Poses, ReservedMask
 
 
 class RasterPolicy(Planner):
@@ -22,7 +22,7 @@ class RasterPolicy(Planner):
         super().__init__("exhaustive", "independent")
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
         """Minus the number of places to go in the sequence."""
-        return -belief.places_ahead(robot, poses).astype(np.float64)
+        return -belief.raster_offset(robot, poses).astype(np.float64)

@@ -32,8 +32,8 @@ class NewInformationCache:
         self._shape = lattice.grid.shape
         self._rows = _row_intervals(rating)
         self._ni = np.zeros(lattice.n_poses)
-        self._known = np.zeros(lattice.n_poses, dtype=np.uint8)
-        self._levels = np.zeros(lattice.grid.n_cells, dtype=np.int32)
+        self._cached = np.zeros(lattice.n_poses, dtype=np.uint8)
+        self._log_odds_fixed = np.zeros(lattice.grid.n_cells, dtype=np.int32)
         self._sampled = np.zeros(lattice.grid.n_cells, dtype=np.uint8)
         self._changed = np.zeros(lattice.grid.n_cells, dtype=np.uint8)
         self._near = np.zeros(lattice.grid.n_cells, dtype=np.uint8)
@@ -41,35 +41,35 @@ class NewInformationCache:
         """Poses rated so far, for benchmarks: brute force would have rated all of them."""
 
     def new_information(
-        self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
+        self, map_: OccupancyMap, ids: ArrayLike, reserved_mask: NDArray[np.uint8] | None = None
     ) -> NDArray[np.float64]:
         """As `RatingFunction.new_information`, shape (k,)."""
-        ids = self.rating.check(map_, ids)
-        self._forget_changed(map_)
+        ids = self.rating.validate_ids(map_, ids)
+        self._invalidate_changed(map_)
         self._rate_missing(map_, ids)
         ni = self._ni[ids]
-        if claimed is not None and claimed.any():
-            (touched,) = np.nonzero(self._touched(ids, claimed, claimed))
-            ni[touched] = self.rating.new_information(map_, ids[touched], claimed)
-            self.n_rated += len(touched)
+        if reserved_mask is not None and reserved_mask.any():
+            (affected,) = np.nonzero(self._affected(ids, reserved_mask, reserved_mask))
+            ni[affected] = self.rating.new_information(map_, ids[affected], reserved_mask)
+            self.n_rated += len(affected)
         return ni
 
-    def _forget_changed(self, map_: OccupancyMap) -> None:
-        any_changed = find_changes(
-            map_.levels, map_.sampled_cells, self._levels, self._sampled,
-            self.rating.gray.sampled, map_.range.clamp, self._changed, self._near,
+    def _invalidate_changed(self, map_: OccupancyMap) -> None:
+        any_changed = find_changed_cells(
+            map_.log_odds_fixed, map_.sampled_mask, self._log_odds_fixed, self._sampled,
+            self.rating.gray.sampled, map_.log_odds_range.clamp, self._changed, self._near,
         )  # fmt: skip
         if any_changed:
-            (known,) = np.nonzero(self._known)
-            self._known[known[self._touched(known, self._changed, self._near) != 0]] = 0
+            (cached,) = np.nonzero(self._cached)
+            self._cached[cached[self._affected(cached, self._changed, self._near) != 0]] = 0
 
     def _rate_missing(self, map_: OccupancyMap, ids: NDArray[np.int64]) -> None:
-        missing = ids[self._known[ids] == 0]
+        missing = ids[self._cached[ids] == 0]
         self._ni[missing] = self.rating.new_information(map_, missing)
-        self._known[missing] = 1
+        self._cached[missing] = 1
         self.n_rated += len(missing)
 
-    def _touched(
+    def _affected(
         self, ids: NDArray[np.int64], changed: NDArray[np.uint8], near: NDArray[np.uint8]
     ) -> NDArray[np.uint8]:
         """1 for poses whose fan holds a changed cell, or whose own surroundings a near one."""
@@ -77,7 +77,9 @@ class NewInformationCache:
         sums = np.zeros((nx, ny + 1), dtype=np.int32)
         np.cumsum(changed.reshape(nx, ny), axis=1, out=sums[:, 1:])
         out = np.empty(len(ids), dtype=np.uint8)
-        find_touched(ids, sums, near.reshape(nx, ny), self.rating.fan.reach, *self._rows, out)
+        find_affected_poses(
+            ids, sums, near.reshape(nx, ny), self.rating.fan.max_offset, *self._rows, out
+        )
         return out
 
 
@@ -94,7 +96,9 @@ def _row_intervals(rating: RatingFunction) -> tuple[NDArray[np.int64], NDArray[n
 
 
 @njit(cache=True, nogil=True)
-def find_changes(levels, sampled, old_levels, old_sampled, table, clamp, changed, near):
+def find_changed_cells(
+    log_odds_fixed, sampled, old_log_odds_fixed, old_sampled, table, clamp, changed, near
+):
     """Mark cells whose gray bin or occlusion changed, and remember the map; say if there are any.
 
     `changed` concerns all views; `near` only those from less than two cells away, for which Eq. 8a
@@ -102,10 +106,10 @@ def find_changes(levels, sampled, old_levels, old_sampled, table, clamp, changed
     """
     far_class = table.shape[0] - 1
     found = False
-    for cell in range(len(levels)):
+    for cell in range(len(log_odds_fixed)):
         changed[cell] = 0
         near[cell] = 0
-        new, old = levels[cell], old_levels[cell]
+        new, old = log_odds_fixed[cell], old_log_odds_fixed[cell]
         if sampled[cell] != old_sampled[cell]:
             changed[cell] = 1
             near[cell] = 1
@@ -117,14 +121,14 @@ def find_changes(levels, sampled, old_levels, old_sampled, table, clamp, changed
                     near[cell] = 1
                     if row == far_class:
                         changed[cell] = 1
-        old_levels[cell] = new
+        old_log_odds_fixed[cell] = new
         old_sampled[cell] = sampled[cell]
         found |= changed[cell] != 0 or near[cell] != 0
     return found
 
 
 @njit(cache=True, nogil=True)
-def find_touched(ids, sums, near, reach, start, rows, out):
+def find_affected_poses(ids, sums, near, reach, start, rows, out):
     """Write 1 for every pose whose fan (by row intervals) or 3 x 3 surroundings hold a mark."""
     nx, ny = near.shape
     n_headings = len(start) - 1

@@ -7,7 +7,7 @@ from coopmap_baselines.planner import Coordination, Planner, Search
 from coopmap_baselines.rating_cache import NewInformationCache
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Claimed, Poses
+from coopmap_env.envs.belief import Belief, Poses, ReservedMask
 from coopmap_env.envs.planar.belief import PlanarBelief
 
 
@@ -28,13 +28,13 @@ class RatingFunctionPolicy(Planner):
         self._cache: NewInformationCache | None = None
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, claimed: Claimed
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
         """RF of each pose (Eq. 9)."""
         if self.search != "exhaustive" or not isinstance(belief, PlanarBelief):
-            return belief.rate(robot, poses, claimed).rating
+            return belief.rate(robot, poses, reserved_mask).rating
         rating = belief.rating
         if self._cache is None or self._cache.rating is not rating:
             self._cache = NewInformationCache(rating)
-        ni = self._cache.new_information(belief.map, poses, claimed)
-        return rating.compose(belief.map, poses, [belief.pose_ids[robot]], ni).rating
+        ni = self._cache.new_information(belief.map, poses, reserved_mask)
+        return rating.rate_from_information(belief.map, poses, [belief.pose_ids[robot]], ni).rating

@@ -23,7 +23,7 @@ into one probabilistic voxel map.
 
 A motion has to keep clear of every voxel that is not known to be free (P >= 0.05 or never sampled),
 along its whole way, of the own vehicle and of the teammates; otherwise the mount stays and
-``infos[agent]["refused"]`` says why. Where the map is wrong, the mount bumps into what is there, is
+``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the mount bumps into what is there, is
 stopped, and pays `FieldSettings.contact_cost`; where on its links it was touched it does not feel,
 so the map learns nothing of it (in the plane it does). Surfaces at a grazing angle, and voxels that
 a surface only touches, may be taken as free. The room in which a vehicle was parked is known.
@@ -48,15 +48,15 @@ each scan it looks for the target in all that it has seen. Once it is located, i
 into the team's map, which was empty before, and are not paid again. Robots that are both located
 know each other as obstacles. A robot that never finds the target leaves nothing in the team's map.
 
-``infos[agent]`` holds ``terms`` (all reward terms), ``refused`` (why the mount stayed, or ""),
-``contact`` (whether it bumped into something) and ``touched`` (into what), ``camera_error`` (metres
+``infos[agent]`` holds ``reward_terms`` (all reward terms), ``rejected_reason`` (why the mount stayed, or ""),
+``contact`` (whether it bumped into something) and ``collided_with`` (into what), ``camera_error`` (metres
 between where the camera is and where it is taken to be; scoring only, as ``camera_angle_error``,
 ``base_error`` and ``base_angle_error``, the last two None until it is located), ``located``,
-``not_located`` (why not, or ""), ``corrected_directions`` (of the camera pose's six, how many
-fiducials told better than the prediction) and ``uncorrected`` (why they told nothing, or ""),
+``localization_failure`` (why not, or ""), ``corrected_directions`` (of the camera pose's six, how many
+fiducials told better than the prediction) and ``correction_failure`` (why they told nothing, or ""),
 ``new_information``,
-``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and ``action_mask`` in
-"candidates" mode. After a reset there are only ``scans``, ``viewed_share`` and the mask.
+``distance``, ``new_cells``, ``entropy_reduction``, ``scans``, ``observed_fraction``, and ``action_mask`` in
+"candidates" mode. After a reset there are only ``scans``, ``observed_fraction`` and the mask.
 
 Version history
 ---------------
@@ -64,9 +64,9 @@ v0: first version.
 """
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings, FieldTeamEnv
-from coopmap_env.robots import Mount, make_mount, wrap_urdf
+from coopmap_env.robots import Mount, make_mount, mount_from_urdf
 
 parallel_env = FieldEnv
 team_env = FieldTeamEnv
 
-__all__ = ["FieldSettings", "Mount", "make_mount", "parallel_env", "team_env", "wrap_urdf"]
+__all__ = ["FieldSettings", "Mount", "make_mount", "mount_from_urdf", "parallel_env", "team_env"]

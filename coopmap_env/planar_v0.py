@@ -22,11 +22,11 @@ from each other nor stand in each other's way.
 Noise can make a wall look free. A camera that is sent there bumps into it and stays, and the map
 learns of the cell. Only the goal is asked about: a path may lead through such a cell.
 
-``infos[agent]`` holds ``terms`` (all reward terms), ``refused`` (why the camera stayed, or ""),
+``infos[agent]`` holds ``reward_terms`` (all reward terms), ``rejected_reason`` (why the camera stayed, or ""),
 ``contact`` (whether it bumped into something that the map took as free),
-``new_information``, ``distance``, ``new_cells``, ``entropy_drop``, ``scans``, ``viewed_share``, and
-``action_mask`` in "candidates" mode. After a reset there are only ``scans``, ``viewed_share`` and
-the mask. ``viewed_share`` counts every cell of the world, the insides of obstacles too, so it does
+``new_information``, ``distance``, ``new_cells``, ``entropy_reduction``, ``scans``, ``observed_fraction``, and
+``action_mask`` in "candidates" mode. After a reset there are only ``scans``, ``observed_fraction`` and
+the mask. ``observed_fraction`` counts every cell of the world, the insides of obstacles too, so it does
 not reach one.
 
 Version history

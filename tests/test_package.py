@@ -27,7 +27,7 @@ def test_the_evaluation_is_there_when_asked_for():
 
 
 def test_a_missing_extra_names_its_pip_command():
-    from coopmap_env.core.extras import require
+    from coopmap_env.core.extras import import_optional
 
     with pytest.raises(ImportError, match=r"pip install 'coopmap\[report\]'"):
-        require("no_such_module", "report")
+        import_optional("no_such_module", "report")

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from coopmap_agents.pretrained.shipped import shipped_file
+from coopmap_agents.pretrained.shipped import pretrained_path
 
 from coopmap_env.cli import parse
 
@@ -48,7 +48,7 @@ def test_evaluate_command_runs(command, tmp_path):
     trained = re.search(r"learned:model=([\w/.]+)", command)
     if trained:  # what the command above it in the README takes minutes to make
         (tmp_path / trained[1]).parent.mkdir(parents=True)
-        shutil.copyfile(shipped_file("planar-candidates"), tmp_path / trained[1])
+        shutil.copyfile(pretrained_path("planar-candidates"), tmp_path / trained[1])
     done = subprocess.run(
         [sys.executable, "-m", "coopmap_env.cli", *words[1:]],
         cwd=tmp_path,

@@ -4,12 +4,12 @@ Candidate i of m has the logit ::
 
     score(candidate i, summary) + RATING_GAIN * w * rating of i
 
-with the summary of the situation (`SituationFeatures`) and of all candidates on offer. The same
+with the summary of the situation (`ObservationFeatures`) and of all candidates on offer. The same
 weights score every candidate, and the summary is a mean and a maximum over them: permuting the
 candidates permutes the logits, and a policy that was trained with m = 32 decides among 300. The
 value is a function of the summary alone, and of the whole team's state where it is observed.
 
-The second term is a direct path. With w = 1 and a score of zero (``initial="rating"``) the best
+The second term is a direct path. With w = 1 and a score of zero (``initial_policy="rating"``) the best
 candidate is that of the rating-function planner: learning can begin at the planner and needs to
 find out only where to depart from it.
 """
@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Any, get_args
 
 import numpy as np
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 from gymnasium import spaces
 
 try:
@@ -30,20 +30,20 @@ try:
     from stable_baselines3.common.type_aliases import Schedule
     from torch import nn
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
-from coopmap_agents.networks.features import SituationFeatures, as_tensors
-from coopmap_agents.networks.pose_policy import layers
-from coopmap_agents.settings import Initial
+from coopmap_agents.networks.features import ObservationFeatures, as_tensors
+from coopmap_agents.networks.pose_policy import mlp
+from coopmap_agents.settings import InitialPolicy
 
 MASKED_LOGIT = -1e8
 """Its probability is exactly 0 in float32, and 0 times it is 0: no NaN in the entropy."""
-RATING_FEATURE = -2
+RATING_FEATURE_INDEX = -2
 """Place of the rating (Eq. 9) in a candidate's features, in the plane and in the field."""
 RATING_GAIN = 30.0
 """Logits per unit of the rating feature: on planar training worlds the best-rated of 32 candidates
 then has a probability of 0.77 on average, which leaves room to explore."""
-LEAST_SPREAD = 1e-3
+MIN_STANDARD_DEVIATION = 1e-3
 """Of a feature over the candidates on offer; below it they do not differ in it."""
 
 Observations = dict[str, torch.Tensor]
@@ -56,7 +56,7 @@ class ScoringNetwork(nn.Module):
     ----------
     n_features : int
         F, of each candidate.
-    n_situation : int
+    n_context : int
         G, of the situation.
     n_state : int
         S, of the team's state, which only the critic sees; 0 without one.
@@ -65,24 +65,24 @@ class ScoringNetwork(nn.Module):
     """
 
     def __init__(
-        self, n_features: int, n_situation: int, n_state: int, hidden: Sequence[int]
+        self, n_features: int, n_context: int, n_state: int, hidden: Sequence[int]
     ) -> None:
         super().__init__()
         width = hidden[0]
-        n_summary = n_situation + 2 * width
-        self.n_situation = n_situation
+        n_summary = n_context + 2 * width
+        self.n_context = n_context
         self.encoder = nn.Sequential(nn.Linear(2 * n_features, width), nn.ReLU())
         self.from_candidate = nn.Linear(width, width)
         self.from_summary = nn.Linear(n_summary, width, bias=False)
-        self.mixed = nn.Sequential(nn.Tanh(), layers(list(hidden)))
+        self.mixed = nn.Sequential(nn.Tanh(), mlp(list(hidden)))
         self.score = nn.Linear(hidden[-1], 1, bias=False)  # a softmax does not see a bias
         self.value = nn.Sequential(
-            layers([n_summary + n_state, width, *hidden]), nn.Linear(hidden[-1], 1)
+            mlp([n_summary + n_state, width, *hidden]), nn.Linear(hidden[-1], 1)
         )
         self.rating_weight = nn.Parameter(torch.zeros(()))
 
     def forward(
-        self, candidates: torch.Tensor, offered: torch.Tensor, situation: torch.Tensor
+        self, candidates: torch.Tensor, mask: torch.Tensor, context: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Logits (n, m) before masking, and values (n, 1).
 
@@ -93,27 +93,27 @@ class ScoringNetwork(nn.Module):
         situation : Tensor, shape (n, G + S)
             The team's state comes last.
         """
-        encoded, summary, seen = self._encode(candidates, offered, situation)
+        encoded, summary, critic_input = self._encode(candidates, mask, context)
         mixed = self.from_candidate(encoded) + self.from_summary(summary).unsqueeze(1)
-        direct = RATING_GAIN * self.rating_weight * candidates[..., RATING_FEATURE]
-        return self.score(self.mixed(mixed)).squeeze(-1) + direct, self.value(seen)
+        direct = RATING_GAIN * self.rating_weight * candidates[..., RATING_FEATURE_INDEX]
+        return self.score(self.mixed(mixed)).squeeze(-1) + direct, self.value(critic_input)
 
     def values(
-        self, candidates: torch.Tensor, offered: torch.Tensor, situation: torch.Tensor
+        self, candidates: torch.Tensor, mask: torch.Tensor, context: torch.Tensor
     ) -> torch.Tensor:
         """Values (n, 1) alone."""
-        values: torch.Tensor = self.value(self._encode(candidates, offered, situation)[2])
+        values: torch.Tensor = self.value(self._encode(candidates, mask, context)[2])
         return values
 
     def _encode(
-        self, candidates: torch.Tensor, offered: torch.Tensor, situation: torch.Tensor
+        self, candidates: torch.Tensor, mask: torch.Tensor, context: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Each candidate (n, m, H), the summary (n, G + 2 H) and what the critic sees of all."""
-        weights = offered.to(candidates.dtype).unsqueeze(-1)
+        weights = mask.to(candidates.dtype).unsqueeze(-1)
         relative = _standardised(candidates, weights)
         encoded = self.encoder(torch.cat([candidates, relative], dim=-1)) * weights
         largest = encoded.amax(dim=1)  # none is negative, so those that are masked out do not count
-        own, state = situation.tensor_split([self.n_situation], dim=1)
+        own, state = context.tensor_split([self.n_context], dim=1)
         summary = torch.cat([own, _mean(encoded, weights)[:, 0], largest], dim=1)
         return encoded, summary, torch.cat([summary, state], dim=1)
 
@@ -126,7 +126,7 @@ def _mean(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
 def _standardised(candidates: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
     """Each feature as it stands among the candidates on offer, in standard deviations."""
     centred = candidates - _mean(candidates, weights)
-    return centred / (_mean(centred**2, weights) + LEAST_SPREAD**2).sqrt()
+    return centred / (_mean(centred**2, weights) + MIN_STANDARD_DEVIATION**2).sqrt()
 
 
 class CandidateScorer(ActorCriticPolicy):
@@ -160,28 +160,28 @@ class CandidateScorer(ActorCriticPolicy):
         observation_space: spaces.Dict,
         action_space: spaces.Discrete,
         lr_schedule: Schedule,
-        initial: Initial = "random",
+        initial_policy: InitialPolicy = "random",
         net_arch: Sequence[int] = (64, 64),
-        features_extractor_class: type[SituationFeatures] = SituationFeatures,
-        **others: Any,
+        features_extractor_class: type[ObservationFeatures] = ObservationFeatures,
+        **kwargs: Any,
     ) -> None:
         if not {"candidates", "action_mask"} <= set(getattr(observation_space, "spaces", ())):
             raise ValueError(
                 "a CandidateScorer needs observations with candidates and their action_mask, as in "
                 f'action_mode="candidates", got {observation_space}'
             )
-        if initial not in get_args(Initial):
-            raise ValueError(f"initial is 'random' or 'rating', got {initial!r}")
+        if initial_policy not in get_args(InitialPolicy):
+            raise ValueError(f"initial_policy is 'random' or 'rating', got {initial_policy!r}")
         if not net_arch:
             raise ValueError(f"net_arch needs at least one layer, got {net_arch!r}")
-        self.initial = initial
+        self.initial_policy = initial_policy
         super().__init__(
             observation_space, action_space, lr_schedule, list(net_arch),
-            features_extractor_class=features_extractor_class, **others,
+            features_extractor_class=features_extractor_class, **kwargs,
         )  # fmt: skip
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        return {**super()._get_constructor_parameters(), "initial": self.initial}
+        return {**super()._get_constructor_parameters(), "initial_policy": self.initial_policy}
 
     def _build(self, lr_schedule: Schedule) -> None:
         assert isinstance(self.observation_space, spaces.Dict)
@@ -189,16 +189,16 @@ class CandidateScorer(ActorCriticPolicy):
         shape = self.observation_space["candidates"].shape
         features = self.features_extractor
         assert shape is not None
-        assert isinstance(features, SituationFeatures)
+        assert isinstance(features, ObservationFeatures)
         self.network = ScoringNetwork(
-            shape[-1], features.own_dim, features.state_dim, self.net_arch
+            shape[-1], features.actor_dim, features.state_dim, self.net_arch
         )
         for part in (self.features_extractor, self.network):
             for module in part.modules():
                 self.init_weights(module, gain=np.sqrt(2))
         self.init_weights(self.network.value[-1], gain=0.01)  # rewards of a step are small
         self.init_weights(self.network.score, gain=0.01)
-        if self.initial == "rating":
+        if self.initial_policy == "rating":
             nn.init.zeros_(self.network.score.weight)
             nn.init.ones_(self.network.rating_weight)
         self.optimizer = self.optimizer_class(
@@ -211,7 +211,7 @@ class CandidateScorer(ActorCriticPolicy):
         self, obs: Observations, deterministic: bool = False
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Actions (n,), values (n, 1) and log probabilities (n,) for n observations."""
-        distribution, values = self._decide(obs)
+        distribution, values = self._distribution_and_values(obs)
         actions = distribution.get_actions(deterministic=deterministic)
         return actions, values, distribution.log_prob(actions)
 
@@ -219,12 +219,12 @@ class CandidateScorer(ActorCriticPolicy):
         self, obs: Observations, actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
         """Values (n, 1), log probabilities (n,) and entropies (n,) of actions that were done."""
-        distribution, values = self._decide(obs)
+        distribution, values = self._distribution_and_values(obs)
         return values, distribution.log_prob(actions), distribution.entropy()
 
     def get_distribution(self, obs: Observations) -> Distribution:  # type: ignore[override]
         """Distribution of the actions for n observations."""
-        return self._decide(obs)[0]
+        return self._distribution_and_values(obs)[0]
 
     def predict_values(self, obs: Observations) -> torch.Tensor:  # type: ignore[override]
         """Values (n, 1) of n observations."""
@@ -237,13 +237,13 @@ class CandidateScorer(ActorCriticPolicy):
         return as_tensors(self.observation_space, observation, self.device)
 
     def _inputs(self, obs: Observations) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        situation = self.extract_features(obs)
-        assert isinstance(situation, torch.Tensor)  # shared by actor and critic
-        return obs["candidates"].float(), obs["action_mask"] != 0, situation
+        context = self.extract_features(obs)
+        assert isinstance(context, torch.Tensor)  # shared by actor and critic
+        return obs["candidates"].float(), obs["action_mask"] != 0, context
 
-    def _decide(self, obs: Observations) -> tuple[Distribution, torch.Tensor]:
-        candidates, offered, situation = self._inputs(obs)
-        logits, values = self.network(candidates, offered, situation)
+    def _distribution_and_values(self, obs: Observations) -> tuple[Distribution, torch.Tensor]:
+        candidates, mask, context = self._inputs(obs)
+        logits, values = self.network(candidates, mask, context)
         assert isinstance(self.action_dist, CategoricalDistribution)
-        masked = logits.masked_fill(~offered, MASKED_LOGIT)
+        masked = logits.masked_fill(~mask, MASKED_LOGIT)
         return self.action_dist.proba_distribution(action_logits=masked), values

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 from gymnasium import spaces
 from numpy.typing import NDArray
 
@@ -19,9 +19,9 @@ try:
     from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
     from torch import nn
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
-APART = ("candidates", "action_mask", "teammates", "located", "state")
+SPECIAL_KEYS = ("candidates", "action_mask", "teammates", "located", "state")
 """Entries of an observation that are not simply appended."""
 
 
@@ -43,7 +43,7 @@ def as_tensors(
     return tensors, rows
 
 
-class SituationFeatures(BaseFeaturesExtractor):
+class ObservationFeatures(BaseFeaturesExtractor):
     """What is around a robot, whichever candidates are on offer and however teammates are ordered.
 
     A small convolutional network for the map, and the robot's own numbers as they are. Each
@@ -72,24 +72,24 @@ class SituationFeatures(BaseFeaturesExtractor):
     ) -> None:
         parts = observation_space.spaces
         images = {k: box for k, box in parts.items() if is_image_space(box)}
-        flat = {k: box for k, box in parts.items() if k not in images and k not in APART}
-        tells_located = int("located" in parts)
+        flat = {k: box for k, box in parts.items() if k not in images and k not in SPECIAL_KEYS}
+        include_located = int("located" in parts)
         self.state_dim = image_features if "state" in parts else 0
-        self.own_dim = image_features * len(images) + tells_located
-        self.own_dim += sum(get_flattened_obs_dim(space) for space in flat.values())
-        self.own_dim += 2 * teammate_features if "teammates" in parts else 0
-        super().__init__(observation_space, self.own_dim + self.state_dim)
+        self.actor_dim = image_features * len(images) + include_located
+        self.actor_dim += sum(get_flattened_obs_dim(space) for space in flat.values())
+        self.actor_dim += 2 * teammate_features if "teammates" in parts else 0
+        super().__init__(observation_space, self.actor_dim + self.state_dim)
         self.robot = nn.ModuleDict(
             {
-                **{key: _image_network(_shape(box), image_features) for key, box in images.items()},
+                **{key: _image_encoder(_shape(box), image_features) for key, box in images.items()},
                 **{key: nn.Flatten() for key in flat},
             }
         )
         self.teammate: nn.Module | None = None
         if "teammates" in parts:
-            told = _shape(parts["teammates"])[-1] + tells_located
+            told = _shape(parts["teammates"])[-1] + include_located
             self.teammate = nn.Sequential(nn.Linear(told, teammate_features), nn.ReLU())
-            self._no_teammate = 2 * teammate_features
+            self._n_teammate_features = 2 * teammate_features
         self.state: nn.Module | None = None
         if "state" in parts:
             self.state = nn.Sequential(
@@ -102,19 +102,19 @@ class SituationFeatures(BaseFeaturesExtractor):
         if "located" in observations:  # the own flag, then one for each teammate
             parts.append(observations["located"][:, :1])
         if self.teammate is not None:
-            parts.append(self._of_teammates(observations, len(parts[0])))
+            parts.append(self._teammate_features(observations, len(parts[0])))
         if self.state is not None:
             told = observations.get("state")
             empty = parts[0].new_zeros(len(parts[0]), self.state_dim)
             parts.append(empty if told is None else self.state(told))
         return torch.cat(parts, dim=1)
 
-    def _of_teammates(self, observations: dict[str, torch.Tensor], n: int) -> torch.Tensor:
+    def _teammate_features(self, observations: dict[str, torch.Tensor], n: int) -> torch.Tensor:
         """Mean and maximum over teammates, shape (n, 2 teammate_features)."""
         assert self.teammate is not None
         teammates = observations.get("teammates")
         if teammates is None:
-            return torch.zeros(n, self._no_teammate, device=next(self.parameters()).device)
+            return torch.zeros(n, self._n_teammate_features, device=next(self.parameters()).device)
         if "located" in observations:
             teammates = torch.cat([teammates, observations["located"][:, 1:, None]], dim=-1)
         each = self.teammate(teammates)
@@ -134,7 +134,7 @@ class ChannelsLast(nn.Module):
         return images.contiguous(memory_format=torch.channels_last)
 
 
-def _image_network(shape: tuple[int, ...], n_features: int) -> nn.Sequential:
+def _image_encoder(shape: tuple[int, ...], n_features: int) -> nn.Sequential:
     """Two convolutions with a margin, so that any side will do.
 
     Stable-Baselines3's NatureCNN fails below 36 pixels; three finer ones take twice the time, and

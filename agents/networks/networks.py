@@ -8,20 +8,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 from gymnasium import spaces
 
 try:
     from stable_baselines3.common.policies import ActorCriticPolicy
     from torch import nn
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
 from coopmap_agents.networks.candidate_scorer import CandidateScorer
 from coopmap_agents.networks.pose_policy import PosePolicy
 from coopmap_agents.settings import PPOSettings
 
-CRITIC = (
+CRITIC_PREFIXES = (
     "network.value.",
     "mlp_extractor.value_net.",
     "value_net.",
@@ -30,10 +30,12 @@ CRITIC = (
 """Beginnings of the names of the critic's own parameters: what acting does not need."""
 
 
-def acting_weights(network: nn.Module) -> dict[str, nn.Parameter]:
+def actor_parameters(network: nn.Module) -> dict[str, nn.Parameter]:
     """All weights by name but for the critic's own."""
     return {
-        name: values for name, values in network.named_parameters() if not name.startswith(CRITIC)
+        name: values
+        for name, values in network.named_parameters()
+        if not name.startswith(CRITIC_PREFIXES)
     }
 
 
@@ -46,10 +48,10 @@ def network_class(
         "features_extractor_kwargs": {"image_features": settings.image_features},
     }
     if isinstance(action_space, spaces.Discrete):
-        return CandidateScorer, {**options, "initial": settings.initial}
-    if settings.initial == "rating":
+        return CandidateScorer, {**options, "initial_policy": settings.initial_policy}
+    if settings.initial_policy == "rating":
         raise ValueError(
-            'initial="rating" is for choosing among candidates, these actions are poses'
+            'initial_policy="rating" is for choosing among candidates, these actions are poses'
         )
     return PosePolicy, {**options, "log_std_init": settings.log_std}
 
@@ -81,7 +83,7 @@ def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
     shapes, needed = ({k: tuple(v.shape) for k, v in part.items()} for part in (given, own))
     differing = {k for k in shapes | needed if shapes.get(k) != needed.get(k)}
     for name in sorted(differing):
-        if not name.startswith(CRITIC):
+        if not name.startswith(CRITIC_PREFIXES):
             raise ValueError(
                 f"the network to begin with is another than these settings make here: {name} "
                 f"has the shape {shapes.get(name)}, not {needed.get(name)}"
@@ -90,7 +92,7 @@ def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
         own[name].data.copy_(given[name])
 
 
-def let_actor_learn(network: nn.Module, learns: bool) -> None:
+def set_actor_trainable(network: nn.Module, learns: bool) -> None:
     """Let all of it learn, or the critic alone."""
-    for weights in acting_weights(network).values():
+    for weights in actor_parameters(network).values():
         weights.requires_grad_(learns)

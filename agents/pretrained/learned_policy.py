@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 from gymnasium import spaces
 
 from coopmap_env.envs.belief import Belief, Observation
@@ -18,15 +18,15 @@ try:
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
 from coopmap_agents.networks.candidate_scorer import CandidateScorer
-from coopmap_agents.networks.networks import acting_weights
-from coopmap_agents.pretrained.policy_file import load_policy, read_page
-from coopmap_agents.pretrained.shipped import shipped_file, shipped_names
+from coopmap_agents.networks.networks import actor_parameters
+from coopmap_agents.pretrained.policy_file import load_policy, read_metadata
+from coopmap_agents.pretrained.shipped import pretrained_names, pretrained_path
 from coopmap_agents.sb3.vec_env import stack
 
-ANY_LENGTH = ("candidates", "action_mask", "teammates", "located")
+VARIABLE_LENGTH_KEYS = ("candidates", "action_mask", "teammates", "located")
 """Entries of an observation whose first axis may have another length than in training."""
 
 Shapes = dict[str, tuple[int | str, ...]]
@@ -45,7 +45,7 @@ class LearnedPolicy:
         of Stable-Baselines3 that holds one. By default the first one that ships and fits the
         observations.
     seed : int, optional
-        Of the training, for a policy that ships; see `shipped_file`.
+        Of the training, for a policy that ships; see `pretrained_path`.
 
     Raises
     ------
@@ -60,24 +60,26 @@ class LearnedPolicy:
         seed: int | None = None,
     ) -> None:
         self._seed = seed
-        self._given = None if model is None else network_of(model, seed)
-        self._fitting: dict[frozenset[Any], ActorCriticPolicy] = {}
+        self._network = None if model is None else resolve_network(model, seed)
+        self._pretrained: dict[frozenset[Any], ActorCriticPolicy] = {}
         """By the shapes of observations: files are looked through once for each kind of them."""
 
-    def _fit(self, given: Mapping[str, tuple[int, ...]]) -> ActorCriticPolicy:
-        kind = frozenset(given.items())
-        if kind not in self._fitting:
-            self._fitting[kind] = load_policy(shipped_file(_fitting(given), self._seed))
-        return self._fitting[kind]
+    def _load_compatible(self, observed: Mapping[str, tuple[int, ...]]) -> ActorCriticPolicy:
+        kind = frozenset(observed.items())
+        if kind not in self._pretrained:
+            self._pretrained[kind] = load_policy(
+                pretrained_path(_first_compatible(observed), self._seed)
+            )
+        return self._pretrained[kind]
 
     @property
     def fingerprint(self) -> str:
         """Hash of the weights: of all that ship, where the observations decide among them."""
-        if self._given is not None:
-            weights = acting_weights(self._given).values()
+        if self._network is not None:
+            weights = actor_parameters(self._network).values()
             return _sha256(values.detach().cpu().numpy().tobytes() for values in weights)
-        names = shipped_names()
-        return _sha256(shipped_file(name, self._seed).read_bytes() for name in names)
+        names = pretrained_names()
+        return _sha256(pretrained_path(name, self._seed).read_bytes() for name in names)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Nothing to forget and nothing to draw."""
@@ -92,15 +94,15 @@ class LearnedPolicy:
             ships fits them.
         """
         rows = stack(observations[agent] for agent in belief.agents)
-        given = {key: values.shape[1:] for key, values in rows.items()}
-        network = self._given or self._fit(given)
+        observed = {key: values.shape[1:] for key, values in rows.items()}
+        network = self._network or self._load_compatible(observed)
         trained_on = network.observation_space
         assert isinstance(trained_on, spaces.Dict)
-        learned = {key: box.shape or () for key, box in trained_on.spaces.items()}
-        if not _fits(learned, given):
+        trained = {key: box.shape or () for key, box in trained_on.spaces.items()}
+        if not _is_compatible(trained, observed):
             raise ValueError(
-                f"this policy was trained on observations {_free(learned)}, but is given "
-                f"{_free(given)}: use the environment and the action mode that it was trained with"
+                f"this policy was trained on observations {_without_lengths(trained)}, but is given "
+                f"{_without_lengths(observed)}: use the environment and the action mode that it was trained with"
             )
         actions, _ = network.predict(rows, deterministic=True)
         return dict(zip(belief.agents, actions, strict=True))
@@ -113,7 +115,7 @@ def _sha256(parts: Iterable[bytes]) -> str:
     return sha.hexdigest()
 
 
-def network_of(model: Any, seed: int | None = None) -> ActorCriticPolicy:
+def resolve_network(model: Any, seed: int | None = None) -> ActorCriticPolicy:
     """The network of a model, of a file, or of a policy that ships; see `LearnedPolicy`."""
     if isinstance(model, BaseAlgorithm):
         model = model.policy
@@ -126,42 +128,46 @@ def network_of(model: Any, seed: int | None = None) -> ActorCriticPolicy:
                 f"got {type(model).__name__}"
             )
         return model
-    if str(model) in shipped_names():
-        return load_policy(shipped_file(str(model), seed))
+    if str(model) in pretrained_names():
+        return load_policy(pretrained_path(str(model), seed))
     if not Path(model).is_file():
         raise ValueError(
             f"model {str(model)!r} is neither a file nor one of the policies that ship: "
-            f"{', '.join(shipped_names()) or 'none'}"
+            f"{', '.join(pretrained_names()) or 'none'}"
         )
     if seed is not None:
         raise ValueError(f"seed={seed} picks a training of a policy that ships; {model} is a file")
     return load_policy(model)
 
 
-def _fitting(given: Mapping[str, tuple[int, ...]]) -> str:
+def _first_compatible(observed: Mapping[str, tuple[int, ...]]) -> str:
     """Name of the first policy that ships and fits observations of these shapes."""
-    for name in shipped_names():
-        page = read_page(shipped_file(name))
-        if _fits({key: tuple(entry[1:]) for key, entry in page.observations.items()}, given):
+    for name in pretrained_names():
+        metadata = read_metadata(pretrained_path(name))
+        if _is_compatible(
+            {key: tuple(entry[1:]) for key, entry in metadata.observations.items()}, observed
+        ):
             return name
     raise ValueError(
-        f"no policy that ships fits observations {_free(given)}; there are "
-        f"{', '.join(shipped_names()) or 'none'}: name the file of your own with model="
+        f"no policy that ships fits observations {_without_lengths(observed)}; there are "
+        f"{', '.join(pretrained_names()) or 'none'}: name the file of your own with model="
     )
 
 
-def _fits(learned: Mapping[str, tuple[int, ...]], given: Mapping[str, tuple[int, ...]]) -> bool:
+def _is_compatible(
+    trained: Mapping[str, tuple[int, ...]], observed: Mapping[str, tuple[int, ...]]
+) -> bool:
     """Whether a network that learned on some shapes can decide on others."""
-    missing = set(learned) - set(given)
+    missing = set(trained) - set(observed)
     if not missing <= {"state", "teammates"}:
         return False
-    return _free(learned, missing) == _free(given)
+    return _without_lengths(trained, missing) == _without_lengths(observed)
 
 
-def _free(shapes: Mapping[str, tuple[int, ...]], without: Iterable[str] = ()) -> Shapes:
+def _without_lengths(shapes: Mapping[str, tuple[int, ...]], without: Iterable[str] = ()) -> Shapes:
     """Shapes, but for the lengths that do not matter."""
     return {
-        key: ("any", *shape[1:]) if key in ANY_LENGTH else shape
+        key: ("any", *shape[1:]) if key in VARIABLE_LENGTH_KEYS else shape
         for key, shape in shapes.items()
         if key not in without
     }

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 from gymnasium import spaces
 
 from coopmap_env.core.files import atomic_path
@@ -27,53 +27,53 @@ try:
     from safetensors.torch import save_file
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
-from coopmap_agents.networks.networks import acting_weights, make_network
+from coopmap_agents.networks.networks import actor_parameters, make_network
 from coopmap_agents.settings import PPOSettings
 
 FORMAT = 1
 """Raised when the networks, or what the environments' observations mean, change: older files then
 cannot be read any more."""
-PAGE = "coopmap"
+METADATA_KEY = "coopmap"
 """Key of the JSON among the file's metadata."""
 
 
 @dataclass(frozen=True)
-class PolicyPage:
+class PolicyMetadata:
     """What a policy's file says about itself."""
 
     observations: Mapping[str, Any]
     """Shape and type of each entry that the network sees, such as ["float32", 4]."""
     n_candidates: int | None
     """m in training, in "candidates" mode."""
-    n_numbers: int | None
+    action_size: int | None
     """Length of an action, in "pose" mode."""
-    network: Mapping[str, Any]
+    ppo: Mapping[str, Any]
     """`PPOSettings` of the training."""
-    trained: Mapping[str, Any] = field(default_factory=dict)
-    """Task, seed and steps; whatever the training says."""
+    training: Mapping[str, Any] = field(default_factory=dict)
+    """EnvConfig, seed and steps; whatever the training says."""
     version: str = __version__
     format: int = FORMAT
 
     @classmethod
-    def of(
-        cls, network: ActorCriticPolicy, settings: PPOSettings, trained: Mapping[str, Any]
-    ) -> PolicyPage:
+    def from_network(
+        cls, network: ActorCriticPolicy, settings: PPOSettings, training: Mapping[str, Any]
+    ) -> PolicyMetadata:
         """What is to be said of a network."""
-        seen, actions = network.observation_space, network.action_space
-        assert isinstance(seen, spaces.Dict)
+        observation_space, actions = network.observation_space, network.action_space
+        assert isinstance(observation_space, spaces.Dict)
         discrete = isinstance(actions, spaces.Discrete)
         return cls(
             {
                 key: [np.dtype(space.dtype).name, *(space.shape or ())]
-                for key, space in seen.spaces.items()
+                for key, space in observation_space.spaces.items()
                 if key != "state"
             },
             int(actions.n) if isinstance(actions, spaces.Discrete) else None,
             None if discrete else int(np.prod(actions.shape or ())),
             asdict(settings),
-            trained,
+            training,
         )
 
     def make(self) -> ActorCriticPolicy:
@@ -82,13 +82,11 @@ class PolicyPage:
         if self.n_candidates is not None:
             actions = spaces.Discrete(self.n_candidates)
         else:
-            actions = spaces.Box(-1.0, 1.0, (self.n_numbers or 0,), np.float32)
+            actions = spaces.Box(-1.0, 1.0, (self.action_size or 0,), np.float32)
         boxes: dict[str, spaces.Space[Any]] = {
             key: _box(*entry) for key, entry in self.observations.items()
         }
-        settings = settings_from_dict(
-            {**self.network, "critic": "own", "device": "cpu"}, PPOSettings
-        )
+        settings = settings_from_dict({**self.ppo, "critic": "local", "device": "cpu"}, PPOSettings)
         return make_network(spaces.Dict(boxes), actions, settings)
 
 
@@ -96,7 +94,7 @@ def save_policy(
     network: ActorCriticPolicy,
     settings: PPOSettings,
     path: str | os.PathLike[str],
-    trained: Mapping[str, Any] | None = None,
+    training: Mapping[str, Any] | None = None,
 ) -> None:
     """Write what acting needs of a network; the file is there whole or not at all.
 
@@ -119,18 +117,21 @@ def save_policy(
     target = Path(path)
     if target.suffix != ".safetensors":
         raise ValueError(f"a policy's file ends in .safetensors, got {target}")
-    page = PolicyPage.of(network, settings, trained or {})
+    metadata = PolicyMetadata.from_network(network, settings, training or {})
     weights = {
-        name: values.detach().cpu().contiguous() for name, values in acting_weights(network).items()
+        name: values.detach().cpu().contiguous()
+        for name, values in actor_parameters(network).items()
     }
-    _require_shapes(weights, _fresh(page), f"the network is not one of these settings, {target}")
+    _check_shapes(
+        weights, _untrained_network(metadata), f"the network is not one of these settings, {target}"
+    )
     target.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(target) as temporary:
-        save_file(weights, temporary, {PAGE: json.dumps(asdict(page))})
+        save_file(weights, temporary, {METADATA_KEY: json.dumps(asdict(metadata))})
         temporary.chmod(0o644)  # the library's own mode would lock out everybody else
 
 
-def read_page(path: str | os.PathLike[str]) -> PolicyPage:
+def read_metadata(path: str | os.PathLike[str]) -> PolicyMetadata:
     """What a policy's file says about itself, without its weights.
 
     Raises
@@ -140,9 +141,9 @@ def read_page(path: str | os.PathLike[str]) -> PolicyPage:
     """
     try:
         with safe_open(path, "pt") as file:
-            values = json.loads((file.metadata() or {})[PAGE])
+            values = json.loads((file.metadata() or {})[METADATA_KEY])
         if values["format"] == FORMAT:
-            return PolicyPage(**values)
+            return PolicyMetadata(**values)
     except (SafetensorError, json.JSONDecodeError, KeyError, TypeError) as error:
         raise ValueError(
             f"{path} is no policy that `coopmap train` or `save_policy` wrote: {error}"
@@ -160,29 +161,29 @@ def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
     Raises
     ------
     ValueError
-        As `read_page`, or if the weights are not those of the network that the page tells of.
+        As `read_metadata`, or if the weights are not those of the network that the page tells of.
     """
-    network = _fresh(read_page(path))
+    network = _untrained_network(read_metadata(path))
     with safe_open(path, "pt") as file:
-        given = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no mapping
-    _require_shapes(given, network, f"{path} does not hold the weights that it tells of")
-    for name, values in acting_weights(network).items():
-        values.data.copy_(given[name])
+        weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no mapping
+    _check_shapes(weights, network, f"{path} does not hold the weights that it tells of")
+    for name, values in actor_parameters(network).items():
+        values.data.copy_(weights[name])
     network.set_training_mode(False)
     return network
 
 
-def _fresh(page: PolicyPage) -> ActorCriticPolicy:
+def _untrained_network(metadata: PolicyMetadata) -> ActorCriticPolicy:
     with torch.random.fork_rng(devices=[]):  # leaves no trace in what is drawn later
-        return page.make()
+        return metadata.make()
 
 
-def _require_shapes(
-    given: Mapping[str, torch.Tensor], network: ActorCriticPolicy, what: str
+def _check_shapes(
+    weights: Mapping[str, torch.Tensor], network: ActorCriticPolicy, what: str
 ) -> None:
     own, needed = (
         {name: tuple(values.shape) for name, values in part.items()}
-        for part in (given, acting_weights(network))
+        for part in (weights, actor_parameters(network))
     )
     if own != needed:
         other = min(name for name in own | needed if own.get(name) != needed.get(name))

@@ -11,15 +11,15 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from coopmap_agents.record import RECORD
+from coopmap_agents.record import RECORD_FILE
 
 
-def shipped_names() -> list[str]:
+def pretrained_names() -> list[str]:
     """Names of all policies that ship."""
-    return sorted(path.parent.name for path in _folder().glob(f"*/{RECORD}"))
+    return sorted(path.parent.name for path in _folder().glob(f"*/{RECORD_FILE}"))
 
 
-def training_record(name: str) -> dict[str, Any]:
+def pretrained_record(name: str) -> dict[str, Any]:
     """How a policy was made, and its learning curves.
 
     Raises
@@ -27,21 +27,23 @@ def training_record(name: str) -> dict[str, Any]:
     ValueError
         With the choices, if there is none of that name.
     """
-    if name not in shipped_names():
+    if name not in pretrained_names():
         raise ValueError(
-            f"no policy {name!r} ships; there are {', '.join(shipped_names()) or 'none'}"
+            f"no policy {name!r} ships; there are {', '.join(pretrained_names()) or 'none'}"
         )
-    record: dict[str, Any] = json.loads((_folder() / name / RECORD).read_text(encoding="utf-8"))
+    record: dict[str, Any] = json.loads(
+        (_folder() / name / RECORD_FILE).read_text(encoding="utf-8")
+    )
     return record
 
 
-def shipped_file(name: str, seed: int | None = None) -> Path:
+def pretrained_path(name: str, seed: int | None = None) -> Path:
     """File of a policy that ships.
 
     Parameters
     ----------
     name : str
-        One of `shipped_names`.
+        One of `pretrained_names`.
     seed : int, optional
         Of the training; by default the one that did best on validation worlds.
 
@@ -50,7 +52,7 @@ def shipped_file(name: str, seed: int | None = None) -> Path:
     ValueError
         With the choices, if there is no such policy or seed.
     """
-    record = training_record(name)
+    record = pretrained_record(name)
     if seed is None:
         seed = int(record["best_seed"])
     if seed not in record["seeds"]:

@@ -14,12 +14,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from coopmap_agents.record import POLICY, RECORD
+from coopmap_agents.record import POLICY_FILE, RECORD_FILE
 
 from coopmap_env.core.files import write_atomically
 
 
-def ship(folder: Path, trainings: Sequence[Path]) -> None:
+def export(folder: Path, trainings: Sequence[Path]) -> None:
     """Copy each training's policy, and write what tells of them all.
 
     Parameters
@@ -27,56 +27,60 @@ def ship(folder: Path, trainings: Sequence[Path]) -> None:
     folder : Path
         Of the policy; its name is the policy's name.
     trainings : sequence of Path
-        Folders of `train_with_files`, of the same plan but for the seed.
+        Folders of `run_training`, of the same plan but for the seed.
 
     Raises
     ------
     ValueError
         If the trainings differ by more than their seeds, or in nothing, or one is unfinished.
     """
-    records = [_record(training) for training in trainings]
-    _check(trainings, records)
+    records = [_load_record(training) for training in trainings]
+    _check_same_config(trainings, records)
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("*.safetensors"):
         old.unlink()
     for training, record in zip(trainings, records, strict=True):
-        shutil.copyfile(training / POLICY, folder / f"seed_{record['plan']['seed']}.safetensors")
-    write_atomically(folder / RECORD, json.dumps(_told(records), indent=1) + "\n")
+        shutil.copyfile(
+            training / POLICY_FILE, folder / f"seed_{record['config']['seed']}.safetensors"
+        )
+    write_atomically(folder / RECORD_FILE, json.dumps(_summary(records), indent=1) + "\n")
 
 
-def _check(trainings: Sequence[Path], records: Sequence[Mapping[str, Any]]) -> None:
-    seeds = [record["plan"]["seed"] for record in records]
+def _check_same_config(trainings: Sequence[Path], records: Sequence[Mapping[str, Any]]) -> None:
+    seeds = [record["config"]["seed"] for record in records]
     if len(set(seeds)) < len(seeds):
         raise ValueError(f"each training needs a seed of its own, got {seeds}")
-    plans = [{**record["plan"], "seed": None} for record in records]
-    for training, record, plan in zip(trainings, records, plans, strict=True):
-        if plan != plans[0]:
+    configs = [{**record["config"], "seed": None} for record in records]
+    for training, record, config in zip(trainings, records, configs, strict=True):
+        if config != configs[0]:
             raise ValueError(f"{training} and {trainings[0]} differ by more than their seeds")
-        wanted = plan["settings"]["total_steps"]
-        if record["rows"][-1]["steps"] < wanted:
-            raise ValueError(f"{training} has not come to its {wanted} steps yet")
+        total_steps = config["ppo"]["total_steps"]
+        if record["rows"][-1]["steps"] < total_steps:
+            raise ValueError(f"{training} has not come to its {total_steps} steps yet")
 
 
-def _record(training: Path) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads((training / RECORD).read_text(encoding="utf-8"))
+def _load_record(training: Path) -> dict[str, Any]:
+    record: dict[str, Any] = json.loads((training / RECORD_FILE).read_text(encoding="utf-8"))
     return record
 
 
-def _told(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _summary(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What is the same in all trainings, and each one's curve."""
     first = records[0]
     best = max(records, key=_best_reward)
     return {
         "version": first["version"],
         "machine": first["machine"],
-        "plan": {**first["plan"], "seed": None},
-        "seeds": sorted(record["plan"]["seed"] for record in records),
-        "best_seed": best["plan"]["seed"],
-        "trainings": {str(record["plan"]["seed"]): _one(record) for record in records},
+        "config": {**first["config"], "seed": None},
+        "seeds": sorted(record["config"]["seed"] for record in records),
+        "best_seed": best["config"]["seed"],
+        "trainings": {
+            str(record["config"]["seed"]): _training_summary(record) for record in records
+        },
     }
 
 
-def _one(record: Mapping[str, Any]) -> dict[str, Any]:
+def _training_summary(record: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "command": record["command"],
         "imitation": record["imitation"],
@@ -90,4 +94,4 @@ def _best_reward(record: Mapping[str, Any]) -> float:
 
 
 if __name__ == "__main__":
-    ship(Path(sys.argv[1]), [Path(argument) for argument in sys.argv[2:]])
+    export(Path(sys.argv[1]), [Path(argument) for argument in sys.argv[2:]])

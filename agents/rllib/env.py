@@ -19,7 +19,7 @@ import numpy as np
 
 from coopmap_env.envs.belief import Observation
 
-NEEDS_RAY = "ray[rllib] is needed here: pip install 'coopmap[ray]'"
+RAY_EXTRA_HINT = "ray[rllib] is needed here: pip install 'coopmap[ray]'"
 """What a module says whose import of Ray fails."""
 
 try:
@@ -27,7 +27,7 @@ try:
     from ray.rllib.env.multi_agent_env import MultiAgentEnv
     from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
 except ImportError as error:
-    raise ImportError(NEEDS_RAY) from error
+    raise ImportError(RAY_EXTRA_HINT) from error
 
 Observations = dict[Any, Observation]
 """By the number of the robot; Any, as RLlib allows for all kinds of names."""
@@ -35,7 +35,7 @@ Flags = dict[Any, bool]
 Result = TypeVar("Result")
 
 
-class RLlibTeam(MultiAgentEnv):
+class RLlibTeamEnv(MultiAgentEnv):
     """A parallel environment whose robots end their episode together.
 
     Infos are left out: RLlib needs none of them, and would send them all to the learner.
@@ -43,22 +43,22 @@ class RLlibTeam(MultiAgentEnv):
     Parameters
     ----------
     context : EnvContext
-        With the entries ``env_factory``, ``layout`` (`TeamLayout`) and ``seed``; those that
+        With the entries ``env_factory``, ``layout`` (`TeamSpaces`) and ``seed``; those that
         `coopmap_agents.rllib.ppo.make_config` puts there.
     """
 
     def __init__(self, context: EnvContext) -> None:
         super().__init__()
-        layout = context["layout"]
+        team_spaces = context["team_spaces"]
         self._env = context["env_factory"]()
-        self._with_state = "state" in layout.observation_space.spaces
+        self._with_state = "state" in team_spaces.observation_space.spaces
         self._entropy = (context["seed"], context.worker_index)
-        self._robots = layout.robots
-        self.possible_agents = list(range(len(layout.robots)))
+        self._robots = team_spaces.robots
+        self.possible_agents = list(range(len(team_spaces.robots)))
         self.agents = self.possible_agents
-        self.observation_spaces = dict.fromkeys(self.agents, layout.observation_space)
-        self.action_spaces = dict.fromkeys(self.agents, layout.action_space)
-        self._returns = [0.0] * len(layout.robots)
+        self.observation_spaces = dict.fromkeys(self.agents, team_spaces.observation_space)
+        self.action_spaces = dict.fromkeys(self.agents, team_spaces.action_space)
+        self._returns = [0.0] * len(team_spaces.robots)
         self.returns: list[float] = []
         """Summed rewards of each robot in each episode that ended."""
         self.seconds = 0.0
@@ -78,7 +78,7 @@ class RLlibTeam(MultiAgentEnv):
             seed = int(mixed.generate_state(1)[0])
         observations, _ = self._timed(lambda: self._env.reset(seed=seed, options=options))
         self._returns = [0.0] * len(self._robots)
-        return self._seen(observations), {}
+        return self._by_number(observations), {}
 
     def step(  # type: ignore[override]  # the parent already differs from Gymnasium's
         self, action_dict: dict[Any, Any]
@@ -106,7 +106,7 @@ class RLlibTeam(MultiAgentEnv):
         if is_terminated or is_truncated:
             self.returns += self._returns
         return (
-            self._seen(observations),
+            self._by_number(observations),
             dict(enumerate(own)),
             {"__all__": is_terminated},
             {"__all__": is_truncated and not is_terminated},
@@ -117,7 +117,7 @@ class RLlibTeam(MultiAgentEnv):
         """Close the environment."""
         self._env.close()
 
-    def _seen(self, observations: dict[str, Observation]) -> Observations:
+    def _by_number(self, observations: dict[str, Observation]) -> Observations:
         """By the robots' numbers, with the state of the team if the critic sees it."""
         state = {"state": self._env.state()} if self._with_state else {}
         return {i: {**observations[robot], **state} for i, robot in enumerate(self._robots)}
@@ -129,7 +129,7 @@ class RLlibTeam(MultiAgentEnv):
         return result
 
 
-class TeamRunner(MultiAgentEnvRunner):
+class TeamEnvRunner(MultiAgentEnvRunner):
     """RLlib's runner of environments, whose errors reach the main process."""
 
     def apply(self, func: Callable[..., Result], *arguments: Any, **options: Any) -> Result:
@@ -137,14 +137,14 @@ class TeamRunner(MultiAgentEnvRunner):
         return func(self, *arguments, **options)
 
 
-def watched(runner: Any) -> tuple[float, list[float]]:
+def collect_statistics(runner: Any) -> tuple[float, list[float]]:
     """Seconds and returns of all environments that one of RLlib's runners has."""
     envs = [env.unwrapped for env in runner.env.envs]
     return sum(env.seconds for env in envs), [one for env in envs for one in env.returns]
 
 
 @contextlib.contextmanager
-def quietly() -> Iterator[None]:
+def suppress_rllib_warnings() -> Iterator[None]:
     """Without two warnings: RLlib says that it is new, and registers one name again and again."""
     logger = logging.getLogger("ray.rllib")
     level = logger.level

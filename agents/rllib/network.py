@@ -7,14 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 import gymnasium
-from coopmap_agents import NEEDS_RL
-from coopmap_agents.rllib.env import NEEDS_RAY, quietly
+from coopmap_agents import RL_EXTRA_HINT
+from coopmap_agents.rllib.env import RAY_EXTRA_HINT, suppress_rllib_warnings
 
 try:
     import torch
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
 try:
     from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
@@ -24,17 +24,17 @@ try:
     from ray.rllib.core.rl_module.torch import TorchRLModule
     from ray.rllib.utils.debug import update_global_seed_if_necessary
 except ImportError as error:
-    raise ImportError(NEEDS_RAY) from error
+    raise ImportError(RAY_EXTRA_HINT) from error
 
 from coopmap_agents.networks.networks import make_network
-from coopmap_agents.rollouts.team_block import TeamLayout
+from coopmap_agents.rollouts.team_block import TeamSpaces
 from coopmap_agents.settings import PPOSettings
 
-SHARED = "shared"
+SHARED_POLICY_ID = "shared"
 """Name of the one policy of all robots."""
 
 
-class SharedNetwork(TorchRLModule, ValueFunctionAPI):
+class SharedNetworkModule(TorchRLModule, ValueFunctionAPI):
     """A network of `make_network` as a module of RLlib.
 
     The observation holds the mask, and the network applies it wherever it makes a distribution.
@@ -55,39 +55,39 @@ class SharedNetwork(TorchRLModule, ValueFunctionAPI):
 
     def _forward(self, batch: dict[str, Any], **_: Any) -> dict[str, Any]:
         """Masked logits (n, m), or means and logarithms of standard deviations (n, 2 k)."""
-        chances: Any = self.network.get_distribution(batch[Columns.OBS]).distribution
-        if isinstance(chances, torch.distributions.Categorical):
-            return {Columns.ACTION_DIST_INPUTS: chances.logits}
-        both = [chances.mean, chances.stddev.log()]
-        return {Columns.ACTION_DIST_INPUTS: torch.cat(both, dim=-1)}
+        distribution: Any = self.network.get_distribution(batch[Columns.OBS]).distribution
+        if isinstance(distribution, torch.distributions.Categorical):
+            return {Columns.ACTION_DIST_INPUTS: distribution.logits}
+        mean_and_log_std = [distribution.mean, distribution.stddev.log()]
+        return {Columns.ACTION_DIST_INPUTS: torch.cat(mean_and_log_std, dim=-1)}
 
     def compute_values(self, batch: dict[str, Any], embeddings: Any = None) -> torch.Tensor:
         """Values (n,) of n observations."""
         return self.network.predict_values(batch[Columns.OBS]).squeeze(-1)
 
 
-def shared_network(layout: TeamLayout, settings: PPOSettings, seed: int) -> RLModuleSpec:
+def shared_network_spec(team_spaces: TeamSpaces, settings: PPOSettings, seed: int) -> RLModuleSpec:
     """What RLlib makes the network from, in every process."""
     return RLModuleSpec(
-        module_class=SharedNetwork,
-        observation_space=layout.observation_space,
-        action_space=layout.action_space,
+        module_class=SharedNetworkModule,
+        observation_space=team_spaces.observation_space,
+        action_space=team_spaces.action_space,
         model_config={"settings": settings, "seed": seed},
     )
 
 
-def network_of(owner: Any) -> ActorCriticPolicy:
+def get_network(owner: Any) -> ActorCriticPolicy:
     """The network that a learner or a runner of environments has."""
-    network: ActorCriticPolicy = owner.module[SHARED].network
+    network: ActorCriticPolicy = owner.module[SHARED_POLICY_ID].network
     return network
 
 
-def begin_anew(runner: Any, seed: int, weights: dict[str, torch.Tensor]) -> None:
+def reset_runner(runner: Any, seed: int, weights: dict[str, torch.Tensor]) -> None:
     """Give a runner new environments, these weights, and random numbers of its own of this seed."""
     runner.config.environment(env_config={**runner.config.env_config, "seed": seed})
-    with quietly():
+    with suppress_rllib_warnings():
         runner.make_env()
-    network_of(runner).load_state_dict(weights)
+    get_network(runner).load_state_dict(weights)
     update_global_seed_if_necessary("torch", (seed + runner.worker_index) % 2**32)
 
 
@@ -101,7 +101,7 @@ class SharedNetworkLearner(PPOTorchLearner):
         """Take over the network's own: an Adam whose epsilon is a thousand times RLlib's."""
         self.register_optimizer(
             module_id=module_id,
-            optimizer=network_of(self).optimizer,
+            optimizer=get_network(self).optimizer,
             params=self.get_parameters(self.module[module_id]),
             lr_or_lr_schedule=config.lr,
         )

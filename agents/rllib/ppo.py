@@ -1,11 +1,11 @@
 """Proximal policy optimisation with one policy for all robots, on RLlib and so on Ray.
 
 Environments, networks, hyper-parameters and files are those of `coopmap_agents.sb3.ppo`; roll-outs come
-from workers on this machine or a cluster, see `connected_ray`. `RLlibTraining` is what
+from workers on this machine or a cluster, see `connected_ray`. `RLlibTrainer` is what
 `coopmap_agents.training.loop` asks for; RLlib's own classes can be had as well::
 
     with connected_ray(workers=2):
-        algorithm = make_config(Task(), PPOSettings(), seed=0, workers=2).build_algo()
+        algorithm = make_config(EnvConfig(), PPOSettings(), seed=0, workers=2).build_algo()
         algorithm.train()
 
 Where RLlib goes other ways than Stable-Baselines3:
@@ -33,8 +33,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from coopmap_agents import NEEDS_RL
-from coopmap_agents.rllib.env import NEEDS_RAY, RLlibTeam, TeamRunner, quietly, watched
+from coopmap_agents import RL_EXTRA_HINT
+from coopmap_agents.rllib.env import (
+    RAY_EXTRA_HINT,
+    RLlibTeamEnv,
+    TeamEnvRunner,
+    collect_statistics,
+    suppress_rllib_warnings,
+)
 
 from coopmap_env.evaluation.jobs import connected_ray
 
@@ -42,7 +48,7 @@ try:
     from stable_baselines3.common.logger import configure
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
 try:
     from ray.rllib.algorithms import Algorithm
@@ -55,21 +61,21 @@ try:
         NUM_MODULE_STEPS_SAMPLED,
     )
 except ImportError as error:
-    raise ImportError(NEEDS_RAY) from error
+    raise ImportError(RAY_EXTRA_HINT) from error
 
-from coopmap_agents.networks.networks import let_actor_learn
+from coopmap_agents.networks.networks import set_actor_trainable
 from coopmap_agents.rllib.network import (
-    SHARED,
+    SHARED_POLICY_ID,
     SharedNetworkLearner,
-    begin_anew,
-    network_of,
-    shared_network,
+    get_network,
+    reset_runner,
+    shared_network_spec,
 )
 from coopmap_agents.rollouts.team_block import EnvFactory, TeamBlock
 from coopmap_agents.settings import PPOSettings
 from coopmap_agents.training.segments import SegmentReport, segment_seed, segment_steps
 
-LOGGED = {
+LOGGED_METRICS = {
     "train/policy_gradient_loss": "policy_loss",
     "train/value_loss": "vf_loss",
     "train/entropy": "entropy",
@@ -86,7 +92,7 @@ def make_config(
     Parameters
     ----------
     env_factory : callable
-        Makes a new parallel environment, such as a `Task`; cloudpickle takes it to the workers.
+        Makes a new parallel environment, such as a `EnvConfig`; cloudpickle takes it to the workers.
     settings : PPOSettings
     seed : int
         Decides everything. RLlib seeds the global generators of random, numpy and torch with it.
@@ -103,29 +109,29 @@ def make_config(
             f"workers must be 0 or divide PPOSettings.n_envs = {settings.n_envs}, got {workers}"
         )
     with contextlib.closing(TeamBlock(env_factory, 1, settings.critic == "central")) as block:
-        layout = block.layout()
-    steps_of_team = settings.rollout_steps * len(layout.robots)
-    network = shared_network(layout, settings, seed)
+        team_spaces = block.team_spaces()
+    team_fragment_length = settings.rollout_steps * len(team_spaces.robots)
+    network = shared_network_spec(team_spaces, settings, seed)
     config = (
         PPOConfig()
         .environment(
-            RLlibTeam,
-            env_config={"env_factory": env_factory, "layout": layout, "seed": seed},
+            RLlibTeamEnv,
+            env_config={"env_factory": env_factory, "team_spaces": team_spaces, "seed": seed},
             normalize_actions=False,
             clip_actions=True,
             disable_env_checking=True,  # the check takes random actions, masked ones too
         )
         .multi_agent(
-            policies={SHARED},
-            policy_mapping_fn=lambda *_, **__: SHARED,
+            policies={SHARED_POLICY_ID},
+            policy_mapping_fn=lambda *_, **__: SHARED_POLICY_ID,
             count_steps_by="agent_steps",
         )
-        .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs={SHARED: network}))
+        .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs={SHARED_POLICY_ID: network}))
         .env_runners(
-            env_runner_cls=TeamRunner,
+            env_runner_cls=TeamEnvRunner,
             num_env_runners=workers,
             num_envs_per_env_runner=settings.n_envs // max(workers, 1),
-            rollout_fragment_length=steps_of_team,
+            rollout_fragment_length=team_fragment_length,
             sample_timeout_s=None,  # RLlib drops what comes later
         )
         .learners(
@@ -134,7 +140,7 @@ def make_config(
             num_gpus_per_learner=int(settings.device != "cpu"),
         )
         .training(
-            train_batch_size_per_learner=settings.n_envs * steps_of_team,
+            train_batch_size_per_learner=settings.n_envs * team_fragment_length,
             minibatch_size=settings.batch_size,
             num_epochs=settings.n_epochs,
             lr=settings.learning_rate,
@@ -155,7 +161,7 @@ def make_config(
     return config
 
 
-class RLlibTraining:
+class RLlibTrainer:
     """A training by RLlib, segment by segment.
 
     Parameters
@@ -187,13 +193,13 @@ class RLlibTraining:
         """Steps that were learned from."""
         self.report = SegmentReport()
         """Of the last segment."""
-        with contextlib.ExitStack() as opened, quietly():
+        with contextlib.ExitStack() as stack, suppress_rllib_warnings():
             config = make_config(env_factory, settings, seed, workers)
-            _require_processors(opened.enter_context(connected_ray(workers)), workers)
+            _check_processors(stack.enter_context(connected_ray(workers)), workers)
             self.algorithm = config.build_algo()
-            opened.callback(_stop, self.algorithm)
+            stack.callback(_stop, self.algorithm)
             self._logger = configure(str(logs), ["tensorboard"]) if logs is not None else None
-            self._opened = opened.pop_all()
+            self._resources = stack.pop_all()
         learners: Any = self.algorithm.learner_group
         self._learner: SharedNetworkLearner = next(
             iter(learners.foreach_learner(lambda learner: learner))
@@ -202,26 +208,30 @@ class RLlibTraining:
     @property
     def network(self) -> ActorCriticPolicy:
         """Actor and critic as they are now."""
-        return network_of(self._learner)
+        return get_network(self._learner)
 
     def learn(self, segment: int) -> bool:
         """Learn for one segment; its result depends on the weights before it and its number."""
         before, updating = time.perf_counter(), self._learner.seconds
-        self._begin(segment_seed(self._seed, segment))
+        self._reset_runners(segment_seed(self._seed, segment))
         target = self.steps + segment_steps(self._settings, self.steps)
         while self.steps < target:
-            let_actor_learn(self.network, self.steps >= self._settings.critic_steps)
+            set_actor_trainable(self.network, self.steps >= self._settings.critic_warmup_steps)
             result = self.algorithm.train()
-            self.steps += int(result[ENV_RUNNER_RESULTS][NUM_MODULE_STEPS_SAMPLED][SHARED])
-            told = result[LEARNER_RESULTS][SHARED]
-            self.log({name: float(told[key]) for name, key in LOGGED.items()})
-        seen = self._on_runners(watched)
+            self.steps += int(
+                result[ENV_RUNNER_RESULTS][NUM_MODULE_STEPS_SAMPLED][SHARED_POLICY_ID]
+            )
+            metrics = result[LEARNER_RESULTS][SHARED_POLICY_ID]
+            self.log({name: float(metrics[key]) for name, key in LOGGED_METRICS.items()})
+        runner_statistics = self._on_runners(collect_statistics)
         seconds = time.perf_counter() - before
         self.report = SegmentReport(
             seconds=seconds,
-            environment_seconds=max(spent for spent, _ in seen),  # workers work side by side
+            environment_seconds=max(
+                spent for spent, _ in runner_statistics
+            ),  # workers work side by side
             collecting_seconds=seconds - (self._learner.seconds - updating),
-            returns=[one for _, returns in seen for one in returns],
+            returns=[one for _, returns in runner_statistics for one in returns],
         )
         return True
 
@@ -234,15 +244,15 @@ class RLlibTraining:
 
     def close(self) -> None:
         """Close environments and logs, and Ray if it was started here."""
-        self._opened.close()
+        self._resources.close()
         if self._logger is not None:
             self._logger.close()
 
-    def _begin(self, seed: int) -> None:
+    def _reset_runners(self, seed: int) -> None:
         """Give all workers new environments, these weights, and random numbers of this seed."""
         update_global_seed_if_necessary("torch", seed)
         weights = {name: values.cpu() for name, values in self.network.state_dict().items()}
-        self._on_runners(partial(begin_anew, seed=seed, weights=weights))
+        self._on_runners(partial(reset_runner, seed=seed, weights=weights))
 
     def _on_runners(self, function: Callable[[Any], Any]) -> list[Any]:
         """Results of a function of each runner that has environments."""
@@ -258,7 +268,7 @@ def _stop(algorithm: Algorithm) -> None:
         os.rmdir(algorithm.logdir)
 
 
-def _require_processors(ray: Any, workers: int) -> None:
+def _check_processors(ray: Any, workers: int) -> None:
     """Refuse what RLlib would wait for without a word."""
     processors = int(ray.cluster_resources().get("CPU", 0))
     if processors < workers:

@@ -28,7 +28,7 @@ def stack(observations: Iterable[Observation]) -> Observation:
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
 
-class TeamLayout(NamedTuple):
+class TeamSpaces(NamedTuple):
     """What all environments of a block have in common."""
 
     robots: tuple[str, ...]
@@ -36,7 +36,7 @@ class TeamLayout(NamedTuple):
     action_space: spaces.Space[Any]
 
 
-class Seen(NamedTuple):
+class TeamObservation(NamedTuple):
     """What one environment shows."""
 
     rows: list[Observation]
@@ -46,7 +46,7 @@ class Seen(NamedTuple):
     others, so that it goes through pipes once, and not once for each robot."""
 
 
-class StackedSeen(NamedTuple):
+class StackedTeamObservation(NamedTuple):
     """The same of several environments, stacked."""
 
     rows: Observation
@@ -58,7 +58,7 @@ class StackedSeen(NamedTuple):
 class EnvStep(NamedTuple):
     """What a step of one environment gives."""
 
-    seen: Seen
+    observation: TeamObservation
     """Of the next episode if this one has ended."""
     rewards: list[float]
     ended: bool
@@ -70,7 +70,7 @@ class EnvStep(NamedTuple):
 class BlockStep(NamedTuple):
     """The same of a block, robot after robot, environment after environment."""
 
-    seen: StackedSeen
+    observation: StackedTeamObservation
     rewards: NDArray[np.float32]
     dones: NDArray[np.bool_]
     infos: list[Info]
@@ -100,24 +100,26 @@ class TeamBlock:
                 self._envs.append(env_factory())
             if len({id(env) for env in self._envs}) < n_envs:
                 raise ValueError("env_factory must make a new environment on each call")
-            self._layout = _common_layout(self._envs[0], with_state)
+            self._team_spaces = _common_spaces(self._envs[0], with_state)
         except BaseException:
             self.close()
             raise
 
-    def layout(self) -> TeamLayout:
+    def team_spaces(self) -> TeamSpaces:
         """Names and spaces, those of the first environment."""
-        return self._layout
+        return self._team_spaces
 
     def reset(
         self, seeds: Sequence[int | None], options: Sequence[dict[str, Any] | None]
-    ) -> tuple[StackedSeen, list[Info]]:
+    ) -> tuple[StackedTeamObservation, list[Info]]:
         """Start an episode in each environment, with a seed and options of its own."""
-        begun = [
-            self._begin(env, seed=seed, options=own)
+        resets = [
+            self._reset_env(env, seed=seed, options=own)
             for env, seed, own in zip(self._envs, seeds, options, strict=True)
         ]
-        return stack_seen(seen for seen, _ in begun), [info for _, told in begun for info in told]
+        return stack_team_observations(observation for observation, _ in resets), [
+            info for _, infos in resets for info in infos
+        ]
 
     def step(self, actions: NDArray[Any]) -> BlockStep:
         """Step all environments, and reset those that are done.
@@ -126,11 +128,11 @@ class TeamBlock:
         ----------
         actions : (n_envs * n_robots, ...) array
         """
-        n_robots = len(self._layout.robots)
-        of_envs = actions.reshape(len(self._envs), n_robots, *actions.shape[1:])
-        steps = [self._step_one(env, own) for env, own in zip(self._envs, of_envs, strict=True)]
+        n_robots = len(self._team_spaces.robots)
+        env_actions = actions.reshape(len(self._envs), n_robots, *actions.shape[1:])
+        steps = [self._step_one(env, own) for env, own in zip(self._envs, env_actions, strict=True)]
         return BlockStep(
-            stack_seen(step.seen for step in steps),
+            stack_team_observations(step.observation for step in steps),
             np.array([reward for step in steps for reward in step.rewards], dtype=np.float32),
             np.repeat([step.ended for step in steps], n_robots),
             [info for step in steps for info in step.infos],
@@ -149,51 +151,58 @@ class TeamBlock:
             self._envs.pop(0).close()
 
     def _step_one(self, env: Team, actions: NDArray[Any]) -> EnvStep:
-        robots = self._layout.robots
-        observations, rewards, terminated, truncated, told = env.step(
+        robots = self._team_spaces.robots
+        observations, rewards, terminated, truncated, env_infos = env.step(
             dict(zip(robots, actions, strict=True))
         )
         done = {robot: bool(terminated[robot] or truncated[robot]) for robot in robots}
         if len(set(done.values())) > 1:
             raise RuntimeError(f"robots must end their episode together, got {done}")
-        seen = self._see(env, observations)
-        infos: list[Info] = [dict(told[robot]) for robot in robots]
+        observation = self._observe(env, observations)
+        infos: list[Info] = [dict(env_infos[robot]) for robot in robots]
         for robot, info in zip(robots, infos, strict=True):
             info["TimeLimit.truncated"] = bool(truncated[robot] and not terminated[robot])
         ended = done[robots[0]]
         reset_infos: list[Info | None] = [None] * len(robots)
         if ended:
-            for info, last in zip(infos, seen.rows, strict=True):
-                info["terminal_observation"] = {**last, **seen.shared}
-            seen, reset_infos[:] = self._begin(env)
-        return EnvStep(seen, [rewards[robot] for robot in robots], ended, infos, reset_infos)
+            for info, last in zip(infos, observation.rows, strict=True):
+                info["terminal_observation"] = {**last, **observation.shared}
+            observation, reset_infos[:] = self._reset_env(env)
+        return EnvStep(observation, [rewards[robot] for robot in robots], ended, infos, reset_infos)
 
-    def _begin(self, env: Team, **arguments: Any) -> tuple[Seen, list[Info]]:
+    def _reset_env(self, env: Team, **arguments: Any) -> tuple[TeamObservation, list[Info]]:
         observations, infos = env.reset(**arguments)
-        return self._see(env, observations), [infos[robot] for robot in self._layout.robots]
+        return self._observe(env, observations), [
+            infos[robot] for robot in self._team_spaces.robots
+        ]
 
-    def _see(self, env: Team, observations: dict[str, Observation]) -> Seen:
+    def _observe(self, env: Team, observations: dict[str, Observation]) -> TeamObservation:
         shared: Observation = {"state": env.state()} if self._with_state else {}
-        return Seen([observations[robot] for robot in self._layout.robots], shared)
+        return TeamObservation([observations[robot] for robot in self._team_spaces.robots], shared)
 
 
-def stack_seen(envs: Iterable[Seen]) -> StackedSeen:
+def stack_team_observations(envs: Iterable[TeamObservation]) -> StackedTeamObservation:
     """What several environments show, as one."""
-    seen = list(envs)
-    rows = stack(row for env in seen for row in env.rows)
-    return StackedSeen(rows, stack(env.shared for env in seen))
+    observation = list(envs)
+    rows = stack(row for env in observation for row in env.rows)
+    return StackedTeamObservation(rows, stack(env.shared for env in observation))
 
 
-def rows_of(blocks: Iterable[StackedSeen], n_robots: int) -> Observation:
+def concatenate_blocks(blocks: Iterable[StackedTeamObservation], n_robots: int) -> Observation:
     """What several blocks show, as one observation with all entries in all rows."""
-    seen = list(blocks)
-    rows = {key: np.concatenate([block.rows[key] for block in seen]) for key in seen[0].rows}
-    for key in seen[0].shared:
-        rows[key] = np.concatenate([block.shared[key] for block in seen]).repeat(n_robots, axis=0)
+    observation = list(blocks)
+    rows = {
+        key: np.concatenate([block.rows[key] for block in observation])
+        for key in observation[0].rows
+    }
+    for key in observation[0].shared:
+        rows[key] = np.concatenate([block.shared[key] for block in observation]).repeat(
+            n_robots, axis=0
+        )
     return rows
 
 
-def _common_layout(env: Team, with_state: bool) -> TeamLayout:
+def _common_spaces(env: Team, with_state: bool) -> TeamSpaces:
     robots = tuple(env.possible_agents)
     both = env.observation_space(robots[0]), env.action_space(robots[0])
     observation_space, action_space = both
@@ -208,7 +217,7 @@ def _common_layout(env: Team, with_state: bool) -> TeamLayout:
             )
     if with_state:
         observation_space = _with_state(observation_space, env)
-    return TeamLayout(robots, observation_space, action_space)
+    return TeamSpaces(robots, observation_space, action_space)
 
 
 def _with_state(space: spaces.Dict, env: Team) -> spaces.Dict:

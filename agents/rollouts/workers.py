@@ -1,6 +1,6 @@
 """Blocks of environments: one in this process, or each in a worker process of its own.
 
-Both sides of a pipe. `InProcess` and `Workers` are asked in the same way: `request` says what each
+Both sides of a pipe. `LocalBlock` and `WorkerPool` are asked in the same way: `request` says what each
 block is to do, `replies` waits for what they return. A worker answers until the pipe ends, be it
 because it was closed or because the main process is gone; so no worker outlives the main process.
 
@@ -23,14 +23,14 @@ from typing import Any
 import cloudpickle  # type: ignore[import-untyped]
 from coopmap_agents.rollouts.team_block import EnvFactory, TeamBlock
 
-PATIENCE = 10.0
+SHUTDOWN_TIMEOUT = 10.0
 """Seconds in which a worker has to end its step and close its environments, before it is killed."""
 
 Requests = Mapping[int, tuple[Any, ...]]
 """Arguments of a method, by the number of the block that is to call it."""
 
 
-class InProcess:
+class LocalBlock:
     """One block in this process, which does its work when the reply is awaited."""
 
     def __init__(self, env_factory: EnvFactory, n_envs: int, with_state: bool) -> None:
@@ -54,7 +54,7 @@ class InProcess:
         self._block.close()
 
 
-class Workers:
+class WorkerPool:
     """Blocks in spawned processes, which work at the same time.
 
     Parameters
@@ -66,13 +66,15 @@ class Workers:
     with_state : bool
     """
 
-    def __init__(self, env_factory: EnvFactory, shares: Sequence[int], with_state: bool) -> None:
+    def __init__(
+        self, env_factory: EnvFactory, envs_per_worker: Sequence[int], with_state: bool
+    ) -> None:
         factory = cloudpickle.dumps(env_factory)
         self._workers: list[Worker] = []
-        self._asked: list[int] = []
+        self._pending: list[int] = []
         self.closed = False
         try:
-            for i, n_envs in enumerate(shares):
+            for i, n_envs in enumerate(envs_per_worker):
                 self._workers.append(Worker(f"worker {i}", factory, n_envs, with_state))
         except BaseException:
             self.close()
@@ -80,7 +82,7 @@ class Workers:
 
     def request(self, method: str, arguments: Requests) -> None:
         """Let the workers with these numbers begin."""
-        self._asked = list(arguments)
+        self._pending = list(arguments)
         with self._closed_if_interrupted():
             for i, own in arguments.items():
                 self._workers[i].request(method, *own)
@@ -91,10 +93,10 @@ class Workers:
         All are heard before an exception is raised, so that the next replies are to the next
         request.
         """
-        asked, self._asked = self._asked, []
+        pending, self._pending = self._pending, []
         replies, errors = {}, []
         with self._closed_if_interrupted():
-            for i in asked:
+            for i in pending:
                 try:
                     replies[i] = self._workers[i].reply()
                 except Exception as error:
@@ -107,7 +109,7 @@ class Workers:
         """Close all environments and end the processes, once."""
         self.closed = True
         for worker in self._workers:
-            worker.hang_up()
+            worker.close_pipe()
         for worker in self._workers:
             worker.join()
 
@@ -132,21 +134,21 @@ class Worker:
         self._pipe, other_end = context.Pipe()
         # daemon: if the main process ends without `close`, it does not wait for its workers
         self._process = context.Process(
-            target=serve, args=(other_end, factory, n_envs, with_state), name=name, daemon=True
+            target=run_worker, args=(other_end, factory, n_envs, with_state), name=name, daemon=True
         )
-        self._awaited = False
+        self._reply_pending = False
         self._process.start()
         other_end.close()  # else the pipe would not end with the worker
 
     def request(self, method: str, *arguments: Any) -> None:
         """Begin; a reply that nobody has waited for is dropped."""
-        if self._awaited:
+        if self._reply_pending:
             with contextlib.suppress(Exception):
                 self.reply()
         message = cloudpickle.dumps((method, arguments))
         with contextlib.suppress(ConnectionError):  # `reply` tells that the worker has ended
             self._pipe.send_bytes(message)
-        self._awaited = True
+        self._reply_pending = True
 
     def reply(self) -> Any:
         """Wait for what the method returned, or raise what it raised.
@@ -159,7 +161,7 @@ class Worker:
         try:
             message = self._pipe.recv_bytes()
         except (EOFError, ConnectionError) as error:
-            self._process.join(PATIENCE)
+            self._process.join(SHUTDOWN_TIMEOUT)
             raise RuntimeError(
                 f"{self._process.name} has ended, with exit code {self._process.exitcode} (of "
                 "a signal if negative; -9 often means out of memory): close this environment and "
@@ -167,26 +169,26 @@ class Worker:
                 "if __name__ == '__main__':"
             ) from error
         finally:
-            self._awaited = False
+            self._reply_pending = False
         result = pickle.loads(message)
-        if isinstance(result, Failure):
+        if isinstance(result, RemoteError):
             raise result.to_error(self._process.name)
         return result
 
-    def hang_up(self) -> None:
+    def close_pipe(self) -> None:
         """Let the worker close its environments and end, after what it is doing."""
         self._pipe.close()
 
     def join(self) -> None:
         """Wait until the process has ended, and end it if that takes too long."""
-        self._process.join(PATIENCE)
+        self._process.join(SHUTDOWN_TIMEOUT)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
 
 
 @dataclass(frozen=True)
-class Failure:
+class RemoteError:
     """An exception on its way out of a worker."""
 
     pickled: bytes
@@ -197,7 +199,7 @@ class Failure:
     """Traceback in the worker."""
 
     @classmethod
-    def of(cls, error: Exception) -> Failure:
+    def from_exception(cls, error: Exception) -> RemoteError:
         """Pack what was raised."""
         try:
             pickled = cloudpickle.dumps(error)
@@ -216,26 +218,26 @@ class Failure:
         return error
 
 
-def serve(pipe: Connection, factory: bytes, n_envs: int, with_state: bool) -> None:
+def run_worker(pipe: Connection, factory: bytes, n_envs: int, with_state: bool) -> None:
     """Be a worker: make a block and do what the pipe asks for, until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which closes us
     with contextlib.suppress(EOFError, ConnectionError):
         try:
             block = TeamBlock(pickle.loads(factory), n_envs, with_state)
         except Exception as error:
-            failure = cloudpickle.dumps(Failure.of(error))
+            failure = cloudpickle.dumps(RemoteError.from_exception(error))
             pipe.recv_bytes()  # whatever is asked first
             pipe.send_bytes(failure)
             return
         with contextlib.closing(block):
             while True:
-                pipe.send_bytes(_answer(block, pipe.recv_bytes()))
+                pipe.send_bytes(_handle_request(block, pipe.recv_bytes()))
 
 
-def _answer(block: TeamBlock, request: bytes) -> bytes:
+def _handle_request(block: TeamBlock, request: bytes) -> bytes:
     try:
         method, arguments = pickle.loads(request)
-        answer: bytes = cloudpickle.dumps(getattr(block, method)(*arguments))
+        reply: bytes = cloudpickle.dumps(getattr(block, method)(*arguments))
     except Exception as error:
-        answer = cloudpickle.dumps(Failure.of(error))
-    return answer
+        reply = cloudpickle.dumps(RemoteError.from_exception(error))
+    return reply

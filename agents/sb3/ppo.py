@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 from gymnasium import spaces
 
 try:
@@ -29,9 +29,9 @@ try:
     from stable_baselines3.common.policies import ActorCriticPolicy
     from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
-from coopmap_agents.networks.networks import copy_weights, let_actor_learn, network_class
+from coopmap_agents.networks.networks import copy_weights, network_class, set_actor_trainable
 from coopmap_agents.sb3.vec_env import EnvFactory, SharedPolicyVecEnv
 from coopmap_agents.settings import PPOSettings
 from coopmap_agents.training.segments import SegmentReport, segment_seed, segment_steps
@@ -59,9 +59,9 @@ def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, worker
     """
     central = settings.critic == "central"
     rows = SharedPolicyVecEnv(env_factory, settings.n_envs, workers=workers, with_state=central)
-    env = VecMonitor(Stopwatch(rows))
+    env = VecMonitor(TimedVecEnv(rows))
     try:
-        _require_channels_first(rows.observation_space)
+        _check_channels_first(rows.observation_space)
         policy, options = network_class(env.action_space, settings)
         return PPO(
             policy,
@@ -116,7 +116,7 @@ def train(
     ValueError
         As `make_model`, or if `warm_start` is another network.
     """
-    training = PPOTraining(env_factory, settings, seed, workers)
+    training = SB3Trainer(env_factory, settings, seed, workers)
     try:
         if warm_start is not None:
             copy_weights(warm_start, training.network)
@@ -128,7 +128,7 @@ def train(
         training.close()
 
 
-class PPOTraining:
+class SB3Trainer:
     """A training by Stable-Baselines3, segment by segment.
 
     Parameters
@@ -176,21 +176,21 @@ class PPOTraining:
         assert env is not None
         model.set_random_seed(segment_seed(self._seed, segment))
         model.set_env(env, force_reset=True)
-        watch = _Watch(self._settings.critic_steps)
-        callbacks: list[BaseCallback] = [watch]
+        rollout_callback = _RolloutCallback(self._settings.critic_warmup_steps)
+        callbacks: list[BaseCallback] = [rollout_callback]
         if callback is not None:
             own = callback if isinstance(callback, BaseCallback) else ConvertCallback(callback)
             callbacks.append(own)
-        wanted = segment_steps(self._settings, self.steps)
-        target = self.steps + wanted
-        stopwatch: Any = env  # wrappers hand on what is asked of those inside
-        before, in_environments = time.perf_counter(), stopwatch.seconds
-        model.learn(wanted, CallbackList(callbacks), reset_num_timesteps=False)
+        n_steps = segment_steps(self._settings, self.steps)
+        target = self.steps + n_steps
+        timed_env: Any = env  # wrappers hand on what is asked of those inside
+        before, in_environments = time.perf_counter(), timed_env.seconds
+        model.learn(n_steps, CallbackList(callbacks), reset_num_timesteps=False)
         self.report = SegmentReport(
             seconds=time.perf_counter() - before,
-            environment_seconds=stopwatch.seconds - in_environments,
-            collecting_seconds=watch.collecting,
-            returns=watch.returns,
+            environment_seconds=timed_env.seconds - in_environments,
+            collecting_seconds=rollout_callback.collecting_seconds,
+            returns=rollout_callback.returns,
         )
         return self.steps >= target
 
@@ -210,7 +210,7 @@ class PPOTraining:
             self._logger.close()
 
 
-def _require_channels_first(space: spaces.Space[Any]) -> None:
+def _check_channels_first(space: spaces.Space[Any]) -> None:
     """Stable-Baselines3 takes the shortest axis of an image for its channels, and swaps axes."""
     assert isinstance(space, spaces.Dict)
     for name, box in space.spaces.items():
@@ -218,11 +218,11 @@ def _require_channels_first(space: spaces.Space[Any]) -> None:
         if len(shape) == 3 and shape[0] > min(shape[1:]):
             raise ValueError(
                 f"the observation {name} has the shape {shape}, with more channels than cells "
-                "across, which Stable-Baselines3 takes for channels last: use larger view_cells"
+                "across, which Stable-Baselines3 takes for channels last: use larger crop_cells"
             )
 
 
-class Stopwatch(VecEnvWrapper):
+class TimedVecEnv(VecEnvWrapper):
     """Sums up how long its environments take to step, with the resets of those that end."""
 
     seconds = 0.0
@@ -245,24 +245,24 @@ class Stopwatch(VecEnvWrapper):
         return result
 
 
-class _Watch(BaseCallback):
+class _RolloutCallback(BaseCallback):
     """Lets only the critic learn at first, notes returns and how long roll-outs take."""
 
-    def __init__(self, critic_steps: int) -> None:
+    def __init__(self, critic_warmup_steps: int) -> None:
         super().__init__()
-        self.critic_steps = critic_steps
-        self.collecting = 0.0
+        self.critic_warmup_steps = critic_warmup_steps
+        self.collecting_seconds = 0.0
         self.returns: list[float] = []
 
     def _on_rollout_start(self) -> None:
         self._started = time.perf_counter()
-        let_actor_learn(self.model.policy, self.model.num_timesteps >= self.critic_steps)
+        set_actor_trainable(self.model.policy, self.model.num_timesteps >= self.critic_warmup_steps)
 
     def _on_rollout_end(self) -> None:
-        self.collecting += time.perf_counter() - self._started
+        self.collecting_seconds += time.perf_counter() - self._started
 
     def _on_training_end(self) -> None:
-        let_actor_learn(self.model.policy, True)
+        set_actor_trainable(self.model.policy, True)
 
     def _on_step(self) -> bool:
         infos = self.locals["infos"]

@@ -23,9 +23,15 @@ from operator import methodcaller
 from typing import Any
 
 import numpy as np
-from coopmap_agents import NEEDS_RL
-from coopmap_agents.rollouts.team_block import BlockStep, EnvFactory, Info, rows_of, stack
-from coopmap_agents.rollouts.workers import InProcess, Requests, Workers
+from coopmap_agents import RL_EXTRA_HINT
+from coopmap_agents.rollouts.team_block import (
+    BlockStep,
+    EnvFactory,
+    Info,
+    concatenate_blocks,
+    stack,
+)
+from coopmap_agents.rollouts.workers import LocalBlock, Requests, WorkerPool
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
@@ -33,7 +39,7 @@ from coopmap_env.envs.belief import Observation
 try:
     from stable_baselines3.common.vec_env import VecEnv
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
 __all__ = ["EnvFactory", "SharedPolicyVecEnv", "stack"]
 
@@ -80,15 +86,15 @@ class SharedPolicyVecEnv(VecEnv):
             raise ValueError(f"workers must be 0 to n_envs ({n_envs}), got {workers}")
         n_blocks = workers or 1
         bounds = [n_envs * i // n_blocks for i in range(n_blocks + 1)]
-        self._members = [range(*pair) for pair in pairwise(bounds)]
-        self._blocks: InProcess | Workers = (
-            Workers(env_factory, [len(members) for members in self._members], with_state)
+        self._envs_of_block = [range(*pair) for pair in pairwise(bounds)]
+        self._blocks: LocalBlock | WorkerPool = (
+            WorkerPool(env_factory, [len(members) for members in self._envs_of_block], with_state)
             if workers
-            else InProcess(env_factory, n_envs, with_state)
+            else LocalBlock(env_factory, n_envs, with_state)
         )
         try:
-            layouts = self._ask("layout", dict.fromkeys(range(n_blocks), ()))
-            self.robots, observation_space, action_space = layouts[0]
+            team_spaces = self._call("team_spaces", dict.fromkeys(range(n_blocks), ()))
+            self.robots, observation_space, action_space = team_spaces[0]
             self._observations: Observation = {}
             super().__init__(n_envs * len(self.robots), observation_space, action_space)
         except BaseException:
@@ -106,7 +112,7 @@ class SharedPolicyVecEnv(VecEnv):
         list of int
             One for each row; the robots of an environment share it.
         """
-        drawn = np.random.SeedSequence(seed).generate_state(self._members[-1].stop)
+        drawn = np.random.SeedSequence(seed).generate_state(self._envs_of_block[-1].stop)
         self._seeds = [int(number) for number in drawn for _ in self.robots]
         return self._seeds
 
@@ -114,17 +120,19 @@ class SharedPolicyVecEnv(VecEnv):
         """Start an episode in each environment; seeds and options count once."""
         n_robots = len(self.robots)  # which share the seed and options of their environment
         seeds, options = self._seeds[::n_robots], self._options[::n_robots]
-        replies = self._ask(
+        replies = self._call(
             "reset",
             {
                 i: ([seeds[k] for k in own], [options[k] or None for k in own])
-                for i, own in enumerate(self._members)
+                for i, own in enumerate(self._envs_of_block)
             },
         )
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [info for _, infos in replies for info in infos]
-        self._observations = rows_of((seen for seen, _ in replies), n_robots)
+        self._observations = concatenate_blocks(
+            (observation for observation, _ in replies), n_robots
+        )
         return self._observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
@@ -144,9 +152,11 @@ class SharedPolicyVecEnv(VecEnv):
         steps: list[BlockStep] = list(self._blocks.replies().values())
         if not steps:
             raise RuntimeError("call step_async() before step_wait(): there are no actions")
-        self._observations = rows_of((step.seen for step in steps), len(self.robots))
-        begun = [info for step in steps for info in step.reset_infos]
-        for row, info in enumerate(begun):
+        self._observations = concatenate_blocks(
+            (step.observation for step in steps), len(self.robots)
+        )
+        new_infos = [info for step in steps for info in step.reset_infos]
+        for row, info in enumerate(new_infos):
             if info is not None:
                 self.reset_infos[row] = info
         rewards = np.concatenate([step.rewards for step in steps])
@@ -216,18 +226,18 @@ class SharedPolicyVecEnv(VecEnv):
     def _rows(self) -> list[slice]:
         """Of each block."""
         n = len(self.robots)
-        return [slice(n * members.start, n * members.stop) for members in self._members]
+        return [slice(n * members.start, n * members.stop) for members in self._envs_of_block]
 
     def _apply(self, indices: Indices, function: Callable[..., Any], *arguments: Any) -> list[Any]:
         """Results of ``function(env, *arguments)``, computed once for all rows of an env."""
         rows = [range(self.num_envs)[index] for index in self._get_indices(indices)]
         numbers = [row // len(self.robots) for row in rows]
-        wanted = {i: sorted(set(own) & set(numbers)) for i, own in enumerate(self._members)}
+        wanted = {i: sorted(set(own) & set(numbers)) for i, own in enumerate(self._envs_of_block)}
         wanted = {i: own for i, own in wanted.items() if own}
-        replies = self._ask(
+        replies = self._call(
             "apply",
             {
-                i: ([number - self._members[i].start for number in own], function, *arguments)
+                i: ([number - self._envs_of_block[i].start for number in own], function, *arguments)
                 for i, own in wanted.items()
             },
         )
@@ -236,7 +246,7 @@ class SharedPolicyVecEnv(VecEnv):
             results.update(zip(own, values, strict=True))
         return [results[number] for number in numbers]
 
-    def _ask(self, method: str, arguments: Requests) -> list[Any]:
+    def _call(self, method: str, arguments: Requests) -> list[Any]:
         """Replies of the blocks that are asked, in order."""
         self._request(method, arguments)
         return list(self._blocks.replies().values())

@@ -4,7 +4,7 @@ Any `Policy` can be the teacher. It plays training worlds, and a network is fitt
 (behaviour cloning); in further rounds the network plays, and the teacher says what it would have
 done there (DAgger, Ross et al. 2011)::
 
-    settings, env = PPOSettings(critic_steps=20_000), factory()
+    settings, env = PPOSettings(critic_warmup_steps=20_000), factory()
     network = make_network(
         env.observation_space("robot_0"), env.action_space("robot_0"), settings
     )
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 from gymnasium import spaces
 
 from coopmap_env.evaluation.policy import Policy
@@ -28,15 +28,15 @@ try:
     import torch
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
 from coopmap_agents.sb3.vec_env import EnvFactory, stack
 from coopmap_agents.settings import ImitationSettings
 
-SAME_POSE = 0.1
+POSE_TOLERANCE = 0.1
 """A pose agrees with the teacher's if no number of the action differs by more, of 2 in all."""
-ROWS_AT_ONCE = 1024
+EVALUATION_BATCH_SIZE = 1024
 """When held-out decisions are judged; bounds the memory."""
 
 
@@ -44,19 +44,19 @@ ROWS_AT_ONCE = 1024
 class ImitationReport:
     """How well a network does as its teacher, on worlds that it was not fitted to."""
 
-    n_learned: int
+    n_train: int
     """Decisions that it was fitted to."""
     n_held_out: int
     """Decisions that it is judged by here."""
     agreement: float
     """Share of them in which it does the same: takes the same candidate, or a pose that is the
-    teacher's within `SAME_POSE`."""
+    teacher's within `POSE_TOLERANCE`."""
     log_likelihood: float
     """Of the teacher's actions under the model's distribution, mean, nats."""
 
 
 @dataclass
-class Decisions:
+class Demonstrations:
     """What a teacher does: n observations, and its actions."""
 
     observations: dict[str, torch.Tensor]
@@ -67,17 +67,17 @@ class Decisions:
     def __len__(self) -> int:
         return len(self.actions)
 
-    def __getitem__(self, rows: torch.Tensor | slice) -> Decisions:
+    def __getitem__(self, rows: torch.Tensor | slice) -> Demonstrations:
         picked = {key: values[rows] for key, values in self.observations.items()}
-        return Decisions(picked, self.actions[rows])
+        return Demonstrations(picked, self.actions[rows])
 
-    def to(self, device: torch.device) -> Decisions:
+    def to(self, device: torch.device) -> Demonstrations:
         """The same on a device."""
-        moved = {key: values.to(device) for key, values in self.observations.items()}
-        return Decisions(moved, self.actions.to(device))
+        on_device = {key: values.to(device) for key, values in self.observations.items()}
+        return Demonstrations(on_device, self.actions.to(device))
 
     @classmethod
-    def together(cls, parts: Iterable[Decisions]) -> Decisions:
+    def concatenate(cls, parts: Iterable[Demonstrations]) -> Demonstrations:
         """All decisions in one."""
         parts = list(parts)
         keys = parts[0].observations
@@ -87,10 +87,10 @@ class Decisions:
         )
 
 
-def clone(
+def behavior_clone(
     network: ActorCriticPolicy,
     env_factory: EnvFactory,
-    teacher: Policy,
+    expert: Policy,
     settings: ImitationSettings,
     seed: int,
 ) -> ImitationReport:
@@ -113,29 +113,36 @@ def clone(
         Decides the worlds, what the teacher draws, and the order of the decisions. With the
         network's weights it decides the result.
     """
-    worlds, draws, order = np.random.SeedSequence(seed).spawn(3)
+    world_seeds, policy_draws, order = np.random.SeedSequence(seed).spawn(3)
     env = env_factory()
-    rng = np.random.default_rng(draws)
+    rng = np.random.default_rng(policy_draws)
     generator = torch.Generator().manual_seed(int(order.generate_state(1)[0]))
-    seeds = worlds.generate_state(settings.rounds * settings.episodes).reshape(settings.rounds, -1)
+    seeds = world_seeds.generate_state(settings.rounds * settings.episodes).reshape(
+        settings.rounds, -1
+    )
     optimizer = torch.optim.Adam(network.parameters(), lr=settings.learning_rate)
-    split = settings.episodes - settings.held_out_episodes
-    learned: list[Decisions] = []
-    held_out: list[Decisions] = []
+    split = settings.episodes - settings.n_held_out_episodes
+    train_set: list[Demonstrations] = []
+    validation_set: list[Demonstrations] = []
     try:
         for number, round_seeds in enumerate(seeds.tolist()):
-            player = teacher if number == 0 else LearnedPolicy(network)
-            played = [watch(env, player, teacher, world, rng) for world in round_seeds]
-            learned, held_out = learned + played[:split], held_out + played[split:]
-            fit(network, Decisions.together(learned), settings, optimizer, generator)
+            behavior_policy = expert if number == 0 else LearnedPolicy(network)
+            played = [
+                collect_demonstrations(env, behavior_policy, expert, world, rng)
+                for world in round_seeds
+            ]
+            train_set, validation_set = train_set + played[:split], validation_set + played[split:]
+            fit(network, Demonstrations.concatenate(train_set), settings, optimizer, generator)
     finally:
         env.close()
-    return judge(network, Decisions.together(held_out), sum(map(len, learned)))
+    return evaluate_agreement(
+        network, Demonstrations.concatenate(validation_set), sum(map(len, train_set))
+    )
 
 
-def watch(
-    env: Any, player: Policy, teacher: Policy, seed: int, rng: np.random.Generator
-) -> Decisions:
+def collect_demonstrations(
+    env: Any, behavior_policy: Policy, expert: Policy, seed: int, rng: np.random.Generator
+) -> Demonstrations:
     """Let a policy play the world of a seed, and note what the teacher does at each step.
 
     Returns
@@ -144,24 +151,28 @@ def watch(
         One for each robot and step.
     """
     observations, _ = env.reset(seed=seed)
-    policies = [teacher] if player is teacher else [teacher, player]
+    policies = [expert] if behavior_policy is expert else [expert, behavior_policy]
     for policy in policies:
         policy.reset(rng)
     rows, actions = [], []
     while env.agents:
         agents, belief = list(env.agents), env.belief()
-        said = teacher.act(belief, observations)
+        expert_actions = expert.act(belief, observations)
         rows += [observations[agent] for agent in agents]
-        actions += [said[agent] for agent in agents]
-        done = said if player is teacher else player.act(belief, observations)
-        observations, *_ = env.step(done)
+        actions += [expert_actions[agent] for agent in agents]
+        actions_taken = (
+            expert_actions
+            if behavior_policy is expert
+            else behavior_policy.act(belief, observations)
+        )
+        observations, *_ = env.step(actions_taken)
     stacked = {key: torch.as_tensor(values) for key, values in stack(rows).items()}
-    return Decisions(stacked, torch.as_tensor(np.stack(actions)))
+    return Demonstrations(stacked, torch.as_tensor(np.stack(actions)))
 
 
 def fit(
     network: ActorCriticPolicy,
-    decisions: Decisions,
+    demonstrations: Demonstrations,
     settings: ImitationSettings,
     optimizer: torch.optim.Optimizer,
     generator: torch.Generator,
@@ -169,8 +180,10 @@ def fit(
     """Raise the likelihood of decisions, `settings.epochs` times through them."""
     network.set_training_mode(True)
     for _ in range(settings.epochs):
-        for rows in torch.randperm(len(decisions), generator=generator).split(settings.batch_size):
-            batch = decisions[rows].to(network.device)
+        for rows in torch.randperm(len(demonstrations), generator=generator).split(
+            settings.batch_size
+        ):
+            batch = demonstrations[rows].to(network.device)
             _, log_prob, _ = network.evaluate_actions(batch.observations, batch.actions)
             optimizer.zero_grad()
             (-log_prob.mean()).backward()
@@ -179,18 +192,22 @@ def fit(
 
 
 @torch.no_grad()
-def judge(network: ActorCriticPolicy, decisions: Decisions, n_learned: int) -> ImitationReport:
+def evaluate_agreement(
+    network: ActorCriticPolicy, demonstrations: Demonstrations, n_train: int
+) -> ImitationReport:
     """Compare what the network does with what the teacher did."""
     network.set_training_mode(False)
-    same = likelihood = 0.0
-    for start in range(0, len(decisions), ROWS_AT_ONCE):
-        batch = decisions[start : start + ROWS_AT_ONCE].to(network.device)
+    n_agreeing = likelihood = 0.0
+    for start in range(0, len(demonstrations), EVALUATION_BATCH_SIZE):
+        batch = demonstrations[start : start + EVALUATION_BATCH_SIZE].to(network.device)
         distribution = network.get_distribution(batch.observations)
-        done = distribution.get_actions(deterministic=True)
+        actions_taken = distribution.get_actions(deterministic=True)
         likelihood += float(distribution.log_prob(batch.actions).sum())
         if isinstance(network.action_space, spaces.Discrete):
-            same += int((done == batch.actions).sum())
+            n_agreeing += int((actions_taken == batch.actions).sum())
         else:
-            same += int(((done - batch.actions).abs().amax(dim=1) <= SAME_POSE).sum())
-    n = len(decisions)
-    return ImitationReport(n_learned, n, same / n, likelihood / n)
+            n_agreeing += int(
+                ((actions_taken - batch.actions).abs().amax(dim=1) <= POSE_TOLERANCE).sum()
+            )
+    n = len(demonstrations)
+    return ImitationReport(n_train, n, n_agreeing / n, likelihood / n)

@@ -8,7 +8,7 @@
     out/tensorboard/         logs
 
 After each segment the checkpoint is written first and training.json last, so that what it says is
-always there. Who does the learning is an `Engine`: Stable-Baselines3, or RLlib on Ray.
+always there. Who does the learning is an `Trainer`: Stable-Baselines3, or RLlib on Ray.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 
 from coopmap_env.core.files import write_atomically
 from coopmap_env.envs.mapping_env import MappingEnv
@@ -32,31 +32,31 @@ try:
     import torch
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
 from coopmap_agents.networks.networks import copy_weights
-from coopmap_agents.plan import Plan
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy, network_of
+from coopmap_agents.plan import TrainingConfig
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy, resolve_network
 from coopmap_agents.pretrained.policy_file import save_policy
 from coopmap_agents.record import (
-    POLICY,
-    RECORD,
+    POLICY_FILE,
+    RECORD_FILE,
     Record,
     add_row,
-    as_json,
-    check_same,
+    check_same_training,
+    config_to_dict,
     new_record,
     progress_line,
     read_record,
 )
-from coopmap_agents.training.imitation import clone
-from coopmap_agents.training.segments import SegmentReport, restore_checkpoint, save_checkpoint
+from coopmap_agents.training.imitation import behavior_clone
+from coopmap_agents.training.segments import SegmentReport, load_checkpoint, save_checkpoint
 
 SCORES = ("coverage_auc", "coverage", "reward", "log_loss", "motion_cost")
 """Of `Episode.row`, averaged over the validation worlds."""
 
 
-class Engine(Protocol):
+class Trainer(Protocol):
     """Who learns, segment by segment."""
 
     report: SegmentReport
@@ -78,18 +78,18 @@ class Engine(Protocol):
         """Close everything."""
 
 
-def train_with_files(
-    plan: Plan,
+def run_training(
+    config: TrainingConfig,
     out: Path,
     workers: int = 0,
-    say: Callable[[str], None] = lambda line: None,
+    log: Callable[[str], None] = lambda line: None,
     command: str = "",
 ) -> dict[str, Any]:
     """Train, or go on with the training of a folder; gives what is in training.json.
 
     Parameters
     ----------
-    plan : Plan
+    config : TrainingConfig
     out : Path
         Folder; one that holds the same training, finished or not, is gone on with.
     workers : int
@@ -106,28 +106,28 @@ def train_with_files(
         If the folder holds another training or broken files, or the plan names a device that is not
         there or weights of another network.
     """
-    record = read_record(out / RECORD) or new_record(plan, command, workers)
-    check_same(record, plan, workers, out)
-    if record["rows"] and record["rows"][-1]["steps"] >= plan.settings.total_steps:
-        say(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
+    record = read_record(out / RECORD_FILE) or new_record(config, command, workers)
+    check_same_training(record, config, workers, out)
+    if record["rows"] and record["rows"][-1]["steps"] >= config.ppo.total_steps:
+        log(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
         return record
-    record["plan"] = as_json(plan)  # total_steps may have grown
-    with _one_thread(), _engine(plan, workers, out / "tensorboard") as engine:
+    record["config"] = config_to_dict(config)  # total_steps may have grown
+    with _single_thread(), _trainer(config, workers, out / "tensorboard") as trainer:
         if record["rows"]:
-            engine.steps = restore_checkpoint(out / record["checkpoint"], engine.network)
+            trainer.steps = load_checkpoint(out / record["checkpoint"], trainer.network)
         else:
-            _begin(plan, engine, record)
-        with closing(plan.task.on("validation")) as validation:
+            _initialize_weights(config, trainer, record)
+        with closing(config.env.make("validation")) as validation:
             if not record["rows"]:
-                _judge(plan, engine, record, validation, out, say)
-            while engine.steps < plan.settings.total_steps:
-                engine.learn(len(record["rows"]) - 1)
-                _judge(plan, engine, record, validation, out, say)
+                _validate(config, trainer, record, validation, out, log)
+            while trainer.steps < config.ppo.total_steps:
+                trainer.learn(len(record["rows"]) - 1)
+                _validate(config, trainer, record, validation, out, log)
     return record
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def _single_thread() -> Iterator[None]:
     """One thread of torch: more of them round sums otherwise, and small networks gain little."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -138,75 +138,81 @@ def _one_thread() -> Iterator[None]:
 
 
 @contextmanager
-def _engine(plan: Plan, workers: int, logs: Path) -> Iterator[Engine]:
-    _require_device(plan.settings.device)
-    engine: Engine
-    if plan.engine == "rllib":
-        from coopmap_agents.rllib.ppo import RLlibTraining
+def _trainer(config: TrainingConfig, workers: int, logs: Path) -> Iterator[Trainer]:
+    _check_device(config.ppo.device)
+    trainer: Trainer
+    if config.engine == "rllib":
+        from coopmap_agents.rllib.ppo import RLlibTrainer
 
-        engine = RLlibTraining(plan.task, plan.settings, plan.seed, workers, logs)
+        trainer = RLlibTrainer(config.env, config.ppo, config.seed, workers, logs)
     else:
-        from coopmap_agents.sb3.ppo import PPOTraining
+        from coopmap_agents.sb3.ppo import SB3Trainer
 
-        engine = PPOTraining(plan.task, plan.settings, plan.seed, workers, logs)
+        trainer = SB3Trainer(config.env, config.ppo, config.seed, workers, logs)
     try:
-        yield engine
+        yield trainer
     finally:
-        engine.close()
+        trainer.close()
 
 
-def _require_device(device: str) -> None:
+def _check_device(device: str) -> None:
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError) as error:  # torch asserts that it was built with CUDA
         raise ValueError(f"PPOSettings.device {device!r} is not there: {error}") from error
 
 
-def _begin(plan: Plan, engine: Engine, record: Record) -> None:
+def _initialize_weights(config: TrainingConfig, trainer: Trainer, record: Record) -> None:
     """Take over the weights that the plan names, and imitate its teacher."""
-    if plan.begin_with:
-        copy_weights(network_of(plan.begin_with), engine.network)
-    if plan.teacher:
-        began = time.perf_counter()
-        teacher = make_policy(plan.teacher)
-        report = clone(engine.network, plan.task, teacher, plan.imitation, plan.seed)
-        record["imitation"] = {**asdict(report), "seconds": time.perf_counter() - began}
+    if config.init_from:
+        copy_weights(resolve_network(config.init_from), trainer.network)
+    if config.expert:
+        started_at = time.perf_counter()
+        expert = make_policy(config.expert)
+        report = behavior_clone(trainer.network, config.env, expert, config.imitation, config.seed)
+        record["imitation"] = {**asdict(report), "seconds": time.perf_counter() - started_at}
 
 
-def _judge(
-    plan: Plan,
-    engine: Engine,
+def _validate(
+    config: TrainingConfig,
+    trainer: Trainer,
     record: Record,
     validation: MappingEnv[Any],
     out: Path,
-    say: Callable[[str], None],
+    log: Callable[[str], None],
 ) -> None:
     """Let the policy play validation worlds, and write all files."""
-    began = time.perf_counter()
-    played = evaluate(validation, LearnedPolicy(engine.network), range(plan.validation_episodes))
-    scores = {name: float(played.table[name].mean()) for name in SCORES}
+    started_at = time.perf_counter()
+    evaluation = evaluate(
+        validation, LearnedPolicy(trainer.network), range(config.validation_episodes)
+    )
+    scores = {name: float(evaluation.table[name].mean()) for name in SCORES}
     n_robots = len(validation.possible_agents)
-    seconds = time.perf_counter() - began
-    report = engine.report
-    add_row(record, engine.steps, n_robots, report, scores, seconds)
-    engine.log({f"validation/{name}": value for name, value in scores.items()})
+    seconds = time.perf_counter() - started_at
+    report = trainer.report
+    add_row(record, trainer.steps, n_robots, report, scores, seconds)
+    trainer.log({f"validation/{name}": value for name, value in scores.items()})
     if report.returns:
-        engine.log({"train/team_return": record["rows"][-1]["team_return"]})
-    _write(record, engine, plan, out)
-    say(progress_line(record))
+        trainer.log({"train/team_return": record["rows"][-1]["team_return"]})
+    _write(record, trainer, config, out)
+    log(progress_line(record))
 
 
-def _write(record: Record, engine: Engine, plan: Plan, out: Path) -> None:
+def _write(record: Record, trainer: Trainer, config: TrainingConfig, out: Path) -> None:
     """Write the checkpoint, the policy if it is the best one so far, and then the record."""
     out.mkdir(parents=True, exist_ok=True)
     rows, before = record["rows"], record["checkpoint"]
     record["checkpoint"] = f"checkpoint-{len(rows)}.pt"
-    save_checkpoint(out / record["checkpoint"], engine.network, engine.steps)
+    save_checkpoint(out / record["checkpoint"], trainer.network, trainer.steps)
     rewards = [row["validation"]["reward"] for row in rows]
     if rewards[-1] == max(rewards):
         record["best"] = len(rows) - 1
-        said = {"plan": record["plan"], "steps": engine.steps, "validation": rows[-1]["validation"]}
-        save_policy(engine.network, plan.settings, out / POLICY, said)
-    write_atomically(out / RECORD, json.dumps(record, indent=1) + "\n")
+        origin = {
+            "config": record["config"],
+            "steps": trainer.steps,
+            "validation": rows[-1]["validation"],
+        }
+        save_policy(trainer.network, config.ppo, out / POLICY_FILE, origin)
+    write_atomically(out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
     if before and before != record["checkpoint"]:
         (out / before).unlink(missing_ok=True)

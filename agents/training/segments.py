@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents import NEEDS_RL
+from coopmap_agents import RL_EXTRA_HINT
 
 try:
     import torch
     from stable_baselines3.common.policies import ActorCriticPolicy
 except ImportError as error:
-    raise ImportError(NEEDS_RL) from error
+    raise ImportError(RL_EXTRA_HINT) from error
 
 from coopmap_agents.settings import PPOSettings
 
@@ -65,7 +65,7 @@ def save_checkpoint(path: Path, network: ActorCriticPolicy, steps: int) -> None:
         torch.save({"steps": steps, **states}, temporary)
 
 
-def restore_checkpoint(path: Path, network: ActorCriticPolicy) -> int:
+def load_checkpoint(path: Path, network: ActorCriticPolicy) -> int:
     """Give a network back what `save_checkpoint` wrote, and the steps.
 
     Raises

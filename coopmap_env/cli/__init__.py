@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 from coopmap_env.cli.evaluate import Evaluate
 from coopmap_env.cli.replay import Replay
-from coopmap_env.core.extras import require
-from coopmap_env.core.progress import say
+from coopmap_env.core.extras import import_optional
+from coopmap_env.core.progress import log
 
 GROUP = "coopmap.commands"
 OWN: dict[str, Any] = {
@@ -32,7 +32,7 @@ class Command(Protocol):
 
 def parse(arguments: list[str] | None = None) -> Command:
     """The command that the arguments (default: those of the process) ask for."""
-    tyro = require("tyro", "cli")
+    tyro = import_optional("tyro", "cli")
     command: Command = tyro.extras.subcommand_cli_from_dict(
         {**OWN, **{point.name: point.load() for point in entry_points(group=GROUP)}},
         prog="coopmap",
@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         parse(arguments).run()
     except KeyboardInterrupt:
-        say("interrupted; what is finished is kept, the same command goes on with the rest")
+        log("interrupted; what is finished is kept, the same command goes on with the rest")
         raise SystemExit(INTERRUPTED) from None
     except (ValueError, ImportError, OSError) as error:
         raise SystemExit(f"coopmap: {' '.join(str(error).split())}") from None

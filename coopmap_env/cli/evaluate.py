@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
-from coopmap_env.core.progress import say
+from coopmap_env.core.progress import log
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +83,7 @@ class Evaluate(EnvironmentOptions):
         write_atomically(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         for name, result in results.items():
             print(f"{name:<40} {summary_line(result.table)}")
-        say(f"tables: {self.out / 'episodes.csv'}, {self.out / 'summary.json'}")
+        log(f"tables: {self.out / 'episodes.csv'}, {self.out / 'summary.json'}")
 
 
 def summary_line(table: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from coopmap_env.cli.environment import mounts_of
-from coopmap_env.core.progress import say
+from coopmap_env.core.progress import log
 
 
 @dataclass(frozen=True)
@@ -63,4 +63,4 @@ class Replay:
             write_replay(record(env, policy, self.seed), self.out)
         finally:
             env.close()
-        say(f"replay: {self.out}")
+        log(f"replay: {self.out}")

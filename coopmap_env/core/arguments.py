@@ -4,7 +4,7 @@ import operator
 from typing import Any
 
 
-def at_least_one(name: str, value: int) -> int:
+def check_positive_int(name: str, value: int) -> int:
     """The value, if it is a whole number of at least 1; ValueError otherwise."""
     try:
         number = operator.index(value)
@@ -15,7 +15,7 @@ def at_least_one(name: str, value: int) -> int:
     return number
 
 
-def one_of(name: str, value: Any, choices: tuple[Any, ...]) -> None:
+def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:
     """ValueError unless the value is one of the choices."""
     if value not in choices:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}")

@@ -3,6 +3,6 @@
 import sys
 
 
-def say(text: str) -> None:
+def log(text: str) -> None:
     """Print a line where progress belongs, apart from results."""
     print(text, file=sys.stderr, flush=True)

@@ -51,7 +51,7 @@ class ActionMode(Protocol):
         """
 
 
-def box_numbers(agent: str, action: Any, names: tuple[str, ...]) -> NDArray[np.float64]:
+def parse_pose_action(agent: str, action: Any, names: tuple[str, ...]) -> NDArray[np.float64]:
     """The numbers of a "pose" action, shape (len(names),), each in [-1, 1].
 
     Raises
@@ -95,15 +95,18 @@ class CandidateMode:
                 f"{agent}: a candidate action must lie in 0 ... {self.n_candidates - 1}, "
                 f"got {index}"
             )
-        offers = self._offers(belief, belief.agents.index(agent))
-        if index >= len(offers):
-            return None, f"candidate {index} is masked out: only {len(offers)} poses are feasible"
-        return offers[index], ""
+        candidates = self._candidates_of(belief, belief.agents.index(agent))
+        if index >= len(candidates):
+            return (
+                None,
+                f"candidate {index} is masked out: only {len(candidates)} poses are feasible",
+            )
+        return candidates[index], ""
 
     def encode(self, robot: int, pose: Any, belief: Belief) -> np.int64:
         """Index of the pose among the candidates on offer."""
-        offers = self._offers(belief, robot)
-        (matches,) = np.nonzero((offers == pose).reshape(len(offers), -1).all(axis=1))
+        candidates = self._candidates_of(belief, robot)
+        (matches,) = np.nonzero((candidates == pose).reshape(len(candidates), -1).all(axis=1))
         if not len(matches):
             raise InvalidActionError(
                 f"{belief.agents[robot]}: pose {pose} is not among the candidates on offer"
@@ -111,7 +114,7 @@ class CandidateMode:
         return np.int64(matches[0])
 
     @staticmethod
-    def _offers(belief: Belief, robot: int) -> Poses:
-        if belief.offers is None:
+    def _candidates_of(belief: Belief, robot: int) -> Poses:
+        if belief.candidates is None:
             raise InvalidActionError("this belief carries no candidates")
-        return belief.offers[robot]
+        return belief.candidates[robot]

@@ -22,7 +22,7 @@ Observations = Mapping[str, Observation]
 Poses = NDArray[Any]
 """Camera poses of one robot, one a row: lattice numbers (k,) in the plane, mount joints (k, n) in
 the field. Planners hand them on and never look inside."""
-Claimed = NDArray[np.uint8] | None
+ReservedMask = NDArray[np.uint8] | None
 """1 at cells (n_cells,) that a teammate is about to see: they are left out of every count."""
 
 
@@ -40,7 +40,7 @@ class Belief(ABC):
     """The fused map of the whole team."""
     actions: ActionMode
     """How actions are written."""
-    offers: tuple[Poses, ...] | None
+    candidates: tuple[Poses, ...] | None
     """The candidates offered to each robot, in "candidates" mode."""
 
     prior: ClassVar[float]
@@ -60,7 +60,7 @@ class Belief(ABC):
         """Up to m different feasible poses, uniformly at random."""
 
     @abstractmethod
-    def rate(self, robot: int, poses: Poses, claimed: Claimed = None) -> Ratings:
+    def rate(self, robot: int, poses: Poses, reserved_mask: ReservedMask = None) -> Ratings:
         """Eqs. 5 to 9 of each pose."""
 
     @abstractmethod
@@ -72,14 +72,14 @@ class Belief(ABC):
         """D of Eq. 5 from where the robot is, shape (k,)."""
 
     @abstractmethod
-    def unknown_share(
-        self, robot: int, poses: Poses, claimed: Claimed = None
+    def unknown_fraction(
+        self, robot: int, poses: Poses, reserved_mask: ReservedMask = None
     ) -> NDArray[np.float64]:
         """Never-sampled cells in view as a share of the most that the camera sees, shape (k,)."""
 
     @abstractmethod
-    def information_share(
-        self, robot: int, poses: Poses, prior: float, claimed: Claimed = None
+    def information_fraction(
+        self, robot: int, poses: Poses, prior: float, reserved_mask: ReservedMask = None
     ) -> NDArray[np.float64]:
         """Mutual information as a share of a wholly unknown, unobstructed view's, shape (k,).
 
@@ -91,25 +91,25 @@ class Belief(ABC):
         """Flat numbers of the cells that a pose would see on the known map."""
 
     @abstractmethod
-    def places_ahead(self, robot: int, poses: Poses) -> NDArray[np.int64]:
+    def raster_offset(self, robot: int, poses: Poses) -> NDArray[np.int64]:
         """How far each pose lies ahead in the raster sequence, which goes around, shape (k,)."""
 
     @abstractmethod
-    def nearest_frontier(
-        self, robot: int, poses: Poses, shows: NDArray[np.bool_]
+    def nearest_frontier_mask(
+        self, robot: int, poses: Poses, shows_unknown: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Which poses look from or at the nearest frontier, among those that `shows` marks."""
+        """Which poses look from or at the nearest frontier, among those that `shows_unknown` marks."""
 
-    def shortlist(self, poses: Poses, score: Callable[[Any, Poses], NDArray[np.float64]]) -> Poses:
+    def prescreen(self, poses: Poses, score: Callable[[Any, Poses], NDArray[np.float64]]) -> Poses:
         """Poses among which the best one is, by the score on a rougher belief; here: all."""
         return poses
 
     @abstractmethod
-    def moved(self, poses: Any) -> Self:
+    def with_poses(self, poses: Any) -> Self:
         """The same belief with the robots elsewhere, and without offers."""
 
     @abstractmethod
-    def offering(self, offers: Sequence[Poses]) -> Self:
+    def with_candidates(self, candidates: Sequence[Poses]) -> Self:
         """The same belief with candidates on offer."""
 
     def action_for(self, robot: int, pose: Any) -> Any:

@@ -11,20 +11,20 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from coopmap_env.core.arguments import at_least_one, one_of
+from coopmap_env.core.arguments import check_choice, check_positive_int
 from coopmap_env.envs.actions import ActionMode, CandidateMode, InvalidActionError
 from coopmap_env.envs.belief import Belief, Observation
-from coopmap_env.envs.rewards import TERMS, Look, Scale, terms_of
+from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome, reward_terms
 from coopmap_env.mapping import ScanGain
 from coopmap_env.rendering.window import HumanWindow
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.scenes import world_seed
 
 Infos = dict[str, dict[str, Any]]
-AnyBelief = TypeVar("AnyBelief", bound=Belief)
+BeliefT = TypeVar("BeliefT", bound=Belief)
 
 
-class Streams(NamedTuple):
+class EpisodeRngs(NamedTuple):
     """The random numbers of an episode, one Generator for each purpose."""
 
     scene: np.random.Generator
@@ -35,14 +35,14 @@ class Streams(NamedTuple):
     """Of the episodes that follow without a seed."""
 
 
-class Motion(NamedTuple):
+class TeamMoveResult(NamedTuple):
     """How the motion of the team ended."""
 
     poses: Any
     """Where each robot is now as far as it knows: lattice numbers or joints."""
-    touched: Sequence[str]
+    collided_with: Sequence[str]
     """What each robot bumped into; empty if nothing."""
-    bumped_cells: Sequence[int] = ()
+    collision_cells: Sequence[int] = ()
     """Cells of the map that were found to be occupied by it."""
 
 
@@ -62,15 +62,15 @@ class Observer(Protocol):
         """What a centralised critic may see, as one vector."""
 
 
-class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
+class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """Conducts a step and computes nothing itself: move, look, fuse, reward, observe.
 
-    A world's environment checks its own arguments, calls `_prepare` once and provides `_start`,
-    `_move`, `_scans`, `_frame` and `truth`.
+    A world's environment checks its own arguments, calls `_set_up` once and provides `_reset_world`,
+    `_move`, `_take_scans`, `_render_frame` and `truth`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
-    _belief: AnyBelief
+    _belief: BeliefT
 
     def __init__(
         self,
@@ -83,33 +83,35 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         n_candidates: int,
         render_mode: str | None,
     ) -> None:
-        self.possible_agents = [f"robot_{i}" for i in range(at_least_one("n_robots", n_robots))]
+        self.possible_agents = [
+            f"robot_{i}" for i in range(check_positive_int("n_robots", n_robots))
+        ]
         self.agents: list[str] = []
-        self.max_scans = at_least_one("max_scans", max_scans)
-        one_of("action_mode", action_mode, ("pose", "candidates"))
-        one_of("reward", reward, tuple(TERMS))
-        one_of("team_reward", team_reward, ("individual", "shared"))
-        one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        self.max_scans = check_positive_int("max_scans", max_scans)
+        check_choice("action_mode", action_mode, ("pose", "candidates"))
+        check_choice("reward", reward, tuple(REWARD_TERMS))
+        check_choice("team_reward", team_reward, ("individual", "shared"))
+        check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
         world_seed(split, 0)  # refuses an unknown split
-        n_candidates = at_least_one("n_candidates", n_candidates)
+        n_candidates = check_positive_int("n_candidates", n_candidates)
         self.split = split
         self.render_mode = render_mode
-        self._candidates = CandidateMode(n_candidates) if action_mode == "candidates" else None
-        self._reward = reward
-        self._shared = team_reward == "shared"
+        self._candidate_mode = CandidateMode(n_candidates) if action_mode == "candidates" else None
+        self._reward_term = reward
+        self._shares_reward = team_reward == "shared"
         self._window: HumanWindow | None = None
-        self._seeds = np.random.default_rng()
+        self._seed_rng = np.random.default_rng()
         self._scans_done = 0
-        self._started = False
+        self._has_reset = False
         self.scans: list[Scan] = []
         """Of the last step, as they were fused."""
 
-    def _prepare(
-        self, actions: ActionMode, scale: Scale, observer: Observer, contact_cost: float = 0.0
+    def _set_up(
+        self, actions: ActionMode, scale: RewardScale, observer: Observer, contact_cost: float = 0.0
     ) -> None:
         """Take over the world's parts; declares the spaces."""
         self._actions = actions
-        self._scale = scale
+        self._reward_scale = scale
         self._observer = observer
         self._contact_cost = contact_cost
         agents = list(enumerate(self.possible_agents))
@@ -118,15 +120,15 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         self.state_space = observer.state_space()
 
     @abstractmethod
-    def _start(self, streams: Streams) -> AnyBelief:
+    def _reset_world(self, rngs: EpisodeRngs) -> BeliefT:
         """Make a new world and put the team into it."""
 
     @abstractmethod
-    def _move(self, targets: list[Any]) -> Motion:
+    def _move(self, targets: list[Any]) -> TeamMoveResult:
         """Move all robots to their targets; None lets a robot stay."""
 
     @abstractmethod
-    def _scans(self) -> list[Scan]:
+    def _take_scans(self) -> list[Scan]:
         """Let every robot look from where it is."""
 
     def _fuse(self, scans: list[Scan]) -> list[ScanGain]:
@@ -134,10 +136,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         return self._belief.map.integrate(scans)
 
     @abstractmethod
-    def _frame(self) -> NDArray[np.uint8]:
+    def _render_frame(self) -> NDArray[np.uint8]:
         """Draw a picture (H, W, 3) of the truth, the map and the team."""
 
-    def _own_info(self, robot: int) -> dict[str, Any]:
+    def _extra_info(self, robot: int) -> dict[str, Any]:
         """Entries of a world's own in the infos of a step."""
         return {}
 
@@ -169,17 +171,17 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
             the shape, resolution and origin that it says. A running episode goes on then.
         """
         if seed is None:
-            seed = int(self._seeds.integers(2**31))
-        streams = Streams(
+            seed = int(self._seed_rng.integers(2**31))
+        rngs = EpisodeRngs(
             *(np.random.default_rng(child) for child in world_seed(self.split, seed).spawn(5))
         )
-        self._belief = self._start(streams)
-        self._streams, self._seeds = streams, streams.seeds
-        self._started = True
+        self._belief = self._reset_world(rngs)
+        self._rngs, self._seed_rng = rngs, rngs.seeds
+        self._has_reset = True
         self._scans_done = 0
         self.scans = []
         self.agents = list(self.possible_agents)
-        self._offer_candidates()
+        self._sample_candidates()
         observations = self._observe()
         infos = {agent: self._common_info() for agent in self.agents}
         _copy_masks(observations, infos)
@@ -193,7 +195,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         """Move all cameras, look with all of them, fuse, reward, observe.
 
         A pose that is infeasible on the known map does not move the camera: it stays, looks from
-        where it is, and ``infos[agent]["refused"]`` says why. Where the map is wrong and something
+        where it is, and ``infos[agent]["rejected_reason"]`` says why. Where the map is wrong and something
         stands in the way, the robot bumps into it and is stopped: ``infos[agent]["contact"]`` is
         true.
 
@@ -205,46 +207,49 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         RuntimeError
             Before the first reset and after the end of an episode.
         """
-        wanted = self._decode(actions)
+        decoded = self._decode(actions)
         before = self._belief
-        motion = self._move([None if refused else pose for pose, refused in wanted])
-        rated = before.rate_team(motion.poses)
-        if motion.bumped_cells:
-            before.map.mark_occupied(motion.bumped_cells)
-        self._belief = before.moved(motion.poses)
-        self.scans = self._scans()
+        move = self._move([None if reason else pose for pose, reason in decoded])
+        rated = before.rate_team(move.poses)
+        if move.collision_cells:
+            before.map.mark_occupied(move.collision_cells)
+        self._belief = before.with_poses(move.poses)
+        self.scans = self._take_scans()
         gains = self._fuse(self.scans)
         self._scans_done += 1
-        self._offer_candidates()
-        looks = [
-            Look(*values)
+        self._sample_candidates()
+        outcomes = [
+            StepOutcome(*values)
             for values in zip(
                 rated.new_information.tolist(),
                 rated.distance.tolist(),
                 rated.motion_cost.tolist(),
                 rated.rating.tolist(),
                 gains,
-                [self._contact_cost if touched else 0.0 for touched in motion.touched],
+                [
+                    self._contact_cost if collided_with else 0.0
+                    for collided_with in move.collided_with
+                ],
                 strict=True,
             )
         ]
-        terms = [terms_of(look, self._scale) for look in looks]
+        terms = [reward_terms(outcome, self._reward_scale) for outcome in outcomes]
         common = self._common_info()
         infos = {
             agent: {
                 **common,
-                "refused": wanted[robot][1],
-                "contact": bool(motion.touched[robot]),
-                "terms": terms[robot],
-                "new_information": looks[robot].new_information,
-                "distance": looks[robot].distance,
+                "rejected_reason": decoded[robot][1],
+                "contact": bool(move.collided_with[robot]),
+                "reward_terms": terms[robot],
+                "new_information": outcomes[robot].new_information,
+                "distance": outcomes[robot].distance,
                 "new_cells": gains[robot].new_cells,
-                "entropy_drop": gains[robot].entropy_drop,
-                **self._own_info(robot),
+                "entropy_reduction": gains[robot].entropy_reduction,
+                **self._extra_info(robot),
             }
             for robot, agent in enumerate(self.agents)
         }
-        rewards = self._pay(terms)
+        rewards = self._assign_rewards(terms)
         ended = self._scans_done >= self.max_scans
         observations = self._observe()
         _copy_masks(observations, infos)
@@ -260,7 +265,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         """Return what centralised critics may see; see the world's `observations`."""
         return self._observer.state(self.belief())
 
-    def belief(self) -> AnyBelief:
+    def belief(self) -> BeliefT:
         """Return what the robots know: the input of planners. Never the truth.
 
         Raises
@@ -281,7 +286,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
         if self.render_mode is None:
             return None
         self._require_reset()
-        frame = self._frame()
+        frame = self._render_frame()
         if self.render_mode == "human":
             self._window = self._window or HumanWindow()
             self._window.show(frame)
@@ -295,7 +300,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
             self._window = None
 
     def _require_reset(self) -> None:
-        if not self._started:
+        if not self._has_reset:
             raise RuntimeError("call reset() first: there is no world yet")
 
     def _decode(self, actions: Mapping[str, Any]) -> list[tuple[Any, str]]:
@@ -307,26 +312,26 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[AnyBelief]):
             raise InvalidActionError(f"one action for each of {self.agents} is needed, got {given}")
         return [self._actions.decode(agent, actions[agent], self._belief) for agent in self.agents]
 
-    def _offer_candidates(self) -> None:
-        if self._candidates is not None:
-            m, rng = self._candidates.n_candidates, self._streams.candidates
-            offers = [
+    def _sample_candidates(self) -> None:
+        if self._candidate_mode is not None:
+            m, rng = self._candidate_mode.n_candidates, self._rngs.candidates
+            candidates = [
                 self._belief.random_poses(robot, m, rng)
                 for robot in range(len(self.possible_agents))
             ]
-            self._belief = self._belief.offering(offers)
+            self._belief = self._belief.with_candidates(candidates)
 
     def _observe(self) -> dict[str, Observation]:
         return dict(zip(self.agents, self._observer.observe(self._belief), strict=True))
 
-    def _pay(self, terms: list[dict[str, float]]) -> dict[str, float]:
-        paid = [term[self._reward] for term in terms]
-        if self._shared:
-            paid = [sum(paid) / len(paid)] * len(paid)
-        return dict(zip(self.agents, paid, strict=True))
+    def _assign_rewards(self, terms: list[dict[str, float]]) -> dict[str, float]:
+        rewards = [term[self._reward_term] for term in terms]
+        if self._shares_reward:
+            rewards = [sum(rewards) / len(rewards)] * len(rewards)
+        return dict(zip(self.agents, rewards, strict=True))
 
     def _common_info(self) -> dict[str, Any]:
-        return {"scans": self._scans_done, "viewed_share": self._belief.map.viewed_share}
+        return {"scans": self._scans_done, "observed_fraction": self._belief.map.observed_fraction}
 
 
 def _copy_masks(observations: Mapping[str, Observation], infos: Infos) -> None:

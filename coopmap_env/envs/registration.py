@@ -5,19 +5,19 @@ from typing import Any
 import gymnasium
 import pettingzoo
 
-SEARCH = {"initialization": "search", "motion_correction": "fiducials"}
+SEARCH_ARGUMENTS = {"initialization": "search", "motion_correction": "fiducials"}
 """The whole of the paper: robots find the target first, and fiducials correct their cameras."""
-WORLDS: dict[str, tuple[str, dict[str, Any]]] = {
+ENVS: dict[str, tuple[str, dict[str, Any]]] = {
     "coopmap/Planar-v0": ("Planar", {}),
     "coopmap/Field-v0": ("Field", {}),
-    "coopmap/FieldSearch-v0": ("Field", SEARCH),
+    "coopmap/FieldSearch-v0": ("Field", SEARCH_ARGUMENTS),
 }
 """World and arguments of each id."""
 
 
-def register() -> None:
+def register_envs() -> None:
     """Enter the environments into both registries; done once, on import of `coopmap_env`."""
-    for name, (world, arguments) in WORLDS.items():
+    for name, (world, arguments) in ENVS.items():
         module = f"coopmap_env.envs.{world.lower()}"
         pettingzoo.register("parallel", name, f"{module}:{world}Env", kwargs=arguments)
         gymnasium.register(name, f"{module}:{world}TeamEnv", kwargs=arguments)

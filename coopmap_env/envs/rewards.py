@@ -14,7 +14,7 @@ from typing import NamedTuple
 from coopmap_env.mapping import ScanGain
 
 
-class Look(NamedTuple):
+class StepOutcome(NamedTuple):
     """What one robot's look brought."""
 
     new_information: float
@@ -32,48 +32,52 @@ class Look(NamedTuple):
     """What bumping into something costs, as a share of the largest NI; 0 without a contact."""
 
 
-class Scale(NamedTuple):
+class RewardScale(NamedTuple):
     """What the terms are measured against."""
 
-    full_view: float
+    full_view_entropy: float
     """Entropy of all cells that the camera can see, N ln 2, nats."""
-    most_information: float
-    """The largest NI, ln(n_gray), nats."""
+    max_information: float
+    """The largest NI, ln(n_gray_bins), nats."""
     n_cells: int
     """Cells of the world."""
 
     @classmethod
-    def of(cls, n_visible: int, n_gray: int, n_cells: int) -> Scale:
-        """The scale of a camera that sees at most `n_visible` cells of the world's `n_cells`."""
-        return cls(n_visible * math.log(2.0), math.log(n_gray), n_cells)
+    def for_camera(cls, max_visible_cells: int, n_gray_bins: int, n_cells: int) -> RewardScale:
+        """The scale of a camera that sees at most `max_visible_cells` cells of the world's `n_cells`."""
+        return cls(max_visible_cells * math.log(2.0), math.log(n_gray_bins), n_cells)
 
 
-def rating(look: Look, scale: Scale) -> float:
+def rating(outcome: StepOutcome, scale: RewardScale) -> float:
     """Eq. 9 of the executed pose on the map before the scan: what the planner maximises; nats."""
-    return look.rating - look.contact_cost * scale.most_information
+    return outcome.rating - outcome.contact_cost * scale.max_information
 
 
-def information(look: Look, scale: Scale) -> float:
+def information(outcome: StepOutcome, scale: RewardScale) -> float:
     """Realised drop of map entropy minus the motion cost.
 
     The drop as a share of a full view's entropy, the cost as a share of the largest NI.
     """
-    motion_cost = look.motion_cost / scale.most_information
-    return look.gain.entropy_drop / scale.full_view - motion_cost - look.contact_cost
+    motion_cost = outcome.motion_cost / scale.max_information
+    return (
+        outcome.gain.entropy_reduction / scale.full_view_entropy
+        - motion_cost
+        - outcome.contact_cost
+    )
 
 
-def coverage(look: Look, scale: Scale) -> float:
+def coverage(outcome: StepOutcome, scale: RewardScale) -> float:
     """Newly viewed cells as a share of the world."""
-    return look.gain.new_cells / scale.n_cells - look.contact_cost
+    return outcome.gain.new_cells / scale.n_cells - outcome.contact_cost
 
 
-TERMS: dict[str, Callable[[Look, Scale], float]] = {
+REWARD_TERMS: dict[str, Callable[[StepOutcome, RewardScale], float]] = {
     "rating": rating,
     "information": information,
     "coverage": coverage,
 }
 
 
-def terms_of(look: Look, scale: Scale) -> dict[str, float]:
+def reward_terms(outcome: StepOutcome, scale: RewardScale) -> dict[str, float]:
     """Every term by its name."""
-    return {name: term(look, scale) for name, term in TERMS.items()}
+    return {name: term(outcome, scale) for name, term in REWARD_TERMS.items()}

@@ -35,16 +35,16 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         agents = self.parallel.possible_agents
         each: list[Any] = [self.parallel.observation_space(agent) for agent in agents]
         self.observation_space = spaces.Dict(
-            {key: _joined([space[key] for space in each]) for key in each[0]}
+            {key: _concatenate_boxes([space[key] for space in each]) for key in each[0]}
         )
         actions: list[Any] = [self.parallel.action_space(agent) for agent in agents]
         self.action_space: spaces.Space[Any]
         if isinstance(actions[0], spaces.Discrete):
             self.action_space = spaces.MultiDiscrete([int(action.n) for action in actions])
-            self._ends = list(range(1, len(agents)))
+            self._split_indices = list(range(1, len(agents)))
         else:
-            self.action_space = _joined(actions)
-            self._ends = np.cumsum([action.shape[0] for action in actions])[:-1].tolist()
+            self.action_space = _concatenate_boxes(actions)
+            self._split_indices = np.cumsum([action.shape[0] for action in actions])[:-1].tolist()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -52,7 +52,7 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         """Start an episode; see `MappingEnv.reset`."""
         observations, infos = self.parallel.reset(seed=seed, options=options)
         super().reset(seed=None if seed is None else int(seed))  # after the check of the seed
-        return self._together(observations), {"robots": infos}
+        return self._concatenate(observations), {"robots": infos}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move and look with all robots; see `MappingEnv.step`.
@@ -68,13 +68,13 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
             raise InvalidActionError(
                 f"the team's action must have shape {self.action_space.shape}, got {flat.shape}"
             )
-        parts = dict(zip(agents, np.split(flat, self._ends), strict=True))
+        parts = dict(zip(agents, np.split(flat, self._split_indices), strict=True))
         if isinstance(self.action_space, spaces.MultiDiscrete):
             parts = {agent: part[0] for agent, part in parts.items()}
         observations, rewards, _, truncations, infos = self.parallel.step(parts)
         truncated = truncations[agents[0]]
         return (
-            self._together(observations),
+            self._concatenate(observations),
             float(sum(rewards.values())),
             False,
             truncated,
@@ -90,12 +90,12 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         self.parallel.close()
 
     @staticmethod
-    def _together(observations: dict[str, Observation]) -> Observation:
+    def _concatenate(observations: dict[str, Observation]) -> Observation:
         each = list(observations.values())
         return {key: np.concatenate([o[key] for o in each]) for key in each[0]}
 
 
-def _joined(boxes: Sequence[Any]) -> spaces.Box:
+def _concatenate_boxes(boxes: Sequence[Any]) -> spaces.Box:
     return spaces.Box(
         np.concatenate([box.low for box in boxes]),
         np.concatenate([box.high for box in boxes]),

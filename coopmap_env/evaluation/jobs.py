@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
 
 Engine = Literal["processes", "ray"]
@@ -129,7 +129,7 @@ def connected_ray(workers: int) -> Iterator[ModuleType]:
         If there is no cluster at that address.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    ray = require("ray", "ray")
+    ray = import_optional("ray", "ray")
     if ray.is_initialized():
         yield ray
         return
@@ -173,7 +173,7 @@ def _bar(
 ) -> Iterable[tuple[int, Result]]:
     if not progress:
         return results
-    tqdm = require("tqdm", "cli").tqdm
+    tqdm = import_optional("tqdm", "cli").tqdm
     bar: Iterable[tuple[int, Result]] = tqdm(
         results, total=total, initial=total - missing, unit="job", smoothing=0.1
     )

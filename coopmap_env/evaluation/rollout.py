@@ -18,7 +18,7 @@ from coopmap_env.evaluation.metrics.surface import SurfaceJudge
 from coopmap_env.evaluation.policy import Policy
 from coopmap_env.evaluation.scored_voxels import told_by_scans
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots.reach import P_EMPTY
+from coopmap_env.robots.reach import FREE_PROBABILITY
 
 Scored = tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]
 """Probability, truth, and which cells are scored."""
@@ -188,7 +188,7 @@ def run_episode(
     map_ = env.belief().map
     judge = judge_of(env, seed)
     start, known = _start_of(env)
-    viewed, entropy = [map_.viewed_share], [map_.entropy]
+    viewed, entropy = [map_.observed_fraction], [map_.entropy]
     surface = [judge.coverage(map_)] if judge else []
     reward = distance = planning = 0.0
     refused = contacts = decisions = 0
@@ -196,16 +196,16 @@ def run_episode(
         before = time.perf_counter()
         actions = policy.act(env.belief(), observations)
         planning += time.perf_counter() - before
-        if map_.viewed_share != viewed[-1]:
+        if map_.observed_fraction != viewed[-1]:
             raise RuntimeError(f"{policy!r} changed the map, which is to be looked at only")
         decisions += len(actions)
         observations, rewards, _, _, infos = env.step(actions)
         watch(infos)
         reward += sum(rewards.values())
         distance += sum(info["distance"] for info in infos.values())
-        refused += sum(bool(info["refused"]) for info in infos.values())
+        refused += sum(bool(info["rejected_reason"]) for info in infos.values())
         contacts += sum(info["contact"] for info in infos.values())
-        viewed.append(map_.viewed_share)
+        viewed.append(map_.observed_fraction)
         entropy.append(map_.entropy)
         if judge:
             surface.append(judge.coverage(map_))
@@ -237,7 +237,7 @@ def _start_of(env: MappingEnv[Any]) -> tuple[NDArray[np.float64], NDArray[np.boo
     """
     if isinstance(env, FieldEnv):
         middle = np.mean([camera.translation for camera in env.true_cameras], axis=0)
-        return middle, env.parking_room
+        return middle, env.initial_free_mask
     return env.belief().positions.mean(axis=0), np.zeros_like(env.belief().map.sampled)
 
 
@@ -267,7 +267,7 @@ def _trace(
         scores.precision,
         scores.recall,
         scores.chamfer,
-        float((there < P_EMPTY).mean()) if len(there) else 0.0,
+        float((there < FREE_PROBABILITY).mean()) if len(there) else 0.0,
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry.transforms import Pose
 
-SMALL = 1e-8
+SMALL_ANGLE = 1e-8
 """Radians below which the sine is the angle."""
 
 
@@ -26,18 +26,18 @@ def skew(v: ArrayLike) -> NDArray[np.float64]:
     return out
 
 
-def rotation_of_vector(w: ArrayLike) -> NDArray[np.float64]:
+def rotation_from_rotvec(w: ArrayLike) -> NDArray[np.float64]:
     """exp([w]x): the rotation (3, 3) about w by its length in radians (Rodrigues)."""
     w = np.asarray(w, dtype=np.float64)
     angle = math.sqrt(float(w @ w))
     K = skew(w)
-    if angle < SMALL:
+    if angle < SMALL_ANGLE:
         return nearest_rotation(np.eye(3) + K)
     half = math.sin(angle / 2.0) / (angle / 2.0)
     return np.eye(3) + (math.sin(angle) / angle) * K + (0.5 * half * half) * (K @ K)
 
 
-def vector_of_rotation(R: ArrayLike) -> NDArray[np.float64]:
+def rotvec_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
     """Rotation vector (3,) of a rotation (3, 3), of length 0 to pi."""
     R = np.asarray(R, dtype=np.float64)
     # by its quaternion, which is well conditioned at every angle (Shepperd 1978)
@@ -69,17 +69,17 @@ def nearest_rotation(M: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(U @ Vt)
 
 
-def displaced(pose: Pose, displacement: ArrayLike) -> Pose:
+def apply_displacement(pose: Pose, displacement: ArrayLike) -> Pose:
     """A pose that stands dt further, turned by exp([dw]x), of a displacement (6,) = [dt, dw]."""
     d = np.asarray(displacement, dtype=np.float64)
-    return Pose(pose.translation + d[:3], rotation_of_vector(d[3:]) @ pose.rotation)
+    return Pose(pose.translation + d[:3], rotation_from_rotvec(d[3:]) @ pose.rotation)
 
 
 def displacement_between(pose: Pose, other: Pose) -> NDArray[np.float64]:
-    """The displacement (6,) that leads from one pose to another: the inverse of `displaced`."""
+    """The displacement (6,) that leads from one pose to another: the inverse of `apply_displacement`."""
     return np.concatenate(
         [
             other.translation - pose.translation,
-            vector_of_rotation(other.rotation @ pose.rotation.T),
+            rotvec_from_rotation(other.rotation @ pose.rotation.T),
         ]
     )

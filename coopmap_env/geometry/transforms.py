@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-TURN = 2.0 * math.pi
+TWO_PI = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Pose:
         rows = R.tolist()
         if not math.isfinite(sum(t.tolist()) + sum(map(sum, rows))):
             raise ValueError(f"pose has a value that is not finite: {t}, {R}")
-        if not _is_proper(rows):
+        if not _is_proper_rotation(rows):
             raise ValueError(f"rotation is not a proper rotation matrix: {R}")
         object.__setattr__(self, "translation", t)
         object.__setattr__(self, "rotation", R)
@@ -63,7 +63,7 @@ class Pose:
         return Pose(self.transform(other.translation), self.rotation @ other.rotation)
 
 
-def _is_proper(rows: list[list[float]]) -> bool:
+def _is_proper_rotation(rows: list[list[float]]) -> bool:
     """Whether rows of a 2 x 2 or 3 x 3 matrix are orthonormal and right-handed, to within 1e-5.
 
     In plain numbers: poses are made at every step, and for so few numpy takes ten times as long.
@@ -86,9 +86,9 @@ def _is_proper(rows: list[list[float]]) -> bool:
 
 def wrap_angle(angle: ArrayLike) -> NDArray[np.float64]:
     """Angles wrapped to [-pi, pi), radians."""
-    turned = np.mod(np.asarray(angle, dtype=np.float64) + math.pi, TURN)
+    turned = np.mod(np.asarray(angle, dtype=np.float64) + math.pi, TWO_PI)
     # just below -pi, the remainder of a tiny negative number rounds to a whole turn
-    return np.where(turned < TURN, turned, 0.0) - math.pi
+    return np.where(turned < TWO_PI, turned, 0.0) - math.pi
 
 
 def to_camera_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:

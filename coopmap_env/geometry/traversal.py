@@ -3,7 +3,7 @@
 The walk goes from cell face to cell face (Amanatides & Woo 1987, "A fast voxel traversal
 algorithm for ray tracing"), so no corner is skipped, as fixed-step sampling would. Everything is
 in *cells*: lengths divided by the resolution, positions measured from the grid's lower corner.
-`begin` and `advance` are the two halves of the loop that each kernel writes around its own work;
+`init_axis` and `step_voxel` are the two halves of the loop that each kernel writes around its own work;
 a planar grid is one layer of a 3-D grid, so the same two functions serve both. Cells are flat
 (row-major) numbers, which a step changes by one axis's stride.
 """
@@ -17,13 +17,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-INSIDE = 1.0 - 1e-9
+BORDER_FACTOR = 1.0 - 1e-9
 """Share of the way to the grid's border: entering distances are sums and carry rounding errors of
 1e-13, which must not carry a walk out of the grid."""
 
 
 @njit(cache=True, nogil=True, inline="always")
-def begin(position, direction, size, stride):
+def init_axis(position, direction, size, stride):
     """One axis of a ray that starts inside the grid.
 
     Returns the first cell's share of the flat cell number, the change of it at each step, the
@@ -32,15 +32,21 @@ def begin(position, direction, size, stride):
     cell = math.floor(position)
     if direction > 0.0:
         first, delta = (cell + 1.0 - position) / direction, 1.0 / direction
-        return cell * stride, stride, first, delta, (first + (size - 1 - cell) * delta) * INSIDE
+        return (
+            cell * stride,
+            stride,
+            first,
+            delta,
+            (first + (size - 1 - cell) * delta) * BORDER_FACTOR,
+        )
     if direction < 0.0:
         first, delta = (cell - position) / direction, -1.0 / direction
-        return cell * stride, -stride, first, delta, (first + cell * delta) * INSIDE
+        return cell * stride, -stride, first, delta, (first + cell * delta) * BORDER_FACTOR
     return cell * stride, 0, math.inf, math.inf, math.inf
 
 
 @njit(cache=True, nogil=True, inline="always")
-def advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz):
+def step_voxel(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz):
     """Step over the nearest face: the next cell, the next faces, the distance travelled.
 
     The nested form is faster than `tx <= ty and tx <= tz`: a planar ray never asks about z.
@@ -58,9 +64,9 @@ def advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz):
 def _traverse(p, u, length, shape, cells, entries):
     """Write the crossed cells and their entry distances; return how many."""
     nx, ny, nz = shape
-    cx, sx, tx, dx, end_x = begin(p[0], u[0], nx, ny * nz)
-    cy, sy, ty, dy, end_y = begin(p[1], u[1], ny, nz)
-    cz, sz, tz, dz, end_z = begin(p[2], u[2], nz, 1)
+    cx, sx, tx, dx, end_x = init_axis(p[0], u[0], nx, ny * nz)
+    cy, sy, ty, dy, end_y = init_axis(p[1], u[1], ny, nz)
+    cz, sz, tz, dz, end_z = init_axis(p[2], u[2], nz, 1)
     cell = cx + cy + cz
     end = min(length, end_x, end_y, end_z)
     t = 0.0
@@ -69,7 +75,7 @@ def _traverse(p, u, length, shape, cells, entries):
         cells[count] = cell
         entries[count] = t
         count += 1
-        cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
+        cell, tx, ty, tz, t = step_voxel(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
     return count
 
 
@@ -116,8 +122,8 @@ def traverse(
         raise ValueError(f"ray origin {p} lies outside the grid of {shape} cells")
     pad = 3 - dimension
     p3, u3 = np.pad(p, (0, pad), constant_values=0.5), np.pad(u / norm, (0, pad))
-    shape3 = (*shape, *(1,) * pad)
-    cells = np.empty(sum(shape3) + 3, dtype=np.int64)
+    shape_3d = (*shape, *(1,) * pad)
+    cells = np.empty(sum(shape_3d) + 3, dtype=np.int64)
     entries = np.empty(len(cells))
-    n = _traverse(p3, u3, float(length), shape3, cells, entries)
+    n = _traverse(p3, u3, float(length), shape_3d, cells, entries)
     return Traversal(np.stack(np.unravel_index(cells[:n], shape), axis=-1), entries[:n].copy())

@@ -22,7 +22,7 @@ def entropy(q: ArrayLike) -> float:
     return float(-np.sum(q * np.log(np.where(q > 0, q, 1.0))))
 
 
-def minus_q_ln_q(n: int) -> NDArray[np.float64]:
+def entropy_terms(n: int) -> NDArray[np.float64]:
     """-q ln q of q = f / n for every count f = 0 ... n, shape (n + 1,)."""
     q = np.arange(n + 1) / n
     return -q * np.log(np.where(q > 0, q, 1.0))

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.mapping.log_odds import LogOddsRange
 
-Reading = Literal["literal", "distance_free"]
+Interpretation = Literal["literal", "distance_free"]
 
 
-def gray_of_sampled(
-    probability: ArrayLike, distance: ArrayLike, reading: Reading = "literal"
+def sampled_gray_level(
+    probability: ArrayLike, distance: ArrayLike, interpretation: Interpretation = "literal"
 ) -> NDArray[np.float64]:
     """Eq. 8a: gray level in [0, 1] of sampled voxels.
 
@@ -31,13 +31,13 @@ def gray_of_sampled(
         With the distance as printed, or with d = 1 everywhere.
     """
     p = np.asarray(probability, dtype=np.float64)
-    d = np.ones_like(p) if reading == "distance_free" else np.maximum(distance, 1.0)
+    d = np.ones_like(p) if interpretation == "distance_free" else np.maximum(distance, 1.0)
     free = np.clip((1.0 / (np.maximum(1.0 - p, 0.5) * d) - 1.0) / 2.0, 0.0, 0.5)
     occupied = np.clip(1.0 - (1.0 / (np.maximum(p, 0.5) * d) - 1.0) / 2.0, 0.5, 1.0)
     return np.where(p < 0.5, free, occupied)
 
 
-def gray_of_unknown(distance: ArrayLike, depth: float) -> NDArray[np.float64]:
+def unknown_gray_level(distance: ArrayLike, depth: float) -> NDArray[np.float64]:
     """Eq. 8b: gray level in (1, 2] of never-sampled voxels; `depth` is d_max, the depth of field.
 
     The centre of a voxel at the rim may lie a little further than the depth of field: it counts
@@ -46,14 +46,14 @@ def gray_of_unknown(distance: ArrayLike, depth: float) -> NDArray[np.float64]:
     return 1.0 + np.minimum(np.asarray(distance, dtype=np.float64) / depth, 1.0)
 
 
-def gray_bin(gray: ArrayLike, n_gray: int) -> NDArray[np.int64]:
-    """Which of `n_gray` uniform bins over [0, 2] each gray level falls into."""
-    bins = (np.asarray(gray) * (n_gray / 2)).astype(np.int64)
-    return np.minimum(bins, n_gray - 1)
+def gray_bin(gray: ArrayLike, n_gray_bins: int) -> NDArray[np.int64]:
+    """Which of `n_gray_bins` uniform bins over [0, 2] each gray level falls into."""
+    bins = (np.asarray(gray) * (n_gray_bins / 2)).astype(np.int64)
+    return np.minimum(bins, n_gray_bins - 1)
 
 
 @dataclass(frozen=True)
-class GrayTable:
+class GrayLevelTable:
     """Eqs. 8a and 8b looked up: the bin of a voxel from its class of distance and its level.
 
     Eq. 8a depends on the distance only below two voxels: from there on 1 / ((1 - p) d) <= 1 and
@@ -68,24 +68,24 @@ class GrayTable:
     """Shape (k,): bin of each cell of the fan if it was never sampled."""
 
     @classmethod
-    def of(
+    def from_distances(
         cls,
         distance: NDArray[np.float64],
         depth: float,
-        n_gray: int,
-        reading: Reading,
+        n_gray_bins: int,
+        interpretation: Interpretation,
         log_odds_range: LogOddsRange,
-    ) -> GrayTable:
+    ) -> GrayLevelTable:
         """Tables for cells at these distances (voxels) from the camera."""
         near = np.unique(np.maximum(distance[distance < 2.0], 1.0))
         bounded = np.maximum(distance, 1.0)
         classes = np.minimum(np.searchsorted(near, bounded), len(near))
         rows = [
-            gray_bin(gray_of_sampled(log_odds_range.probability, d, reading), n_gray)
+            gray_bin(sampled_gray_level(log_odds_range.probability, d, interpretation), n_gray_bins)
             for d in (*near, 2.0)
         ]
         return cls(
             np.array(rows, dtype=np.uint8),
             classes.astype(np.uint8),
-            gray_bin(gray_of_unknown(distance, depth), n_gray).astype(np.uint8),
+            gray_bin(unknown_gray_level(distance, depth), n_gray_bins).astype(np.uint8),
         )

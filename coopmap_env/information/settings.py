@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from coopmap_env.information.gray import Reading
+from coopmap_env.information.gray import Interpretation
 
 
 @dataclass(frozen=True)
@@ -24,27 +24,27 @@ class RatingConstants:
     """Weight of the motion, nats per unit of d**n."""
     exponent: float = 1.0
     """n of Eq. 9."""
-    n_gray: int = 64
+    n_gray_bins: int = 64
     """Bins over the gray levels [0, 2] (Eq. 7): half of them tell unknown cells apart by
     distance, in steps of less than one cell in the plane, of less than two in space."""
-    reading: Reading = "literal"
+    interpretation: Interpretation = "literal"
     """Of Eq. 8a: with the distance as printed, or distance free."""
 
     def __post_init__(self) -> None:
         kind = type(self).__name__
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
-            if name in ("n_gray", "reading"):
+            if name in ("n_gray_bins", "interpretation"):
                 continue
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{kind}.{name} must be finite and >= 0, got {value}")
-        if not (isinstance(self.n_gray, int | np.integer) and 2 <= self.n_gray <= 256):
+        if not (isinstance(self.n_gray_bins, int | np.integer) and 2 <= self.n_gray_bins <= 256):
             raise ValueError(
-                f"{kind}.n_gray must be a whole number in 2 ... 256, got {self.n_gray}"
+                f"{kind}.n_gray_bins must be a whole number in 2 ... 256, got {self.n_gray_bins}"
             )
-        if self.reading not in ("literal", "distance_free"):
+        if self.interpretation not in ("literal", "distance_free"):
             raise ValueError(
-                f"{kind}.reading is 'literal' or 'distance_free', got {self.reading!r}"
+                f"{kind}.interpretation is 'literal' or 'distance_free', got {self.interpretation!r}"
             )
 
 
@@ -60,7 +60,7 @@ class RatingSettings(RatingConstants):
 
     K: float = 0.2
     """Weight of the motion, nats per unit of d**n. Chosen on 150 training worlds: the trends of the
-    paper's Section 3 hold. NI is at most ln(n_gray), so 20 m of motion are hardly ever worth it."""
+    paper's Section 3 hold. NI is at most ln(n_gray_bins), so 20 m of motion are hardly ever worth it."""
     alpha_position: float = 1.0
     """Weight of squared metres in Eq. 5."""
     alpha_heading: float = 0.0

@@ -1,21 +1,33 @@
 """Where the robots and their cameras are: target registration (2.2) and motion correction (2.5)."""
 
-from coopmap_env.localization.correction.corrector import Correction, Matches, MotionCorrection
-from coopmap_env.localization.correction.fiducials import Fiducials, FiducialSettings, select
+from coopmap_env.localization.correction.corrector import (
+    FiducialMatches,
+    PoseCorrection,
+    PoseCorrector,
+)
+from coopmap_env.localization.correction.fiducials import (
+    Fiducials,
+    FiducialSettings,
+    select_fiducials,
+)
 from coopmap_env.localization.correction.pose_estimators import (
-    BadlyPlacedError,
+    DegenerateGeometryError,
     RecursiveMoments,
-    camera_points,
-    consistent,
-    gaussian_transform,
+    back_project,
+    consistent_subset,
+    gaussian_pose,
     linear_pose,
     linear_transform,
     recursive_pose,
-    rigid_transform,
+    rigid_pose,
 )
 from coopmap_env.localization.correction.settings import CorrectionSettings
-from coopmap_env.localization.correction.tracking import TrackingSettings, Tracks, track
-from coopmap_env.localization.registration.common_frame import agree_on_frame, in_frame
+from coopmap_env.localization.correction.tracking import (
+    FiducialTracks,
+    TrackingSettings,
+    track_fiducials,
+)
+from coopmap_env.localization.registration.common_frame import in_equivalent_frame, resolve_symmetry
 from coopmap_env.localization.registration.register import (
     Registration,
     RegistrationSettings,
@@ -25,30 +37,30 @@ from coopmap_env.localization.registration.views import View
 from coopmap_env.localization.target import TargetModel
 
 __all__ = [
-    "BadlyPlacedError",
-    "Correction",
     "CorrectionSettings",
+    "DegenerateGeometryError",
+    "FiducialMatches",
     "FiducialSettings",
+    "FiducialTracks",
     "Fiducials",
-    "Matches",
-    "MotionCorrection",
+    "PoseCorrection",
+    "PoseCorrector",
     "RecursiveMoments",
     "Registration",
     "RegistrationSettings",
     "TargetModel",
     "TrackingSettings",
-    "Tracks",
     "View",
-    "agree_on_frame",
-    "camera_points",
-    "consistent",
-    "gaussian_transform",
-    "in_frame",
+    "back_project",
+    "consistent_subset",
+    "gaussian_pose",
+    "in_equivalent_frame",
     "linear_pose",
     "linear_transform",
     "recursive_pose",
     "register",
-    "rigid_transform",
-    "select",
-    "track",
+    "resolve_symmetry",
+    "rigid_pose",
+    "select_fiducials",
+    "track_fiducials",
 ]

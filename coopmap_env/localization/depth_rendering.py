@@ -13,14 +13,14 @@ from numba import njit
 
 from coopmap_env.sensing.depth_camera import DepthCamera
 
-CLOSEST = 0.05
+NEAR_PLANE = 0.05
 """Metres in front of the camera: triangles that reach nearer or behind it are left out."""
 
-Pinhole = tuple[int, int, float, float]
+PinholeIntrinsics = tuple[int, int, float, float]
 """Width and height in pixels, and the tangents of half the fields of view."""
 
 
-def pinhole(camera: DepthCamera) -> Pinhole:
+def pinhole_intrinsics(camera: DepthCamera) -> PinholeIntrinsics:
     """The numbers of a camera that kernels need."""
     return (
         int(camera.width), int(camera.height),
@@ -29,21 +29,21 @@ def pinhole(camera: DepthCamera) -> Pinhole:
 
 
 @njit(cache=True, nogil=True)
-def expect(triangles, R, t, lens, depth, seen):
+def render_depth(triangles, R, t, intrinsics, depth, triangle_index):
     """Fill depths along the optical axis (n,) and the triangle seen (n,) by each pixel.
 
     Pixels through which no triangle is seen keep depth infinity and triangle -1. `R`, `t` lead from
-    the triangles' frame into the camera's, `lens` is `pinhole`'s. In the image, the inverse depth
+    the triangles' frame into the camera's, `intrinsics` is `pinhole_intrinsics`'s. In the image, the inverse depth
     of a plane is an affine function, so every pixel's depth is exact.
     """
-    width, height, left, top = lens
+    width, height, left, top = intrinsics
     depth[:] = np.inf
-    seen[:] = -1
+    triangle_index[:] = -1
     p = np.empty((3, 3))
     col = np.empty(3)
     row = np.empty(3)
     for m in range(len(triangles)):
-        behind = False
+        crosses_near_plane = False
         for i in range(3):
             for k in range(3):
                 p[i, k] = (
@@ -52,24 +52,28 @@ def expect(triangles, R, t, lens, depth, seen):
                     + R[k, 2] * triangles[m, i, 2]
                     + t[k]
                 )
-            if p[i, 0] < CLOSEST:
-                behind = True
+            if p[i, 0] < NEAR_PLANE:
+                crosses_near_plane = True
                 break
             col[i] = 0.5 * width * (1.0 - p[i, 1] / (p[i, 0] * left)) - 0.5
             row[i] = 0.5 * height * (1.0 - p[i, 2] / (p[i, 0] * top)) - 0.5
-        if behind:
+        if crosses_near_plane:
             continue
         first, last = math.ceil(max(row.min(), 0.0)), math.floor(min(row.max(), height - 1.0))
         start, stop = math.ceil(max(col.min(), 0.0)), math.floor(min(col.max(), width - 1.0))
         if first > last or start > stop:
             continue
-        twice = (col[1] - col[0]) * (row[2] - row[0]) - (col[2] - col[0]) * (row[1] - row[0])
-        if abs(twice) < 1e-12:
+        double_area = (col[1] - col[0]) * (row[2] - row[0]) - (col[2] - col[0]) * (row[1] - row[0])
+        if abs(double_area) < 1e-12:
             continue
         for r in range(first, last + 1):
             for c in range(start, stop + 1):
-                w1 = ((c - col[0]) * (row[2] - row[0]) - (col[2] - col[0]) * (r - row[0])) / twice
-                w2 = ((col[1] - col[0]) * (r - row[0]) - (c - col[0]) * (row[1] - row[0])) / twice
+                w1 = (
+                    (c - col[0]) * (row[2] - row[0]) - (col[2] - col[0]) * (r - row[0])
+                ) / double_area
+                w2 = (
+                    (col[1] - col[0]) * (r - row[0]) - (c - col[0]) * (row[1] - row[0])
+                ) / double_area
                 w0 = 1.0 - w1 - w2
                 if w0 < 0.0 or w1 < 0.0 or w2 < 0.0:
                     continue
@@ -77,11 +81,11 @@ def expect(triangles, R, t, lens, depth, seen):
                 k = r * width + c
                 if x < depth[k]:
                     depth[k] = x
-                    seen[k] = m
+                    triangle_index[k] = m
 
 
 @njit(cache=True, nogil=True)
-def nearest_around(ranges, width, height, out):
+def min_neighbour_range(ranges, width, height, out):
     """Fill the least range (n,) of each pixel and its eight neighbours; 0 at the image's border.
 
     What lies beyond the border is not known, so a pixel there never sees through anything.

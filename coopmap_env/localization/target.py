@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 
 from coopmap_env.geometry.transforms import Pose
 
-_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
+_R2_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 """Of the R2 sequence, which fills a square evenly (Roberts 2018): powers of the plastic number."""
-_FOLDS = (2, 3, 4, 5, 6, 8)
+_SYMMETRY_ORDERS = (2, 3, 4, 5, 6, 8)
 """Turns by 360 degrees over these are tried as symmetries."""
 
 
@@ -70,7 +70,7 @@ class TargetModel:
         return normals
 
     @cached_property
-    def corners(self) -> NDArray[np.float64]:
+    def plane_points(self) -> NDArray[np.float64]:
         """A corner (m, 3) of each triangle: a point of its plane."""
         return np.ascontiguousarray(self.triangles[:, 0])
 
@@ -85,33 +85,35 @@ class TargetModel:
         return np.stack([self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))])
 
     @property
-    def middle(self) -> NDArray[np.float64]:
+    def center_xy(self) -> NDArray[np.float64]:
         """Middle (2,) of the box around the target, x and y."""
         return np.asarray(self.bounds[:, :2].mean(axis=0))
 
     @cached_property
     def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Points (n, 3) about `spacing` apart on the surface, and their unit normals (n, 3)."""
-        return self.sampled(max(round(self.area / self.spacing**2), 64))
+        return self.sample_surface(max(round(self.area / self.spacing**2), 64))
 
-    def sampled(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def sample_surface(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """N points (n, 3) that share the surface evenly, and their unit normals (n, 3).
 
         Each stands for the same area; where in its triangle it lies is told by the R2 sequence, so
         that the same target always has the same samples.
         """
-        ends = np.cumsum(self.__dict__["_areas"])
-        of = np.searchsorted(ends, (np.arange(n) + 0.5) / n * ends[-1])
-        of = np.minimum(of, len(ends) - 1)
-        u, v = ((np.arange(n)[:, None] + 1.0) * _STEPS % 1.0).T
-        over = u + v > 1.0
-        u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
-        a, b, c = np.moveaxis(self.triangles[of], 1, 0)
+        cumulative_areas = np.cumsum(self.__dict__["_areas"])
+        triangle = np.searchsorted(
+            cumulative_areas, (np.arange(n) + 0.5) / n * cumulative_areas[-1]
+        )
+        triangle = np.minimum(triangle, len(cumulative_areas) - 1)
+        u, v = ((np.arange(n)[:, None] + 1.0) * _R2_STEPS % 1.0).T
+        outside = u + v > 1.0
+        u, v = np.where(outside, 1.0 - u, u), np.where(outside, 1.0 - v, v)
+        a, b, c = np.moveaxis(self.triangles[triangle], 1, 0)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-        return points, self.normals[of]
+        return points, self.normals[triangle]
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def kd_tree(self) -> cKDTree:
         """Of the samples' points."""
         return cKDTree(self.samples[0])
 
@@ -124,34 +126,37 @@ class TargetModel:
         has more; its yaw cannot be found, which `register` tells by the lack of evidence.
         """
         points = self.samples[0]
-        few = points[:: max(len(points) // 200, 1)]
+        subset = points[:: max(len(points) // 200, 1)]
         centre = points.mean(axis=0) * [1.0, 1.0, 0.0]
         # another sample is at most about a spacing away on the same surface
         limit = self.symmetry_tolerance + self.spacing
         found = [Pose(np.zeros(3), np.eye(3))]
-        for angle in _turns(_FOLDS):
-            R = about_z(angle)
+        for angle in _rotation_angles(_SYMMETRY_ORDERS):
+            R = rotation_z(angle)
             motion = Pose(centre - R @ centre, R)
-            if all(self._near(motion.transform(tried), limit) for tried in (few, points)):
+            if all(
+                self._all_near_surface(motion.transform(candidate_points), limit)
+                for candidate_points in (subset, points)
+            ):
                 found.append(motion)
         return tuple(found)
 
-    def _near(self, points: NDArray[np.float64], limit: float) -> bool:
+    def _all_near_surface(self, points: NDArray[np.float64], limit: float) -> bool:
         """Whether a sample lies within a limit of each point."""
-        away = self.tree.query(points, distance_upper_bound=limit)[0]
-        return bool(np.isfinite(away).all())
+        distances = self.kd_tree.query(points, distance_upper_bound=limit)[0]
+        return bool(np.isfinite(distances).all())
 
 
-def about_z(angle: float) -> NDArray[np.float64]:
+def rotation_z(angle: float) -> NDArray[np.float64]:
     """Rotation (3, 3) about z by an angle in radians."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _turns(folds: Iterable[int]) -> list[float]:
+def _rotation_angles(orders: Iterable[int]) -> list[float]:
     """All multiples of a turn over each fold, between nothing and a whole turn, radians."""
-    shares = {k * 120 // n for n in folds for k in range(1, n)}  # 120: a multiple of each fold
-    return [2.0 * math.pi * share / 120 for share in sorted(shares)]
+    multiples = {k * 120 // n for n in orders for k in range(1, n)}  # 120: a multiple of each fold
+    return [2.0 * math.pi * share / 120 for share in sorted(multiples)]
 
 
 def _normals(triangles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -35,11 +35,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.mapping.log_odds import LEVELS_PER_NAT, level_of
+from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
 
-WINDOW = 4.0
+RANGE_WINDOW = 4.0
 """Standard deviations around z inside which a cell can be the one; beyond lie 6e-5 of the mass."""
-CUT = 0.95
+POSTERIOR_CUTOFF = 0.95
 """The beam says nothing of cells behind this share of the posterior mass."""
 
 
@@ -73,23 +73,23 @@ class BeamModel:
             )
 
     @property
-    def levels(self) -> tuple[int, int]:
+    def log_odds_bounds(self) -> tuple[int, int]:
         """The two bounds as fixed-point log-odds."""
-        return level_of(self.free), level_of(self.occupied)
+        return to_log_odds_fixed(self.free), to_log_odds_fixed(self.occupied)
 
     @property
-    def enters(self) -> bool:
+    def surface_at_entry(self) -> bool:
         """Whether surfaces lie at the entry face."""
         return self.surface == "entry"
 
     @property
-    def partial(self) -> bool:
+    def partial_surface(self) -> bool:
         """Whether surfaces fill a part of their cells."""
         return self.surface == "partial"
 
 
 @njit(cache=True, nogil=True)
-def end_weights(entries, exits, n, z, sigma, enters, weights):
+def endpoint_posterior(entries, exits, n, z, sigma, surface_at_entry, weights):
     """Write w_k, the probability that the beam ended at cell k of n; return the likeliest k.
 
     `entries` and `exits` are the distances at which the beam enters and leaves each cell. If no
@@ -101,7 +101,7 @@ def end_weights(entries, exits, n, z, sigma, enters, weights):
     highest = 0.0
     best = 0
     for k in range(n):
-        if enters:
+        if surface_at_entry:
             a = (z - entries[k]) / sigma
             likelihood = math.exp(-0.5 * a * a)
         else:
@@ -131,8 +131,8 @@ def end_weights(entries, exits, n, z, sigma, enters, weights):
 
 
 @njit(cache=True, nogil=True)
-def end_weights_along(entries, exits, n, z, sigma, weights):
-    """Like `end_weights`, for a beam that may end anywhere along its way (surface "partial").
+def partial_endpoint_posterior(entries, exits, n, z, sigma, weights):
+    """Like `endpoint_posterior`, for a beam that may end anywhere along its way (surface "partial").
 
     w_k proportional to (1/2)**entry_k * integral of N(z; s, sigma) ds over the way through cell k,
     distances in cells.
@@ -147,27 +147,27 @@ def end_weights_along(entries, exits, n, z, sigma, weights):
         joined = k > 0 and entries[k] == exits[k - 1]
         lower = upper if joined else math.erf((entries[k] - z) * scale)
         upper = math.erf((exits[k] - z) * scale)
-        share = upper - lower
-        weights[k] = 0.5 ** (entries[k] - entries[0]) * share if share > 0.0 else 0.0
+        mass = upper - lower
+        weights[k] = 0.5 ** (entries[k] - entries[0]) * mass if mass > 0.0 else 0.0
         total += weights[k]
-        if share > highest:
-            best, highest = k, share
+        if mass > highest:
+            best, highest = k, mass
     if total <= 0.0:
-        return end_weights(entries, exits, n, z, sigma, False, weights)
+        return endpoint_posterior(entries, exits, n, z, sigma, False, weights)
     for k in range(n):
         weights[k] /= total
     return best
 
 
 @njit(cache=True, nogil=True)
-def level_of_beam(weight, before, lowest, highest):
+def beam_log_odds_fixed(weight, before, lowest, highest):
     """Fixed-point log-odds of P_k = w_k + before / 2, inside what one scan may claim."""
     p = weight + 0.5 * before
     if p <= 0.0:
         return lowest
     if p >= 1.0:
         return highest
-    level = math.floor(math.log(p / (1.0 - p)) * LEVELS_PER_NAT + 0.5)
+    level = math.floor(math.log(p / (1.0 - p)) * STEPS_PER_NAT + 0.5)
     return min(max(level, lowest), highest)
 
 
@@ -195,9 +195,9 @@ def beam_occupancy(
     if not sigma > 0:
         raise ValueError(f"sigma must be > 0, got {sigma}")
     weights = np.empty(len(entries))
-    if model.partial:
-        end_weights_along(entries, exits, len(entries), z, sigma, weights)
+    if model.partial_surface:
+        partial_endpoint_posterior(entries, exits, len(entries), z, sigma, weights)
     else:
-        end_weights(entries, exits, len(entries), z, sigma, model.enters, weights)
+        endpoint_posterior(entries, exits, len(entries), z, sigma, model.surface_at_entry, weights)
     before = np.concatenate([[0.0], np.cumsum(weights)[:-1]])
     return weights + 0.5 * before

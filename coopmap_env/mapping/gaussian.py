@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 
-def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
+def gaussian_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
     """Eq. 2: N(x; mean, C) of points (..., D); the exponent is the Mahalanobis distance."""
     delta = np.asarray(x, dtype=np.float64) - np.asarray(mean, dtype=np.float64)
     C = np.asarray(covariance, dtype=np.float64)
@@ -18,7 +18,7 @@ def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> NDArray[np.
     return np.exp(-0.5 * mahalanobis) / normaliser
 
 
-def merge(
+def merge_gaussians(
     mean_1: ArrayLike, C_1: ArrayLike, mean_2: ArrayLike, C_2: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Merge two Gaussian observations of one point by multiplying their densities (Eq. 4).

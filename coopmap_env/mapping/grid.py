@@ -55,18 +55,18 @@ class VoxelGrid:
         return math.prod(self.shape)
 
     @property
-    def shape3(self) -> tuple[int, int, int]:
+    def shape_3d(self) -> tuple[int, int, int]:
         """The shape as kernels want it: a planar grid is one layer."""
         nx, ny, nz = (*self.shape, 1)[:3]
         return nx, ny, nz
 
-    def cells(self, points: ArrayLike) -> NDArray[np.float64]:
+    def to_cell_units(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points (..., D) in metres, in cells from the grid's lower corner (not rounded)."""
         return (np.asarray(points, dtype=np.float64) - self.origin) / self.resolution
 
     def index(self, points: ArrayLike) -> NDArray[np.int64]:
         """Index (..., D) of the cell that holds each point; may lie outside the grid."""
-        return np.floor(self.cells(points)).astype(np.int64)
+        return np.floor(self.to_cell_units(points)).astype(np.int64)
 
     def center(self, index: ArrayLike) -> NDArray[np.float64]:
         """Centres (..., D) of cells, metres."""
@@ -78,6 +78,6 @@ class VoxelGrid:
         inside: NDArray[np.bool_] = np.logical_and(index >= 0, index < self.shape)
         return np.asarray(inside.all(axis=-1))
 
-    def flat(self, index: ArrayLike) -> NDArray[np.int64]:
+    def flat_index(self, index: ArrayLike) -> NDArray[np.int64]:
         """Flat (row-major) cell numbers of indices (..., D) inside the grid."""
         return np.ravel_multi_index(tuple(np.moveaxis(np.asarray(index), -1, 0)), self.shape)

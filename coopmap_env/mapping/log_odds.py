@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-LEVELS_PER_NAT = 1024
+STEPS_PER_NAT = 1024
 
 
-def level_of(probability: float) -> int:
+def to_log_odds_fixed(probability: float) -> int:
     """The level nearest to a probability in (0, 1)."""
-    return round(math.log(probability / (1.0 - probability)) * LEVELS_PER_NAT)
+    return round(math.log(probability / (1.0 - probability)) * STEPS_PER_NAT)
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class LogOddsRange:
     @cached_property
     def clamp(self) -> int:
         """Highest level; the lowest is its negative."""
-        return level_of(self.max_probability)
+        return to_log_odds_fixed(self.max_probability)
 
     @cached_property
     def probability(self) -> NDArray[np.float64]:
         """Probability of level l at index l + clamp."""
-        levels = np.arange(-self.clamp, self.clamp + 1)
-        return 1.0 / (1.0 + np.exp(-levels / LEVELS_PER_NAT))
+        log_odds_fixed = np.arange(-self.clamp, self.clamp + 1)
+        return 1.0 / (1.0 + np.exp(-log_odds_fixed / STEPS_PER_NAT))
 
     @cached_property
     def entropy(self) -> NDArray[np.float64]:

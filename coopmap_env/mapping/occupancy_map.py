@@ -11,8 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.mapping.integration import OUTSIDE, clamp_levels, find_fault, integrate_scan
-from coopmap_env.mapping.log_odds import LEVELS_PER_NAT, LogOddsRange
+from coopmap_env.mapping.integration import (
+    CAMERA_OUTSIDE_GRID,
+    clamp_levels,
+    integrate_scan,
+    validate_scan,
+)
+from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange
 from coopmap_env.sensing.scan import Scan
 
 
@@ -22,7 +27,7 @@ class ScanGain:
 
     new_cells: int
     """Cells sampled for the first time."""
-    entropy_drop: float
+    entropy_reduction: float
     """Nats, summed over the touched cells; negative where a scan contradicts the map."""
 
 
@@ -53,26 +58,31 @@ class OccupancyMap:
     ) -> None:
         self.grid = grid
         self.model = model or BeamModel()
-        self.range = log_odds_range or LogOddsRange()
+        self.log_odds_range = log_odds_range or LogOddsRange()
         n, d = grid.n_cells, grid.dimension
         self._lower = np.array(grid.origin)
-        self._shape3 = grid.shape3
-        self._bounds = self.model.levels
-        self._enters = self.model.enters
-        self._partial = self.model.partial
-        self.levels = np.zeros(n, dtype=np.int32)
+        self._shape3 = grid.shape_3d
+        self._bounds = self.model.log_odds_bounds
+        self._surface_at_entry = self.model.surface_at_entry
+        self._partial_surface = self.model.partial_surface
+        self.log_odds_fixed = np.zeros(n, dtype=np.int32)
         """Log-odds in fixed point, flat; see `log_odds`."""
-        self.sampled_cells = np.zeros(n, dtype=np.uint8)
+        self.sampled_mask = np.zeros(n, dtype=np.uint8)
         """1 where a scan ever told something of the cell, flat; see `sampled`."""
         self._precision = np.zeros((n, d, d))
-        self._vector = np.zeros((n, d))
+        self._information_vector = np.zeros((n, d))
         self._pending = np.zeros(n, dtype=np.int32)
-        self._touched = np.empty(n + 1, dtype=np.int64)
+        self._updated_cells = np.empty(n + 1, dtype=np.int64)
 
     def clear(self) -> None:
         """Forget everything; cheaper than a new map."""
-        known = np.flatnonzero(self.sampled_cells.view(np.bool_))
-        for array in (self.levels, self.sampled_cells, self._precision, self._vector):
+        known = np.flatnonzero(self.sampled_mask.view(np.bool_))
+        for array in (
+            self.log_odds_fixed,
+            self.sampled_mask,
+            self._precision,
+            self._information_vector,
+        ):
             array[known] = 0
 
     def integrate(self, scans: Scan | Sequence[Scan]) -> list[ScanGain]:
@@ -86,75 +96,79 @@ class OccupancyMap:
         """
         scans = [scans] if isinstance(scans, Scan) else list(scans)
         for scan in scans:
-            self._check(scan)
+            self._validate(scan)
         gains, touched_cells = [], []
         for scan in scans:
             count, new, drop = integrate_scan(
                 scan.origin, scan.points, scan.covariances, scan.hit,
                 self._lower, self.grid.resolution, self._shape3,
-                self._bounds, self._enters, self._partial,
-                self._precision, self._vector, self._pending, self._touched,
-                self.levels, self.sampled_cells, self.range.clamp, self.range.entropy,
+                self._bounds, self._surface_at_entry, self._partial_surface,
+                self._precision, self._information_vector, self._pending, self._updated_cells,
+                self.log_odds_fixed, self.sampled_mask, self.log_odds_range.clamp, self.log_odds_range.entropy,
             )  # fmt: skip
             gains.append(ScanGain(new, drop))
-            touched_cells.append(self._touched[:count].copy())
+            touched_cells.append(self._updated_cells[:count].copy())
         for touched in touched_cells:
-            clamp_levels(self.levels, touched, self.range.clamp)
+            clamp_levels(self.log_odds_fixed, touched, self.log_odds_range.clamp)
         return gains
 
-    def _check(self, scan: Scan) -> None:
+    def _validate(self, scan: Scan) -> None:
         d = self.grid.dimension
         if scan.points.shape[1] != d:
             raise ValueError(f"a {scan.points.shape[1]}-D scan cannot enter a {d}-D map")
-        fault = find_fault(
+        invalid_beam = validate_scan(
             scan.origin, scan.points, scan.covariances, scan.hit,
             self._lower, self.grid.resolution, self._shape3,
         )  # fmt: skip
-        if fault == OUTSIDE:
+        if invalid_beam == CAMERA_OUTSIDE_GRID:
             raise ValueError(f"camera at {scan.origin} is outside the map's grid {self.grid}")
-        if fault >= 0:
+        if invalid_beam >= 0:
             raise ValueError(
-                f"beam {fault} of a scan has a value that is not finite: point "
-                f"{scan.points[fault]}, covariance {scan.covariances[fault].tolist()}"
+                f"beam {invalid_beam} of a scan has a value that is not finite: point "
+                f"{scan.points[invalid_beam]}, covariance {scan.covariances[invalid_beam].tolist()}"
             )
 
     def mark_free(self, cells: ArrayLike) -> None:
         """Declare cells (flat numbers) as known to be free, such as a robot's own place."""
-        self._mark(cells, -self.range.clamp)
+        self._mark(cells, -self.log_odds_range.clamp)
 
     def mark_occupied(self, cells: ArrayLike) -> None:
         """Declare cells (flat numbers) as known to be occupied, as after bumping into one."""
-        self._mark(cells, self.range.clamp)
+        self._mark(cells, self.log_odds_range.clamp)
 
     def _mark(self, cells: ArrayLike, level: int) -> None:
         cells = np.asarray(cells)
-        self.levels[cells] = level
-        self.sampled_cells[cells] = 1
+        self.log_odds_fixed[cells] = level
+        self.sampled_mask[cells] = 1
 
     @property
     def log_odds(self) -> NDArray[np.float64]:
         """Log-odds of occupancy, nats, shape of the grid."""
-        return self.levels.reshape(self.grid.shape) / LEVELS_PER_NAT
+        return self.log_odds_fixed.reshape(self.grid.shape) / STEPS_PER_NAT
 
     @property
     def probability(self) -> NDArray[np.float64]:
         """P(occupied) in (0, 1), one half where nothing is known, shape of the grid."""
-        return self.range.probability[self.levels + self.range.clamp].reshape(self.grid.shape)
+        return self.log_odds_range.probability[
+            self.log_odds_fixed + self.log_odds_range.clamp
+        ].reshape(self.grid.shape)
 
     @property
     def sampled(self) -> NDArray[np.bool_]:
         """Where a scan ever told something, kept apart from p (Eq. 8), shape of the grid."""
-        return self.sampled_cells.astype(np.bool_).reshape(self.grid.shape)
+        return self.sampled_mask.astype(np.bool_).reshape(self.grid.shape)
 
     @property
     def entropy(self) -> float:
         """Sum of the cells' entropies (Eq. 6 of occupied and free), nats."""
-        return float(self.range.entropy[self.levels + self.range.clamp].sum())
+        return float(
+            self.log_odds_range.entropy[self.log_odds_fixed + self.log_odds_range.clamp].sum()
+        )
 
     @property
-    def viewed_share(self) -> float:
+    def observed_fraction(self) -> float:
         """Share of the world's cells that were ever sampled."""
-        return int(np.count_nonzero(self.sampled_cells.view(np.bool_))) / self.grid.n_cells
+        return int(np.count_nonzero(self.sampled_mask.view(np.bool_))) / self.grid.n_cells
 
     def surfaces(
         self,
@@ -170,13 +184,13 @@ class OccupancyMap:
         covariances : ndarray, shape (k, D, D)
             Their merged covariances, square metres.
         """
-        cells, precisions, vectors = self.information()
+        cells, precisions, vectors = self.information_form()
         covariances = np.linalg.inv(precisions).astype(np.float64, copy=False)
         centers = self.grid.center(np.stack(np.unravel_index(cells, self.grid.shape), axis=-1))
         means = centers + np.einsum("kij,kj->ki", covariances, vectors)
         return cells, means, covariances
 
-    def information(
+    def information_form(
         self,
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Surface estimates as the map keeps them, where merging is a sum.
@@ -191,17 +205,17 @@ class OccupancyMap:
             Sums of P times (point minus the cell's centre).
         """
         cells = np.flatnonzero(self._precision[:, 0, 0]).astype(np.int64)
-        return cells, self._precision[cells], self._vector[cells]
+        return cells, self._precision[cells], self._information_vector[cells]
 
-    def restore(
+    def set_state(
         self,
-        levels: ArrayLike,
+        log_odds_fixed: ArrayLike,
         sampled: ArrayLike,
         cells: ArrayLike,
         precisions: ArrayLike,
         vectors: ArrayLike,
     ) -> None:
-        """Take over the state of a map of this grid: flat levels, sampled cells, `information`.
+        """Take over the state of a map of this grid: flat levels, sampled cells, `information_form`.
 
         Raises
         ------
@@ -209,23 +223,33 @@ class OccupancyMap:
             If a shape or a value does not fit this map, which is left as it was.
         """
         n, d = self.grid.n_cells, self.grid.dimension
-        levels, sampled, cells = np.asarray(levels), np.asarray(sampled), np.asarray(cells)
+        log_odds_fixed, sampled, cells = (
+            np.asarray(log_odds_fixed),
+            np.asarray(sampled),
+            np.asarray(cells),
+        )
         precisions, vectors = np.asarray(precisions), np.asarray(vectors)
-        shapes = [a.shape for a in (levels, sampled, cells, precisions, vectors)]
+        shapes = [a.shape for a in (log_odds_fixed, sampled, cells, precisions, vectors)]
         k = len(cells) if cells.ndim else 0
         if shapes != [(n,), (n,), (k,), (k, d, d), (k, d)]:
             raise ValueError(f"a state of {n} cells in {d}-D cannot have the shapes {shapes}")
-        if any(a.dtype.kind not in "biu" for a in (levels, sampled, cells)):
+        if any(a.dtype.kind not in "biu" for a in (log_odds_fixed, sampled, cells)):
             raise ValueError("levels, sampled and cells must be whole numbers")
-        if abs(levels).max() > self.range.clamp or sampled.max() > 1 or sampled.min() < 0:
-            raise ValueError(f"levels must lie within +-{self.range.clamp}, sampled be 0 or 1")
+        if (
+            abs(log_odds_fixed).max() > self.log_odds_range.clamp
+            or sampled.max() > 1
+            or sampled.min() < 0
+        ):
+            raise ValueError(
+                f"levels must lie within +-{self.log_odds_range.clamp}, sampled be 0 or 1"
+            )
         if k and (cells.min() < 0 or cells.max() >= n):
             raise ValueError(f"hit cells must lie in [0, {n})")
         if not (np.isfinite(precisions).all() and np.isfinite(vectors).all()):
             raise ValueError("surface information must be finite")
         self.clear()
-        self.levels[:], self.sampled_cells[:] = levels, sampled
-        self._precision[cells], self._vector[cells] = precisions, vectors
+        self.log_odds_fixed[:], self.sampled_mask[:] = log_odds_fixed, sampled
+        self._precision[cells], self._information_vector[cells] = precisions, vectors
 
     def copy(self) -> OccupancyMap:
         """An independent copy."""

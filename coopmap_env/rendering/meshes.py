@@ -42,11 +42,13 @@ def exposed_faces(
         index = np.argwhere(filled & ~beyond)
         quads = grid.origin + (index[:, None] + corners) * grid.resolution
         triangles.append(quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3))
-        voxels.append(np.repeat(grid.flat(index), 2))
+        voxels.append(np.repeat(grid.flat_index(index), 2))
     return np.concatenate(triangles), np.concatenate(voxels)
 
 
-def simplified(triangles: ArrayLike, cell: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def cluster_vertices(
+    triangles: ArrayLike, cell: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (v, 3) and faces (f, 3) after all corners in a cubic cell have become their mean.
 
     No corner moves further than the cell's diagonal; triangles that collapse are left out.
@@ -67,7 +69,7 @@ def simplified(triangles: ArrayLike, cell: float) -> tuple[NDArray[np.float64], 
 
 
 @lru_cache(maxsize=8)
-def drawn_parts(chain: Chain) -> tuple[tuple[int, NDArray[np.float64]], ...]:
+def simplified_links(chain: Chain) -> tuple[tuple[int, NDArray[np.float64]], ...]:
     """The rigid parts of a robot: for each a link, and triangles (m, 3, 3) in that link's frame."""
     parts = []
     for body in np.unique(chain.link_body):
@@ -82,7 +84,7 @@ def drawn_parts(chain: Chain) -> tuple[tuple[int, NDArray[np.float64]], ...]:
              - t0) @ R0
             for link in links
         ]  # fmt: skip
-        vertices, faces = simplified(np.concatenate(placed), MESH_DETAIL)
+        vertices, faces = cluster_vertices(np.concatenate(placed), MESH_DETAIL)
         parts.append((int(links[0]), vertices[faces]))
     return tuple(parts)
 
@@ -93,6 +95,6 @@ def robot_triangles(vehicle: Vehicle, q: ArrayLike) -> NDArray[np.float64]:
     return np.concatenate(
         [
             triangles @ rotations[link].T + translations[link]
-            for link, triangles in drawn_parts(vehicle.chain)
+            for link, triangles in simplified_links(vehicle.chain)
         ]
     )

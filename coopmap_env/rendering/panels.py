@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -53,8 +53,8 @@ def side_by_side(
     width, height = truth.size
     slot = max(width, _MIN_SLOT_PIXELS)
     size = (2 * slot + 3 * _PAD, height + 2 * _STRIP)
-    canvas = require("PIL.Image", "render").new("RGB", size, _BACKGROUND)
-    draw = require("PIL.ImageDraw", "render").Draw(canvas)
+    canvas = import_optional("PIL.Image", "render").new("RGB", size, _BACKGROUND)
+    draw = import_optional("PIL.ImageDraw", "render").Draw(canvas)
     for column, (panel, title) in enumerate(((truth, "truth"), (team_map, "team map"))):
         left = _PAD + column * (slot + _PAD) + (slot - width) // 2
         canvas.paste(panel, (left, _STRIP))
@@ -82,4 +82,4 @@ def _draw_legend(draw: "ImageDraw", legend: Legend, right: int) -> None:
 
 @lru_cache
 def _font(size: int) -> Any:
-    return require("PIL.ImageFont", "render").load_default(size)
+    return import_optional("PIL.ImageFont", "render").load_default(size)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.rendering.panels import (
     FREE,
     NEVER_SAMPLED,
@@ -97,7 +97,7 @@ class _Panel:
     """One map as an image, and the marks on it; takes positions in cells."""
 
     def __init__(self, colors: NDArray[np.uint8]) -> None:
-        image_module = require("PIL.Image", "render")
+        image_module = import_optional("PIL.Image", "render")
         nx, ny = colors.shape[:2]
         self.scale = max(1, round(_PANEL_PIXELS / max(nx, ny)))
         self.ny = ny
@@ -171,10 +171,10 @@ class _Panel:
         width, height = (int(side) for side in high - low)
         if width <= 0 or height <= 0:
             return
-        image_module = require("PIL.Image", "render")
+        image_module = import_optional("PIL.Image", "render")
         mask = image_module.new("L", (width * _SMOOTHING, height * _SMOOTHING))
         local = [(float(x), float(y)) for x, y in (points - low) * _SMOOTHING]
-        draw_mask(require("PIL.ImageDraw", "render").Draw(mask), local)
+        draw_mask(import_optional("PIL.ImageDraw", "render").Draw(mask), local)
         self.image.paste(color, (int(low[0]), int(low[1])), mask.reduce(_SMOOTHING))
 
 

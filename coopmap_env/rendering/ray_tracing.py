@@ -14,28 +14,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry import Pose
 from coopmap_env.sensing import DepthCamera
 
 Floats = NDArray[np.float32]
 
-SUN = np.array([-0.35, -0.25, 0.9], dtype=np.float32)
+SUN_DIRECTION = np.array([-0.35, -0.25, 0.9], dtype=np.float32)
 """Towards the light, from the viewer's: right, away, up; not a unit vector."""
 SUNLIGHT, SKYLIGHT = 0.38, (0.46, 0.66)
 """Brightness by the sun, and by the sky on surfaces that look down and up."""
-TINT = 0.42
+TINT_STRENGTH = 0.42
 """Share of a camera's colour on what it sees."""
-CHUNK = 8192
+RAY_CHUNK = 8192
 """Rays at a time: what is worked out for them stays in the processor's cache."""
-EDGE = 0.06
+EDGE_THRESHOLD = 0.06
 """Pixels that differ more than this from a neighbour are taken in 4 points instead of one."""
-OFF = 2e-3
+SHADOW_OFFSET = 2e-3
 """Metres above a surface at which a ray to the light begins."""
 
 
 @dataclass(frozen=True)
-class Overview:
+class ViewCamera:
     """The camera that a picture is taken with; up is z.
 
     Raises
@@ -102,7 +102,7 @@ class Overview:
         return at, np.linalg.norm(away, axis=-1)
 
 
-class Torch(NamedTuple):
+class FrustumTint(NamedTuple):
     """A depth camera that tints what it sees."""
 
     pose: Pose
@@ -120,7 +120,7 @@ class Hits(NamedTuple):
     """-1 where there is nothing."""
 
 
-class Painting:
+class RayTracedScene:
     """Coloured triangles that pictures can be taken of.
 
     Parameters
@@ -164,10 +164,10 @@ class Painting:
         self._background: Floats = np.asarray(np.asarray(background) / 255, dtype=np.float32)
         self._center = np.asarray(center, dtype=np.float32)
         self._fade = fade
-        self._scene = require("embreex.rtcore_scene", "field").EmbreeScene(robust=True)
-        require("embreex.mesh_construction", "field").TriangleMesh(self._scene, corners)
+        self._scene = import_optional("embreex.rtcore_scene", "field").EmbreeScene(robust=True)
+        import_optional("embreex.mesh_construction", "field").TriangleMesh(self._scene, corners)
 
-    def first_hits(self, origins: Floats, directions: Floats) -> Hits:
+    def intersect(self, origins: Floats, directions: Floats) -> Hits:
         """What rays (n, 3) of unit directions meet first."""
         found = self._scene.run(
             np.ascontiguousarray(origins), np.ascontiguousarray(directions),
@@ -176,7 +176,7 @@ class Painting:
         nothing = found["primID"] < 0
         return Hits(np.where(nothing, np.float32(np.inf), found["tfar"]), found["primID"])
 
-    def blocked(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
+    def occluded(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
         """Whether anything lies on rays (n, 3) of these lengths."""
         if not len(lengths):
             return np.empty(0, dtype=np.bool_)
@@ -186,94 +186,101 @@ class Painting:
         )  # fmt: skip
         return np.asarray(found) >= 0
 
-    def picture(self, view: Overview, torches: Sequence[Torch]) -> tuple[Floats, Floats]:
+    def render(self, view: ViewCamera, tints: Sequence[FrustumTint]) -> tuple[Floats, Floats]:
         """Colours (height, width, 3) from 0 to 1, and the distance of each pixel (height, width).
 
         Edges are smooth: where neighbouring pixels differ, four points of the pixel are taken.
         """
-        colors, distance = self._shade(view, view.centers, torches)
+        colors, distance = self._shade(view, view.centers, tints)
         image = colors.reshape(view.height, view.width, 3)
         edge = np.flatnonzero(_edges(image))
-        points = view.centers[edge][:, None] + _FOUR
-        fine, _ = self._shade(view, points.reshape(-1, 2), torches)
+        points = view.centers[edge][:, None] + _SUBPIXELS
+        fine, _ = self._shade(view, points.reshape(-1, 2), tints)
         colors[edge] = fine.reshape(-1, 4, 3).mean(axis=1)
         return image, distance.reshape(view.height, view.width)
 
     def _shade(
-        self, view: Overview, pixels: Floats, torches: Sequence[Torch]
+        self, view: ViewCamera, pixels: Floats, tints: Sequence[FrustumTint]
     ) -> tuple[Floats, Floats]:
         """Colours (n, 3) and distances (n,) at positions (n, 2) in the picture."""
         colors = np.empty((len(pixels), 3), dtype=np.float32)
         distance = np.empty(len(pixels), dtype=np.float32)
-        for k in range(0, len(pixels), CHUNK):
-            part = slice(k, k + CHUNK)
-            colors[part], distance[part] = self._shade_few(view, pixels[part], torches)
+        for k in range(0, len(pixels), RAY_CHUNK):
+            part = slice(k, k + RAY_CHUNK)
+            colors[part], distance[part] = self._shade_chunk(view, pixels[part], tints)
         return colors, distance
 
-    def _shade_few(
-        self, view: Overview, pixels: Floats, torches: Sequence[Torch]
+    def _shade_chunk(
+        self, view: ViewCamera, pixels: Floats, tints: Sequence[FrustumTint]
     ) -> tuple[Floats, Floats]:
         rays = view.rays(pixels)
         eye = np.broadcast_to(np.array(view.eye, dtype=np.float32), rays.shape)
-        hits = self.first_hits(eye, rays)
+        hits = self.intersect(eye, rays)
         colors: Floats = np.broadcast_to(self._background, rays.shape).copy()
-        met = np.flatnonzero(hits.triangle >= 0)
-        rays, triangle = rays[met], hits.triangle[met]
-        points = eye[met] + hits.distance[met, None] * rays
+        hit = np.flatnonzero(hits.triangle >= 0)
+        rays, triangle = rays[hit], hits.triangle[hit]
+        points = eye[hit] + hits.distance[hit, None] * rays
         normals = self._normals[triangle]
         normals = np.where(_dot(normals, rays)[:, None] > 0, -normals, normals)
-        points = points + OFF * normals
-        lit = self._colors[triangle]
-        for torch in torches:
-            seen = self._seen_by(torch, points, normals)
-            color = np.asarray(torch.color, dtype=np.float32) / 255
-            lit[seen] += TINT * (color - lit[seen])
-        lit *= self._light(view, points, normals)[:, None]
+        points = points + SHADOW_OFFSET * normals
+        shaded = self._colors[triangle]
+        for tint in tints:
+            seen = self._visible_points(tint, points, normals)
+            color = np.asarray(tint.color, dtype=np.float32) / 255
+            shaded[seen] += TINT_STRENGTH * (color - shaded[seen])
+        shaded *= self._light(view, points, normals)[:, None]
         far = np.hypot(points[:, 0] - self._center[0], points[:, 1] - self._center[1])
-        share = np.clip((far - self._fade[0]) / (self._fade[1] - self._fade[0]), 0, 1)[:, None]
-        colors[met] += (1 - share * share * (3 - 2 * share)) * (
-            np.minimum(lit, 1) - self._background
+        fraction = np.clip((far - self._fade[0]) / (self._fade[1] - self._fade[0]), 0, 1)[:, None]
+        colors[hit] += (1 - fraction * fraction * (3 - 2 * fraction)) * (
+            np.minimum(shaded, 1) - self._background
         )
         return colors, hits.distance
 
-    def _light(self, view: Overview, points: Floats, normals: Floats) -> Floats:
+    def _light(self, view: ViewCamera, points: Floats, normals: Floats) -> Floats:
         """Brightness of points: the sky's, and Lambert's of the sun where it shines."""
         right, _, back = view.axes
         ahead = np.array([-back[0], -back[1]]) / np.hypot(back[0], back[1])
-        sun = np.array([*(SUN[0] * right[:2] + SUN[1] * ahead), SUN[2]], dtype=np.float32)
+        sun = np.array(
+            [*(SUN_DIRECTION[0] * right[:2] + SUN_DIRECTION[1] * ahead), SUN_DIRECTION[2]],
+            dtype=np.float32,
+        )
         sun /= np.linalg.norm(sun)
         cosine = np.maximum(normals @ sun, 0)
         facing = np.flatnonzero(cosine)
         to_sun = np.broadcast_to(sun, (len(facing), 3))
-        shadow = self.blocked(points[facing], to_sun, np.full(len(facing), 1e3))
-        cosine[facing[shadow]] = 0
+        in_shadow = self.occluded(points[facing], to_sun, np.full(len(facing), 1e3))
+        cosine[facing[in_shadow]] = 0
         down, up = SKYLIGHT
         light: Floats = down + (up - down) * (normals[:, 2] + 1) / 2 + SUNLIGHT * cosine
         return light
 
-    def _seen_by(self, torch: Torch, points: Floats, normals: Floats) -> NDArray[np.int64]:
+    def _visible_points(
+        self, tint: FrustumTint, points: Floats, normals: Floats
+    ) -> NDArray[np.int64]:
         """Which points a camera sees: in its field of view and range, and nothing in between."""
-        camera, t = torch.camera, torch.pose.translation.astype(np.float32)
-        ahead, left, up = torch.pose.rotation.T.astype(np.float32)
-        which = np.flatnonzero(np.abs(points @ ahead - t @ ahead - camera.far / 2) < camera.far / 2)
+        camera, t = tint.camera, tint.pose.translation.astype(np.float32)
+        ahead, left, up = tint.pose.rotation.T.astype(np.float32)
+        indices = np.flatnonzero(
+            np.abs(points @ ahead - t @ ahead - camera.far / 2) < camera.far / 2
+        )
         for axis, angle in (
             (left, camera.horizontal_field_of_view),
             (up, camera.vertical_field_of_view),
         ):
             # the two planes that bound the field of view
             bound = np.float32(np.tan(angle / 2)) * ahead
-            away = points[which] - t
-            which = which[(away @ (bound - axis) > 0) & (away @ (bound + axis) > 0)]
-        away = points[which] - t
+            away = points[indices] - t
+            indices = indices[(away @ (bound - axis) > 0) & (away @ (bound + axis) > 0)]
+        away = points[indices] - t
         distance: Floats = np.sqrt(_dot(away, away))
         inside = (distance > camera.near) & (distance < camera.far)
-        inside &= _dot(away, normals[which]) < 0
-        which, distance = which[inside], distance[inside]
+        inside &= _dot(away, normals[indices]) < 0
+        indices, distance = indices[inside], distance[inside]
         back: Floats = -away[inside] / distance[:, None]
-        return which[~self.blocked(points[which], back, distance - np.float32(camera.near))]
+        return indices[~self.occluded(points[indices], back, distance - np.float32(camera.near))]
 
 
-_FOUR = np.array(
+_SUBPIXELS = np.array(
     [[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], dtype=np.float32
 )
 """A turned grid: lines near the axes get four shades."""
@@ -286,8 +293,8 @@ def _dot(a: Floats, b: Floats) -> Floats:
 def _edges(image: Floats) -> NDArray[np.bool_]:
     """Pixels that differ from a neighbour."""
     edge = np.zeros(image.shape[:2], dtype=np.bool_)
-    down = (np.abs(image[1:] - image[:-1]) > EDGE).any(axis=2)
-    right = (np.abs(image[:, 1:] - image[:, :-1]) > EDGE).any(axis=2)
+    down = (np.abs(image[1:] - image[:-1]) > EDGE_THRESHOLD).any(axis=2)
+    right = (np.abs(image[:, 1:] - image[:, :-1]) > EDGE_THRESHOLD).any(axis=2)
     edge[1:] |= down
     edge[:-1] |= down
     edge[:, 1:] |= right

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 
 
 class HumanWindow:
@@ -17,7 +17,7 @@ class HumanWindow:
     """
 
     def __init__(self) -> None:
-        self.dismissed = False
+        self.closed_by_user = False
         self._pygame: Any = None
 
     def show(self, frame: NDArray[np.uint8]) -> None:
@@ -28,14 +28,14 @@ class HumanWindow:
         ImportError
             If pygame is not installed (extra "render").
         """
-        if self.dismissed:
+        if self.closed_by_user:
             return
         screen = self._screen(frame.shape[1], frame.shape[0])
         pixels = np.ascontiguousarray(frame, dtype=np.uint8).tobytes()
         screen.blit(self._pygame.image.frombuffer(pixels, screen.get_size(), "RGB"), (0, 0))
         self._pygame.display.flip()
         if any(event.type == self._pygame.QUIT for event in self._pygame.event.get()):
-            self.dismissed = True
+            self.closed_by_user = True
             self.close()
 
     def close(self) -> None:
@@ -47,7 +47,7 @@ class HumanWindow:
     def _screen(self, width: int, height: int) -> Any:
         if self._pygame is None:
             os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-            self._pygame = require("pygame", "render")
+            self._pygame = import_optional("pygame", "render")
         display = self._pygame.display
         display.init()
         screen = display.get_surface()

@@ -1,39 +1,47 @@
 """Where cameras can stand: cells of the plane, and articulated mounts on vehicles in space."""
 
-from coopmap_env.robots.collision.checker import Contact, MotionSettings, Surroundings
-from coopmap_env.robots.collision.clearance import Clearance, spheres_clear
+from coopmap_env.robots.collision.checker import CollisionChecker, CollisionSettings, Contact
+from coopmap_env.robots.collision.clearance import VoxelStates, are_spheres_free
 from coopmap_env.robots.collision.planning import plan_path
-from coopmap_env.robots.collision.self_filter import without_bodies
+from coopmap_env.robots.collision.self_filter import filter_robot_points
 from coopmap_env.robots.kinematics.chain import Chain
-from coopmap_env.robots.kinematics.collision_spheres import Body, SphereSettings
+from coopmap_env.robots.kinematics.collision_spheres import (
+    CollisionSpheres,
+    CollisionSphereSettings,
+)
 from coopmap_env.robots.lattice import PoseLattice
 from coopmap_env.robots.mount import Mount, make_mount
-from coopmap_env.robots.mount_library import wrap_urdf
-from coopmap_env.robots.reach import Reach, free_cells, straight_path_is_free, why_not
+from coopmap_env.robots.mount_library import mount_from_urdf
+from coopmap_env.robots.reach import (
+    ReachableCells,
+    free_mask,
+    infeasibility_reason,
+    is_straight_path_free,
+)
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
-from coopmap_env.robots.vehicle import CameraEstimate, Vehicle
+from coopmap_env.robots.vehicle import PoseEstimate, Vehicle
 
 __all__ = [
     "SUSPENSION_JOINTS",
-    "Body",
-    "CameraEstimate",
     "Chain",
-    "Clearance",
+    "CollisionChecker",
+    "CollisionSettings",
+    "CollisionSphereSettings",
+    "CollisionSpheres",
     "Contact",
-    "MotionSettings",
     "Mount",
+    "PoseEstimate",
     "PoseLattice",
-    "Reach",
-    "SphereSettings",
-    "Surroundings",
+    "ReachableCells",
     "Suspension",
     "Vehicle",
-    "free_cells",
+    "VoxelStates",
+    "are_spheres_free",
+    "filter_robot_points",
+    "free_mask",
+    "infeasibility_reason",
+    "is_straight_path_free",
     "make_mount",
+    "mount_from_urdf",
     "plan_path",
-    "spheres_clear",
-    "straight_path_is_free",
-    "why_not",
-    "without_bodies",
-    "wrap_urdf",
 ]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots.kinematics.chain import SAME_FRAME, Chain
+from coopmap_env.robots.kinematics.chain import IDENTITY_POSE, Chain
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 
 DEGREE = math.pi / 180.0
@@ -36,7 +36,7 @@ class Mount:
     """The joints that move the camera, from the vehicle outwards: the order of q."""
     home: tuple[float, ...]
     """Joint values at the start; the suspension is at rest there."""
-    T_link_camera: Pose = SAME_FRAME
+    T_link_camera: Pose = IDENTITY_POSE
     """Camera frame (x optical axis, y left, z up) in the frame of the camera link."""
     encoder_noise: tuple[float, ...] | float = 0.1 * DEGREE
     """Standard deviation of one reading, radians or metres, per joint (one value: for all)."""
@@ -63,10 +63,10 @@ class Mount:
                 raise ValueError(f"Mount.{name} must be finite and >= 0, got {values}")
             object.__setattr__(self, name, tuple(values.tolist()))
 
-    def chain(self, on_suspension: bool = False) -> Chain:
+    def chain(self, with_suspension: bool = False) -> Chain:
         """The mount's kinematics, read once per process.
 
-        With `on_suspension`, q is [heave, roll, pitch, *joints]: what physics moves. Without, the
+        With `with_suspension`, q is [heave, roll, pitch, *joints]: what physics moves. Without, the
         suspension is at rest: what the robot believes.
 
         Raises
@@ -74,18 +74,18 @@ class Mount:
         ValueError
             If the URDF lacks a joint or link, or `home` is outside of the limits.
         """
-        if on_suspension and self.suspension is None:
+        if with_suspension and self.suspension is None:
             raise ValueError(f"the mount {self.name!r} has no suspension")
         camera = self.T_link_camera
         chain = _read_chain(
             self.urdf,
             self.urdf.stat().st_mtime_ns if self.urdf.is_file() else 0,
-            (*(SUSPENSION_JOINTS if on_suspension else ()), *self.joints),
+            (*(SUSPENSION_JOINTS if with_suspension else ()), *self.joints),
             self.camera_link,
             (camera.translation.tobytes(), camera.rotation.tobytes()),
             self.package_dirs,
         )
-        if not on_suspension:
+        if not with_suspension:
             chain.check_limits(self.home)
         return chain
 
@@ -93,7 +93,7 @@ class Mount:
 @lru_cache(maxsize=32)
 def _read_chain(
     urdf: Path,
-    _changed: int,
+    _modified_ns: int,
     joints: tuple[str, ...],
     camera_link: str,
     T_link_camera: tuple[bytes, bytes],
@@ -101,7 +101,7 @@ def _read_chain(
 ) -> Chain:
     translation, rotation = (np.frombuffer(part).copy() for part in T_link_camera)
     camera = Pose(translation, rotation.reshape(3, 3))
-    return Chain.read(urdf, joints, camera_link, camera, package_dirs)
+    return Chain.from_urdf(urdf, joints, camera_link, camera, package_dirs)
 
 
 def make_mount(mount: str | Mount) -> Mount:

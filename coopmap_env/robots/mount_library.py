@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.kinematics import urdf_editing as compose
 from coopmap_env.robots.mount import DEGREE, Mount
 from coopmap_env.robots.suspension import Suspension
 
-MODELS = Path(__file__).parent / "models"
+MODEL_DIR = Path(__file__).parent / "models"
 
 _SIDES = ("left", "right")
 
-OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+R_OPTICAL_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """R_optical_camera: from x forward, y left, z up to an optical frame's z forward, y down."""
 
 
-def wrap_urdf(
+def mount_from_urdf(
     urdf: str | Path,
     joints: Sequence[str],
     camera_link: str,
@@ -34,7 +34,7 @@ def wrap_urdf(
     suspension: Suspension | None = None,
     root_height: float = 0.0,
     wheels: Sequence[str] = (),
-    frozen: Mapping[str, float] | None = None,
+    fixed_joints: Mapping[str, float] | None = None,
     package_dirs: Sequence[str] = (),
     **settings: Any,
 ) -> Mount:
@@ -56,7 +56,7 @@ def wrap_urdf(
         Of the URDF's root link above ground, metres.
     wheels : sequence of str, optional
         Links that stay on the ground while the body heaves, rolls and pitches.
-    frozen : mapping of str to float, optional
+    fixed_joints : mapping of str to float, optional
         Values of joints that are not to move, such as a folded arm; 0 if not given.
     package_dirs : sequence of str, optional
         Folders in which ``package://`` meshes are looked up.
@@ -70,14 +70,14 @@ def wrap_urdf(
     ValueError
         If a joint or link does not exist; the message lists those that do.
     """
-    tree = compose.read_tree(urdf, package_dirs)
-    return _on_suspension(
+    tree = compose.load_urdf_xml(urdf, package_dirs)
+    return _suspended_mount(
         tree, name or Path(urdf).stem, joints, camera_link, home, suspension or Suspension(),
-        root_height, wheels, frozen or {}, settings,
+        root_height, wheels, fixed_joints or {}, settings,
     )  # fmt: skip
 
 
-def _on_suspension(
+def _suspended_mount(
     tree: Any,
     name: str,
     joints: Sequence[str],
@@ -86,14 +86,14 @@ def _on_suspension(
     suspension: Suspension,
     root_height: float,
     wheels: Sequence[str],
-    frozen: Mapping[str, float],
+    fixed_joints: Mapping[str, float],
     settings: Mapping[str, Any],
 ) -> Mount:
-    compose.freeze(tree, joints, frozen)
-    compose.put_on_suspension(tree, suspension.roll_centre_height, root_height, wheels)
+    compose.fix_joints(tree, joints, fixed_joints)
+    compose.add_suspension(tree, suspension.roll_center_height, root_height, wheels)
     mount = Mount(
         name=name,
-        urdf=compose.write_once(tree, name),
+        urdf=compose.write_urdf_cached(tree, name),
         camera_link=camera_link,
         joints=tuple(joints),
         home=tuple(home),
@@ -108,7 +108,7 @@ def mast() -> Mount:
     """A chassis of 120 kg with a mast of 25 kg: turntable, shoulder, elbow, wrist pan and tilt."""
     return Mount(
         name="mast",
-        urdf=MODELS / "mast.urdf",
+        urdf=MODEL_DIR / "mast.urdf",
         camera_link="camera",
         joints=("turntable", "shoulder", "elbow", "wrist_pan", "wrist_tilt"),
         home=(0.0, -0.8, 1.8, 0.0, 0.0),
@@ -122,14 +122,14 @@ def husky_panda() -> Mount:
     From the files of pybullet_data. The camera looks along the hand's approach axis and sits
     where a wrist camera is screwed on, so that the fingers are out of its sight.
     """
-    data = Path(require("pybullet_data", "field").getDataPath())
-    tree = compose.read_tree(data / "husky" / "husky.urdf")
-    compose.drop(tree, ["imu_link"])  # its pose is left to a variable of the shell
-    panda = compose.read_tree(data / "franka_panda" / "panda.urdf")
-    compose.attach(tree, panda, "base_link", compose.place(0.05, 0.0, 0.224))
+    data = Path(import_optional("pybullet_data", "field").getDataPath())
+    tree = compose.load_urdf_xml(data / "husky" / "husky.urdf")
+    compose.remove_links(tree, ["imu_link"])  # its pose is left to a variable of the shell
+    panda = compose.load_urdf_xml(data / "franka_panda" / "panda.urdf")
+    compose.attach_tree(tree, panda, "base_link", compose.transform_from_xyz_rpy(0.05, 0.0, 0.224))
     R = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     R[:, 1] *= -1.0  # camera x along the hand's z, camera z along the hand's x
-    return _on_suspension(
+    return _suspended_mount(
         tree, "husky_panda", tuple(f"panda_joint{i}" for i in range(1, 8)), "panda_hand",
         (0.0, -0.6, 0.0, -2.2, 0.0, 3.0, math.pi / 4), _HUSKY_SUSPENSION, 0.0,
         tuple(f"{end}_{side}_wheel_link" for end in ("front", "rear") for side in _SIDES),
@@ -144,7 +144,7 @@ _HUSKY_SUSPENSION = Suspension(
     heave_damping=1_450.0,
     roll_damping=300.0,
     pitch_damping=390.0,
-    roll_centre_height=0.18,
+    roll_center_height=0.18,
 )
 """As the mast's, for a third of the mass: 0.7 of the critical damping."""
 
@@ -154,7 +154,7 @@ def tiago() -> Mount:
     urdf = _example_robot_data("tiago_description/robots/tiago_no_hand.urdf")
     arm = dict(zip(range(1, 8), (0.2, -1.34, -0.2, 1.94, -1.57, 1.37, 0.0), strict=True))
     casters = [f"caster_{end}_{side}_1_link" for end in ("front", "back") for side in _SIDES]
-    return wrap_urdf(
+    return mount_from_urdf(
         urdf,
         ("torso_lift_joint", "head_1_joint", "head_2_joint"),
         "xtion_optical_frame",
@@ -162,10 +162,10 @@ def tiago() -> Mount:
         name="tiago",
         suspension=_TIAGO_SUSPENSION,
         wheels=[*(f"wheel_{side}_link" for side in _SIDES), *casters],
-        frozen={f"arm_{i}_joint": value for i, value in arm.items()},
+        fixed_joints={f"arm_{i}_joint": value for i, value in arm.items()},
         package_dirs=[str(urdf.parents[3]), str(urdf.parents[4])],
         # 3 cm in front of the link, whose origin lies inside the shell of the head
-        T_link_camera=Pose(np.array([0.0, 0.0, 0.03]), OPTICAL),
+        T_link_camera=Pose(np.array([0.0, 0.0, 0.03]), R_OPTICAL_CAMERA),
         encoder_noise=(0.001, 0.1 * DEGREE, 0.1 * DEGREE),
         calibration_error=(0.002, 0.15 * DEGREE, 0.15 * DEGREE),
         # its whole lift of 0.35 m is as far as a turn of the head by 1.75 rad
@@ -180,7 +180,7 @@ _TIAGO_SUSPENSION = Suspension(
     heave_damping=2_000.0,
     roll_damping=300.0,
     pitch_damping=330.0,
-    roll_centre_height=0.1,
+    roll_center_height=0.1,
     heave_std=0.0002,
     roll_std=0.0002,
     pitch_std=0.00015,
@@ -188,7 +188,7 @@ _TIAGO_SUSPENSION = Suspension(
 """Softer in roll and pitch, a narrow base; its lift and light head move it little."""
 
 
-def _example_robot_data(inside: str) -> Path:
+def _example_robot_data(relative_path: str) -> Path:
     """A file of the example-robot-data package, which is no Python module."""
     try:
         files = importlib.metadata.files("example-robot-data") or []
@@ -197,9 +197,9 @@ def _example_robot_data(inside: str) -> Path:
             "example-robot-data is needed here and is not installed: pip install 'coopmap[mounts]'"
         ) from error
     for file in files:
-        if file.as_posix().endswith(inside):
+        if file.as_posix().endswith(relative_path):
             return Path(str(file.locate()))
-    raise FileNotFoundError(f"example-robot-data is installed, but has no file {inside}")
+    raise FileNotFoundError(f"example-robot-data is installed, but has no file {relative_path}")
 
 
 MOUNTS: dict[str, Callable[[], Mount]] = {

@@ -13,42 +13,42 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.traversal import advance, begin
+from coopmap_env.geometry.traversal import init_axis, step_voxel
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.mapping.log_odds import level_of
+from coopmap_env.mapping.log_odds import to_log_odds_fixed
 
-P_EMPTY = 0.05
+FREE_PROBABILITY = 0.05
 """Occupancy below which a sampled cell counts as unoccupied (the paper's 2 sigma)."""
-LEVEL_EMPTY = level_of(P_EMPTY)
+FREE_LOG_ODDS_FIXED = to_log_odds_fixed(FREE_PROBABILITY)
 
 
-def free_cells(map_: OccupancyMap) -> NDArray[np.bool_]:
+def free_mask(map_: OccupancyMap) -> NDArray[np.bool_]:
     """Cells known to be free, flat: sampled and P < 0.05 (constraint i)."""
-    return (map_.levels < LEVEL_EMPTY) & (map_.sampled_cells != 0)
+    return (map_.log_odds_fixed < FREE_LOG_ODDS_FIXED) & (map_.sampled_mask != 0)
 
 
 @njit(cache=True, nogil=True)
-def is_free(levels, sampled, cell):
+def is_free(log_odds_fixed, sampled, cell):
     """Whether one cell is known to be free."""
-    return sampled[cell] != 0 and levels[cell] < LEVEL_EMPTY
+    return sampled[cell] != 0 and log_odds_fixed[cell] < FREE_LOG_ODDS_FIXED
 
 
 @njit(cache=True, nogil=True)
-def flood(levels, sampled, nx, ny, start, goal, marks, queue):
+def breadth_first_search(log_odds_fixed, sampled, nx, ny, start, goal, step_counts, queue):
     """Breadth-first search over free cells from `start`; return how many it reached.
 
     It ends at `goal`, if it gets there; -1 lets it go on to all cells.
 
-    `queue` lists them, nearest first by steps; `marks` counts steps + 1, 0 where not reached.
+    `queue` lists them, nearest first by steps; `step_counts` counts steps + 1, 0 where not reached.
     """
     queue[0] = start
-    marks[start] = 1
+    step_counts[start] = 1
     head, tail = 0, 1
-    while head < tail and (goal < 0 or marks[goal] == 0):
+    while head < tail and (goal < 0 or step_counts[goal] == 0):
         cell = np.int64(queue[np.uint64(head)])
         head += 1
         iy = cell % ny
-        steps = marks[np.uint64(cell)] + 1
+        steps = step_counts[np.uint64(cell)] + 1
         for side in range(4):
             if side == 0:
                 neighbour, inside = cell - ny, cell >= ny
@@ -59,40 +59,40 @@ def flood(levels, sampled, nx, ny, start, goal, marks, queue):
             else:
                 neighbour, inside = cell + 1, iy + 1 < ny
             index = np.uint64(neighbour)  # the compiler guards signed indices against negative ones
-            if inside and marks[index] == 0 and is_free(levels, sampled, index):
-                marks[index] = steps
+            if inside and step_counts[index] == 0 and is_free(log_odds_fixed, sampled, index):
+                step_counts[index] = steps
                 queue[np.uint64(tail)] = neighbour
                 tail += 1
     return tail
 
 
-UNKNOWN, NOT_FREE, BLOCKED, CLEAR = range(4)
+GOAL_UNKNOWN, GOAL_NOT_FREE, PATH_BLOCKED, PATH_FREE = range(4)
 
 
 @njit(cache=True, nogil=True)
-def _straight_path(levels, sampled, nx, ny, start, goal):
+def _straight_path_status(log_odds_fixed, sampled, nx, ny, start, goal):
     """What is known of the straight segment between two cell centres, the goal first."""
     if start == goal:
-        return CLEAR
+        return PATH_FREE
     if not sampled[goal]:
-        return UNKNOWN
-    if not is_free(levels, sampled, goal):
-        return NOT_FREE
+        return GOAL_UNKNOWN
+    if not is_free(log_odds_fixed, sampled, goal):
+        return GOAL_NOT_FREE
     x0, y0 = start // ny + 0.5, start % ny + 0.5
     ux, uy = goal // ny + 0.5 - x0, goal % ny + 0.5 - y0
     length = np.sqrt(ux * ux + uy * uy)
-    cx, sx, tx, dx, _ = begin(x0, ux / length, nx, ny)
-    cy, sy, ty, dy, _ = begin(y0, uy / length, ny, 1)
+    cx, sx, tx, dx, _ = init_axis(x0, ux / length, nx, ny)
+    cy, sy, ty, dy, _ = init_axis(y0, uy / length, ny, 1)
     cell = cx + cy
     t = 0.0
     while t < length and cell != goal:
-        if cell != start and not is_free(levels, sampled, cell):
-            return BLOCKED
-        cell, tx, ty, _, t = advance(cell, sx, sy, 0, tx, ty, np.inf, dx, dy, np.inf)
-    return CLEAR
+        if cell != start and not is_free(log_odds_fixed, sampled, cell):
+            return PATH_BLOCKED
+        cell, tx, ty, _, t = step_voxel(cell, sx, sy, 0, tx, ty, np.inf, dx, dy, np.inf)
+    return PATH_FREE
 
 
-def why_not(map_: OccupancyMap, start: int, goal: int) -> str:
+def infeasibility_reason(map_: OccupancyMap, start: int, goal: int) -> str:
     """Why a camera cannot go from one cell to another (constraints i and ii); empty if it can.
 
     A free straight segment is a path of free face neighbours, and the quickest to find; only if
@@ -100,24 +100,27 @@ def why_not(map_: OccupancyMap, start: int, goal: int) -> str:
     camera already stands and is not asked about.
     """
     nx, ny = map_.grid.shape
-    straight = _straight_path(map_.levels, map_.sampled_cells, nx, ny, start, goal)
-    if straight == UNKNOWN:
+    status = _straight_path_status(map_.log_odds_fixed, map_.sampled_mask, nx, ny, start, goal)
+    if status == GOAL_UNKNOWN:
         return "goal is unknown"
-    if straight == NOT_FREE:
+    if status == GOAL_NOT_FREE:
         return "goal is not known to be free"
-    if straight == BLOCKED and not Reach.search(map_, start, goal).steps[goal]:
+    if status == PATH_BLOCKED and not ReachableCells.search(map_, start, goal).steps[goal]:
         return "no path through known free space leads there"
     return ""
 
 
-def straight_path_is_free(map_: OccupancyMap, start: int, goal: int) -> bool:
+def is_straight_path_free(map_: OccupancyMap, start: int, goal: int) -> bool:
     """Whether the straight segment between the centres of two cells is known to be free."""
     nx, ny = map_.grid.shape
-    return bool(_straight_path(map_.levels, map_.sampled_cells, nx, ny, start, goal) == CLEAR)
+    return bool(
+        _straight_path_status(map_.log_odds_fixed, map_.sampled_mask, nx, ny, start, goal)
+        == PATH_FREE
+    )
 
 
 @dataclass(frozen=True)
-class Reach:
+class ReachableCells:
     """All cells that a camera can reach from where it stands, nearest first."""
 
     cells: NDArray[np.int32]
@@ -126,7 +129,7 @@ class Reach:
     """Shape (n_cells,): 1 + steps from the start, 0 where there is no path."""
 
     @classmethod
-    def search(cls, map_: OccupancyMap, start: int, goal: int = -1) -> Reach:
+    def search(cls, map_: OccupancyMap, start: int, goal: int = -1) -> ReachableCells:
         """Search the known free space from flat cell `start` (constraint ii).
 
         With a `goal`, the search ends there, and cells as far away may be missing.
@@ -141,5 +144,7 @@ class Reach:
             raise ValueError(f"cell {start} lies outside the map of {nx} x {ny} cells")
         steps = np.zeros(nx * ny, dtype=np.int32)
         queue = np.empty(nx * ny, dtype=np.int32)
-        count = flood(map_.levels, map_.sampled_cells, nx, ny, start, goal, steps, queue)
+        count = breadth_first_search(
+            map_.log_odds_fixed, map_.sampled_mask, nx, ny, start, goal, steps, queue
+        )
         return cls(queue[:count].copy(), steps)

@@ -35,7 +35,7 @@ class Suspension:
     """N m s/rad: 0.7 of the critical damping of the mast's 38 kg m^2 about the roll centre."""
     pitch_damping: float = 1_000.0
     """N m s/rad: 0.7 of the critical damping of the mast's 43 kg m^2."""
-    roll_centre_height: float = 0.25
+    roll_center_height: float = 0.25
     """Metres above ground, of the axes of roll and pitch."""
     heave_std: float = 0.0002
     """Metres: what the robot, which measures no deflection, ascribes to heave: at rest its weight

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.geometry.rotations import skew
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.kinematics.chain import Chain
-from coopmap_env.robots.kinematics.collision_spheres import Body
+from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
 from coopmap_env.robots.mount import Mount, make_mount
 
 
-class CameraEstimate(NamedTuple):
+class PoseEstimate(NamedTuple):
     """Where a robot believes that its camera is, or another of its frames."""
 
     pose: Pose
@@ -35,13 +35,13 @@ class Vehicle:
 
     mount: Mount
     chain: Chain
-    body: Body
+    body: CollisionSpheres
     T_world_base: Pose
     base_covariance: NDArray[np.float64] | None = None
-    """Shape (6, 6) of T_world_base, as of `CameraEstimate`; None if it is known exactly."""
+    """Shape (6, 6) of T_world_base, as of `PoseEstimate`; None if it is known exactly."""
 
     @classmethod
-    def of(cls, mount: str | Mount, T_world_base: Pose) -> Vehicle:
+    def from_mount(cls, mount: str | Mount, T_world_base: Pose) -> Vehicle:
         """A mount, by name or itself, on a vehicle at a pose in the world.
 
         Raises
@@ -51,7 +51,7 @@ class Vehicle:
         """
         mount = make_mount(mount)
         chain = mount.chain()
-        return cls(mount, chain, Body.of(chain, mount.home), T_world_base)
+        return cls(mount, chain, CollisionSpheres.from_chain(chain, mount.home), T_world_base)
 
     def __post_init__(self) -> None:
         if self.T_world_base.translation.shape != (3,):
@@ -82,36 +82,42 @@ class Vehicle:
         return self.T_world_base.transform(self.body.centers(q)), self.body.radii
 
     @cached_property
-    def reach(self) -> tuple[NDArray[np.float64], float]:
+    def workspace_sphere(self) -> tuple[NDArray[np.float64], float]:
         """A ball that no moving sphere ever leaves: centre (3,) in the world, radius in metres.
 
         It is about the first joint, and as large as all links together stretched out.
         """
-        bodies, chain, body = self.chain.bodies, self.chain, self.body
+        tree, chain, body = self.chain.tree, self.chain, self.body
         farthest = np.maximum(np.abs(chain.lower), np.abs(chain.upper))
-        slide = np.abs(bodies.multiplier) * farthest[bodies.variable] + np.abs(bodies.offset)
-        center = bodies.translation[1]
-        out = np.zeros(len(bodies.parent))
+        slide = np.abs(tree.multiplier) * farthest[tree.variable] + np.abs(tree.offset)
+        center = tree.translation[1]
+        out = np.zeros(len(tree.parent))
         for b in range(1, len(out)):
-            above = bodies.parent[b]
-            start = bodies.translation[b] - (0.0 if above else center)
-            out[b] = out[above] + np.linalg.norm(start) + (slide[b] if bodies.prismatic[b] else 0.0)
-        spheres = out[body.sphere_body] + np.linalg.norm(body.local_centers, axis=1) + body.radii
-        return self.T_world_base.transform(center), float(spheres[body.n_static :].max(initial=0.0))
+            above = tree.parent[b]
+            start = tree.translation[b] - (0.0 if above else center)
+            out[b] = out[above] + np.linalg.norm(start) + (slide[b] if tree.prismatic[b] else 0.0)
+        spheres = (
+            out[body.sphere_body_index] + np.linalg.norm(body.local_centers, axis=1) + body.radii
+        )
+        return self.T_world_base.transform(center), float(
+            spheres[body.n_static_spheres :].max(initial=0.0)
+        )
 
     @cached_property
-    def _sprung(self) -> Chain:
+    def _suspended_chain(self) -> Chain:
         """The chain with the suspension's joints in front."""
-        return self.mount.chain(on_suspension=True)
+        return self.mount.chain(with_suspension=True)
 
-    def at(self, T_world_base: Pose, covariance: NDArray[np.float64] | None = None) -> Vehicle:
+    def with_base_pose(
+        self, T_world_base: Pose, covariance: NDArray[np.float64] | None = None
+    ) -> Vehicle:
         """The same vehicle somewhere else."""
         return replace(self, T_world_base=T_world_base, base_covariance=covariance)
 
-    def camera_estimate(self, q: ArrayLike) -> CameraEstimate:
+    def camera_estimate(self, q: ArrayLike) -> PoseEstimate:
         """The camera's pose by the encoders' readings, with its uncertainty to first order.
 
-        `own_covariance`, and the shares of what lasts from one look to the next: J S J^T with the
+        `per_scan_covariance`, and the shares of what lasts from one look to the next: J S J^T with the
         variances S of the joints' calibration, and that of the base if it is not known exactly.
 
         Parameters
@@ -121,31 +127,33 @@ class Vehicle:
         """
         pose = self.camera_pose(q)
         J = self.joint_jacobian(q)
-        lasting = (J * np.square(self.mount.calibration_error)) @ J.T
+        persistent_covariance = (J * np.square(self.mount.calibration_error)) @ J.T
         if self.base_covariance is not None:
             B = self.base_jacobian(pose)
-            lasting += B @ self.base_covariance @ B.T
-        return CameraEstimate(pose, self.own_covariance(q) + lasting)
+            persistent_covariance += B @ self.base_covariance @ B.T
+        return PoseEstimate(pose, self.per_scan_covariance(q) + persistent_covariance)
 
-    def own_covariance(self, q: ArrayLike) -> NDArray[np.float64]:
+    def per_scan_covariance(self, q: ArrayLike) -> NDArray[np.float64]:
         """Covariance (6, 6) of a look's own errors of the camera's pose, in the world frame.
 
         J S J^T with the camera's Jacobian J: S has the variances of the encoders' noise, and those
         ascribed to heave, roll and pitch of the body.
         """
-        q = self.chain.joints(q)
+        q = self.chain.as_joint_values(q)
         if self.mount.suspension is None:
             J = self.joint_jacobian(q)
         else:
-            J = self._in_world(self._sprung.jacobian(np.concatenate([np.zeros(3), q])))
-        return np.asarray((J * self._own_variances) @ J.T)
+            J = self._rotated_to_world(
+                self._suspended_chain.jacobian(np.concatenate([np.zeros(3), q]))
+            )
+        return np.asarray((J * self._per_scan_variances) @ J.T)
 
     def joint_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Jacobian (6, n) of the camera [translation; rotation vector], world frame, by its joints.
 
         With the suspension at rest.
         """
-        return self._in_world(self.chain.jacobian(q))
+        return self._rotated_to_world(self.chain.jacobian(q))
 
     def base_jacobian(self, camera: Pose) -> NDArray[np.float64]:
         """Jacobian (6, 6) of T_world_camera by T_world_base, both as displacements."""
@@ -153,13 +161,13 @@ class Vehicle:
         J[:3, 3:] = -skew(camera.translation - self.T_world_base.translation)
         return J
 
-    def _in_world(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _rotated_to_world(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
         """Both halves of a Jacobian (6, k), translation and rotation vector, in the world frame."""
         return np.asarray((self.T_world_base.rotation @ J.reshape(2, 3, -1)).reshape(6, -1))
 
     @cached_property
-    def _own_variances(self) -> NDArray[np.float64]:
-        """Of the joints of `_sprung`, or of the chain if the mount has no suspension."""
+    def _per_scan_variances(self) -> NDArray[np.float64]:
+        """Of the joints of `_suspended_chain`, or of the chain if the mount has no suspension."""
         mount = self.mount
         body = () if mount.suspension is None else np.square(mount.suspension.std)
         return np.concatenate([body, np.square(mount.encoder_noise)])

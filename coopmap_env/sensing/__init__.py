@@ -3,7 +3,7 @@
 from coopmap_env.sensing.camera import PlanarCamera
 from coopmap_env.sensing.depth_camera import DepthCamera
 from coopmap_env.sensing.noise import RangeNoise, rotate_covariances
-from coopmap_env.sensing.point_cloud import PointCloud, place
+from coopmap_env.sensing.point_cloud import PointCloud, transform_cloud
 from coopmap_env.sensing.scan import Scan
 
 __all__ = [
@@ -12,6 +12,6 @@ __all__ = [
     "PointCloud",
     "RangeNoise",
     "Scan",
-    "place",
     "rotate_covariances",
+    "transform_cloud",
 ]

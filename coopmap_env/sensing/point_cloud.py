@@ -45,7 +45,7 @@ class PointCloud:
 
 
 @njit(cache=True, nogil=True)
-def place_points(points, hit, R, t, noise, sigma, placed, covariances):
+def transform_points(points, hit, R, t, noise, sigma, points_world, covariances):
     """Fill points and covariances of the world frame; `noise` is (S, T depth, T lateral, n).
 
     `sigma` (6, 6) is the covariance of the camera's pose, [translation, rotation vector]; the
@@ -55,12 +55,12 @@ def place_points(points, hit, R, t, noise, sigma, placed, covariances):
     W = np.zeros((3, 3))
     V = np.zeros((3, 3))
     q = np.zeros(3)
-    moves = np.any(sigma != 0.0)
+    pose_is_uncertain = np.any(sigma != 0.0)
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
         for i in range(3):
             q[i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
-            placed[k, i] = t[i] + q[i]
+            points_world[k, i] = t[i] + q[i]
         if not hit[k]:
             covariances[k] = 0.0
             continue
@@ -74,7 +74,7 @@ def place_points(points, hit, R, t, noise, sigma, placed, covariances):
             for j in range(i + 1):
                 covariances[k, i, j] = (depth - lateral) * R[i, 0] * R[j, 0]
             covariances[k, i, i] += lateral
-        if moves:
+        if pose_is_uncertain:
             # J = [I, -W] with W = [q]x: J S J^T = Stt + Str W + (Str W)^T + W Srr W^T
             W[0, 1], W[0, 2], W[1, 2] = -q[2], q[1], -q[0]
             W[1, 0], W[2, 0], W[2, 1] = q[2], -q[1], q[0]
@@ -85,17 +85,17 @@ def place_points(points, hit, R, t, noise, sigma, placed, covariances):
                         V[i, j] += W[i, m] * sigma[3 + m, 3 + j]
             for i in range(3):
                 for j in range(i + 1):
-                    share = sigma[i, j]
+                    pose_term = sigma[i, j]
                     for m in range(3):
-                        share += sigma[i, 3 + m] * W[m, j] + sigma[j, 3 + m] * W[m, i]
-                        share += V[i, m] * W[j, m]
-                    covariances[k, i, j] += share
+                        pose_term += sigma[i, 3 + m] * W[m, j] + sigma[j, 3 + m] * W[m, i]
+                        pose_term += V[i, m] * W[j, m]
+                    covariances[k, i, j] += pose_term
         for i in range(3):
             for j in range(i):
                 covariances[k, j, i] = covariances[k, i, j]
 
 
-def place(
+def transform_cloud(
     cloud: PointCloud,
     T_world_camera: Pose,
     noise: RangeNoise,
@@ -129,17 +129,17 @@ def place(
         )
     n = len(cloud.points)
     points, covariances = np.empty((n, 3)), np.empty((n, 3, 3))
-    place_points(
+    transform_points(
         np.ascontiguousarray(cloud.points, dtype=np.float64), np.ascontiguousarray(cloud.hit),
         np.ascontiguousarray(T_world_camera.rotation),
         np.ascontiguousarray(T_world_camera.translation),
         (float(noise.intrinsic), float(noise.depth), float(noise.lateral), float(noise.exponent)),
-        _checked(pose_covariance), points, covariances,
+        _validate_pose_covariance(pose_covariance), points, covariances,
     )  # fmt: skip
     return Scan(T_world_camera.translation, points, covariances, cloud.hit)
 
 
-def _checked(pose_covariance: ArrayLike | None) -> NDArray[np.float64]:
+def _validate_pose_covariance(pose_covariance: ArrayLike | None) -> NDArray[np.float64]:
     """A covariance of the camera's pose, or none at all as zeros."""
     if pose_covariance is None:
         return np.zeros((6, 6))

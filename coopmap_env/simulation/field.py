@@ -23,12 +23,12 @@ from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.forward import frame_poses
 from coopmap_env.robots.mount import Mount
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.depth.renderer import DepthRenderer, measure
+from coopmap_env.simulation.depth.renderer import DepthRenderer, simulate_point_cloud
 from coopmap_env.simulation.depth.traced_mesh import TracedMesh
-from coopmap_env.simulation.physics.motion import Stepping, move_kinematically, move_stepped
+from coopmap_env.simulation.physics.motion import SteppingSettings, move_kinematically, move_stepped
 from coopmap_env.simulation.physics.world import BulletWorld
 from coopmap_env.simulation.scenes.field.world import FieldWorld
-from coopmap_env.simulation.simulator import Moved
+from coopmap_env.simulation.simulator import MoveResult
 
 Physics = Literal["kinematic", "stepped"]
 
@@ -48,7 +48,7 @@ class FieldSimulator:
         How motions are computed; see `motions`.
     rng : numpy.random.Generator
         Draws the encoders' offsets of this episode.
-    stepping : Stepping, optional
+    stepping : SteppingSettings, optional
         Of stepped physics.
 
     Raises
@@ -69,7 +69,7 @@ class FieldSimulator:
         noise: RangeNoise,
         physics: Physics,
         rng: np.random.Generator,
-        stepping: Stepping | None = None,
+        stepping: SteppingSettings | None = None,
     ) -> None:
         if physics not in ("kinematic", "stepped"):
             raise ValueError(f"physics must be 'kinematic' or 'stepped', not {physics!r}")
@@ -82,24 +82,28 @@ class FieldSimulator:
         self.camera = camera
         self.noise = noise
         self.physics = physics
-        self.stepping = stepping or Stepping()
+        self.stepping = stepping or SteppingSettings()
         self._chains = [mount.chain(mount.suspension is not None) for mount in mounts]
-        self._told = [mount.chain() for mount in mounts]
-        self._offsets = [
+        self._believed_chains = [mount.chain() for mount in mounts]
+        self._encoder_offsets = [
             np.array(mount.calibration_error) * rng.standard_normal(len(mount.joints))
             for mount in mounts
         ]
-        self._errors = [offset.copy() for offset in self._offsets]
+        self._encoder_errors = [offset.copy() for offset in self._encoder_offsets]
         self._bullet = BulletWorld(world.solids, mounts, world.base_poses, self.stepping.time_step)
-        self._renderer, self._hidden = _renderer(world, self._chains)
+        self._renderer, self._hidden_bodies = _renderer(world, self._chains)
         for robot, mount in enumerate(mounts):
-            joints = self._within_stops(robot, np.array(mount.home) - self._offsets[robot])
-            self._bullet.place(robot, self._bullet.at_rest(robot, joints[None])[0])
-        self._look_where_all_are()
+            joints = self._clip_to_limits(
+                robot, np.array(mount.home) - self._encoder_offsets[robot]
+            )
+            self._bullet.set_configuration(
+                robot, self._bullet.rest_configurations(robot, joints[None])[0]
+            )
+        self._update_poses()
 
     def move(
         self, targets: Sequence[NDArray[np.float64] | None], rng: np.random.Generator
-    ) -> list[Moved]:
+    ) -> list[MoveResult]:
         """Move every mount (n,) until its encoders read its target; `None` lets it stay.
 
         Kinematic physics moves the vehicles in the order of their numbers, stepped physics all at
@@ -114,22 +118,24 @@ class FieldSimulator:
         """
         if len(targets) != len(self.mounts):
             raise ValueError(f"{len(targets)} targets for {len(self.mounts)} mounts")
-        drawn = [rng.standard_normal(len(offset)) for offset in self._offsets]
+        draws = [rng.standard_normal(len(offset)) for offset in self._encoder_offsets]
         for robot, target in enumerate(targets):
             if target is not None:  # a mount that stays reads what it read
-                noise = np.array(self.mounts[robot].encoder_noise) * drawn[robot]
-                self._errors[robot] = self._offsets[robot] + noise
+                noise = np.array(self.mounts[robot].encoder_noise) * draws[robot]
+                self._encoder_errors[robot] = self._encoder_offsets[robot] + noise
         goals = [
-            None if target is None else self._within_stops(
-                robot, self._told[robot].check_limits(target) - self._errors[robot]
+            None if target is None else self._clip_to_limits(
+                robot, self._believed_chains[robot].check_limits(target) - self._encoder_errors[robot]
             )
             for robot, target in enumerate(targets)
         ]  # fmt: skip
-        touched = self._move(goals)
-        self._look_where_all_are()
+        collisions = self._execute(goals)
+        self._update_poses()
         return [
-            Moved(self.true_joints(robot) + error, what)
-            for robot, (error, what) in enumerate(zip(self._errors, touched, strict=True))
+            MoveResult(self.true_joints(robot) + error, obstacle)
+            for robot, (error, obstacle) in enumerate(
+                zip(self._encoder_errors, collisions, strict=True)
+            )
         ]
 
     def scan(self, robot: int, rng: np.random.Generator) -> PointCloud:
@@ -137,9 +143,9 @@ class FieldSimulator:
         pose = self.true_camera_pose(robot)
         distances = self._renderer.distances(
             pose.rotation, pose.translation, self.camera.directions,
-            self._body_rotations, self._body_translations, self._hidden[robot],
+            self._body_rotations, self._body_translations, self._hidden_bodies[robot],
         )  # fmt: skip
-        return measure(distances, self.camera, self.noise, rng)
+        return simulate_point_cloud(distances, self.camera, self.noise, rng)
 
     def true_camera_pose(self, robot: int) -> Pose:
         """T_world_camera as it is: for scoring, and for robots that are to be told."""
@@ -157,31 +163,33 @@ class FieldSimulator:
         """Let go of the physics; doing so twice does no harm."""
         self._bullet.close()
 
-    def _within_stops(self, robot: int, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        chain = self._told[robot]
+    def _clip_to_limits(self, robot: int, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        chain = self._believed_chains[robot]
         return np.clip(joints, chain.lower, chain.upper)
 
-    def _move(self, goals: Sequence[NDArray[np.float64] | None]) -> list[str]:
+    def _execute(self, goals: Sequence[NDArray[np.float64] | None]) -> list[str]:
         """Move to true joints; what each touched."""
         if self.physics == "stepped":
-            stay = [self.true_joints(robot) if g is None else g for robot, g in enumerate(goals)]
-            return move_stepped(self._bullet, stay, self.stepping)
+            goals_or_current = [
+                self.true_joints(robot) if g is None else g for robot, g in enumerate(goals)
+            ]
+            return move_stepped(self._bullet, goals_or_current, self.stepping)
         return [
             "" if goal is None else move_kinematically(self._bullet, robot, goal)
             for robot, goal in enumerate(goals)
         ]
 
-    def _look_where_all_are(self) -> None:
+    def _update_poses(self) -> None:
         """Poses of all cameras and rigid bodies."""
         self._cameras: list[Pose] = []
         rotations, translations = [], []
         for chain, q, base in zip(self._chains, self._bullet.q, self.world.base_poses, strict=True):
             R, t = chain.camera_poses(q)
             self._cameras.append(Pose(base.transform(t), base.rotation @ R))
-            bodies = _meshes(chain)[0]
+            bodies = _moving_meshes(chain)[0]
             R, t = np.empty((1, len(bodies), 3, 3)), np.empty((1, len(bodies), 3))
-            same = np.broadcast_to(np.eye(3), R.shape[1:]).copy()
-            frame_poses(chain.bodies, q[None], bodies, same, np.zeros_like(t[0]), R, t)
+            identities = np.broadcast_to(np.eye(3), R.shape[1:]).copy()
+            frame_poses(chain.tree, q[None], bodies, identities, np.zeros_like(t[0]), R, t)
             rotations.append(base.rotation @ R[0])
             translations.append(base.transform(t[0]))
         self._body_rotations = np.concatenate(rotations)
@@ -193,24 +201,26 @@ def _renderer(
 ) -> tuple[DepthRenderer, list[tuple[int, ...]]]:
     """The world, wheels included, with all bodies that move; which of them each camera is in."""
     wheels = [
-        base.transform(_meshes(chain)[2])
+        base.transform(_moving_meshes(chain)[2])
         for chain, base in zip(chains, world.base_poses, strict=True)
     ]
     renderer = DepthRenderer(np.concatenate([world.triangles, *wheels]))
     hidden: list[tuple[int, ...]] = []
     for chain in chains:
-        bodies, meshes, _ = _meshes(chain)
+        bodies, meshes, _ = _moving_meshes(chain)
         housing = -1
         for body, mesh in zip(bodies.tolist(), meshes, strict=True):
             number = renderer.add_body(mesh)
-            if body == chain.link_body[chain.camera_link] and _surrounds(mesh, _eye(chain)):
+            if body == chain.link_body[chain.camera_link] and _bounds_contain(
+                mesh, _camera_position(chain)
+            ):
                 housing = number
         hidden.append((housing,) if housing >= 0 else ())
     return renderer, hidden
 
 
 @lru_cache(maxsize=16)
-def _meshes(
+def _moving_meshes(
     chain: Chain,
 ) -> tuple[NDArray[np.int64], list[TracedMesh], NDArray[np.float64]]:
     """Rigid bodies that move and have a surface, their meshes, and triangles of what stands."""
@@ -219,12 +229,16 @@ def _meshes(
         if len(triangles):
             R, t = chain.link_rotations[link], chain.link_translations[link]
             of_body.setdefault(int(chain.link_body[link]), []).append(triangles @ R.T + t)
-    standing = np.concatenate(of_body.pop(0))
+    static_triangles = np.concatenate(of_body.pop(0))
     bodies = np.array(sorted(of_body), dtype=np.int64)
-    return bodies, [TracedMesh(np.concatenate(of_body[b])) for b in bodies.tolist()], standing
+    return (
+        bodies,
+        [TracedMesh(np.concatenate(of_body[b])) for b in bodies.tolist()],
+        static_triangles,
+    )
 
 
-def _eye(chain: Chain) -> NDArray[np.float64]:
+def _camera_position(chain: Chain) -> NDArray[np.float64]:
     """Where the camera is (3,) in the frame of its rigid body."""
     link = chain.camera_link
     return (
@@ -232,6 +246,6 @@ def _eye(chain: Chain) -> NDArray[np.float64]:
     )
 
 
-def _surrounds(mesh: TracedMesh, point: NDArray[np.float64]) -> bool:
+def _bounds_contain(mesh: TracedMesh, point: NDArray[np.float64]) -> bool:
     """Whether the box around a mesh holds a point: a camera in there would see nothing else."""
     return bool((np.abs(point - mesh.center) <= mesh.half_size).all())

@@ -9,18 +9,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry.traversal import advance, begin
+from coopmap_env.geometry.traversal import init_axis, step_voxel
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
-from coopmap_env.simulation.scenes.planar.world import World
-from coopmap_env.simulation.simulator import Moved
+from coopmap_env.simulation.scenes.planar.world import PlanarWorld
+from coopmap_env.simulation.simulator import MoveResult
 
 
 @njit(cache=True, nogil=True)
-def first_hit(occupied, px, py, ux, uy, reach):
+def cast_ray(occupied, px, py, ux, uy, reach):
     """Distance (cells) at which a ray enters the first occupied cell; inf if it meets none."""
     nx, ny = occupied.shape
-    cx, sx, tx, dx, end_x = begin(px, ux, nx, ny)
-    cy, sy, ty, dy, end_y = begin(py, uy, ny, 1)
+    cx, sx, tx, dx, end_x = init_axis(px, ux, nx, ny)
+    cy, sy, ty, dy, end_y = init_axis(py, uy, ny, 1)
     cell = cx + cy
     end = min(reach, end_x, end_y)
     flat = occupied.ravel()
@@ -28,12 +28,14 @@ def first_hit(occupied, px, py, ux, uy, reach):
     while t < end:
         if flat[cell]:
             return t
-        cell, tx, ty, _, t = advance(cell, sx, sy, 0, tx, ty, math.inf, dx, dy, math.inf)
+        cell, tx, ty, _, t = step_voxel(cell, sx, sy, 0, tx, ty, math.inf, dx, dy, math.inf)
     return math.inf
 
 
 @njit(cache=True, nogil=True)
-def look(occupied, lower, resolution, pose, beams, reach, noise, draws, points, covariances, hit):
+def simulate_scan(
+    occupied, lower, resolution, pose, beams, reach, noise, draws, points, covariances, hit
+):
     """Fill a scan: cast each beam, disturb the hits (Eq. 1), turn covariances to the world (Eq. 3).
 
     `beams` (n, 2) are unit directions in the camera frame; `noise` is (S, T depth, T lateral, n);
@@ -45,7 +47,7 @@ def look(occupied, lower, resolution, pose, beams, reach, noise, draws, points, 
     for beam in range(len(beams)):
         ux = c * beams[beam, 0] - s * beams[beam, 1]
         uy = s * beams[beam, 0] + c * beams[beam, 1]
-        d = first_hit(occupied, px, py, ux, uy, reach / resolution) * resolution
+        d = cast_ray(occupied, px, py, ux, uy, reach / resolution) * resolution
         hit[beam] = d < math.inf
         if not hit[beam]:
             points[beam, 0] = pose[0] + reach * ux
@@ -73,7 +75,7 @@ def look(occupied, lower, resolution, pose, beams, reach, noise, draws, points, 
 class PlanarSimulator:
     """A true planar world and the camera that looks at it (a `Simulator`)."""
 
-    def __init__(self, world: World, camera: PlanarCamera, noise: RangeNoise) -> None:
+    def __init__(self, world: PlanarWorld, camera: PlanarCamera, noise: RangeNoise) -> None:
         self.world = world
         self.camera = camera
         self._lower = np.array(world.origin)
@@ -86,27 +88,27 @@ class PlanarSimulator:
         )
         self._poses: list[Sequence[float]] = []
 
-    def place(self, poses: Sequence[Sequence[float]]) -> None:
+    def set_poses(self, poses: Sequence[Sequence[float]]) -> None:
         """Set the robots down at planar poses (x, y, heading)."""
         self._poses = list(poses)
 
     def move(
         self, targets: Sequence[Sequence[float] | None], rng: np.random.Generator
-    ) -> list[Moved]:
+    ) -> list[MoveResult]:
         """Move every camera to its target pose; one that is truly occupied is bumped into."""
-        moved = []
+        results = []
         for robot, target in enumerate(targets):
-            bumps = target is not None and self.collides(target)
-            if target is not None and not bumps:
+            collides = target is not None and self.collides(target)
+            if target is not None and not collides:
                 self._poses[robot] = target
-            moved.append(Moved(self._poses[robot], "an occupied cell" if bumps else ""))
-        return moved
+            results.append(MoveResult(self._poses[robot], "an occupied cell" if collides else ""))
+        return results
 
     def scan(self, robot: int, rng: np.random.Generator) -> Scan:
         """Look with a robot's camera from where it is."""
-        return self.look_from(self._poses[robot], rng)
+        return self.scan_from(self._poses[robot], rng)
 
-    def look_from(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
+    def scan_from(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
         """Look from a planar pose (3,) [x, y, heading]: metres, radians.
 
         Raises
@@ -119,7 +121,7 @@ class PlanarSimulator:
         hit = np.empty(n, dtype=np.bool_)
         at: NDArray[np.float64] = np.array(pose, dtype=np.float64)
         self._cell(*at.tolist())
-        look(
+        simulate_scan(
             self.world.occupied, self._lower, self.world.resolution, at, self._beams,
             self.camera.depth_of_field, self._noise, rng.standard_normal((n, 2)),
             points, covariances, hit,
@@ -132,7 +134,7 @@ class PlanarSimulator:
         Raises
         ------
         ValueError
-            As in `look_from`.
+            As in `scan_from`.
         """
         x, y, heading = pose
         return bool(self.world.occupied[self._cell(x, y, heading)])

@@ -20,7 +20,7 @@ def scorer_of(env, seed=0, **options):
     )
     with torch.no_grad():
         policy.network.value[-1].weight.mul_(100.0)
-        if policy.initial != "rating":
+        if policy.initial_policy != "rating":
             policy.network.score.weight.mul_(300.0)
             policy.network.rating_weight.fill_(0.1)
     return policy

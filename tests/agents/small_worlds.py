@@ -7,9 +7,9 @@ from coopmap_env.simulation.scenes.planar import Obstacles
 SETTINGS = planar_v0.PlanarSettings(
     camera=PlanarCamera(depth_of_field=6.0, n_beams=16),
     reach=4.0,
-    start_radius=1.0,
-    start_spread=6.0,
-    view_cells=8,
+    initial_free_radius=1.0,
+    max_start_distance=6.0,
+    crop_cells=8,
 )
 
 

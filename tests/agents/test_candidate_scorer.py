@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.networks.candidate_scorer import RATING_FEATURE, CandidateScorer
+from coopmap_agents.networks.candidate_scorer import RATING_FEATURE_INDEX, CandidateScorer
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
 from coopmap_agents.sb3.ppo import make_model
 from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
@@ -30,7 +30,7 @@ def team_world(m=20, n_robots=3, **arguments):
 
 def field_world(m=6, n_robots=3, **arguments):
     pytest.importorskip("pybullet")
-    settings = field_v0.FieldSettings(view_cells=(8, 4))
+    settings = field_v0.FieldSettings(crop_cells=(8, 4))
     return field_v0.parallel_env(
         action_mode="candidates", n_candidates=m, n_robots=n_robots, settings=settings, **arguments
     )
@@ -154,7 +154,7 @@ def test_maps_of_any_size_will_do(side):
 
 def same_as_the_planner(env, seeds):
     """Decisions of a network set to the rating, and those that are the planner's; ties apart."""
-    model = make_model(lambda: env, replace(SMALL, initial="rating"), seed=0)
+    model = make_model(lambda: env, replace(SMALL, initial_policy="rating"), seed=0)
     hand_set, planner = LearnedPolicy(model), make("rating_function")
     rng, n, same = np.random.default_rng(0), 0, 0
     for seed in seeds:
@@ -163,7 +163,7 @@ def same_as_the_planner(env, seeds):
             ours = hand_set.act(env.belief(), observations)
             theirs = planner.act(env.belief(), observations)
             for agent, index in ours.items():
-                rating = observations[agent]["candidates"][:, RATING_FEATURE]
+                rating = observations[agent]["candidates"][:, RATING_FEATURE_INDEX]
                 n += 1
                 same += index == theirs[agent] or rating[index] == rating[theirs[agent]]
             random = {
@@ -186,7 +186,7 @@ def test_set_to_the_rating_it_does_so_in_the_field_too():
 
 def test_set_to_the_rating_it_still_learns_in_all_layers():
     env, rows = played_rows(team_world)
-    policy = scorer_of(env, initial="rating")
+    policy = scorer_of(env, initial_policy="rating")
     for _ in range(3):  # the gradient reaches the last layer first, which is zero
         values, log_prob, _ = policy.evaluate_actions(rows, torch.zeros(len(rows["pose"])))
         policy.optimizer.zero_grad()
@@ -198,10 +198,10 @@ def test_set_to_the_rating_it_still_learns_in_all_layers():
 
 def test_a_policy_is_saved_with_what_it_is_made_of(tmp_path):
     env, rows = played_rows(team_world)
-    policy = scorer_of(env, initial="rating")
+    policy = scorer_of(env, initial_policy="rating")
     policy.save(tmp_path / "policy.pt")
     again = CandidateScorer.load(tmp_path / "policy.pt")
-    assert again.initial == "rating"
+    assert again.initial_policy == "rating"
     torch.testing.assert_close(logits(again, rows), logits(policy, rows), rtol=0, atol=0)
 
 
@@ -211,7 +211,7 @@ def test_observations_without_candidates_are_refused():
         scorer_of(env)
 
 
-@pytest.mark.parametrize("options", [{"initial": "best"}, {"net_arch": []}])
+@pytest.mark.parametrize("options", [{"initial_policy": "best"}, {"net_arch": []}])
 def test_options_out_of_their_choices_are_refused(options):
     env = Spaces(team_world())
     with pytest.raises(ValueError, match=r"got ('best'|\[\])"):

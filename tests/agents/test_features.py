@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.networks.features import SituationFeatures
+from coopmap_agents.networks.features import ObservationFeatures
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 
@@ -17,35 +17,35 @@ def batch(space, n=2, seed=0):
 
 def test_map_features_all_other_numbers_and_the_teammates_make_the_vector():
     space = small_world(n_robots=3).observation_space("robot_0")
-    features = SituationFeatures(space, 10, 5)
-    assert features.features_dim == features.own_dim == 10 + 4 + 2 * 5
+    features = ObservationFeatures(space, 10, 5)
+    assert features.features_dim == features.actor_dim == 10 + 4 + 2 * 5
     assert features(batch(space)).shape == (2, features.features_dim)
 
 
 @pytest.mark.parametrize("side", [4, 5, 13, 36, 64])
 def test_any_side_of_the_map_will_do(side):
     space = spaces.Dict({"map": spaces.Box(0, 255, (4, side, side), np.uint8)})
-    assert SituationFeatures(space, 7)(batch(space)).shape == (2, 7)
+    assert ObservationFeatures(space, 7)(batch(space)).shape == (2, 7)
 
 
 def test_no_map_is_fine_too():
     space = spaces.Dict({"pose": spaces.Box(-1, 1, (4,)), "team": spaces.Box(-1, 1, (2, 4))})
     values = batch(space)
     expected = torch.cat([values["pose"], values["team"].reshape(2, 8)], dim=1)
-    torch.testing.assert_close(SituationFeatures(space, 7)(values), expected)
+    torch.testing.assert_close(ObservationFeatures(space, 7)(values), expected)
 
 
 def test_the_order_of_the_entries_does_not_matter():
     # environments give theirs in another order than the roll-out buffer, which sorts them
     space = small_world(n_robots=3).observation_space("robot_0")
-    features, values = SituationFeatures(space, 10), batch(space)
+    features, values = ObservationFeatures(space, 10), batch(space)
     backwards = dict(reversed(values.items()))
     torch.testing.assert_close(features(values), features(backwards), rtol=0, atol=0)
 
 
 def test_the_situation_is_all_but_the_candidates():
     space = masked_world().observation_space("robot_0")
-    features, values = SituationFeatures(space, 10, 5), batch(space)
+    features, values = ObservationFeatures(space, 10, 5), batch(space)
     assert features.features_dim == 10 + 4 + 2 * 5
     result = features(values)
     assert result.shape == (2, features.features_dim)
@@ -57,19 +57,19 @@ def test_the_situation_is_all_but_the_candidates():
 def test_a_teammate_that_is_there_twice_counts_once():
     # mean and maximum over teammates: two alike say what one says
     space = small_world(n_robots=2).observation_space("robot_0")
-    features, values = SituationFeatures(space, 10, 5), batch(space)
+    features, values = ObservationFeatures(space, 10, 5), batch(space)
     twice = values | {"teammates": values["teammates"].repeat(1, 2, 1)}
     torch.testing.assert_close(features(twice), features(values))
 
 
 def test_a_lone_robot_s_situation_is_its_map_and_its_state():
     space = small_world(n_robots=1).observation_space("robot_0")
-    assert SituationFeatures(space, 10, 5).features_dim == 10 + 4
+    assert ObservationFeatures(space, 10, 5).features_dim == 10 + 4
 
 
 def test_whoever_learned_beside_teammates_sees_zeros_where_there_are_none():
     space = small_world(n_robots=3).observation_space("robot_0")
-    features, values = SituationFeatures(space, 10, 5), batch(space)
+    features, values = ObservationFeatures(space, 10, 5), batch(space)
     with_teammates = features(values)
     del values["teammates"]
     alone = features(values)
@@ -81,8 +81,8 @@ def test_whoever_learned_beside_teammates_sees_zeros_where_there_are_none():
 def test_the_state_comes_last_and_acting_does_not_need_it():
     parts = small_world(n_robots=2).observation_space("robot_0").spaces
     space = spaces.Dict({**parts, "state": spaces.Box(-1.0, 1.0, (30,))})
-    features, values = SituationFeatures(space, 10, 5), batch(space)
-    assert (features.own_dim, features.state_dim) == (10 + 4 + 2 * 5, 10)
+    features, values = ObservationFeatures(space, 10, 5), batch(space)
+    assert (features.actor_dim, features.state_dim) == (10 + 4 + 2 * 5, 10)
     whole = features(values)
     del values["state"]
     without = features(values)

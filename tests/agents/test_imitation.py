@@ -6,7 +6,7 @@ import torch
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
 from coopmap_agents.sb3.ppo import make_model
 from coopmap_agents.settings import ImitationSettings, PPOSettings
-from coopmap_agents.training.imitation import clone, watch
+from coopmap_agents.training.imitation import behavior_clone, collect_demonstrations
 from coopmap_baselines import make
 from small_worlds import small_world
 
@@ -29,10 +29,10 @@ def test_a_clone_of_the_rating_function_agrees_with_it_on_worlds_it_has_not_seen
     model = make_model(choosing, NETWORK, seed=0)
     model.policy.network.rating_weight.requires_grad_(False)  # 0: not even the direct path helps
     before = evaluate(choosing(), LearnedPolicy(model), range(100, 120)).table["reward"]
-    report = clone(model.policy, choosing, make("rating_function"), LONG_ENOUGH, seed=0)
+    report = behavior_clone(model.policy, choosing, make("rating_function"), LONG_ENOUGH, seed=0)
     print(report)
     assert report.n_held_out == 2 * 4 * 8 * 2
-    assert report.n_learned == 2 * 36 * 8 * 2
+    assert report.n_train == 2 * 36 * 8 * 2
     assert report.agreement > 0.8
     assert model.policy.network.rating_weight == 0
     after = evaluate(choosing(), LearnedPolicy(model), range(100, 120)).table["reward"]
@@ -41,9 +41,9 @@ def test_a_clone_of_the_rating_function_agrees_with_it_on_worlds_it_has_not_seen
 
 
 def test_a_network_set_to_the_rating_agrees_with_its_planner_before_it_learns():
-    model = make_model(choosing, replace(NETWORK, initial="rating"), seed=0)
+    model = make_model(choosing, replace(NETWORK, initial_policy="rating"), seed=0)
     settings = replace(QUICK, learning_rate=1e-12)
-    report = clone(model.policy, choosing, make("rating_function"), settings, seed=0)
+    report = behavior_clone(model.policy, choosing, make("rating_function"), settings, seed=0)
     assert report.agreement == 1.0
 
 
@@ -52,7 +52,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_others(make_env):
     def cloned(seed):
         model = make_model(make_env, NETWORK, seed=0)
         torch.manual_seed(np.random.default_rng().integers(2**31))  # it draws nothing from there
-        report = clone(model.policy, make_env, make("random"), QUICK, seed)
+        report = behavior_clone(model.policy, make_env, make("random"), QUICK, seed)
         return parameters(model), report
 
     (one, report), (two, again), (other, _) = cloned(0), cloned(0), cloned(1)
@@ -61,7 +61,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_others(make_env):
     assert not torch.equal(one, other)
 
 
-class Nodder:
+class ConstantPosePolicy:
     """Always asks for the same pose."""
 
     def reset(self, rng):
@@ -75,23 +75,25 @@ def test_poses_are_learned_too_and_with_them_how_far_the_teacher_strays():
     model = make_model(small_world, NETWORK, seed=0)
     spread = float(model.policy.log_std.detach().mean())
     settings = replace(QUICK, episodes=20, epochs=20, learning_rate=3e-3)
-    report = clone(model.policy, small_world, Nodder(), settings, seed=0)
+    report = behavior_clone(model.policy, small_world, ConstantPosePolicy(), settings, seed=0)
     assert report.agreement == 1.0
     assert float(model.policy.log_std.detach().mean()) < spread
 
 
 def test_the_critic_learns_nothing():
     model = make_model(choosing, NETWORK, seed=0)
-    before = [p.detach().clone() for p in model.policy.network.value.parameters()]
-    clone(model.policy, choosing, make("rating_function"), QUICK, seed=0)
+    before = [p.detach().behavior_clone() for p in model.policy.network.value.parameters()]
+    behavior_clone(model.policy, choosing, make("rating_function"), QUICK, seed=0)
     for old, new in zip(before, model.policy.network.value.parameters(), strict=True):
         assert torch.equal(old, new)
 
 
 def test_the_teacher_is_asked_where_the_player_leads():
     env, rng = choosing(), np.random.default_rng(0)
-    teacher, player = make("rating_function"), make("random")
-    alone, led = (watch(env, policy, teacher, 3, rng) for policy in (teacher, player))
+    expert, behavior_policy = make("rating_function"), make("random")
+    alone, led = (
+        collect_demonstrations(env, policy, expert, 3, rng) for policy in (expert, behavior_policy)
+    )
     first = slice(0, 2)  # both robots at the start
     assert torch.equal(alone[first].observations["map"], led[first].observations["map"])
     assert torch.equal(alone[first].actions, led[first].actions)
@@ -111,19 +113,25 @@ def test_the_environment_is_closed_even_if_the_teacher_fails():
         env.close = lambda: closed.append(env)
         return env
 
-    class Fails(Nodder):
+    class Fails(ConstantPosePolicy):
         def act(self, belief, observations):
             raise OSError("no idea")
 
     model = make_model(choosing, NETWORK, seed=0)
     with pytest.raises(OSError, match="no idea"):
-        clone(model.policy, factory, Fails(), QUICK, seed=0)
+        behavior_clone(model.policy, factory, Fails(), QUICK, seed=0)
     assert len(closed) == 1
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("episodes", 1), ("rounds", 0), ("held_out", 0.0), ("held_out", 1.0), ("learning_rate", 0.0)],
+    [
+        ("episodes", 1),
+        ("rounds", 0),
+        ("held_out_fraction", 0.0),
+        ("held_out_fraction", 1.0),
+        ("learning_rate", 0.0),
+    ],
 )
 def test_settings_out_of_range_are_refused_with_their_value(name, value):
     with pytest.raises(ValueError, match=rf"ImitationSettings\.{name} must .*, got {value}"):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coopmap_agents.networks.features import SituationFeatures
+from coopmap_agents.networks.features import ObservationFeatures
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
 from coopmap_agents.pretrained.policy_file import save_policy
 from coopmap_agents.sb3.ppo import make_model, train
@@ -36,7 +36,7 @@ def test_a_learned_policy_is_a_policy_and_gives_each_robot_what_its_own_view_ask
 
 def test_a_learned_policy_on_other_observations_names_both_shapes():
     policy = LearnedPolicy(make_model(small_world, TINY, seed=0))
-    env = small_world(settings=replace(SETTINGS, view_cells=12))
+    env = small_world(settings=replace(SETTINGS, crop_cells=12))
     observations, _ = env.reset(seed=0)
     with pytest.raises(ValueError, match=r"trained on .*\(4, 8, 8\).* is given .*\(4, 12, 12\)"):
         policy.act(env.belief(), observations)
@@ -75,7 +75,7 @@ def test_a_policy_among_candidates_names_what_it_was_trained_on_but_for_their_nu
 def test_a_model_that_ignores_masks_is_refused():
     env = SharedPolicyVecEnv(masked_world, 1)
     extractor = {
-        "features_extractor_class": SituationFeatures,
+        "features_extractor_class": ObservationFeatures,
         "features_extractor_kwargs": {"image_features": 8},
     }
     model = PPO("MultiInputPolicy", env, n_steps=8, batch_size=16, policy_kwargs=extractor)

@@ -73,10 +73,10 @@ def masks_of_all_kinds(n, m, rng):
 
 
 @pytest.mark.parametrize("deterministic", [True, False])
-@pytest.mark.parametrize("initial", ["random", "rating"])
-def test_only_candidates_on_offer_are_taken(initial, deterministic):
+@pytest.mark.parametrize("initial_policy", ["random", "rating"])
+def test_only_candidates_on_offer_are_taken(initial_policy, deterministic):
     env, observations = played_rows(masked_world, n_envs=8)
-    policy, rng = scorer_of(env, initial=initial), np.random.default_rng(0)
+    policy, rng = scorer_of(env, initial_policy=initial_policy), np.random.default_rng(0)
     # a masked rating of 0 would be the best of all if it counted
     observations["candidates"] = -torch.rand(16, 300, 9, generator=torch.Generator().manual_seed(0))
     for _ in range(20):
@@ -98,7 +98,7 @@ def test_nothing_on_offer_is_no_error():
     assert torch.isfinite(log_prob).all()
 
 
-class Watch(VecEnvWrapper):
+class RejectionCounter(VecEnvWrapper):
     """Counts actions that were refused."""
 
     def __init__(self, venv):
@@ -111,7 +111,7 @@ class Watch(VecEnvWrapper):
     def step_wait(self):
         result = self.venv.step_wait()
         self.actions += len(result[3])
-        self.refused += sum(bool(info["refused"]) for info in result[3])
+        self.refused += sum(bool(info["rejected_reason"]) for info in result[3])
         return result
 
 
@@ -119,7 +119,7 @@ def test_training_takes_no_masked_candidate(monkeypatch):
     watched = []
 
     def make(env_factory, n_envs, **options):
-        watched.append(Watch(SharedPolicyVecEnv(env_factory, n_envs, **options)))
+        watched.append(RejectionCounter(SharedPolicyVecEnv(env_factory, n_envs, **options)))
         return watched[0]
 
     monkeypatch.setattr(ppo, "SharedPolicyVecEnv", make)

@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 import torch
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.pretrained.policy_file import FORMAT, PAGE, load_policy, read_page, save_policy
+from coopmap_agents.pretrained.policy_file import (
+    FORMAT,
+    METADATA_KEY,
+    load_policy,
+    read_metadata,
+    save_policy,
+)
 from coopmap_agents.sb3.ppo import make_model
 from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
 from coopmap_agents.settings import PPOSettings
@@ -46,27 +52,27 @@ def test_the_critic_and_the_state_it_saw_stay_behind(make_env, tmp_path):
     central = PPOSettings(n_envs=1, rollout_steps=8, batch_size=8, critic="central")
     model, path = model_and_file(make_env, tmp_path, central)
     assert "state" in model.observation_space.spaces
-    assert "state" not in read_page(path).observations
+    assert "state" not in read_metadata(path).observations
     assert not [name for name in load_file(path) if "value" in name or "state" in name]
     assert evaluate(make_env(), LearnedPolicy(path), [0]).table["coverage"][0] > 0
 
 
 def test_the_page_says_what_is_in_the_file(tmp_path):
     _, path = model_and_file(masked_world, tmp_path)
-    page = read_page(path)
-    assert page.observations["map"] == ["uint8", 4, 8, 8]
-    assert page.observations["candidates"] == ["float32", 300, 9]
-    assert (page.n_candidates, page.n_numbers) == (300, None)
-    assert page.network["image_features"] == 8
-    assert page.trained == {"seed": 7}
-    assert (page.version, page.format) == (coopmap_env.__version__, FORMAT)
+    metadata = read_metadata(path)
+    assert metadata.observations["map"] == ["uint8", 4, 8, 8]
+    assert metadata.observations["candidates"] == ["float32", 300, 9]
+    assert (metadata.n_candidates, metadata.action_size) == (300, None)
+    assert metadata.ppo["image_features"] == 8
+    assert metadata.training == {"seed": 7}
+    assert (metadata.version, metadata.format) == (coopmap_env.__version__, FORMAT)
     assert [entry.name for entry in tmp_path.iterdir()] == ["policy.safetensors"]
 
 
 def test_a_file_of_another_format_names_both_versions(tmp_path):
     _, path = model_and_file(small_world, tmp_path)
-    page = {"version": "9.9.9", "format": FORMAT + 1, "new": 0}
-    save_file(load_file(path), path, {PAGE: json.dumps(page)})
+    metadata = {"version": "9.9.9", "format": FORMAT + 1, "new": 0}
+    save_file(load_file(path), path, {METADATA_KEY: json.dumps(metadata)})
     with pytest.raises(
         ValueError, match=rf"written by coopmap 9\.9\.9 in format {FORMAT + 1}, .* train .* anew"
     ):
@@ -92,7 +98,7 @@ def test_tensors_of_somebody_else_are_refused(tmp_path):
 def test_weights_of_another_network_are_refused_with_the_first_that_differs(tmp_path):
     _, path = model_and_file(masked_world, tmp_path)
     weights = load_file(path) | {"network.rating_weight": torch.zeros(3)}
-    save_file(weights, path, {PAGE: json.dumps(read_page(path).__dict__)})
+    save_file(weights, path, {METADATA_KEY: json.dumps(read_metadata(path).__dict__)})
     with pytest.raises(ValueError, match=r"network\.rating_weight has the shape \(3,\), not \(\)"):
         load_policy(path)
 

@@ -93,17 +93,17 @@ def parameters_of(model, critic):
 @pytest.mark.parametrize("make_env", [small_world, masked_world])
 def test_at_first_only_the_critic_learns_if_asked_to(make_env):
     start = make_model(make_env, TINY, seed=0)
-    model = train(make_env, replace(TINY, critic_steps=128), seed=0)
+    model = train(make_env, replace(TINY, critic_warmup_steps=128), seed=0)
     assert model.num_timesteps == 128
     assert torch.equal(parameters_of(model, critic=False), parameters_of(start, critic=False))
     assert not torch.equal(parameters_of(model, critic=True), parameters_of(start, critic=True))
-    model = train(make_env, replace(TINY, total_steps=256, critic_steps=128), seed=0)
+    model = train(make_env, replace(TINY, total_steps=256, critic_warmup_steps=128), seed=0)
     assert model.num_timesteps == 256
     assert not torch.equal(parameters_of(model, critic=False), parameters_of(start, critic=False))
 
 
 def test_a_callback_that_ends_the_training_does_so_while_the_critic_learns_too():
-    settings = replace(TINY, total_steps=256, critic_steps=128)
+    settings = replace(TINY, total_steps=256, critic_warmup_steps=128)
     model = train(masked_world, settings, seed=0, callback=lambda *_: False)
     assert model.num_timesteps < 128
 

@@ -13,7 +13,7 @@ from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes.planar import Obstacles
 
 SETTINGS = planar_v0.PlanarSettings(
-    camera=PlanarCamera(depth_of_field=10.0), reach=6.0, start_spread=10.0, view_cells=32
+    camera=PlanarCamera(depth_of_field=10.0), reach=6.0, max_start_distance=10.0, crop_cells=32
 )
 SEEDS = range(40)
 

@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 import torch
 from coopmap_agents.networks.networks import copy_weights
-from coopmap_agents.plan import Plan, Task
+from coopmap_agents.plan import EnvConfig, TrainingConfig
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.rllib.env import quietly
-from coopmap_agents.rllib.network import SHARED, shared_network
-from coopmap_agents.rllib.ppo import RLlibTraining, make_config
+from coopmap_agents.rllib.env import suppress_rllib_warnings
+from coopmap_agents.rllib.network import SHARED_POLICY_ID, shared_network_spec
+from coopmap_agents.rllib.ppo import RLlibTrainer, make_config
 from coopmap_agents.rollouts.team_block import TeamBlock, stack
-from coopmap_agents.sb3.ppo import PPOTraining
+from coopmap_agents.sb3.ppo import SB3Trainer
 from coopmap_agents.settings import PPOSettings
-from coopmap_agents.training.loop import train_with_files
-from coopmap_agents.training.segments import restore_checkpoint, save_checkpoint
+from coopmap_agents.training.loop import run_training
+from coopmap_agents.training.segments import load_checkpoint, save_checkpoint
 from pettingzoo.utils import BaseParallelWrapper
 from ray.rllib.core.columns import Columns
 from small_worlds import masked_world, small_world
-from toy_team import ConstantChoice, ConstantReward, Eventful, Watched
+from toy_team import ConstantChoice, ConstantReward, HookedEnv, StatefulEnv
 
 from coopmap_env.evaluation.jobs import connected_ray
 
@@ -53,7 +53,7 @@ def train():
     opened = []
 
     def begin(env_factory, settings=TINY, seed=0, workers=0, segments=0):
-        opened.append(RLlibTraining(env_factory, settings, seed, workers))
+        opened.append(RLlibTrainer(env_factory, settings, seed, workers))
         for segment in range(segments):
             opened[-1].learn(segment)
         return opened[-1]
@@ -127,7 +127,7 @@ def test_what_an_environment_fails_with_ends_the_training_and_is_told(train, wor
     def fail():
         raise OSError("broken")
 
-    training = train(lambda: Eventful(on_step=fail), workers=workers)
+    training = train(lambda: HookedEnv(on_step=fail), workers=workers)
     with pytest.raises(RuntimeError) as raised:
         training.learn(0)
     assert "OSError: broken" in "".join(traceback.format_exception(raised.value))
@@ -145,7 +145,7 @@ def test_an_interrupted_training_ends_as_if_it_had_not_been(train, workers, tmp_
     after = parameters(whole.network).clone()
     whole.close()  # its workers have all the processors
     resumed = train(strict_world, workers=workers)
-    resumed.steps = restore_checkpoint(tmp_path / "checkpoint.pt", resumed.network)
+    resumed.steps = load_checkpoint(tmp_path / "checkpoint.pt", resumed.network)
     resumed.learn(1)
     assert resumed.steps == whole.steps == 256
     assert torch.equal(parameters(resumed.network), after)
@@ -164,11 +164,11 @@ def test_training_twice_with_one_seed_gives_the_same_network_and_another_another
 
 @pytest.mark.parametrize("make_env", [small_world, masked_world])
 def test_networks_and_checkpoints_are_those_of_stable_baselines3(train, make_env, tmp_path):
-    ours, theirs = train(make_env), PPOTraining(make_env, TINY, seed=0)
+    ours, theirs = train(make_env), SB3Trainer(make_env, TINY, seed=0)
     assert torch.equal(parameters(ours.network), parameters(theirs.network))
     ours.learn(0)
     save_checkpoint(tmp_path / "ours.pt", ours.network, ours.steps)
-    theirs.steps = restore_checkpoint(tmp_path / "ours.pt", theirs.network)
+    theirs.steps = load_checkpoint(tmp_path / "ours.pt", theirs.network)
     assert theirs.steps == 128
     assert torch.equal(parameters(ours.network), parameters(theirs.network))
     momenta, own = (
@@ -185,15 +185,15 @@ def test_rllib_s_logits_and_values_are_those_of_the_network(train, make_env):
     network = train(make_env, segments=1).network
     rows = stack(make_env().reset(seed=5)[0].values())
     assert rows["map"].dtype == np.uint8  # scaled by Stable-Baselines3, or not at all
-    module = shared_network(TeamBlock(make_env, 1).layout(), TINY, seed=3).build()
+    module = shared_network_spec(TeamBlock(make_env, 1).team_spaces(), TINY, seed=3).build()
     module.network.load_state_dict(network.state_dict())
     given, _ = network.obs_to_tensor(rows)
     with torch.no_grad():
-        told = module.forward_inference({Columns.OBS: given})[Columns.ACTION_DIST_INPUTS]
+        expected = module.forward_inference({Columns.OBS: given})[Columns.ACTION_DIST_INPUTS]
         values = module.compute_values({Columns.OBS: given})
         theirs = network.get_distribution(given)
         assert torch.equal(values, network.predict_values(given).ravel())
-    ours = module.get_inference_action_dist_cls().from_logits(told)
+    ours = module.get_inference_action_dist_cls().from_logits(expected)
     actions = theirs.get_actions(deterministic=True)
     torch.testing.assert_close(ours.logp(actions), theirs.log_prob(actions))
     torch.testing.assert_close(ours.entropy(), theirs.entropy())
@@ -201,7 +201,7 @@ def test_rllib_s_logits_and_values_are_those_of_the_network(train, make_env):
 
 
 def test_at_first_only_the_critic_learns_if_asked_to(train):
-    training = train(masked_world, replace(TINY, critic_steps=128))
+    training = train(masked_world, replace(TINY, critic_warmup_steps=128))
     before = [parameters(training.network, critic=[own]).clone() for own in (False, True)]
     training.learn(0)
     assert torch.equal(parameters(training.network, critic=[False]), before[0])
@@ -219,7 +219,7 @@ def test_a_warm_start_begins_with_the_network_it_is_given(train):
 
 
 def test_a_central_critic_sees_the_state_of_the_team(train):
-    training = train(Watched, replace(TINY, critic="central"), segments=1)
+    training = train(StatefulEnv, replace(TINY, critic="central"), segments=1)
     assert "state" in training.network.observation_space.spaces
     rows, _ = training.network.obs_to_tensor(
         {"pose": np.zeros((2, 3), np.float32), "state": np.eye(2, dtype=np.float32)}
@@ -237,27 +237,31 @@ def test_a_segment_reports_returns_and_where_its_time_went(train):
 
 def test_rllib_s_own_checkpoints_work_too(tmp_path):
     config = make_config(masked_world, TINY, seed=0)
-    with quietly():
+    with suppress_rllib_warnings():
         algorithm, again = config.copy().build_algo(), config.copy().build_algo()
     algorithm.train()
     algorithm.save_to_path(tmp_path)
     again.restore_from_path(tmp_path)
-    one, two = (parameters(each.get_module(SHARED).network) for each in (algorithm, again))
+    one, two = (
+        parameters(each.get_module(SHARED_POLICY_ID).network) for each in (algorithm, again)
+    )
     assert torch.equal(one, two)
     again.train()
-    assert not torch.equal(parameters(again.get_module(SHARED).network), one)
+    assert not torch.equal(parameters(again.get_module(SHARED_POLICY_ID).network), one)
     for each in (algorithm, again):
         each.stop()
 
 
 def test_a_training_with_files_is_of_the_same_files(tmp_path):
-    task = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
-    plan = Plan(task, TINY, seed=3, engine="rllib", validation_episodes=2)
-    record = train_with_files(plan, tmp_path)
+    env_config = EnvConfig(
+        "planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4}
+    )
+    config = TrainingConfig(env_config, TINY, seed=3, engine="rllib", validation_episodes=2)
+    record = run_training(config, tmp_path)
     assert [row["steps"] for row in record["rows"]] == [0, 128, 256]
     LearnedPolicy(tmp_path / "policy.safetensors")
     assert len(list(tmp_path.glob("tensorboard/events*"))) == 1
-    assert train_with_files(plan, tmp_path) == record
+    assert run_training(config, tmp_path) == record
 
 
 def test_settings_are_told_to_rllib_one_by_one():
@@ -267,7 +271,7 @@ def test_settings_are_told_to_rllib_one_by_one():
         max_gradient_norm=0.9,
     )  # fmt: skip
     config = make_config(lambda: masked_world(n_robots=3), settings, seed=4, workers=2)
-    told = {
+    expected = {
         "num_env_runners": 2,
         "num_envs_per_env_runner": 3,
         "rollout_fragment_length": 8 * 3,  # rows of an environment: steps of three robots
@@ -286,18 +290,18 @@ def test_settings_are_told_to_rllib_one_by_one():
         "use_kl_loss": False,
         "seed": 4,
     }
-    assert {name: getattr(config, name) for name in told} == told
+    assert {name: getattr(config, name) for name in expected} == expected
 
 
 @pytest.mark.parametrize("workers", [-1, 3])
 def test_environments_that_cannot_be_dealt_out_evenly_are_refused(workers):
     with pytest.raises(ValueError, match=rf"0 or divide PPOSettings.n_envs = 4, got {workers}"):
-        RLlibTraining(ConstantReward, TINY, 0, workers)
+        RLlibTrainer(ConstantReward, TINY, 0, workers)
 
 
 def test_more_workers_than_processors_are_refused():
     with pytest.raises(ValueError, match=r"4 workers need a processor each, but .* with 2"):
-        RLlibTraining(ConstantReward, TINY, 0, 4)
+        RLlibTrainer(ConstantReward, TINY, 0, 4)
 
 
 @pytest.mark.parametrize("missing", ["ray", "torch"])

@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from coopmap_agents.rllib.env import RLlibTeam
+from coopmap_agents.rllib.env import RLlibTeamEnv
 from coopmap_agents.rollouts.team_block import TeamBlock
 from ray.rllib.env.env_context import EnvContext
-from toy_team import ConstantReward, Watched
+from toy_team import ConstantReward, StatefulEnv
 
 
 def team(factory=ConstantReward, seed=0, worker=1, with_state=False):
-    layout = TeamBlock(factory, 1, with_state).layout()
-    values = {"env_factory": factory, "layout": layout, "seed": seed}
-    return RLlibTeam(EnvContext(values, worker_index=worker))
+    team_spaces = TeamBlock(factory, 1, with_state).team_spaces()
+    values = {"env_factory": factory, "team_spaces": team_spaces, "seed": seed}
+    return RLlibTeamEnv(EnvContext(values, worker_index=worker))
 
 
 def played(env):
@@ -98,13 +98,13 @@ def test_the_same_seed_gives_the_same_worlds_one_after_the_other():
 
 
 def test_the_state_of_the_team_is_seen_where_the_critic_asks_for_it():
-    env = team(Watched, with_state=True)
+    env = team(StatefulEnv, with_state=True)
     observations, _ = env.reset(seed=0)
     assert env.get_observation_space(0).contains(observations[0])
     observations, *_ = env.step({0: np.zeros(1), 1: np.zeros(1)})
     for own in observations.values():
         assert own["state"][0] == np.float32(1 / 5)
-    assert "state" not in team(Watched).reset(seed=0)[0][0]
+    assert "state" not in team(StatefulEnv).reset(seed=0)[0][0]
 
 
 def test_returns_of_robots_and_the_time_of_environments_are_noted():

@@ -68,12 +68,12 @@ def test_rows_are_what_stepping_the_environments_by_hand_gives_across_resets(n_r
             rows = range(i * n_robots, (i + 1) * n_robots)
             given = {agent: actions[row] for agent, row in zip(hand.agents, rows, strict=True)}
             names = list(hand.agents)
-            last, paid, _, truncated, told = hand.step(given)
+            last, own_rewards, _, truncated, env_infos = hand.step(given)
             expected[i] = last if hand.agents else hand.reset()[0]
             for agent, row in zip(names, rows, strict=True):
                 assert_same(row_of(observations, row), expected[i][agent])
-                assert rewards[row] == np.float32(paid[agent])
-                assert infos[row]["terms"] == told[agent]["terms"]
+                assert rewards[row] == np.float32(own_rewards[agent])
+                assert infos[row]["reward_terms"] == env_infos[agent]["reward_terms"]
                 assert infos[row]["TimeLimit.truncated"] == truncated[agent] == dones[row]
                 assert ("terminal_observation" in infos[row]) == dones[row]
                 if dones[row]:
@@ -91,8 +91,8 @@ def test_the_terminal_observation_is_the_last_and_the_returned_one_the_first_of_
     np.testing.assert_array_equal(last[:, 2], first[:, 2])
     np.testing.assert_array_equal(observations["pose"][:, 1], 0.0)
     assert not np.isin(observations["pose"][:, 2], first[:, 2]).any()
-    told = [info["episode_number"] for info in env.reset_infos]
-    np.testing.assert_allclose(observations["pose"][:, 2], told, rtol=1e-6)  # float32
+    env_infos = [info["episode_number"] for info in env.reset_infos]
+    np.testing.assert_allclose(observations["pose"][:, 2], env_infos, rtol=1e-6)  # float32
 
 
 def test_a_termination_is_done_but_not_truncated():

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coopmap_agents.plan import Task
+from coopmap_agents.plan import EnvConfig
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.pretrained.policy_file import FORMAT, read_page
-from coopmap_agents.pretrained.shipped import shipped_file, shipped_names, training_record
-from coopmap_agents.pretrained.shipping import ship
+from coopmap_agents.pretrained.policy_file import FORMAT, read_metadata
+from coopmap_agents.pretrained.shipped import pretrained_names, pretrained_path, pretrained_record
+from coopmap_agents.pretrained.shipping import export
 from coopmap_agents.settings import PPOSettings
-from coopmap_agents.training.loop import Plan, train_with_files
+from coopmap_agents.training.loop import TrainingConfig, run_training
 
 from coopmap_env.evaluation import evaluate
 from coopmap_env.evaluation.policy import make_policy
@@ -21,22 +21,24 @@ NAMES = ("field-candidates", "planar-candidates", "planar-candidates-rating", "p
 each_policy = pytest.mark.parametrize("name", NAMES)
 
 
-def task_of(name, **arguments):
-    task = training_record(name)["plan"]["task"]
-    if task["world"] == "field":
+def env_config_of(name, **arguments):
+    env_config = pretrained_record(name)["config"]["env"]
+    if env_config["name"] == "field":
         pytest.importorskip("pybullet")
-    return Task(task["world"], {**task["arguments"], **arguments}, task["settings"])
+    return EnvConfig(
+        env_config["name"], {**env_config["arguments"], **arguments}, env_config["settings"]
+    )
 
 
 def test_these_ship():
-    assert shipped_names() == list(NAMES)
+    assert pretrained_names() == list(NAMES)
 
 
 @each_policy
 def test_every_training_seed_of_a_policy_loads_and_plays(name):
-    env = task_of(name, max_scans=3).on("test")
+    env = env_config_of(name, max_scans=3).make("test")
     coverage = set()
-    for seed in training_record(name)["seeds"]:
+    for seed in pretrained_record(name)["seeds"]:
         policy = make_policy(f"learned:model={name}+seed={seed}")
         table = evaluate(env, policy, [0]).table
         assert table["refused"][0] < 3
@@ -47,7 +49,7 @@ def test_every_training_seed_of_a_policy_loads_and_plays(name):
 
 @each_policy
 def test_its_record_has_commands_and_curves_and_names_the_best_seed(name):
-    record = training_record(name)
+    record = pretrained_record(name)
     assert len(record["seeds"]) >= 3
     best = {}
     for seed, training in record["trainings"].items():
@@ -55,18 +57,18 @@ def test_its_record_has_commands_and_curves_and_names_the_best_seed(name):
         rewards = [row["validation"]["reward"] for row in training["rows"]]
         assert max(rewards) == rewards[training["best_row"]]
         best[int(seed)] = max(rewards)
-        page = read_page(shipped_file(name, int(seed)))
-        assert page.format == FORMAT
-        assert page.trained["plan"]["seed"] == int(seed)
-        assert page.trained["steps"] == training["rows"][training["best_row"]]["steps"]
-        assert shipped_file(name, int(seed)).stat().st_size < 1_000_000
+        metadata = read_metadata(pretrained_path(name, int(seed)))
+        assert metadata.format == FORMAT
+        assert metadata.training["config"]["seed"] == int(seed)
+        assert metadata.training["steps"] == training["rows"][training["best_row"]]["steps"]
+        assert pretrained_path(name, int(seed)).stat().st_size < 1_000_000
     assert record["best_seed"] == max(best, key=best.get)
-    assert shipped_file(name) == shipped_file(name, record["best_seed"])
+    assert pretrained_path(name) == pretrained_path(name, record["best_seed"])
 
 
 @pytest.mark.parametrize("name", ["planar-candidates", "planar-pose", "field-candidates"])
 def test_without_a_name_the_first_that_fits_plays(name):
-    env = task_of(name, max_scans=2).on("test")
+    env = env_config_of(name, max_scans=2).make("test")
     by_default, by_name = (
         evaluate(env, policy, [0]).table["coverage"][0]
         for policy in (make_policy("learned"), LearnedPolicy(name))
@@ -76,7 +78,7 @@ def test_without_a_name_the_first_that_fits_plays(name):
 
 
 def test_what_does_not_fit_anything_that_ships_is_refused_with_what_there_is():
-    env = Task("planar").on("test")
+    env = EnvConfig("planar").make("test")
     observations, _ = env.reset(seed=0)
     for own in observations.values():
         own["thermometer"] = np.zeros(1, np.float32)
@@ -86,7 +88,7 @@ def test_what_does_not_fit_anything_that_ships_is_refused_with_what_there_is():
 
 def test_unknown_names_and_seeds_are_refused_with_the_choices():
     with pytest.raises(ValueError, match=r"no policy 'best' ships; there are .*planar-candidates"):
-        training_record("best")
+        pretrained_record("best")
     with pytest.raises(ValueError, match=r"trained with the seeds \[0, 1, 2\], got 7"):
         make_policy("learned:model=planar-candidates+seed=7")
 
@@ -94,36 +96,38 @@ def test_unknown_names_and_seeds_are_refused_with_the_choices():
 @pytest.fixture(scope="module")
 def trainings(tmp_path_factory):
     """Folders of two trainings that differ by their seeds, and of one that differs by more."""
-    task = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
+    env_config = EnvConfig(
+        "planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4}
+    )
     settings = PPOSettings(
         total_steps=32, n_envs=1, rollout_steps=16, batch_size=16, hidden=(8,), image_features=8
     )
-    plan = Plan(task, settings, seed=0, validation_episodes=1)
+    config = TrainingConfig(env_config, settings, seed=0, validation_episodes=1)
     folder = tmp_path_factory.mktemp("trainings")
     for name, one in {
-        "0": plan,
-        "1": replace(plan, seed=1),
-        "other": replace(plan, seed=2, settings=replace(settings, gamma=0.5)),
+        "0": config,
+        "1": replace(config, seed=1),
+        "other": replace(config, seed=2, ppo=replace(settings, gamma=0.5)),
     }.items():
-        train_with_files(one, folder / name, command=f"coopmap train --seed {one.seed}")
+        run_training(one, folder / name, command=f"coopmap train --seed {one.seed}")
     return folder
 
 
 def test_trainings_of_several_seeds_become_a_policy_that_ships(trainings, tmp_path):
-    ship(tmp_path / "small", [trainings / "0", trainings / "1"])
+    export(tmp_path / "small", [trainings / "0", trainings / "1"])
     files = {path.name for path in (tmp_path / "small").iterdir()}
     assert files == {"seed_0.safetensors", "seed_1.safetensors", "training.json"}
     record = json.loads((tmp_path / "small" / "training.json").read_text())
     assert record["seeds"] == [0, 1]
     assert record["trainings"]["1"]["command"] == "coopmap train --seed 1"
-    assert record["plan"]["seed"] is None
+    assert record["config"]["seed"] is None
 
 
 def test_trainings_that_differ_by_more_than_their_seeds_do_not_ship(trainings, tmp_path):
     with pytest.raises(ValueError, match="differ by more than their seeds"):
-        ship(tmp_path / "small", [trainings / "0", trainings / "other"])
+        export(tmp_path / "small", [trainings / "0", trainings / "other"])
     with pytest.raises(ValueError, match=r"needs a seed of its own, got \[0, 0\]"):
-        ship(tmp_path / "small", [trainings / "0", trainings / "0"])
+        export(tmp_path / "small", [trainings / "0", trainings / "0"])
     assert not list(tmp_path.iterdir())
 
 

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.plan import Plan, Task
+from coopmap_agents.plan import EnvConfig, TrainingConfig
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.pretrained.policy_file import read_page
+from coopmap_agents.pretrained.policy_file import read_metadata
 from coopmap_agents.sb3.ppo import make_model
 from coopmap_agents.settings import ImitationSettings, PPOSettings
 from coopmap_agents.training import loop as training
-from coopmap_agents.training.loop import train_with_files
-from coopmap_agents.training.segments import restore_checkpoint, save_checkpoint
+from coopmap_agents.training.loop import run_training
+from coopmap_agents.training.segments import load_checkpoint, save_checkpoint
 from coopmap_baselines import make
 from gymnasium import spaces
 from safetensors.torch import load_file
@@ -25,12 +25,12 @@ from toy_team import ConstantReward
 from coopmap_env.evaluation import evaluate
 from coopmap_env.simulation.scenes.planar import save_map_server
 
-TASK = Task("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
+ENV_CONFIG = EnvConfig("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
 SETTINGS = PPOSettings(
     total_steps=192, segment_steps=64, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2,
     hidden=(16,), image_features=8,
 )  # fmt: skip
-PLAN = Plan(TASK, SETTINGS, seed=3, validation_episodes=2)
+CONFIG = TrainingConfig(ENV_CONFIG, SETTINGS, seed=3, validation_episodes=2)
 
 
 class Interrupted(Exception):  # noqa: N818  # no error
@@ -40,12 +40,12 @@ class Interrupted(Exception):  # noqa: N818  # no error
 def interrupt_after(n_segments):
     lines = []
 
-    def say(line):
+    def log(line):
         lines.append(line)
         if len(lines) == 1 + n_segments:  # the first line comes before all segments
             raise Interrupted
 
-    return say
+    return log
 
 
 def untimed(record):
@@ -67,7 +67,7 @@ def checkpoint(folder):
 def whole(tmp_path_factory):
     """Folder and record of an uninterrupted training."""
     folder = tmp_path_factory.mktemp("whole")
-    return folder, train_with_files(PLAN, folder)
+    return folder, run_training(CONFIG, folder)
 
 
 @pytest.mark.parametrize("n_segments", [1, 2])
@@ -76,8 +76,8 @@ def test_a_training_that_was_interrupted_ends_as_if_it_had_not_been(
     whole, n_segments, workers, tmp_path
 ):
     with pytest.raises(Interrupted):
-        train_with_files(PLAN, tmp_path, workers, interrupt_after(n_segments))
-    record = train_with_files(PLAN, tmp_path, workers)
+        run_training(CONFIG, tmp_path, workers, interrupt_after(n_segments))
+    record = run_training(CONFIG, tmp_path, workers)
     assert untimed(record) == untimed(whole[1])
     ours, theirs = checkpoint(tmp_path), checkpoint(whole[0])
     assert ours["steps"] == theirs["steps"] == 192
@@ -100,23 +100,23 @@ def test_one_that_is_killed_while_it_writes_goes_on_from_the_segment_before(
     with monkeypatch.context() as patch:
         patch.setattr(training, "write_atomically", dies_in_the_second_segment)
         with pytest.raises(Interrupted):
-            train_with_files(PLAN, tmp_path)
+            run_training(CONFIG, tmp_path)
     assert {path.name for path in tmp_path.glob("checkpoint-*")} == {
         "checkpoint-2.pt", "checkpoint-3.pt",
     }  # fmt: skip
-    assert untimed(train_with_files(PLAN, tmp_path)) == untimed(whole[1])
+    assert untimed(run_training(CONFIG, tmp_path)) == untimed(whole[1])
     assert {path.name for path in tmp_path.glob("checkpoint-*")} == {"checkpoint-4.pt"}
 
 
 def test_a_longer_training_goes_on_where_the_shorter_one_ended(whole, tmp_path):
-    train_with_files(replace(PLAN, settings=replace(SETTINGS, total_steps=128)), tmp_path)
-    assert untimed(train_with_files(PLAN, tmp_path)) == untimed(whole[1])
+    run_training(replace(CONFIG, ppo=replace(SETTINGS, total_steps=128)), tmp_path)
+    assert untimed(run_training(CONFIG, tmp_path)) == untimed(whole[1])
 
 
 def test_a_finished_training_is_not_trained_again(whole):
     folder, record = whole
     before = (folder / "training.json").stat().st_mtime_ns
-    assert train_with_files(PLAN, folder) == record
+    assert run_training(CONFIG, folder) == record
     assert (folder / "training.json").stat().st_mtime_ns == before
 
 
@@ -125,11 +125,11 @@ def test_the_policy_is_the_one_that_did_best_on_validation_worlds(whole):
     rewards = [row["validation"]["reward"] for row in record["rows"]]
     assert record["rows"][record["best"]]["validation"]["reward"] == max(rewards)
     path = folder / "policy.safetensors"
-    table = evaluate(TASK.on("validation"), LearnedPolicy(path), range(2)).table
+    table = evaluate(ENV_CONFIG.make("validation"), LearnedPolicy(path), range(2)).table
     assert table["reward"].mean() == pytest.approx(max(rewards), abs=0)
-    said = read_page(path).trained
-    assert said["plan"]["seed"] == 3
-    assert said["plan"]["task"]["arguments"]["n_candidates"] == 6
+    origin = read_metadata(path).training
+    assert origin["config"]["seed"] == 3
+    assert origin["config"]["env"]["arguments"]["n_candidates"] == 6
 
 
 def test_the_record_tells_where_the_time_went_and_what_came_of_it(whole):
@@ -146,44 +146,44 @@ def test_the_record_tells_where_the_time_went_and_what_came_of_it(whole):
 @pytest.mark.parametrize(
     ("other", "named"),
     [
-        (replace(PLAN, seed=4), r"plan\.seed = 3, not 4"),
+        (replace(CONFIG, seed=4), r"config\.seed = 3, not 4"),
         (
-            replace(PLAN, settings=replace(SETTINGS, gamma=0.5)),
-            r"plan\.settings\.gamma = 0\.8, not 0\.5",
+            replace(CONFIG, ppo=replace(SETTINGS, gamma=0.5)),
+            r"config\.ppo\.gamma = 0\.8, not 0\.5",
         ),
         (
-            replace(PLAN, task=Task("planar", {**TASK.arguments, "n_robots": 3})),
-            r"plan\.task\.arguments\.n_robots = None, not 3",
+            replace(CONFIG, env=EnvConfig("planar", {**ENV_CONFIG.arguments, "n_robots": 3})),
+            r"config\.env\.arguments\.n_robots = None, not 3",
         ),
     ],
 )
 def test_the_folder_of_another_training_is_refused_with_what_differs(whole, other, named):
     with pytest.raises(ValueError, match=f"holds another training, with {named}: use another"):
-        train_with_files(other, whole[0])
+        run_training(other, whole[0])
 
 
 def test_a_training_whose_last_segment_was_cut_short_is_not_lengthened(tmp_path):
     short, longer = (
-        replace(PLAN, settings=replace(SETTINGS, segment_steps=128, total_steps=total))
+        replace(CONFIG, ppo=replace(SETTINGS, segment_steps=128, total_steps=total))
         for total in (192, 256)
     )
-    assert [row["steps"] for row in train_with_files(short, tmp_path)["rows"]] == [0, 128, 192]
+    assert [row["steps"] for row in run_training(short, tmp_path)["rows"]] == [0, 128, 192]
     with pytest.raises(ValueError, match=r"ended after 192 steps .* cannot be lengthened to 256"):
-        train_with_files(longer, tmp_path)
+        run_training(longer, tmp_path)
 
 
 def test_what_it_begins_with_is_judged_too_and_kept_where_nothing_better_comes(tmp_path):
-    still = replace(SETTINGS, learning_rate=0.0, total_steps=64, initial="rating")
-    record = train_with_files(replace(PLAN, settings=still), tmp_path)
-    planner = evaluate(TASK.on("validation"), make("rating_function"), range(2)).table
+    still = replace(SETTINGS, learning_rate=0.0, total_steps=64, initial_policy="rating")
+    record = run_training(replace(CONFIG, ppo=still), tmp_path)
+    planner = evaluate(ENV_CONFIG.make("validation"), make("rating_function"), range(2)).table
     assert record["rows"][0]["validation"]["reward"] == planner["reward"].mean()
-    assert read_page(tmp_path / "policy.safetensors").trained["steps"] in (0, 64)
+    assert read_metadata(tmp_path / "policy.safetensors").training["steps"] in (0, 64)
 
 
 def test_a_training_can_begin_with_a_policy(whole, tmp_path):
     path = str(whole[0] / "policy.safetensors")
-    plan = replace(PLAN, begin_with=path, settings=replace(SETTINGS, total_steps=64))
-    record = train_with_files(plan, tmp_path)
+    config = replace(CONFIG, init_from=path, ppo=replace(SETTINGS, total_steps=64))
+    record = run_training(config, tmp_path)
     best = whole[1]["rows"][whole[1]["best"]]
     assert record["rows"][0]["validation"] == best["validation"]
     assert list(record["files"]) == [path]
@@ -194,22 +194,22 @@ def test_a_scene_that_has_changed_is_another_training(tmp_path):
     walls = np.zeros((60, 60))
     walls[[0, -1], :] = walls[:, [0, -1]] = 1.0
     save_map_server(scene, walls, resolution=0.2, origin=(0.0, 0.0))
-    plan = replace(
-        PLAN,
-        task=Task("planar", {**TASK.arguments, "scene": str(scene)}),
-        settings=replace(SETTINGS, total_steps=64),
+    config = replace(
+        CONFIG,
+        env=EnvConfig("planar", {**ENV_CONFIG.arguments, "scene": str(scene)}),
+        ppo=replace(SETTINGS, total_steps=64),
     )
-    train_with_files(plan, tmp_path / "training")
+    run_training(config, tmp_path / "training")
     walls[20, 5:30] = 1.0
     save_map_server(scene, walls, resolution=0.2, origin=(0.0, 0.0))
     with pytest.raises(ValueError, match=r"another training, with files\..*map\."):
-        train_with_files(plan, tmp_path / "training")
+        run_training(config, tmp_path / "training")
 
 
 def test_a_device_that_is_not_there_is_refused(tmp_path):
-    plan = replace(PLAN, settings=replace(SETTINGS, device="mainframe"))
+    config = replace(CONFIG, ppo=replace(SETTINGS, device="mainframe"))
     with pytest.raises(ValueError, match=r"PPOSettings\.device 'mainframe' is not there"):
-        train_with_files(plan, tmp_path)
+        run_training(config, tmp_path)
 
 
 def test_a_map_that_would_be_taken_for_channels_last_is_refused():
@@ -224,53 +224,55 @@ def test_a_map_that_would_be_taken_for_channels_last_is_refused():
 
 
 def test_the_rating_is_no_beginning_for_poses():
-    with pytest.raises(ValueError, match='initial="rating" is for choosing among candidates'):
-        make_model(Task("planar"), replace(SETTINGS, initial="rating"), seed=0)
+    with pytest.raises(
+        ValueError, match='initial_policy="rating" is for choosing among candidates'
+    ):
+        make_model(EnvConfig("planar"), replace(SETTINGS, initial_policy="rating"), seed=0)
 
 
 def test_broken_files_are_named(whole, tmp_path):
-    (tmp_path / "training.json").write_text('{"plan": {}, "rows": []}')
+    (tmp_path / "training.json").write_text('{"config": {}, "rows": []}')
     with pytest.raises(ValueError, match=r"training\.json is broken .*'best'.* remove its folder"):
-        train_with_files(PLAN, tmp_path)
+        run_training(CONFIG, tmp_path)
     (tmp_path / "training.json").write_text("{")
     with pytest.raises(ValueError, match=r"training\.json is broken .* remove its folder"):
-        train_with_files(PLAN, tmp_path)
-    longer = replace(PLAN, settings=replace(SETTINGS, total_steps=256))
+        run_training(CONFIG, tmp_path)
+    longer = replace(CONFIG, ppo=replace(SETTINGS, total_steps=256))
     (tmp_path / "training.json").write_text(json.dumps(whole[1]))
     with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-4\.pt cannot be read"):
-        train_with_files(longer, tmp_path)
+        run_training(longer, tmp_path)
     (tmp_path / "checkpoint-4.pt").write_bytes(b"broken")
     with pytest.raises(ValueError, match=r"checkpoint .*checkpoint-4\.pt cannot be read"):
-        train_with_files(longer, tmp_path)
+        run_training(longer, tmp_path)
 
 
 def test_the_checkpoint_of_another_network_is_refused(tmp_path):
     one, other = (
-        make_model(TASK, replace(SETTINGS, hidden=hidden), seed=0).policy
+        make_model(ENV_CONFIG, replace(SETTINGS, hidden=hidden), seed=0).policy
         for hidden in ((16,), (8,))
     )
     save_checkpoint(tmp_path / "other.pt", other, steps=64)
     with pytest.raises(ValueError, match=r"other\.pt is of another network: "):
-        restore_checkpoint(tmp_path / "other.pt", one)
+        load_checkpoint(tmp_path / "other.pt", one)
 
 
 def test_a_training_can_begin_with_a_planner(tmp_path):
-    plan = replace(
-        PLAN,
-        settings=replace(SETTINGS, total_steps=64, learning_rate=1e-12),
-        teacher="rating_function",
+    config = replace(
+        CONFIG,
+        ppo=replace(SETTINGS, total_steps=64, learning_rate=1e-12),
+        expert="rating_function",
         imitation=ImitationSettings(episodes=6, rounds=2, epochs=8, batch_size=16),
     )
-    record = train_with_files(plan, tmp_path)
-    assert record["imitation"]["n_learned"] == 2 * 5 * 4 * 2
+    record = run_training(config, tmp_path)
+    assert record["imitation"]["n_train"] == 2 * 5 * 4 * 2
     assert record["imitation"]["agreement"] > 0.5  # one of six by chance
 
 
 def test_a_central_critic_learns_from_the_state_and_the_policy_does_not_need_it(tmp_path):
-    plan = replace(PLAN, settings=replace(SETTINGS, total_steps=64, critic="central"))
-    train_with_files(plan, tmp_path)
+    config = replace(CONFIG, ppo=replace(SETTINGS, total_steps=64, critic="central"))
+    run_training(config, tmp_path)
     policy = LearnedPolicy(tmp_path / "policy.safetensors")
-    assert evaluate(TASK.on("test"), policy, [0]).table["coverage"][0] > 0
+    assert evaluate(ENV_CONFIG.make("test"), policy, [0]).table["coverage"][0] > 0
 
 
 def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
@@ -296,7 +298,11 @@ def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
 
 
 def test_plans_out_of_range_are_refused():
-    with pytest.raises(ValueError, match=r"Plan\.engine must be sb3 or rllib, got 'torchrl'"):
-        replace(PLAN, engine="torchrl")
-    with pytest.raises(ValueError, match=r"Plan\.validation_episodes must be at least 1, got 0"):
-        replace(PLAN, validation_episodes=0)
+    with pytest.raises(
+        ValueError, match=r"TrainingConfig\.engine must be sb3 or rllib, got 'torchrl'"
+    ):
+        replace(CONFIG, engine="torchrl")
+    with pytest.raises(
+        ValueError, match=r"TrainingConfig\.validation_episodes must be at least 1, got 0"
+    ):
+        replace(CONFIG, validation_episodes=0)

@@ -3,7 +3,7 @@ import subprocess
 import sys
 
 import pytest
-from coopmap_agents.plan import Task
+from coopmap_agents.plan import EnvConfig
 from coopmap_agents.settings import PPOSettings
 
 
@@ -12,7 +12,7 @@ from coopmap_agents.settings import PPOSettings
     [
         ("n_envs", 0),
         ("total_steps", -1),
-        ("critic_steps", -1),
+        ("critic_warmup_steps", -1),
         ("gamma", 1.1),
         ("gae_lambda", -0.1),
         ("segment_steps", 0),
@@ -21,7 +21,7 @@ from coopmap_agents.settings import PPOSettings
         ("batch_size", 1),
         ("clip_range", -1.0),
         ("learning_rate", -1.0),
-        ("initial", "best"),
+        ("initial_policy", "best"),
         ("critic", "none"),
     ],
 )
@@ -33,11 +33,11 @@ def test_settings_out_of_range_are_refused_with_their_value(name, value):
 
 
 def test_a_task_makes_environments_of_its_splits():
-    task = Task("planar", {"n_robots": 3, "action_mode": "candidates"})
-    assert task().split == "train"
-    assert task.on("validation").split == "validation"
-    assert len(task().possible_agents) == 3
-    assert task() is not task()
+    env_config = EnvConfig("planar", {"n_robots": 3, "action_mode": "candidates"})
+    assert env_config().split == "train"
+    assert env_config.make("validation").split == "validation"
+    assert len(env_config().possible_agents) == 3
+    assert env_config() is not env_config()
 
 
 def test_settings_and_the_command_need_no_torch():

@@ -7,12 +7,12 @@ from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 from stable_baselines3.common.vec_env import VecCheckNan
-from toy_team import ConstantReward, Watched
+from toy_team import ConstantReward, StatefulEnv
 
 
 def test_every_robot_of_an_environment_sees_its_state():
-    env = SharedPolicyVecEnv(Watched, 2, with_state=True)
-    assert env.observation_space["state"] == Watched.state_space
+    env = SharedPolicyVecEnv(StatefulEnv, 2, with_state=True)
+    assert env.observation_space["state"] == StatefulEnv.state_space
     assert env.observation_space["pose"] == ConstantReward().observation_space("robot_0")["pose"]
     first = env.reset()
     np.testing.assert_array_equal(first["state"], first["pose"][:, 1:])
@@ -23,7 +23,7 @@ def test_every_robot_of_an_environment_sees_its_state():
 
 
 def test_a_terminal_observation_has_the_last_state_and_the_returned_one_the_first_of_the_next():
-    env = SharedPolicyVecEnv(partial(Watched, n_steps=1), 2, with_state=True)
+    env = SharedPolicyVecEnv(partial(StatefulEnv, n_steps=1), 2, with_state=True)
     first = env.reset()
     observations, _, _, infos = env.step(np.zeros((4, 1)))
     last = np.array([info["terminal_observation"]["state"] for info in infos])
@@ -51,9 +51,9 @@ def test_the_state_is_what_the_environment_itself_says_in_its_space(make_world):
 
 
 def test_workers_send_the_same_states():
-    alone = SharedPolicyVecEnv(partial(Watched, n_steps=2), 3, with_state=True)
+    alone = SharedPolicyVecEnv(partial(StatefulEnv, n_steps=2), 3, with_state=True)
     with contextlib.closing(
-        SharedPolicyVecEnv(partial(Watched, n_steps=2), 3, workers=2, with_state=True)
+        SharedPolicyVecEnv(partial(StatefulEnv, n_steps=2), 3, workers=2, with_state=True)
     ) as env:
         assert env.observation_space == alone.observation_space
         for one in (env, alone):
@@ -64,7 +64,7 @@ def test_workers_send_the_same_states():
 
 
 def test_without_being_asked_for_there_is_no_state():
-    env = SharedPolicyVecEnv(Watched, 1)
+    env = SharedPolicyVecEnv(StatefulEnv, 1)
     assert "state" not in env.observation_space.spaces
     assert "state" not in env.reset()
 
@@ -74,7 +74,7 @@ def test_an_environment_without_state_space_is_refused():
         SharedPolicyVecEnv(ConstantReward, 1, with_state=True)
 
 
-class Crowded(Watched):
+class Crowded(StatefulEnv):
     def observation_space(self, agent):
         own = super().observation_space(agent)
         return spaces.Dict({**own.spaces, "state": own["pose"]})

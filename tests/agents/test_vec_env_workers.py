@@ -12,7 +12,7 @@ import pytest
 from coopmap_agents.rollouts import workers
 from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
 from small_worlds import masked_world, small_world
-from toy_team import ConstantReward, Eventful, ThenNoMore
+from toy_team import ConstantReward, FailingFactory, HookedEnv
 
 from coopmap_env.envs.actions import InvalidActionError
 
@@ -31,19 +31,21 @@ def played(env, n_steps=9):
     """All that an environment tells in some steps of random actions, unmasked ones included."""
     env.action_space.seed(0)
     env.seed(3)
-    told = {"observations": [env.reset()], "reset_infos": [list(env.reset_infos)]}
+    recorded = {"observations": [env.reset()], "reset_infos": [list(env.reset_infos)]}
     for _ in range(n_steps):
         actions = np.stack([env.action_space.sample() for _ in range(env.num_envs)])
         observations, rewards, dones, infos = env.step(actions)
-        told["observations"].append(observations)
-        told["reset_infos"].append(list(env.reset_infos))
+        recorded["observations"].append(observations)
+        recorded["reset_infos"].append(list(env.reset_infos))
         for name, values in (("rewards", rewards), ("dones", dones), ("infos", infos)):
-            told.setdefault(name, []).append(values)
+            recorded.setdefault(name, []).append(values)
         if env.has_attr("action_masks"):
-            told.setdefault("masks", []).append(env.action_masks())
-    told["observations"].append(env.reset())  # unseeded: the environments' own random numbers
-    told["types"] = {key: values.dtype.str for key, values in told["observations"][0].items()}
-    return told
+            recorded.setdefault("masks", []).append(env.action_masks())
+    recorded["observations"].append(env.reset())  # unseeded: the environments' own random numbers
+    recorded["types"] = {
+        key: values.dtype.str for key, values in recorded["observations"][0].items()
+    }
+    return recorded
 
 
 @pytest.mark.parametrize(
@@ -120,7 +122,7 @@ def test_an_error_that_does_not_unpickle_is_a_runtime_error_of_its_name_and_mess
     def fail():
         raise TwoPartError("leak", "hose 3")
 
-    with with_workers(lambda: Eventful(on_step=fail), 1, 1) as env:
+    with with_workers(lambda: HookedEnv(on_step=fail), 1, 1) as env:
         env.reset()
         with pytest.raises(RuntimeError, match="TwoPartError: leak in hose 3"):
             env.step(np.zeros((2, 1)))
@@ -141,7 +143,7 @@ def test_what_cannot_be_sent_is_an_error_and_the_worker_goes_on():
 
 @pytest.mark.parametrize("when", ["idle", "in a step"])
 def test_a_killed_worker_is_an_error_with_its_exit_code(when):
-    with with_workers(Eventful) as env:
+    with with_workers(HookedEnv) as env:
         env.reset()
         if when == "idle":
             os.kill(env.get_attr("process_id", indices=2)[0], signal.SIGKILL)
@@ -156,7 +158,7 @@ def test_a_killed_worker_is_an_error_with_its_exit_code(when):
 
 def test_close_closes_every_environment_and_ends_the_workers_once(tmp_path):
     def leaves_a_file():
-        return Eventful(on_close=lambda: (tmp_path / f"{os.getpid()}.txt").open("a").write("."))
+        return HookedEnv(on_close=lambda: (tmp_path / f"{os.getpid()}.txt").open("a").write("."))
 
     env = SharedPolicyVecEnv(leaves_a_file, 3, workers=2)
     env.close()
@@ -168,8 +170,8 @@ def test_close_closes_every_environment_and_ends_the_workers_once(tmp_path):
 
 
 def test_a_worker_that_does_not_end_is_killed(monkeypatch):
-    monkeypatch.setattr(workers, "PATIENCE", 0.2)
-    env = SharedPolicyVecEnv(lambda: Eventful(on_close=lambda: threading.Event().wait()), 1, 1)
+    monkeypatch.setattr(workers, "SHUTDOWN_TIMEOUT", 0.2)
+    env = SharedPolicyVecEnv(lambda: HookedEnv(on_close=lambda: threading.Event().wait()), 1, 1)
     env.close()
     assert multiprocessing.active_children() == []
 
@@ -179,7 +181,7 @@ def test_a_factory_that_raises_leaves_neither_processes_nor_open_environments(
     n_workers, n_envs, tmp_path
 ):
     with pytest.raises(OSError, match="no second environment"):
-        SharedPolicyVecEnv(ThenNoMore(tmp_path), n_envs, n_workers)
+        SharedPolicyVecEnv(FailingFactory(tmp_path), n_envs, n_workers)
     assert multiprocessing.active_children() == []
     assert len(list(tmp_path.iterdir())) == max(n_workers, 1)
 
@@ -201,7 +203,7 @@ def test_ctrl_c_in_the_main_process_closes_the_workers():
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with with_workers(Eventful) as env:
+        with with_workers(HookedEnv) as env:
             env.reset()
             env.set_attr("on_step", interrupt, indices=0)
             with pytest.raises(KeyboardInterrupt):

@@ -61,9 +61,9 @@ class ConstantReward(ParallelEnv):
         )
 
     def observe(self):
-        share = self.step_number / self.n_steps if self.clock else 0.0
+        fraction = self.step_number / self.n_steps if self.clock else 0.0
         return {
-            agent: {"pose": np.array([i, share, self.episode], dtype=np.float32)}
+            agent: {"pose": np.array([i, fraction, self.episode], dtype=np.float32)}
             for i, agent in enumerate(self.possible_agents)
         }
 
@@ -75,7 +75,7 @@ class ConstantReward(ParallelEnv):
         self.calls.append("close")
 
 
-class Eventful(ConstantReward):
+class HookedEnv(ConstantReward):
     """The same, with functions to call where something may happen."""
 
     def __init__(self, on_step=lambda: None, on_close=lambda: None, **arguments):
@@ -91,7 +91,7 @@ class Eventful(ConstantReward):
         self.on_close()
 
 
-class Watched(ConstantReward):
+class StatefulEnv(ConstantReward):
     """Its state is [the share of the episode that is over, the episode's number]."""
 
     state_space: ClassVar = spaces.Box(0.0, 1.0, (2,), np.float32)
@@ -100,7 +100,7 @@ class Watched(ConstantReward):
         return np.array([self.step_number / self.n_steps, self.episode], dtype=np.float32)
 
 
-class ThenNoMore:
+class FailingFactory:
     """A factory of one environment, which leaves a file when it is closed."""
 
     def __init__(self, folder):
@@ -111,7 +111,7 @@ class ThenNoMore:
         self.n_made += 1
         if self.n_made == 2:
             raise OSError("there is no second environment")
-        return Eventful(on_close=lambda: (self.folder / str(os.getpid())).touch())
+        return HookedEnv(on_close=lambda: (self.folder / str(os.getpid())).touch())
 
 
 class ConstantChoice(ConstantReward):

@@ -8,11 +8,11 @@ import pytest
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.evaluation.rollout import run_episode
-from coopmap_env.information import beside_unknown, first_seen
+from coopmap_env.information import adjacent_to_unknown, first_visible_point
 
 pytest.importorskip("pybullet")
 
-SETTINGS = FieldSettings(view_cells=(8, 4), grid_size=243)
+SETTINGS = FieldSettings(crop_cells=(8, 4), max_grid_poses=243)
 POLICIES = {
     "rating_function": {"search": 40},
     "information_gain": {"search": 10},
@@ -79,7 +79,9 @@ def test_the_rating_function_takes_the_pose_of_the_highest_rating(mode):
     actions = policy.act(belief, {})
     rng = np.random.default_rng(0)
     for robot, agent in enumerate(belief.agents):
-        poses = belief.offers[robot] if belief.offers else belief.random_poses(robot, 20, rng)
+        poses = (
+            belief.candidates[robot] if belief.candidates else belief.random_poses(robot, 20, rng)
+        )
         best = poses[np.argmax(belief.rate(robot, poses).rating)]
         np.testing.assert_array_equal(actions[agent], belief.action_for(robot, best))
     env.close()
@@ -98,36 +100,36 @@ def test_a_large_search_is_ranked_roughly_first_and_ends_near_the_best(belief):
 
 def test_the_raster_scan_counts_through_the_grid_of_the_joints(belief):
     grid = belief.joint_spaces[0].grid()
-    ahead = belief.places_ahead(0, grid)
+    ahead = belief.raster_offset(0, grid)
     assert sorted(ahead) == list(range(len(grid)))
-    here = belief.joint_spaces[0].place(belief.joints[0])
+    here = belief.joint_spaces[0].grid_index(belief.joints[0])
     assert ahead[(here + 1) % len(grid)] == 0
     feasible = belief.feasible_poses(0)
     policy = coopmap_baselines.make("raster")
     policy.reset(np.random.default_rng(0))
     chosen = policy.act(belief, {})["robot_0"]
-    expected = feasible[np.argmin(belief.places_ahead(0, feasible))]
+    expected = feasible[np.argmin(belief.raster_offset(0, feasible))]
     np.testing.assert_array_equal(chosen, belief.action_for(0, expected))
 
 
 def test_frontier_looks_at_the_nearest_frontier_that_any_pose_sees(belief):
     poses = belief.random_poses(0, 25, np.random.default_rng(5))
-    shows = belief.unknown_share(0, poses) > 0
-    there = belief.nearest_frontier(0, poses, shows)
+    shows = belief.unknown_fraction(0, poses) > 0
+    there = belief.nearest_frontier_mask(0, poses, shows)
     grid, map_ = belief.map.grid, belief.map
-    frontier = beside_unknown(map_) & map_.sampled.ravel() & (map_.levels < 0)
+    frontier = adjacent_to_unknown(map_) & map_.sampled.ravel() & (map_.log_odds_fixed < 0)
     centers = grid.center(np.stack(np.unravel_index(np.flatnonzero(frontier), grid.shape), axis=-1))
     ways = np.linalg.norm(centers - belief.estimates[0].pose.translation, axis=1)
     rotations, translations = belief.vehicles[0].camera_poses(poses)
     nearest = {}
     for k in np.flatnonzero(shows):
         view = rotations[k : k + 1], translations[k : k + 1], belief.rating.fine.frustum
-        first, _ = first_seen(map_, centers[np.argsort(ways, kind="stable")], *view)
+        first, _ = first_visible_point(map_, centers[np.argsort(ways, kind="stable")], *view)
         nearest[k] = first
     best = min(nearest.values())
     assert there.any()
     assert np.flatnonzero(there).tolist() == [k for k in nearest if nearest[k] == best]
-    assert not belief.nearest_frontier(0, poses, np.zeros(len(poses), dtype=bool)).any()
+    assert not belief.nearest_frontier_mask(0, poses, np.zeros(len(poses), dtype=bool)).any()
 
 
 def test_information_gain_expects_what_the_world_has(belief):

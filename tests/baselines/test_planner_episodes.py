@@ -3,7 +3,7 @@
 import coopmap_baselines
 import numpy as np
 import pytest
-from plain.drawn_worlds import NO_NOISE, env_in, open_world, place
+from plain.planar_worlds import NO_NOISE, env_with_world, open_world, set_poses
 from plain.rollouts import MODES
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
@@ -30,7 +30,7 @@ def episode(env, policy, seed=1, rng=0):
         for agent, action in actions.items():
             assert env.action_space(agent).contains(action)
         observations, _, _, _, infos = env.step(actions)
-        refused = tuple(info["refused"] for info in infos.values())
+        refused = tuple(info["rejected_reason"] for info in infos.values())
         steps.append((env.belief().pose_ids, refused))
     return steps
 
@@ -57,16 +57,16 @@ def test_planning_changes_neither_belief_nor_environment(name, options):
     state, map_ = env.state(), belief.map.copy()
     coopmap_baselines.make(name, **options).act(belief, {})
     np.testing.assert_array_equal(env.state(), state)
-    np.testing.assert_array_equal(belief.map.levels, map_.levels)
+    np.testing.assert_array_equal(belief.map.log_odds_fixed, map_.log_odds_fixed)
     assert env.belief() is belief
 
 
 @pytest.mark.parametrize(("name", "options"), POLICIES)
 def test_a_robot_that_is_walled_in_turns_where_it_stands(name, options):
-    env = env_in(open_world(), n_robots=1)
-    belief = place(env, (20, 20, 3))
+    env = env_with_world(open_world(), n_robots=1)
+    belief = set_poses(env, (20, 20, 3))
     *_, infos = env.step(coopmap_baselines.make(name, **options).act(belief, {}))
-    assert infos["robot_0"]["refused"] == ""
+    assert infos["robot_0"]["rejected_reason"] == ""
     assert env.belief().cell(0) == belief.cell(0)
 
 
@@ -93,7 +93,9 @@ def test_random_m_takes_the_best_of_its_sample(name, m, small_scene):
 
 
 def test_feasible_poses_are_all_headings_at_all_feasible_cells():
-    belief = place(env_in(open_world(), n_robots=1), (20, 20, 3), known=[20 * 40 + 21, 900])
+    belief = set_poses(
+        env_with_world(open_world(), n_robots=1), (20, 20, 3), known=[20 * 40 + 21, 900]
+    )
     expected = {cell * 16 + heading for cell in (820, 821) for heading in range(16)}
     assert set(belief.feasible_poses(0).tolist()) == expected
     assert len(belief.feasible_poses(0)) == 32
@@ -105,8 +107,8 @@ def test_among_candidates_the_planners_search_only_those():
     for search in (3, 100, "exhaustive"):
         policy = coopmap_baselines.make("rating_function", search=search)
         for robot in range(2):
-            offered = env.belief().offers[robot]
-            np.testing.assert_array_equal(policy.candidates(env.belief(), robot), offered)
+            offered = env.belief().candidates[robot]
+            np.testing.assert_array_equal(policy.candidate_poses(env.belief(), robot), offered)
 
 
 def overlap(belief, actions):
@@ -120,10 +122,10 @@ def overlap(belief, actions):
 
 @pytest.mark.parametrize("name", SCORING)
 def test_in_sequence_robots_at_one_place_look_elsewhere(name):
-    env = env_in(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
+    env = env_with_world(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
     known = np.zeros((40, 40), dtype=bool)
     known[19:22, 19:22] = True
-    belief = place(env, (20, 20, 0), (20, 20, 0), known=known)
+    belief = set_poses(env, (20, 20, 0), (20, 20, 0), known=known)
     options = {} if name == "frontier" else {"search": "exhaustive"}
     alone = coopmap_baselines.make(name, **options).act(belief, {})
     in_turn = coopmap_baselines.make(name, coordination="sequential", **options).act(belief, {})

@@ -11,9 +11,9 @@ from coopmap_env.sensing import PlanarCamera
 READINGS = ["literal", "distance_free"]
 
 
-def settings_of(reading, resolution=1.0, **changes):
+def settings_of(interpretation, resolution=1.0, **changes):
     base = PlanarSettings.for_resolution(resolution)
-    return replace(base, rating=replace(base.rating, reading=reading), **changes)
+    return replace(base, rating=replace(base.rating, interpretation=interpretation), **changes)
 
 
 def play_and_compare(env, policy, seed):
@@ -24,33 +24,33 @@ def play_and_compare(env, policy, seed):
     while env.agents:
         belief = env.belief()
         sequential = policy.coordination == "sequential"
-        claimed = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
+        reserved_mask = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = policy.act(belief, observations)
         for robot, agent in enumerate(belief.agents):
             ids = belief.feasible_poses(robot)
             brute += len(ids)
-            rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot], claimed)
+            rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot], reserved_mask)
             counter = policy._cache.n_rated
-            scores = policy.score(belief, robot, ids, claimed)
+            scores = policy.score(belief, robot, ids, reserved_mask)
             policy._cache.n_rated = counter  # what this test asks does not count
             np.testing.assert_array_equal(scores, rated.rating)
             chosen, _ = belief.actions.decode(agent, actions[agent], belief)
             assert chosen == ids[np.argmax(rated.rating)]
             if sequential:
-                claimed[belief.rating.visible_cells(belief.map, chosen)] = 1
+                reserved_mask[belief.rating.visible_cells(belief.map, chosen)] = 1
         observations, *_ = env.step(actions)
     return brute
 
 
-@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("interpretation", READINGS)
 @pytest.mark.parametrize("coordination", ["independent", "sequential"])
 def test_the_exhaustive_search_rates_all_feasible_poses_at_every_step(
-    coordination, reading, small_scene
+    coordination, interpretation, small_scene
 ):
     policy = coopmap_baselines.make(
         "rating_function", search="exhaustive", coordination=coordination
     )
-    settings = settings_of(reading, small_scene.resolution)
+    settings = settings_of(interpretation, small_scene.resolution)
     first = PlanarEnv(2, scene=small_scene, max_scans=6, settings=settings)
     other = PlanarEnv(1, scene=small_scene, max_scans=3, settings=settings)
     play_and_compare(first, policy, seed=0)
@@ -71,13 +71,16 @@ def test_far_fewer_poses_are_rated_than_there_are():
 
 # Two bins tell sampled cells from unknown ones only: what changes there is who hides whom.
 @pytest.mark.parametrize(
-    ("reading", "n_gray"), [("literal", 64), ("distance_free", 64), ("distance_free", 2)]
+    ("interpretation", "n_gray_bins"),
+    [("literal", 64), ("distance_free", 64), ("distance_free", 2)],
 )
 @pytest.mark.parametrize("camera", [PlanarCamera(), PlanarCamera(np.pi, 6.0, 70)])
-def test_remembered_new_information_is_that_of_the_map_as_it_is_now(camera, reading, n_gray):
+def test_remembered_new_information_is_that_of_the_map_as_it_is_now(
+    camera, interpretation, n_gray_bins
+):
     """Cells change one by one, also back again, at any place and by any amount."""
-    settings = settings_of(reading, camera=camera, n_headings=5)
-    settings = replace(settings, rating=replace(settings.rating, n_gray=n_gray))
+    settings = settings_of(interpretation, camera=camera, n_headings=5)
+    settings = replace(settings, rating=replace(settings.rating, n_gray_bins=n_gray_bins))
     env = PlanarEnv(1, settings=settings)
     env.reset(seed=0)
     rating, map_ = env.belief().rating, env.belief().map
@@ -85,17 +88,20 @@ def test_remembered_new_information_is_that_of_the_map_as_it_is_now(camera, read
     cells = (rng.integers(80, 120, (400, 2)) * (200, 1)).sum(axis=1)
     for _ in range(60):
         changed = rng.choice(cells, rng.integers(1, 6))
-        map_.sampled_cells[changed] = rng.random() < 0.8
-        map_.levels[changed] = rng.integers(-map_.range.clamp, map_.range.clamp + 1)
-        map_.levels[map_.sampled_cells == 0] = 0
+        map_.sampled_mask[changed] = rng.random() < 0.8
+        map_.log_odds_fixed[changed] = rng.integers(
+            -map_.log_odds_range.clamp, map_.log_odds_range.clamp + 1
+        )
+        map_.log_odds_fixed[map_.sampled_mask == 0] = 0
         ids = rng.choice(cells, 50) * 5 + rng.integers(5, size=50)
-        claimed = np.zeros(map_.grid.n_cells, dtype=np.uint8)
-        claimed[rng.choice(cells, 20)] = 1
+        reserved_mask = np.zeros(map_.grid.n_cells, dtype=np.uint8)
+        reserved_mask[rng.choice(cells, 20)] = 1
         np.testing.assert_array_equal(
             cache.new_information(map_, ids), rating.new_information(map_, ids)
         )
         np.testing.assert_array_equal(
-            cache.new_information(map_, ids, claimed), rating.new_information(map_, ids, claimed)
+            cache.new_information(map_, ids, reserved_mask),
+            rating.new_information(map_, ids, reserved_mask),
         )
 
 

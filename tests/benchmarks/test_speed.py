@@ -53,6 +53,6 @@ def test_rating_a_thousand_poses(benchmark, half_done_env):
 
 def test_fusing_the_scans_of_a_team(benchmark, half_done_env):
     rng = np.random.default_rng(0)
-    scans = [half_done_env._simulator.look_from(pose, rng) for pose in half_done_env.belief().poses]
+    scans = [half_done_env._simulator.scan_from(pose, rng) for pose in half_done_env.belief().poses]
     gains = benchmark(half_done_env.belief().map.integrate, scans)
     assert len(gains) == 2

@@ -25,7 +25,7 @@ def mode(request):
 
 @pytest.fixture(params=[1, 2, 3, 5])
 def arguments(request, mode):
-    settings = FieldSettings(view_cells=(8, 4))
+    settings = FieldSettings(crop_cells=(8, 4))
     return {
         "n_robots": request.param,
         "action_mode": mode,
@@ -77,7 +77,7 @@ def test_stable_baselines_accepts_the_team_environment(initialization, arguments
 
 def test_a_team_of_different_mounts_acts_as_one():
     env = field_v0.team_env(
-        n_robots=2, mount=["mast", "tiago"], max_scans=2, settings=FieldSettings(view_cells=(8, 4))
+        n_robots=2, mount=["mast", "tiago"], max_scans=2, settings=FieldSettings(crop_cells=(8, 4))
     )
     assert env.action_space.shape == (5 + 3,)
     env.reset(seed=0)

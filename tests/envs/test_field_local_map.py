@@ -2,8 +2,8 @@ import math
 
 import numpy as np
 
-from coopmap_env.envs.field.local_map import Crop, draw_crop
-from coopmap_env.envs.field.starts import known_around
+from coopmap_env.envs.field.local_map import Crop, write_crop
+from coopmap_env.envs.field.starts import initial_free_voxels
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
@@ -38,17 +38,19 @@ def plain_crop(map_, pose, cells, fit):
 def test_the_crop_equals_looking_up_every_voxel():
     rng = np.random.default_rng(0)
     map_ = OccupancyMap(GRID)
-    map_.levels[:] = rng.integers(-map_.range.clamp, map_.range.clamp + 1, GRID.n_cells)
-    map_.sampled_cells[:] = rng.random(GRID.n_cells) < 0.6
-    shades = np.round(255 * map_.range.probability).astype(np.uint8)
+    map_.log_odds_fixed[:] = rng.integers(
+        -map_.log_odds_range.clamp, map_.log_odds_range.clamp + 1, GRID.n_cells
+    )
+    map_.sampled_mask[:] = rng.random(GRID.n_cells) < 0.6
+    shades = np.round(255 * map_.log_odds_range.probability).astype(np.uint8)
     for heading in (0.0, 0.3, -2.0):
         # off the voxels' faces, where rounding would decide
         pose, cells = base(0.213, -0.127, heading), (6, 5)
         crop = Crop.around(GRID, pose, cells, 2)
         out = np.empty((10, 6, 6), dtype=np.uint8)
-        draw_crop(
-            map_.levels, map_.sampled_cells, crop.columns, crop.n_layers, 2,
-            shades, map_.range.clamp, out,
+        write_crop(
+            map_.log_odds_fixed, map_.sampled_mask, crop.columns, crop.n_layers, 2,
+            shades, map_.log_odds_range.clamp, out,
         )  # fmt: skip
         np.testing.assert_array_equal(out, plain_crop(map_, pose, cells, 2))
 
@@ -63,7 +65,7 @@ def test_ahead_and_left_of_the_base_are_the_first_and_second_axis():
 
 
 def test_parking_room_is_known_above_the_ground_only():
-    cells = known_around(GRID, [base(0.0, 0.0, 0.0)], 0.3)
+    cells = initial_free_voxels(GRID, [base(0.0, 0.0, 0.0)], 0.3)
     centers = GRID.center(np.stack(np.unravel_index(cells, GRID.shape), axis=-1))
     assert (np.hypot(centers[:, 0], centers[:, 1]) <= 0.3).all()
     # origin -0.25: layers begin at ... -0.05, 0.05; the one that holds z = 0 is not known

@@ -11,11 +11,11 @@ from coopmap_env.envs.actions import InvalidActionError
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field import FieldWorld, Worksite
-from coopmap_env.simulation.scenes.field.solid import box_corners, solid_of_boxes
+from coopmap_env.simulation.scenes.field.solid import box_corners, solid_from_boxes
 
 pytest.importorskip("pybullet")
 
-FAST = FieldSettings(view_cells=(8, 4))
+FAST = FieldSettings(crop_cells=(8, 4))
 TURNS = ("turntable", "wrist_pan", "wrist_tilt")
 
 
@@ -40,7 +40,7 @@ class Crated(Worksite):
         world = super().world(rng, n_robots, footprint)
         base = world.base_poses[0]
         centre = base.transform([0.0, 0.9, 1.55])
-        crate = solid_of_boxes("crate in the way", [box_corners([0.5, 0.5, 0.9], centre)])
+        crate = solid_from_boxes("crate in the way", [box_corners([0.5, 0.5, 0.9], centre)])
         return FieldWorld(
             world.name, (*world.solids, crate), world.target, world.grid, world.base_poses
         )
@@ -50,7 +50,7 @@ def staying(env):
     """Actions that lead every mount to where it is."""
     belief = env.belief()
     return {
-        agent: belief.joint_spaces[robot].normalised(belief.joints[robot])
+        agent: belief.joint_spaces[robot].normalize(belief.joints[robot])
         for robot, agent in enumerate(env.agents)
     }
 
@@ -65,7 +65,7 @@ def test_an_action_moves_every_joint_to_that_share_of_its_limits(make):
     chain = belief.vehicles[0].chain
     action = 2 * (q - chain.lower) / (chain.upper - chain.lower) - 1
     _, _, _, _, infos = env.step({"robot_0": action.astype(np.float32)})
-    assert infos["robot_0"]["refused"] == ""
+    assert infos["robot_0"]["rejected_reason"] == ""
     np.testing.assert_allclose(env.belief().joints[0], q, atol=1e-6)
 
 
@@ -86,22 +86,24 @@ def test_encoders_read_the_target_and_the_truth_differs_by_noise_and_suspension(
     }
     *_, infos = env.step(actions)
     for robot, agent in enumerate(env.agents):
-        assert infos[agent]["refused"] == ""
+        assert infos[agent]["rejected_reason"] == ""
         np.testing.assert_allclose(env.belief().joints[robot], targets[robot], atol=1e-9)
         assert 1e-4 < infos[agent]["camera_error"] < 0.1
 
 
 def test_a_pose_in_unknown_space_is_refused_with_link_and_reason_and_the_mount_stays(make):
-    env = make(n_robots=1, settings=replace(FAST, start_radius=0.45))
+    env = make(n_robots=1, settings=replace(FAST, initial_free_radius=0.45))
     env.reset(seed=0)
     before = env.belief().joints[0].copy()
     reach = np.array([0.0, 1.4, 0.2, 0.0, 0.0])  # the arm stretched out ahead
     belief = env.belief()
-    action = belief.joint_spaces[0].normalised(reach)
-    assert "would touch unknown space" in belief.why_not(0, belief.joint_spaces[0].joints(action))
+    action = belief.joint_spaces[0].normalize(reach)
+    assert "would touch unknown space" in belief.infeasibility_reason(
+        0, belief.joint_spaces[0].denormalize(action)
+    )
     *_, infos = env.step({"robot_0": action})
-    assert infos["robot_0"]["refused"].startswith("link ")
-    assert "unknown space" in infos["robot_0"]["refused"]
+    assert infos["robot_0"]["rejected_reason"].startswith("link ")
+    assert "unknown space" in infos["robot_0"]["rejected_reason"]
     assert infos["robot_0"]["distance"] == 0.0
     np.testing.assert_array_equal(env.belief().joints[0], before)
 
@@ -112,28 +114,30 @@ def test_offered_and_drawn_poses_are_feasible_and_come_back_bit_for_bit(make):
     while env.agents:
         belief = env.belief()
         for robot, agent in enumerate(env.agents):
-            offers = belief.offers[robot]
-            assert observations[agent]["action_mask"].sum() == len(offers) == 6
-            assert belief.free(robot, offers).all()
-            for k, q in enumerate(offers):
-                assert belief.why_not(robot, q) == ""
+            candidates = belief.candidates[robot]
+            assert observations[agent]["action_mask"].sum() == len(candidates) == 6
+            assert belief.collision_free(robot, candidates).all()
+            for k, q in enumerate(candidates):
+                assert belief.infeasibility_reason(robot, q) == ""
                 assert belief.action_for(robot, q) == k
         observations, *_, infos = env.step(dict.fromkeys(env.agents, 2))
-        assert not any(info["refused"] for info in infos.values())
+        assert not any(info["rejected_reason"] for info in infos.values())
 
 
 def test_what_the_map_did_not_know_stops_the_mount_is_reported_and_charged(make):
-    blind = replace(FAST, start_radius=2.0)  # the robot is told that there is room all around
+    blind = replace(
+        FAST, initial_free_radius=2.0
+    )  # the robot is told that there is room all around
     env = make(n_robots=1, mount=exact_mount(), scene=Crated(), settings=blind)
     env.reset(seed=0)
     belief = env.belief()
     swing = np.array([1.57, 1.2, 0.4, 0.0, 0.0])  # the arm swung out to the left
-    swing = belief.joint_spaces[0].joints(belief.joint_spaces[0].normalised(swing))
-    assert belief.why_not(0, swing) == ""
+    swing = belief.joint_spaces[0].denormalize(belief.joint_spaces[0].normalize(swing))
+    assert belief.infeasibility_reason(0, swing) == ""
     _, rewards, _, _, infos = env.step({"robot_0": belief.action_for(0, swing)})
     info = infos["robot_0"]
     assert info["contact"]
-    assert info["touched"] == "crate in the way"
+    assert info["collided_with"] == "crate in the way"
     assert np.abs(env.belief().joints[0] - swing).max() > 0.1
     free = info["new_information"] - FAST.rating.K * info["distance"]
     p = env.belief().rating.occupancy(belief.map, env.belief().positions)
@@ -150,20 +154,20 @@ def test_the_rating_reward_is_eq_9_of_where_the_cameras_went_on_the_map_before(m
     while env.agents:
         belief, agents = env.belief(), list(env.agents)
         before = belief.map.copy()
-        joints, bodies = belief.joints, [belief.bodies(robot) for robot in range(3)]
+        joints, bodies = belief.joints, [belief.occluder_spheres(robot) for robot in range(3)]
         _, rewards, _, _, infos = env.step(random_actions(env, rng))
-        claimed = np.zeros(before.grid.n_cells, dtype=np.uint8)
+        reserved_mask = np.zeros(before.grid.n_cells, dtype=np.uint8)
         for robot, agent in enumerate(agents):
             q = env.belief().joints[robot]
             R, t = belief.vehicles[robot].camera_poses(q[None])
             d = np.sqrt(((q - joints[robot]) ** 2).sum())
-            rated = belief.rating.rate(before, R, t, [d], claimed, bodies[robot])
+            rated = belief.rating.rate(before, R, t, [d], reserved_mask, bodies[robot])
             assert infos[agent]["distance"] == pytest.approx(d)
             expected = rated.rating[0]
             if infos[agent]["contact"]:
-                expected -= FAST.contact_cost * np.log(FAST.rating.n_gray)
+                expected -= FAST.contact_cost * np.log(FAST.rating.n_gray_bins)
             assert rewards[agent] == pytest.approx(expected, abs=1e-9)
-            claimed[belief.rating.visible_cells(before, R[0], t[0], bodies[robot])] = 1
+            reserved_mask[belief.rating.visible_cells(before, R[0], t[0], bodies[robot])] = 1
 
 
 class NothingButTheTarget(Worksite):
@@ -171,7 +175,7 @@ class NothingButTheTarget(Worksite):
 
     def world(self, rng, n_robots, footprint=1.2):
         world = super().world(rng, n_robots, footprint)
-        cube = solid_of_boxes("cube", [box_corners([0.4, 0.4, 0.4], [0, 0, 1.0])], is_target=True)
+        cube = solid_from_boxes("cube", [box_corners([0.4, 0.4, 0.4], [0, 0, 1.0])], is_target=True)
         return FieldWorld(world.name, (cube,), "cube", world.grid, world.base_poses)
 
 
@@ -195,7 +199,7 @@ def test_robots_look_at_each_other_and_never_enter_the_map(make, mount, n_robots
                 lengths = np.linalg.norm(scan.points - scan.origin, axis=1)
                 seen += int((~scan.hit & (lengths < 5.9) & (lengths > 0)).sum())
         map_ = env.belief().map
-        (cells,) = np.nonzero((map_.levels > 0) & (map_.sampled_cells == 1))
+        (cells,) = np.nonzero((map_.log_odds_fixed > 0) & (map_.sampled_mask == 1))
         centers = map_.grid.center(np.stack(np.unravel_index(cells, map_.grid.shape), axis=-1))
         assert (np.abs(centers - [0, 0, 1.0]).max(axis=1, initial=0.0) < 0.5).all()
     assert seen > 100
@@ -222,8 +226,8 @@ def test_random_poses_are_the_first_feasible_ones_of_those_drawn(make, m):
         poses = belief.random_poses(robot, m, rng)
         drawn = np.empty((0, belief.joint_spaces[robot].n))
         while len(drawn) < m:
-            some = belief.joint_spaces[robot].draw(max(m, 16), same)
-            drawn = np.concatenate([drawn, some[belief.free(robot, some)]])
+            some = belief.joint_spaces[robot].sample(max(m, 16), same)
+            drawn = np.concatenate([drawn, some[belief.collision_free(robot, some)]])
         np.testing.assert_array_equal(poses, drawn[:m])
         assert rng.bit_generator.state == same.bit_generator.state
 
@@ -278,21 +282,23 @@ def test_the_covariance_of_the_pose_enters_that_of_every_observed_point(make):
 
 def test_with_ompl_a_way_around_is_found_where_the_straight_one_is_blocked(make):
     pytest.importorskip("ompl")
-    tight = replace(FAST, start_radius=0.45)
+    tight = replace(FAST, initial_free_radius=0.45)
     plain = make(n_robots=1, max_scans=1, settings=tight)
-    around = make(n_robots=1, max_scans=1, settings=replace(tight, paths="ompl"))
+    around = make(n_robots=1, max_scans=1, settings=replace(tight, motion_planner="ompl"))
     found = 0
     for seed in range(2):
         plain.reset(seed=seed)
         around.reset(seed=seed)
         belief, other = plain.belief(), around.belief()
-        poses = belief.joint_spaces[0].draw(200, np.random.default_rng(seed))
-        blocked = poses[~belief.free(0, poses) & belief.surroundings(0).are_clear(poses)]
+        poses = belief.joint_spaces[0].sample(200, np.random.default_rng(seed))
+        blocked = poses[
+            ~belief.collision_free(0, poses) & belief.collision_checker(0).are_poses_free(poses)
+        ]
         for q in blocked[:10]:
-            if other.why_not(0, q) == "":
+            if other.infeasibility_reason(0, q) == "":
                 found += 1
                 *_, infos = around.step({"robot_0": other.action_for(0, q)})
-                assert infos["robot_0"]["refused"] == ""
+                assert infos["robot_0"]["rejected_reason"] == ""
                 np.testing.assert_allclose(around.belief().joints[0], q, atol=0.02)
                 break
     assert found
@@ -312,10 +318,10 @@ def test_a_wrong_action_names_robot_and_value_and_leaves_the_environment_usable(
 ):
     env = make()
     env.reset(seed=0)
-    before = env.belief().map.levels.copy()
+    before = env.belief().map.log_odds_fixed.copy()
     with pytest.raises(InvalidActionError, match=message):
         env.step({"robot_0": np.zeros(5), "robot_1": action})
-    np.testing.assert_array_equal(env.belief().map.levels, before)
+    np.testing.assert_array_equal(env.belief().map.log_odds_fixed, before)
     env.step(staying(env))
 
 
@@ -386,14 +392,14 @@ def test_wrong_settings_are_named():
     for changes, message in (
         ({"physics": "real"}, "FieldSettings.physics must be one of 'kinematic', 'stepped'"),
         ({"contact_cost": -1.0}, "contact_cost must be finite and >= 0, got -1.0"),
-        ({"view_cells": (40,)}, "view_cells must be two whole numbers"),
-        ({"view_pool": 0}, "view_pool must be a whole number of at least 1, got 0"),
-        ({"start_radius": np.inf}, "start_radius must be finite and > 0, got inf"),
-        ({"start_radius": "a"}, "start_radius must be a number, got 'a'"),
+        ({"crop_cells": (40,)}, "crop_cells must be two whole numbers"),
+        ({"crop_pooling": 0}, "crop_pooling must be a whole number of at least 1, got 0"),
+        ({"initial_free_radius": np.inf}, "initial_free_radius must be finite and > 0, got inf"),
+        ({"initial_free_radius": "a"}, "initial_free_radius must be a number, got 'a'"),
         ({"contact_cost": None}, "contact_cost must be a number, got None"),
-        ({"view_cells": 5}, "view_cells must be two whole numbers of at least 4, got 5"),
+        ({"crop_cells": 5}, "crop_cells must be two whole numbers of at least 4, got 5"),
         ({"noise": 3}, "FieldSettings.noise must be RangeNoise, got 3"),
-        ({"motion": None}, "FieldSettings.motion must be MotionSettings, got None"),
+        ({"motion": None}, "FieldSettings.motion must be CollisionSettings, got None"),
         ({"beam": "x"}, "FieldSettings.beam must be BeamModel, got 'x'"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -7,12 +7,12 @@ import pytest
 from plain.rollouts import MODES, random_actions
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
-from coopmap_env.envs.field.observations import N_RATED, camera_vector
+from coopmap_env.envs.field.observations import N_RATING_FEATURES, camera_vector
 from coopmap_env.geometry import Pose
 
 pytest.importorskip("pybullet")
 
-SETTINGS = FieldSettings(view_cells=(12, 8))
+SETTINGS = FieldSettings(crop_cells=(12, 8))
 
 
 def base(x, y, heading):
@@ -68,16 +68,16 @@ def test_every_observation_lies_in_its_space_and_says_what_the_belief_says(mode,
 
 def check_candidates(belief, robot, observation):
     """The candidate table of one robot."""
-    offers, table = belief.offers[robot], observation["candidates"]
+    candidates, table = belief.candidates[robot], observation["candidates"]
     n = belief.joint_spaces[robot].n
-    assert table.shape == (5, n + N_RATED)
-    np.testing.assert_array_equal(observation["action_mask"], np.arange(5) < len(offers))
-    assert not table[len(offers) :].any()
-    rated, scale = belief.rate(robot, offers), math.log(belief.rating.settings.n_gray)
+    assert table.shape == (5, n + N_RATING_FEATURES)
+    np.testing.assert_array_equal(observation["action_mask"], np.arange(5) < len(candidates))
+    assert not table[len(candidates) :].any()
+    rated, scale = belief.rate(robot, candidates), math.log(belief.rating.settings.n_gray_bins)
     vehicle = belief.vehicles[robot]
-    for k, q in enumerate(offers):
+    for k, q in enumerate(candidates):
         row = table[k]
-        np.testing.assert_array_equal(row[:n], belief.joint_spaces[robot].normalised(q))
+        np.testing.assert_array_equal(row[:n], belief.joint_spaces[robot].normalize(q))
         camera = camera_vector(vehicle.camera_pose(q), vehicle.T_world_base, 6.0)
         np.testing.assert_allclose(row[n : n + 6], camera[:6], atol=1e-6)
         expected = [
@@ -85,7 +85,7 @@ def check_candidates(belief, robot, observation):
             rated.motion_cost[k] / scale,
             rated.occupancy[k],
             rated.rating[k] / scale,
-            belief.unknown_share(robot, offers[k : k + 1])[0],
+            belief.unknown_fraction(robot, candidates[k : k + 1])[0],
         ]
         np.testing.assert_allclose(row[n + 6 :], expected, atol=1e-6)
         d = np.linalg.norm(q - belief.joints[robot])
@@ -98,15 +98,15 @@ def test_the_state_holds_the_crop_around_the_target_all_joints_and_all_cameras()
     env.step(random_actions(env, np.random.default_rng(0)))
     belief = env.belief()
     # 0.05 m ahead and to the left of the target's origin, 1.05 m above the bottom of the map
-    belief.map.mark_occupied([belief.map.grid.flat([64, 64, 10])])
+    belief.map.mark_occupied([belief.map.grid.flat_index([64, 64, 10])])
     state = env.state()
     assert env.state_space.contains(state)
-    side, height = SETTINGS.view_cells
+    side, height = SETTINGS.crop_cells
     crop = state[: 2 * height * side * side].reshape(2 * height, side, side)
     assert 0.0 <= crop.min() <= crop.max() <= 1.0
     joints, cameras = np.split(state[crop.size :], [10])
     for robot in range(2):
-        own = belief.joint_spaces[robot].normalised(belief.joints[robot])
+        own = belief.joint_spaces[robot].normalize(belief.joints[robot])
         np.testing.assert_array_equal(joints[5 * robot : 5 * robot + 5], own)
         camera = belief.estimates[robot].pose
         diagonal = math.hypot(12.8, 12.8, 4.0)
@@ -120,7 +120,7 @@ def test_the_state_holds_the_crop_around_the_target_all_joints_and_all_cameras()
 def test_the_map_is_drawn_around_the_base_it_belongs_to():
     env = FieldEnv(n_robots=2, max_scans=1, settings=SETTINGS)
     observations, _ = env.reset(seed=0)
-    _, height = SETTINGS.view_cells
+    _, height = SETTINGS.crop_cells
     for agent in env.possible_agents:
         sampled = observations[agent]["map"][height:]
         # the parking room, 1 m around the axis, is all that is known: the middle of the crop

@@ -5,23 +5,23 @@ from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.rendering.field import (
     BACKGROUND,
-    HEIGHTS,
-    SEEN,
-    Surface,
+    HEIGHT_COLORS,
+    SAMPLED_FLOOR_COLOR,
+    ColoredMesh,
     height_colors,
-    overview,
+    overview_camera,
     render_field,
-    surfaces_of,
+    scene_meshes,
 )
 from coopmap_env.rendering.meshes import (
     MESH_DETAIL,
-    drawn_parts,
+    cluster_vertices,
     exposed_faces,
     robot_triangles,
-    simplified,
+    simplified_links,
 )
 from coopmap_env.rendering.panels import NEVER_SAMPLED, ROBOT_COLORS
-from coopmap_env.rendering.ray_tracing import Overview, Painting, Torch
+from coopmap_env.rendering.ray_tracing import FrustumTint, RayTracedScene, ViewCamera
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.scenes.field import Solid, make_field_scene
@@ -32,7 +32,7 @@ pytest.importorskip("yourdfpy")
 
 
 GRID = VoxelGrid((20, 20, 10), 0.2, (-2.0, -2.0, -0.3))
-AHEAD = Overview((-4.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.pi / 2, 101, 81)
+AHEAD = ViewCamera((-4.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.pi / 2, 101, 81)
 CAMERA = DepthCamera()
 
 
@@ -79,15 +79,15 @@ def test_the_exposed_faces_of_random_voxels_enclose_their_volume():
 
 def test_simplified_triangles_keep_near_their_place_and_lose_only_what_is_small():
     triangles = box((1.0, 2.0, 3.0), (1.0, 2.0, 0.5))
-    vertices, faces = simplified(triangles, 0.01)
+    vertices, faces = cluster_vertices(triangles, 0.01)
     assert len(vertices) == 8
     np.testing.assert_allclose(np.sort(vertices[faces], axis=0), np.sort(triangles, axis=0))
     speck = box((5.005, 5.005, 5.005), 1e-4)
-    vertices, faces = simplified(np.concatenate([triangles, speck]), 0.01)
+    vertices, faces = cluster_vertices(np.concatenate([triangles, speck]), 0.01)
     assert len(faces) == 12
     rng = np.random.default_rng(0)
     cloud = rng.random((500, 3, 3))
-    vertices, faces = simplified(cloud, 0.1)
+    vertices, faces = cluster_vertices(cloud, 0.1)
     nearest = np.linalg.norm(cloud.reshape(-1, 1, 3) - vertices, axis=2).min(axis=1)
     assert nearest.max() <= 0.1 * np.sqrt(3)
     assert len(faces) == len(np.unique(np.sort(faces, axis=1), axis=0))
@@ -96,7 +96,7 @@ def test_simplified_triangles_keep_near_their_place_and_lose_only_what_is_small(
 @pytest.fixture(scope="module")
 def vehicle():
     turned = Pose(np.array([1.0, -2.0, 0.0]), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
-    return Vehicle.of("mast", turned)
+    return Vehicle.from_mount("mast", turned)
 
 
 def test_a_drawn_robot_is_where_its_links_are(vehicle):
@@ -111,11 +111,11 @@ def test_a_drawn_robot_is_where_its_links_are(vehicle):
     )
     far = np.linalg.norm(true[:, None] - drawn, axis=2).min(axis=1)
     assert far.max() <= MESH_DETAIL * np.sqrt(3)
-    assert len(drawn_parts(vehicle.chain)) == vehicle.chain.n_joints + 1
+    assert len(simplified_links(vehicle.chain)) == vehicle.chain.n_joints + 1
 
 
 def test_rays_and_projection_belong_together():
-    view = Overview((3.0, -2.0, 5.0), (0.5, 0.2, 0.3), 0.8, 320, 200)
+    view = ViewCamera((3.0, -2.0, 5.0), (0.5, 0.2, 0.3), 0.8, 320, 200)
     pixels = np.random.default_rng(0).random((50, 2)) * (320, 200)
     rays = view.rays(pixels.astype(np.float32))
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1, atol=1e-6)
@@ -138,12 +138,12 @@ def test_an_impossible_overview_is_refused(change, words):
         "eye": AHEAD.eye, "look_at": AHEAD.look_at, "field_of_view": 1.0, "width": 10, "height": 81
     }  # fmt: skip
     with pytest.raises(ValueError, match=words):
-        Overview(**(good | change))
+        ViewCamera(**(good | change))
 
 
-def painted(triangles, colors, torches=(), view=AHEAD):
+def painted(triangles, colors, tints=(), view=AHEAD):
     """Take a picture before a green nothing."""
-    return Painting(triangles, colors, (0, 255, 0), (0, 0, 0), (90, 99)).picture(view, torches)
+    return RayTracedScene(triangles, colors, (0, 255, 0), (0, 0, 0), (90, 99)).render(view, tints)
 
 
 def test_a_box_is_seen_in_its_colour_at_its_distance_before_the_background():
@@ -158,14 +158,14 @@ def test_a_box_is_seen_in_its_colour_at_its_distance_before_the_background():
 
 
 def test_edges_are_smooth_and_planes_are_not_touched():
-    view = Overview(AHEAD.eye, (0.0, 0.6, 0.0), 1.0, 101, 81)
+    view = ViewCamera(AHEAD.eye, (0.0, 0.6, 0.0), 1.0, 101, 81)
     image, _ = painted([box((0, 0, 0), 2.0)], [(255, 0, 0)], view=view)
     shares = image[..., 1]
     assert len(np.unique(np.round(shares[(shares > 0.01) & (shares < 0.99)], 2))) >= 3
 
 
 def test_the_sun_throws_a_shadow_on_the_ground():
-    above = Overview((-6.0, 0.0, 6.0), (0.0, 0.0, 0.0), 1.0, 120, 90)
+    above = ViewCamera((-6.0, 0.0, 6.0), (0.0, 0.0, 0.0), 1.0, 120, 90)
     bare, _ = painted([ground()], [(200, 200, 200)], view=above)
     image, distance = painted([ground(), box((0, 0, 3), 1.0)], [(200,) * 3] * 2, view=above)
     plain = np.isclose(distance, painted([ground()], [(0, 0, 0)], view=above)[1], rtol=1e-5)
@@ -176,11 +176,11 @@ def test_the_sun_throws_a_shadow_on_the_ground():
 def test_a_torch_tints_what_its_camera_sees_and_nothing_behind_it():
     wall = box((2.0, 0, 0), (0.1, 8.0, 8.0))
     screen = box((0.5, 1.0, 0), (0.1, 0.8, 8.0))
-    view = Overview((-1.0, 0.0, 0.5), (2.0, 0.0, 0.5), np.pi / 2, 121, 81)
+    view = ViewCamera((-1.0, 0.0, 0.5), (2.0, 0.0, 0.5), np.pi / 2, 121, 81)
     camera = DepthCamera(np.pi / 2, np.pi / 2)
-    torch = Torch(Pose(np.array([-0.5, -3.0, 0.5]), np.eye(3)), camera, (255, 0, 0))
+    tint = FrustumTint(Pose(np.array([-0.5, -3.0, 0.5]), np.eye(3)), camera, (255, 0, 0))
     dark, _ = painted([wall, screen], [(90, 90, 90)] * 2, view=view)
-    lit, distance = painted([wall, screen], [(90, 90, 90)] * 2, [torch], view)
+    lit, distance = painted([wall, screen], [(90, 90, 90)] * 2, [tint], view)
     tinted = lit[..., 0] > dark[..., 0] + 0.05
     rays = view.rays(view.centers) * distance.reshape(-1, 1)
     y = (rays[:, 1] + view.eye[1]).reshape(distance.shape)
@@ -188,17 +188,17 @@ def test_a_torch_tints_what_its_camera_sees_and_nothing_behind_it():
     # the left edge of its view, 45 degrees, meets the wall at y = -3 + 2.45
     assert tinted[on_wall & (y < -0.6)].mean() > 0.99
     assert not tinted[on_wall & (y > -0.5)].any()
-    blind = Torch(torch.pose, DepthCamera(np.pi / 2, np.pi / 2, far=2.0), (255, 0, 0))
+    blind = FrustumTint(tint.pose, DepthCamera(np.pi / 2, np.pi / 2, far=2.0), (255, 0, 0))
     np.testing.assert_array_equal(painted([wall, screen], [(90,) * 3] * 2, [blind], view)[0], dark)
 
 
 def test_a_torch_does_not_shine_through_a_screen():
     wall, screen = box((2.0, 0, 0), (0.1, 8.0, 8.0)), box((0.5, 0, 0), (0.1, 9.0, 9.0))
-    view = Overview((1.0, 0.0, 0.5), (2.0, 0.0, 0.5), np.pi / 2, 60, 40)
-    torch = Torch(Pose(np.array([-1.0, 0.0, 0.0]), np.eye(3)), CAMERA, (255, 0, 0))
+    view = ViewCamera((1.0, 0.0, 0.5), (2.0, 0.0, 0.5), np.pi / 2, 60, 40)
+    tint = FrustumTint(Pose(np.array([-1.0, 0.0, 0.0]), np.eye(3)), CAMERA, (255, 0, 0))
     colors = [(90, 90, 90)] * 2
     np.testing.assert_array_equal(
-        painted([wall, screen], colors, [torch], view)[0],
+        painted([wall, screen], colors, [tint], view)[0],
         painted([wall, screen], colors, (), view)[0],
     )
 
@@ -208,7 +208,7 @@ def test_the_overview_shows_target_and_vehicles_from_above(n_robots):
     angles = np.arange(n_robots) * 1.1
     bases = [Pose(np.array([3 * np.cos(a), 3 * np.sin(a), 0.0]), np.eye(3)) for a in angles]
     target = box((0.3, 0, 0.7), 1.2)
-    view = overview(target, bases)
+    view = overview_camera(target, bases)
     at, _ = view.project([*target.reshape(-1, 3), *(base.translation for base in bases)])
     assert (at >= 0).all()
     assert (at <= (view.width, view.height)).all()
@@ -220,15 +220,15 @@ def test_the_overview_shows_target_and_vehicles_from_above(n_robots):
 
 def test_height_colours_run_from_the_first_to_the_last():
     colors = height_colors([-1.0, 0.0, 0.2, 2.0, 9.0])
-    np.testing.assert_allclose(colors[[0, 1, 3, 4]], np.array(HEIGHTS)[[0, 0, -1, -1]])
-    np.testing.assert_allclose(colors[2], np.mean(HEIGHTS[:2], axis=0))
+    np.testing.assert_allclose(colors[[0, 1, 3, 4]], np.array(HEIGHT_COLORS)[[0, 0, -1, -1]])
+    np.testing.assert_allclose(colors[2], np.mean(HEIGHT_COLORS[:2], axis=0))
 
 
 def map_with(occupied=(), free=()):
     """Return a map that knows these cells."""
     map_ = OccupancyMap(GRID)
-    map_.mark_free(np.array([GRID.flat(cell) for cell in free], dtype=np.int64))
-    map_.mark_occupied(np.array([GRID.flat(cell) for cell in occupied], dtype=np.int64))
+    map_.mark_free(np.array([GRID.flat_index(cell) for cell in free], dtype=np.int64))
+    map_.mark_occupied(np.array([GRID.flat_index(cell) for cell in occupied], dtype=np.int64))
     return map_
 
 
@@ -236,12 +236,12 @@ def picture(vehicle, **changes):
     """Draw an empty world and map with one robot, but for the changes."""
     target = box((0, 0, 0.5), 1.0)
     arguments = {
-        "truth": [Surface(ground(), (236, 234, 229)), Surface(target, (74, 84, 112))],
+        "truth": [ColoredMesh(ground(), (236, 234, 229)), ColoredMesh(target, (74, 84, 112))],
         "map_": map_with(),
         "robots": [robot_triangles(vehicle, vehicle.home)],
         "cameras": [vehicle.camera_pose(vehicle.home)],
         "camera": CAMERA,
-        "view": overview(target, [vehicle.T_world_base]),
+        "view": overview_camera(target, [vehicle.T_world_base]),
     }
     return render_field(**(arguments | changes))
 
@@ -277,8 +277,8 @@ def test_the_map_shows_what_was_sampled_and_the_occupied_voxels_alone(vehicle):
     left, right = halves(picture(vehicle))
     seen_left, seen_right = halves(picture(vehicle, map_=map_with(free=columns)))
     np.testing.assert_array_equal(seen_left, left)
-    assert like(right, SEEN, 0.01) < 500  # nothing but edges
-    assert like(seen_right, SEEN, 0.01) > 10_000
+    assert like(right, SAMPLED_FLOOR_COLOR, 0.01) < 500  # nothing but edges
+    assert like(seen_right, SAMPLED_FLOOR_COLOR, 0.01) > 10_000
     block = [(i, j, 9) for i in range(8, 12) for j in range(8, 12)]
     block_left, block_right = halves(picture(vehicle, map_=map_with(block, columns)))
     np.testing.assert_array_equal(block_left, left)
@@ -311,7 +311,7 @@ def test_robots_that_are_not_located_are_in_the_truth_alone(vehicle):
 
 def test_the_solids_of_a_world_have_the_colours_of_ground_target_and_others():
     world = make_field_scene("worksite").world(np.random.default_rng(0), 2)
-    surfaces = surfaces_of(world)
+    surfaces = scene_meshes(world)
     assert sum(len(surface.triangles) for surface in surfaces) == len(world.triangles)
     colors = {
         kind: {s.color for s, solid in zip(surfaces, world.solids, strict=True) if which(solid)}

@@ -7,7 +7,7 @@ from coopmap_env.envs.field import FieldEnv
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.localization import Registration
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.sensing import place
+from coopmap_env.sensing import transform_cloud
 
 pytest.importorskip("pybullet")
 pytest.importorskip("small_gicp")
@@ -64,13 +64,13 @@ def test_at_the_start_nobody_knows_anything_but_its_own_parking_room(make):
     observations, infos = env.reset(seed=0)
     belief = env.belief()
     assert belief.located == (False, False, False)
-    assert infos["robot_0"]["viewed_share"] == 0.0
+    assert infos["robot_0"]["observed_fraction"] == 0.0
     assert np.isnan(belief.positions).all()
     for robot in range(3):
-        assert belief.map_of(robot) is not belief.map
-        assert belief.map_of(robot).viewed_share > 0.0
-        assert belief.teammates(robot) == []
-        assert len(belief.bodies(robot)[0]) == 0
+        assert belief.planning_map(robot) is not belief.map
+        assert belief.planning_map(robot).observed_fraction > 0.0
+        assert belief.located_teammates(robot) == []
+        assert len(belief.occluder_spheres(robot)[0]) == 0
         assert (observations[f"robot_{robot}"]["teammates"] == 0).all()
         assert (observations[f"robot_{robot}"]["located"] == 0).all()
     assert (env.state()[-27:] == 0).all()  # cameras of nobody
@@ -109,8 +109,8 @@ def test_located_robots_stand_where_they_think_and_see_each_other(make):
         for vehicle, true in zip(belief.vehicles, env.truth.base_poses, strict=True):
             off = displacement_between(vehicle.T_world_base, true)
             errors.append((np.linalg.norm(off[:3]), np.linalg.norm(off[3:])))
-        assert belief.teammates(0) == [1]
-        assert len(belief.bodies(0)[0]) > 0
+        assert belief.located_teammates(0) == [1]
+        assert len(belief.occluder_spheres(0)[0]) > 0
         assert np.isfinite(belief.positions).all()
         assert seed >= 0
     position, angle = np.array(errors).T
@@ -125,10 +125,10 @@ def test_the_teams_map_holds_each_look_of_the_located_exactly_once(make):
     """A map made anew of the looks' own points is the same, bit for bit."""
     env = make(motion_correction="exact", max_scans=10)
     looks = []
-    original = env._start
+    original = env._reset_world
 
-    def start(streams):
-        belief = original(streams)
+    def start(rngs):
+        belief = original(rngs)
         simulator = env._simulator
         measured = simulator.scan
 
@@ -140,7 +140,7 @@ def test_the_teams_map_holds_each_look_of_the_located_exactly_once(make):
         simulator.scan = scan
         return belief
 
-    env._start = start
+    env._reset_world = start
     seed = next(found_worlds(env, range(8)))
     looks.clear()
     env.reset(seed=seed)
@@ -149,10 +149,12 @@ def test_the_teams_map_holds_each_look_of_the_located_exactly_once(make):
     hits = OccupancyMap(env.scene.grid, env.settings.beam, env.settings.log_odds_range)
     for robot, cloud, true in looks:
         # with exact poses, the hits that are no robot's carry the same points as the true ones
-        hits.integrate(place(cloud, true, env.settings.noise))
+        hits.integrate(transform_cloud(cloud, true, env.settings.noise))
         assert robot in (0, 1)
-    ours = {int(cell): np.trace(P) for cell, P in zip(*belief.map.information()[:2], strict=True)}
-    theirs = {int(cell): np.trace(P) for cell, P in zip(*hits.information()[:2], strict=True)}
+    ours = {
+        int(cell): np.trace(P) for cell, P in zip(*belief.map.information_form()[:2], strict=True)
+    }
+    theirs = {int(cell): np.trace(P) for cell, P in zip(*hits.information_form()[:2], strict=True)}
     shared = sorted(set(ours) & set(theirs))
     assert len(shared) > 0.5 * len(ours)
     ratio = np.array([ours[cell] / theirs[cell] for cell in shared])
@@ -171,12 +173,12 @@ def test_moving_in_is_not_paid_again(make):
         before = env.belief()
         poses = [best_rated(before, robot, rng) for robot in range(2)]
         actions = {f"robot_{robot}": before.action_for(robot, q) for robot, q in enumerate(poses)}
-        sampled = [before.map_of(robot).viewed_share for robot in range(2)]
-        maps = [before.map_of(robot) for robot in range(2)]
+        sampled = [before.planning_map(robot).observed_fraction for robot in range(2)]
+        maps = [before.planning_map(robot) for robot in range(2)]
         *_, infos = env.step(actions)
         for robot in range(2):
             if not before.located[robot]:
-                grown = maps[robot].viewed_share - sampled[robot]
+                grown = maps[robot].observed_fraction - sampled[robot]
                 new = infos[f"robot_{robot}"]["new_cells"] / maps[robot].grid.n_cells
                 assert new == pytest.approx(grown)
 
@@ -190,12 +192,12 @@ def test_a_robot_that_is_not_located_leaves_nothing_in_the_teams_map(make, monke
     env.reset(seed=0)
     infos = wander(env, np.random.default_rng(0))
     belief = env.belief()
-    assert belief.map.viewed_share == 0.0
+    assert belief.map.observed_fraction == 0.0
     assert belief.located == (False, False)
-    assert belief.map_of(0).viewed_share > 0.0
+    assert belief.planning_map(0).observed_fraction > 0.0
     assert infos["robot_0"]["base_error"] is None
     assert infos["robot_0"]["located"] is False
-    assert env.locating.registrations[0].reason.startswith("nothing")
+    assert env.localizer.registrations[0].reason.startswith("nothing")
 
 
 def test_when_a_robot_is_located_its_scan_is_in_the_frame_of_its_camera(make):
@@ -222,9 +224,9 @@ def test_infos_say_why_a_robot_is_not_located(make):
     env.reset(seed=seed)
     rng = np.random.default_rng(seed)
     first = wander(env, rng, lambda env: env.scans)
-    assert any(info["not_located"] for info in first.values())
+    assert any(info["localization_failure"] for info in first.values())
     last = wander(env, rng, all_located)
-    assert all(info["not_located"] == "" for info in last.values())
+    assert all(info["localization_failure"] == "" for info in last.values())
 
 
 def test_headings_of_a_scenes_file_are_kept_and_bases_out_of_reach_refused(make, tmp_path):
@@ -257,7 +259,7 @@ def test_a_match_that_puts_the_camera_outside_of_the_map_is_refused(make, monkey
     env.reset(seed=0)
     infos = wander(env, np.random.default_rng(0))
     assert env.belief().located == (False, False)
-    assert any("outside of the map" in info["not_located"] for info in infos.values())
+    assert any("outside of the map" in info["localization_failure"] for info in infos.values())
 
 
 def test_own_frames_do_not_change_what_a_look_brings(make):

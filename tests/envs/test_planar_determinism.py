@@ -7,7 +7,7 @@ from pathlib import Path
 import cloudpickle
 import numpy as np
 import pytest
-from plain.rollouts import MODES, feed, hash_of, play, trajectory_hash
+from plain.rollouts import MODES, env_trajectory_hash, random_rollout, trajectory_hash, update_hash
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.simulation.scenes.planar import Rooms
@@ -23,17 +23,17 @@ def small(mode, **changes):
 @pytest.mark.parametrize("mode", MODES)
 def test_a_seed_decides_everything_that_an_episode_shows(mode, n_robots, scene):
     arguments = small(mode, n_robots=n_robots, scene=scene)
-    assert hash_of(arguments, SEED) == hash_of(arguments, SEED)
-    assert hash_of(arguments, SEED) != hash_of(arguments, SEED + 1)
+    assert env_trajectory_hash(arguments, SEED) == env_trajectory_hash(arguments, SEED)
+    assert env_trajectory_hash(arguments, SEED) != env_trajectory_hash(arguments, SEED + 1)
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_earlier_episodes_leave_no_trace(mode):
-    used, expected = PlanarEnv(**small(mode)), hash_of(small(mode), SEED)
+    used, expected = PlanarEnv(**small(mode)), env_trajectory_hash(small(mode), SEED)
     for seed in (1, 2):
         trajectory_hash(used, seed)
     assert trajectory_hash(used, SEED) == expected
-    next(play(used, 3, np.random.default_rng(0)))  # an episode that ends before its time
+    next(random_rollout(used, 3, np.random.default_rng(0)))  # an episode that ends before its time
     assert trajectory_hash(used, SEED) == expected
 
 
@@ -44,13 +44,13 @@ def test_a_pickled_environment_plays_the_same_episode(mode, library):
     env = PlanarEnv(**arguments)
     trajectory_hash(env, 1)
     copied = library.loads(library.dumps(env))
-    assert trajectory_hash(copied, SEED) == hash_of(arguments, SEED)
+    assert trajectory_hash(copied, SEED) == env_trajectory_hash(arguments, SEED)
 
 
 @pytest.mark.parametrize("mode", MODES)
 def test_another_process_with_other_string_hashes_plays_the_same_episode(mode):
     arguments = small(mode)
-    code = f"from plain.rollouts import hash_of; print(hash_of({arguments!r}, {SEED}))"
+    code = f"from plain.rollouts import env_trajectory_hash; print(env_trajectory_hash({arguments!r}, {SEED}))"
     path = os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, sys.path)])
     found = subprocess.run(
         [sys.executable, "-c", code],
@@ -59,7 +59,7 @@ def test_another_process_with_other_string_hashes_plays_the_same_episode(mode):
         text=True,
         check=True,
     )
-    assert found.stdout.split() == [hash_of(arguments, SEED)]
+    assert found.stdout.split() == [env_trajectory_hash(arguments, SEED)]
 
 
 def test_without_a_seed_the_last_one_decides_the_next_episodes():
@@ -97,7 +97,7 @@ def test_looking_at_state_belief_and_pictures_changes_nothing(mode):
         env.render()
 
     env = PlanarEnv(**small(mode, render_mode="rgb_array"))
-    assert trajectory_hash(env, SEED, look) == hash_of(small(mode), SEED)
+    assert trajectory_hash(env, SEED, look) == env_trajectory_hash(small(mode), SEED)
 
 
 def test_the_hash_tells_types_and_bits_apart():
@@ -110,6 +110,6 @@ def test_the_hash_tells_types_and_bits_apart():
     digests = set()
     for value in values:
         sha = hashlib.sha256()
-        feed(sha, value)
+        update_hash(sha, value)
         digests.add(sha.hexdigest())
     assert len(digests) == len(values)

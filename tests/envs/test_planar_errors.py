@@ -3,7 +3,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plain.rollouts import MODES, hash_of, random_actions, trajectory_hash
+from plain.rollouts import MODES, env_trajectory_hash, random_actions, trajectory_hash
 
 from coopmap_env.envs.actions import InvalidActionError
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
@@ -51,7 +51,7 @@ def small(mode):
 @cache
 def expected_hash(mode):
     """Of the episode of seed 2 in which nobody does anything wrong."""
-    return hash_of(small(mode), 2)
+    return env_trajectory_hash(small(mode), 2)
 
 
 def refused_steps(actions, message):
@@ -170,9 +170,9 @@ def test_a_wrong_argument_is_named_with_its_value(make, name, value):
     ("name", "value"),
     [
         *(("reach", value) for value in (0.0, -1.0, NAN, INF)),
-        *(("start_radius", value) for value in (0.0, NAN, INF)),
-        *(("start_spread", value) for value in (-1.0, NAN, INF)),
-        *(("view_cells", value) for value in (3, -1, 0, 10.5)),
+        *(("initial_free_radius", value) for value in (0.0, NAN, INF)),
+        *(("max_start_distance", value) for value in (-1.0, NAN, INF)),
+        *(("crop_cells", value) for value in (3, -1, 0, 10.5)),
     ],
 )
 def test_a_wrong_setting_is_named_with_its_value(name, value):
@@ -205,7 +205,7 @@ def test_a_scene_that_makes_another_shape_than_it_said_is_named_and_the_episode_
         with pytest.raises(ValueError, match=r"'obstacles' made .* shape \(150, 200\), not"):
             env.reset(seed=9)
 
-    assert trajectory_hash(env, 2, wrong) == hash_of({"max_scans": 4}, 2)
+    assert trajectory_hash(env, 2, wrong) == env_trajectory_hash({"max_scans": 4}, 2)
 
 
 def test_the_team_environment_names_shape_and_robot():

@@ -1,9 +1,9 @@
 import coopmap_baselines
 import numpy as np
 import pytest
-from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
-from plain.random_maps import write
-from plain.rollouts import MODES, play
+from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, set_poses
+from plain.random_maps import set_cells
+from plain.rollouts import MODES, random_rollout
 
 from coopmap_env.envs.actions import InvalidActionError
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
@@ -14,8 +14,8 @@ REACH = SETTINGS.reach
 
 def alone(known=None, start=(20, 20, 0)):
     """One robot in an open world, on a map that knows some cells to be free."""
-    env = env_in(open_world(), n_robots=1, settings=SETTINGS)
-    place(env, start, known=known)
+    env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
+    set_poses(env, start, known=known)
     return env
 
 
@@ -36,7 +36,7 @@ def test_a_feasible_pose_is_taken():
     env = alone(box(slice(18, 30), slice(18, 23)))
     info = step(env, 5, -2, turn=0.25)
     assert env.belief().pose_ids == (pose_id(env, 25, 18, heading=2),)
-    assert info["refused"] == ""
+    assert info["rejected_reason"] == ""
     assert info["distance"] == pytest.approx(np.hypot(5, 2))
     assert info["scans"] == 1
 
@@ -56,13 +56,13 @@ def test_an_infeasible_pose_leaves_the_camera_where_it_looks_from(ahead, left, r
     # Free are a room around the robot and one cell that nothing leads to.
     env = alone(box(slice(15, 26), slice(15, 26)) | box(28, 20), start=(20, 20, 3))
     map_ = env.belief().map
-    write(map_, [24 * 40 + 22], 0.99)
-    write(map_, [24 * 40 + 18], 0.06)
+    set_cells(map_, [24 * 40 + 22], 0.99)
+    set_cells(map_, [24 * 40 + 18], 0.06)
     before = env.belief().pose_ids
     heading = 3 * np.pi / 8
     c, s = np.cos(heading), np.sin(heading)
     info = step(env, c * ahead + s * left, c * left - s * ahead, turn=0.5)
-    assert info["refused"] == reason
+    assert info["rejected_reason"] == reason
     assert env.belief().pose_ids == before
     assert info["distance"] == 0
     assert info["scans"] == 1
@@ -71,9 +71,9 @@ def test_an_infeasible_pose_leaves_the_camera_where_it_looks_from(ahead, left, r
 
 def test_where_the_robot_stands_it_may_always_turn():
     env = alone()
-    write(env.belief().map, [20 * 40 + 20], 0.7)  # teammates' readings may be wrong
+    set_cells(env.belief().map, [20 * 40 + 20], 0.7)  # teammates' readings may be wrong
     info = step(env, 0, 0, turn=-0.5)
-    assert info["refused"] == ""
+    assert info["rejected_reason"] == ""
     assert env.belief().pose_ids == (pose_id(env, 20, 20, heading=12),)
 
 
@@ -81,28 +81,34 @@ def test_a_path_may_lead_around_an_obstacle():
     known = box(slice(15, 26), slice(15, 26))
     known[22, 15:25] = False
     env = alone(known)
-    assert step(env, 4, 0)["refused"] == ""
+    assert step(env, 4, 0)["rejected_reason"] == ""
     known[22, 25] = False
     env = alone(known)
-    assert step(env, 4, 0)["refused"] == "no path through known free space leads there"
+    assert step(env, 4, 0)["rejected_reason"] == "no path through known free space leads there"
 
 
 def test_no_path_slips_between_two_cells_that_touch_at_a_corner():
     known = box(slice(18, 21), slice(18, 21)) | box(slice(21, 24), slice(21, 24))
-    assert step(alone(known), 2, 2)["refused"] == "no path through known free space leads there"
+    assert (
+        step(alone(known), 2, 2)["rejected_reason"]
+        == "no path through known free space leads there"
+    )
     known[20, 21] = True
-    assert step(alone(known), 2, 2)["refused"] == ""
+    assert step(alone(known), 2, 2)["rejected_reason"] == ""
 
 
 def test_a_masked_candidate_leaves_the_camera_where_it_looks_from():
-    env = env_in(
+    env = env_with_world(
         open_world(), n_robots=1, settings=SETTINGS, action_mode="candidates", n_candidates=40
     )
-    place(env, (20, 20, 0), known=[20 * 40 + 21])
+    set_poses(env, (20, 20, 0), known=[20 * 40 + 21])
     before = env.belief().pose_ids  # two cells of 16 headings are 32 candidates
-    assert len(env.belief().offers[0]) == 32
+    assert len(env.belief().candidates[0]) == 32
     *_, infos = env.step({"robot_0": 32})
-    assert infos["robot_0"]["refused"] == "candidate 32 is masked out: only 32 poses are feasible"
+    assert (
+        infos["robot_0"]["rejected_reason"]
+        == "candidate 32 is masked out: only 32 poses are feasible"
+    )
     assert env.belief().pose_ids == before
     assert infos["robot_0"]["new_cells"] > 0
 
@@ -112,7 +118,7 @@ def test_robots_stand_only_where_the_map_before_the_step_knew_free_space(mode, s
     env = PlanarEnv(3, mode, scene=scene, max_scans=12)
     moved = refused = 0
     for seed in range(3):
-        episode = play(env, seed, np.random.default_rng(seed))
+        episode = random_rollout(env, seed, np.random.default_rng(seed))
         next(episode)
         while env.agents:
             belief = env.belief()
@@ -123,8 +129,8 @@ def test_robots_stand_only_where_the_map_before_the_step_knew_free_space(mode, s
             free = (map_.probability < 0.05) & map_.sampled
             for robot, info in enumerate(infos.values()):
                 cell = env.belief().cell(robot)
-                refused += bool(info["refused"])
-                if info["refused"]:
+                refused += bool(info["rejected_reason"])
+                if info["rejected_reason"]:
                     assert env.belief().pose_ids[robot] == before[robot]
                 elif cell != belief.cell(robot):
                     moved += 1
@@ -142,10 +148,10 @@ def test_every_feasible_pose_has_an_action_that_leads_there(resolution, n_headin
     settings = PlanarSettings(
         camera=base.camera, reach=3 * resolution, n_headings=n_headings, noise=NO_NOISE
     )
-    env = env_in(world, n_robots=1, settings=settings)
+    env = env_with_world(world, n_robots=1, settings=settings)
     for heading in range(n_headings):
         known = ~world.occupied
-        belief = place(env, (32, 31, heading), known=known)
+        belief = set_poses(env, (32, 31, heading), known=known)
         cells = belief.feasible_cells(0)
         ids = (cells[:, None].astype(int) * n_headings + np.arange(n_headings)).ravel()
         assert len(cells) >= 21
@@ -174,10 +180,10 @@ def pose_id_of(belief, ix, iy):
 def test_the_reach_is_a_square_that_turns_with_the_camera():
     known = np.ones((40, 40), dtype=bool)
     settings = PlanarSettings(noise=NO_NOISE, reach=4.0)
-    env = env_in(open_world(), n_robots=1, settings=settings)
-    straight = place(env, (20, 20, 0), known=known).feasible_cells(0)
+    env = env_with_world(open_world(), n_robots=1, settings=settings)
+    straight = set_poses(env, (20, 20, 0), known=known).feasible_cells(0)
     assert len(straight) == 81
-    turned = place(env, (20, 20, 2), known=known).feasible_cells(0)
+    turned = set_poses(env, (20, 20, 2), known=known).feasible_cells(0)
     dx, dy = turned // 40 - 20, turned % 40 - 20
     assert (np.maximum(abs(dx + dy), abs(dx - dy)) <= 4 * np.sqrt(2)).all()
     assert len(turned) == 61  # |dx + dy| and |dx - dy| at most 5
@@ -192,11 +198,11 @@ def test_candidates_are_feasible_distinct_and_reproducible():
     while env.agents:
         belief = env.belief()
         for robot in range(2):
-            offer = belief.offers[robot]
+            offer = belief.candidates[robot]
             assert len(set(offer.tolist())) == len(offer) == 32
             assert np.isin(offer // belief.lattice.n_headings, belief.feasible_cells(robot)).all()
-            assert all(belief.why_not(robot, pose) == "" for pose in offer.tolist())
-            np.testing.assert_array_equal(offer, same.belief().offers[robot])
+            assert all(belief.infeasibility_reason(robot, pose) == "" for pose in offer.tolist())
+            np.testing.assert_array_equal(offer, same.belief().candidates[robot])
             for index, pose in enumerate(offer.tolist()):
                 assert belief.action_for(robot, pose) == index
                 agent = belief.agents[robot]
@@ -208,10 +214,10 @@ def test_candidates_are_feasible_distinct_and_reproducible():
 
 
 def test_every_feasible_pose_is_offered_as_often():
-    env = env_in(
+    env = env_with_world(
         open_world(), n_robots=1, settings=SETTINGS, action_mode="candidates", n_candidates=8
     )
-    belief = place(env, (20, 20, 0), known=[20 * 40 + 21])
+    belief = set_poses(env, (20, 20, 0), known=[20 * 40 + 21])
     rng = np.random.default_rng(0)
     picks = np.concatenate([belief.random_poses(0, 8, rng) for _ in range(2000)])
     counts = np.unique(picks, return_counts=True)[1]
@@ -224,26 +230,28 @@ def test_a_pose_that_is_not_on_offer_has_no_action():
     env.reset(seed=0)
     belief = env.belief()
     other = next(
-        pose for pose in range(belief.lattice.n_poses) if pose not in belief.offers[1].tolist()
+        pose for pose in range(belief.lattice.n_poses) if pose not in belief.candidates[1].tolist()
     )
     with pytest.raises(InvalidActionError, match=f"robot_1: pose {other} is not among"):
         belief.action_for(1, other)
 
 
 def test_a_wall_that_the_map_takes_as_free_is_bumped_into_and_learned():
-    env = env_in(open_world(walls=[(23, 20)]), n_robots=1, settings=PlanarSettings(noise=NO_NOISE))
-    place(env, (20, 20, 8), known=box(slice(15, 26), slice(15, 26)))  # the wall is "known free"
+    env = env_with_world(
+        open_world(walls=[(23, 20)]), n_robots=1, settings=PlanarSettings(noise=NO_NOISE)
+    )
+    set_poses(env, (20, 20, 8), known=box(slice(15, 26), slice(15, 26)))  # the wall is "known free"
     here = env.belief().pose_ids[0]
     action = env.belief().action_for(0, pose_id(env, 23, 20))
     _, _, _, _, infos = env.step({"robot_0": action})
     assert infos["robot_0"]["contact"] is True
-    assert infos["robot_0"]["refused"] == ""
+    assert infos["robot_0"]["rejected_reason"] == ""
     assert infos["robot_0"]["distance"] == 0
     assert env.belief().pose_ids == (here,)
     assert env.belief().map.probability[23, 20] == pytest.approx(0.999, abs=1e-4)
     _, _, _, _, infos = env.step({"robot_0": action})
     assert infos["robot_0"]["contact"] is False
-    assert infos["robot_0"]["refused"] == "goal is not known to be free"
+    assert infos["robot_0"]["rejected_reason"] == "goal is not known to be free"
 
 
 @pytest.mark.parametrize("scene", ["obstacles", "rooms"])

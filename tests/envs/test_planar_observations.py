@@ -2,13 +2,13 @@ import math
 
 import numpy as np
 import pytest
-from plain import offers
-from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
-from plain.random_maps import random_map, write
+from plain import candidates
+from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, set_poses
+from plain.random_maps import random_map, set_cells
 from plain.rollouts import random_actions
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.envs.planar.local_map import view_offsets
+from coopmap_env.envs.planar.local_map import crop_offsets
 from coopmap_env.information import RatingSettings
 from coopmap_env.sensing import PlanarCamera
 
@@ -18,8 +18,8 @@ QUARTER = 4  # headings of a quarter turn
 
 
 def env_of(n_robots=1, world=None, **changes):
-    settings = PlanarSettings(**({"noise": NO_NOISE, "view_cells": SIDE} | changes))
-    return env_in(world or open_world(), n_robots=n_robots, settings=settings)
+    settings = PlanarSettings(**({"noise": NO_NOISE, "crop_cells": SIDE} | changes))
+    return env_with_world(world or open_world(), n_robots=n_robots, settings=settings)
 
 
 def look(env, robot=0):
@@ -40,8 +40,8 @@ def shown(image, channel, value=255):
 )
 def test_a_cell_ahead_of_the_camera_is_shown_ahead(quarters, ahead):
     env = env_of()
-    place(env, (20, 20, quarters * QUARTER))
-    write(env.belief().map, [ahead[0] * 40 + ahead[1]], 0.9)
+    set_poses(env, (20, 20, quarters * QUARTER))
+    set_cells(env.belief().map, [ahead[0] * 40 + ahead[1]], 0.9)
     image = look(env)["map"]
     # ahead is towards +x or +y at headings 0 and 1, and left of the camera at 3 and 0
     i = 7 + 3 if quarters in (0, 1) else 8 + 3
@@ -56,21 +56,21 @@ def test_a_cell_ahead_of_the_camera_is_shown_ahead(quarters, ahead):
 )
 def test_a_cell_to_the_left_of_the_camera_is_shown_at_a_higher_j(quarters, left):
     env = env_of()
-    place(env, (20, 20, quarters * QUARTER))
-    write(env.belief().map, [left[0] * 40 + left[1]], 0.9)
+    set_poses(env, (20, 20, quarters * QUARTER))
+    set_cells(env.belief().map, [left[0] * 40 + left[1]], 0.9)
     i = 7 if quarters in (0, 1) else 8
     j = 7 + 2 if quarters in (0, 3) else 8 + 2
     assert shown(look(env)["map"], OCCUPANCY, round(0.9 * 255)) == [(i, j)]
 
 
 def test_in_a_picture_of_odd_side_the_camera_is_in_the_middle_at_every_heading():
-    env = env_of(view_cells=9)
+    env = env_of(crop_cells=9)
     for heading in range(16):
-        place(env, (20, 20, heading))
+        set_poses(env, (20, 20, heading))
         assert shown(look(env)["map"], SAMPLED) == [(4, 4)]
         angle = heading * math.tau / 16
         ahead = (20 + round(3 * math.cos(angle)), 20 + round(3 * math.sin(angle)))
-        write(env.belief().map, [ahead[0] * 40 + ahead[1]], 0.9)
+        set_cells(env.belief().map, [ahead[0] * 40 + ahead[1]], 0.9)
         assert (7, 4) in shown(look(env)["map"], OCCUPANCY, round(0.9 * 255))
 
 
@@ -79,10 +79,10 @@ def test_every_picture_cell_shows_the_nearest_map_cell():
     env = env_of(world=open_world(30, 24))
     for _ in range(40):
         x, y, heading = rng.integers(30), rng.integers(24), rng.integers(16)
-        place(env, (x, y, heading))
+        set_poses(env, (x, y, heading))
         known = random_map(rng, (30, 24))
-        env.belief().map.levels[:] = known.levels
-        env.belief().map.sampled_cells[:] = known.sampled_cells
+        env.belief().map.log_odds_fixed[:] = known.log_odds_fixed
+        env.belief().map.sampled_mask[:] = known.sampled_mask
         image, angle = look(env)["map"], heading * math.tau / 16
         for i, j in np.ndindex(SIDE, SIDE):
             ahead, left = i + 0.5 - SIDE / 2, j + 0.5 - SIDE / 2
@@ -98,8 +98,8 @@ def test_every_picture_cell_shows_the_nearest_map_cell():
 
 def test_unknown_is_128_free_is_0_and_occupied_255():
     env = env_of()
-    place(env, (20, 20, 0))
-    write(env.belief().map, [21 * 40 + 20], 0.9989)
+    set_poses(env, (20, 20, 0))
+    set_cells(env.belief().map, [21 * 40 + 20], 0.9989)
     image = look(env)["map"]
     assert image[OCCUPANCY, 7, 7] == 0
     assert image[OCCUPANCY, 8, 7] == 255
@@ -109,7 +109,7 @@ def test_unknown_is_128_free_is_0_and_occupied_255():
 
 def test_outside_the_world_nothing_is_inside_known_or_sampled():
     env = env_of()
-    place(env, (1, 38, 0), known=np.ones((40, 40), dtype=bool))
+    set_poses(env, (1, 38, 0), known=np.ones((40, 40), dtype=bool))
     image = look(env)["map"]
     # cells (1 + i - 7, 38 + j - 7): inside for i >= 6 and j <= 8
     inside = np.zeros((SIDE, SIDE), dtype=bool)
@@ -128,7 +128,7 @@ def test_a_teammate_is_a_block_of_nine_at_its_place_at_every_heading(quarters, r
     ahead = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarters]
     left = [(0, 1), (-1, 0), (0, -1), (1, 0)][quarters]
     mate = [20 + 3 * ahead[axis] - 5 * left[axis] for axis in (0, 1)]
-    place(env, (20, 20, quarters * QUARTER), (*mate, 0))
+    set_poses(env, (20, 20, quarters * QUARTER), (*mate, 0))
     image = look(env)["map"]
     # 3 ahead and 5 to the right of the picture's middle, which lies between cells 7 and 8
     block = [(i, j) for i in (10, 11, 12) for j in (2, 3, 4)]
@@ -137,29 +137,29 @@ def test_a_teammate_is_a_block_of_nine_at_its_place_at_every_heading(quarters, r
 
 def test_a_teammate_beside_the_picture_is_clipped_and_one_far_away_is_not_shown():
     env = env_of(2)
-    place(env, (20, 20, 0), (28, 20, 0))
+    set_poses(env, (20, 20, 0), (28, 20, 0))
     assert shown(look(env)["map"], TEAMMATES) == [(15, 7), (15, 8), (15, 9)]
-    place(env, (20, 20, 0), (30, 20, 0))
+    set_poses(env, (20, 20, 0), (30, 20, 0))
     assert shown(look(env)["map"], TEAMMATES) == []
 
 
 def test_one_does_not_see_oneself():
     env = env_of(1)
-    place(env, (20, 20, 0))
+    set_poses(env, (20, 20, 0))
     assert not look(env)["map"][TEAMMATES].any()
     assert "teammates" not in look(env)
 
 
 def test_pose_is_shares_of_the_sides_and_the_direction():
     env = env_of(world=open_world(40, 20, 0.5, (-4.0, 9.0)))
-    place(env, (9, 14, 2))
+    set_poses(env, (9, 14, 2))
     expected = [9.5 / 40, 14.5 / 20, math.cos(math.pi / 4), math.sin(math.pi / 4)]
     np.testing.assert_allclose(look(env)["pose"], expected, rtol=1e-6)  # float32
 
 
 def test_teammates_are_in_the_own_frame_and_in_order_of_their_numbers():
     env = env_of(3, open_world(30, 40, 2.0))  # a diagonal of 100 m
-    place(env, (10, 10, 4), (10, 15, 4), (7, 10, 8))
+    set_poses(env, (10, 10, 4), (10, 15, 4), (7, 10, 8))
     # from robot 0, which looks along +y: robot 1 is 10 m ahead, robot 2 is 6 m to the left
     expected = [[0.10, 0.0, 1.0, 0.0], [0.0, 0.06, 0.0, 1.0]]
     np.testing.assert_allclose(look(env, 0)["teammates"], expected, atol=1e-7)
@@ -170,8 +170,8 @@ def test_teammates_are_in_the_own_frame_and_in_order_of_their_numbers():
 
 def test_the_state_is_the_map_row_by_row_then_the_poses():
     env = env_of(2, open_world(10, 8))
-    belief = place(env, (3, 4, 0), (9, 7, 8))
-    write(belief.map, [11], 0.25)
+    belief = set_poses(env, (3, 4, 0), (9, 7, 8))
+    set_cells(belief.map, [11], 0.25)
     state = env.state()
     known = np.full(80, 0.5)
     known[[3 * 8 + 4, 9 * 8 + 7]] = 0.001
@@ -185,15 +185,15 @@ def test_the_state_is_the_map_row_by_row_then_the_poses():
 def test_candidate_features_by_hand():
     rating = RatingSettings(K=0.1, exponent=2.0, alpha_heading=0.5)
     settings = PlanarSettings(noise=NO_NOISE, rating=rating)
-    env = env_in(
+    env = env_with_world(
         open_world(30, 40, 2.0), n_robots=1, settings=settings,
         action_mode="candidates", n_candidates=40,
     )  # fmt: skip
-    belief = place(env, (10, 10, 4), known=[10 * 40 + 11])
-    observation, most = look(env), math.log(rating.n_gray)
+    belief = set_poses(env, (10, 10, 4), known=[10 * 40 + 11])
+    observation, most = look(env), math.log(rating.n_gray_bins)
     assert observation["action_mask"].tolist() == [1] * 32 + [0] * 8
     assert not observation["candidates"][32:].any()
-    row = belief.offers[0].tolist().index(pose_id(env, 10, 11, heading=0))
+    row = belief.candidates[0].tolist().index(pose_id(env, 10, 11, heading=0))
     rated = belief.rating.rate(belief.map, [pose_id(env, 10, 11)], pose_id(env, 10, 10, 4))
     d2 = 2.0**2 + 0.5 * (math.pi / 2) ** 2
     expected = [
@@ -203,8 +203,8 @@ def test_candidate_features_by_hand():
         0.1 * d2 / most,
         0.001,
         rated.rating[0] / most,
-        belief.rating.unknown_cells(belief.map, [pose_id(env, 10, 11)])[0]
-        / belief.rating.fan.n_visible,
+        belief.rating.count_unknown_cells(belief.map, [pose_id(env, 10, 11)])[0]
+        / belief.rating.fan.max_visible_cells,
     ]  # fmt: skip
     np.testing.assert_allclose(observation["candidates"][row], expected, atol=1e-6)
     assert expected[7] == pytest.approx((expected[4] - expected[5]) * 0.999, abs=1e-4)
@@ -214,7 +214,7 @@ def test_candidate_features_by_hand():
 @pytest.mark.parametrize("n_headings", [5, 16])
 def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings):
     rng = np.random.default_rng(3)
-    env = env_in(
+    env = env_with_world(
         open_world(30, 34, 0.3, origin=(-3.0, 7.7)), n_robots=3, action_mode="candidates",
         settings=PlanarSettings(
             camera=PlanarCamera(depth_of_field=3.0), reach=2.4, n_headings=n_headings,
@@ -223,23 +223,25 @@ def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings)
     )  # fmt: skip
     for _ in range(4):
         map_, known = random_map(rng, (30, 34), occupied=0.02), env.belief().map
-        known.levels[:], known.sampled_cells[:] = map_.levels, map_.sampled_cells
-        env._belief = env._belief.moved(tuple(rng.integers(env.belief().lattice.n_poses, size=3)))
-        env._offer_candidates()
+        known.log_odds_fixed[:], known.sampled_mask[:] = map_.log_odds_fixed, map_.sampled_mask
+        env._belief = env._belief.with_poses(
+            tuple(rng.integers(env.belief().lattice.n_poses, size=3))
+        )
+        env._sample_candidates()
         belief = env.belief()
         for robot in range(3):
-            observation, offer = look(env, robot), belief.offers[robot]
+            observation, offer = look(env, robot), belief.candidates[robot]
             told = observation["candidates"][: len(offer)]
-            expected = [offers.features(belief, robot, int(pose)) for pose in offer]
+            expected = [candidates.features(belief, robot, int(pose)) for pose in offer]
             np.testing.assert_array_equal(told.view(np.uint32), np.array(expected).view(np.uint32))
 
 
 def test_huge_costs_end_at_the_limit():
     rating = RatingSettings(K=1e5)
-    env = env_in(
+    env = env_with_world(
         open_world(), n_robots=1, settings=PlanarSettings(rating=rating), action_mode="candidates"
     )
-    place(env, (20, 20, 0), known=[20 * 40 + 21])
+    set_poses(env, (20, 20, 0), known=[20 * 40 + 21])
     features = look(env)["candidates"]
     moved = np.abs(features[:, 1]) + np.abs(features[:, 0]) > 0
     assert moved.any()
@@ -250,7 +252,9 @@ def test_huge_costs_end_at_the_limit():
 def test_masks_of_observations_and_infos_agree_and_masked_rows_are_zero():
     world = open_world(8, 8)
     arguments = {"n_robots": 2, "action_mode": "candidates", "n_candidates": 400, "max_scans": 3}
-    env = env_in(world, settings=PlanarSettings(start_radius=1.0, reach=2.0), **arguments)
+    env = env_with_world(
+        world, settings=PlanarSettings(initial_free_radius=1.0, reach=2.0), **arguments
+    )
     observations, infos = env.reset(seed=0)
     rng, full = np.random.default_rng(0), []
     while env.agents:
@@ -259,13 +263,13 @@ def test_masks_of_observations_and_infos_agree_and_masked_rows_are_zero():
             mask = observation["action_mask"]
             assert mask.dtype == infos[agent]["action_mask"].dtype == np.int8
             np.testing.assert_array_equal(mask, infos[agent]["action_mask"])
-            offers = env.belief().offers[robot]
-            assert mask.sum() == len(offers) < 400
-            assert mask[: len(offers)].all()
+            candidates = env.belief().candidates[robot]
+            assert mask.sum() == len(candidates) < 400
+            assert mask[: len(candidates)].all()
             features = observation["candidates"]
-            assert not features[len(offers) :].any()
-            assert features[: len(offers)].any(axis=1).all()
-            full.append(len(offers))
+            assert not features[len(candidates) :].any()
+            assert features[: len(candidates)].any(axis=1).all()
+            full.append(len(candidates))
     assert max(full) > min(full)
 
 
@@ -279,7 +283,7 @@ def test_observations_are_new_arrays_each_time():
 
 
 def test_the_corners_of_the_picture_are_half_a_side_away():
-    offsets = view_offsets(SIDE, 16)
+    offsets = crop_offsets(SIDE, 16)
     assert offsets.shape == (16, SIDE * SIDE, 2)
     # heading 0, corner [0, 0]: 7.5 cells back and to the right of a cell centre
     assert offsets[0, 0].tolist() == [-7, -7]

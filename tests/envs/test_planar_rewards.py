@@ -4,12 +4,12 @@ from dataclasses import replace
 import coopmap_baselines
 import numpy as np
 import pytest
-from plain.drawn_worlds import NO_NOISE, env_in, open_world, place, pose_id
+from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, set_poses
 from plain.rollouts import MODES, random_actions
 from plain.views import new_information, visible_cells
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.envs.rewards import TERMS
+from coopmap_env.envs.rewards import REWARD_TERMS
 from coopmap_env.information import RatingSettings
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
@@ -17,11 +17,11 @@ from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 SMALL = Obstacles(shape=(48, 48))
 
 
-def plain_rating(env, map_, robot, before, after, claimed):
+def plain_rating(env, map_, robot, before, after, reserved_mask):
     """Eqs. 5 to 9 of one pose in plain Python: (NI, d, RF)."""
     belief, s = env.belief(), env.settings.rating
     rated = (map_, env.settings.camera, belief.lattice, after)
-    ni = new_information(*rated, s, belief.rating.fan.n_visible, claimed)
+    ni = new_information(*rated, s, belief.rating.fan.max_visible_cells, reserved_mask)
     (x, y, heading), (x0, y0, heading0) = map(belief.lattice.pose, (after, before))
     turn = abs(math.remainder(heading - heading0, math.tau))
     d = math.sqrt(s.alpha_position * ((x - x0) ** 2 + (y - y0) ** 2) + s.alpha_heading * turn**2)
@@ -32,11 +32,13 @@ def plain_rating(env, map_, robot, before, after, claimed):
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(
     "rating",
-    [RatingSettings(), RatingSettings(K=0.05, exponent=1.5, alpha_heading=0.7, n_gray=20)],
+    [RatingSettings(), RatingSettings(K=0.05, exponent=1.5, alpha_heading=0.7, n_gray_bins=20)],
 )
-@pytest.mark.parametrize("reading", ["literal", "distance_free"])
-def test_rating_is_eq_9_of_the_executed_pose_on_the_map_before_the_scan(mode, rating, reading):
-    settings = PlanarSettings(rating=replace(rating, reading=reading))
+@pytest.mark.parametrize("interpretation", ["literal", "distance_free"])
+def test_rating_is_eq_9_of_the_executed_pose_on_the_map_before_the_scan(
+    mode, rating, interpretation
+):
+    settings = PlanarSettings(rating=replace(rating, interpretation=interpretation))
     env = PlanarEnv(3, mode, scene=SMALL, max_scans=4, settings=settings)
     camera, lattice = settings.camera, None
     env.reset(seed=1)
@@ -45,16 +47,16 @@ def test_rating_is_eq_9_of_the_executed_pose_on_the_map_before_the_scan(mode, ra
         lattice = env.belief().lattice
         map_, before = env.belief().map.copy(), env.belief().pose_ids
         _, rewards, _, _, infos = env.step(random_actions(env, rng))
-        claimed = set()
+        reserved_mask = set()
         for robot, (agent, info) in enumerate(infos.items()):
             executed = env.belief().pose_ids[robot]
-            ni, d, rf = plain_rating(env, map_, robot, before[robot], executed, claimed)
+            ni, d, rf = plain_rating(env, map_, robot, before[robot], executed, reserved_mask)
             # the histogram's terms come from a table: sums differ by rounding
             assert info["new_information"] == pytest.approx(ni, abs=1e-12)
             assert info["distance"] == pytest.approx(d, abs=1e-12)
-            assert info["terms"]["rating"] == pytest.approx(rf, abs=1e-12)
-            assert rewards[agent] == info["terms"]["rating"]
-            claimed |= visible_cells(map_, camera, lattice, executed)
+            assert info["reward_terms"]["rating"] == pytest.approx(rf, abs=1e-12)
+            assert rewards[agent] == info["reward_terms"]["rating"]
+            reserved_mask |= visible_cells(map_, camera, lattice, executed)
 
 
 @pytest.mark.parametrize("scene", [SMALL, Rooms(shape=(48, 48))])
@@ -68,15 +70,17 @@ def test_the_sequential_exhaustive_planner_maximises_the_reward(scene):
         policy.reset(np.random.default_rng(0))
         while env.agents:
             belief = env.belief()
-            best, claimed = [], np.zeros(belief.map.grid.n_cells, dtype=np.uint8)
+            best, reserved_mask = [], np.zeros(belief.map.grid.n_cells, dtype=np.uint8)
             actions = policy.act(belief, observations)
             for robot, agent in enumerate(belief.agents):
                 current = belief.pose_ids[robot]
                 ids = belief.feasible_poses(robot)
-                best.append(belief.rating.rate(belief.map, ids, current, claimed).rating.max())
+                best.append(
+                    belief.rating.rate(belief.map, ids, current, reserved_mask).rating.max()
+                )
                 chosen, refused = belief.actions.decode(agent, actions[agent], belief)
                 assert refused == ""
-                claimed[belief.rating.visible_cells(belief.map, chosen)] = 1
+                reserved_mask[belief.rating.visible_cells(belief.map, chosen)] = 1
             observations, rewards, *_ = env.step(actions)
             assert list(rewards.values()) == best
 
@@ -87,12 +91,15 @@ def test_information_telescopes_to_the_drop_of_entropy(mode, scene):
     env.reset(seed=2)
     start, rng = env.belief().map.entropy, np.random.default_rng(0)
     rating = env.belief().rating
-    full_view, most = rating.fan.n_visible * math.log(2), math.log(rating.settings.n_gray)
+    full_view, most = (
+        rating.fan.max_visible_cells * math.log(2),
+        math.log(rating.settings.n_gray_bins),
+    )
     drop = paid = cost = 0.0
     while env.agents:
         _, rewards, _, _, infos = env.step(random_actions(env, rng))
         for info in infos.values():
-            drop += info["entropy_drop"]
+            drop += info["entropy_reduction"]
             cost += rating.settings.K * info["distance"] ** rating.settings.exponent / most
         paid += sum(rewards.values())
     # sums of some ten thousand cells' entropies, in different orders
@@ -105,45 +112,53 @@ def test_information_telescopes_to_the_drop_of_entropy(mode, scene):
 def test_coverage_sums_to_the_change_of_the_viewed_share(mode, scene):
     env = PlanarEnv(3, mode, scene=scene, reward="coverage", max_scans=8)
     _, infos = env.reset(seed=2)
-    start, rng, paid, cells = infos["robot_0"]["viewed_share"], np.random.default_rng(0), 0.0, 0
+    start, rng, paid, cells = (
+        infos["robot_0"]["observed_fraction"],
+        np.random.default_rng(0),
+        0.0,
+        0,
+    )
     while env.agents:
         _, rewards, _, _, infos = env.step(random_actions(env, rng))
         paid += sum(rewards.values())
         cells += sum(info["new_cells"] for info in infos.values())
         for info in infos.values():
-            assert info["viewed_share"] == env.belief().map.viewed_share
-    gained = env.belief().map.viewed_share - start
+            assert info["observed_fraction"] == env.belief().map.observed_fraction
+    gained = env.belief().map.observed_fraction - start
     assert paid == pytest.approx(gained, rel=1e-12)
     assert cells == round(gained * env.belief().map.grid.n_cells) > 0
 
 
 def test_two_robots_at_one_pose_are_paid_once():
-    env = env_in(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
-    place(env, (20, 20, 0), (20, 20, 0))
-    n_visible = len(env.belief().rating.visible_cells(env.belief().map, pose_id(env, 20, 20)))
+    env = env_with_world(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
+    set_poses(env, (20, 20, 0), (20, 20, 0))
+    max_visible_cells = len(
+        env.belief().rating.visible_cells(env.belief().map, pose_id(env, 20, 20))
+    )
     alone = env.belief().rating.rate(env.belief().map, [pose_id(env, 20, 20)], pose_id(env, 20, 20))
     _, _, _, _, infos = env.step({agent: np.zeros(3) for agent in env.agents})
     first, second = infos.values()
     assert first["new_information"] == alone.new_information[0] > 1
-    assert first["new_cells"] == n_visible - 1  # its own cell was known
+    assert first["new_cells"] == max_visible_cells - 1  # its own cell was known
     assert second["new_information"] == 0
     assert second["new_cells"] == 0
-    assert second["terms"] == {
+    assert second["reward_terms"] == {
         "rating": 0,
-        "information": second["entropy_drop"] / (env.belief().rating.fan.n_visible * math.log(2)),
+        "information": second["entropy_reduction"]
+        / (env.belief().rating.fan.max_visible_cells * math.log(2)),
         "coverage": 0,
     }
 
 
 def test_back_to_back_robots_are_paid_as_if_alone():
-    env = env_in(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
-    belief = place(env, (30, 20, 0), (10, 20, 8))
+    env = env_with_world(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
+    belief = set_poses(env, (30, 20, 0), (10, 20, 8))
     alone = belief.rating.new_information(belief.map, belief.pose_ids)
     *_, infos = env.step({agent: np.zeros(3) for agent in env.agents})
     np.testing.assert_array_equal([i["new_information"] for i in infos.values()], alone)
 
 
-@pytest.mark.parametrize("reward", TERMS)
+@pytest.mark.parametrize("reward", REWARD_TERMS)
 def test_whatever_is_paid_all_terms_are_told_and_shared_is_the_mean(reward):
     own = PlanarEnv(3, scene=SMALL, reward=reward, max_scans=5)
     shared = PlanarEnv(3, scene=SMALL, reward=reward, team_reward="shared", max_scans=5)
@@ -155,11 +170,15 @@ def test_whatever_is_paid_all_terms_are_told_and_shared_is_the_mean(reward):
         _, rewards, _, _, infos = own.step(actions)
         _, means, _, _, same = shared.step(actions)
         for agent, info in infos.items():
-            assert set(info["terms"]) == set(TERMS) == {"rating", "information", "coverage"}
+            assert (
+                set(info["reward_terms"])
+                == set(REWARD_TERMS)
+                == {"rating", "information", "coverage"}
+            )
             assert type(rewards[agent]) is float
-            assert rewards[agent] == info["terms"][reward]
+            assert rewards[agent] == info["reward_terms"][reward]
             assert means[agent] == pytest.approx(sum(rewards.values()) / 3, rel=1e-12, abs=1e-15)
-            assert same[agent]["terms"] == info["terms"]
+            assert same[agent]["reward_terms"] == info["reward_terms"]
         assert len(set(means.values())) == 1
 
 
@@ -168,11 +187,11 @@ def test_infos_hold_what_the_page_names():
         env = PlanarEnv(2, mode, scene=SMALL)
         _, infos = env.reset(seed=0)
         mask = {"action_mask"} if mode == "candidates" else set()
-        assert all(set(info) == {"scans", "viewed_share"} | mask for info in infos.values())
+        assert all(set(info) == {"scans", "observed_fraction"} | mask for info in infos.values())
         *_, infos = env.step(random_actions(env, np.random.default_rng(0)))
         told = {
-            "terms", "refused", "contact", "new_information", "distance", "new_cells",
-            "entropy_drop", "scans", "viewed_share",
+            "reward_terms", "rejected_reason", "contact", "new_information", "distance", "new_cells",
+            "entropy_reduction", "scans", "observed_fraction",
         }  # fmt: skip
         assert all(set(info) == told | mask for info in infos.values())
 
@@ -185,15 +204,15 @@ def test_the_fused_map_depends_neither_on_the_order_of_the_actions_nor_on_who_st
     maps = []
     for order in ([0, 1, 2], [2, 0, 1], [1, 0, 2]):
         for turned in (False, True):
-            env = env_in(world, n_robots=3, settings=settings)
-            place(env, *(poses[robot] for robot in order))
+            env = env_with_world(world, n_robots=3, settings=settings)
+            set_poses(env, *(poses[robot] for robot in order))
             for _ in range(2):
                 actions = {agent: np.zeros(3) for agent in env.agents}
                 env.step(dict(reversed(actions.items())) if turned else actions)
             maps.append(env.belief().map)
     for map_ in maps:
-        np.testing.assert_array_equal(map_.levels, maps[0].levels)
-        np.testing.assert_array_equal(map_.sampled_cells, maps[0].sampled_cells)
+        np.testing.assert_array_equal(map_.log_odds_fixed, maps[0].log_odds_fixed)
+        np.testing.assert_array_equal(map_.sampled_mask, maps[0].sampled_mask)
 
 
 def test_the_order_of_the_dict_of_actions_changes_nothing_with_noise_either():

@@ -30,8 +30,10 @@ def test_scaled_settings_play_the_same_episode_in_cells_of_any_size(resolution):
         same, paid, _, _, told = scaled.step(actions)
         for agent, reward in paid.items():
             assert reward == pytest.approx(rewards[agent], rel=1e-12)
-            assert told[agent]["refused"] == infos[agent]["refused"]
-            assert told[agent]["terms"]["coverage"] == infos[agent]["terms"]["coverage"]
+            assert told[agent]["rejected_reason"] == infos[agent]["rejected_reason"]
+            assert (
+                told[agent]["reward_terms"]["coverage"] == infos[agent]["reward_terms"]["coverage"]
+            )
             np.testing.assert_array_equal(same[agent]["map"], observations[agent]["map"])
             np.testing.assert_allclose(
                 same[agent]["teammates"], observations[agent]["teammates"], atol=1e-7
@@ -46,11 +48,11 @@ def test_a_view_has_as_many_cells_at_every_resolution(resolution):
     fan, same = env.belief().rating.fan, scaled.belief().rating.fan
     assert same.depth == pytest.approx(fan.depth)
     # rounding decides on cells that a beam just touches
-    assert same.n_visible == pytest.approx(fan.n_visible, abs=3)
+    assert same.max_visible_cells == pytest.approx(fan.max_visible_cells, abs=3)
 
 
 def test_settings_given_are_the_ones_used():
-    settings = PlanarSettings(reach=7.5, n_headings=8, view_cells=20)
+    settings = PlanarSettings(reach=7.5, n_headings=8, crop_cells=20)
     env = PlanarEnv(scene="rooms", settings=settings)
     env.reset(seed=0)
     assert env.settings is settings

@@ -2,7 +2,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
-from plain.rollouts import MODES, any_action, play
+from plain.rollouts import MODES, random_rollout, sample_action
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
@@ -32,7 +32,7 @@ def assert_contained(space, observation):
 def test_everything_observed_lies_in_its_space_at_every_step(mode, n_robots, scene):
     env = PlanarEnv(n_robots, mode, scene=scene, max_scans=8)
     for seed in range(2):
-        for observations, *_, state in play(env, seed, np.random.default_rng(seed)):
+        for observations, *_, state in random_rollout(env, seed, np.random.default_rng(seed)):
             assert list(observations) == env.possible_agents
             for agent, observation in observations.items():
                 assert_contained(env.observation_space(agent), observation)
@@ -43,15 +43,15 @@ def test_everything_observed_lies_in_its_space_at_every_step(mode, n_robots, sce
 @pytest.mark.parametrize(
     "rating",
     [
-        RatingSettings(n_gray=2, K=0.0),
-        RatingSettings(n_gray=256, K=1e6, exponent=3.0),
+        RatingSettings(n_gray_bins=2, K=0.0),
+        RatingSettings(n_gray_bins=256, K=1e6, exponent=3.0),
         RatingSettings(alpha_position=0.0, alpha_heading=50.0),
     ],
 )
 def test_features_stay_in_their_space_whatever_the_constants(rating):
-    settings = PlanarSettings(rating=rating, n_headings=5, view_cells=7, reach=300.0)
+    settings = PlanarSettings(rating=rating, n_headings=5, crop_cells=7, reach=300.0)
     env = PlanarEnv(3, "candidates", settings=settings, max_scans=5)
-    for observations, *_ in play(env, 0, np.random.default_rng(0)):
+    for observations, *_ in random_rollout(env, 0, np.random.default_rng(0)):
         for agent, observation in observations.items():
             assert_contained(env.observation_space(agent), observation)
 
@@ -68,7 +68,7 @@ def test_the_team_environment_keeps_to_its_spaces_too(mode, n_robots):
         if mode == "candidates":
             action = np.array([rng.integers(32) for _ in range(n_robots)])
         else:
-            action = any_action(env.action_space, rng)
+            action = sample_action(env.action_space, rng)
         observation, reward, terminated, truncated, _ = env.step(action)
         assert type(reward) is float
         assert not terminated
@@ -92,7 +92,7 @@ def test_spaces_are_the_same_objects_each_time(mode):
 
 
 def test_spaces_are_those_of_the_page():
-    settings = PlanarSettings(view_cells=64)
+    settings = PlanarSettings(crop_cells=64)
     env = PlanarEnv(3, "candidates", n_candidates=10, settings=settings)
     space = env.observation_space("robot_1")
     assert isinstance(space, spaces.Dict)
@@ -115,7 +115,7 @@ def test_spaces_are_those_of_the_page():
 def test_an_episode_is_truncated_after_exactly_max_scans_and_never_terminated(max_scans, mode):
     env = PlanarEnv(max_scans=max_scans, action_mode=mode, scene="rooms")
     for seed in range(2):
-        episode = play(env, seed, np.random.default_rng(0))
+        episode = random_rollout(env, seed, np.random.default_rng(0))
         next(episode)
         assert env.agents == env.possible_agents
         for scan in range(1, max_scans + 1):
@@ -143,7 +143,7 @@ def test_the_team_environment_joins_its_robots_along_the_first_axis():
         assert reward == sum(rewards.values())
         assert truncated == truncations["robot_0"]
         assert set(info) == {"robots"}
-        assert info["robots"]["robot_2"]["terms"] == infos["robot_2"]["terms"]
+        assert info["robots"]["robot_2"]["reward_terms"] == infos["robot_2"]["reward_terms"]
     assert truncated
 
 

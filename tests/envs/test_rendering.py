@@ -216,7 +216,7 @@ def test_closing_the_window_by_hand_drops_later_frames(window):
     window.show(frame_of((1, 2, 3)))
     pygame.event.post(pygame.event.Event(pygame.QUIT))
     window.show(frame_of((1, 2, 3)))
-    assert window.dismissed
+    assert window.closed_by_user
     window.show(frame_of((1, 2, 3)))
     assert not pygame.display.get_init()
 

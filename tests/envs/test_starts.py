@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from coopmap_env.envs.planar.starts import place_team
+from coopmap_env.envs.planar.starts import sample_start_poses
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import PoseLattice
-from coopmap_env.simulation.scenes.planar import Obstacles, Rooms, World, largest_free_region
+from coopmap_env.simulation.scenes.planar import Obstacles, PlanarWorld, Rooms, largest_free_region
 
 SPREAD, RADIUS = 3.0, 1.5
 
 
 def world_of(occupied, resolution=0.5):
-    return World(occupied, resolution, (-1.0, 2.0), "drawn")
+    return PlanarWorld(occupied, resolution, (-1.0, 2.0), "drawn")
 
 
 def lattice_of(world):
@@ -21,7 +21,7 @@ def lattice_of(world):
 def place(world, n_robots, seed, spread=SPREAD, radius=RADIUS):
     rng = np.random.default_rng(seed)
     lattice = lattice_of(world)
-    pose_ids, known = place_team(world, lattice, n_robots, spread, radius, rng)
+    pose_ids, known = sample_start_poses(world, lattice, n_robots, spread, radius, rng)
     assert len(pose_ids) == n_robots
     cells = np.array(pose_ids) // lattice.n_headings
     return pose_ids, cells, known
@@ -33,7 +33,7 @@ def centres(world, cells):
 
 
 @pytest.fixture(
-    params=[Obstacles(occupied_share=0.5, resolution=0.5), Rooms()], ids=lambda s: s.name
+    params=[Obstacles(occupied_fraction=0.5, resolution=0.5), Rooms()], ids=lambda s: s.name
 )
 def worlds(request):
     return [request.param.world(np.random.default_rng(seed)) for seed in range(10)]

@@ -8,9 +8,9 @@ from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.simulation import PlanarSimulator
 from coopmap_env.simulation.field import FieldSimulator
 from coopmap_env.simulation.scenes.field import FieldWorld, Solid
-from coopmap_env.simulation.scenes.planar import World
+from coopmap_env.simulation.scenes.planar import PlanarWorld
 
-TRUTH = (World, PlanarSimulator, FieldWorld, Solid, FieldSimulator, PlanarEnv, FieldEnv)
+TRUTH = (PlanarWorld, PlanarSimulator, FieldWorld, Solid, FieldSimulator, PlanarEnv, FieldEnv)
 
 
 def reachable(thing, seen):
@@ -37,7 +37,7 @@ def reachable(thing, seen):
 def test_no_path_of_references_leads_from_the_belief_to_the_truth(world, mode):
     if world == "field":
         pytest.importorskip("pybullet")
-        settings = FieldSettings(view_cells=(8, 4))
+        settings = FieldSettings(crop_cells=(8, 4))
         env = FieldEnv(action_mode=mode, n_candidates=4, settings=settings)
     else:
         env = PlanarEnv(action_mode=mode, n_candidates=4)

@@ -70,7 +70,7 @@ def test_an_episode_measures_what_the_environment_did():
     result = run_episode(env, policy, seed=3)
     map_ = env.belief().map
     assert len(result.viewed) == 5
-    assert result.coverage == map_.viewed_share
+    assert result.coverage == map_.observed_fraction
     assert result.entropy[-1] == map_.entropy
     assert result.refused == 0
     assert np.all(np.diff(result.viewed) >= 0)
@@ -155,7 +155,7 @@ def test_bad_specs_name_the_option(spec, message):
     "settings",
     [
         PlanarSettings.for_resolution(0.2),
-        FieldSettings(physics="stepped", view_cells=(8, 4), camera=DepthCamera(width=32)),
+        FieldSettings(physics="stepped", crop_cells=(8, 4), camera=DepthCamera(width=32)),
     ],
 )
 def test_settings_survive_json(settings):

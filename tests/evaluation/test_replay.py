@@ -44,11 +44,11 @@ def replay():
     """Return a replay of two masts that face a growing wall of voxels."""
     turned = np.diag([-1.0, -1.0, 1.0])
     vehicles = (
-        Vehicle.of("mast", Pose(np.array([-1.4, 0.4, 0.0]), np.eye(3))),
-        Vehicle.of("mast", Pose(np.array([1.4, -0.4, 0.0]), turned)),
+        Vehicle.from_mount("mast", Pose(np.array([-1.4, 0.4, 0.0]), np.eye(3))),
+        Vehicle.from_mount("mast", Pose(np.array([1.4, -0.4, 0.0]), turned)),
     )
-    floor = np.array([GRID.flat((i, j, 0)) for i in range(40) for j in range(40)])
-    wall = np.array([GRID.flat((19, j, k)) for j in range(15, 25) for k in range(1, 11)])
+    floor = np.array([GRID.flat_index((i, j, 0)) for i in range(40) for j in range(40)])
+    wall = np.array([GRID.flat_index((19, j, k)) for j in range(15, 25) for k in range(1, 11)])
     frames = []
     for k, occupied in enumerate((np.empty(0, dtype=np.int64), floor, np.union1d(floor, wall))):
         joints = tuple(vehicle.home + 0.15 * k for vehicle in vehicles)
@@ -86,7 +86,7 @@ def test_scans_follow_motions_of_0_8_s_and_pauses_of_half_a_second():
 
 
 def test_voxels_are_coloured_by_their_height():
-    low, high = GRID.flat((3, 4, 0)), GRID.flat((3, 4, 19))
+    low, high = GRID.flat_index((3, 4, 0)), GRID.flat_index((3, 4, 19))
     colors = voxel_colors(np.array([low, high]), GRID)
     assert colors.dtype == np.uint8
     assert colors[0].mean() > colors[1].mean()
@@ -145,7 +145,7 @@ def test_an_episode_is_recorded_as_it_went():
     np.testing.assert_array_equal(
         last.occupied, np.flatnonzero((belief.map.probability >= 0.5) & belief.map.sampled)
     )
-    assert last.viewed == belief.map.viewed_share
+    assert last.viewed == belief.map.observed_fraction
     for robot, q in enumerate(belief.joints):
         np.testing.assert_array_equal(last.joints[robot], q)
         assert last.cameras[robot] is belief.estimates[robot].pose

@@ -7,12 +7,12 @@ from coopmap_env.evaluation.worlds import make_env
 from coopmap_env.simulation.scenes.field import Rubble
 from coopmap_env.simulation.scenes.planar import Obstacles
 
-BLOCKS = {"name": "obstacles", "shape": [60, 50], "occupied_share": 0.24}
+BLOCKS = {"name": "obstacles", "shape": [60, 50], "occupied_fraction": 0.24}
 
 
 def test_a_scene_may_be_a_json_object_of_its_fields():
     env = make_env("planar", {"scene": json.loads(json.dumps(BLOCKS))}, None)
-    assert env.scene == Obstacles(shape=(60, 50), occupied_share=0.24)
+    assert env.scene == Obstacles(shape=(60, 50), occupied_fraction=0.24)
     env.reset(seed=0)
     assert env.truth.occupied.mean() == pytest.approx(0.24)
 
@@ -35,7 +35,10 @@ def test_a_comparison_takes_a_scene_of_json(tmp_path):
         ({"shape": [60, 50]}, "must be one of obstacles, rooms, got None"),
         ({"name": "moon"}, "must be one of obstacles, rooms, got 'moon'"),
         ({"name": "obstacles", "craters": 3}, r"scene 'obstacles': unknown .*\['craters'\]; known"),
-        ({"name": "obstacles", "occupied_share": 2}, "'obstacles': occupied_share must lie in"),
+        (
+            {"name": "obstacles", "occupied_fraction": 2},
+            "'obstacles': occupied_fraction must lie in",
+        ),
     ],
 )
 def test_a_bad_scene_is_named_with_what_is_known(scene, message):

@@ -4,12 +4,12 @@ from scipy.spatial.transform import Rotation
 
 from coopmap_env.geometry import Pose
 from coopmap_env.geometry.rotations import (
-    displaced,
+    apply_displacement,
     displacement_between,
     nearest_rotation,
-    rotation_of_vector,
+    rotation_from_rotvec,
+    rotvec_from_rotation,
     skew,
-    vector_of_rotation,
 )
 
 
@@ -20,7 +20,7 @@ def vectors():
 
 
 def test_quarter_turn_about_z():
-    R = rotation_of_vector([0, 0, np.pi / 2])
+    R = rotation_from_rotvec([0, 0, np.pi / 2])
     np.testing.assert_allclose(R, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
 
 
@@ -31,17 +31,17 @@ def test_skew_is_the_cross_product():
 
 @pytest.mark.parametrize("w", vectors())
 def test_rotation_vectors_agree_with_scipy_and_come_back(w):
-    R = rotation_of_vector(w)
+    R = rotation_from_rotvec(w)
     np.testing.assert_allclose(R, Rotation.from_rotvec(w).as_matrix(), atol=1e-14)
-    back = vector_of_rotation(R)
+    back = rotvec_from_rotation(R)
     assert np.linalg.norm(back) <= np.pi + 1e-12
-    np.testing.assert_allclose(rotation_of_vector(back), R, atol=1e-9)
+    np.testing.assert_allclose(rotation_from_rotvec(back), R, atol=1e-9)
     if np.linalg.norm(w) < 3.1:  # at pi two vectors say the same
         np.testing.assert_allclose(back, w, atol=1e-12)
 
 
 def test_nearest_rotation_keeps_a_rotation_and_undoes_scale():
-    R = rotation_of_vector([0.3, -1.0, 0.5])
+    R = rotation_from_rotvec([0.3, -1.0, 0.5])
     np.testing.assert_allclose(nearest_rotation(R), R, atol=1e-14)
     np.testing.assert_allclose(nearest_rotation(2.5 * R), R, atol=1e-14)
 
@@ -53,14 +53,14 @@ def test_nearest_rotation_is_nearer_than_any_other_and_never_a_reflection():
         R = nearest_rotation(M)
         assert np.linalg.det(R) == pytest.approx(1.0)
         others = Rotation.random(200, rng).as_matrix()
-        near = np.array([rotation_of_vector(0.01 * v) for v in rng.normal(size=(50, 3))]) @ R
+        near = np.array([rotation_from_rotvec(0.01 * v) for v in rng.normal(size=(50, 3))]) @ R
         for other in (*others, *near):
             assert np.linalg.norm(M - R) <= np.linalg.norm(M - other) + 1e-12
 
 
 def test_displacement_leads_from_one_pose_to_the_other():
-    one = Pose(np.array([1.0, 2.0, 3.0]), rotation_of_vector([0.2, 0.1, -0.4]))
+    one = Pose(np.array([1.0, 2.0, 3.0]), rotation_from_rotvec([0.2, 0.1, -0.4]))
     d = np.array([0.1, -0.2, 0.3, 0.02, -0.01, 0.05])
-    other = displaced(one, d)
+    other = apply_displacement(one, d)
     np.testing.assert_allclose(other.translation, [1.1, 1.8, 3.3])
     np.testing.assert_allclose(displacement_between(one, other), d, atol=1e-14)

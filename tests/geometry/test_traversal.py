@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plain.crossings import crossed_cells
+from plain.ray_cells import crossed_cells
 
 from coopmap_env.geometry import traverse
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.information import entropy
-from coopmap_env.information.entropy import minus_q_ln_q
+from coopmap_env.information.entropy import entropy_terms
 
 
 def test_a_fair_coin_holds_ln_two_nats_eq_6():
@@ -58,7 +58,7 @@ def test_what_is_no_probability_is_refused(q):
 
 
 def test_the_table_holds_the_term_of_every_count():
-    table = minus_q_ln_q(10)
+    table = entropy_terms(10)
     assert len(table) == 11
     for f in range(11):
         assert table[f] == pytest.approx(entropy([f / 10]))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.information import beside_unknown
+from coopmap_env.information import adjacent_to_unknown
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 
@@ -11,7 +11,7 @@ def test_a_cell_is_beside_the_unknown_if_a_face_neighbour_was_never_sampled(shap
     rng = np.random.default_rng(0)
     sampled = rng.random(shape) < 0.7
     map_.mark_free(np.flatnonzero(sampled))
-    beside = beside_unknown(map_).reshape(shape)
+    beside = adjacent_to_unknown(map_).reshape(shape)
     for index in np.ndindex(*shape):
         expected = False
         for axis in range(len(shape)):

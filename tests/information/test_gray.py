@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from plain import views
 
-from coopmap_env.information import Fan, gray_bin, gray_of_sampled, gray_of_unknown
-from coopmap_env.information.gray import GrayTable
+from coopmap_env.information import BeamFan, gray_bin, sampled_gray_level, unknown_gray_level
+from coopmap_env.information.gray import GrayLevelTable
 from coopmap_env.mapping import LogOddsRange
 from coopmap_env.sensing import PlanarCamera
 
-READINGS = pytest.mark.parametrize("reading", ["literal", "distance_free"])
+READINGS = pytest.mark.parametrize("interpretation", ["literal", "distance_free"])
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ READINGS = pytest.mark.parametrize("reading", ["literal", "distance_free"])
     ],
 )
 def test_literal_gray_levels_by_hand_eq_8a(p, d, gray):
-    assert gray_of_sampled(p, d) == pytest.approx(gray)
+    assert sampled_gray_level(p, d) == pytest.approx(gray)
 
 
 @pytest.mark.parametrize(
@@ -41,30 +41,32 @@ def test_literal_gray_levels_by_hand_eq_8a(p, d, gray):
 )
 @pytest.mark.parametrize("d", [0.0, 1.0, 7.0])
 def test_distance_free_gray_levels_by_hand_eq_8a(p, gray, d):
-    assert gray_of_sampled(p, d, "distance_free") == pytest.approx(gray)
+    assert sampled_gray_level(p, d, "distance_free") == pytest.approx(gray)
 
 
 def test_less_than_a_voxel_counts_as_one_voxel_eq_8a():
-    assert gray_of_sampled([0.3, 0.7], [0.0, 0.4]) == pytest.approx(gray_of_sampled([0.3, 0.7], 1))
+    assert sampled_gray_level([0.3, 0.7], [0.0, 0.4]) == pytest.approx(
+        sampled_gray_level([0.3, 0.7], 1)
+    )
 
 
 def test_both_readings_agree_at_one_voxel_eq_8a():
     p = np.linspace(0, 1, 101)
-    assert gray_of_sampled(p, 1.0) == pytest.approx(gray_of_sampled(p, 1.0, "distance_free"))
+    assert sampled_gray_level(p, 1.0) == pytest.approx(sampled_gray_level(p, 1.0, "distance_free"))
 
 
 def test_from_two_voxels_on_the_literal_reading_knows_free_and_occupied_only_eq_8a():
     """1 / ((1 - p) d) <= 1 for p < 1/2 and d >= 2: the clamp decides, not p."""
     p = np.linspace(0, 1, 201)
     for d in (2.0, 2.3, 10.0, 400.0):
-        assert (gray_of_sampled(p, d) == (p >= 0.5)).all()
+        assert (sampled_gray_level(p, d) == (p >= 0.5)).all()
 
 
 @READINGS
-def test_gray_of_sampled_voxels_rises_with_p_on_its_side_of_one_half_eq_8a(reading):
+def test_gray_of_sampled_voxels_rises_with_p_on_its_side_of_one_half_eq_8a(interpretation):
     p = np.linspace(0, 1, 1001)
     for d in (1.0, 1.2, 1.9, 5.0):
-        gray = gray_of_sampled(p, d, reading)
+        gray = sampled_gray_level(p, d, interpretation)
         assert (np.diff(gray) >= -1e-15).all()
         assert (gray[p < 0.5] <= 0.5).all()
         assert (gray[p >= 0.5] >= 0.5).all()
@@ -74,7 +76,7 @@ def test_gray_of_sampled_voxels_rises_with_p_on_its_side_of_one_half_eq_8a(readi
 
 def test_gray_tells_probabilities_near_one_half_apart_four_times_as_finely_as_certain_ones_eq_8a():
     p = np.array([0.01, 0.02, 0.48, 0.49, 0.51, 0.52, 0.98, 0.99])
-    gray = gray_of_sampled(p, 1.0, "distance_free")
+    gray = sampled_gray_level(p, 1.0, "distance_free")
     low, below, above, high = gray[1::2] - gray[::2]
     # slopes 1 / (2 (1 - p)^2) and 1 / (2 p^2): 1/2 at 0 and 1, 2 at 1/2
     assert below / low == pytest.approx(4, rel=0.1)
@@ -82,11 +84,11 @@ def test_gray_tells_probabilities_near_one_half_apart_four_times_as_finely_as_ce
 
 
 def test_gray_of_unknown_voxels_by_hand_eq_8b():
-    assert gray_of_unknown([5.0, 20.0, 21.0], 20.0) == pytest.approx([1.25, 2.0, 2.0])
+    assert unknown_gray_level([5.0, 20.0, 21.0], 20.0) == pytest.approx([1.25, 2.0, 2.0])
 
 
 def test_gray_of_unknown_voxels_lies_above_that_of_sampled_ones_and_rises_with_distance_eq_8b():
-    gray = gray_of_unknown(np.linspace(0.1, 25, 100), 25.0)
+    gray = unknown_gray_level(np.linspace(0.1, 25, 100), 25.0)
     assert (gray > 1).all()
     assert (np.diff(gray) > 0).all()
     assert gray.max() == 2
@@ -97,26 +99,33 @@ def test_bins_divide_zero_to_two_evenly_eq_7():
     assert gray_bin(gray, 4).tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
 
 
-@pytest.mark.parametrize("n_gray", [2, 3, 64, 255])
-def test_every_gray_level_falls_into_a_bin_eq_7(n_gray):
-    bins = gray_bin(np.linspace(0, 2, 10 * n_gray + 1), n_gray)
-    assert sorted(set(bins.tolist())) == list(range(n_gray))
+@pytest.mark.parametrize("n_gray_bins", [2, 3, 64, 255])
+def test_every_gray_level_falls_into_a_bin_eq_7(n_gray_bins):
+    bins = gray_bin(np.linspace(0, 2, 10 * n_gray_bins + 1), n_gray_bins)
+    assert sorted(set(bins.tolist())) == list(range(n_gray_bins))
     assert (np.diff(bins) >= 0).all()
 
 
 @READINGS
-@pytest.mark.parametrize("n_gray", [5, 64, 256])
-def test_the_tables_look_up_the_bins_of_the_formulas(reading, n_gray):
+@pytest.mark.parametrize("n_gray_bins", [5, 64, 256])
+def test_the_tables_look_up_the_bins_of_the_formulas(interpretation, n_gray_bins):
     limits = LogOddsRange()
-    fan = Fan.of(PlanarCamera(depth_of_field=7.5), 1.0, 4)
-    table = GrayTable.of(fan.distance, fan.depth, n_gray, reading, limits)
+    fan = BeamFan.from_camera(PlanarCamera(depth_of_field=7.5), 1.0, 4)
+    table = GrayLevelTable.from_distances(
+        fan.distance, fan.depth, n_gray_bins, interpretation, limits
+    )
     rng = np.random.default_rng(0)
     for k in range(len(fan.distance)):
         d = float(fan.distance[k])
-        unknown = min(int(views.gray(0.5, False, d, 7.5, reading) * n_gray / 2), n_gray - 1)
+        unknown = min(
+            int(views.gray_level(0.5, False, d, 7.5, interpretation) * n_gray_bins / 2),
+            n_gray_bins - 1,
+        )
         assert table.unknown[k] == unknown
         for level in rng.integers(0, len(limits.probability), 20):
-            gray = views.gray(float(limits.probability[level]), True, d, 7.5, reading)
+            gray = views.gray_level(float(limits.probability[level]), True, d, 7.5, interpretation)
             found = table.sampled[table.distance_class[k], level]
             # a gray level on the border of two bins may fall to either side by rounding
-            assert found in {min(int((gray + e) * n_gray / 2), n_gray - 1) for e in (-1e-12, 1e-12)}
+            assert found in {
+                min(int((gray + e) * n_gray_bins / 2), n_gray_bins - 1) for e in (-1e-12, 1e-12)
+            }

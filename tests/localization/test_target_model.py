@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from plain.looking import box
+from plain.triangle_camera import box
 
-from coopmap_env.localization.target import TargetModel, about_z
+from coopmap_env.localization.target import TargetModel, rotation_z
 
 
 def degrees(model):
@@ -75,4 +75,4 @@ def test_a_spacing_that_is_no_length_is_refused_with_its_value():
 
 
 def test_about_z_turns_x_into_y():
-    np.testing.assert_allclose(about_z(np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(rotation_z(np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)

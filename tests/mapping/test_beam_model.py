@@ -8,8 +8,8 @@ from plain import fusion
 from scipy.stats import norm
 
 from coopmap_env.mapping import BeamModel, beam_occupancy
-from coopmap_env.mapping.beam import end_weights, level_of_beam
-from coopmap_env.mapping.log_odds import level_of
+from coopmap_env.mapping.beam import beam_log_odds_fixed, endpoint_posterior
+from coopmap_env.mapping.log_odds import to_log_odds_fixed
 
 ENTRY, ANYWHERE = BeamModel(surface="entry"), BeamModel(surface="anywhere")
 READINGS = pytest.mark.parametrize("model", [ENTRY, ANYWHERE], ids=["entry", "anywhere"])
@@ -20,8 +20,14 @@ ROUNDING = 1e-9
 
 def weights(entries, exits, z, sigma, model):
     w = np.empty(len(entries))
-    best = end_weights(
-        np.asarray(entries, float), np.asarray(exits, float), len(w), z, sigma, model.enters, w
+    best = endpoint_posterior(
+        np.asarray(entries, float),
+        np.asarray(exits, float),
+        len(w),
+        z,
+        sigma,
+        model.surface_at_entry,
+        w,
     )
     return w, best
 
@@ -60,7 +66,7 @@ def test_three_cells_with_surfaces_anywhere_by_hand():
 @READINGS
 def test_a_sharp_beam_is_free_before_occupied_at_and_one_half_behind_the_surface(model):
     entries = np.arange(6.0)
-    z = 3.0 if model.enters else 3.5
+    z = 3.0 if model.surface_at_entry else 3.5
     occupied = beam_occupancy(entries, entries + 1, z, 0.05, model)
     # the next faces are at least ten sigma away
     assert occupied == pytest.approx([0, 0, 0, 1, 0.5, 0.5], abs=1e-12)
@@ -178,13 +184,13 @@ def test_for_fine_cells_it_is_half_a_normal_cdf_moved_toward_the_camera_by_the_p
 
 
 def test_levels_of_a_beam_stay_inside_what_one_scan_may_claim():
-    lowest, highest = BeamModel(free=0.01, occupied=0.97).levels
-    assert (lowest, highest) == (level_of(0.01), level_of(0.97))
-    assert level_of_beam(0.0, 0.0, lowest, highest) == lowest
-    assert level_of_beam(1e-9, 0.0, lowest, highest) == lowest
-    assert level_of_beam(1.0, 0.0, lowest, highest) == highest
-    assert level_of_beam(0.0, 1.0, lowest, highest) == 0
-    assert level_of_beam(0.3, 0.2, lowest, highest) == level_of(0.4)
+    lowest, highest = BeamModel(free=0.01, occupied=0.97).log_odds_bounds
+    assert (lowest, highest) == (to_log_odds_fixed(0.01), to_log_odds_fixed(0.97))
+    assert beam_log_odds_fixed(0.0, 0.0, lowest, highest) == lowest
+    assert beam_log_odds_fixed(1e-9, 0.0, lowest, highest) == lowest
+    assert beam_log_odds_fixed(1.0, 0.0, lowest, highest) == highest
+    assert beam_log_odds_fixed(0.0, 1.0, lowest, highest) == 0
+    assert beam_log_odds_fixed(0.3, 0.2, lowest, highest) == to_log_odds_fixed(0.4)
 
 
 @pytest.mark.parametrize(

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from coopmap_env.mapping import LogOddsRange
-from coopmap_env.mapping.log_odds import LEVELS_PER_NAT, level_of
+from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
 
 
 def test_levels_of_known_probabilities():
-    assert level_of(0.5) == 0
+    assert to_log_odds_fixed(0.5) == 0
     # ln 9 = 2.1972 nats
-    assert level_of(0.9) == 2250
-    assert level_of(0.1) == -2250
+    assert to_log_odds_fixed(0.9) == 2250
+    assert to_log_odds_fixed(0.1) == -2250
 
 
 def test_the_clamp_keeps_a_cell_between_one_minus_the_maximum_and_the_maximum():
     limits = LogOddsRange(max_probability=0.999)
-    assert limits.clamp == level_of(0.999)
+    assert limits.clamp == to_log_odds_fixed(0.999)
     # a level is 1 / 1024 nat: 0.001 is known to half of that
     assert limits.probability[[0, -1]] == pytest.approx([0.001, 0.999], rel=1e-3)
     assert len(limits.probability) == len(limits.entropy) == 2 * limits.clamp + 1
@@ -33,7 +33,7 @@ def test_the_middle_of_the_tables_is_one_half_and_ln_two():
 def test_tables_are_the_logistic_function_and_its_entropy():
     limits = LogOddsRange(max_probability=0.9)
     for k in range(0, 2 * limits.clamp + 1, 97):
-        p = 1 / (1 + math.exp(-(k - limits.clamp) / LEVELS_PER_NAT))
+        p = 1 / (1 + math.exp(-(k - limits.clamp) / STEPS_PER_NAT))
         assert limits.probability[k] == pytest.approx(p)
         assert limits.entropy[k] == pytest.approx(-p * math.log(p) - (1 - p) * math.log(1 - p))
 

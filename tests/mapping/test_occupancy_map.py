@@ -9,11 +9,11 @@ import pytest
 from plain.fusion import PlainMap
 from plain.random_scans import random_scan
 
-from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid, merge
-from coopmap_env.mapping.log_odds import level_of
+from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid, merge_gaussians
+from coopmap_env.mapping.log_odds import to_log_odds_fixed
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.scenes.planar.world import World
+from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 
 GRIDS = [
     pytest.param(VoxelGrid((14, 11), 0.5, (-2.0, 1.0)), id="2-D"),
@@ -21,7 +21,7 @@ GRIDS = [
 ]
 SURFACE = pytest.mark.parametrize("surface", ["entry", "anywhere"])
 MODEL = BeamModel(free=0.01, occupied=0.97)
-LOWEST, HIGHEST = MODEL.levels
+LOWEST, HIGHEST = MODEL.log_odds_bounds
 
 
 def row(n=12):
@@ -29,7 +29,7 @@ def row(n=12):
     return OccupancyMap(VoxelGrid((n, 1)), MODEL)
 
 
-def look_along(distance, sigma=0.0, hit=True, start=0.5):
+def scan_along(distance, sigma=0.0, hit=True, start=0.5):
     """One beam along the row."""
     return Scan(
         np.array([start, 0.5]),
@@ -42,7 +42,13 @@ def look_along(distance, sigma=0.0, hit=True, start=0.5):
 def state(map_):
     return tuple(
         array.tobytes()
-        for array in (map_.levels, map_.sampled_cells, map_._precision, map_._vector, map_._pending)
+        for array in (
+            map_.log_odds_fixed,
+            map_.sampled_mask,
+            map_._precision,
+            map_._information_vector,
+            map_._pending,
+        )
     )
 
 
@@ -59,13 +65,13 @@ def test_a_new_map_knows_nothing():
     assert (map_.probability == 0.5).all()
     assert not map_.sampled.any()
     assert map_.entropy == pytest.approx(20 * math.log(2))
-    assert map_.viewed_share == 0
+    assert map_.observed_fraction == 0
     assert len(map_.surfaces()[0]) == 0
 
 
 def test_one_sharp_beam_says_free_occupied_and_nothing():
     map_ = row()
-    (gain,) = map_.integrate(look_along(4.5))  # the face of cell 5
+    (gain,) = map_.integrate(scan_along(4.5))  # the face of cell 5
     p = map_.probability[:, 0]
     # one level is 1 / 1024 nat
     assert p[:5] == pytest.approx([0.01] * 5, rel=1e-3)
@@ -73,12 +79,12 @@ def test_one_sharp_beam_says_free_occupied_and_nothing():
     assert (p[6:] == 0.5).all()
     assert map_.sampled[:, 0].tolist() == [True] * 6 + [False] * 6
     assert gain.new_cells == 6
-    assert map_.viewed_share == 0.5
+    assert map_.observed_fraction == 0.5
 
 
 def test_one_sharp_beam_leaves_its_point_as_the_surface():
     map_ = row()
-    map_.integrate(look_along(4.5))
+    map_.integrate(scan_along(4.5))
     cells, means, covariances = map_.surfaces()
     assert cells.tolist() == [5]
     assert means == pytest.approx(np.array([[5.0, 0.5]]))
@@ -88,7 +94,7 @@ def test_one_sharp_beam_leaves_its_point_as_the_surface():
 
 def test_a_beam_without_return_frees_the_cells_up_to_its_end():
     map_ = row()
-    map_.integrate(look_along(4.0, hit=False))
+    map_.integrate(scan_along(4.0, hit=False))
     assert (map_.log_odds[:5, 0] == LOWEST / 1024).all()
     assert not map_.sampled[5:].any()
     assert len(map_.surfaces()[0]) == 0
@@ -96,7 +102,7 @@ def test_a_beam_without_return_frees_the_cells_up_to_its_end():
 
 def test_a_blurred_beam_spreads_the_surface_over_cells_by_the_beam_model():
     map_ = row()
-    map_.integrate(look_along(4.5, sigma=0.4))
+    map_.integrate(scan_along(4.5, sigma=0.4))
     # faces 4, 5, 6 lie 2.5, 0, 2.5 sigma away: 1/1, 1/2, 1/4 times e^-3.125, 1, e^-3.125
     side = math.exp(-3.125)
     total = side + 0.5 + 0.25 * side
@@ -109,8 +115,8 @@ def test_a_blurred_beam_spreads_the_surface_over_cells_by_the_beam_model():
 def test_scans_add_their_log_odds_until_the_clamp():
     map_ = row()
     for n in range(1, 4):
-        map_.integrate(look_along(4.5))
-        assert map_.log_odds[5, 0] == min(n * HIGHEST, level_of(0.999)) / 1024
+        map_.integrate(scan_along(4.5))
+        assert map_.log_odds[5, 0] == min(n * HIGHEST, to_log_odds_fixed(0.999)) / 1024
     assert map_.probability[5, 0] == pytest.approx(0.999, rel=1e-4)
     assert map_.probability[0, 0] == pytest.approx(0.001, rel=1e-2)
 
@@ -118,15 +124,15 @@ def test_scans_add_their_log_odds_until_the_clamp():
 def test_after_many_scans_the_clamp_lets_one_contradiction_or_two_change_a_cell():
     map_ = row()
     for _ in range(50):
-        map_.integrate(look_along(9.0, hit=False))
+        map_.integrate(scan_along(9.0, hit=False))
     assert map_.probability[5, 0] < 0.01
-    map_.integrate([look_along(4.5), look_along(4.5), look_along(4.5)])
+    map_.integrate([scan_along(4.5), scan_along(4.5), scan_along(4.5)])
     assert map_.probability[5, 0] > 0.5
 
 
 def test_a_cell_is_updated_once_per_scan_however_many_beams_cross_it():
     one, many = row(), row()
-    scan = look_along(4.0, hit=False)
+    scan = scan_along(4.0, hit=False)
     one.integrate(scan)
     many.integrate(
         Scan(
@@ -136,13 +142,13 @@ def test_a_cell_is_updated_once_per_scan_however_many_beams_cross_it():
             np.repeat(scan.hit, 30),
         )
     )
-    assert (one.levels == many.levels).all()
+    assert (one.log_odds_fixed == many.log_odds_fixed).all()
 
 
 def test_beams_that_disagree_within_a_scan_are_summed_before_the_bounds():
     map_ = row()
-    scan = look_along(4.5)
-    through = look_along(8.0, hit=False)
+    scan = scan_along(4.5)
+    through = scan_along(8.0, hit=False)
     map_.integrate(
         Scan(
             scan.origin,
@@ -151,13 +157,13 @@ def test_beams_that_disagree_within_a_scan_are_summed_before_the_bounds():
             np.array([True, False]),
         )
     )
-    assert map_.levels[5] == HIGHEST + LOWEST
+    assert map_.log_odds_fixed[5] == HIGHEST + LOWEST
 
 
 def test_beams_that_cancel_each_other_list_their_cell_once():
     """The sum is kept off zero, which stands for cells not touched, by one level."""
     map_ = OccupancyMap(VoxelGrid((12, 1)), BeamModel(free=0.1, occupied=0.9))
-    wall, through = look_along(4.5), look_along(8.0, hit=False)
+    wall, through = scan_along(4.5), scan_along(8.0, hit=False)
     n = 200
     (gain,) = map_.integrate(
         Scan(
@@ -167,7 +173,7 @@ def test_beams_that_cancel_each_other_list_their_cell_once():
             np.tile([True, False], n),
         )
     )
-    assert map_.levels[5] == 1
+    assert map_.log_odds_fixed[5] == 1
     assert gain.new_cells == 9
 
 
@@ -177,36 +183,38 @@ def test_integrating_is_what_the_plain_loops_do(grid, surface):
     rng = np.random.default_rng(7)
     model = BeamModel(free=0.4, occupied=0.99, surface=surface)
     map_ = OccupancyMap(grid, model, LogOddsRange(0.97))
-    plain = PlainMap(grid, *model.levels, map_.range.clamp, surface)
+    plain = PlainMap(grid, *model.log_odds_bounds, map_.log_odds_range.clamp, surface)
     for n_beams in [4, 8, 24] * 9:
         scan = random_scan(rng, grid, n_beams)
         (gain,) = map_.integrate(scan)
         new, drop = plain.integrate(scan)
         # whole numbers: equal, not nearly so
-        assert (map_.levels.reshape(grid.shape) == plain.levels).all()
+        assert (map_.log_odds_fixed.reshape(grid.shape) == plain.log_odds_fixed).all()
         assert (map_.sampled == plain.sampled).all()
         assert gain.new_cells == new
         # sums of some hundred terms of at most ln 2
-        assert gain.entropy_drop == pytest.approx(drop, abs=1e-9)
+        assert gain.entropy_reduction == pytest.approx(drop, abs=1e-9)
         assert not map_._pending.any()
-    assert plain.levels.min() == -map_.range.clamp
-    assert plain.levels.max() == map_.range.clamp
+    assert plain.log_odds_fixed.min() == -map_.log_odds_range.clamp
+    assert plain.log_odds_fixed.max() == map_.log_odds_range.clamp
 
 
 @pytest.mark.parametrize("grid", GRIDS)
 def test_surfaces_are_the_hits_of_each_cell_merged_one_by_one_eq_4(grid):
     rng = np.random.default_rng(8)
     map_ = OccupancyMap(grid, MODEL)
-    plain = PlainMap(grid, LOWEST, HIGHEST, map_.range.clamp, "entry")
+    plain = PlainMap(grid, LOWEST, HIGHEST, map_.log_odds_range.clamp, "entry")
     for _ in range(25):
         scan = random_scan(rng, grid)
         map_.integrate(scan)
         plain.integrate(scan)
     cells, means, covariances = map_.surfaces()
-    assert [int(grid.flat(cell)) for cell in sorted(plain.observations)] == cells.tolist()
+    assert [int(grid.flat_index(cell)) for cell in sorted(plain.observations)] == cells.tolist()
     for cell, mean, C in zip(cells, means, covariances, strict=True):
         index = tuple(int(i) for i in np.unravel_index(cell, grid.shape))
-        merged, C_merged = functools.reduce(lambda a, b: merge(*a, *b), plain.observations[index])
+        merged, C_merged = functools.reduce(
+            lambda a, b: merge_gaussians(*a, *b), plain.observations[index]
+        )
         # the precisions reach 1e5 per square metre: five of sixteen digits go into the inverses
         assert mean == pytest.approx(merged, abs=1e-8)
         assert pytest.approx(C_merged, abs=1e-8) == C
@@ -222,10 +230,12 @@ def test_the_order_of_the_scans_of_one_call_does_not_change_the_map(grid):
     for order in itertools.permutations(scans):
         map_ = start.copy()
         gains = map_.integrate(order)
-        results.append((map_, sum(g.new_cells for g in gains), sum(g.entropy_drop for g in gains)))
+        results.append(
+            (map_, sum(g.new_cells for g in gains), sum(g.entropy_reduction for g in gains))
+        )
     first, new, drop = results[0]
     for map_, new_, drop_ in results[1:]:
-        assert (map_.levels == first.levels).all()
+        assert (map_.log_odds_fixed == first.log_odds_fixed).all()
         assert (map_.probability == first.probability).all()
         assert (map_.sampled == first.sampled).all()
         assert new_ == new
@@ -237,10 +247,10 @@ def test_the_order_of_the_scans_of_one_call_does_not_change_the_map(grid):
 
 def test_scans_of_one_call_are_clamped_together_at_its_end():
     """Two scans for and one against: clamped after each, the result would depend on the order."""
-    wall, through = look_along(4.5), look_along(8.0, hit=False)
+    wall, through = scan_along(4.5), scan_along(8.0, hit=False)
     map_ = OccupancyMap(VoxelGrid((12, 1)), MODEL, LogOddsRange(0.98))
     map_.integrate([wall, wall, through])
-    assert map_.levels[5] == 2 * HIGHEST + LOWEST
+    assert map_.log_odds_fixed[5] == 2 * HIGHEST + LOWEST
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -252,16 +262,18 @@ def test_drops_of_entropy_add_up_to_what_the_map_lost(grid):
         seen = np.count_nonzero(map_.sampled)
         gains = map_.integrate([random_scan(rng, grid) for _ in range(3)])
         # sums of some hundred terms of at most ln 2
-        assert sum(g.entropy_drop for g in gains) == pytest.approx(before - map_.entropy, abs=1e-9)
+        assert sum(g.entropy_reduction for g in gains) == pytest.approx(
+            before - map_.entropy, abs=1e-9
+        )
         assert sum(g.new_cells for g in gains) == np.count_nonzero(map_.sampled) - seen
 
 
 def test_a_contradiction_raises_the_entropy():
     map_ = row()
-    map_.integrate(look_along(9.0, hit=False))
-    (gain,) = map_.integrate(look_along(4.5))
+    map_.integrate(scan_along(9.0, hit=False))
+    (gain,) = map_.integrate(scan_along(4.5))
     assert map_.entropy > 0
-    assert gain.entropy_drop < math.log(2)
+    assert gain.entropy_reduction < math.log(2)
     assert gain.new_cells == 0
 
 
@@ -277,13 +289,13 @@ def test_probabilities_stay_inside_the_clamp_and_one_half_where_not_sampled(grid
     assert map_.log_odds == pytest.approx(np.log(p / (1 - p)))
     entropies = -p * np.log(p) - (1 - p) * np.log(1 - p)
     assert map_.entropy == pytest.approx(entropies.sum())
-    assert map_.viewed_share == map_.sampled.mean()
+    assert map_.observed_fraction == map_.sampled.mean()
 
 
 def test_a_cell_may_be_sampled_and_still_be_at_one_half():
     """Eq. 8 asks whether a voxel was ever sampled, which p alone does not tell."""
     map_ = OccupancyMap(VoxelGrid((12, 1)), BeamModel(free=0.1, occupied=0.9))
-    map_.integrate([look_along(4.5), look_along(8.0, hit=False)])
+    map_.integrate([scan_along(4.5), scan_along(8.0, hit=False)])
     assert map_.probability[5, 0] == 0.5
     assert map_.sampled[5, 0]
     assert not map_.sampled[9, 0]
@@ -291,8 +303,8 @@ def test_a_cell_may_be_sampled_and_still_be_at_one_half():
 
 def test_a_hit_far_beyond_the_grid_frees_the_way_to_the_border_and_leaves_no_surface():
     map_ = row()
-    map_.integrate(look_along(40.0, sigma=0.5))
-    assert (map_.levels == LOWEST).all()
+    map_.integrate(scan_along(40.0, sigma=0.5))
+    assert (map_.log_odds_fixed == LOWEST).all()
     assert len(map_.surfaces()[0]) == 0
 
 
@@ -300,9 +312,9 @@ def test_a_hit_far_beyond_the_grid_frees_the_way_to_the_border_and_leaves_no_sur
 def test_a_wall_at_the_border_is_not_freed_by_noise_that_carries_hits_beyond_it(surface):
     """The last cell may have ended the beam as well as what comes after the border."""
     map_ = OccupancyMap(VoxelGrid((12, 1)), BeamModel(surface=surface))
-    map_.integrate(look_along(12.0, sigma=0.9))
+    map_.integrate(scan_along(12.0, sigma=0.9))
     assert map_.probability[11, 0] > 0.2
-    assert map_.levels[0] == map_.model.levels[0]
+    assert map_.log_odds_fixed[0] == map_.model.log_odds_bounds[0]
 
 
 def test_walls_at_the_border_are_as_seldom_taken_for_free_as_any_others():
@@ -312,11 +324,13 @@ def test_walls_at_the_border_are_as_seldom_taken_for_free_as_any_others():
     rng = np.random.default_rng(13)
     freed = []
     for n in (26, 32):
-        simulator = PlanarSimulator(World(occupied[:n], 1.0, (0.0, 0.0), ""), camera, RangeNoise())
+        simulator = PlanarSimulator(
+            PlanarWorld(occupied[:n], 1.0, (0.0, 0.0), ""), camera, RangeNoise()
+        )
         p = []
         for _ in range(1000):
             map_ = OccupancyMap(VoxelGrid((n, 8)))
-            map_.integrate(simulator.look_from((0.5, 4.5, 0.0), rng))
+            map_.integrate(simulator.scan_from((0.5, 4.5, 0.0), rng))
             p.append(map_.probability[25, 4])
         freed.append(np.mean(np.array(p) < 0.05))
     # one scan at 0.9 cells of noise: more than 2.5 sigma too far happens in 0.6 % of the looks
@@ -325,10 +339,10 @@ def test_walls_at_the_border_are_as_seldom_taken_for_free_as_any_others():
 
 def test_beams_without_length_say_nothing():
     map_ = row()
-    (gain,) = map_.integrate(look_along(0.0, sigma=0.1))
+    (gain,) = map_.integrate(scan_along(0.0, sigma=0.1))
     assert gain.new_cells == 0
     assert not map_.sampled.any()
-    assert map_.integrate(look_along(0.0, hit=False))[0].entropy_drop == 0
+    assert map_.integrate(scan_along(0.0, hit=False))[0].entropy_reduction == 0
 
 
 def test_a_camera_in_the_lower_corner_may_look_out_of_the_grid():
@@ -355,7 +369,7 @@ def test_no_uncertainty_along_the_beam_is_as_good_as_the_least():
                 np.ones(1, bool),
             )
         )
-        assert map_.levels.max() > 0
+        assert map_.log_odds_fixed.max() > 0
         assert len(map_.surfaces()[0]) == 1
 
 
@@ -374,7 +388,7 @@ def broken(scan, **arguments):
 
 
 def bad_scans():
-    good = look_along(4.5, sigma=0.1)
+    good = scan_along(4.5, sigma=0.1)
     nan = np.array([[math.nan, 0.5]])
     yield (
         "3-D scan",
@@ -392,10 +406,10 @@ def bad_scans():
 @pytest.mark.parametrize(("message", "scan"), list(bad_scans()))
 def test_a_bad_scan_is_refused_and_the_map_left_as_it_was(message, scan):
     map_ = row()
-    map_.integrate(look_along(3.3, sigma=0.3))
+    map_.integrate(scan_along(3.3, sigma=0.3))
     before = state(map_)
     with pytest.raises(ValueError, match=message):
-        map_.integrate([look_along(4.5), scan])
+        map_.integrate([scan_along(4.5), scan])
     assert state(map_) == before
 
 
@@ -409,10 +423,10 @@ def test_the_beam_that_is_not_finite_is_named():
 
 def test_the_covariance_of_a_beam_without_return_is_not_looked_at():
     map_, plain = row(), row()
-    scan = look_along(4.0, hit=False)
+    scan = scan_along(4.0, hit=False)
     plain.integrate(scan)
     map_.integrate(broken(scan, covariances=np.full((1, 2, 2), math.nan)))
-    assert (map_.levels == plain.levels).all()
+    assert (map_.log_odds_fixed == plain.log_odds_fixed).all()
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -441,8 +455,8 @@ def test_cells_marked_free_are_sampled_and_as_free_as_can_be():
     map_ = OccupancyMap(VoxelGrid((4, 3)))
     map_.mark_free([1, 5])
     assert map_.sampled.sum() == 2
-    assert map_.probability[0, 1] == map_.probability[1, 2] == map_.range.probability[0]
-    assert map_.viewed_share == pytest.approx(1 / 6)
+    assert map_.probability[0, 1] == map_.probability[1, 2] == map_.log_odds_range.probability[0]
+    assert map_.observed_fraction == pytest.approx(1 / 6)
 
 
 def test_a_noise_free_camera_maps_its_world_as_it_is():
@@ -450,12 +464,12 @@ def test_a_noise_free_camera_maps_its_world_as_it_is():
     rng = np.random.default_rng(19)
     occupied = rng.random((30, 30)) < 0.15
     occupied[14:17, 14:17] = False
-    world = World(occupied, 0.5, (-3.0, 2.0), "")
+    world = PlanarWorld(occupied, 0.5, (-3.0, 2.0), "")
     camera = PlanarCamera(depth_of_field=8.0)
     simulator = PlanarSimulator(world, camera, RangeNoise(intrinsic=0.0))
     map_ = OccupancyMap(VoxelGrid(world.shape, world.resolution, world.origin))
     for heading in np.arange(0, 2 * np.pi, np.pi / 4):
-        map_.integrate(simulator.look_from((4.7, 9.8, heading), rng))
+        map_.integrate(simulator.scan_from((4.7, 9.8, heading), rng))
     assert (map_.probability[map_.sampled & occupied] > 0.5).all()
     assert (map_.probability[map_.sampled & ~occupied] < 0.05).mean() > 0.98
     cells, means, covariances = map_.surfaces()

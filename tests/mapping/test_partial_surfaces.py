@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid, beam_occupancy
-from coopmap_env.mapping.log_odds import level_of
+from coopmap_env.mapping.log_odds import to_log_odds_fixed
 from coopmap_env.sensing import Scan
 
 PARTIAL = BeamModel(free=0.2, occupied=0.7, surface="partial")
@@ -26,8 +26,8 @@ def fused(*scans, shape=(8, 5), model=PARTIAL):
     return map_
 
 
-def levels(map_):
-    return map_.levels.reshape(map_.grid.shape)
+def log_odds_fixed(map_):
+    return map_.log_odds_fixed.reshape(map_.grid.shape)
 
 
 def test_three_cells_by_hand():
@@ -54,10 +54,10 @@ def test_a_distance_that_no_cell_explains_belongs_to_the_cell_that_holds_it():
 
 def test_a_beam_through_whole_cells_claims_what_a_scan_may():
     map_ = fused(scan((6.5, 2.5)))
-    lowest, highest = PARTIAL.levels
-    assert levels(map_)[1:6, 2].tolist() == [lowest] * 5
-    assert levels(map_)[6, 2] == highest
-    assert levels(map_)[0, 2] == pytest.approx(lowest / 2, abs=1)  # half of it is crossed
+    lowest, highest = PARTIAL.log_odds_bounds
+    assert log_odds_fixed(map_)[1:6, 2].tolist() == [lowest] * 5
+    assert log_odds_fixed(map_)[6, 2] == highest
+    assert log_odds_fixed(map_)[0, 2] == pytest.approx(lowest / 2, abs=1)  # half of it is crossed
     assert not map_.sampled[7, 2]
 
 
@@ -65,8 +65,8 @@ def test_a_beam_that_ends_counts_before_beams_that_pass():
     # both cross cell (3, 2): one ends there, the other passes on to cell (6, 2)
     ends, passes = (3.5, 2.4), (6.5, 2.6)
     one, other = fused(scan(ends, passes)), fused(scan(passes, ends))
-    assert levels(one)[3, 2] == PARTIAL.levels[1]
-    np.testing.assert_array_equal(one.levels, other.levels)
+    assert log_odds_fixed(one)[3, 2] == PARTIAL.log_odds_bounds[1]
+    np.testing.assert_array_equal(one.log_odds_fixed, other.log_odds_fixed)
     np.testing.assert_array_equal(one.sampled, other.sampled)
 
 
@@ -75,23 +75,23 @@ def test_of_beams_that_pass_the_one_with_the_longest_way_counts():
     diagonal, flatter = (4.5, 6.5), (7.5, 5.5)
     only = fused(scan(flatter, hit=False), shape=(8, 8))
     both = fused(scan(diagonal, flatter, diagonal, hit=False), shape=(8, 8))
-    lowest, _ = PARTIAL.levels
-    assert levels(only)[1, 3] == pytest.approx(math.hypot(1 / 3, 1 / 7) * lowest, abs=1)
-    assert levels(both)[1, 3] == lowest
+    lowest, _ = PARTIAL.log_odds_bounds
+    assert log_odds_fixed(only)[1, 3] == pytest.approx(math.hypot(1 / 3, 1 / 7) * lowest, abs=1)
+    assert log_odds_fixed(both)[1, 3] == lowest
 
 
 def test_a_touched_corner_says_nothing():
     # rises by 1e-5 over one cell's border: the way through cell (2, 2) is far below a level
     map_ = fused(scan((5.5, 3.00001), origin=(0.5, 2.99999), hit=False))
-    level = levels(map_)
-    assert level[1, 2] == level[4, 3] == PARTIAL.levels[0]
+    level = log_odds_fixed(map_)
+    assert level[1, 2] == level[4, 3] == PARTIAL.log_odds_bounds[0]
     sampled = map_.sampled
-    assert np.array_equal(sampled.ravel(), map_.levels != 0)
+    assert np.array_equal(sampled.ravel(), map_.log_odds_fixed != 0)
 
 
 def test_scans_add_up():
     once, twice = fused(scan((6.5, 2.5))), fused(*[scan((6.5, 2.5))] * 2)
-    np.testing.assert_array_equal(twice.levels, 2 * once.levels)
+    np.testing.assert_array_equal(twice.log_odds_fixed, 2 * once.log_odds_fixed)
 
 
 def test_no_scan_claims_more_than_its_bounds():
@@ -99,11 +99,11 @@ def test_no_scan_claims_more_than_its_bounds():
     for _ in range(20):
         one = scan(*rng.uniform(0, (8, 5), (30, 2)), origin=rng.uniform(1, 4, 2), sigma=0.3)
         map_ = fused(one)
-        assert map_.levels.min() >= PARTIAL.levels[0]
-        assert map_.levels.max() <= PARTIAL.levels[1]
+        assert map_.log_odds_fixed.min() >= PARTIAL.log_odds_bounds[0]
+        assert map_.log_odds_fixed.max() <= PARTIAL.log_odds_bounds[1]
         shuffled = rng.permutation(30)
         again = fused(Scan(one.origin, one.points[shuffled], one.covariances, one.hit))
-        np.testing.assert_array_equal(map_.levels, again.levels)
+        np.testing.assert_array_equal(map_.log_odds_fixed, again.log_odds_fixed)
 
 
 def test_it_works_in_space():
@@ -112,6 +112,6 @@ def test_it_works_in_space():
     map_.integrate(
         Scan(np.array([0.5, 1.5, 1.5]), np.array([[3.5, 1.5, 1.5]]), covariances, np.array([True]))
     )
-    assert levels(map_)[3, 1, 1] == level_of(0.7)
-    assert levels(map_)[1, 1, 1] == level_of(0.2)
+    assert log_odds_fixed(map_)[3, 1, 1] == to_log_odds_fixed(0.7)
+    assert log_odds_fixed(map_)[1, 1, 1] == to_log_odds_fixed(0.2)
     assert math.isclose(map_.surfaces()[1][0][0], 3.5, abs_tol=1e-6)

@@ -5,24 +5,38 @@ import pytest
 from plain.random_scans import random_scan
 
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
-from coopmap_env.mapping.integration import DIAGONAL, MIN_SIGMA, walk_beams
-from coopmap_env.mapping.integration_simd import walk_partial
+from coopmap_env.mapping.integration import MAX_PATH_IN_CELL, MIN_RANGE_SIGMA, integrate_rays
+from coopmap_env.mapping.integration_simd import integrate_rays_simd
 from coopmap_env.sensing import Scan
 
 GRID = VoxelGrid((11, 9, 8), 0.25, (0.5, -1.0, 2.0))
 
 
-def walked(kernel, scan, model, grid):
+def integrated(kernel, scan, model, grid):
     """State of a new map after one scan's walk: claims, listed cells, information."""
     m = OccupancyMap(grid, model)
     first = (scan.origin, scan.points, scan.covariances, scan.hit, m._lower, grid.resolution)
-    last = (m._precision, m._vector, m._pending, m._touched)
-    if kernel is walk_partial:
-        arguments = (*first, grid.shape3, model.levels, *last, MIN_SIGMA, DIAGONAL)
+    last = (m._precision, m._information_vector, m._pending, m._updated_cells)
+    if kernel is integrate_rays_simd:
+        arguments = (
+            *first,
+            grid.shape_3d,
+            model.log_odds_bounds,
+            *last,
+            MIN_RANGE_SIGMA,
+            MAX_PATH_IN_CELL,
+        )
     else:
-        arguments = (*first, grid.shape3, model.levels, model.enters, model.partial, *last)
+        arguments = (
+            *first,
+            grid.shape_3d,
+            model.log_odds_bounds,
+            model.surface_at_entry,
+            model.partial_surface,
+            *last,
+        )
     count = kernel(*arguments)
-    return m._pending, m._touched[:count], m._precision, m._vector
+    return m._pending, m._updated_cells[:count], m._precision, m._information_vector
 
 
 @pytest.mark.parametrize("largest_sigma", [0.0, 0.1, 1.2, 6.0])
@@ -32,7 +46,10 @@ def test_both_kernels_agree_bit_by_bit(largest_sigma, bounds):
     model = BeamModel(*bounds, "partial")
     for n_beams in [3, 8, 40] * 25:
         scan = random_scan(rng, GRID, n_beams, largest_sigma)
-        fast, general = (walked(kernel, scan, model, GRID) for kernel in (walk_partial, walk_beams))
+        fast, general = (
+            integrated(kernel, scan, model, GRID)
+            for kernel in (integrate_rays_simd, integrate_rays)
+        )
         for one, other in zip(fast, general, strict=True):
             np.testing.assert_array_equal(one, other)
 
@@ -45,7 +62,7 @@ def test_a_cell_that_keeps_a_point_is_one_that_was_sampled():
         map_.integrate(random_scan(rng, GRID, 10, 3.0))
     cells, _, _ = map_.surfaces()
     assert len(cells) > 100
-    assert (map_.sampled_cells[cells] == 1).all()
+    assert (map_.sampled_mask[cells] == 1).all()
     map_.clear()
     assert not map_._precision.any()
 
@@ -58,8 +75,8 @@ def test_the_order_of_the_beams_does_not_change_the_claims():
         order = rng.permutation(60)
         again = Scan(scan.origin, scan.points[order], scan.covariances[order], scan.hit[order])
         one, other = (
-            walked(walk_partial, scan, model, GRID),
-            walked(walk_partial, again, model, GRID),
+            integrated(integrate_rays_simd, scan, model, GRID),
+            integrated(integrate_rays_simd, again, model, GRID),
         )
         np.testing.assert_array_equal(one[0], other[0])
         assert sorted(one[1]) == sorted(other[1])

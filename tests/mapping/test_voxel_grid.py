@@ -10,20 +10,20 @@ from coopmap_env.mapping import VoxelGrid
 
 def test_points_cells_and_centres_by_hand():
     grid = VoxelGrid((4, 3), resolution=0.5, origin=(-1.0, 10.0))
-    assert grid.cells([0.25, 10.5]) == pytest.approx([2.5, 1.0])
+    assert grid.to_cell_units([0.25, 10.5]) == pytest.approx([2.5, 1.0])
     assert grid.index([[0.25, 10.5], [-1.0, 11.49], [-1.1, 9.9]]).tolist() == [
         [2, 1],
         [0, 2],
         [-1, -1],
     ]
     assert grid.center([2, 1]) == pytest.approx([0.25, 10.75])
-    assert grid.flat([[2, 1], [3, 2]]).tolist() == [7, 11]
+    assert grid.flat_index([[2, 1], [3, 2]]).tolist() == [7, 11]
     assert grid.contains([[0, 0], [3, 2], [4, 0], [0, -1]]).tolist() == [True, True, False, False]
 
 
 def test_a_planar_grid_is_one_layer_for_kernels():
-    assert VoxelGrid((4, 3)).shape3 == (4, 3, 1)
-    assert VoxelGrid((4, 3, 2)).shape3 == (4, 3, 2)
+    assert VoxelGrid((4, 3)).shape_3d == (4, 3, 1)
+    assert VoxelGrid((4, 3, 2)).shape_3d == (4, 3, 2)
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (3, 4, 5)])
@@ -33,12 +33,12 @@ def test_every_cell_is_found_again_by_its_centre_and_its_flat_number(shape):
     assert grid.n_cells == len(index)
     assert (grid.index(grid.center(index)) == index).all()
     assert grid.contains(index).all()
-    assert grid.flat(index).tolist() == list(range(grid.n_cells))
+    assert grid.flat_index(index).tolist() == list(range(grid.n_cells))
 
 
 def test_a_cell_outside_has_no_flat_number():
     with pytest.raises(ValueError, match="invalid entry"):
-        VoxelGrid((4, 3)).flat([4, 0])
+        VoxelGrid((4, 3)).flat_index([4, 0])
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import numpy as np
 from coopmap_env.robots.mount import Mount
 from coopmap_env.robots.suspension import Suspension
 
-BODY, SLIDER, CENTRE = 80.0, 10.0, 0.3
+BODY_MASS, SLIDER_MASS, ROLL_CENTRE_HEIGHT = 80.0, 10.0, 0.3
 """Kilograms; the height of the roll centre, in which the body's centre of mass and the beam lie."""
 
 LINK = """<link name="{name}"><inertial><mass value="{mass}"/>
@@ -20,9 +20,9 @@ JOINT = """<joint name="{name}" type="{kind}"><origin xyz="0 0 {up}"/><parent li
 def crane(folder, along="1 0 0", roll_axis="1 0 0", suspension=None, **settings):
     """A mount (mass 80 kg on springs) that pushes a mass of 10 kg out `along` its body's frame."""
     links = [("base", 1.0, ""), ("heave", 0.001, ""), ("roll", 0.001, "")]
-    links += [("body", BODY, SHAPE.format(0.2)), ("slider", SLIDER, SHAPE.format(0.1))]
+    links += [("body", BODY_MASS, SHAPE.format(0.2)), ("slider", SLIDER_MASS, SHAPE.format(0.1))]
     joints = [
-        ("suspension_heave", "prismatic", CENTRE, "0 0 1", -0.1, 0.1),
+        ("suspension_heave", "prismatic", ROLL_CENTRE_HEIGHT, "0 0 1", -0.1, 0.1),
         ("suspension_roll", "revolute", 0, roll_axis, -0.3, 0.3),
         ("suspension_pitch", "revolute", 0, "0 1 0", -0.3, 0.3),
         ("slide", "prismatic", 0, along, -2.0, 2.0),
@@ -41,7 +41,7 @@ def crane(folder, along="1 0 0", roll_axis="1 0 0", suspension=None, **settings)
     path.write_text(f'<?xml version="1.0"?><robot name="crane">{text}</robot>')
     return Mount(
         name="crane", urdf=path, camera_link="slider", joints=("slide",), home=(0.0,),
-        suspension=suspension or Suspension(roll_centre_height=CENTRE), **settings,
+        suspension=suspension or Suspension(roll_center_height=ROLL_CENTRE_HEIGHT), **settings,
     )  # fmt: skip
 
 

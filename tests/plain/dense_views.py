@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 from numba import njit
-from plain.views import gray
+from plain.views import gray_level
 
 from coopmap_env.geometry import traverse
-from coopmap_env.information.field.depth_buffer import THICKNESS
+from coopmap_env.information.field.depth_buffer import DEPTH_TOLERANCE
 
 
 def all_cells(shape):
@@ -37,10 +37,10 @@ def ray(u, v, R, frustum):
     return R @ direction, direction[0]
 
 
-def body_distance(position, direction, bodies):
+def sphere_distance(position, direction, occluder_spheres):
     """Distance at which a ray enters the nearest sphere that does not hold its origin."""
     nearest = math.inf
-    for center, radius in bodies:
+    for center, radius in occluder_spheres:
         to_center = center - position
         along = float(direction @ to_center)
         aside2 = float(to_center @ to_center) - along**2
@@ -49,8 +49,8 @@ def body_distance(position, direction, bodies):
     return nearest
 
 
-def visible(blocked, position, R, frustum, bodies=()):
-    """Mask of the visible voxels, flat, and their distances; `bodies` are (centre, radius)."""
+def visible_mask(blocked, position, R, frustum, occluder_spheres=()):
+    """Mask of the visible voxels, flat, and their distances; `occluder_spheres` are (centre, radius)."""
     X, u, v, distance, inside = in_frustum(all_cells(blocked.shape), position, R, frustum)
     if (position < 0).any() or (position >= blocked.shape).any():
         return np.zeros_like(inside), distance
@@ -61,28 +61,32 @@ def visible(blocked, position, R, frustum, bodies=()):
         stops = np.flatnonzero(blocked[tuple(path.cells[1:].T)])
         first = path.entries[1:][stops[0]] if len(stops) else math.inf
         # a body beyond the far end hides nothing that could be seen
-        first = min(first, body_distance(position, direction, bodies))
-        limits[pixel] = (first + THICKNESS) * forward
+        first = min(first, sphere_distance(position, direction, occluder_spheres))
+        limits[pixel] = (first + DEPTH_TOLERANCE) * forward
     return inside & (limits[u, v] >= X), distance
 
 
-def quarters(distance):
+def round_to_table(distance):
     """Distances as the tables hold them: squares rounded down to quarters of a cell."""
     return np.sqrt(np.floor(4 * distance**2)) / 2
 
 
-def new_information(map_, seen, distance, settings, n_visible, depth, unit=1.0):
+def new_information(map_, seen, distance, settings, max_visible_cells, depth, unit=1.0):
     """NI of the visible voxels: entropy of the histogram of gray levels (Eqs. 6 to 8)."""
-    counts = [0] * settings.n_gray
+    counts = [0] * settings.n_gray_bins
     p = map_.probability.ravel()
     for cell in np.flatnonzero(seen):
-        d = quarters(distance[cell]) * unit
-        level = gray(p[cell], map_.sampled_cells[cell], d, depth, settings.reading)
-        counts[min(int(level * settings.n_gray / 2), settings.n_gray - 1)] += 1
-    return -sum(min(f / n_visible, 1) * math.log(min(f / n_visible, 1)) for f in counts if f)
+        d = round_to_table(distance[cell]) * unit
+        level = gray_level(p[cell], map_.sampled_mask[cell], d, depth, settings.interpretation)
+        counts[min(int(level * settings.n_gray_bins / 2), settings.n_gray_bins - 1)] += 1
+    return -sum(
+        min(f / max_visible_cells, 1) * math.log(min(f / max_visible_cells, 1)) for f in counts if f
+    )
 
 
-def chances(p, position, direction, forward, frustum, unreachable, blocked=math.inf):
+def visibility_probabilities(
+    p, position, direction, forward, frustum, unreachable, blocked=math.inf
+):
     """v at every half cell of depth: product of 1 - p over the cells before, but for the first."""
     path = traverse(position, direction, 4 * max(p.shape), p.shape)
     before, passed = [], 1.0
@@ -118,7 +122,7 @@ def _march(blocked, position, R, a, b, w, h, near, far, step, seen):
                 t += step
 
 
-def met_by_rays(blocked, position, R, frustum, rays_per_cell=4, step=0.5):
+def voxels_hit_by_rays(blocked, position, R, frustum, rays_per_cell=4, step=0.5):
     """Flat numbers of the voxels of the frustum that any of many rays meets before it is stopped.
 
     `rays_per_cell` of them pass between the centres of neighbours at the far end.

@@ -11,16 +11,16 @@ def neighbours(grid, cell):
     """The up to 26 voxels around one, as flat numbers."""
     index = np.array(np.unravel_index(cell, grid.shape))
     around = [index + np.array(d) - 1 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
-    return [int(grid.flat(i)) for i in around if grid.contains(i)]
+    return [int(grid.flat_index(i)) for i in around if grid.contains(i)]
 
 
-def is_peak(map_, known, cell, alone=True):
+def is_peak(map_, information, cell, strict=True):
     """Above all neighbours by level, then by how well it is known, then by its number."""
-    key = (map_.levels[cell], known.get(cell, 0.0), -cell)
+    key = (map_.log_odds_fixed[cell], information.get(cell, 0.0), -cell)
     for other in neighbours(map_.grid, cell):
-        if map_.levels[other] > key[0]:
+        if map_.log_odds_fixed[other] > key[0]:
             return False
-        if alone and (map_.levels[other], known.get(other, 0.0), -other) > key:
+        if strict and (map_.log_odds_fixed[other], information.get(other, 0.0), -other) > key:
             return False
     return True
 
@@ -45,63 +45,65 @@ def ball_radius(map_, p, cell, largest, least_rise):
     return nearest
 
 
-def sees(map_, point, pose, camera, settings, border):
+def is_visible(map_, point, pose, camera, settings, border):
     """Whether a point lies in the field of view, within range, and nothing occupied before it."""
     d = point - pose.translation
     x, y, z = pose.rotation.T @ d
     a = (1 - border) * math.tan(camera.horizontal_field_of_view / 2)
     b = (1 - border) * math.tan(camera.vertical_field_of_view / 2)
     distance = np.linalg.norm(d)
-    far = min(camera.far, settings.farthest)
+    far = min(camera.far, settings.max_distance)
     if x <= 0 or abs(y) > a * x or abs(z) > b * x or not camera.near <= distance <= far:
         return False
     grid = map_.grid
-    length = (distance - settings.occlusion_slack) / grid.resolution
+    length = (distance - settings.occlusion_tolerance) / grid.resolution
     if length <= 0:
         return True
     goal = tuple(grid.index(point))
-    for cell in traverse(grid.cells(pose.translation), d, length, grid.shape).cells[1:]:
+    for cell in traverse(grid.to_cell_units(pose.translation), d, length, grid.shape).cells[1:]:
         if tuple(cell) == goal:
             break
-        flat = grid.flat(cell)
-        if map_.sampled_cells[flat] and map_.levels[flat] >= 0:
+        flat = grid.flat_index(cell)
+        if map_.sampled_mask[flat] and map_.log_odds_fixed[flat] >= 0:
             return False
     return True
 
 
-def select(map_, pose, camera, settings, kept=()):
+def select_fiducials(map_, pose, camera, settings, kept=()):
     """The chosen voxels, and position, radius and score of each."""
     cells, means, _ = map_.surfaces()
     means = dict(zip(cells.tolist(), means, strict=True))
-    precisions = map_.information()[1]
-    known = {c: P[0, 0] + P[1, 1] + P[2, 2] for c, P in zip(means, precisions, strict=True)}
+    precisions = map_.information_form()[1]
+    information = {c: P[0, 0] + P[1, 1] + P[2, 2] for c, P in zip(means, precisions, strict=True)}
     probability = map_.probability.ravel()
-    least = round(math.log(settings.least_peak / (1 - settings.least_peak)) * 1024)
+    least = round(
+        math.log(settings.min_peak_probability / (1 - settings.min_peak_probability)) * 1024
+    )
 
-    def described(cell):
-        radius = ball_radius(
-            map_, map_.probability, cell, settings.largest_radius, settings.least_rise
-        )
+    def describe(cell):
+        radius = ball_radius(map_, map_.probability, cell, settings.max_radius, settings.min_rise)
         distance = np.linalg.norm(means[cell] - pose.translation)
         return cell, means[cell], radius, radius * probability[cell] / distance
 
     chosen = [
-        described(cell)
+        describe(cell)
         for cell in kept
-        if cell in means and map_.levels[cell] >= least and is_peak(map_, known, cell, alone=False)
-        if sees(map_, means[cell], pose, camera, settings, 0.0)
-    ][: settings.number]
+        if cell in means
+        and map_.log_odds_fixed[cell] >= least
+        and is_peak(map_, information, cell, strict=False)
+        if is_visible(map_, means[cell], pose, camera, settings, 0.0)
+    ][: settings.max_fiducials]
     new = [
-        described(cell)
+        describe(cell)
         for cell in means
-        if map_.levels[cell] >= least and is_peak(map_, known, cell)
-        if sees(map_, means[cell], pose, camera, settings, settings.border)
+        if map_.log_odds_fixed[cell] >= least and is_peak(map_, information, cell)
+        if is_visible(map_, means[cell], pose, camera, settings, settings.border_fraction)
     ]
     for candidate in sorted(new, key=lambda c: -c[3]):
         apart = [
-            candidate[0] != c[0] and np.linalg.norm(candidate[1] - c[1]) >= settings.spacing
+            candidate[0] != c[0] and np.linalg.norm(candidate[1] - c[1]) >= settings.min_spacing
             for c in chosen
         ]
-        if len(chosen) < settings.number and all(apart):
+        if len(chosen) < settings.max_fiducials and all(apart):
             chosen.append(candidate)
     return chosen

@@ -3,9 +3,15 @@
 import math
 
 import numpy as np
-from plain.crossings import crossed_cells
+from plain.ray_cells import crossed_cells
 
-WINDOW, CUT, DIAGONAL, MIN_SIGMA, LEVELS_PER_NAT = 4.0, 0.95, 1.75, 0.01, 1024
+RANGE_WINDOW, POSTERIOR_CUTOFF, MAX_PATH_IN_CELL, MIN_RANGE_SIGMA, STEPS_PER_NAT = (
+    4.0,
+    0.95,
+    1.75,
+    0.01,
+    1024,
+)
 
 
 def level(p, lowest, highest):
@@ -13,7 +19,7 @@ def level(p, lowest, highest):
         return lowest
     if p >= 1:
         return highest
-    return min(max(math.floor(math.log(p / (1 - p)) * LEVELS_PER_NAT + 0.5), lowest), highest)
+    return min(max(math.floor(math.log(p / (1 - p)) * STEPS_PER_NAT + 0.5), lowest), highest)
 
 
 def likelihood(entry, leave, z, sigma, surface):
@@ -40,7 +46,7 @@ def occupancies(intervals, z, sigma, surface):
 
 
 def binary_entropy(level_):
-    p = 1 / (1 + math.exp(-level_ / LEVELS_PER_NAT))
+    p = 1 / (1 + math.exp(-level_ / STEPS_PER_NAT))
     return -p * math.log(p) - (1 - p) * math.log(1 - p)
 
 
@@ -49,23 +55,23 @@ class PlainMap:
 
     def __init__(self, grid, lowest, highest, clamp, surface):
         self.grid, self.bounds, self.clamp, self.surface = grid, (lowest, highest), clamp, surface
-        self.levels = np.zeros(grid.shape, dtype=int)
+        self.log_odds_fixed = np.zeros(grid.shape, dtype=int)
         self.sampled = np.zeros(grid.shape, dtype=bool)
         self.observations = {}
 
     def integrate(self, scan):
         """Fuse one scan; return the number of new cells and the drop of entropy."""
-        said = {}
+        updates = {}
         for point, covariance, hit in zip(scan.points, scan.covariances, scan.hit, strict=True):
             for cell, value in self.beam(scan.origin, point, covariance, hit):
-                said[cell] = said.get(cell, 0) + value or 1  # a touched cell is kept off zero
+                updates[cell] = updates.get(cell, 0) + value or 1  # a touched cell is kept off zero
         drop, new = 0.0, 0
-        for cell, value in said.items():
+        for cell, value in updates.items():
             update = min(max(value, self.bounds[0]), self.bounds[1])
-            after = min(max(int(self.levels[cell]) + update, -self.clamp), self.clamp)
-            drop += binary_entropy(int(self.levels[cell])) - binary_entropy(after)
+            after = min(max(int(self.log_odds_fixed[cell]) + update, -self.clamp), self.clamp)
+            drop += binary_entropy(int(self.log_odds_fixed[cell])) - binary_entropy(after)
             new += not self.sampled[cell]
-            self.levels[cell], self.sampled[cell] = after, True
+            self.log_odds_fixed[cell], self.sampled[cell] = after, True
         return new, drop
 
     def beam(self, origin, point, covariance, hit):
@@ -79,12 +85,12 @@ class PlainMap:
         if not hit:
             return [(cell, lowest) for cell, _, _ in crossed_cells(start, ray, z, grid.shape)]
         u = ray / z
-        sigma = max(math.sqrt(max(u @ covariance @ u, 0.0)) / grid.resolution, MIN_SIGMA)
+        sigma = max(math.sqrt(max(u @ covariance @ u, 0.0)) / grid.resolution, MIN_RANGE_SIGMA)
         crossed = crossed_cells(start, ray, 1e6, grid.shape)
         border = crossed[-1][2]
-        clear = z - WINDOW * sigma - DIAGONAL
-        said = [(cell, lowest) for cell, entry, _ in crossed if entry < clear]
-        ends = [c for c in crossed if clear <= c[1] < z + WINDOW * sigma]
+        clear = z - RANGE_WINDOW * sigma - MAX_PATH_IN_CELL
+        updates = [(cell, lowest) for cell, entry, _ in crossed if entry < clear]
+        ends = [c for c in crossed if clear <= c[1] < z + RANGE_WINDOW * sigma]
         intervals = [(entry, leave) for _, entry, leave in ends]
         if border < z:
             intervals.append((z, z + 1))
@@ -92,10 +98,10 @@ class PlainMap:
         fits = [likelihood(a, b, z, sigma, self.surface) for a, b in intervals]
         best = fits.index(max(fits)) if any(fits) else w.index(1.0)
         for k, (cell, _, _) in enumerate(ends):
-            said.append((cell, level(w[k] + 0.5 * sum(w[:k]), lowest, highest)))
-            if sum(w[: k + 1]) > CUT and k >= best:
+            updates.append((cell, level(w[k] + 0.5 * sum(w[:k]), lowest, highest)))
+            if sum(w[: k + 1]) > POSTERIOR_CUTOFF and k >= best:
                 break
         if best < len(ends):
-            floor = (MIN_SIGMA * grid.resolution) ** 2 * np.eye(len(point))
+            floor = (MIN_RANGE_SIGMA * grid.resolution) ** 2 * np.eye(len(point))
             self.observations.setdefault(ends[best][0], []).append((point, covariance + floor))
-        return said
+        return updates

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def conditioned(mean, covariance, H, z, R):
+def condition_gaussian(mean, covariance, H, z, R):
     """Mean and covariance of x ~ N(mean, covariance), given z = H x + N(0, R)."""
     S = H @ covariance @ H.T + R
     K = covariance @ H.T @ np.linalg.inv(S)

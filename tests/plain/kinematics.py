@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from coopmap_env.robots.kinematics.urdf import Model
+from coopmap_env.robots.kinematics.urdf import UrdfModel
 
 
-def turn(axis, angle):
+def rotation_about_axis(axis, angle):
     """Rotation matrix about an axis, by the series of the matrix exponential."""
     x, y, z = np.asarray(axis) / np.linalg.norm(axis)
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) * angle
@@ -16,16 +16,16 @@ def turn(axis, angle):
     return out
 
 
-def link_poses(model: Model, values):
+def link_poses(model: UrdfModel, values):
     """T (4, 4) of every link in the root's frame, by name; joints without a value are at 0."""
     poses = {model.root: np.eye(4)}
     for joint in model.joints:
         T = np.eye(4)
         value = values.get(joint.name, 0.0)
-        if joint.kind == "prismatic":
+        if joint.joint_type == "prismatic":
             T[:3, 3] = value * joint.axis
-        elif joint.kind != "fixed":
-            T[:3, :3] = turn(joint.axis, value)
+        elif joint.joint_type != "fixed":
+            T[:3, :3] = rotation_about_axis(joint.axis, value)
         poses[joint.child] = poses[joint.parent] @ joint.origin @ T
     return poses
 
@@ -33,8 +33,8 @@ def link_poses(model: Model, values):
 def sphere_state(map_, center, radius, level_empty):
     """Worst state of the voxels that a sphere meets: 0 free, 1 unknown, 2 occupied, 3 outside."""
     grid = map_.grid
-    low = np.floor(grid.cells(np.asarray(center) - radius)).astype(int)
-    high = np.floor(grid.cells(np.asarray(center) + radius)).astype(int)
+    low = np.floor(grid.to_cell_units(np.asarray(center) - radius)).astype(int)
+    high = np.floor(grid.to_cell_units(np.asarray(center) + radius)).astype(int)
     worst = 0
     for index in np.ndindex(*(high - low + 1)):
         index = low + index
@@ -44,8 +44,10 @@ def sphere_state(map_, center, radius, level_empty):
             continue
         if not grid.contains(index):
             return 3
-        cell = grid.flat(index)
-        state = 1 if not map_.sampled_cells[cell] else 2 * int(map_.levels[cell] >= level_empty)
+        cell = grid.flat_index(index)
+        state = (
+            1 if not map_.sampled_mask[cell] else 2 * int(map_.log_odds_fixed[cell] >= level_empty)
+        )
         worst = max(worst, state)
     return worst
 
@@ -59,7 +61,7 @@ def pose_is_free(vehicle, map_, team, q, settings, level_empty):
     """Whether no sphere at q touches the map, the team or an own link."""
     body = vehicle.body
     centers, radii = vehicle.spheres(q)
-    for s in range(body.n_static, body.n_spheres):
+    for s in range(body.n_static_spheres, body.n_spheres):
         if sphere_state(map_, centers[s], radii[s] + settings.margin, level_empty):
             return False
         for at, wide in team:

@@ -7,12 +7,12 @@ import numpy as np
 from coopmap_env.geometry import Pose
 
 
-class PlainLook(NamedTuple):
+class PlainScan(NamedTuple):
     pose: Pose
     points: np.ndarray
     normals: np.ndarray
     planar: np.ndarray
-    tilts: np.ndarray
+    normal_variances: np.ndarray
     deviations: np.ndarray
 
 
@@ -31,15 +31,15 @@ def pixel_of(point, camera):
     return int(row) * camera.width + int(column)
 
 
-def associated(point, normal, look, camera, gate, facing):
+def associated_pixel(point, normal, scan, camera, gate, facing):
     """The pixel of an earlier look that saw the surface at a point of the world, or None."""
-    there = look.pose.inverse()
+    there = scan.pose.inverse()
     m = pixel_of(there.transform(point), camera)
-    if m is None or not look.planar[m]:
+    if m is None or not scan.planar[m]:
         return None
-    if np.linalg.norm(look.points[m] - there.transform(point)) > gate:
+    if np.linalg.norm(scan.points[m] - there.transform(point)) > gate:
         return None
-    return m if look.normals[m] @ (there.rotation @ normal) >= facing else None
+    return m if scan.normals[m] @ (there.rotation @ normal) >= facing else None
 
 
 def variance_along(n, axis, deviation, lateral):
@@ -48,21 +48,23 @@ def variance_along(n, axis, deviation, lateral):
     return n @ C @ n
 
 
-def measured(look, looks, camera, lateral, labels, known, gates, facing, least_variance, n_labels):
-    """Sums of each label and source: see `measure_patches`."""
-    information = np.zeros((n_labels, 1 + len(looks), 3, 3))
-    vector, middle = np.zeros((2, n_labels, 1 + len(looks), 3))
-    weight, tilt, count = np.zeros((3, n_labels, 1 + len(looks)))
-    served = [set() for _ in looks]
+def measure_patches(
+    scan, earlier_scans, camera, lateral, labels, known, gates, facing, min_variance, n_labels
+):
+    """Sums of each label and source: see `accumulate_patches`."""
+    information = np.zeros((n_labels, 1 + len(earlier_scans), 3, 3))
+    vector, middle = np.zeros((2, n_labels, 1 + len(earlier_scans), 3))
+    weight, tilt, count = np.zeros((3, n_labels, 1 + len(earlier_scans)))
+    matched = [set() for _ in earlier_scans]
     for k in np.flatnonzero(labels >= 0):
-        p, own = look.pose.transform(look.points[k]), look.pose.rotation @ look.normals[k]
+        p, own = scan.pose.transform(scan.points[k]), scan.pose.rotation @ scan.normals[k]
         at, tilted = None, 0.0
         if known[k, :3].any():
             at, n, there = 0, known[k, :3], known[k, 3:]
-        elif look.planar[k]:
-            for s, other in enumerate(looks):
-                m = associated(p, own, other, camera, gates[0], facing)
-                if m is not None and m not in served[s]:
+        elif scan.planar[k]:
+            for s, other in enumerate(earlier_scans):
+                m = associated_pixel(p, own, other, camera, gates[0], facing)
+                if m is not None and m not in matched[s]:
                     at = 1 + s
                     n = own + other.pose.rotation @ other.normals[m]
                     n = n / np.linalg.norm(n)
@@ -70,17 +72,17 @@ def measured(look, looks, camera, lateral, labels, known, gates, facing, least_v
                     break
         if at is None:
             continue
-        variance = variance_along(n, look.pose.rotation[:, 0], look.deviations[k], lateral)
+        variance = variance_along(n, scan.pose.rotation[:, 0], scan.deviations[k], lateral)
         if at:
             axis = other.pose.rotation[:, 0]
             variance += variance_along(n, axis, other.deviations[m], lateral)
-            tilted = (look.tilts[k] + other.tilts[m]) / 4
-        variance = max(variance, least_variance) + gates[1] ** 2
+            tilted = (scan.normal_variances[k] + other.normal_variances[m]) / 4
+        variance = max(variance, min_variance) + gates[1] ** 2
         e = n @ (there - p)
         if abs(e) > 3 * np.sqrt(variance):
             continue
         if at:
-            served[at - 1].add(m)
+            matched[at - 1].add(m)
         information[labels[k], at] += np.outer(n, n) / variance
         vector[labels[k], at] += n * e / variance
         middle[labels[k], at] += p / variance

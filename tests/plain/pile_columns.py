@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def chord(size, rotation, x, y, step=1e-3):
+def vertical_extent(size, rotation, x, y, step=1e-3):
     """Lowest and highest z of a block about the origin over (x, y), to within a step."""
     reach = np.linalg.norm(size) / 2
     z = np.arange(-reach, reach, step)

@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 
 
-def grow(cloud, camera, noise, predictions, radii, deviations, settings):
+def grow_regions(cloud, camera, noise, predictions, radii, deviations, settings):
     """The pixels' labels (n_pixels,)."""
     w, h = camera.width, camera.height
     left = math.tan(camera.horizontal_field_of_view / 2)
@@ -18,7 +18,7 @@ def grow(cloud, camera, noise, predictions, radii, deviations, settings):
         if p[0] <= 0 or abs(p[1]) > left * p[0] or abs(p[2]) > top * p[0] or not hit.any():
             continue
         misses = np.where(hit, np.linalg.norm(points - p, axis=1), math.inf)
-        if misses.min() <= radius + settings.gate * sigma:
+        if misses.min() <= radius + settings.gate_sigmas * sigma:
             seeds[i] = int(misses.argmin())
 
     owner = np.full(w * h, -1)
@@ -28,14 +28,14 @@ def grow(cloud, camera, noise, predictions, radii, deviations, settings):
         if inside:
             owner[k] = min(inside, key=inside.get)
 
-    def goes_on(k, m):
+    def is_connected(k, m):
         pitch = 2 * left / w if abs(k - m) == 1 else 2 * top / h
-        allowed = math.tan(settings.steepest) * pitch * min(points[k, 0], points[m, 0])
+        allowed = math.tan(settings.max_incidence_angle) * pitch * min(points[k, 0], points[m, 0])
         sigmas = [
             noise.intrinsic * noise.depth * np.linalg.norm(points[j]) ** noise.exponent
             for j in (k, m)
         ]
-        allowed += settings.step * math.hypot(*sigmas)
+        allowed += settings.step_sigmas * math.hypot(*sigmas)
         return abs(points[k, 0] - points[m, 0]) <= allowed
 
     labels = np.full(w * h, -1, dtype=np.int32)
@@ -54,9 +54,9 @@ def grow(cloud, camera, noise, predictions, radii, deviations, settings):
             ):
                 m = r * w + c
                 if 0 <= r < h and 0 <= c < w and m not in region:  # noqa: SIM102
-                    if owner[m] == i and goes_on(k, m):
+                    if owner[m] == i and is_connected(k, m):
                         region.add(m)
                         queue.append(m)
-        if len(region) >= settings.fewest_pixels:
+        if len(region) >= settings.min_pixels:
             labels[list(region)] = i
     return labels

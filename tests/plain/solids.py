@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def meets_cube(triangle, low, high):
+def intersects_box(triangle, low, high):
     """Whether a triangle (3, 3) meets a box: something is left of it between the box's planes."""
     polygon = [np.asarray(corner, dtype=float) for corner in triangle]
     for axis in range(3):
@@ -13,8 +13,8 @@ def meets_cube(triangle, low, high):
                 before = polygon[k - 1]
                 inside, was_inside = sign * corner[axis] >= limit, sign * before[axis] >= limit
                 if inside != was_inside:
-                    share = (limit / sign - before[axis]) / (corner[axis] - before[axis])
-                    polygon_point = before + share * (corner - before)
+                    fraction = (limit / sign - before[axis]) / (corner[axis] - before[axis])
+                    polygon_point = before + fraction * (corner - before)
                     polygon_point[axis] = limit / sign
                     kept.append(polygon_point)
                 if inside:
@@ -28,11 +28,11 @@ def surface_voxels(triangles, shape):
     occupied = np.zeros(shape, dtype=bool)
     for cell in np.ndindex(*shape):
         low = np.array(cell, dtype=float)
-        occupied[cell] = any(meets_cube(triangle, low, low + 1.0) for triangle in triangles)
+        occupied[cell] = any(intersects_box(triangle, low, low + 1.0) for triangle in triangles)
     return occupied
 
 
-def points_on(triangles, n, rng):
+def sample_triangles(triangles, n, rng):
     """Points (m * n, 3), n spread uniformly over each triangle."""
     u, v = rng.random((2, len(triangles), n, 1))
     u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
@@ -40,33 +40,35 @@ def points_on(triangles, n, rng):
     return (a + u * (b - a) + v * (c - a)).reshape(-1, 3)
 
 
-def distance_along(eye, look, triangle):
+def ray_triangle_distance(eye, direction, triangle):
     """Distance along a look to a triangle by solving for its three unknowns; inf if it misses."""
     a, b, c = triangle
     try:
-        u, v, distance = np.linalg.solve(np.stack([b - a, c - a, -look], axis=1), eye - a)
+        u, v, distance = np.linalg.solve(np.stack([b - a, c - a, -direction], axis=1), eye - a)
     except np.linalg.LinAlgError:
         return np.inf
     return distance if u >= 0 and v >= 0 and u + v <= 1 and distance > 0 else np.inf
 
 
-def first_met(eye, points, solids):
+def first_hit(eye, points, solids):
     """Index of the solid that each look meets first, -1 if none; no ball is asked beforehand."""
-    met = []
+    hits = []
     for point in points:
-        look = (point - eye) / np.linalg.norm(point - eye)
-        nearest = [min(distance_along(eye, look, t) for t in s.triangles) for s in solids]
-        met.append(int(np.argmin(nearest)) if np.isfinite(min(nearest)) else -1)
-    return np.array(met)
+        direction = (point - eye) / np.linalg.norm(point - eye)
+        nearest = [
+            min(ray_triangle_distance(eye, direction, t) for t in s.triangles) for s in solids
+        ]
+        hits.append(int(np.argmin(nearest)) if np.isfinite(min(nearest)) else -1)
+    return np.array(hits)
 
 
-def distance_in_plane(point, triangles):
+def planar_distance(point, triangles):
     """Distance from a point (2,) to triangles (m, 3, 2), from points along their edges."""
-    share = np.linspace(0.0, 1.0, 2001)[:, None]
+    fraction = np.linspace(0.0, 1.0, 2001)[:, None]
     nearest = np.inf
     for a, b, c in triangles:
         for start, end in ((a, b), (b, c), (c, a)):
-            along = start + share * (end - start)
+            along = start + fraction * (end - start)
             nearest = min(nearest, np.linalg.norm(along - point, axis=1).min())
         matrix = np.stack([b - a, c - a], axis=1)
         if abs(np.linalg.det(matrix)) > 1e-9:

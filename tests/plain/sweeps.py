@@ -16,7 +16,7 @@ def points_in_boxes(chain, boxes, names, per_axis=4):
     return np.array(of), np.concatenate(points)
 
 
-def touches_boxes(points, boxes):
+def collides_with_boxes(points, boxes):
     """Whether any of the points (..., p, 3) lies in one of the boxes (b, 2, 3)."""
     inside = (points[..., None, :] >= boxes[:, 0]) & (points[..., None, :] <= boxes[:, 1])
     return inside.all(axis=-1).any(axis=(-1, -2))

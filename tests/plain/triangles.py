@@ -3,20 +3,20 @@
 import numpy as np
 
 
-def distances(origin, directions, triangles):
+def ray_distances(origin, directions, triangles):
     """Distances (n,) along unit directions (n, 3) from one origin; inf where nothing is met."""
     nearest = np.full(len(directions), np.inf)
     for a, b, c in triangles:
         normal_u = np.cross(directions, c - a)
         determinant = normal_u @ (b - a)
-        met = determinant != 0
-        inverse = 1 / np.where(met, determinant, 1)
+        hits = determinant != 0
+        inverse = 1 / np.where(hits, determinant, 1)
         u = normal_u @ (origin - a) * inverse
         normal_v = np.cross(origin - a, b - a)
         v = directions @ normal_v * inverse
         t = (c - a) @ normal_v * inverse
-        met &= (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0)
-        nearest[met] = np.minimum(nearest, t)[met]
+        hits &= (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0)
+        nearest[hits] = np.minimum(nearest, t)[hits]
     return nearest
 
 

@@ -4,14 +4,14 @@ import itertools
 import math
 
 import numpy as np
-from plain.triangles import distances
+from plain.triangles import ray_distances
 
 
 def distance_to_segment(point, a, b):
     """Distance of a point to the segment from a to b."""
     length = np.dot(b - a, b - a)
-    share = 0.0 if length == 0 else np.clip(np.dot(point - a, b - a) / length, 0, 1)
-    return np.linalg.norm(point - a - share * (b - a))
+    fraction = 0.0 if length == 0 else np.clip(np.dot(point - a, b - a) / length, 0, 1)
+    return np.linalg.norm(point - a - fraction * (b - a))
 
 
 def distance_to_triangle(point, triangle):
@@ -31,7 +31,7 @@ def nearest_distances(points, triangles):
     return np.array([min(distance_to_triangle(p, one) for one in triangles) for p in points])
 
 
-def covered(map_, points):
+def covered_mask(map_, points):
     """Which points (n, 3) have an occupied voxel among the 27 around their own."""
     occupied = map_.sampled & (map_.probability > 0.5)
     out = []
@@ -42,15 +42,15 @@ def covered(map_, points):
     return np.array(out, dtype=bool)
 
 
-def in_sight(pose, camera, triangles, point):
+def is_visible(pose, camera, triangles, point):
     """Whether a camera has a point in its image, in range, with nothing before it."""
     x, y, z = pose.inverse().transform(point)
     if x <= 0:
         return False
     across = abs(math.atan2(y, x)) <= camera.horizontal_field_of_view / 2
     upward = abs(math.atan2(z, x)) <= camera.vertical_field_of_view / 2
-    way = point - pose.translation
-    distance = np.linalg.norm(way)
+    ray = point - pose.translation
+    distance = np.linalg.norm(ray)
     if not (across and upward and camera.near <= distance <= camera.far):
         return False
-    return distances(pose.translation, way[None] / distance, triangles)[0] > distance - 1e-3
+    return ray_distances(pose.translation, ray[None] / distance, triangles)[0] > distance - 1e-3

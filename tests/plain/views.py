@@ -10,7 +10,7 @@ from coopmap_env.geometry import traverse
 def visible_cells(map_, camera, lattice, pose_id):
     """Set of cells (ix, iy) crossed by any beam up to and with the first one with P >= 1/2."""
     x, y, heading = lattice.pose(pose_id)
-    start = lattice.grid.cells([x, y])
+    start = lattice.grid.to_cell_units([x, y])
     depth = camera.depth_of_field / lattice.grid.resolution
     blocked = map_.sampled & (map_.probability >= 0.5)
     seen = set()
@@ -26,23 +26,25 @@ def visible_cells(map_, camera, lattice, pose_id):
     return seen
 
 
-def gray(p, sampled, d, depth, reading):
+def gray_level(p, sampled, d, depth, interpretation):
     """Eqs. 8a and 8b of one voxel at d voxels."""
     if not sampled:
         return 1 + min(d / depth, 1)
-    d = 1.0 if reading == "distance_free" else max(d, 1.0)
+    d = 1.0 if interpretation == "distance_free" else max(d, 1.0)
     if p < 0.5:
         return min(max((1 / ((1 - p) * d) - 1) / 2, 0.0), 0.5)
     return min(max(1 - (1 / (p * d) - 1) / 2, 0.5), 1.0)
 
 
-def new_information(map_, camera, lattice, pose_id, settings, n_visible, claimed=()):
+def new_information(map_, camera, lattice, pose_id, settings, max_visible_cells, reserved_mask=()):
     """NI: entropy of the histogram of gray levels over what is visible (Eqs. 6 to 8)."""
     ix, iy = divmod(pose_id // lattice.n_headings, lattice.grid.shape[1])
     depth = camera.depth_of_field / lattice.grid.resolution
-    counts = [0] * settings.n_gray
-    for cell in visible_cells(map_, camera, lattice, pose_id) - set(claimed):
+    counts = [0] * settings.n_gray_bins
+    for cell in visible_cells(map_, camera, lattice, pose_id) - set(reserved_mask):
         d = math.hypot(cell[0] - ix, cell[1] - iy)
-        level = gray(map_.probability[cell], map_.sampled[cell], d, depth, settings.reading)
-        counts[min(int(level * settings.n_gray / 2), settings.n_gray - 1)] += 1
-    return -sum(f / n_visible * math.log(f / n_visible) for f in counts if f)
+        level = gray_level(
+            map_.probability[cell], map_.sampled[cell], d, depth, settings.interpretation
+        )
+        counts[min(int(level * settings.n_gray_bins / 2), settings.n_gray_bins - 1)] += 1
+    return -sum(f / max_visible_cells * math.log(f / max_visible_cells) for f in counts if f)

@@ -37,7 +37,7 @@ def somewhere():
 
 @pytest.fixture(scope="session")
 def vehicle(mast, somewhere):
-    return Vehicle.of(mast, somewhere)
+    return Vehicle.from_mount(mast, somewhere)
 
 
 @pytest.fixture

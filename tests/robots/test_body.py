@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from coopmap_env.robots import Body, SphereSettings
-from coopmap_env.robots.kinematics.collision_spheres import cover
+from coopmap_env.robots import CollisionSpheres, CollisionSphereSettings
+from coopmap_env.robots.kinematics.collision_spheres import cover_with_spheres
 
 
 def random_points(triangles, rng, n):
@@ -18,41 +18,45 @@ def random_points(triangles, rng, n):
 def test_all_triangles_lie_in_the_spheres_of_their_rigid_body(any_mount):
     rng = np.random.default_rng(0)
     chain = any_mount.chain()
-    body = Body.of(chain, any_mount.home)
+    body = CollisionSpheres.from_chain(chain, any_mount.home)
     for link, triangles in enumerate(chain.meshes):
         if not len(triangles):
             continue
         points = random_points(triangles, rng, 3000)
         points = points @ chain.link_rotations[link].T + chain.link_translations[link]
-        mine = body.sphere_body == chain.link_body[link]
+        mine = body.sphere_body_index == chain.link_body[link]
         gaps = np.linalg.norm(points[:, None] - body.local_centers[mine], axis=2)
         assert (gaps - body.radii[mine]).min(axis=1).max() < 1e-9, chain.link_names[link]
 
 
 def test_spheres_are_few_and_small_where_links_move(any_mount):
-    body = Body.of(any_mount.chain(), any_mount.home)
+    body = CollisionSpheres.from_chain(any_mount.chain(), any_mount.home)
     moving = ~body.is_static
     assert np.count_nonzero(moving) <= 20
     assert np.bincount(body.link).max() <= 8
     assert (body.radii[moving] <= 0.17).all()
-    assert not moving[: body.n_static].any()
-    assert moving[body.n_static :].all()
+    assert not moving[: body.n_static_spheres].any()
+    assert moving[body.n_static_spheres :].all()
 
 
 def test_finer_settings_give_smaller_spheres(mast):
-    fine = Body.of(mast.chain(), mast.home, SphereSettings(radius=0.08, most=32))
+    fine = CollisionSpheres.from_chain(
+        mast.chain(), mast.home, CollisionSphereSettings(radius=0.08, max_spheres=32)
+    )
     assert (fine.radii[~fine.is_static] <= 0.08).all()
-    assert fine.n_spheres > Body.of(mast.chain(), mast.home).n_spheres
+    assert fine.n_spheres > CollisionSpheres.from_chain(mast.chain(), mast.home).n_spheres
 
 
 def test_the_body_of_a_chain_is_made_once(mast):
-    assert Body.of(mast.chain(), mast.home) is Body.of(mast.chain(), mast.home)
+    assert CollisionSpheres.from_chain(mast.chain(), mast.home) is CollisionSpheres.from_chain(
+        mast.chain(), mast.home
+    )
 
 
 def test_by_hand_a_long_box_is_halved_until_its_spheres_are_small():
     trimesh = pytest.importorskip("trimesh")
     box = np.array(trimesh.creation.box(extents=(0.8, 0.1, 0.1)).triangles)
-    balls = sorted(cover(box, 0.15, 8), key=lambda ball: ball[0][0])
+    balls = sorted(cover_with_spheres(box, 0.15, 8), key=lambda ball: ball[0][0])
     np.testing.assert_allclose([c[0] for c, _ in balls], [-0.3, -0.1, 0.1, 0.3], atol=1e-3)
     # half the diagonal of 0.2 x 0.1 x 0.1
     np.testing.assert_allclose([r for _, r in balls], 0.1225, atol=1e-3)
@@ -60,7 +64,7 @@ def test_by_hand_a_long_box_is_halved_until_its_spheres_are_small():
 
 def test_spheres_follow_their_links(any_mount):
     chain = any_mount.chain()
-    body = Body.of(chain, any_mount.home)
+    body = CollisionSpheres.from_chain(chain, any_mount.home)
     lower, upper = np.maximum(chain.lower, -3), np.minimum(chain.upper, 3)
     q = np.random.default_rng(1).uniform(lower, upper, (4, chain.n_joints))
     centers, radii, link = body.spheres(q)
@@ -75,23 +79,26 @@ def test_spheres_follow_their_links(any_mount):
 
 
 def test_pairs_are_apart_at_home_and_hold_a_moving_sphere_first(any_mount):
-    body = Body.of(any_mount.chain(), any_mount.home)
+    body = CollisionSpheres.from_chain(any_mount.chain(), any_mount.home)
     i, j = body.pairs.T
     centers = body.centers(any_mount.home)
     assert (np.linalg.norm(centers[i] - centers[j], axis=1) > body.radii[i] + body.radii[j]).all()
     assert not body.is_static[i].any()
-    assert (body.sphere_body[i] != body.sphere_body[j]).all()
+    assert (body.sphere_body_index[i] != body.sphere_body_index[j]).all()
     static_first = [np.diff(body.is_static[body.partners[a:c]].astype(int)).max(initial=0)
-                    for a, _, c in body.pair_rows]  # fmt: skip
+                    for a, _, c in body.partner_ranges]  # fmt: skip
     assert max(static_first) == 0
 
 
 def test_the_static_ball_holds_the_static_spheres(any_mount):
-    body = Body.of(any_mount.chain(), any_mount.home)
-    gaps = np.linalg.norm(body.centers(any_mount.home) - body.static_ball[:3], axis=1) + body.radii
-    assert gaps[body.is_static].max() <= body.static_ball[3] + 1e-9
+    body = CollisionSpheres.from_chain(any_mount.chain(), any_mount.home)
+    gaps = (
+        np.linalg.norm(body.centers(any_mount.home) - body.static_bounding_sphere[:3], axis=1)
+        + body.radii
+    )
+    assert gaps[body.is_static].max() <= body.static_bounding_sphere[3] + 1e-9
 
 
 def test_settings_must_be_positive():
-    with pytest.raises(ValueError, match=r"SphereSettings.radius must be > 0, got 0"):
-        SphereSettings(radius=0)
+    with pytest.raises(ValueError, match=r"CollisionSphereSettings.radius must be > 0, got 0"):
+        CollisionSphereSettings(radius=0)

@@ -4,7 +4,7 @@ from plain.kinematics import link_poses, random_joints
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots import Chain
-from coopmap_env.robots.kinematics.urdf import Model
+from coopmap_env.robots.kinematics.urdf import UrdfModel
 
 TWO_LINKS = """<robot name="two">
   <link name="root"/>
@@ -37,32 +37,36 @@ def two_links(tmp_path):
 
 
 def test_by_hand_a_lift_by_one_half_and_a_quarter_turn(two_links):
-    chain = Chain.read(two_links, ("lift", "turn"), "b", Pose(np.array([1.0, 0, 0]), np.eye(3)))
+    chain = Chain.from_urdf(
+        two_links, ("lift", "turn"), "b", Pose(np.array([1.0, 0, 0]), np.eye(3))
+    )
     R, t = chain.camera_poses([0.5, np.pi / 2])
     np.testing.assert_allclose(t, [1, 1, 1.5], atol=1e-12)  # root 1 ahead, 1 + 0.5 up, then 1 left
     np.testing.assert_allclose(R, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
 
 
 def test_by_hand_the_jacobian_slides_up_and_swings_sideways(two_links):
-    chain = Chain.read(two_links, ("lift", "turn"), "b", Pose(np.array([1.0, 0, 0]), np.eye(3)))
+    chain = Chain.from_urdf(
+        two_links, ("lift", "turn"), "b", Pose(np.array([1.0, 0, 0]), np.eye(3))
+    )
     J = chain.jacobian([0.2, 0.0])
     np.testing.assert_allclose(J[:, 0], [0, 0, 1, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(J[:, 1], [0, 1, 0, 0, 0, 1], atol=1e-12)
 
 
 def test_a_mimic_joint_follows_another(two_links):
-    chain = Chain.read(two_links, ("turn",), "c")
+    chain = Chain.from_urdf(two_links, ("turn",), "c")
     R, _ = chain.camera_poses([0.3])
     np.testing.assert_allclose(np.arctan2(R[1, 0], R[0, 0]), 0.5, atol=1e-12)  # 0.3 - 0.3 + 0.5
 
 
 def test_joints_are_frozen_at_given_values(two_links):
-    chain = Chain.read(two_links, ("turn",), "b", frozen={"lift": 0.25})
+    chain = Chain.from_urdf(two_links, ("turn",), "b", fixed_joints={"lift": 0.25})
     np.testing.assert_allclose(chain.camera_poses([0.0])[1], [1, 0, 1.25], atol=1e-12)
 
 
 def test_masses_centres_and_triangles_are_read(two_links):
-    chain = Chain.read(two_links, ("turn",), "b")
+    chain = Chain.from_urdf(two_links, ("turn",), "b")
     c, b = chain.link_names.index("c"), chain.link_names.index("b")
     assert chain.masses[c] == 3
     assert chain.masses.sum() == 3
@@ -76,9 +80,9 @@ def test_masses_centres_and_triangles_are_read(two_links):
 
 def test_link_poses_eq_the_plain_ones(any_mount):
     rng = np.random.default_rng(0)
-    for on_suspension in (False, True):
-        chain = any_mount.chain(on_suspension)
-        model = Model.read(any_mount.urdf)
+    for with_suspension in (False, True):
+        chain = any_mount.chain(with_suspension)
+        model = UrdfModel.from_file(any_mount.urdf)
         q = random_joints(chain, rng, 5)
         R, t = chain.link_poses(q)
         Rc, tc = chain.camera_poses(q)
@@ -105,7 +109,7 @@ def test_link_poses_eq_pybullet_on_random_joints(any_mount):
         links = {info[12].decode(): info[0] for info in infos}
         masses = [p.getDynamicsInfo(robot, i, physicsClientId=client)[0] for i in joints.values()]
         assert min(masses) > 0  # none is fixed by a missing mass
-        chain = any_mount.chain(on_suspension=True)
+        chain = any_mount.chain(with_suspension=True)
         assert {info[1].decode() for info in infos if info[2] != p.JOINT_FIXED} == set(
             chain.joint_names
         )
@@ -126,7 +130,7 @@ def test_link_poses_eq_pybullet_on_random_joints(any_mount):
 
 
 def test_the_jacobian_eq_finite_differences(any_mount):
-    chain = any_mount.chain(on_suspension=True)
+    chain = any_mount.chain(with_suspension=True)
     for q in random_joints(chain, np.random.default_rng(2), 3):
         J = chain.jacobian(q)
         for n in range(chain.n_joints):
@@ -139,7 +143,7 @@ def test_the_jacobian_eq_finite_differences(any_mount):
 
 def test_at_rest_both_chains_agree(any_mount):
     R, t = any_mount.chain().camera_poses(any_mount.home)
-    R2, t2 = any_mount.chain(on_suspension=True).camera_poses([0, 0, 0, *any_mount.home])
+    R2, t2 = any_mount.chain(with_suspension=True).camera_poses([0, 0, 0, *any_mount.home])
     np.testing.assert_allclose(R, R2, atol=1e-12)
     np.testing.assert_allclose(t, t2, atol=1e-12)
 
@@ -156,12 +160,12 @@ def test_the_joint_at_fault_is_named(mast):
 
 def test_unknown_joints_and_links_are_answered_by_those_that_exist(mast):
     with pytest.raises(ValueError, match=r"no moving joint 'knee'; it has.*'turntable'"):
-        Chain.read(mast.urdf, ("knee",), "camera")
+        Chain.from_urdf(mast.urdf, ("knee",), "camera")
     with pytest.raises(ValueError, match="no moving joint 'camera_mount'"):
-        Chain.read(mast.urdf, ("turntable",), "camera", frozen={"camera_mount": 1.0})
+        Chain.from_urdf(mast.urdf, ("turntable",), "camera", fixed_joints={"camera_mount": 1.0})
     with pytest.raises(ValueError, match=r"no link 'eye' for the camera; it has.*'head'"):
-        Chain.read(mast.urdf, ("turntable",), "eye")
+        Chain.from_urdf(mast.urdf, ("turntable",), "eye")
     with pytest.raises(ValueError, match="named twice"):
-        Chain.read(mast.urdf, ("turntable", "turntable"), "camera")
+        Chain.from_urdf(mast.urdf, ("turntable", "turntable"), "camera")
     with pytest.raises(FileNotFoundError, match="no URDF at /nowhere"):
-        Chain.read("/nowhere/a.urdf", ("a",), "b")
+        Chain.from_urdf("/nowhere/a.urdf", ("a",), "b")

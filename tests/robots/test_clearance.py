@@ -4,9 +4,9 @@ from plain.kinematics import sphere_state
 from scipy.ndimage import distance_transform_edt
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
-from coopmap_env.robots import Clearance, spheres_clear
+from coopmap_env.robots import VoxelStates, are_spheres_free
 from coopmap_env.robots.collision.clearance import FREE, OCCUPIED, OUTSIDE, UNKNOWN
-from coopmap_env.robots.reach import LEVEL_EMPTY
+from coopmap_env.robots.reach import FREE_LOG_ODDS_FIXED
 
 
 def scattered(rng, shape=(24, 20, 16), share=0.02):
@@ -21,44 +21,47 @@ def scattered(rng, shape=(24, 20, 16), share=0.02):
 def test_by_hand_a_sphere_is_clear_up_to_the_face_of_a_voxel():
     map_ = OccupancyMap(VoxelGrid((10, 10, 10), 0.1))
     map_.mark_free(np.arange(1000))
-    map_.mark_occupied(map_.grid.flat([5, 5, 5]))  # from 0.5 to 0.6
-    around = Clearance.around(map_, (0.5, 0.5, 0.5), 0.6)
-    assert around.touched([0.35, 0.55, 0.55], 0.149) == FREE
-    assert around.touched([0.35, 0.55, 0.55], 0.151) == OCCUPIED
+    map_.mark_occupied(map_.grid.flat_index([5, 5, 5]))  # from 0.5 to 0.6
+    around = VoxelStates.from_map(map_, (0.5, 0.5, 0.5), 0.6)
+    assert around.sphere_states([0.35, 0.55, 0.55], 0.149) == FREE
+    assert around.sphere_states([0.35, 0.55, 0.55], 0.151) == OCCUPIED
     corner = 0.1 * np.sqrt(3)  # across to the voxel's corner at (0.5, 0.5, 0.5)
-    assert around.touched([0.4, 0.4, 0.4], corner - 1e-6) == FREE
-    assert around.touched([0.4, 0.4, 0.4], corner + 1e-6) == OCCUPIED
+    assert around.sphere_states([0.4, 0.4, 0.4], corner - 1e-6) == FREE
+    assert around.sphere_states([0.4, 0.4, 0.4], corner + 1e-6) == OCCUPIED
 
 
 def test_by_hand_unknown_is_blocked_and_so_is_all_beyond_the_map():
     map_ = OccupancyMap(VoxelGrid((10, 10, 10), 0.1))
-    around = Clearance.around(map_, (0.5, 0.5, 0.5), 0.7)
-    assert around.touched([0.55, 0.55, 0.55], 0.01) == UNKNOWN
+    around = VoxelStates.from_map(map_, (0.5, 0.5, 0.5), 0.7)
+    assert around.sphere_states([0.55, 0.55, 0.55], 0.01) == UNKNOWN
     map_.mark_free(np.arange(1000))
-    around = Clearance.around(map_, (0.5, 0.5, 0.5), 0.7)
-    assert around.touched([0.15, 0.55, 0.55], 0.14) == FREE
-    assert around.touched([0.15, 0.55, 0.55], 0.16) == OUTSIDE
-    assert around.touched([9.0, 0.55, 0.55], 0.1) == OUTSIDE
+    around = VoxelStates.from_map(map_, (0.5, 0.5, 0.5), 0.7)
+    assert around.sphere_states([0.15, 0.55, 0.55], 0.14) == FREE
+    assert around.sphere_states([0.15, 0.55, 0.55], 0.16) == OUTSIDE
+    assert around.sphere_states([9.0, 0.55, 0.55], 0.1) == OUTSIDE
 
 
 def test_a_cell_is_free_as_in_the_plane_below_5_percent():
     map_ = OccupancyMap(VoxelGrid((3, 3, 3), 0.1))
     map_.mark_free(np.arange(27))
-    for level, state in ((LEVEL_EMPTY - 1, FREE), (LEVEL_EMPTY, OCCUPIED)):
-        map_.levels[13] = level
-        assert Clearance.around(map_, (0.15,) * 3, 0.15).touched([0.15] * 3, 0.01) == state
+    for level, state in ((FREE_LOG_ODDS_FIXED - 1, FREE), (FREE_LOG_ODDS_FIXED, OCCUPIED)):
+        map_.log_odds_fixed[13] = level
+        assert (
+            VoxelStates.from_map(map_, (0.15,) * 3, 0.15).sphere_states([0.15] * 3, 0.01) == state
+        )
 
 
 def test_spheres_meet_what_the_plain_reference_says():
     rng = np.random.default_rng(0)
     for _ in range(5):
         map_ = scattered(rng, share=rng.choice([0.01, 0.1, 0.6]))
-        around = Clearance.around(map_, rng.uniform(-0.5, 0.5, 3), 2.5)
+        around = VoxelStates.from_map(map_, rng.uniform(-0.5, 0.5, 3), 2.5)
         centers, radii = rng.uniform(-1.2, 1.4, (60, 3)), rng.uniform(0.01, 0.35, 60)
         wanted = [
-            sphere_state(map_, c, r, LEVEL_EMPTY) for c, r in zip(centers, radii, strict=True)
+            sphere_state(map_, c, r, FREE_LOG_ODDS_FIXED)
+            for c, r in zip(centers, radii, strict=True)
         ]
-        np.testing.assert_array_equal(around.touched(centers, radii), wanted)
+        np.testing.assert_array_equal(around.sphere_states(centers, radii), wanted)
 
 
 def test_clearness_agrees_with_scipys_distances_within_half_a_voxels_diagonal():
@@ -66,28 +69,28 @@ def test_clearness_agrees_with_scipys_distances_within_half_a_voxels_diagonal():
     rng = np.random.default_rng(1)
     map_ = scattered(rng)
     grid = map_.grid
-    blocked = (map_.levels >= LEVEL_EMPTY) | (map_.sampled_cells == 0)
+    blocked = (map_.log_odds_fixed >= FREE_LOG_ODDS_FIXED) | (map_.sampled_mask == 0)
     padded = np.pad(blocked.reshape(grid.shape), 1, constant_values=True)
     distance = 0.1 * distance_transform_edt(~padded)[1:-1, 1:-1, 1:-1]
     index = np.stack(np.nonzero(distance > 0), axis=-1)
     index = index[rng.permutation(len(index))[:400]]
-    around = Clearance.around(map_, (0.2, 0.3, 0.5), 2.5)
+    around = VoxelStates.from_map(map_, (0.2, 0.3, 0.5), 2.5)
     half = 0.05 * np.sqrt(3)
     d = distance[tuple(index.T)]
-    assert (around.touched(grid.center(index), d - half - 1e-9) == FREE).all()
-    assert (around.touched(grid.center(index), d) != FREE).all()
+    assert (around.sphere_states(grid.center(index), d - half - 1e-9) == FREE).all()
+    assert (around.sphere_states(grid.center(index), d) != FREE).all()
 
 
 def test_where_nothing_is_near_all_spheres_are_clear():
     rng = np.random.default_rng(2)
     for radius in (0.05, 0.13, 0.2, 0.27):
         map_ = scattered(rng, share=0.003)
-        around = Clearance.around(map_, (0.2, 0.3, 0.5), 0.7)
-        near = around.near(radius)
+        around = VoxelStates.from_map(map_, (0.2, 0.3, 0.5), 0.7)
+        near = around.blocked_neighborhood(radius)
         empty = np.argwhere(near == 0)
         assert len(empty)
         centers = around.lower + 0.1 * (empty + rng.random(empty.shape))
-        assert (around.touched(centers, radius) == FREE).all()
+        assert (around.sphere_states(centers, radius) == FREE).all()
         # and the marks are no wider than that: a cube of `reach` voxels to all sides
         reach = int(np.ceil(radius / 0.1))
         inner = tuple(slice(reach, n - reach) for n in near.shape)
@@ -100,19 +103,23 @@ def test_sets_of_spheres_are_clear_if_each_one_is():
     map_ = OccupancyMap(VoxelGrid((10, 10, 10), 0.1))
     map_.mark_free(np.arange(1000))
     map_.mark_occupied(0)
-    around = Clearance.around(map_, (0.5, 0.5, 0.5), 0.5)
+    around = VoxelStates.from_map(map_, (0.5, 0.5, 0.5), 0.5)
     centers = np.array([[[0.5, 0.5, 0.5], [0.7, 0.7, 0.7]], [[0.5, 0.5, 0.5], [0.18, 0.12, 0.12]]])
-    np.testing.assert_array_equal(spheres_clear(around, centers, [0.1, 0.1]), [True, False])
-    np.testing.assert_array_equal(spheres_clear(around, centers, [0.1, 0.1], 0.15), [True, False])
-    np.testing.assert_array_equal(spheres_clear(around, centers, [0.1, 0.1], 0.25), [False, False])
+    np.testing.assert_array_equal(are_spheres_free(around, centers, [0.1, 0.1]), [True, False])
+    np.testing.assert_array_equal(
+        are_spheres_free(around, centers, [0.1, 0.1], 0.15), [True, False]
+    )
+    np.testing.assert_array_equal(
+        are_spheres_free(around, centers, [0.1, 0.1], 0.25), [False, False]
+    )
 
 
 def test_arguments_are_checked():
     flat = OccupancyMap(VoxelGrid((10, 10)))
     with pytest.raises(ValueError, match=r"3-D map, got the grid \(10, 10\)"):
-        Clearance.around(flat, (0, 0, 0), 1)
+        VoxelStates.from_map(flat, (0, 0, 0), 1)
     map_ = OccupancyMap(VoxelGrid((4, 4, 4)))
     with pytest.raises(ValueError, match="reach must be finite and > 0, got -1"):
-        Clearance.around(map_, (0, 0, 0), -1)
+        VoxelStates.from_map(map_, (0, 0, 0), -1)
     with pytest.raises(ValueError, match="centre must be three finite values"):
-        Clearance.around(map_, (0, 0), 1)
+        VoxelStates.from_map(map_, (0, 0), 1)

@@ -5,10 +5,10 @@ import pytest
 from plain.kinematics import pose_is_free, random_joints, waypoints
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots import MotionSettings, Surroundings, Vehicle, plan_path
-from coopmap_env.robots.collision.contact import n_waypoints
-from coopmap_env.robots.kinematics.forward import scratch
-from coopmap_env.robots.reach import LEVEL_EMPTY
+from coopmap_env.robots import CollisionChecker, CollisionSettings, Vehicle, plan_path
+from coopmap_env.robots.collision.contact import count_waypoints
+from coopmap_env.robots.kinematics.forward import allocate_body_poses
+from coopmap_env.robots.reach import FREE_LOG_ODDS_FIXED
 
 LEFT, RIGHT = np.array([-1.0, 0.6, 0.9, 0, 0]), np.array([1.0, 0.6, 0.9, 0, 0])
 
@@ -16,7 +16,7 @@ LEFT, RIGHT = np.array([-1.0, 0.6, 0.9, 0, 0]), np.array([1.0, 0.6, 0.9, 0, 0])
 @pytest.fixture
 def ahead(mast):
     """A mast at the origin, looking along x."""
-    return Vehicle.of(mast, Pose(np.zeros(3), np.eye(3)))
+    return Vehicle.from_mount(mast, Pose(np.zeros(3), np.eye(3)))
 
 
 def wall(map_, mark):
@@ -28,63 +28,65 @@ def wall(map_, mark):
 
 def forget(map_):
     def cells(numbers):
-        map_.levels[numbers] = 0
-        map_.sampled_cells[numbers] = 0
+        map_.log_odds_fixed[numbers] = 0
+        map_.sampled_mask[numbers] = 0
 
     return cells
 
 
 def test_in_the_open_all_is_free(ahead, open_map):
-    s = Surroundings(ahead, open_map)
+    s = CollisionChecker(ahead, open_map)
     q = random_joints(ahead.chain, np.random.default_rng(0), 40)
-    assert s.are_clear(q).all()
-    assert s.are_free(ahead.home, q).all()
-    assert s.why_not(LEFT, RIGHT) == ""
+    assert s.are_poses_free(q).all()
+    assert s.are_motions_free(ahead.home, q).all()
+    assert s.infeasibility_reason(LEFT, RIGHT) == ""
     assert s.first_contact(LEFT, RIGHT) is None
-    assert s.why_not(LEFT, LEFT) == ""
+    assert s.infeasibility_reason(LEFT, LEFT) == ""
 
 
 def test_why_not_names_the_link_and_what_it_would_touch(ahead, open_map):
     wall(open_map, open_map.mark_occupied)
-    text = Surroundings(ahead, open_map).why_not(LEFT, RIGHT)
+    text = CollisionChecker(ahead, open_map).infeasibility_reason(LEFT, RIGHT)
     assert "link forearm would touch an obstacle at (" in text
     assert "% of the way" in text
     wall(open_map, forget(open_map))
-    s = Surroundings(ahead, open_map)
-    assert "would touch unknown space" in s.why_not(LEFT, RIGHT)
+    s = CollisionChecker(ahead, open_map)
+    assert "would touch unknown space" in s.infeasibility_reason(LEFT, RIGHT)
     middle = 0.5 * (LEFT + RIGHT)
-    assert s.why_not(LEFT, middle).endswith("at the goal")
-    assert s.first_contact(LEFT, middle, goal_first=True).free_share == 0
+    assert s.infeasibility_reason(LEFT, middle).endswith("at the goal")
+    assert s.first_contact(LEFT, middle, goal_first=True).free_fraction == 0
 
 
 def test_the_first_contact_tells_how_far_the_way_is_free(ahead, open_map):
     wall(open_map, open_map.mark_occupied)
-    s = Surroundings(ahead, open_map)
+    s = CollisionChecker(ahead, open_map)
     contact = s.first_contact(LEFT, RIGHT)
-    assert 0.1 < contact.free_share < 0.5
+    assert 0.1 < contact.free_fraction < 0.5
     assert not contact.at_goal
-    stop = LEFT + contact.free_share * (RIGHT - LEFT)
-    assert s.are_free(LEFT, stop)[0]
-    assert not s.are_free(LEFT, LEFT + (contact.free_share + 0.05) * (RIGHT - LEFT))[0]
+    stop = LEFT + contact.free_fraction * (RIGHT - LEFT)
+    assert s.are_motions_free(LEFT, stop)[0]
+    assert not s.are_motions_free(LEFT, LEFT + (contact.free_fraction + 0.05) * (RIGHT - LEFT))[0]
 
 
 def test_own_links_are_in_the_way_too(open_map, somewhere):
     pytest.importorskip("pybullet_data")
-    vehicle = Vehicle.of("husky_panda", somewhere)
+    vehicle = Vehicle.from_mount("husky_panda", somewhere)
     low = vehicle.home + np.array([0, 1.6, 0, 0.3, 0, 0, 0])  # leans over, and into the chassis
-    text = Surroundings(vehicle, open_map).why_not(vehicle.home, low)
+    text = CollisionChecker(vehicle, open_map).infeasibility_reason(vehicle.home, low)
     assert "would touch its own" in text
 
 
 def test_teammates_are_in_the_way_too(mast, open_map):
     base = Pose(np.zeros(3), np.eye(3))
-    left = Vehicle.of(mast, base)
-    right = Vehicle.of(mast, Pose(np.array([1.0, 0, 0]), np.eye(3)))
+    left = Vehicle.from_mount(mast, base)
+    right = Vehicle.from_mount(mast, Pose(np.array([1.0, 0, 0]), np.eye(3)))
     team = [right.spheres(right.home)]
-    assert "would touch teammate 0 at" in Surroundings(left, open_map, team).why_not(LEFT, RIGHT)
-    far = Vehicle.of(mast, Pose(np.array([2.8, 0, 0]), np.eye(3)))
-    s = Surroundings(left, open_map, [far.spheres(far.home)])
-    assert s.why_not(LEFT, RIGHT) == ""
+    assert "would touch teammate 0 at" in CollisionChecker(
+        left, open_map, team
+    ).infeasibility_reason(LEFT, RIGHT)
+    far = Vehicle.from_mount(mast, Pose(np.array([2.8, 0, 0]), np.eye(3)))
+    s = CollisionChecker(left, open_map, [far.spheres(far.home)])
+    assert s.infeasibility_reason(LEFT, RIGHT) == ""
 
 
 @pytest.mark.parametrize("n", [3, 40])
@@ -94,16 +96,16 @@ def test_poses_are_clear_where_the_plain_reference_says_so(vehicle, mast, open_m
     cells = rng.choice(open_map.grid.n_cells, open_map.grid.n_cells // 400)
     open_map.mark_occupied(cells[::2])
     forget(open_map)(cells[1::2])
-    mate = Vehicle.of(mast, Pose(np.array([1.7, 0.3, 0.0]), np.eye(3)))
-    team, settings = [mate.spheres(mate.home)], MotionSettings()
+    mate = Vehicle.from_mount(mast, Pose(np.array([1.7, 0.3, 0.0]), np.eye(3)))
+    team, settings = [mate.spheres(mate.home)], CollisionSettings()
     q = random_joints(vehicle.chain, rng, n)
-    wanted = [pose_is_free(vehicle, open_map, team, p, settings, LEVEL_EMPTY) for p in q]
-    s = Surroundings(vehicle, open_map, team)
-    np.testing.assert_array_equal(s.are_clear(q), wanted)
+    wanted = [pose_is_free(vehicle, open_map, team, p, settings, FREE_LOG_ODDS_FIXED) for p in q]
+    s = CollisionChecker(vehicle, open_map, team)
+    np.testing.assert_array_equal(s.are_poses_free(q), wanted)
     if n > 3:
         assert 0 < np.mean(wanted) < 1
-        s._near = s.clearance.near(s._widest)
-        np.testing.assert_array_equal(s.are_clear(q), wanted)
+        s._neighborhood = s.voxel_states.blocked_neighborhood(s._largest_radius)
+        np.testing.assert_array_equal(s.are_poses_free(q), wanted)
 
 
 def test_a_motion_called_free_is_free_in_between_too(vehicle, open_map):
@@ -113,41 +115,41 @@ def test_a_motion_called_free_is_free_in_between_too(vehicle, open_map):
     index = np.stack(np.unravel_index(cells, open_map.grid.shape), axis=-1)
     aside = (open_map.grid.center(index) - vehicle.T_world_base.translation)[:, :2]
     open_map.mark_occupied(cells[np.linalg.norm(aside, axis=1) > 0.4])  # not in the post
-    s = Surroundings(vehicle, open_map)
-    bare = MotionSettings(margin=0.0)
-    start = next(q for q in random_joints(vehicle.chain, rng, 99) if s.are_clear(q)[0])
+    s = CollisionChecker(vehicle, open_map)
+    bare = CollisionSettings(margin=0.0)
+    start = next(q for q in random_joints(vehicle.chain, rng, 99) if s.are_poses_free(q)[0])
     goals = random_joints(vehicle.chain, rng, 30)
-    free = s.are_free(start, goals)
+    free = s.are_motions_free(start, goals)
     assert 2 < free.sum() < 28
     for goal in goals[free][:4]:
         for q in waypoints(start, goal, 40):
-            assert pose_is_free(vehicle, open_map, [], q, bare, LEVEL_EMPTY)
+            assert pose_is_free(vehicle, open_map, [], q, bare, FREE_LOG_ODDS_FIXED)
 
 
 def test_many_motions_are_judged_like_single_ones(vehicle, open_map):
     rng = np.random.default_rng(6)
     open_map.mark_occupied(rng.choice(open_map.grid.n_cells, 60))
     goals = random_joints(vehicle.chain, rng, 30)
-    together = Surroundings(vehicle, open_map).are_free(vehicle.home, goals)
-    alone = Surroundings(vehicle, open_map)
+    together = CollisionChecker(vehicle, open_map).are_motions_free(vehicle.home, goals)
+    alone = CollisionChecker(vehicle, open_map)
     one_by_one = [alone.first_contact(vehicle.home, goal) is None for goal in goals]
     np.testing.assert_array_equal(together, one_by_one)
-    assert [alone.why_not(vehicle.home, goal) == "" for goal in goals] == one_by_one
+    assert [alone.infeasibility_reason(vehicle.home, goal) == "" for goal in goals] == one_by_one
     assert 0 < together.mean() < 1
 
 
 def test_no_centre_moves_more_than_a_step_between_two_checks(any_mount):
-    vehicle = Vehicle.of(any_mount, Pose(np.zeros(3), np.eye(3)))
+    vehicle = Vehicle.from_mount(any_mount, Pose(np.zeros(3), np.eye(3)))
     chain, body = vehicle.chain, vehicle.body
-    spheres = (body.sphere_body, body.local_centers, body.radii, body.n_static,
-               body.pair_rows, body.partners, body.static_ball[None])  # fmt: skip
+    spheres = (body.sphere_body_index, body.local_centers, body.radii, body.n_static_spheres,
+               body.partner_ranges, body.partners, body.static_bounding_sphere[None])  # fmt: skip
     rng = np.random.default_rng(7)
     largest = 0.0
     for q0, q1 in zip(*(random_joints(chain, rng, 60) for _ in range(2)), strict=True):
         counts = np.empty(100, dtype=np.int64)
         here, there = np.empty((2, body.n_spheres, 3))
-        pieces = n_waypoints(
-            chain.bodies, spheres, q0, q1, scratch(chain.bodies), 0.05, counts, here, there
+        pieces = count_waypoints(
+            chain.tree, spheres, q0, q1, allocate_body_poses(chain.tree), 0.05, counts, here, there
         )
         at = [(p + np.arange(1, c + 1) / c) / pieces for p, c in enumerate(counts[:pieces])]
         shares = np.concatenate([[0.0], *at])
@@ -159,56 +161,56 @@ def test_no_centre_moves_more_than_a_step_between_two_checks(any_mount):
 
 def test_what_touches_at_the_start_may_move_away_but_not_deeper(ahead, open_map):
     wall(open_map, open_map.mark_occupied)
-    s = Surroundings(ahead, open_map)
+    s = CollisionChecker(ahead, open_map)
     touching = LEFT + 0.42 * (RIGHT - LEFT)
-    assert not s.are_clear(touching)[0]
-    assert s.why_not(touching, LEFT) == ""
-    assert s.why_not(touching, touching) == ""
-    assert s.why_not(touching, 0.5 * (LEFT + RIGHT)) != ""
+    assert not s.are_poses_free(touching)[0]
+    assert s.infeasibility_reason(touching, LEFT) == ""
+    assert s.infeasibility_reason(touching, touching) == ""
+    assert s.infeasibility_reason(touching, 0.5 * (LEFT + RIGHT)) != ""
 
 
 def test_what_was_left_may_not_be_entered_again(ahead, open_map):
     """The forearm swings clear of a block at the start, and is stopped by the wall after it."""
     wall(open_map, open_map.mark_occupied)
     index = open_map.grid.index(ahead.camera_pose(LEFT).translation)
-    open_map.mark_occupied(open_map.grid.flat(index))
-    s = Surroundings(ahead, open_map)
-    assert not s.are_clear(LEFT)[0]
-    assert 0.1 < s.first_contact(LEFT, RIGHT).free_share < 0.5
+    open_map.mark_occupied(open_map.grid.flat_index(index))
+    s = CollisionChecker(ahead, open_map)
+    assert not s.are_poses_free(LEFT)[0]
+    assert 0.1 < s.first_contact(LEFT, RIGHT).free_fraction < 0.5
 
 
 def test_arguments_are_checked(ahead, open_map):
-    s = Surroundings(ahead, open_map)
+    s = CollisionChecker(ahead, open_map)
     with pytest.raises(ValueError, match="'elbow' at 3 is outside of its limits"):
-        s.why_not(LEFT, [0, 0, 3, 0, 0])
+        s.infeasibility_reason(LEFT, [0, 0, 3, 0, 0])
     with pytest.raises(ValueError, match="not finite"):
-        s.are_free(LEFT, [[0, np.nan, 1, 0, 0]])
+        s.are_motions_free(LEFT, [[0, np.nan, 1, 0, 0]])
     with pytest.raises(ValueError, match=r"teammate 0 needs centres"):
-        Surroundings(ahead, open_map, [(np.zeros((2, 3)), np.zeros(3))])
+        CollisionChecker(ahead, open_map, [(np.zeros((2, 3)), np.zeros(3))])
     for bad in ({"step": 0.0}, {"margin": -1.0}, {"team_margin": np.inf}):
-        with pytest.raises(ValueError, match=f"MotionSettings.{next(iter(bad))}"):
-            MotionSettings(**bad)
+        with pytest.raises(ValueError, match=f"CollisionSettings.{next(iter(bad))}"):
+            CollisionSettings(**bad)
 
 
 def test_a_way_around_is_found_and_each_piece_of_it_is_free(ahead, open_map):
     pytest.importorskip("ompl")
     wall(open_map, open_map.mark_occupied)
-    s = Surroundings(ahead, open_map)
+    s = CollisionChecker(ahead, open_map)
     path = plan_path(s, LEFT, RIGHT, seed=3)
     assert len(path) > 2
     np.testing.assert_array_equal(path[[0, -1]], [LEFT, RIGHT])
     for one, other in itertools.pairwise(path):
-        assert s.why_not(one, other) == ""
+        assert s.infeasibility_reason(one, other) == ""
     np.testing.assert_array_equal(plan_path(s, LEFT, RIGHT, seed=3), path)
     assert not np.array_equal(plan_path(s, LEFT, RIGHT, seed=4), path)
 
 
 def test_a_way_around_is_straight_where_it_can_be_and_none_where_there_is_none(ahead, open_map):
     pytest.importorskip("ompl")
-    s = Surroundings(ahead, open_map)
+    s = CollisionChecker(ahead, open_map)
     np.testing.assert_array_equal(plan_path(s, LEFT, RIGHT, seed=1), [LEFT, RIGHT])
     wall(open_map, open_map.mark_occupied)
-    s = Surroundings(ahead, open_map)
+    s = CollisionChecker(ahead, open_map)
     assert plan_path(s, LEFT, 0.5 * (LEFT + RIGHT), seed=1) is None
     assert plan_path(s, LEFT, RIGHT, seed=1, iterations=1) is None
     with pytest.raises(ValueError, match="at least 1, got 0 and 300"):

@@ -7,10 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from coopmap_env.robots import Suspension, make_mount, wrap_urdf
+from coopmap_env.robots import Suspension, make_mount, mount_from_urdf
 from coopmap_env.robots.kinematics import urdf_editing as compose
-from coopmap_env.robots.kinematics.urdf import Model
-from coopmap_env.robots.kinematics.urdf_editing import place
+from coopmap_env.robots.kinematics.urdf import UrdfModel
+from coopmap_env.robots.kinematics.urdf_editing import transform_from_xyz_rpy
 
 ARM = """<robot name="arm">
   <link name="stand"/>
@@ -68,12 +68,12 @@ def test_at_home_no_own_triangle_is_in_sight(any_mount):
 
 def test_the_suspended_mass_of_the_mast_is_damped_as_documented(mast):
     """A damping ratio of 0.7 in heave, roll and pitch about the roll centre, at home."""
-    chain, suspension = mast.chain(on_suspension=True), mast.suspension
+    chain, suspension = mast.chain(with_suspension=True), mast.suspension
     R, t = chain.link_poses([0, 0, 0, *mast.home])
     body = chain.link_body >= 3
     masses = chain.masses[body]
     at = (t + np.einsum("lij,lj->li", R, chain.centers_of_mass))[body]
-    at = at - [0, 0, suspension.roll_centre_height]
+    at = at - [0, 0, suspension.roll_center_height]
     turned = np.einsum("lij,ljk,lmk->lim", R, chain.inertias, R)[body]
     inertia = turned.sum(axis=0) + sum(
         m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, at, strict=True)
@@ -88,7 +88,7 @@ def test_the_suspended_mass_of_the_mast_is_damped_as_documented(mast):
 
 
 def test_heave_roll_and_pitch_move_the_camera_as_their_names_say(any_mount):
-    chain = any_mount.chain(on_suspension=True)
+    chain = any_mount.chain(with_suspension=True)
     J = chain.jacobian([0, 0, 0, *any_mount.home])
     np.testing.assert_allclose(J[:, 0], [0, 0, 1, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(J[3:, 1], [1, 0, 0], atol=1e-12)
@@ -98,7 +98,7 @@ def test_heave_roll_and_pitch_move_the_camera_as_their_names_say(any_mount):
 def test_wheels_stay_on_the_ground_when_the_body_rolls():
     pytest.importorskip("pybullet_data")
     mount = make_mount("husky_panda")
-    chain = mount.chain(on_suspension=True)
+    chain = mount.chain(with_suspension=True)
     links = [chain.link_names.index(f"{end}_left_wheel_link") for end in ("front", "rear")]
     _, t = chain.link_poses([[0, 0, 0, *mount.home], [0.05, 0.1, 0.1, *mount.home]])
     np.testing.assert_array_equal(t[0, links], t[1, links])
@@ -106,8 +106,8 @@ def test_wheels_stay_on_the_ground_when_the_body_rolls():
 
 
 def test_any_urdf_becomes_a_mount(arm):
-    mount = wrap_urdf(
-        arm, ["tilt"], "eye", [0.2], root_height=0.3, wheels=["wheel"], frozen={"flap": 0.5}
+    mount = mount_from_urdf(
+        arm, ["tilt"], "eye", [0.2], root_height=0.3, wheels=["wheel"], fixed_joints={"flap": 0.5}
     )
     chain = mount.chain()
     R, t = chain.camera_poses([0.0])
@@ -116,38 +116,38 @@ def test_any_urdf_becomes_a_mount(arm):
     assert mount.name == "arm"
     assert mount.home == (0.2,)
     # the flap is fixed at its angle, the wheel stays when the body heaves
-    loose = mount.chain(on_suspension=True)
+    loose = mount.chain(with_suspension=True)
     R, t = loose.link_poses([0.1, 0, 0, 0.0])
     lid, wheel = loose.link_names.index("lid"), loose.link_names.index("wheel")
     np.testing.assert_allclose(t[wheel], [0, 0.2, 0.4], atol=1e-12)
     np.testing.assert_allclose(t[lid], [0, 0.3, 1.4], atol=1e-12)
     np.testing.assert_allclose(R[lid][2], [0, math.sin(0.5), math.cos(0.5)], atol=1e-12)
-    masses = {name: link.mass for name, link in Model.read(mount.urdf).links.items()}
+    masses = {name: link.mass for name, link in UrdfModel.from_file(mount.urdf).links.items()}
     assert min(masses.values()) > 0
 
 
 def test_wrong_names_in_a_wrapped_urdf_are_told_at_once(arm):
     with pytest.raises(ValueError, match=r"no moving joint 'knee'; there are \['axle', 'flap'"):
-        wrap_urdf(arm, ["knee"], "eye", [0.0])
+        mount_from_urdf(arm, ["knee"], "eye", [0.0])
     with pytest.raises(ValueError, match="no link 'nose' for the camera"):
-        wrap_urdf(arm, ["tilt"], "nose", [0.0])
+        mount_from_urdf(arm, ["tilt"], "nose", [0.0])
     with pytest.raises(ValueError, match="no wheel 'skid'"):
-        wrap_urdf(arm, ["tilt"], "eye", [0.0], wheels=["skid"])
+        mount_from_urdf(arm, ["tilt"], "eye", [0.0], wheels=["skid"])
     with pytest.raises(ValueError, match="'tilt' at 2 is outside"):
-        wrap_urdf(arm, ["tilt"], "eye", [2.0])
+        mount_from_urdf(arm, ["tilt"], "eye", [2.0])
     with pytest.raises(FileNotFoundError, match="no URDF at"):
-        wrap_urdf(arm.parent / "leg.urdf", ["tilt"], "eye", [0.0])
+        mount_from_urdf(arm.parent / "leg.urdf", ["tilt"], "eye", [0.0])
     text = ARM.replace('<sphere radius="0.1"/>', '<mesh filename="package://a/b.stl"/>')
     arm.write_text(text)
     with pytest.raises(FileNotFoundError, match=r"b.stl, which is in none of.*package_dirs"):
-        wrap_urdf(arm, ["tilt"], "eye", [0.0])
+        mount_from_urdf(arm, ["tilt"], "eye", [0.0])
 
 
 def test_the_same_urdf_is_written_once_by_many_at_the_same_time(arm, tmp_path, monkeypatch):
     monkeypatch.setattr(compose.tempfile, "gettempdir", lambda: str(tmp_path))
 
     def write(_):
-        return compose.write_once(compose.read_tree(arm), "arm")
+        return compose.write_urdf_cached(compose.load_urdf_xml(arm), "arm")
 
     with ThreadPoolExecutor(8) as pool:
         paths = set(pool.map(write, range(32)))
@@ -161,7 +161,7 @@ def test_the_same_urdf_is_written_once_by_many_at_the_same_time(arm, tmp_path, m
     "rpy", [(0.3, -0.4, 2.0), (0.1, math.pi / 2, 0.7), (-0.2, -math.pi / 2, 0)]
 )
 def test_origins_survive_being_written(rpy):
-    T = place(1, 2, 3, rpy)
+    T = transform_from_xyz_rpy(1, 2, 3, rpy)
     joint = compose.ET.Element("joint")
     compose._set_origin(joint, T)
     np.testing.assert_allclose(compose._origin(joint), T, atol=1e-9)
@@ -183,7 +183,7 @@ def test_a_mount_stays_as_it_is_and_checks_its_lengths():
     with pytest.raises(ValueError, match=r"Mount.encoder_noise must be finite and >= 0"):
         dataclasses.replace(mount, encoder_noise=-1.0)
     with pytest.raises(ValueError, match="has no suspension"):
-        dataclasses.replace(mount, suspension=None).chain(on_suspension=True)
+        dataclasses.replace(mount, suspension=None).chain(with_suspension=True)
     with pytest.raises(ValueError, match="'elbow' at 0 is outside of its limits"):
         dataclasses.replace(mount, home=(0.0,) * 5).chain()
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from plain import offers
+from plain import candidates
 
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import PoseLattice
@@ -37,7 +37,7 @@ def test_every_pose_is_nearest_to_itself(lattice):
     poses = lattice.poses(ids)
     assert (poses[:, 2] >= -math.pi).all()
     assert (poses[:, 2] < math.pi).all()
-    assert [lattice.nearest(tuple(pose)) for pose in poses.tolist()] == ids.tolist()
+    assert [lattice.nearest_pose_id(tuple(pose)) for pose in poses.tolist()] == ids.tolist()
     assert [lattice.pose(int(k)) for k in ids] == [tuple(pose) for pose in poses.tolist()]
 
 
@@ -53,7 +53,7 @@ def test_the_nearest_pose_is_that_of_the_least_distance_and_turn(lattice):
         turn = np.abs(np.angle(np.exp(1j * (poses[:, 2] - heading))))
         # a lattice of square cells: position and heading are decided apart
         best = np.lexsort((turn, distance.round(9)))[0]
-        assert lattice.nearest((x, y, heading)) == best
+        assert lattice.nearest_pose_id((x, y, heading)) == best
 
 
 def test_poses_keep_the_shape_of_the_numbers():
@@ -64,10 +64,10 @@ def test_poses_keep_the_shape_of_the_numbers():
 def test_cells_ahead_or_to_a_side_by_hand():
     # from cell (2, 1), looking along +y: one cell of 0.5 m ahead and back, and to both sides
     square = [c for c in range(15) if 1 <= c // 3 <= 3]
-    assert LATTICE.within(np.arange(15), 7 * 8 + 2, 0.5).tolist() == square
-    assert LATTICE.within(np.arange(15), 7 * 8 + 2, 0.49).tolist() == [7]
+    assert LATTICE.cells_within(np.arange(15), 7 * 8 + 2, 0.5).tolist() == square
+    assert LATTICE.cells_within(np.arange(15), 7 * 8 + 2, 0.49).tolist() == [7]
     # an eighth of a turn: the corners of the square are 0.71 m ahead or to a side
-    assert LATTICE.within(np.arange(15), 7 * 8 + 1, 0.5).tolist() == [4, 6, 7, 8, 10]
+    assert LATTICE.cells_within(np.arange(15), 7 * 8 + 1, 0.5).tolist() == [4, 6, 7, 8, 10]
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
@@ -77,16 +77,16 @@ def test_cells_within_reach_are_those_of_plain_rotations_in_their_order(lattice)
         cells = rng.permutation(lattice.grid.n_cells).astype(np.int32)
         pose_id = int(rng.integers(lattice.n_poses))
         reach = rng.integers(0, 6) / 2 * lattice.grid.resolution  # borders on cells' centres, too
-        found = lattice.within(cells, pose_id, reach)
+        found = lattice.cells_within(cells, pose_id, reach)
         assert found.dtype == np.int32
-        assert found.tolist() == offers.within(lattice, cells, pose_id, reach)
+        assert found.tolist() == candidates.cells_within_reach(lattice, cells, pose_id, reach)
         kept += len(found)
     assert kept > 100
 
 
 @pytest.mark.parametrize("position", [(-1.01, 2.5), (0.0, 1.99), (1.5, 2.5), (0.0, 3.5)])
 def test_a_pose_outside_the_grid_has_no_nearest(position):
-    assert LATTICE.nearest((*position, 0.0)) == -1
+    assert LATTICE.nearest_pose_id((*position, 0.0)) == -1
 
 
 def test_a_lattice_needs_a_planar_grid_and_a_heading():

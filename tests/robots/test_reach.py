@@ -4,13 +4,13 @@ from collections import deque
 
 import numpy as np
 import pytest
-from plain.crossings import crossed_cells
-from plain.random_maps import random_map, write
+from plain.ray_cells import crossed_cells
+from plain.random_maps import random_map, set_cells
 from scipy import ndimage
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
-from coopmap_env.mapping.log_odds import level_of
-from coopmap_env.robots import Reach, free_cells, straight_path_is_free
+from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.robots import ReachableCells, free_mask, is_straight_path_free
 
 SHAPES = [(12, 9), (1, 20), (15, 1), (8, 30)]
 
@@ -19,8 +19,8 @@ def map_of(*rows):
     """Map from text: '.' free, '#' occupied, '?' unknown; each text is a row along y."""
     map_ = OccupancyMap(VoxelGrid((len(rows), len(rows[0]))))
     text = np.array([list(row) for row in rows]).ravel()
-    write(map_, np.flatnonzero(text == "."), 0.01)
-    write(map_, np.flatnonzero(text == "#"), 0.99)
+    set_cells(map_, np.flatnonzero(text == "."), 0.01)
+    set_cells(map_, np.flatnonzero(text == "#"), 0.99)
     return map_
 
 
@@ -47,16 +47,22 @@ def runs_through_corners(delta):
 
 def test_free_is_sampled_and_less_than_five_per_cent_occupied():
     map_ = OccupancyMap(VoxelGrid((1, 5)))
-    map_.levels[:] = [-9999, level_of(0.05), level_of(0.05) - 1, level_of(0.9), -9999]
-    map_.sampled_cells[:] = [1, 1, 1, 1, 0]
-    assert free_cells(map_).tolist() == [True, False, True, False, False]
-    assert [Reach.search(map_, k).steps[k - 1] > 0 for k in range(1, 5)] == [
+    map_.log_odds_fixed[:] = [
+        -9999,
+        to_log_odds_fixed(0.05),
+        to_log_odds_fixed(0.05) - 1,
+        to_log_odds_fixed(0.9),
+        -9999,
+    ]
+    map_.sampled_mask[:] = [1, 1, 1, 1, 0]
+    assert free_mask(map_).tolist() == [True, False, True, False, False]
+    assert [ReachableCells.search(map_, k).steps[k - 1] > 0 for k in range(1, 5)] == [
         True,
         False,
         True,
         False,
     ]
-    assert [straight_path_is_free(map_, k - 1, k) for k in range(1, 5)] == [
+    assert [is_straight_path_free(map_, k - 1, k) for k in range(1, 5)] == [
         False,
         True,
         False,
@@ -66,32 +72,32 @@ def test_free_is_sampled_and_less_than_five_per_cent_occupied():
 
 def test_steps_count_from_one_at_the_start():
     map_ = map_of("..#", "?..", "#..")
-    reach = Reach.search(map_, 0)
+    reach = ReachableCells.search(map_, 0)
     assert reach.steps.reshape(3, 3).tolist() == [[1, 2, 0], [0, 3, 4], [0, 4, 5]]
     assert reach.cells.tolist() == [0, 1, 4, 7, 5, 8]
 
 
 def test_a_path_does_not_squeeze_between_two_corners():
-    assert Reach.search(map_of(".#", "#."), 0).cells.tolist() == [0]
+    assert ReachableCells.search(map_of(".#", "#."), 0).cells.tolist() == [0]
 
 
 def test_a_path_never_leads_through_the_unknown():
-    assert Reach.search(map_of("..?..", "..?.."), 0).cells.tolist() == [0, 5, 1, 6]
+    assert ReachableCells.search(map_of("..?..", "..?.."), 0).cells.tolist() == [0, 5, 1, 6]
 
 
 def test_rows_do_not_touch_around_the_border():
-    assert Reach.search(map_of("..", "#.", ".#"), 3).cells.tolist() == [3, 1, 0]
+    assert ReachableCells.search(map_of("..", "#.", ".#"), 3).cells.tolist() == [3, 1, 0]
 
 
 def test_a_camera_may_start_where_the_map_is_not_free():
-    reach = Reach.search(map_of("?#.", "..."), 0)
+    reach = ReachableCells.search(map_of("?#.", "..."), 0)
     assert sorted(reach.cells.tolist()) == [0, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize("start", [-1, 6])
 def test_a_search_from_outside_the_map_is_refused(start):
     with pytest.raises(ValueError, match="outside the map of 2 x 3 cells"):
-        Reach.search(map_of("...", "..."), start)
+        ReachableCells.search(map_of("...", "..."), start)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -99,10 +105,10 @@ def test_what_is_reached_is_the_connected_region_of_the_start(shape):
     rng = np.random.default_rng(0)
     for _ in range(30):
         map_ = random_map(rng, shape, unknown=0.15, occupied=0.1)
-        free = free_cells(map_).reshape(shape)
+        free = free_mask(map_).reshape(shape)
         labels, _ = ndimage.label(free)
         for start in rng.choice(np.flatnonzero(free), 3):
-            reach = Reach.search(map_, int(start))
+            reach = ReachableCells.search(map_, int(start))
             same = labels.ravel() == labels.ravel()[start]
             assert (reach.steps > 0).tolist() == same.tolist()
             assert sorted(reach.cells.tolist()) == np.flatnonzero(same).tolist()
@@ -114,8 +120,8 @@ def test_steps_are_those_of_a_plain_breadth_first_search_nearest_first(shape):
     for _ in range(30):
         map_ = random_map(rng, shape, unknown=0.15, occupied=0.1)
         start = int(rng.integers(map_.grid.n_cells))
-        reach = Reach.search(map_, start)
-        free = free_cells(map_).reshape(shape)
+        reach = ReachableCells.search(map_, start)
+        free = free_mask(map_).reshape(shape)
         index = tuple(int(i) for i in np.unravel_index(start, shape))
         assert (reach.steps.reshape(shape) == plain_steps(free, index)).all()
         assert (np.diff(reach.steps[reach.cells]) >= 0).all()
@@ -124,27 +130,27 @@ def test_steps_are_those_of_a_plain_breadth_first_search_nearest_first(shape):
 
 def test_a_straight_path_by_hand():
     map_ = map_of("....", ".#..", "....")
-    assert straight_path_is_free(map_, 0, 3)
-    assert straight_path_is_free(map_, 0, 0)
-    assert not straight_path_is_free(map_, 4, 7)
-    assert not straight_path_is_free(map_, 0, 5)
-    assert not straight_path_is_free(map_, 0, 10)
-    assert straight_path_is_free(map_, 8, 11)
+    assert is_straight_path_free(map_, 0, 3)
+    assert is_straight_path_free(map_, 0, 0)
+    assert not is_straight_path_free(map_, 4, 7)
+    assert not is_straight_path_free(map_, 0, 5)
+    assert not is_straight_path_free(map_, 0, 10)
+    assert is_straight_path_free(map_, 8, 11)
 
 
 def test_a_straight_path_does_not_ask_about_the_cell_where_the_camera_stands():
     map_ = map_of("?..")
-    assert straight_path_is_free(map_, 0, 2)
-    assert not straight_path_is_free(map_, 2, 0)
+    assert is_straight_path_free(map_, 0, 2)
+    assert not is_straight_path_free(map_, 2, 0)
 
 
 def test_a_straight_path_does_not_lead_through_the_unknown():
-    assert not straight_path_is_free(map_of(".?."), 0, 2)
+    assert not is_straight_path_free(map_of(".?."), 0, 2)
 
 
 def test_a_diagonal_does_not_squeeze_between_two_corners():
-    assert not straight_path_is_free(map_of(".#", "#."), 0, 3)
-    assert not straight_path_is_free(map_of("#.", ".#"), 1, 2)
+    assert not is_straight_path_free(map_of(".#", "#."), 0, 3)
+    assert not is_straight_path_free(map_of("#.", ".#"), 1, 2)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -153,14 +159,14 @@ def test_a_straight_path_is_reachable_and_free_where_clipping_says_it_runs(shape
     found = 0
     for _ in range(30):
         map_ = random_map(rng, shape, unknown=0.05, occupied=0.05)
-        free = free_cells(map_).reshape(shape)
+        free = free_mask(map_).reshape(shape)
         starts = rng.choice(map_.grid.n_cells, 4)
-        reaches = [Reach.search(map_, int(start)) for start in starts]
+        reaches = [ReachableCells.search(map_, int(start)) for start in starts]
         for start, reach in zip(starts.tolist(), reaches, strict=True):
             here = np.array(np.unravel_index(start, shape))
             for goal in rng.choice(map_.grid.n_cells, 10).tolist():
                 there = np.array(np.unravel_index(goal, shape))
-                straight = straight_path_is_free(map_, start, goal)
+                straight = is_straight_path_free(map_, start, goal)
                 length = float(np.linalg.norm(there - here))
                 crossed = {tuple(here.tolist())}
                 if length > 0:

@@ -2,10 +2,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from plain.kinematics import random_joints, turn
+from plain.kinematics import random_joints, rotation_about_axis
 
-from coopmap_env.geometry import Pose, displaced, displacement_between
-from coopmap_env.robots import Vehicle, make_mount, without_bodies
+from coopmap_env.geometry import Pose, apply_displacement, displacement_between
+from coopmap_env.robots import Vehicle, filter_robot_points, make_mount
 from coopmap_env.sensing import RangeNoise
 from coopmap_env.sensing.point_cloud import PointCloud
 
@@ -30,8 +30,8 @@ def test_poses_are_those_of_the_chain_moved_to_the_vehicle(vehicle):
 
 
 def test_no_moving_sphere_leaves_the_reach(any_mount, somewhere):
-    vehicle = Vehicle.of(any_mount, somewhere)
-    center, radius = vehicle.reach
+    vehicle = Vehicle.from_mount(any_mount, somewhere)
+    center, radius = vehicle.workspace_sphere
     q = random_joints(vehicle.chain, np.random.default_rng(1), 2000)
     centers, radii = vehicle.spheres(q)
     far = np.linalg.norm(centers - center, axis=2) + radii
@@ -43,7 +43,7 @@ def test_by_hand_the_covariance_of_a_mast_that_errs_in_its_turntable_alone(somew
         make_mount("mast"), suspension=None, encoder_noise=(0.03, 0, 0, 0, 0),
         calibration_error=(0.04, 0, 0, 0, 0),
     )  # fmt: skip
-    vehicle = Vehicle.of(mount, somewhere)
+    vehicle = Vehicle.from_mount(mount, somewhere)
     estimate = vehicle.camera_estimate(vehicle.home)
     r = vehicle.camera_pose(vehicle.home).translation - somewhere.translation
     sideways = np.array([-r[1], r[0], 0])
@@ -53,11 +53,11 @@ def test_by_hand_the_covariance_of_a_mast_that_errs_in_its_turntable_alone(somew
 
 def test_the_covariance_eq_that_of_many_drawn_errors(any_mount, somewhere):
     """First order: standard deviations of a degree or less; 4000 draws tell them to 5 %."""
-    vehicle = Vehicle.of(any_mount, somewhere)
+    vehicle = Vehicle.from_mount(any_mount, somewhere)
     rng = np.random.default_rng(2)
     q = np.clip(vehicle.home + 0.1, vehicle.chain.lower, vehicle.chain.upper)
     estimate = vehicle.camera_estimate(q)
-    loose, mount, n = any_mount.chain(on_suspension=True), any_mount, 4000
+    loose, mount, n = any_mount.chain(with_suspension=True), any_mount, 4000
     errors = rng.normal(0.0, mount.encoder_noise, (n, len(q)))
     errors += rng.normal(0.0, mount.calibration_error, (n, len(q)))
     body = rng.normal(0.0, mount.suspension.std, (n, 3))
@@ -77,9 +77,9 @@ def test_the_covariance_eq_that_of_many_drawn_errors(any_mount, somewhere):
 
 def test_the_estimate_turns_with_the_vehicle(mast):
     q = mast.home
-    here = Vehicle.of(mast, Pose(np.zeros(3), np.eye(3))).camera_estimate(q)
-    R = turn([0, 0, 1], 1.1)
-    there = Vehicle.of(mast, Pose(np.array([1.0, 2.0, 0.1]), R)).camera_estimate(q)
+    here = Vehicle.from_mount(mast, Pose(np.zeros(3), np.eye(3))).camera_estimate(q)
+    R = rotation_about_axis([0, 0, 1], 1.1)
+    there = Vehicle.from_mount(mast, Pose(np.array([1.0, 2.0, 0.1]), R)).camera_estimate(q)
     T = np.kron(np.eye(2), R)
     np.testing.assert_allclose(there.covariance, T @ here.covariance @ T.T, atol=1e-12)
     assert np.linalg.eigvalsh(there.covariance).min() > -1e-15
@@ -105,7 +105,7 @@ def differences(pose_of, n, step=1e-6):
 
 
 def test_the_joint_jacobian_is_that_of_differences(any_mount, somewhere):
-    vehicle = Vehicle.of(any_mount, somewhere)
+    vehicle = Vehicle.from_mount(any_mount, somewhere)
     for q in random_joints(vehicle.chain, np.random.default_rng(3), 5):
         J = vehicle.joint_jacobian(q)
         assert J.shape == (6, vehicle.chain.n_joints)
@@ -116,14 +116,19 @@ def test_the_joint_jacobian_is_that_of_differences(any_mount, somewhere):
 def test_the_base_jacobian_is_that_of_differences(vehicle):
     q = vehicle.home + 0.2
     J = vehicle.base_jacobian(vehicle.camera_pose(q))
-    wanted = differences(lambda d: vehicle.at(displaced(vehicle.T_world_base, d)).camera_pose(q), 6)
+    wanted = differences(
+        lambda d: vehicle.with_base_pose(apply_displacement(vehicle.T_world_base, d)).camera_pose(
+            q
+        ),
+        6,
+    )
     np.testing.assert_allclose(J, wanted, atol=1e-8)
 
 
 def test_by_hand_a_base_that_turns_takes_a_camera_two_metres_ahead_sideways(mast):
     base = Pose(np.array([1.0, 2.0, 0.0]), np.eye(3))
     camera = Pose(np.array([3.0, 2.0, 1.5]), np.eye(3))
-    J = Vehicle.of(mast, base).base_jacobian(camera)
+    J = Vehicle.from_mount(mast, base).base_jacobian(camera)
     np.testing.assert_array_equal(J[:, :3], np.eye(6)[:, :3])
     np.testing.assert_array_equal(J[:, 3], [0, -1.5, 0, 1, 0, 0])  # roll: what is up goes right
     np.testing.assert_array_equal(J[:, 4], [1.5, 0, -2, 0, 1, 0])  # pitch: forward and down
@@ -131,24 +136,24 @@ def test_by_hand_a_base_that_turns_takes_a_camera_two_metres_ahead_sideways(mast
 
 
 def test_somewhere_else_it_is_the_same_vehicle(vehicle):
-    there = Pose(np.array([-1.0, 0.5, 0.0]), turn([0, 0, 1], -2.0))
-    moved = vehicle.at(there, BASE_COVARIANCE)
+    there = Pose(np.array([-1.0, 0.5, 0.0]), rotation_about_axis([0, 0, 1], -2.0))
+    moved = vehicle.with_base_pose(there, BASE_COVARIANCE)
     assert moved.T_world_base is there
     assert moved.base_covariance is BASE_COVARIANCE
     assert (moved.mount, moved.chain, moved.body) == (vehicle.mount, vehicle.chain, vehicle.body)
     assert vehicle.base_covariance is None
-    assert moved.at(there).base_covariance is None
+    assert moved.with_base_pose(there).base_covariance is None
     wanted = there @ vehicle.T_world_base.inverse() @ vehicle.camera_pose(vehicle.home)
     pose = moved.camera_pose(vehicle.home)
     np.testing.assert_allclose(pose.translation, wanted.translation, atol=1e-12)
     np.testing.assert_allclose(pose.rotation, wanted.rotation, atol=1e-12)
-    reach = moved.reach[0]  # nothing is kept of where it stood
+    reach = moved.workspace_sphere[0]  # nothing is kept of where it stood
     np.testing.assert_allclose(
         there.inverse().transform(reach),
-        vehicle.T_world_base.inverse().transform(vehicle.reach[0]), atol=1e-12,
+        vehicle.T_world_base.inverse().transform(vehicle.workspace_sphere[0]), atol=1e-12,
     )  # fmt: skip
     with pytest.raises(ValueError, match="a pose in space"):
-        vehicle.at(Pose.planar(0, 0, 0))
+        vehicle.with_base_pose(Pose.planar(0, 0, 0))
 
 
 def test_by_hand_own_errors_are_those_that_are_new_at_each_look(mast, somewhere):
@@ -157,38 +162,38 @@ def test_by_hand_own_errors_are_those_that_are_new_at_each_look(mast, somewhere)
         mast, suspension=None, encoder_noise=(0.03, 0, 0, 0, 0),
         calibration_error=(0.04, 0, 0, 0, 0),
     )  # fmt: skip
-    vehicle = Vehicle.of(mount, somewhere)
+    vehicle = Vehicle.from_mount(mount, somewhere)
     r = vehicle.camera_pose(vehicle.home).translation - somewhere.translation
     column = np.array([-r[1], r[0], 0, 0, 0, 1])
     np.testing.assert_allclose(vehicle.joint_jacobian(vehicle.home)[:, 0], column, atol=1e-12)
-    own = vehicle.own_covariance(vehicle.home)
+    own = vehicle.per_scan_covariance(vehicle.home)
     np.testing.assert_allclose(own, 0.03**2 * np.outer(column, column), atol=1e-15)
 
 
 def test_a_suspension_errs_anew_at_each_look(mast, somewhere):
-    stiff = Vehicle.of(dataclasses.replace(mast, suspension=None), somewhere)
-    vehicle = Vehicle.of(mast, somewhere)
+    stiff = Vehicle.from_mount(dataclasses.replace(mast, suspension=None), somewhere)
+    vehicle = Vehicle.from_mount(mast, somewhere)
     J = differences(
         lambda d: somewhere @ Pose(*mast.chain(True).camera_poses([*d, *mast.home])[::-1]), 3
     )
     share = (J * np.square(mast.suspension.std)) @ J.T
-    wanted = stiff.own_covariance(mast.home) + share
+    wanted = stiff.per_scan_covariance(mast.home) + share
     # of variances of 1e-5, by differences that are off by 1e-8
-    np.testing.assert_allclose(vehicle.own_covariance(mast.home), wanted, atol=1e-12)
+    np.testing.assert_allclose(vehicle.per_scan_covariance(mast.home), wanted, atol=1e-12)
 
 
 def test_the_estimate_is_of_own_and_of_lasting_errors(any_mount, somewhere):
-    vehicle = Vehicle.of(any_mount, somewhere)
+    vehicle = Vehicle.from_mount(any_mount, somewhere)
     q = np.clip(vehicle.home + 0.1, vehicle.chain.lower, vehicle.chain.upper)
     J = vehicle.joint_jacobian(q)
     lasting = J @ np.diag(np.square(any_mount.calibration_error)) @ J.T
-    wanted = vehicle.own_covariance(q) + lasting
+    wanted = vehicle.per_scan_covariance(q) + lasting
     np.testing.assert_allclose(vehicle.camera_estimate(q).covariance, wanted, atol=1e-16)
-    unsure = vehicle.at(somewhere, BASE_COVARIANCE)
+    unsure = vehicle.with_base_pose(somewhere, BASE_COVARIANCE)
     B = vehicle.base_jacobian(vehicle.camera_pose(q))
     wanted = wanted + B @ BASE_COVARIANCE @ B.T
     np.testing.assert_allclose(unsure.camera_estimate(q).covariance, wanted, atol=1e-16)
-    exact = vehicle.at(somewhere, np.zeros((6, 6)))
+    exact = vehicle.with_base_pose(somewhere, np.zeros((6, 6)))
     np.testing.assert_array_equal(
         exact.camera_estimate(q).covariance, vehicle.camera_estimate(q).covariance
     )
@@ -196,17 +201,19 @@ def test_the_estimate_is_of_own_and_of_lasting_errors(any_mount, somewhere):
 
 def test_the_share_of_the_base_eq_that_of_many_drawn_bases(mast, somewhere):
     """First order, of a base known to a degree or less; 4000 draws tell deviations to 5 %."""
-    vehicle = Vehicle.of(mast, somewhere).at(somewhere, BASE_COVARIANCE)
+    vehicle = Vehicle.from_mount(mast, somewhere).with_base_pose(somewhere, BASE_COVARIANCE)
     rng, q = np.random.default_rng(4), mast.home
     pose = vehicle.camera_pose(q)
     drawn = np.cov(
         [
-            displacement_between(pose, displaced(somewhere, d) @ somewhere.inverse() @ pose)
+            displacement_between(
+                pose, apply_displacement(somewhere, d) @ somewhere.inverse() @ pose
+            )
             for d in rng.multivariate_normal(np.zeros(6), BASE_COVARIANCE, 4000)
         ],
         rowvar=False,
     )
-    exact = Vehicle.of(mast, somewhere).camera_estimate(q).covariance
+    exact = Vehicle.from_mount(mast, somewhere).camera_estimate(q).covariance
     share = vehicle.camera_estimate(q).covariance - exact
     scale = np.sqrt(np.diag(drawn))
     np.testing.assert_allclose(np.sqrt(np.diag(share)), scale, rtol=0.05)
@@ -216,7 +223,7 @@ def test_the_share_of_the_base_eq_that_of_many_drawn_bases(mast, somewhere):
 
 def test_a_vehicle_stands_in_space():
     with pytest.raises(ValueError, match="a pose in space"):
-        Vehicle.of("mast", Pose.planar(0, 0, 0))
+        Vehicle.from_mount("mast", Pose.planar(0, 0, 0))
 
 
 EXACT = RangeNoise(intrinsic=0.0)
@@ -230,7 +237,7 @@ def test_by_hand_a_hit_on_a_robot_becomes_a_beam_that_is_clear_up_to_it(somewher
     """A sphere of 0.5 m, 2 m ahead: its front is hit, a wall beside and behind it stays."""
     center = somewhere.transform([[2.0, 0, 0]])
     cloud = look([[1.6, 0, 0], [3, 0, 0], [2, 1, 0], [1.7, 0, 0]], [True, True, True, False])
-    out = without_bodies(cloud, somewhere, center, [0.5], EXACT)
+    out = filter_robot_points(cloud, somewhere, center, [0.5], EXACT)
     np.testing.assert_allclose(out.points, [[1.5, 0, 0], [3, 0, 0], [2, 1, 0], [1.7, 0, 0]])
     np.testing.assert_array_equal(out.hit, [False, True, True, False])
     np.testing.assert_array_equal(cloud.hit, [True, True, True, False])  # the look is not changed
@@ -240,14 +247,14 @@ def test_by_hand_three_standard_deviations_are_granted():
     here = Pose(np.zeros(3), np.eye(3))
     noise = RangeNoise(intrinsic=0.01, exponent=1.0)  # 3 sigma at 1.45 m are 0.0435
     cloud = look([[1.46, 0, 0], [1.45, 0, 0]], [True, True])
-    out = without_bodies(cloud, here, [[2.0, 0, 0]], [0.5], noise)
+    out = filter_robot_points(cloud, here, [[2.0, 0, 0]], [0.5], noise)
     np.testing.assert_array_equal(out.hit, [False, True])
     assert 1.45 < out.points[0, 0] < 1.46
 
 
 def test_a_camera_inside_a_sphere_learns_nothing_from_what_it_sees_of_that_robot():
     here = Pose(np.zeros(3), np.eye(3))
-    out = without_bodies(look([[0.3, 0, 0]], [True]), here, [[0.2, 0, 0]], [0.4], EXACT)
+    out = filter_robot_points(look([[0.3, 0, 0]], [True]), here, [[0.2, 0, 0]], [0.4], EXACT)
     np.testing.assert_array_equal(out.points, [[0, 0, 0]])
     assert not out.hit[0]
 
@@ -255,7 +262,7 @@ def test_a_camera_inside_a_sphere_learns_nothing_from_what_it_sees_of_that_robot
 def test_a_sphere_around_the_camera_does_not_hide_another_robot():
     here = Pose(np.zeros(3), np.eye(3))
     cloud = look([[1.6, 0, 0], [3.0, 0, 0]], [True, True])
-    out = without_bodies(cloud, here, [[2.0, 0, 0], [0, 0, 0]], [0.5, 0.2], EXACT)
+    out = filter_robot_points(cloud, here, [[2.0, 0, 0], [0, 0, 0]], [0.5, 0.2], EXACT)
     np.testing.assert_allclose(out.points, [[1.5, 0, 0], [3, 0, 0]])
 
 
@@ -263,10 +270,10 @@ def test_by_hand_the_uncertainty_of_the_pose_is_granted_too():
     here = Pose(np.zeros(3), np.eye(3))
     # 1 cm along each axis, and 0.01 rad about each: 3 sqrt(3 0.01^2 (1 + 1.41^2)) = 0.0898 m
     cloud = look([[1.411, 0, 0], [1.42, 0, 0]], [True, True])
-    out = without_bodies(cloud, here, [[2.0, 0, 0]], [0.5], EXACT, 1e-4 * np.eye(6))
+    out = filter_robot_points(cloud, here, [[2.0, 0, 0]], [0.5], EXACT, 1e-4 * np.eye(6))
     np.testing.assert_array_equal(out.hit, [False, False])
     cloud = look([[1.409, 0, 0]], [True])
-    out = without_bodies(cloud, here, [[2.0, 0, 0]], [0.5], EXACT, 1e-4 * np.eye(6))
+    out = filter_robot_points(cloud, here, [[2.0, 0, 0]], [0.5], EXACT, 1e-4 * np.eye(6))
     assert out.hit[0]
 
 
@@ -297,7 +304,7 @@ def test_spheres_out_of_sight_are_left_out_without_a_difference():
             hit = rng.random(60) < 0.7
             centers, radii = rng.normal(size=(40, 3)) * 3, rng.uniform(0.1, 0.6, 40)
             noise = RangeNoise(intrinsic=0.01)
-            out = without_bodies(look(points, hit), here, centers, radii, noise)
+            out = filter_robot_points(look(points, hit), here, centers, radii, noise)
             wanted = plain_without(points, hit, centers, radii, noise.intrinsic * noise.depth)
             np.testing.assert_allclose(out.points, wanted[0], atol=1e-9)
             np.testing.assert_array_equal(out.hit, wanted[1])
@@ -308,4 +315,4 @@ def test_spheres_out_of_sight_are_left_out_without_a_difference():
 def test_spheres_of_other_shapes_are_refused():
     here = Pose(np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match=r"centres \(s, 3\) and radii \(s,\)"):
-        without_bodies(look([[1, 0, 0]], [True]), here, np.zeros((2, 3)), [0.1], EXACT)
+        filter_robot_points(look([[1, 0, 0]], [True]), here, np.zeros((2, 3)), [0.1], EXACT)

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from plain.placed import covariance, cross_matrix
+from plain.point_covariances import covariance, cross_matrix
 from scipy.spatial.transform import Rotation
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.sensing import PointCloud, RangeNoise, place
+from coopmap_env.sensing import PointCloud, RangeNoise, transform_cloud
 from coopmap_env.sensing.point_cloud import is_covariance
 
 NOISE = RangeNoise(intrinsic=0.01, depth=1.0, lateral=0.25, exponent=2.0)
@@ -38,7 +38,7 @@ def random_cloud(rng, n=40):
 
 
 def test_a_point_two_metres_ahead_by_hand_eq_1():
-    scan = place(cloud_of([2, 0, 0]), pose_of("z", 0), NOISE)
+    scan = transform_cloud(cloud_of([2, 0, 0]), pose_of("z", 0), NOISE)
     # 0.01 * 2 ** 2 = 0.04 m in depth, a quarter of it across
     assert scan.covariances[0] == pytest.approx(np.diag([0.0016, 0.0001, 0.0001]))
     assert scan.points[0].tolist() == [2, 0, 0]
@@ -54,21 +54,21 @@ def test_a_point_two_metres_ahead_by_hand_eq_1():
     ],
 )
 def test_the_depth_axis_turns_with_the_camera_by_hand_eq_3(axes, angle, point, expected):
-    scan = place(cloud_of([2, 0, 0]), pose_of(axes, angle, (1.0, 2.0, 3.0)), NOISE)
+    scan = transform_cloud(cloud_of([2, 0, 0]), pose_of(axes, angle, (1.0, 2.0, 3.0)), NOISE)
     assert scan.points[0] == pytest.approx(point)
     assert scan.covariances[0] == pytest.approx(expected, abs=1e-15)
     assert scan.origin.tolist() == [1, 2, 3]
 
 
 def test_half_way_between_two_axes_both_share_by_hand_eq_3():
-    scan = place(cloud_of([2, 0, 0]), pose_of("z", 45), NOISE)
+    scan = transform_cloud(cloud_of([2, 0, 0]), pose_of("z", 45), NOISE)
     half_sum, half_difference = (0.0016 + 0.0001) / 2, (0.0016 - 0.0001) / 2
     expected = [[half_sum, half_difference, 0], [half_difference, half_sum, 0], [0, 0, 0.0001]]
     assert scan.covariances[0] == pytest.approx(np.array(expected))
 
 
 def test_the_distance_of_eq_1_is_that_to_the_point_not_its_depth():
-    scan = place(cloud_of([2, 1, 2]), pose_of("z", 0), NOISE)
+    scan = transform_cloud(cloud_of([2, 1, 2]), pose_of("z", 0), NOISE)
     # 3 m away: 0.09 m along the optical axis, although the point lies off that axis
     assert np.sqrt(np.diag(scan.covariances[0])) == pytest.approx([0.09, 0.0225, 0.0225])
 
@@ -77,7 +77,10 @@ def test_an_uncertain_position_is_added_to_every_hit_by_hand():
     sigma = np.zeros((6, 6))
     sigma[:3, :3] = np.diag([0.01, 0.04, 0.09])
     cloud, pose = cloud_of([2, 0, 0], [4, 1, -1]), pose_of("zy", [30, 20])
-    gained = place(cloud, pose, NOISE, sigma).covariances - place(cloud, pose, NOISE).covariances
+    gained = (
+        transform_cloud(cloud, pose, NOISE, sigma).covariances
+        - transform_cloud(cloud, pose, NOISE).covariances
+    )
     assert gained == pytest.approx(np.array([np.diag([0.01, 0.04, 0.09])] * 2))
 
 
@@ -86,7 +89,7 @@ def test_an_uncertain_heading_spreads_far_points_across_by_hand():
     sigma[5, 5] = 0.1**2
     exact = RangeNoise(intrinsic=0.0)
     # the camera looks along +y: 3 m away, a turn of 0.1 rad moves the point by 0.3 m along x
-    scan = place(cloud_of([3, 0, 0]), pose_of("z", 90), exact, sigma)
+    scan = transform_cloud(cloud_of([3, 0, 0]), pose_of("z", 90), exact, sigma)
     assert scan.covariances[0] == pytest.approx(np.diag([0.09, 0.0, 0.0]), abs=1e-15)
 
 
@@ -95,7 +98,7 @@ def test_position_and_heading_that_err_together_cancel_where_they_do_by_hand():
     J = np.hstack([np.eye(3), -cross_matrix([3.0, 0.0, 0.0])])
     error = np.array([0.0, -0.3, 0.0, 0.0, 0.0, 0.1])
     assert J @ error == pytest.approx(np.zeros(3))
-    scan = place(
+    scan = transform_cloud(
         cloud_of([3, 0, 0]), pose_of("z", 0), RangeNoise(intrinsic=0.0), np.outer(error, error)
     )
     assert scan.covariances[0] == pytest.approx(np.zeros((3, 3)), abs=1e-15)
@@ -107,7 +110,7 @@ def test_placed_clouds_are_those_of_the_plain_reference_eqs_1_and_3(exponent):
     noise = RangeNoise(intrinsic=0.02, depth=1.3, lateral=0.4, exponent=exponent)
     for _ in range(5):
         cloud, pose, sigma = random_cloud(rng), random_pose(rng), random_pose_covariance(rng)
-        scan = place(cloud, pose, noise, sigma)
+        scan = transform_cloud(cloud, pose, noise, sigma)
         assert scan.points == pytest.approx(pose.transform(cloud.points))
         for k in np.flatnonzero(cloud.hit):
             expected = covariance(cloud.points[k], pose.rotation, noise, sigma)
@@ -124,7 +127,9 @@ def test_the_jacobian_of_the_pose_is_that_of_finite_differences():
 
     J = np.column_stack([(moved(step * e) - moved(-step * e)) / (2 * step) for e in np.eye(6)])
     sigma = random_pose_covariance(rng)
-    scan = place(PointCloud(r[None], np.array([True])), pose, RangeNoise(intrinsic=0.0), sigma)
+    scan = transform_cloud(
+        PointCloud(r[None], np.array([True])), pose, RangeNoise(intrinsic=0.0), sigma
+    )
     assert scan.covariances[0] == pytest.approx(J @ sigma @ J.T, rel=1e-7)
 
 
@@ -135,7 +140,9 @@ def test_the_share_of_the_pose_is_the_scatter_of_points_seen_from_scattered_came
     errors = rng.multivariate_normal(np.zeros(6), sigma, size=20_000)
     R = Rotation.from_rotvec(errors[:, 3:]).as_matrix() @ pose.rotation
     seen = pose.translation + errors[:, :3] + R @ r
-    scan = place(PointCloud(r[None], np.array([True])), pose, RangeNoise(intrinsic=0.0), sigma)
+    scan = transform_cloud(
+        PointCloud(r[None], np.array([True])), pose, RangeNoise(intrinsic=0.0), sigma
+    )
     C = scan.covariances[0]
     assert (np.abs(np.cov(seen.T) - C) < 0.04 * np.sqrt(np.outer(np.diag(C), np.diag(C)))).all()
 
@@ -145,7 +152,7 @@ def test_turning_the_camera_keeps_the_eigenvalues_eq_3():
     cloud = random_cloud(rng)
     sigma = NOISE.standard_deviations(np.linalg.norm(cloud.points, axis=1), 3)[cloud.hit]
     for _ in range(5):
-        scan = place(cloud, random_pose(rng), NOISE)
+        scan = transform_cloud(cloud, random_pose(rng), NOISE)
         eigenvalues = np.linalg.eigvalsh(scan.covariances[cloud.hit])
         assert eigenvalues == pytest.approx(np.sort(sigma**2, axis=1))
 
@@ -154,8 +161,10 @@ def test_covariances_are_symmetric_and_positive_definite_and_grow_with_the_poses
     rng = np.random.default_rng(4)
     for _ in range(5):
         cloud, pose = random_cloud(rng), random_pose(rng)
-        without = place(cloud, pose, NOISE).covariances[cloud.hit]
-        with_pose = place(cloud, pose, NOISE, random_pose_covariance(rng)).covariances[cloud.hit]
+        without = transform_cloud(cloud, pose, NOISE).covariances[cloud.hit]
+        with_pose = transform_cloud(cloud, pose, NOISE, random_pose_covariance(rng)).covariances[
+            cloud.hit
+        ]
         for covariances in (without, with_pose):
             assert (covariances == covariances.transpose(0, 2, 1)).all()
             assert np.linalg.eigvalsh(covariances).min() > 0
@@ -167,8 +176,8 @@ def test_a_moved_world_moves_everything_along():
     cloud, pose, sigma = random_cloud(rng), random_pose(rng), random_pose_covariance(rng)
     motion = random_pose(rng)
     turn = np.kron(np.eye(2), motion.rotation)
-    here = place(cloud, pose, NOISE, sigma)
-    there = place(cloud, motion @ pose, NOISE, turn @ sigma @ turn.T)
+    here = transform_cloud(cloud, pose, NOISE, sigma)
+    there = transform_cloud(cloud, motion @ pose, NOISE, turn @ sigma @ turn.T)
     R = motion.rotation
     assert there.points == pytest.approx(motion.transform(here.points))
     assert there.covariances == pytest.approx(R @ here.covariances @ R.T, abs=1e-12)
@@ -178,15 +187,15 @@ def test_points_have_nothing_to_do_with_each_other():
     rng = np.random.default_rng(6)
     cloud, pose, sigma = random_cloud(rng), random_pose(rng), random_pose_covariance(rng)
     order = rng.permutation(len(cloud.points))
-    scan = place(cloud, pose, NOISE, sigma)
-    mixed = place(PointCloud(cloud.points[order], cloud.hit[order]), pose, NOISE, sigma)
+    scan = transform_cloud(cloud, pose, NOISE, sigma)
+    mixed = transform_cloud(PointCloud(cloud.points[order], cloud.hit[order]), pose, NOISE, sigma)
     assert (mixed.points == scan.points[order]).all()
     assert (mixed.covariances == scan.covariances[order]).all()
 
 
 def test_beams_without_return_keep_their_ends_and_claim_no_uncertainty():
     pose = pose_of("z", 90, (1.0, 2.0, 3.0))
-    scan = place(cloud_of([6, 0, 0], hit=False), pose, NOISE, np.eye(6))
+    scan = transform_cloud(cloud_of([6, 0, 0], hit=False), pose, NOISE, np.eye(6))
     assert scan.points == pytest.approx(np.array([[1, 8, 3]]))
     assert not scan.hit.any()
     assert not scan.covariances.any()
@@ -195,13 +204,13 @@ def test_beams_without_return_keep_their_ends_and_claim_no_uncertainty():
 def test_a_beam_that_says_nothing_ends_exactly_where_the_camera_stands():
     rng = np.random.default_rng(7)
     pose = random_pose(rng)
-    scan = place(cloud_of([0, 0, 0], hit=False), pose, NOISE)
+    scan = transform_cloud(cloud_of([0, 0, 0], hit=False), pose, NOISE)
     assert (scan.points[0] == scan.origin).all()
 
 
 def test_a_cloud_of_no_points_is_placed_as_a_scan_of_none():
     cloud = PointCloud(np.zeros((0, 3)), np.zeros(0, dtype=bool))
-    assert len(place(cloud, pose_of("z", 0), NOISE).points) == 0
+    assert len(transform_cloud(cloud, pose_of("z", 0), NOISE).points) == 0
 
 
 @pytest.mark.parametrize(
@@ -220,7 +229,7 @@ def test_hits_that_are_no_bools_are_refused():
 
 def test_a_planar_pose_is_refused():
     with pytest.raises(ValueError, match=r"placed by a pose in space, got \(2,\)"):
-        place(cloud_of([1, 0, 0]), Pose.planar(0, 0, 0), NOISE)
+        transform_cloud(cloud_of([1, 0, 0]), Pose.planar(0, 0, 0), NOISE)
 
 
 @pytest.mark.parametrize(
@@ -234,7 +243,7 @@ def test_a_planar_pose_is_refused():
 )
 def test_what_is_no_covariance_of_a_pose_is_refused(sigma, message):
     with pytest.raises(ValueError, match=message):
-        place(cloud_of([1, 0, 0]), pose_of("z", 0), NOISE, sigma)
+        transform_cloud(cloud_of([1, 0, 0]), pose_of("z", 0), NOISE, sigma)
 
 
 def test_covariances_are_told_apart_as_by_their_eigenvalues():

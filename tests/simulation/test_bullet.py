@@ -11,16 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plain.crane import CENTRE, crane
-from plain.yards import base, cluttered_yard, crate, yard
+from plain.crane import ROLL_CENTRE_HEIGHT, crane
+from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
 from coopmap_env.sensing import DepthCamera
-from coopmap_env.simulation.physics.client import BulletClient, BulletRenderer, quaternion
-from coopmap_env.simulation.physics.joint_map import Anatomy
-from coopmap_env.simulation.physics.motion import Stepping, move_kinematically, move_stepped
+from coopmap_env.simulation.physics.client import (
+    BulletClient,
+    BulletRenderer,
+    quaternion_from_matrix,
+)
+from coopmap_env.simulation.physics.joint_map import JointMap
+from coopmap_env.simulation.physics.motion import SteppingSettings, move_kinematically, move_stepped
 from coopmap_env.simulation.physics.world import OWN_BODY, BulletWorld
 from coopmap_env.simulation.scenes.field.solid import Solid, random_rotation
 
@@ -54,7 +58,9 @@ def opened():
 
 
 def put(world, robot, joints):
-    world.place(robot, world.at_rest(robot, np.array([joints], dtype=float))[0])
+    world.set_configuration(
+        robot, world.rest_configurations(robot, np.array([joints], dtype=float))[0]
+    )
     world.find_contacts()
     return world.contacts()
 
@@ -72,23 +78,23 @@ def test_quaternions_turn_as_their_matrices():
     rng = np.random.default_rng(0)
     half_turn = np.diag([1.0, -1.0, -1.0])
     for R in [np.eye(3), half_turn, *(random_rotation(rng) for _ in range(20))]:
-        matrix = pybullet.getMatrixFromQuaternion(quaternion(R))
+        matrix = pybullet.getMatrixFromQuaternion(quaternion_from_matrix(R))
         assert np.reshape(matrix, (3, 3)) == pytest.approx(R, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["mast", "husky_panda", "tiago"])
 def test_links_are_where_the_kinematics_say(name, opened):
     mount = mount_or_skip(name)
-    chain = mount.chain(on_suspension=True)
-    where = base(1.3, -0.4, 2.1)
-    world = opened(yard(bases=[base(0, 0), where]), [mount, mount])
+    chain = mount.chain(with_suspension=True)
+    where = base_pose(1.3, -0.4, 2.1)
+    world = opened(flat_world(bases=[base_pose(0, 0), where]), [mount, mount])
     rng = np.random.default_rng(1)
     vehicle, k = world.vehicles[1], {"physicsClientId": world.client.id}
     for _ in range(3):
         q = np.append([0.01, 0.02, -0.03], rng.uniform(chain.lower[3:], chain.upper[3:]))
-        world.place(1, q)
+        world.set_configuration(1, q)
         R, t = chain.link_poses(q)
-        for j, link in enumerate(vehicle.anatomy.link_names[1:]):
+        for j, link in enumerate(vehicle.joint_map.link_names[1:]):
             i = chain.link_names.index(link)
             state = pybullet.getLinkState(vehicle.number, j, computeForwardKinematics=1, **k)
             # PyBullet keeps poses in single precision here and there
@@ -98,17 +104,20 @@ def test_links_are_where_the_kinematics_say(name, opened):
 
 
 def test_the_arm_is_what_the_joints_move(mast):
-    anatomy = Anatomy.of(mast)
-    names = {anatomy.link_names[j + 1] for j in anatomy.arm}
+    joint_map = JointMap.from_mount(mast)
+    names = {joint_map.link_names[j + 1] for j in joint_map.arm}
     assert names == {"post", "upper_arm", "forearm", "wrist", "head", "camera"}
-    pairs = [(anatomy.link_names[a + 1], anatomy.link_names[b + 1]) for a, b in anatomy.neighbours]
+    pairs = [
+        (joint_map.link_names[a + 1], joint_map.link_names[b + 1])
+        for a, b in joint_map.ignored_pairs
+    ]
     # the camera is a frame in the head, without a shape; only the post stands on the chassis
     assert {a for a, b in pairs if b == "chassis"} == {"post", "camera"}
-    assert Anatomy.of(make_mount("mast")) is anatomy
+    assert JointMap.from_mount(make_mount("mast")) is joint_map
 
 
 def test_at_home_nothing_touches(mast, opened):
-    world = opened(yard(bases=[base(0, 0), base(2.5, 0)]), [mast, mast])
+    world = opened(flat_world(bases=[base_pose(0, 0), base_pose(2.5, 0)]), [mast, mast])
     world.find_contacts()
     assert world.contacts() == [(0.0, ""), (0.0, "")]
 
@@ -116,8 +125,8 @@ def test_at_home_nothing_touches(mast, opened):
 def test_an_arm_in_a_crate_is_told_apart_from_one_beside_it(mast, opened):
     """Straight up, the arm ends 2.2 m above ground; a crate of 0.2 m hangs there, then higher."""
     up = (0.0, 0.0, 0.2, 0.0, 0.0)
-    low = opened(yard(crate("low", 0.05, 0.0, 1.9, 0.2)), [mast])
-    high = opened(yard(crate("high", 0.05, 0.0, 2.8, 0.2)), [mast])
+    low = opened(flat_world(crate("low", 0.05, 0.0, 1.9, 0.2)), [mast])
+    high = opened(flat_world(crate("high", 0.05, 0.0, 2.8, 0.2)), [mast])
     depth, what = put(low, 0, up)[0]
     assert what == "low"
     assert depth < -0.01
@@ -126,7 +135,7 @@ def test_an_arm_in_a_crate_is_told_apart_from_one_beside_it(mast, opened):
 
 def test_both_arms_know_of_each_other(mast, opened):
     """Two masts 1.6 m apart that lean towards each other."""
-    world = opened(yard(bases=[base(-0.8, 0), base(0.8, 0, math.pi)]), [mast, mast])
+    world = opened(flat_world(bases=[base_pose(-0.8, 0), base_pose(0.8, 0, math.pi)]), [mast, mast])
     put(world, 0, (0.0, 0.8, 0.2, 0.0, 0.0))
     (d0, what0), (d1, what1) = put(world, 1, (0.0, 0.8, 0.2, 0.0, 0.0))
     assert (what0, what1) == ("robot_1", "robot_0")
@@ -135,7 +144,7 @@ def test_both_arms_know_of_each_other(mast, opened):
 
 def test_an_arm_on_its_own_body_is_in_contact(opened):
     mount = mount_or_skip("husky_panda")
-    world = opened(yard(), [mount])
+    world = opened(flat_world(), [mount])
     folded = np.array(mount.home)
     folded[[1, 3, 5]] = 1.7, -1.2, 2.0  # down onto the deck
     assert put(world, 0, folded)[0][1] == OWN_BODY
@@ -146,21 +155,21 @@ def test_a_concave_solid_can_be_stood_in(mast, opened):
     box = crate("tent", 0.0, 0.0, 1.5, 3.4)
     hollow = Solid("tent", box.vertices, box.faces, is_target=True, is_concave=True)
     up, out = (0.0, 0.0, 0.2, 0.0, 0.0), (0.0, 0.8, 0.9, 0.0, 0.0)
-    assert put(opened(yard(hollow), [mast]), 0, up) == [(0.0, "")]
-    assert put(opened(yard(box), [mast]), 0, up)[0][1] == "tent"
+    assert put(opened(flat_world(hollow), [mast]), 0, up) == [(0.0, "")]
+    assert put(opened(flat_world(box), [mast]), 0, up)[0][1] == "tent"
     narrow = crate("tent", 0.0, 0.0, 1.5, (1.0, 3.4, 3.4))
     hollow = Solid("tent", narrow.vertices, narrow.faces, is_target=True, is_concave=True)
-    assert put(opened(yard(hollow), [mast]), 0, out)[0][1] == "tent"
+    assert put(opened(flat_world(hollow), [mast]), 0, out)[0][1] == "tent"
 
 
 @pytest.mark.parametrize("bases", [1, 29])
 def test_as_many_mounts_as_base_poses(mast, bases):
     with pytest.raises(ValueError, match=r"2 mounts and|29 mounts and"):
-        BulletWorld((), [mast] * (2 if bases == 1 else bases), [base(0, 0)] * bases)
+        BulletWorld((), [mast] * (2 if bases == 1 else bases), [base_pose(0, 0)] * bases)
 
 
 def test_a_closed_world_says_so(mast):
-    world = BulletWorld((), [mast], [base(0, 0)])
+    world = BulletWorld((), [mast], [base_pose(0, 0)])
     world.close()
     world.close()
     for use in (world.find_contacts, world.contacts, world.step, lambda: world.velocity(0)):
@@ -174,7 +183,7 @@ def test_a_hundred_worlds_leave_nothing_behind(mast):
     def pages():
         return int(Path("/proc/self/statm").read_text().split()[1])
 
-    world = cluttered_yard(0, [base(0, 0)])
+    world = cluttered_world(0, [base_pose(0, 0)])
     mounts = [mast]
     forgotten = []
     if not Path("/proc/self/statm").exists():
@@ -198,9 +207,9 @@ def test_a_hundred_worlds_leave_nothing_behind(mast):
 
 def bounce(physics, h, steps):
     """Heave of a crane (90 kg) that is let go 10 mm above its rest."""
-    physics.place(0, np.array([0.01, 0.0, 0.0, 0.0]))
-    physics.pace(h)
-    physics.aim(0, np.zeros(1))
+    physics.set_configuration(0, np.array([0.01, 0.0, 0.0, 0.0]))
+    physics.set_time_step(h)
+    physics.set_motor_targets(0, np.zeros(1))
     heave = []
     for _ in range(steps):
         physics.step()
@@ -211,8 +220,10 @@ def bounce(physics, h, steps):
 
 def test_a_bouncing_body_follows_the_implicit_step(tmp_path, opened):
     """v' = (v - h k s / m) / (1 + (h d + h^2 k) / m), s' = s + h v', by hand."""
-    springs = Suspension(heave_stiffness=60_000.0, heave_damping=400.0, roll_centre_height=CENTRE)
-    physics = opened(yard(), [crane(tmp_path, suspension=springs)])
+    springs = Suspension(
+        heave_stiffness=60_000.0, heave_damping=400.0, roll_center_height=ROLL_CENTRE_HEIGHT
+    )
+    physics = opened(flat_world(), [crane(tmp_path, suspension=springs)])
     for h in (1 / 120, 1 / 30, 1 / 10):
         s, v, expected = 0.01, 0.0, []
         for _ in range(20):
@@ -226,23 +237,23 @@ def test_a_bouncing_body_follows_the_implicit_step(tmp_path, opened):
 @pytest.mark.parametrize("damping", [0.0, 4_100.0, 4e5])
 def test_no_spring_swings_up_however_stiff_it_is(tmp_path, opened, stiffness, damping):
     springs = Suspension(
-        heave_stiffness=stiffness, heave_damping=damping, roll_centre_height=CENTRE
+        heave_stiffness=stiffness, heave_damping=damping, roll_center_height=ROLL_CENTRE_HEIGHT
     )
-    physics = opened(yard(), [crane(tmp_path, suspension=springs)])
+    physics = opened(flat_world(), [crane(tmp_path, suspension=springs)])
     heave = np.abs(bounce(physics, 0.1, 60))
     assert heave.max() <= 0.01
     assert heave[-1] < 1e-3 or damping > stiffness  # that one creeps
 
 
 def test_springs_are_in_balance_at_the_equilibrium_only(mast, opened):
-    physics = opened(yard(), [mast])
-    q = physics.at_rest(0, np.array([[0.5, 0.8, 0.9, 0.0, 0.0]]))[0]
-    physics.place(0, q)
-    assert physics.unbalanced(0) < 5e-6
+    physics = opened(flat_world(), [mast])
+    q = physics.rest_configurations(0, np.array([[0.5, 0.8, 0.9, 0.0, 0.0]]))[0]
+    physics.set_configuration(0, q)
+    assert physics.spring_imbalance(0) < 5e-6
     # a millimetre of heave; a thousandth of roll, less what the weight adds to it
     for deflection in ([1e-3, 0, 0, 0, 0, 0, 0, 0], [0, 1e-3, 0, 0, 0, 0, 0, 0]):
-        physics.place(0, q + deflection)
-        assert physics.unbalanced(0) == pytest.approx(1e-3, rel=0.2)
+        physics.set_configuration(0, q + deflection)
+        assert physics.spring_imbalance(0) == pytest.approx(1e-3, rel=0.2)
 
 
 def test_the_renderer_sees_a_crate_where_it_is():
@@ -268,8 +279,8 @@ print(fingerprint(5))
 def fingerprint(seed):
     """All bits of where two vehicles end, contacts among it, in both kinds of physics."""
     mast = make_mount("mast")
-    bases = [base(-0.9, 0.0), base(0.9, 0.0, math.pi)]
-    world = cluttered_yard(seed, bases, n=90, nearest=0.6)
+    bases = [base_pose(-0.9, 0.0), base_pose(0.9, 0.0, math.pi)]
+    world = cluttered_world(seed, bases, n=90, nearest=0.6)
     rng = np.random.default_rng(seed)
     goals = rng.uniform(mast.chain().lower, mast.chain().upper, (12, 2, 5))
     digest, touched = hashlib.sha256(), 0
@@ -277,7 +288,7 @@ def fingerprint(seed):
         physics = BulletWorld(world.solids, [mast, mast], bases)
         for pair in goals:
             if stepped:
-                what = move_stepped(physics, list(pair), Stepping())
+                what = move_stepped(physics, list(pair), SteppingSettings())
             else:
                 what = [move_kinematically(physics, robot, q) for robot, q in enumerate(pair)]
             touched += sum(map(bool, what))
@@ -305,7 +316,7 @@ def test_the_same_moves_end_in_the_same_bits_in_another_process():
 
 def test_rays_say_at_what_share_of_their_way_they_hit(yard_client):
     origins = np.array([[-2.0, 0.0, 0.5], [-2.0, 0.0, 5.0]])
-    shares = yard_client.cast(origins, origins + np.array([4.0, 0.0, 0.0]))
+    shares = yard_client.cast_rays(origins, origins + np.array([4.0, 0.0, 0.0]))
     np.testing.assert_allclose(shares, [0.375, 1.0], atol=1e-3)  # hulls have a skin of 1 mm
 
 
@@ -313,6 +324,6 @@ def test_rays_say_at_what_share_of_their_way_they_hit(yard_client):
 def yard_client():
     client = BulletClient()
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
-    client.p.createMultiBody(0, client.mesh(corners), physicsClientId=client.id)
+    client.p.createMultiBody(0, client.create_shape(corners), physicsClientId=client.id)
     yield client
     client.close()

@@ -49,7 +49,7 @@ def moved(meshes, Rs, ts):
 
 def reference(scene, meshes, directions, R, t, Rs, ts):
     """Everything in the world frame, every ray with every triangle."""
-    return plain.distances(t, directions @ R.T, np.concatenate([scene, *moved(meshes, Rs, ts)]))
+    return plain.ray_distances(t, directions @ R.T, np.concatenate([scene, *moved(meshes, Rs, ts)]))
 
 
 def renderer_of(scene, meshes):
@@ -130,7 +130,7 @@ def test_random_triangles_and_moving_bodies_are_seen_as_by_the_plain_reference(c
         assert distances == pytest.approx(expected, abs=1e-4)
         met = np.isfinite(expected)
         assert np.median(np.abs(distances[met] - expected[met])) < 2e-6
-        met_bodies += (expected < plain.distances(t, CAMERA.directions @ R.T, scene)).sum()
+        met_bodies += (expected < plain.ray_distances(t, CAMERA.directions @ R.T, scene)).sum()
     assert met_bodies > 1000
 
 
@@ -157,7 +157,7 @@ def test_a_camera_at_the_edge_of_a_bodys_box_sees_the_body(inside):
         distances = renderer_of(NOTHING, [mesh]).distances(
             np.eye(3), t, directions, np.eye(3)[None], np.zeros((1, 3))
         )
-        expected = plain.distances(t, directions, mesh)
+        expected = plain.ray_distances(t, directions, mesh)
         assert np.isfinite(expected).any()
         assert distances == pytest.approx(expected, abs=1e-5)
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plain.crane import BODY, SLIDER, crane, potential_energy
+from plain.crane import BODY_MASS, SLIDER_MASS, crane, potential_energy
 from scipy.optimize import minimize
 
 from coopmap_env.robots.mount import make_mount
@@ -20,14 +20,14 @@ def mast():
 
 
 def test_at_home_nothing_is_deflected(mast):
-    settled = Equilibrium.of(mast).settled(np.array([mast.home]))
+    settled = Equilibrium.from_mount(mast).rest_configurations(np.array([mast.home]))
     assert settled[0, :3] == pytest.approx([0, 0, 0], abs=1e-12)
     assert settled[0, 3:].tolist() == list(mast.home)
 
 
 def test_the_springs_carry_the_weight(mast):
     """Post, arms, wrist, head and camera weigh 25.01 kg, the chassis 120, two links 1 g each."""
-    springs = Equilibrium.of(mast)
+    springs = Equilibrium.from_mount(mast)
     assert springs.preload[0] == pytest.approx(145.012 * 9.81)
     assert springs.pivot == pytest.approx([0, 0, 0.25])
 
@@ -43,9 +43,9 @@ def test_a_mass_off_axis_turns_the_body_by_its_moment_over_the_stiffness(
     Forward, the nose goes down: a positive turn about y. To the left, the left side goes down: a
     negative turn about x. What this leaves out is of second order, 1e-5 of it.
     """
-    springs = Equilibrium.of(crane(tmp_path, along))
-    heave, by_roll, by_pitch = springs.settled(np.array([[0.5]]))[0, :3]
-    moment = SLIDER * GRAVITY * 0.5
+    springs = Equilibrium.from_mount(crane(tmp_path, along))
+    heave, by_roll, by_pitch = springs.rest_configurations(np.array([[0.5]]))[0, :3]
+    moment = SLIDER_MASS * GRAVITY * 0.5
     assert heave == pytest.approx(0.0, abs=1e-12)
     assert by_roll == pytest.approx(roll * moment / 9000, rel=1e-4)
     assert by_pitch == pytest.approx(pitch * moment / 12000, rel=1e-4)
@@ -53,11 +53,11 @@ def test_a_mass_off_axis_turns_the_body_by_its_moment_over_the_stiffness(
 
 def test_rest_is_where_the_energy_is_least(mast):
     """A minimum by differences of energies is known to the square root of their rounding."""
-    springs, chain = Equilibrium.of(mast), mast.chain(on_suspension=True)
+    springs, chain = Equilibrium.from_mount(mast), mast.chain(with_suspension=True)
     rng = np.random.default_rng(0)
     joints = rng.uniform(chain.lower[3:], chain.upper[3:], (4, 5))
     scale = np.array([1e-3, 1e-2, 1e-2])
-    for q, settled in zip(joints, springs.settled(joints), strict=True):
+    for q, settled in zip(joints, springs.rest_configurations(joints), strict=True):
         found = minimize(
             lambda x, q=q: potential_energy(chain, springs, [0, 0, -GRAVITY], x * scale, q),
             np.zeros(3), method="BFGS", options={"gtol": 1e-7},
@@ -70,10 +70,12 @@ def test_rest_on_a_slope_is_where_the_energy_is_least(tmp_path):
     soft = Suspension(heave_stiffness=2e3, roll_stiffness=800.0, pitch_stiffness=900.0)
     mount = crane(tmp_path, "0.6 0.8 0", suspension=soft)
     gravity = GRAVITY * np.array([0.3, -0.2, -0.9])
-    springs, chain = Equilibrium.of(mount, gravity), mount.chain(on_suspension=True)
-    assert springs.settled(np.array([[0.0]]))[0, :3] == pytest.approx([0, 0, 0], abs=1e-12)
+    springs, chain = Equilibrium.from_mount(mount, gravity), mount.chain(with_suspension=True)
+    assert springs.rest_configurations(np.array([[0.0]]))[0, :3] == pytest.approx(
+        [0, 0, 0], abs=1e-12
+    )
     for slide in (-1.5, 1.9):
-        settled = springs.settled(np.array([[slide]]))[0]
+        settled = springs.rest_configurations(np.array([[slide]]))[0]
         found = minimize(
             lambda x, s=slide: potential_energy(chain, springs, gravity, x, np.array([s])),
             np.zeros(3), method="BFGS", options={"gtol": 1e-9},
@@ -85,7 +87,10 @@ def test_rest_on_a_slope_is_where_the_energy_is_least(tmp_path):
 def test_stiffer_springs_give_way_less(mast):
     joints = np.array([[1.2, 0.5, 0.4, 0.0, 0.0]])
     stiff = replace(mast, suspension=Suspension(roll_stiffness=18_000.0))
-    soft, hard = Equilibrium.of(mast).settled(joints), Equilibrium.of(stiff).settled(joints)
+    soft, hard = (
+        Equilibrium.from_mount(mast).rest_configurations(joints),
+        Equilibrium.from_mount(stiff).rest_configurations(joints),
+    )
     assert abs(hard[0, 1]) == pytest.approx(abs(soft[0, 1]) / 2, rel=0.03)
 
 
@@ -93,20 +98,24 @@ def test_deflections_of_the_mast_are_of_a_plausible_size(mast):
     """Tenths of a degree, seldom more than one."""
     chain = mast.chain()
     joints = np.random.default_rng(1).uniform(chain.lower, chain.upper, (500, 5))
-    tilt = np.degrees(np.abs(Equilibrium.of(mast).settled(joints)[:, 1:3])).max(axis=1)
+    tilt = np.degrees(np.abs(Equilibrium.from_mount(mast).rest_configurations(joints)[:, 1:3])).max(
+        axis=1
+    )
     assert 0.05 < np.median(tilt) < 1.0
     assert tilt.max() < 3.0
 
 
 def test_a_suspension_of_other_axes_is_refused(tmp_path):
     with pytest.raises(ValueError, match="heave along z, then roll about"):
-        Equilibrium.of(crane(tmp_path, roll_axis="0 0 1"))
+        Equilibrium.from_mount(crane(tmp_path, roll_axis="0 0 1"))
 
 
 def test_a_mount_without_a_suspension_has_no_equilibrium(mast):
     with pytest.raises(ValueError, match="no suspension"):
-        Equilibrium.of(replace(mast, suspension=None))
+        Equilibrium.from_mount(replace(mast, suspension=None))
 
 
 def test_masses_are_those_of_the_links(tmp_path):
-    assert Equilibrium.of(crane(tmp_path)).masses.sum() == pytest.approx(BODY + SLIDER + 0.002)
+    assert Equilibrium.from_mount(crane(tmp_path)).masses.sum() == pytest.approx(
+        BODY_MASS + SLIDER_MASS + 0.002
+    )

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plain.yards import base, cluttered_yard, crate, yard
+from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.sensing import DepthCamera, RangeNoise
 from coopmap_env.simulation.field import FieldSimulator
 from coopmap_env.simulation.physics.client import BulletRenderer
-from coopmap_env.simulation.physics.joint_map import Anatomy
+from coopmap_env.simulation.physics.joint_map import JointMap
 from coopmap_env.simulation.scenes.field import make_field_scene
 
 pytest.importorskip("pybullet")
@@ -49,7 +49,7 @@ def random_targets(mount, n_robots, k, seed):
 @pytest.mark.parametrize("physics", BOTH)
 def test_readings_are_the_targets_and_the_truth_differs(mast, physics):
     """By the offset and the noise of the encoders, 0.15 and 0.1 degrees: 0.18 together."""
-    simulator = simulate(yard(bases=[base(0, 0), base(0, 4)]), mast, physics)
+    simulator = simulate(flat_world(bases=[base_pose(0, 0), base_pose(0, 4)]), mast, physics)
     rng = np.random.default_rng(1)
     errors = []
     chain = mast.chain()
@@ -69,23 +69,23 @@ def test_readings_are_the_targets_and_the_truth_differs(mast, physics):
 
 
 def test_without_errors_the_joints_are_where_they_were_told(true_mast):
-    simulator = simulate(yard(), true_mast)
+    simulator = simulate(flat_world(), true_mast)
     assert simulator.true_joints(0).tolist() == list(true_mast.home)
     [(reading, _)] = simulator.move([OUT], np.random.default_rng(0))
     assert reading.tolist() == OUT.tolist() == simulator.true_joints(0).tolist()
 
 
 def test_a_vehicle_begins_where_its_encoders_read_home(mast):
-    simulator = simulate(yard(), mast)
+    simulator = simulate(flat_world(), mast)
     errors = simulator.true_joints(0) - mast.home
     assert 0.0 < np.degrees(np.abs(errors)).max() < 1.0
-    another = simulate(yard(), mast, seed=1)
+    another = simulate(flat_world(), mast, seed=1)
     assert (another.true_joints(0) != simulator.true_joints(0)).all()
 
 
 def test_a_joint_goes_no_further_than_its_stop(mast):
     chain = mast.chain()
-    simulator = simulate(yard(), mast)
+    simulator = simulate(flat_world(), mast)
     for physics in range(5):
         simulator.move([chain.upper * [1, 0.5, 0.5, 1, 1]], np.random.default_rng(physics))
         assert (simulator.true_joints(0) <= chain.upper).all()
@@ -94,22 +94,22 @@ def test_a_joint_goes_no_further_than_its_stop(mast):
 
 @pytest.mark.parametrize("physics", BOTH)
 def test_none_lets_a_mount_stay(true_mast, physics):
-    simulator = simulate(yard(bases=[base(0, 0), base(0, 4)]), true_mast, physics)
+    simulator = simulate(flat_world(bases=[base_pose(0, 0), base_pose(0, 4)]), true_mast, physics)
     before = simulator.true_joints(1).copy()
     moved = simulator.move([OUT, None], np.random.default_rng(0))
     assert simulator.true_joints(0) == pytest.approx(OUT, abs=1e-4)
-    assert moved[1].reading == pytest.approx(before, abs=1e-4)
+    assert moved[1].measured_configuration == pytest.approx(before, abs=1e-4)
 
 
 def test_the_camera_leans_with_its_body(true_mast):
     """Swung out to the left the body rolls; kinematics that know of it agree with the camera."""
-    where = base(1.0, -2.0, 0.7)
-    simulator = simulate(yard(bases=[where]), true_mast)
+    where = base_pose(1.0, -2.0, 0.7)
+    simulator = simulate(flat_world(bases=[where]), true_mast)
     q = OUT + np.array([1.5, 0, 0, 0, 0])
     simulator.move([q], np.random.default_rng(0))
     s = simulator.deflections(0)
     assert math.radians(0.2) < -s[1] < math.radians(3)
-    R, t = true_mast.chain(on_suspension=True).camera_poses(np.concatenate([s, q]))
+    R, t = true_mast.chain(with_suspension=True).camera_poses(np.concatenate([s, q]))
     pose = simulator.true_camera_pose(0)
     assert pose.translation == pytest.approx(where.transform(t))
     assert pose.rotation == pytest.approx(where.rotation @ R)
@@ -120,7 +120,7 @@ def test_the_camera_leans_with_its_body(true_mast):
 def test_a_vehicle_without_a_suspension_stands_fast(true_mast):
     rigid = replace(true_mast, suspension=None)
     for physics in BOTH:
-        simulator = simulate(yard(), rigid, physics)
+        simulator = simulate(flat_world(), rigid, physics)
         simulator.move([OUT], np.random.default_rng(0))
         assert simulator.deflections(0).size == 0
         _, t = rigid.chain().camera_poses(OUT)
@@ -129,7 +129,7 @@ def test_a_vehicle_without_a_suspension_stands_fast(true_mast):
 
 @pytest.mark.parametrize("physics", BOTH)
 def test_a_crate_in_the_way_is_reported_and_read_off_the_encoders(mast, physics):
-    simulator = simulate(yard(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast, physics)
+    simulator = simulate(flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast, physics)
     rng = np.random.default_rng(0)
     simulator.move([np.array([0.0, -1.0, 1.9, 0.0, 0.0])], rng)
     [(reading, touched)] = simulator.move([OUT], rng)
@@ -139,14 +139,14 @@ def test_a_crate_in_the_way_is_reported_and_read_off_the_encoders(mast, physics)
 
 
 def test_two_arms_that_reach_for_each_other_are_reported(mast):
-    world = yard(bases=[base(-0.9, 0), base(0.9, 0, math.pi)])
+    world = flat_world(bases=[base_pose(-0.9, 0), base_pose(0.9, 0, math.pi)])
     moved = simulate(world, mast, "stepped").move([OUT, OUT], np.random.default_rng(0))
     assert [touched for _, touched in moved] == ["robot_1", "robot_0"]
 
 
 def test_a_wall_is_measured_where_it_is(true_mast):
     """Level at home? The camera's own pose tells; a wall 3 m ahead ends every beam on x = 3."""
-    simulator = simulate(yard(crate("wall", 3.5, 0.0, 2.0, (1.0, 12.0, 9.0))), true_mast)
+    simulator = simulate(flat_world(crate("wall", 3.5, 0.0, 2.0, (1.0, 12.0, 9.0))), true_mast)
     level = np.array([0.0, 0.0, math.pi / 4, 0.0, 0.0])  # pan axis upright
     simulator.move([level], np.random.default_rng(0))
     cloud = simulator.scan(0, np.random.default_rng(0))
@@ -158,7 +158,7 @@ def test_a_wall_is_measured_where_it_is(true_mast):
 
 def test_teammates_are_seen_and_the_own_housing_is_not(true_mast):
     """Two masts face each other, 2.5 m apart, and the scene is empty."""
-    world = yard(bases=[base(0, 0), base(2.5, 0, math.pi)])
+    world = flat_world(bases=[base_pose(0, 0), base_pose(2.5, 0, math.pi)])
     simulator = simulate(world, true_mast)
     level = np.array([0.0, 0.0, math.pi / 4, 0.0, 0.4])
     simulator.move([level, level], np.random.default_rng(0))
@@ -168,7 +168,7 @@ def test_teammates_are_seen_and_the_own_housing_is_not(true_mast):
     above_ground = points[points[:, 2] > 0.05]
     assert len(above_ground) > 30
     assert np.abs(above_ground[:, 0] - 2.0).max() < 1.2  # the other vehicle, nothing near
-    alone = simulate(yard(), true_mast)
+    alone = simulate(flat_world(), true_mast)
     alone.move([level], np.random.default_rng(0))
     cloud = alone.scan(0, np.random.default_rng(0))
     points = alone.true_camera_pose(0).transform(cloud.points[cloud.hit])
@@ -179,7 +179,7 @@ def test_a_camera_within_its_housing_sees_out_of_it(true_mast):
     """With its eye moved back into the head, the head itself is left out."""
     eye = replace(true_mast.T_link_camera, translation=np.array([-0.08, 0.0, 0.0]))
     inside = replace(true_mast, T_link_camera=eye)
-    cloud = simulate(yard(), inside).scan(0, np.random.default_rng(0))
+    cloud = simulate(flat_world(), inside).scan(0, np.random.default_rng(0))
     assert np.linalg.norm(cloud.points[cloud.hit], axis=1).min() > 0.3
     assert (np.linalg.norm(cloud.points, axis=1) > 0.3).all()
 
@@ -196,13 +196,15 @@ def test_pybullets_renderer_sees_the_same_images(true_mast, seed):
     simulator = simulate(world, true_mast)
     mounts = [true_mast, true_mast]
     renderer = BulletRenderer(world.solids, mounts, world.base_poses)
-    anatomy = Anatomy.of(true_mast)
+    joint_map = JointMap.from_mount(true_mast)
     apart, errors = [], []
     for targets in random_targets(true_mast, 2, 6, seed):
         simulator.move(list(targets), rng)
         for robot in range(2):
             q = np.concatenate([simulator.deflections(robot), simulator.true_joints(robot)])
-            renderer.pose(robot, anatomy.joints, anatomy.values @ q + anatomy.offsets)
+            renderer.set_joints(
+                robot, joint_map.joints, joint_map.joint_matrix @ q + joint_map.joint_offsets
+            )
         for robot in range(2):
             cloud = simulator.scan(robot, rng)
             there = np.linalg.norm(cloud.points, axis=1).reshape(48, 64)
@@ -224,8 +226,8 @@ def test_pybullets_renderer_sees_the_same_images(true_mast, seed):
 
 def fingerprint(seed, physics):
     mast = make_mount("mast")
-    bases = [base(-0.9, 0.0), base(0.9, 0.0, math.pi)]
-    world = cluttered_yard(seed, bases, n=90, nearest=0.6)
+    bases = [base_pose(-0.9, 0.0), base_pose(0.9, 0.0, math.pi)]
+    world = cluttered_world(seed, bases, n=90, nearest=0.6)
     simulator = simulate(world, mast, physics, RangeNoise(), seed)
     rng = np.random.default_rng(seed)
     digest = hashlib.sha256()
@@ -265,7 +267,7 @@ def test_mounts_may_differ(mast, true_mast):
         tiago = make_mount("tiago")
     except ImportError as error:
         pytest.skip(str(error))
-    world = yard(bases=[base(0, 0), base(0, 3)])
+    world = flat_world(bases=[base_pose(0, 0), base_pose(0, 3)])
     simulator = FieldSimulator(
         world, [mast, tiago], CAMERA, EXACT, "stepped", np.random.default_rng(0)
     )
@@ -278,7 +280,7 @@ def test_mounts_may_differ(mast, true_mast):
 def test_motions_and_looks_draw_the_same_amount_of_randomness_whatever_happens(mast):
     """So that one robot's contact does not shift the noise of the next."""
     states = []
-    for world in (yard(), yard(crate("crate", 1.0, 0.0, 1.65, 0.4))):
+    for world in (flat_world(), flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4))):
         for target in (OUT, None):
             rng = np.random.default_rng(0)
             simulator = simulate(world, mast)
@@ -298,7 +300,7 @@ def test_motions_and_looks_draw_the_same_amount_of_randomness_whatever_happens(m
     ],
 )
 def test_a_wrong_target_is_refused_and_nothing_moves(true_mast, targets, message):
-    simulator = simulate(yard(), true_mast)
+    simulator = simulate(flat_world(), true_mast)
     with pytest.raises(ValueError, match=message):
         simulator.move(targets, np.random.default_rng(0))
     assert simulator.true_joints(0).tolist() == list(true_mast.home)
@@ -306,16 +308,16 @@ def test_a_wrong_target_is_refused_and_nothing_moves(true_mast, targets, message
 
 def test_wrong_arguments_are_named(mast):
     with pytest.raises(ValueError, match="'kinematic' or 'stepped', not 'magic'"):
-        simulate(yard(), mast, "magic")
+        simulate(flat_world(), mast, "magic")
     with pytest.raises(ValueError, match="1 mounts for 2 base poses"):
         FieldSimulator(
-            yard(bases=[base(0, 0), base(0, 3)]), [mast], CAMERA, EXACT, "kinematic",
+            flat_world(bases=[base_pose(0, 0), base_pose(0, 3)]), [mast], CAMERA, EXACT, "kinematic",
             np.random.default_rng(0),
         )  # fmt: skip
 
 
 def test_a_closed_simulator_says_so(mast):
-    simulator = simulate(yard(), mast)
+    simulator = simulate(flat_world(), mast)
     simulator.close()
     simulator.close()
     with pytest.raises(RuntimeError, match="closed"):

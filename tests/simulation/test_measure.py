@@ -7,8 +7,8 @@ import pytest
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
-from coopmap_env.sensing import DepthCamera, RangeNoise, place
-from coopmap_env.simulation.depth.renderer import measure
+from coopmap_env.sensing import DepthCamera, RangeNoise, transform_cloud
+from coopmap_env.simulation.depth.renderer import simulate_point_cloud
 
 EXACT = RangeNoise(intrinsic=0.0)
 SMALL = DepthCamera(width=4, height=3)
@@ -17,7 +17,7 @@ SMALL = DepthCamera(width=4, height=3)
 def looked(distances, camera=SMALL, noise=EXACT, seed=0):
     if np.ndim(distances) == 0:
         distances = np.full(camera.n_pixels, distances)
-    return measure(distances, camera, noise, np.random.default_rng(seed))
+    return simulate_point_cloud(distances, camera, noise, np.random.default_rng(seed))
 
 
 def test_without_noise_a_hit_is_where_the_surface_is():
@@ -43,7 +43,7 @@ def test_of_a_surface_nearer_than_near_nothing_is_said(distance):
 
 def test_a_surface_nearer_than_near_leaves_the_map_as_it_was():
     map_ = OccupancyMap(VoxelGrid((20, 20, 20), 0.1, (-1.0, -1.0, -1.0)))
-    map_.integrate(place(looked(0.2), Pose(np.full(3, 0.03), np.eye(3)), EXACT))
+    map_.integrate(transform_cloud(looked(0.2), Pose(np.full(3, 0.03), np.eye(3)), EXACT))
     assert not map_.sampled.any()
 
 
@@ -57,7 +57,9 @@ def test_noise_has_the_covariance_of_eq_1_in_the_camera_frame():
     distances = np.random.default_rng(1).uniform(0.3, 6.0, camera.n_pixels)
     exact = looked(distances, camera).points
     rng = np.random.default_rng(2)
-    errors = np.stack([measure(distances, camera, noise, rng).points - exact for _ in range(10)])
+    errors = np.stack(
+        [simulate_point_cloud(distances, camera, noise, rng).points - exact for _ in range(10)]
+    )
     z = errors / noise.standard_deviations(distances, 3)
     n = z[..., 0].size
     for axis in range(3):
@@ -73,8 +75,8 @@ def test_stated_covariances_are_those_of_the_errors_that_are_made_eqs_1_and_3():
     camera, noise = DepthCamera(), RangeNoise()
     pose = Pose(np.array([1.0, 2.0, 3.0]), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
     distances = np.random.default_rng(3).uniform(0.3, 6.0, camera.n_pixels)
-    truth = place(looked(distances, camera), pose, EXACT).points
-    scan = place(looked(distances, camera, noise, 4), pose, noise)
+    truth = transform_cloud(looked(distances, camera), pose, EXACT).points
+    scan = transform_cloud(looked(distances, camera, noise, 4), pose, noise)
     errors = scan.points - truth
     squares = np.einsum("ni,nij,nj", errors, np.linalg.inv(scan.covariances), errors)
     assert abs(squares - 3 * camera.n_pixels) < 4 * math.sqrt(6 * camera.n_pixels)
@@ -83,7 +85,7 @@ def test_stated_covariances_are_those_of_the_errors_that_are_made_eqs_1_and_3():
 def test_covariances_state_eq_1_at_the_distance_that_was_measured():
     noise = RangeNoise(intrinsic=0.1)
     cloud = looked(2.0, noise=noise)
-    scan = place(cloud, Pose(np.zeros(3), np.eye(3)), noise)
+    scan = transform_cloud(cloud, Pose(np.zeros(3), np.eye(3)), noise)
     measured = np.linalg.norm(cloud.points, axis=1)
     assert np.ptp(measured) > 0.1
     assert scan.covariances[:, 0, 0] == pytest.approx((0.1 * measured**2) ** 2)
@@ -110,7 +112,7 @@ def test_what_is_seen_does_not_change_which_numbers_are_drawn():
     left = []
     for distances in (np.full(12, math.inf), np.full(12, 3.0), np.linspace(0, 9, 12)):
         rng = np.random.default_rng(5)
-        measure(distances, SMALL, RangeNoise(), rng)
+        simulate_point_cloud(distances, SMALL, RangeNoise(), rng)
         left.append(rng.random())
     assert left[0] == left[1] == left[2]
     seen = np.full(12, 3.0)

@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 from plain.crane import crane
-from plain.yards import base, cluttered_yard, crate, yard
+from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
 from coopmap_env.simulation.physics.motion import (
-    FREE,
-    Stepping,
+    FREE_CLEARANCE,
+    SteppingSettings,
     move_kinematically,
     move_stepped,
-    progress,
+    trapezoidal_profile,
 )
 from coopmap_env.simulation.physics.world import BulletWorld
 
@@ -38,7 +38,7 @@ def physics_of(world, mount):
 def move(physics, kind, goals):
     """What each vehicle touched; afterwards none may be inside of anything."""
     if kind == "stepped":
-        touched = move_stepped(physics, list(goals), Stepping())
+        touched = move_stepped(physics, list(goals), SteppingSettings())
     else:
         touched = [move_kinematically(physics, robot, q) for robot, q in enumerate(goals)]
     physics.find_contacts()
@@ -47,7 +47,7 @@ def move(physics, kind, goals):
 
 
 def camera_poses(physics, mount):
-    chain = mount.chain(on_suspension=True)
+    chain = mount.chain(with_suspension=True)
     return [chain.camera_poses(q) for q in physics.q]
 
 
@@ -56,8 +56,8 @@ def angle(R, S):
 
 
 def test_progress_starts_and_ends_at_rest_and_is_halfway_at_half_time():
-    assert progress(np.array([0.0, 0.5, 1.0])).tolist() == [0.0, 0.5, 1.0]
-    share = progress(np.linspace(0, 1, 101))
+    assert trapezoidal_profile(np.array([0.0, 0.5, 1.0])).tolist() == [0.0, 0.5, 1.0]
+    share = trapezoidal_profile(np.linspace(0, 1, 101))
     speed = np.diff(share) * 100
     assert speed.max() == pytest.approx(4 / 3)  # a quarter of the time up, a quarter down
     assert (speed > 0).all()
@@ -72,7 +72,7 @@ def test_both_kinds_of_physics_end_at_the_same_camera_poses(name):
     except ImportError as error:
         pytest.skip(str(error))
     chain = mount.chain()
-    world = yard(bases=[base(0.0, 0.0), base(0.0, 4.0, 1.0)])
+    world = flat_world(bases=[base_pose(0.0, 0.0), base_pose(0.0, 4.0, 1.0)])
     kinematic, stepped = physics_of(world, mount), physics_of(world, mount)
     rng = np.random.default_rng(0)
     compared = 0
@@ -88,23 +88,23 @@ def test_both_kinds_of_physics_end_at_the_same_camera_poses(name):
                 assert first[robot] == second[robot]
         for physics in (kinematic, stepped):
             for robot, vehicle in enumerate(physics.vehicles):
-                physics.place(robot, vehicle.home)
+                physics.set_configuration(robot, vehicle.home)
     assert compared > 10
 
 
 def test_stepped_physics_swings_to_the_equilibrium_of_a_hand_calculation(tmp_path):
     """10 kg pushed out by 0.5 m: 49.05 N m on springs of 12000 N m/rad."""
     mount = crane(tmp_path)
-    physics = physics_of(yard(), mount)
-    assert move_stepped(physics, [np.array([0.5])], Stepping()) == [""]
+    physics = physics_of(flat_world(), mount)
+    assert move_stepped(physics, [np.array([0.5])], SteppingSettings()) == [""]
     assert physics.q[0][2] == pytest.approx(49.05 / 12000, abs=5e-5)
     assert physics.q[0][:2] == pytest.approx([0.0, 0.0], abs=1e-4)
 
 
 def test_on_the_way_the_body_swings(tmp_path):
     """What the kinematic shortcut leaves out."""
-    springy = Suspension(pitch_damping=50.0, roll_centre_height=0.3)
-    physics = physics_of(yard(), crane(tmp_path, suspension=springy))
+    springy = Suspension(pitch_damping=50.0, roll_center_height=0.3)
+    physics = physics_of(flat_world(), crane(tmp_path, suspension=springy))
     pitch = []
     step = physics.step
 
@@ -114,14 +114,14 @@ def test_on_the_way_the_body_swings(tmp_path):
         pitch.append(physics.q[0][2])
 
     physics.step = watched
-    move_stepped(physics, [np.array([1.5])], Stepping())
+    move_stepped(physics, [np.array([1.5])], SteppingSettings())
     assert max(pitch) > pitch[-1] + 1e-4
 
 
 def swing_and_end(world, mount, goals, stepping):
     """How far cameras get from where they would be at rest, and where they end: (m, 2)."""
     physics = physics_of(world, mount)
-    chain = mount.chain(on_suspension=True)
+    chain = mount.chain(with_suspension=True)
     off = np.zeros(world.n_robots)
     step = physics.step
 
@@ -130,7 +130,7 @@ def swing_and_end(world, mount, goals, stepping):
         for robot in range(world.n_robots):
             physics.velocity(robot)
             q = physics.q[robot]
-            rest = physics.at_rest(robot, q[None, 3:])[0]
+            rest = physics.rest_configurations(robot, q[None, 3:])[0]
             gap = np.linalg.norm(chain.camera_poses(q)[1] - chain.camera_poses(rest)[1])
             off[robot] = max(off[robot], gap)
 
@@ -146,16 +146,16 @@ def swing_and_end(world, mount, goals, stepping):
 
 def test_long_steps_of_free_motions_change_neither_the_swinging_by_much_nor_the_end(mast):
     """Against steps of a hundredth of a second; and no swing leaves the room that is left free."""
-    world = yard(bases=[base(0.0, 0.0), base(0.0, 6.0, 1.0)])
+    world = flat_world(bases=[base_pose(0.0, 0.0), base_pose(0.0, 6.0, 1.0)])
     chain = mast.chain()
     goals = np.random.default_rng(4).uniform(chain.lower, chain.upper, (8, 2, 5))
     goals[:, :, 1:3] = [0.3, 0.9] + 0.3 * (goals[:, :, 1:3] > 0.5)  # well above ground
-    long, end, used = swing_and_end(world, mast, goals, Stepping())
-    fine, fine_end, _ = swing_and_end(world, mast, goals, Stepping(free_step=0.01))
-    assert used == Stepping().free_step
+    long, end, used = swing_and_end(world, mast, goals, SteppingSettings())
+    fine, fine_end, _ = swing_and_end(world, mast, goals, SteppingSettings(free_time_step=0.01))
+    assert used == SteppingSettings().free_time_step
     assert np.linalg.norm(end - fine_end, axis=1).max() < 2e-4
     assert 0.5 < np.median(long) / np.median(fine) < 1.5
-    assert max(long.max(), fine.max()) < FREE
+    assert max(long.max(), fine.max()) < FREE_CLEARANCE
 
 
 @pytest.mark.parametrize("time_step", [1 / 30, 1 / 12])
@@ -166,38 +166,40 @@ def test_a_heavy_arm_comes_to_rest_within_a_second_of_its_arrival(time_step):
     except ImportError as error:
         pytest.skip(str(error))
     chain = mount.chain()
-    physics = physics_of(yard(), mount)
+    physics = physics_of(flat_world(), mount)
     steps = []
     step = physics.step
     physics.step = lambda: (steps.append(0), step())
     for goal in np.random.default_rng(3).uniform(-0.6, 0.6, (12, 7)) + mount.home:
         goal = np.clip(goal, chain.lower, chain.upper)
         steps.clear()
-        assert move_stepped(physics, [goal], Stepping(time_step, time_step)) == [""]
+        assert move_stepped(physics, [goal], SteppingSettings(time_step, time_step)) == [""]
         assert len(steps) * time_step < 1.7
-        assert np.abs(physics.q[0] - physics.at_rest(0, goal[None])[0]).max() < 1e-4
+        assert np.abs(physics.q[0] - physics.rest_configurations(0, goal[None])[0]).max() < 1e-4
 
 
 @pytest.mark.parametrize(
     ("bases", "solids", "free"),
     [
-        ([base(0, 0), base(0, 6)], (), True),
-        ([base(-0.9, 0), base(0.9, 0, math.pi)], (), False),  # they reach for each other
-        ([base(-2.2, 0), base(2.2, 0, math.pi)], (), True),
-        ([base(0, 0)], (crate("ahead", 1.5, 0.0, 1.65, 0.4),), False),
-        ([base(0, 0)], (crate("far", 2.5, 0.0, 1.65, 0.4),), True),
+        ([base_pose(0, 0), base_pose(0, 6)], (), True),
+        ([base_pose(-0.9, 0), base_pose(0.9, 0, math.pi)], (), False),  # they reach for each other
+        ([base_pose(-2.2, 0), base_pose(2.2, 0, math.pi)], (), True),
+        ([base_pose(0, 0)], (crate("ahead", 1.5, 0.0, 1.65, 0.4),), False),
+        ([base_pose(0, 0)], (crate("far", 2.5, 0.0, 1.65, 0.4),), True),
     ],
 )
 def test_steps_are_long_only_where_nothing_is_near(mast, bases, solids, free):
-    physics = physics_of(yard(*solids, bases=bases), mast)
-    move_stepped(physics, [OUT] * len(bases), Stepping())
-    assert physics.time_step == (Stepping().free_step if free else Stepping().time_step)
+    physics = physics_of(flat_world(*solids, bases=bases), mast)
+    move_stepped(physics, [OUT] * len(bases), SteppingSettings())
+    assert physics.time_step == (
+        SteppingSettings().free_time_step if free else SteppingSettings().time_step
+    )
 
 
 @pytest.mark.parametrize("kind", BOTH)
 def test_a_crate_in_the_way_stops_the_mount(mast, kind):
     """It hangs where the head would go; the mount ends before it and off it."""
-    physics = physics_of(yard(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
+    physics = physics_of(flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
     assert move(physics, kind, [TUCKED]) == [""]
     assert physics.q[0][3:] == pytest.approx(TUCKED, abs=1e-4)
     assert move(physics, kind, [OUT]) == ["crate"]
@@ -210,7 +212,7 @@ def test_a_crate_in_the_way_stops_the_mount(mast, kind):
 def test_both_kinds_of_physics_stop_at_about_the_same_place(mast):
     ends = []
     for kind in BOTH:
-        physics = physics_of(yard(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
+        physics = physics_of(flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
         move(physics, kind, [TUCKED])
         move(physics, kind, [OUT])
         ends.append(mast.chain().camera_poses(physics.q[0][3:])[1])
@@ -219,7 +221,7 @@ def test_both_kinds_of_physics_stop_at_about_the_same_place(mast):
 
 @pytest.mark.parametrize("kind", BOTH)
 def test_a_crate_beside_the_way_does_not(mast, kind):
-    physics = physics_of(yard(crate("crate", 1.0, 0.6, 1.65, 0.4)), mast)
+    physics = physics_of(flat_world(crate("crate", 1.0, 0.6, 1.65, 0.4)), mast)
     assert move(physics, kind, [TUCKED]) == [""]
     assert move(physics, kind, [OUT]) == [""]
     assert physics.q[0][3:] == pytest.approx(OUT, abs=1e-4)
@@ -227,8 +229,8 @@ def test_a_crate_beside_the_way_does_not(mast, kind):
 
 @pytest.mark.parametrize("kind", BOTH)
 def test_two_arms_that_reach_for_each_other_meet(mast, kind):
-    bases = [base(-0.9, 0.0), base(0.9, 0.0, math.pi)]
-    physics = physics_of(yard(bases=bases), mast)
+    bases = [base_pose(-0.9, 0.0), base_pose(0.9, 0.0, math.pi)]
+    physics = physics_of(flat_world(bases=bases), mast)
     touched = move(physics, kind, [OUT, OUT])
     if kind == "kinematic":  # the first goes first
         assert touched == ["", "robot_0"]
@@ -242,7 +244,7 @@ def test_an_arm_does_not_enter_its_own_body(kind):
         mount = make_mount("husky_panda")
     except ImportError as error:
         pytest.skip(str(error))
-    physics = physics_of(yard(), mount)
+    physics = physics_of(flat_world(), mount)
     folded = np.array(mount.home)
     folded[[1, 3, 5]] = 1.7, -1.2, 2.0
     assert move(physics, kind, [folded]) == ["its own body"]
@@ -254,8 +256,8 @@ def test_no_mount_ends_inside_of_anything(mast, kind, n_robots):
     """Vehicles in a narrow circle among boulders: many contacts, all of them resolved."""
     around = np.arange(n_robots) * 2 * math.pi / n_robots
     radius = 0.55 / math.sin(math.pi / n_robots)
-    bases = [base(radius * math.cos(a), radius * math.sin(a), a + 2.0) for a in around]
-    physics = physics_of(cluttered_yard(6, bases, n=80, nearest=0.7), mast)
+    bases = [base_pose(radius * math.cos(a), radius * math.sin(a), a + 2.0) for a in around]
+    physics = physics_of(cluttered_world(6, bases, n=80, nearest=0.7), mast)
     physics.find_contacts()
     assert not any(what for _, what in physics.contacts())
     chain = mast.chain()
@@ -265,16 +267,19 @@ def test_no_mount_ends_inside_of_anything(mast, kind, n_robots):
         touched += move(physics, kind, goals)
     assert sum(map(bool, touched)) >= 3
     for q in physics.q:
-        assert q[:3] == pytest.approx(physics.at_rest(0, q[None, 3:])[0, :3], abs=3e-4)
+        assert q[:3] == pytest.approx(physics.rest_configurations(0, q[None, 3:])[0, :3], abs=3e-4)
 
 
 def test_the_quick_check_changes_nothing_but_time(mast):
     """With every stretch marked, so that the engine looks at all configurations: the same ends."""
-    bases = [base(-0.7, 0.0), base(0.7, 0.0, 2.0)]
-    world = cluttered_yard(5, bases, n=80, nearest=0.7)
+    bases = [base_pose(-0.7, 0.0), base_pose(0.7, 0.0, 2.0)]
+    world = cluttered_world(5, bases, n=80, nearest=0.7)
     quick, thorough = physics_of(world, mast), physics_of(world, mast)
-    stretches = thorough.stretches
-    thorough.stretches = lambda robot, q: (np.ones(len(q) - 1, bool), stretches(robot, q)[1])
+    swept_collisions = thorough.swept_collisions
+    thorough.swept_collisions = lambda robot, q: (
+        np.ones(len(q) - 1, bool),
+        swept_collisions(robot, q)[1],
+    )
     chain = mast.chain()
     contacts = 0
     for goals in np.random.default_rng(5).uniform(chain.lower, chain.upper, (15, 2, 5)):
@@ -287,14 +292,18 @@ def test_the_quick_check_changes_nothing_but_time(mast):
 
 
 def test_a_mount_that_begins_in_contact_may_leave_but_not_go_deeper(mast):
-    physics = physics_of(yard(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
-    physics.place(0, physics.at_rest(0, OUT[None])[0])
+    physics = physics_of(flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
+    physics.set_configuration(0, physics.rest_configurations(0, OUT[None])[0])
     aside = OUT + np.array([1.5, 0, 0, 0, 0])
     assert move_kinematically(physics, 0, aside) == ""
     assert physics.q[0][3:].tolist() == aside.tolist()
 
 
-@pytest.mark.parametrize("field", ["time_step", "free_step", "speed", "still", "patience"])
+@pytest.mark.parametrize(
+    "field", ["time_step", "free_time_step", "speed_factor", "rest_speed", "settle_timeout"]
+)
 def test_stepping_needs_positive_numbers(field):
-    with pytest.raises(ValueError, match=rf"Stepping.{field} must be finite and > 0, got 0"):
-        Stepping(**{field: 0.0})
+    with pytest.raises(
+        ValueError, match=rf"SteppingSettings.{field} must be finite and > 0, got 0"
+    ):
+        SteppingSettings(**{field: 0.0})

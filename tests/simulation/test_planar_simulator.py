@@ -7,7 +7,7 @@ import pytest
 
 from coopmap_env.sensing import PlanarCamera, RangeNoise, rotate_covariances
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.scenes.planar.world import World
+from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 
 EXACT = RangeNoise(intrinsic=0.0)
 
@@ -16,7 +16,7 @@ def random_world(seed, shape=(40, 30), resolution=1.0, origin=(0.0, 0.0)):
     occupied = np.random.default_rng(seed).random(shape) < 0.1
     middle = shape[0] // 2, shape[1] // 2
     occupied[middle] = False
-    return World(occupied, resolution, origin, "random")
+    return PlanarWorld(occupied, resolution, origin, "random")
 
 
 def center_of(world):
@@ -24,7 +24,7 @@ def center_of(world):
 
 
 def measured(world, pose, camera, noise=EXACT, seed=0):
-    scan = PlanarSimulator(world, camera, noise).look_from(pose, np.random.default_rng(seed))
+    scan = PlanarSimulator(world, camera, noise).scan_from(pose, np.random.default_rng(seed))
     return scan, np.linalg.norm(scan.points - scan.origin, axis=1)
 
 
@@ -32,7 +32,7 @@ def corridor(wall=7, resolution=1.0):
     """Free cells along x up to a wall."""
     occupied = np.zeros((12, 8), dtype=bool)
     occupied[wall:] = True
-    return World(occupied, resolution, (0.0, 0.0), "corridor")
+    return PlanarWorld(occupied, resolution, (0.0, 0.0), "corridor")
 
 
 def test_a_wall_ahead_is_seen_at_its_face():
@@ -47,7 +47,7 @@ def test_a_wall_ahead_is_seen_at_its_face():
 def test_metres_follow_resolution_and_origin():
     occupied = np.zeros((12, 8), dtype=bool)
     occupied[:, 6] = True
-    world = World(occupied, 0.5, (-10.0, 100.0), "")
+    world = PlanarWorld(occupied, 0.5, (-10.0, 100.0), "")
     scan, distance = measured(world, (-7.0, 101.0, math.pi / 2), PlanarCamera(0.01, 9.0, 1))
     # row 6 begins at y = 100 + 6 * 0.5
     assert distance == pytest.approx([2.0])
@@ -130,7 +130,7 @@ def test_noise_has_the_covariance_of_eq_1_in_the_camera_frame():
     c, s = math.cos(pose[2]), math.sin(pose[2])
     errors = np.stack(
         [
-            (simulator.look_from(pose, rng).points - exact.points) @ [[c, -s], [s, c]]
+            (simulator.scan_from(pose, rng).points - exact.points) @ [[c, -s], [s, c]]
             for _ in range(5000)
         ]
     )
@@ -178,7 +178,7 @@ def test_a_look_draws_the_same_amount_of_randomness_wherever_it_is_taken():
     states = []
     for pose in ((*center_of(world), 0.0), (0.5, 0.5, math.pi)):
         rng = np.random.default_rng(8)
-        simulator.look_from(pose, rng)
+        simulator.scan_from(pose, rng)
         states.append(rng.bit_generator.state)
     assert states[0] == states[1]
 
@@ -209,4 +209,4 @@ def test_a_camera_within_an_obstacle_sees_it_at_no_distance():
 def test_a_look_from_outside_the_world_is_refused(pose):
     simulator = PlanarSimulator(corridor(), PlanarCamera(), RangeNoise())
     with pytest.raises(ValueError, match="looks from outside"):
-        simulator.look_from(pose, np.random.default_rng(0))
+        simulator.scan_from(pose, np.random.default_rng(0))

@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
-from plain.sweeps import points_in_boxes, touches_boxes
-from plain.yards import base
+from plain.sweeps import collides_with_boxes, points_in_boxes
+from plain.field_worlds import base_pose
 
 from coopmap_env.robots.mount import make_mount
-from coopmap_env.simulation.physics.joint_map import Anatomy
-from coopmap_env.simulation.physics.sweep import Outline, covering_spheres, square_distance
+from coopmap_env.simulation.physics.joint_map import JointMap
+from coopmap_env.simulation.physics.sweep import (
+    SweepModel,
+    covering_spheres,
+    squared_distance_to_box,
+)
 
 pytest.importorskip("pybullet")
 NOTHING = np.zeros((0, 4))
@@ -19,8 +23,8 @@ def mast():
 
 
 @pytest.fixture(scope="module")
-def outline(mast):
-    return Anatomy.of(mast).outline
+def sweep_model(mast):
+    return JointMap.from_mount(mast).sweep_model
 
 
 def arm_boxes():
@@ -34,9 +38,9 @@ def arm_boxes():
 
 def test_distance_of_a_point_and_a_box_by_hand():
     lower, upper = np.zeros(3), np.array([1.0, 2.0, 3.0])
-    assert square_distance(0.5, 0.5, 0.5, lower, upper) == 0.0
-    assert square_distance(4.0, 1.0, 1.0, lower, upper) == 9.0
-    assert square_distance(-1.0, 4.0, 5.0, lower, upper) == 1.0 + 4.0 + 4.0
+    assert squared_distance_to_box(0.5, 0.5, 0.5, lower, upper) == 0.0
+    assert squared_distance_to_box(4.0, 1.0, 1.0, lower, upper) == 9.0
+    assert squared_distance_to_box(-1.0, 4.0, 5.0, lower, upper) == 1.0 + 4.0 + 4.0
 
 
 def test_spheres_in_a_row_cover_their_box():
@@ -49,10 +53,10 @@ def test_spheres_in_a_row_cover_their_box():
         assert apart.max() <= radius + 1e-12
 
 
-def test_what_is_not_marked_touches_nothing(mast, outline):
+def test_what_is_not_marked_touches_nothing(mast, sweep_model):
     """Links sampled on a lattice, motions in thirty times as many configurations."""
-    chain = mast.chain(on_suspension=True)
-    where = base(0.4, -0.2, 0.9)
+    chain = mast.chain(with_suspension=True)
+    where = base_pose(0.4, -0.2, 0.9)
     of, points = points_in_boxes(chain, arm_boxes(), list(arm_boxes()))
     rng = np.random.default_rng(1)
     n_marked = n_touching = n_stretches = 0
@@ -63,11 +67,13 @@ def test_what_is_not_marked_touches_nothing(mast, outline):
         k = int(np.ceil(np.abs(end - start).max() / 0.15)) + 1
         q = np.zeros((k, 8))
         q[:, 3:] = start + np.linspace(0, 1, k)[:, None] * (end - start)
-        marked, moved = outline.stretches(where.rotation, where.translation, q, boxes, NOTHING)
+        marked, moved = sweep_model.swept_collisions(
+            where.rotation, where.translation, q, boxes, NOTHING
+        )
         for a, b, mark, far in zip(q[:-1], q[1:], marked, moved, strict=True):
             fine = a + np.linspace(0, 1, 30)[:, None] * (b - a)
             at = where.transform(chain.point_positions(fine, of, points))
-            touching = touches_boxes(at, boxes).any()
+            touching = collides_with_boxes(at, boxes).any()
             assert mark or not touching
             assert far < 0.6
             n_marked, n_touching = n_marked + mark, n_touching + touching
@@ -76,36 +82,40 @@ def test_what_is_not_marked_touches_nothing(mast, outline):
     assert n_marked < 0.8 * n_stretches
 
 
-def test_another_vehicles_spheres_are_in_the_way(outline):
-    here, beside = base(0.0, 0.0), base(1.2, 0.0, np.pi)
+def test_another_vehicles_spheres_are_in_the_way(sweep_model):
+    here, beside = base_pose(0.0, 0.0), base_pose(1.2, 0.0, np.pi)
     q = np.zeros((2, 8))
     q[:, 4], q[:, 5] = 0.7, [0.2, 0.3]
-    others = outline.spheres(beside.rotation, beside.translation, q[0])
+    others = sweep_model.spheres(beside.rotation, beside.translation, q[0])
     none = np.zeros((0, 2, 3))
-    assert outline.stretches(here.rotation, here.translation, q, none, others)[0].all()
+    assert sweep_model.swept_collisions(here.rotation, here.translation, q, none, others)[0].all()
     far = others + np.array([5.0, 0.0, 0.0, 0.0])
-    assert not outline.stretches(here.rotation, here.translation, q, none, far)[0].any()
+    assert not sweep_model.swept_collisions(here.rotation, here.translation, q, none, far)[0].any()
 
 
-def test_an_arm_that_comes_near_its_own_body_is_marked(outline):
+def test_an_arm_that_comes_near_its_own_body_is_marked(sweep_model):
     """Bent down further than it can, the wrist is beside the chassis; upright it is far from it."""
-    here, none = base(0.0, 0.0), np.zeros((0, 2, 3))
+    here, none = base_pose(0.0, 0.0), np.zeros((0, 2, 3))
     down, up = np.zeros((2, 8)), np.zeros((2, 8))
     down[:, 4], down[:, 5] = 1.0, [2.1, 2.2]
     up[:, 5] = [0.2, 0.3]
-    assert outline.stretches(here.rotation, here.translation, down, none, NOTHING)[0].all()
-    assert not outline.stretches(here.rotation, here.translation, up, none, NOTHING)[0].any()
+    assert sweep_model.swept_collisions(here.rotation, here.translation, down, none, NOTHING)[
+        0
+    ].all()
+    assert not sweep_model.swept_collisions(here.rotation, here.translation, up, none, NOTHING)[
+        0
+    ].any()
 
 
 def test_neighbours_are_no_obstacle(mast):
     """The post stands on the chassis for good."""
-    chain = mast.chain(on_suspension=True)
+    chain = mast.chain(with_suspension=True)
     boxes = {
         "chassis": np.array([[-0.45, -0.3, -0.05], [0.45, 0.3, 0.35]]),
         "post": np.array([[-0.1, -0.1, 0.0], [0.1, 0.1, 0.35]]),
     }
-    q, none, where = np.zeros((2, 8)), np.zeros((0, 2, 3)), base(0.0, 0.0)
-    for neighbours, expected in (([("post", "chassis")], False), ([], True)):
-        shape = Outline.of_links(chain, boxes, ["post"], neighbours)
-        marked, _ = shape.stretches(where.rotation, where.translation, q, none, NOTHING)
+    q, none, where = np.zeros((2, 8)), np.zeros((0, 2, 3)), base_pose(0.0, 0.0)
+    for ignored_pairs, expected in (([("post", "chassis")], False), ([], True)):
+        shape = SweepModel.from_link_boxes(chain, boxes, ["post"], ignored_pairs)
+        marked, _ = shape.swept_collisions(where.rotation, where.translation, q, none, NOTHING)
         assert marked.tolist() == [expected]

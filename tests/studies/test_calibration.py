@@ -12,7 +12,7 @@ from coopmap_env.studies.recorded.hit_miss import HitMissModel
 def recorded():
     env = PlanarEnv(scene=Obstacles(shape=(80, 80)), split="validation", max_scans=10)
     policy = make_policy("rating_function:search=30")
-    return env, list(calibration.record(env, policy, range(4)))
+    return env, list(calibration.record_scans(env, policy, range(4)))
 
 
 def test_every_visited_pose_gives_a_scan(recorded):
@@ -22,15 +22,15 @@ def test_every_visited_pose_gives_a_scan(recorded):
 
 def test_recording_is_the_same_again(recorded):
     env, worlds = recorded
-    again = next(calibration.record(env, make_policy("rating_function:search=30"), [2]))
+    again = next(calibration.record_scans(env, make_policy("rating_function:search=30"), [2]))
     assert np.array_equal(again.occupied, worlds[2].occupied)
     assert np.array_equal(again.scans[-1].points, worlds[2].scans[-1].points)
 
 
 def test_the_gaussian_beam_has_the_lower_log_loss_on_held_out_worlds(recorded):
     env, worlds = recorded
-    ours = calibration.scores(calibration.pooled(worlds, env, env.settings.beam))
-    constant = calibration.scores(calibration.pooled(worlds, env, HitMissModel()))
+    ours = calibration.calibration_scores(calibration.pool_cells(worlds, env, env.settings.beam))
+    constant = calibration.calibration_scores(calibration.pool_cells(worlds, env, HitMissModel()))
     # on test worlds about half; a quarter less is asked for here
     assert ours["log_loss"] < 0.75 * constant["log_loss"]
     assert ours["brier"] < constant["brier"]
@@ -38,6 +38,6 @@ def test_the_gaussian_beam_has_the_lower_log_loss_on_held_out_worlds(recorded):
 
 def test_scores_count_the_sampled_cells(recorded):
     env, worlds = recorded
-    cells = calibration.pooled(worlds, env, env.settings.beam)
-    score = calibration.scores(cells)
+    cells = calibration.pool_cells(worlds, env, env.settings.beam)
+    score = calibration.calibration_scores(cells)
     assert score["cells"] == cells.sampled.sum() == sum(score["reliability"]["counts"])

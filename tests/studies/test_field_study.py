@@ -7,7 +7,12 @@ import pytest
 from coopmap_env.cli import main
 from coopmap_env.studies.commands.reproduce import missing_extras
 from coopmap_env.studies.field import study as field_study
-from coopmap_env.studies.field.report import TABLE, field_summary, text_table, write_parts
+from coopmap_env.studies.field.report import (
+    TABLE_SCORES,
+    field_summary,
+    field_text_table,
+    write_field_figures,
+)
 from coopmap_env.studies.field.study import RANDOM, FieldSize
 
 for module in ("pybullet", "pyoctomap", "viser", "skimage", "matplotlib"):
@@ -28,7 +33,7 @@ def test_every_policy_is_scored_against_the_surface_on_every_world(study):
     for evaluation in study.evaluations.values():
         assert len(evaluation.episodes) == 2
         assert evaluation.curves["surface"].shape == (2, 3)
-        assert set(TABLE) <= set(evaluation.table)
+        assert set(TABLE_SCORES) <= set(evaluation.table)
         assert ((evaluation.table["f_score"] > 0) & (evaluation.table["f_score"] < 1)).all()
 
 
@@ -43,11 +48,11 @@ def test_the_summary_is_json_and_the_table_names_every_policy(study):
     assert summary["policies"][RANDOM]["against"]["policy"] == SIZE.policies[0]
     assert summary["octomap"]["n_scans"] == 4
     for policy in SIZE.policies:
-        assert policy in text_table(study)
+        assert policy in field_text_table(study)
 
 
 def test_all_parts_are_written(study, tmp_path):
-    write_parts(study, tmp_path)
+    write_field_figures(study, tmp_path)
     names = {"field_surface.png", "field_render.png", "stereo.png", "field_replay.html"}
     assert {path.name for path in tmp_path.iterdir()} == names
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from plain.crossings import crossed_cells
+from plain.ray_cells import crossed_cells
 
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import Scan
@@ -14,7 +14,7 @@ def scan(origin, points, hit):
 
 
 def test_one_beam_by_hand():
-    map_ = HitMissMap(VoxelGrid((6, 1)), HitMissModel(hit=0.8, miss=0.25, depth=0.5))
+    map_ = HitMissMap(VoxelGrid((6, 1)), HitMissModel(hit=0.8, miss=0.25, hit_offset=0.5))
     map_.integrate(scan([0.5, 0.5], [[3.0, 0.5]], [True]))
     assert map_.probability[:, 0] == pytest.approx([0.25, 0.25, 0.25, 0.8, 0.5, 0.5], abs=1e-3)
     assert map_.sampled[:, 0].tolist() == [True] * 4 + [False] * 2
@@ -27,7 +27,7 @@ def test_a_beam_without_return_only_passes():
 
 
 def test_in_one_scan_a_hit_goes_before_passing_and_a_cell_is_updated_once():
-    map_ = HitMissMap(VoxelGrid((6, 1)), HitMissModel(hit=0.8, miss=0.25, depth=0.0))
+    map_ = HitMissMap(VoxelGrid((6, 1)), HitMissModel(hit=0.8, miss=0.25, hit_offset=0.0))
     beams = [[2.5, 0.5], [5.5, 0.5], [2.6, 0.5]]
     map_.integrate(scan([0.5, 0.5], beams, [True, False, True]))
     assert map_.probability[2, 0] == pytest.approx(0.8, abs=1e-3)
@@ -35,7 +35,7 @@ def test_in_one_scan_a_hit_goes_before_passing_and_a_cell_is_updated_once():
 
 def test_it_equals_plain_loops_on_random_scans():
     rng = np.random.default_rng(0)
-    model = HitMissModel(hit=0.7, miss=0.3, depth=0.5)
+    model = HitMissModel(hit=0.7, miss=0.3, hit_offset=0.5)
     map_ = HitMissMap(VoxelGrid((12, 9)), model)
     plain = np.zeros((12, 9))
     for _ in range(10):

@@ -10,11 +10,11 @@ from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import RangeNoise
 from coopmap_env.studies.recorded import killian
 from coopmap_env.studies.recorded.killian import (
-    Observations,
+    CellObservations,
     held_out_loss,
-    observe,
-    scan_of,
-    split,
+    hold_out,
+    observe_cells,
+    scan_from_log,
 )
 from coopmap_env.studies.recorded.laser_log import LaserLog, LaserLogError, read_laser_log
 
@@ -62,7 +62,7 @@ def test_ranges_bearings_and_laser_poses_are_read_and_other_records_are_not(zipp
     assert log.poses.tolist() == [[1.0, 2.0, 0.5], [-1.0, 0.0, 3.0]]
     assert log.bearings.tolist() == [-1.5, -1.0, -0.5]
     assert log.max_range == 50.0
-    assert log.step == 0.5
+    assert log.angle_increment == 0.5
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_file_without_scans_is_refused(zipped):
 
 def test_the_points_of_a_turned_laser_by_hand():
     log = log_of([2.0, 3.0], poses=[(10.0, 20.0, math.pi / 2)])
-    scan = scan_of(log, 0)
+    scan = scan_from_log(log, 0)
     assert scan.origin.tolist() == [10.0, 20.0]
     # heading +y: the first beam goes up, the second, a quarter turn on, to the left
     np.testing.assert_allclose(scan.points, [[10.0, 22.0], [7.0, 20.0]], atol=1e-12)
@@ -126,28 +126,28 @@ def test_the_covariance_is_range_noise_along_and_the_width_of_the_beam_across():
     bearings = (0.0, 0.02)
     log = log_of([10.0, 10.0], poses=[(0.0, 0.0, math.pi / 2)], bearings=bearings)
     noise = RangeNoise(intrinsic=0.1, lateral=0.5, exponent=0)
-    covariance = scan_of(log, 0, noise).covariances[0]
+    covariance = scan_from_log(log, 0, noise).covariances[0]
     # along is y here: 0.1 m; across is x: 0.05 m, and a beam 0.2 m wide at 10 m
     np.testing.assert_allclose(covariance, np.diag([0.05**2 + 0.2**2 / 12, 0.1**2]), atol=1e-12)
 
 
 def test_no_returns_and_readings_beyond_the_usable_range_are_left_out():
     log = log_of([51.06, 4.0], [31.0, 29.0], [0.0, 50.0], poses=[(0, 0, 0)] * 3)
-    assert len(scan_of(log, 0).points) == 1
-    assert len(scan_of(log, 1).points) == 1
-    assert len(scan_of(log, 1, usable_range=40.0).points) == 2
-    assert len(scan_of(log, 2).points) == 0
+    assert len(scan_from_log(log, 0).points) == 1
+    assert len(scan_from_log(log, 1).points) == 1
+    assert len(scan_from_log(log, 1, usable_range=40.0).points) == 2
+    assert len(scan_from_log(log, 2).points) == 0
 
 
 @pytest.mark.parametrize("usable_range", [0.0, 50.5, math.nan])
 def test_a_usable_range_that_the_laser_does_not_have_is_refused(usable_range):
     with pytest.raises(ValueError, match="usable_range must lie in"):
-        scan_of(log_of([1.0, 2.0]), 0, usable_range=usable_range)
+        scan_from_log(log_of([1.0, 2.0]), 0, usable_range=usable_range)
 
 
 def test_the_grid_holds_all_that_the_laser_can_use():
     log = log_of([1, 1], [1, 1], poses=[(0.0, -3.0, 0.0), (7.3, 2.0, 1.0)])
-    grid = killian.grid_of(log)
+    grid = killian.grid_for_log(log)
     reach = killian.USABLE_RANGE
     corners = [[-reach, -3.0 - reach], [7.3 + reach, 2.0 + reach]]
     assert grid.contains(grid.index(corners)).all()
@@ -157,7 +157,7 @@ def test_the_grid_holds_all_that_the_laser_can_use():
 
 
 def test_every_tenth_scan_is_held_out():
-    kept, held_out = split(range(0, 60, 2), 10)
+    kept, held_out = hold_out(range(0, 60, 2), 10)
     assert held_out == [18, 38, 58]
     assert sorted(kept + held_out) == list(range(0, 60, 2))
 
@@ -167,20 +167,20 @@ def test_a_beam_frees_the_cells_left_a_cell_before_its_end_and_occupies_the_one_
     # along +x from (0.25, 0.25) over 1.9 m: 3.8 cells from 0.5 on, to 4.3 in cell 4. It leaves
     # cells 0, 1, 2, 3 after 0.5, 1.5, 2.5, 3.5 cells; a cell before its end is 2.8.
     log = log_of([1.9, 0.5], poses=[(0.25, 0.25, 0.0)])
-    seen = observe(log, [0], grid)
+    seen = observe_cells(log, [0], grid)
     # the second beam goes up one cell, of which none is left early enough
     assert seen.cells.tolist() == [0, 2, 4, 8, 1]
     assert seen.occupied.tolist() == [False, False, False, True, True]
 
 
 def test_no_scans_observe_nothing():
-    seen = observe(log_of([1.0, 2.0]), [], VoxelGrid((4, 4)))
+    seen = observe_cells(log_of([1.0, 2.0]), [], VoxelGrid((4, 4)))
     assert len(seen.cells) == len(seen.occupied) == 0
 
 
 def test_the_held_out_loss_by_hand():
     probability = np.array([[0.1, 0.8], [0.5, 0.25]])
-    seen = Observations(np.array([0, 0, 3, 1]), np.array([False, False, False, True]))
+    seen = CellObservations(np.array([0, 0, 3, 1]), np.array([False, False, False, True]))
     loss = held_out_loss(probability, seen)
     free = -(2 * math.log(0.9) + math.log(0.75)) / 3
     hit = -math.log(0.8)
@@ -191,7 +191,7 @@ def test_the_held_out_loss_by_hand():
 
 
 def test_a_kind_that_was_not_observed_has_no_loss():
-    loss = held_out_loss(np.array([[0.1]]), Observations(np.array([0]), np.array([False])))
+    loss = held_out_loss(np.array([[0.1]]), CellObservations(np.array([0]), np.array([False])))
     assert loss["free"] == loss["all"] == pytest.approx(-math.log(0.9))
     assert math.isnan(loss["hit"])
     assert math.isnan(loss["balanced"])
@@ -260,7 +260,7 @@ def test_the_log_has_3873_scans_of_180_beams():
     assert log.poses.shape == (3873, 3)
     assert log.max_range == 50.0
     assert math.degrees(log.bearings[0]) == pytest.approx(-90.0, abs=1e-4)
-    assert math.degrees(log.step) == pytest.approx(1.0, abs=1e-4)
+    assert math.degrees(log.angle_increment) == pytest.approx(1.0, abs=1e-4)
     np.testing.assert_allclose(log.poses[0], [1.96, 37.867, -2.012385])
 
 
@@ -268,7 +268,7 @@ def test_the_log_has_3873_scans_of_180_beams():
 def test_the_poses_close_their_loops():
     """What the robot saw 2,400 scans ago lies where it sees it now."""
     log = killian.read_killian()
-    a, b = (scan_of(log, i, usable_range=10.0) for i in (1256, 3671))
+    a, b = (scan_from_log(log, i, usable_range=10.0) for i in (1256, 3671))
     assert np.linalg.norm(a.origin - b.origin) < 1.0
     distance = np.linalg.norm(a.points[:, None] - b.points[None], axis=-1).min(axis=1)
     assert np.median(distance) < 0.1
@@ -280,6 +280,6 @@ def test_the_beam_model_foretells_held_out_scans_better_than_constants_do():
     ours, constant = result.scores["gaussian_beam"], result.scores["hit_miss"]
     assert result.scores["scans_fused"] == 582
     assert result.scores["scans_held_out"] == 64
-    assert result.scores["not_sampled_share"] < 0.03
+    assert result.scores["unsampled_fraction"] < 0.03
     assert result.probability.shape == result.sampled.shape
     assert ours["all"] < constant["all"] < math.log(2)

@@ -8,11 +8,11 @@ from scipy import stats
 from coopmap_env.cli import main
 from coopmap_env.evaluation.statistics.bootstrap import bootstrap_groups
 from coopmap_env.studies.localization import study as localization_study
-from coopmap_env.studies.localization.episodes import search_episode
+from coopmap_env.studies.localization.episodes import run_search_episode
 from coopmap_env.studies.localization.pose_estimators import (
-    LEVELS,
-    METHODS,
-    compare_identifications,
+    ESTIMATORS,
+    NOISE_FACTORS,
+    compare_pose_estimators,
 )
 from coopmap_env.studies.localization.study import (
     LocalizationSize,
@@ -23,7 +23,7 @@ from coopmap_env.studies.localization.study import (
 
 
 def robot(scans, position=0.01, angle=0.001, nees=6.0):
-    return {"scans": scans, "position": position, "angle": angle, "nees": nees}
+    return {"n_scans": scans, "position": position, "angle": angle, "nees": nees}
 
 
 SEARCHES = [
@@ -34,7 +34,7 @@ SEARCHES = [
 
 def test_a_robot_counts_as_located_within_the_scans_that_it_took():
     found = search_summary(SEARCHES)
-    shares = {k: share["estimate"] for k, share in found["located_share"].items()}
+    shares = {k: share["estimate"] for k, share in found["located_fraction"].items()}
     assert (shares["1"], shares["3"], shares["4"], shares["10"]) == (0.25, 0.5, 0.75, 0.75)
     assert found["never_located"] == 1
     assert found["robots"] == 4
@@ -53,19 +53,19 @@ def test_errors_of_bases_are_those_of_located_robots():
     assert found["registration_ms"]["median"] == 70.0
 
 
-def look(before, after):
-    kinds = ("position", "angle", "seen")
-    return {"kinematic": dict.fromkeys(kinds, before), "taken": dict.fromkeys(kinds, after)}
+def scan(before, after):
+    kinds = ("position", "angle", "point_displacement")
+    return {"kinematic": dict.fromkeys(kinds, before), "estimated": dict.fromkeys(kinds, after)}
 
 
 def test_the_error_ratio_is_that_of_the_medians():
-    groups = [[look(8.0, 1.0), look(10.0, 2.0)], [look(12.0, 4.0), look(math.nan, 1.0)]]
+    groups = [[scan(8.0, 1.0), scan(10.0, 2.0)], [scan(12.0, 4.0), scan(math.nan, 1.0)]]
     found = errors_summary(groups, np.random.default_rng(0))
-    assert found["looks"] == 4
+    assert found["scans"] == 4
     ratio = found["position"]["error_ratio_median"]
     assert ratio["estimate"] == 5.0  # 10 over 2, the look that saw nothing left out
     assert ratio["low"] <= 5.0 <= ratio["high"]
-    assert found["seen"]["before"]["median"]["estimate"] == 10.0
+    assert found["point_displacement"]["before"]["median"]["estimate"] == 10.0
 
 
 def test_honest_errors_lie_in_the_band_and_boasting_ones_do_not():
@@ -75,7 +75,7 @@ def test_honest_errors_lie_in_the_band_and_boasting_ones_do_not():
     np.testing.assert_allclose(found["band"], stats.chi2.ppf([0.025, 0.975], 2400) / 400)
     assert found["in_band"]
     assert not nees_summary([1.5 * group for group in groups])["in_band"]
-    assert nees_summary([np.zeros(0)]) == {"looks": 0}
+    assert nees_summary([np.zeros(0)]) == {"scans": 0}
 
 
 def test_groups_are_resampled_as_a_whole():
@@ -93,14 +93,14 @@ def test_groups_are_resampled_as_a_whole():
 
 def test_what_knows_more_identifies_better():
     """At the default noise: Eq. 12 < Umeyama < the Gaussian solution, and outliers matter."""
-    clean = compare_identifications(np.random.default_rng(0), 80, 0.0)
-    moved = compare_identifications(np.random.default_rng(0), 80, 0.2)
-    here = LEVELS.index(1.0)
-    linear, _, umeyama, rejected, gaussian, both = METHODS
-    error = {name: clean[name]["position"][here] for name in METHODS}
+    clean = compare_pose_estimators(np.random.default_rng(0), 80, 0.0)
+    moved = compare_pose_estimators(np.random.default_rng(0), 80, 0.2)
+    here = NOISE_FACTORS.index(1.0)
+    linear, _, umeyama, rejected, gaussian, both = ESTIMATORS
+    error = {name: clean[name]["position"][here] for name in ESTIMATORS}
     assert error[linear] > error[umeyama] > error[gaussian] >= error[both]
     assert moved[umeyama]["position"][here] > 1.5 * moved[rejected]["position"][here]
-    for name in METHODS:  # all of them follow the noise
+    for name in ESTIMATORS:  # all of them follow the noise
         assert clean[name]["angle"][-1] > clean[name]["angle"][0]
 
 
@@ -109,14 +109,14 @@ def test_a_search_ends_when_all_are_located():
     job = {
         "seed": 0,
         "split": "train",
-        "scans": 8,
+        "max_scans": 8,
         "scene": "worksite",
         "policy": "rating_function:search=50",
     }
-    found = search_episode(job)
+    found = run_search_episode(job)
     assert len(found["robots"]) == 2
     for base in found["robots"]:
-        assert base is None or (1 <= base["scans"] <= 8 and base["position"] < 0.2)
+        assert base is None or (1 <= base["n_scans"] <= 8 and base["position"] < 0.2)
 
 
 @pytest.mark.slow
@@ -128,9 +128,9 @@ def test_the_command_writes_report_and_summary(tmp_path, monkeypatch, capsys):
     main(["localization", "--quick", "--out", str(tmp_path)])
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["search"]["robots"] == 4
-    assert set(summary["search"]["located_share"]["6"]) == {"estimate", "low", "high"}
+    assert set(summary["search"]["located_fraction"]["6"]) == {"estimate", "low", "high"}
     assert summary["search"]["false_matches"] == 0
-    for part in ("all_looks", "corrected_looks"):
+    for part in ("all_scans", "corrected_scans"):
         assert "error_ratio_median" in summary["correction"][part]["position"]
     for setting in ("kinematic", "fiducials", "exact"):
         assert set(summary["map_quality"][setting]) == {"f_score", "chamfer", "log_loss", "surface"}

@@ -34,7 +34,7 @@ def test_on_sharp_beams_both_maps_agree_and_are_right():
         [beams((8, 2, 2), (8, 3, 2), hit=[True, True])] * 3, truth(), GRID, MODEL
     )
     assert result.n_scans == 3
-    assert result.agreement == result.ours.right_share == result.octomap.right_share == 1
+    assert result.agreement == result.ours.accuracy == result.octomap.accuracy == 1
     assert result.common_cells > 9
     assert result.ours.milliseconds > 0
     assert result.octomap.milliseconds > 0
@@ -74,7 +74,7 @@ def test_the_result_is_plain_values():
     result = compare_with_octomap([beams((8, 2, 2), hit=[True])], truth(), GRID).as_dict()
     assert set(result) == {"n_scans", "common_cells", "agreement", "ours", "octomap"}
     assert set(result["ours"]) == {
-        "cells", "log_loss", "log_loss_common", "right_share", "milliseconds",
+        "cells", "log_loss", "log_loss_common", "accuracy", "milliseconds",
     }  # fmt: skip
 
 

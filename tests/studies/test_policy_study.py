@@ -13,76 +13,83 @@ from coopmap_env.evaluation.policy import make_policy
 from coopmap_env.evaluation.rollout import Episode, Extent
 from coopmap_env.evaluation.statistics.bootstrap import Interval
 from coopmap_env.evaluation.worlds import kind_of
-from coopmap_env.studies.benchmark import entries as policy_entries
+from coopmap_env.studies.benchmark import methods as policy_entries
 from coopmap_env.studies.benchmark import study as policy_study
-from coopmap_env.studies.benchmark.entries import (
+from coopmap_env.studies.benchmark.methods import (
     FULL,
     LEARNED,
-    POSES,
+    POSE_MODE,
     QUICK,
     REFERENCE,
+    BenchmarkPlan,
     Condition,
-    Entry,
-    Plan,
-    among,
-    plan,
-    planner,
+    Method,
+    make_plan,
+    planner_method,
+    with_n_candidates,
 )
-from coopmap_env.studies.benchmark.report import text_summary, verdict_table, write_policy_report
+from coopmap_env.studies.benchmark.report import text_summary, verdict_table, write_benchmark_report
 from coopmap_env.studies.benchmark.study import (
     ConditionResult,
-    Outcome,
+    MethodResult,
     condition_summary,
+    interval_verdict,
     summary,
     verdicts,
-    where_it_lies,
 )
 
 SHORT = {"n_robots": 2, "max_scans": 2, "split": "test", "reward": "rating"}
-STANDS_IN = Entry("learned", ("coverage", "information_gain"), among(8), LEARNED, pictured=True)
+STANDS_IN = Method(
+    "learned", ("coverage", "information_gain"), with_n_candidates(8), LEARNED, plotted=True
+)
 """Two planners as two training runs."""
 ENTRIES = (
     STANDS_IN,
-    planner("rating_function", among(8), pictured=True),
-    planner("coverage", among(8)),
-    planner("rating_function:search=100", POSES),
-    planner("random", POSES, pictured=True),
+    planner_method("rating_function", with_n_candidates(8), plotted=True),
+    planner_method("coverage", with_n_candidates(8)),
+    planner_method("rating_function:search=100", POSE_MODE),
+    planner_method("random", POSE_MODE, plotted=True),
 )
 
 
 def test_the_comparison_is_what_it_says():
-    whole = plan(FULL, ("planar", "field"))
+    whole = make_plan(FULL, ("planar", "field"))
     planar, field = whole.main
     assert (planar.n_worlds, field.n_worlds) == (100, 100)
-    assert len([entry for entry in planar.entries if entry.family == LEARNED]) == 5
-    first = planar.entries[0]
-    assert first.specs == tuple(f"learned:model=planar-candidates+seed={k}" for k in (0, 1, 2))
+    assert len([method for method in planar.methods if method.family == LEARNED]) == 5
+    first = planar.methods[0]
+    assert first.policy_specs == tuple(
+        f"learned:model=planar-candidates+seed={k}" for k in (0, 1, 2)
+    )
     assert first.arguments == {"action_mode": "candidates", "n_candidates": 32}
-    assert {c.arguments["n_robots"] for c in whole.elsewhere if c.world == "planar"} == set(
+    assert {c.arguments["n_robots"] for c in whole.generalization if c.world == "planar"} == set(
         range(1, 6)
     )
-    assert [condition.n_worlds for condition in plan(QUICK, ("planar",)).main] == [4]
+    assert [condition.n_worlds for condition in make_plan(QUICK, ("planar",)).main] == [4]
 
 
 def test_every_planner_of_the_comparison_can_be_made():
-    for condition in (*plan(FULL, ("planar", "field")).main, *plan(FULL, ("planar",)).elsewhere):
-        for entry in condition.entries:
-            if entry.family != LEARNED:
-                make_policy(entry.specs[0])
+    for condition in (
+        *make_plan(FULL, ("planar", "field")).main,
+        *make_plan(FULL, ("planar",)).generalization,
+    ):
+        for method in condition.methods:
+            if method.family != LEARNED:
+                make_policy(method.policy_specs[0])
 
 
 @pytest.mark.parametrize("world", ["planar", "field"])
 def test_every_environment_of_the_comparison_can_be_made(world):
     pytest.importorskip("rtbdata" if world == "planar" else "pybullet")
-    whole = plan(FULL, (world,))
-    for condition in (*whole.main, *whole.elsewhere):
-        for arguments in (POSES, among(3)):
+    whole = make_plan(FULL, (world,))
+    for condition in (*whole.main, *whole.generalization):
+        for arguments in (POSE_MODE, with_n_candidates(3)):
             kind_of(world).env(**{**condition.arguments, **arguments}).close()
 
 
 def test_the_seed_decides_world_and_starts_whatever_the_action_mode():
     starts = []
-    for arguments in (POSES, among(32), among(300)):
+    for arguments in (POSE_MODE, with_n_candidates(32), with_n_candidates(300)):
         env = kind_of("planar").env(**SHORT, **arguments)
         env.reset(seed=4)
         starts.append((env.truth.occupied, env.belief().positions))
@@ -92,24 +99,24 @@ def test_the_seed_decides_world_and_starts_whatever_the_action_mode():
 
 
 def test_labels_say_what_a_spec_does():
-    assert planner("rating_function:search=100", POSES).label == REFERENCE
-    sequential = planner("rating_function:coordination=sequential", among(32))
+    assert planner_method("rating_function:search=100", POSE_MODE).label == REFERENCE
+    sequential = planner_method("rating_function:coordination=sequential", with_n_candidates(32))
     assert sequential.label == "rating function, 32 candidates, sequential"
     assert sequential.family == "rating function"
-    assert planner("frontier", POSES).family == "other"
+    assert planner_method("frontier", POSE_MODE).family == "other"
 
 
 def test_everybody_is_held_against_the_rating_function_on_as_many_candidates():
     condition = Condition("here", "planar", 2, SHORT, ENTRIES)
     learned, rating, coverage, reference, random = ENTRIES
-    assert condition.baseline_of(learned) is rating
-    assert condition.baseline_of(rating) is reference
-    assert condition.baseline_of(random) is reference
-    assert condition.baseline_of(reference) is None
-    assert condition.rivals_of(learned) == [rating, coverage, reference]
-    assert condition.rivals_of(coverage) == [rating, reference]
-    assert condition.rivals_of(random) == [reference]
-    assert replace(condition, entries=(learned, coverage)).baseline_of(learned) is None
+    assert condition.baseline_for(learned) is rating
+    assert condition.baseline_for(rating) is reference
+    assert condition.baseline_for(random) is reference
+    assert condition.baseline_for(reference) is None
+    assert condition.compared_methods(learned) == [rating, coverage, reference]
+    assert condition.compared_methods(coverage) == [rating, reference]
+    assert condition.compared_methods(random) == [reference]
+    assert replace(condition, methods=(learned, coverage)).baseline_for(learned) is None
 
 
 def episode(seed, area, reward=0.0):
@@ -121,26 +128,26 @@ def episode(seed, area, reward=0.0):
     )  # fmt: skip
 
 
-def outcome(entry, *runs):
+def method_result(method, *runs):
     """What an entry did: rows of areas under the curve, a world each."""
-    return Outcome(
-        entry, tuple(Evaluation(tuple(episode(k, a) for k, a in enumerate(row))) for row in runs)
+    return MethodResult(
+        method, tuple(Evaluation(tuple(episode(k, a) for k, a in enumerate(row))) for row in runs)
     )
 
 
 def made_up():
-    outcomes = (
-        outcome(ENTRIES[0], [0.3, 0.5], [0.4, 0.6]),
-        outcome(ENTRIES[1], [0.2, 0.4]),
-        outcome(ENTRIES[2], [0.4, 0.6]),
-        outcome(ENTRIES[3], [0.2, 0.2]),
-        outcome(ENTRIES[4], [0.1, 0.1]),
+    method_results = (
+        method_result(ENTRIES[0], [0.3, 0.5], [0.4, 0.6]),
+        method_result(ENTRIES[1], [0.2, 0.4]),
+        method_result(ENTRIES[2], [0.4, 0.6]),
+        method_result(ENTRIES[3], [0.2, 0.2]),
+        method_result(ENTRIES[4], [0.1, 0.1]),
     )
-    return ConditionResult(Condition("here", "planar", 2, SHORT, ENTRIES), outcomes)
+    return ConditionResult(Condition("here", "planar", 2, SHORT, ENTRIES), method_results)
 
 
 def test_scores_are_summed_up_over_runs_and_worlds():
-    found = condition_summary(made_up())["entries"]["learned"]
+    found = condition_summary(made_up())["methods"]["learned"]
     area = found["scores"]["coverage_auc"]
     assert area["runs"] == pytest.approx([0.4, 0.5])
     assert area["mean"]["estimate"] == pytest.approx(0.45)
@@ -159,64 +166,66 @@ def test_the_verdict_follows_from_the_paired_difference():
         [0.15, 0.15 - half, 0.15 + half], abs=1e-5
     )
     assert over_rating["runs"] == pytest.approx([0.1, 0.2])
-    assert over_rating["verdict"] == "zero lies within"
+    assert over_rating["verdict"] == "contains zero"
     assert areas["coverage, 8 candidates"]["difference"]["estimate"] == pytest.approx(-0.05)
-    assert set(areas) == {*(entry.label for entry in ENTRIES[1:4])}
+    assert set(areas) == {*(method.label for method in ENTRIES[1:4])}
     rewards = [v for v in found if v["score"] == "reward"]
-    assert {v["verdict"] for v in rewards} == {"zero lies within"}  # all made up to be zero
+    assert {v["verdict"] for v in rewards} == {"contains zero"}  # all made up to be zero
     assert verdict_table(found)[1][3:] == [
         "+15.00 [-48.53, +78.53]",
-        "zero lies within",
+        "contains zero",
         "+10.00, +20.00",
     ]
 
 
 def test_an_interval_that_touches_zero_is_no_verdict():
-    assert where_it_lies(Interval(0.2, 0.1, 0.3)) == "above zero"
-    assert where_it_lies(Interval(-0.2, -0.3, -0.1)) == "below zero"
-    assert where_it_lies(Interval(0.2, 0.0, 0.3)) == "zero lies within"
+    assert interval_verdict(Interval(0.2, 0.1, 0.3)) == "above zero"
+    assert interval_verdict(Interval(-0.2, -0.3, -0.1)) == "below zero"
+    assert interval_verdict(Interval(0.2, 0.0, 0.3)) == "contains zero"
 
 
 def test_improvement_and_ratio_are_against_the_same_worlds():
-    against = condition_summary(made_up())["entries"]["learned"]["against"]
+    against = condition_summary(made_up())["methods"]["learned"]["comparisons"]
     rating = against["rating function, 8 candidates"]
     assert rating["probability_of_improvement"]["coverage_auc"]["estimate"] == 1.0
     assert rating["ratio"]["coverage_auc"]["estimate"] == pytest.approx(1.5)
-    assert rating["chooses_alike"]
-    assert not against[REFERENCE]["chooses_alike"]
+    assert rating["same_arguments"]
+    assert not against[REFERENCE]["same_arguments"]
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     store = tmp_path_factory.mktemp("store")
-    elsewhere = Condition("3 robots", "planar", 2, {**SHORT, "n_robots": 3}, ENTRIES[:3])
-    small = Plan((Condition("all policies", "planar", 3, SHORT, ENTRIES),), (elsewhere,))
+    generalization = Condition("3 robots", "planar", 2, {**SHORT, "n_robots": 3}, ENTRIES[:3])
+    small = BenchmarkPlan(
+        (Condition("all policies", "planar", 3, SHORT, ENTRIES),), (generalization,)
+    )
     return policy_study.run(store, small, 1, print)
 
 
 def test_all_entries_play_on_the_same_worlds(study):
-    for outcome in study.main[0].outcomes:
-        assert len(outcome.runs) == len(outcome.entry.specs)
-        assert outcome.scores["coverage_auc"].shape == (len(outcome.runs), 3)
-        assert outcome.curves("viewed").shape == (len(outcome.runs), 3, 3)
-        for run in outcome.runs:
+    for method_result in study.main[0].method_results:
+        assert len(method_result.runs) == len(method_result.method.policy_specs)
+        assert method_result.scores["coverage_auc"].shape == (len(method_result.runs), 3)
+        assert method_result.curves("viewed").shape == (len(method_result.runs), 3, 3)
+        for run in method_result.runs:
             assert run.table["seed"].tolist() == [0, 1, 2]
-    learned, _, coverage, *_ = study.main[0].outcomes
+    learned, _, coverage, *_ = study.main[0].method_results
     np.testing.assert_array_equal(learned.scores["reward"][:1], coverage.scores["reward"])
 
 
 def test_a_policy_that_is_missing_is_named_before_anybody_plays(tmp_path):
     first = Condition("all policies", "planar", 2, SHORT, ENTRIES[1:])
-    last = replace(first, entries=(Entry("late", ("nobody",), POSES, LEARNED),))
+    last = replace(first, methods=(Method("late", ("nobody",), POSE_MODE, LEARNED),))
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
-        policy_study.run(tmp_path / "store", Plan((first,), (last,)), 1, print)
+        policy_study.run(tmp_path / "store", BenchmarkPlan((first,), (last,)), 1, print)
     assert not (tmp_path / "store").exists()
 
 
 def test_the_table_has_a_row_for_each_entry_and_condition(study):
     text = text_summary(summary(study))
-    for entry in ENTRIES:
-        assert f"| {entry.label} " in text
+    for method in ENTRIES:
+        assert f"| {method.label} " in text
     assert "| learned (2 training runs) |" in text
     assert "In the plane, learned - rating function, 8 candidates, area under viewed" in text
     assert "| in the plane: 3 robots | 2 |" in text
@@ -227,7 +236,7 @@ def test_the_table_has_a_row_for_each_entry_and_condition(study):
 def test_the_report_is_written_whole(study, tmp_path):
     for module in ("matplotlib", "jinja2"):
         pytest.importorskip(module)
-    found = write_policy_report(study, tmp_path)
+    found = write_benchmark_report(study, tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(found))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64") == 2
@@ -244,9 +253,9 @@ def test_the_command_compares_in_the_worlds_it_is_told(tmp_path, monkeypatch, ca
 
     def small_plan(size, worlds):
         asked.append((size, tuple(worlds)))
-        return Plan((Condition("all policies", "planar", 2, SHORT, ENTRIES[1:4]),), ())
+        return BenchmarkPlan((Condition("all policies", "planar", 2, SHORT, ENTRIES[1:4]),), ())
 
-    monkeypatch.setattr(policy_entries, "plan", small_plan)
+    monkeypatch.setattr(policy_entries, "make_plan", small_plan)
     main(["compare", "--quick", "--worlds", "planar", "--out", str(tmp_path)])
     assert asked == [(QUICK, ("planar",))]
     assert "| rating function, m = 100 |" in capsys.readouterr().out
@@ -257,12 +266,12 @@ def test_bad_input_is_named(tmp_path):
     with pytest.raises(SystemExit, match="worlds must be planar, field or both, got moon"):
         main(["compare", "--worlds", "planar,moon", "--out", str(tmp_path)])
     with pytest.raises(ValueError, match="field or both, got none"):
-        plan(FULL, ())
+        make_plan(FULL, ())
     with pytest.raises(ValueError, match="n_worlds must be at least 2 for an interval, got 1"):
         Condition("here", "planar", 1, SHORT, ENTRIES)
     with pytest.raises(ValueError, match=r"\['learned'\] are there more than once"):
         Condition("here", "planar", 2, SHORT, (STANDS_IN, STANDS_IN))
     with pytest.raises(ValueError, match=r"one of learned, rating function, .* got 'magic'"):
-        Entry("label", ("random",), POSES, "magic")
+        Method("label", ("random",), POSE_MODE, "magic")
     with pytest.raises(ValueError, match="entry 'label' needs at least one policy"):
-        Entry("label", (), POSES, LEARNED)
+        Method("label", (), POSE_MODE, LEARNED)

@@ -6,9 +6,11 @@ import json
 import pytest
 
 from coopmap_env.studies.section3 import study as section3
-from coopmap_env.studies.section3.study import PAPER_TABLE_1, Size
+from coopmap_env.studies.section3.study import PAPER_TABLE_1, Section3Size
 
-SMALL = Size(worlds=4, swept_worlds=2, k_sweep=(0.1, 0.3), house_runs=1, calibration_worlds=1)
+SMALL = Section3Size(
+    worlds=4, sweep_worlds=2, k_sweep=(0.1, 0.3), house_runs=1, calibration_worlds=1
+)
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +19,7 @@ def out(tmp_path_factory):
     for needed in ("matplotlib", "jinja2", "rtbdata", "PIL"):
         pytest.importorskip(needed)
     out = tmp_path_factory.mktemp("section3")
-    study = section3.run(out / "episodes", SMALL, workers=1, say=lambda _: None, progress=False)
+    study = section3.run(out / "episodes", SMALL, workers=1, log=lambda _: None, progress=False)
     report.write_report(study, out)
     (out / "table.txt").write_text(report.text_table_1(study))
     return out

@@ -21,7 +21,7 @@ def test_the_matcher_finds_a_shift_to_a_tenth_of_a_pixel(shift):
     left = textured(np.random.default_rng(0), (40, 120))
     columns = np.arange(120)
     right = np.array([np.interp(columns + shift, columns, row) for row in left])
-    found = stereo.match(left, right, 16)
+    found = stereo.match_blocks(left, right, 16)
     inner = found[10:-10, 25:-25]
     assert np.isfinite(inner).mean() > 0.95
     assert np.nanmedian(inner) == pytest.approx(shift, abs=0.1)
@@ -31,14 +31,14 @@ def test_images_without_anything_in_common_mostly_have_no_disparity():
     rng = np.random.default_rng(1)
     left, right = textured(rng, (60, 160)), textured(rng, (60, 160))
     # the left-right check keeps what is best by chance in both directions
-    assert np.isfinite(stereo.match(left, right, 40)).mean() < 0.45
+    assert np.isfinite(stereo.match_blocks(left, right, 40)).mean() < 0.45
 
 
 def test_images_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match=r"one shape, got \(4, 9\), \(4, 8\)"):
-        stereo.match(np.zeros((4, 9)), np.zeros((4, 8)), 5)
+        stereo.match_blocks(np.zeros((4, 9)), np.zeros((4, 8)), 5)
     with pytest.raises(ValueError, match=r"\[3, 9\], got 2"):
-        stereo.match(np.zeros((4, 9)), np.zeros((4, 9)), 2)
+        stereo.match_blocks(np.zeros((4, 9)), np.zeros((4, 9)), 2)
 
 
 @pytest.mark.parametrize("n", [1.0, 2.0])
@@ -66,8 +66,11 @@ def test_pixels_become_points_forward_left_and_up_of_the_camera():
     disparity = np.full((400, 700), np.nan)
     disparity[300, 600] = 20.0
     scan = stereo.to_scan(disparity, RangeNoise())
-    z = stereo.FOCAL * stereo.BASELINE / (20 + stereo.DOFFS)
-    right, down = (600 - stereo.CENTER_X) / stereo.FOCAL, (300 - stereo.CENTER_Y) / stereo.FOCAL
+    z = stereo.FOCAL_LENGTH * stereo.BASELINE / (20 + stereo.DOFFS)
+    right, down = (
+        (600 - stereo.CENTER_X) / stereo.FOCAL_LENGTH,
+        (300 - stereo.CENTER_Y) / stereo.FOCAL_LENGTH,
+    )
     np.testing.assert_allclose(scan.points, [[z, -right * z, -down * z]])
     sigma = 0.0015 * z**2
     np.testing.assert_allclose(
@@ -99,7 +102,7 @@ def test_the_depth_error_of_a_real_pair_grows_with_the_square_of_the_distance_eq
     assert n.estimate == pytest.approx(2, abs=0.25)
     # the spread that RangeNoise has by default is that of this matcher
     assert result.law.intrinsic_at_2 == pytest.approx(RangeNoise().intrinsic, rel=0.25)
-    assert result.bad_share < 0.1
+    assert result.bad_fraction < 0.1
 
 
 def test_most_occupied_voxels_of_the_fused_map_are_near_a_true_point(result):
@@ -107,9 +110,9 @@ def test_most_occupied_voxels_of_the_fused_map_are_near_a_true_point(result):
     means = means[result.map.probability.ravel()[cells] > 0.5]
     assert len(means) > 3000
     pair = result.pair
-    columns = np.rint(stereo.CENTER_X - means[:, 1] / means[:, 0] * stereo.FOCAL).astype(int)
-    rows = np.rint(stereo.CENTER_Y - means[:, 2] / means[:, 0] * stereo.FOCAL).astype(int)
-    error = means[:, 0] - stereo.depth_of(pair.disparity)[rows, columns]
+    columns = np.rint(stereo.CENTER_X - means[:, 1] / means[:, 0] * stereo.FOCAL_LENGTH).astype(int)
+    rows = np.rint(stereo.CENTER_Y - means[:, 2] / means[:, 0] * stereo.FOCAL_LENGTH).astype(int)
+    error = means[:, 0] - stereo.depth_from_disparity(pair.disparity)[rows, columns]
     error = np.abs(error[np.isfinite(error)])
     assert np.median(error) < 0.02
     assert (error < 0.2).mean() > 0.8
@@ -119,5 +122,5 @@ def test_figures_and_picture_are_written(result, tmp_path):
     summary = json.loads(json.dumps(result.summary()))
     assert summary["exponent"]["low"] < summary["exponent"]["high"]
     pytest.importorskip("matplotlib")
-    stereo.draw(result, tmp_path / "figures" / "stereo.png")
+    stereo.draw_stereo(result, tmp_path / "figures" / "stereo.png")
     assert (tmp_path / "figures" / "stereo.png").stat().st_size > 30_000

@@ -3,7 +3,11 @@ import pytest
 
 from coopmap_env.evaluation.comparison import Evaluation
 from coopmap_env.evaluation.rollout import Episode, Extent
-from coopmap_env.studies.section3.trends import equal_coverage, extent_falls, raster_views_less
+from coopmap_env.studies.section3.trends import (
+    equal_coverage,
+    extent_decreases,
+    raster_coverage_is_lower,
+)
 
 
 def evaluation(coverage, sigma=5.0, worlds=24, seed=0):
@@ -54,26 +58,26 @@ def test_equal_coverage_is_not_held_if_one_search_is_far_off():
 
 
 def test_a_raster_scan_that_views_half_is_far_less():
-    trend = raster_views_less(evaluation(0.045, seed=9), searches([0.09, 0.1, 0.09]))
+    trend = raster_coverage_is_lower(evaluation(0.045, seed=9), searches([0.09, 0.1, 0.09]))
     assert trend.held
     assert trend.value == pytest.approx(0.5, abs=0.03)
     assert trend.p_value < 1e-4
 
 
 def test_a_raster_scan_that_views_a_little_less_is_not_far_less():
-    trend = raster_views_less(evaluation(0.08, seed=9), searches([0.09, 0.1, 0.09]))
+    trend = raster_coverage_is_lower(evaluation(0.08, seed=9), searches([0.09, 0.1, 0.09]))
     assert not trend.held
     assert trend.p_value < 0.05
 
 
 def test_falling_extents_are_found():
-    trend = extent_falls(searches([0.09] * 3, sigmas=(9.0, 8.0, 7.0)))
+    trend = extent_decreases(searches([0.09] * 3, sigmas=(9.0, 8.0, 7.0)))
     assert trend.held
     assert trend.p_value < 1e-6
 
 
 def test_rising_extents_do_not_pass_for_falling_ones():
-    trend = extent_falls(searches([0.09] * 3, sigmas=(7.0, 8.0, 9.0)))
+    trend = extent_decreases(searches([0.09] * 3, sigmas=(7.0, 8.0, 9.0)))
     assert not trend.held
     assert trend.p_value > 0.9
 
@@ -81,5 +85,5 @@ def test_rising_extents_do_not_pass_for_falling_ones():
 def test_a_trend_is_json():
     import json
 
-    text = json.dumps(extent_falls(searches([0.09] * 3)).as_dict())
+    text = json.dumps(extent_decreases(searches([0.09] * 3)).as_dict())
     assert '"held": ' in text

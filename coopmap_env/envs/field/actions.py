@@ -12,13 +12,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopmap_env.envs.actions import box_numbers
+from coopmap_env.envs.actions import parse_pose_action
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.joint_space import JointSpace
 
 
 class JointMode:
-    """Joints of the mounts, normalised to their limits."""
+    """Joints of the mounts, normalize to their limits."""
 
     def __init__(
         self, joint_spaces: Sequence[JointSpace], joint_names: Sequence[tuple[str, ...]]
@@ -35,11 +35,11 @@ class JointMode:
     ) -> tuple[NDArray[np.float64], str]:
         """Joints that the action asks for, and why the mount cannot go there."""
         robot = belief.agents.index(agent)
-        q = self._spaces[robot].joints(box_numbers(agent, action, self._names[robot]))
-        return q, belief.why_not(robot, q)
+        q = self._spaces[robot].denormalize(parse_pose_action(agent, action, self._names[robot]))
+        return q, belief.infeasibility_reason(robot, q)
 
     def encode(
         self, robot: int, pose: NDArray[np.float64], belief: FieldBelief
     ) -> NDArray[np.float32]:
         """Write joints as shares of their limits."""
-        return self._spaces[robot].normalised(pose)
+        return self._spaces[robot].normalize(pose)

@@ -11,20 +11,25 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from coopmap_env.core.arguments import one_of
+from coopmap_env.core.arguments import check_choice
 from coopmap_env.envs.field.actions import JointMode
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.joint_space import JointSpace
-from coopmap_env.envs.field.localizer import Locating, begin_alone, check_in_reach, own_base
+from coopmap_env.envs.field.localizer import (
+    TeamLocalizer,
+    check_bases_in_search_range,
+    local_base_pose,
+    reset_local_maps,
+)
 from coopmap_env.envs.field.observations import FieldObserver
 from coopmap_env.envs.field.settings import FieldSettings
-from coopmap_env.envs.field.starts import known_around
-from coopmap_env.envs.mapping_env import MappingEnv, Motion, Streams
-from coopmap_env.envs.rewards import Scale
+from coopmap_env.envs.field.starts import initial_free_voxels
+from coopmap_env.envs.mapping_env import EpisodeRngs, MappingEnv, TeamMoveResult
+from coopmap_env.envs.rewards import RewardScale
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap, ScanGain
-from coopmap_env.rendering.field import overview, render_field, surfaces_of
+from coopmap_env.rendering.field import overview_camera, render_field, scene_meshes
 from coopmap_env.rendering.meshes import robot_triangles
 from coopmap_env.robots import Mount, Vehicle, make_mount
 from coopmap_env.sensing import Scan
@@ -105,73 +110,79 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         )
         if not isinstance(settings, FieldSettings | None):
             raise ValueError(f"settings must be FieldSettings or None, got {settings!r}")
-        one_of("initialization", initialization, ("located", "search"))
-        one_of("motion_correction", motion_correction, ("kinematic", "fiducials", "exact"))
+        check_choice("initialization", initialization, ("located", "search"))
+        check_choice("motion_correction", motion_correction, ("kinematic", "fiducials", "exact"))
         self.settings = settings or FieldSettings()
         self.initialization = initialization
         self.motion_correction = motion_correction
         self.scene = make_field_scene(scene)
-        self.mounts = _mounts_of(mount, len(self.possible_agents))
+        self.mounts = _make_mounts(mount, len(self.possible_agents))
         self._simulator: FieldSimulator | None = None
         s, grid = self.settings, self.scene.grid
         self._map = OccupancyMap(grid, s.beam, s.log_odds_range)
-        alone = len(self.possible_agents) if initialization == "search" else 0
-        self._own_maps = tuple(OccupancyMap(grid, s.beam, s.log_odds_range) for _ in range(alone))
+        n_local_maps = len(self.possible_agents) if initialization == "search" else 0
+        self._local_maps = tuple(
+            OccupancyMap(grid, s.beam, s.log_odds_range) for _ in range(n_local_maps)
+        )
         self._rating = FieldRatingFunction(s.camera, grid, s.rating, s.log_odds_range)
         chains = [mount.chain() for mount in self.mounts]
         self._joint_spaces = tuple(
-            JointSpace(chain.lower, chain.upper, s.grid_size) for chain in chains
+            JointSpace(chain.lower, chain.upper, s.max_grid_poses) for chain in chains
         )
         self._field_observer = FieldObserver(
             grid,
             s,
             [chain.n_joints for chain in chains],
-            self._candidates.n_candidates if self._candidates else None,
-            tells_located=initialization == "search",
+            self._candidate_mode.n_candidates if self._candidate_mode else None,
+            include_located=initialization == "search",
         )
-        self._prepare(
-            self._candidates
+        self._set_up(
+            self._candidate_mode
             or JointMode(self._joint_spaces, [mount.joints for mount in self.mounts]),
-            Scale.of(self._rating.n_visible, s.rating.n_gray, grid.n_cells),
+            RewardScale.for_camera(
+                self._rating.max_visible_cells, s.rating.n_gray_bins, grid.n_cells
+            ),
             self._field_observer,
             s.contact_cost,
         )
 
-    def _start(self, streams: Streams) -> FieldBelief:
+    def _reset_world(self, rngs: EpisodeRngs) -> FieldBelief:
         s, n = self.settings, len(self.possible_agents)
-        world = _world_of(self.scene, streams.scene, n)
+        world = _make_world(self.scene, rngs.scene, n)
         searching = self.initialization == "search"
         if searching:
-            headings = streams.start.uniform(-math.pi, math.pi, n)
-            if not _says_headings(self.scene):
-                world = world.turned(headings)
-            check_in_reach(world, s.registration.search)
-        simulator = FieldSimulator(world, self.mounts, s.camera, s.noise, s.physics, streams.start)
+            headings = rngs.start.uniform(-math.pi, math.pi, n)
+            if not _has_fixed_bases(self.scene):
+                world = world.with_headings(headings)
+            check_bases_in_search_range(world, s.registration.search)
+        simulator = FieldSimulator(world, self.mounts, s.camera, s.noise, s.physics, rngs.start)
         self._close_simulator()
         self._simulator = simulator
         self._map.clear()
-        begin_alone(self._own_maps, s.start_radius)
+        reset_local_maps(self._local_maps, s.initial_free_radius)
         if not searching:
-            self._map.mark_free(known_around(world.grid, world.base_poses, s.start_radius))
-        bases = [own_base(world.grid)] * n if searching else world.base_poses
-        self._field_observer.place(bases)
+            self._map.mark_free(
+                initial_free_voxels(world.grid, world.base_poses, s.initial_free_radius)
+            )
+        bases = [local_base_pose(world.grid)] * n if searching else world.base_poses
+        self._field_observer.set_bases(bases)
         belief = FieldBelief(
             agents=tuple(self.possible_agents),
             map=self._map,
             actions=self._actions,
-            offers=None,
-            vehicles=_vehicles(self.mounts, bases),
+            candidates=None,
+            vehicles=_make_vehicles(self.mounts, bases),
             joints=(),
             estimates=(),
             rating=self._rating,
             joint_spaces=self._joint_spaces,
             motion=s.motion,
-            own_maps=self._own_maps,
-            ways_around=s.paths == "ompl",
+            local_maps=self._local_maps,
+            use_motion_planner=s.motion_planner == "ompl",
         )
-        self._touched = [""] * n
-        belief = belief.moved([np.array(mount.home) for mount in self.mounts])
-        self._locating = Locating(
+        self._collided_with = [""] * n
+        belief = belief.with_poses([np.array(mount.home) for mount in self.mounts])
+        self._localizer = TeamLocalizer(
             s, self.motion_correction, world.target_triangles, belief, world.base_poses
         )
         self._trails = [
@@ -180,33 +191,34 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         ]
         return belief
 
-    def _move(self, targets: list[NDArray[np.float64] | None]) -> Motion:
-        simulator = self._open_simulator()
-        ways = [
-            [None] if target is None else self._belief.way(robot, target)
+    def _move(self, targets: list[NDArray[np.float64] | None]) -> TeamMoveResult:
+        simulator = self._require_simulator()
+        paths = [
+            [None] if target is None else self._belief.path(robot, target)
             for robot, target in enumerate(targets)
         ]
-        self._touched = [""] * len(ways)
-        for leg in range(max(map(len, ways))):
+        self._collided_with = [""] * len(paths)
+        for leg in range(max(map(len, paths))):
             goals = [
-                way[leg] if leg < len(way) and not touched else None
-                for way, touched in zip(ways, self._touched, strict=True)
+                path[leg] if leg < len(path) and not collided_with else None
+                for path, collided_with in zip(paths, self._collided_with, strict=True)
             ]
-            moved = simulator.move(goals, self._streams.noise)
-            self._touched = [
-                before or now.touched for before, now in zip(self._touched, moved, strict=True)
+            moved = simulator.move(goals, self._rngs.noise)
+            self._collided_with = [
+                before or now.collided_with
+                for before, now in zip(self._collided_with, moved, strict=True)
             ]
-        return Motion([reading for reading, _ in moved], self._touched)
+        return TeamMoveResult([reading for reading, _ in moved], self._collided_with)
 
-    def _scans(self) -> list[Scan]:
-        simulator, noise = self._open_simulator(), self._streams.noise
+    def _take_scans(self) -> list[Scan]:
+        simulator, noise = self._require_simulator(), self._rngs.noise
         scans = []
         for robot in range(len(self.possible_agents)):
             cloud = simulator.scan(robot, noise)
             true = simulator.true_camera_pose(robot)
-            estimate, scan = self._locating.look(self._belief, robot, cloud, true)
+            estimate, scan = self._localizer.localize_scan(self._belief, robot, cloud, true)
             if estimate is not self._belief.estimates[robot]:
-                self._belief = self._belief.with_estimate(robot, estimate)
+                self._belief = self._belief.with_camera_estimate(robot, estimate)
             scans.append(scan)
         return scans
 
@@ -217,19 +229,21 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             gains = super()._fuse(scans)
         else:
             shared = [robot for robot, known in enumerate(before) if known]
-            brought = dict(
+            shared_gains = dict(
                 zip(shared, super()._fuse([scans[robot] for robot in shared]), strict=True)
             )
             gains = [
-                brought[robot] if known else self._belief.map_of(robot).integrate(scan)[0]
+                shared_gains[robot]
+                if known
+                else self._belief.planning_map(robot).integrate(scan)[0]
                 for robot, (scan, known) in enumerate(zip(scans, before, strict=True))
             ]
-            self._belief = self._locating.search(self._belief)
+            self._belief = self._localizer.search_target(self._belief)
             if self._belief.located != before:
                 for robot, known in enumerate(before):
                     if self._belief.located[robot] and not known:
-                        scans[robot] = self._locating.last_scan(robot)
-                self._field_observer.place([v.T_world_base for v in self._belief.vehicles])
+                        scans[robot] = self._localizer.last_scan(robot)
+                self._field_observer.set_bases([v.T_world_base for v in self._belief.vehicles])
         for trail, estimate, known in zip(
             self._trails, self._belief.estimates, self._belief.located, strict=True
         ):
@@ -237,31 +251,31 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
                 trail.append(estimate.pose.translation)
         return gains
 
-    def _own_info(self, robot: int) -> dict[str, Any]:
-        belief, corrected = self._belief, self._locating.corrections[robot]
+    def _extra_info(self, robot: int) -> dict[str, Any]:
+        belief, corrected = self._belief, self._localizer.corrections[robot]
         true = self.true_cameras[robot]
         base, known = self.truth.base_poses[robot], belief.located[robot]
-        off = displacement_between(self.taken_camera(robot), true)
-        base_off = displacement_between(belief.vehicles[robot].T_world_base, base)
+        camera_error = displacement_between(self.estimated_camera_pose(robot), true)
+        base_error = displacement_between(belief.vehicles[robot].T_world_base, base)
         return {
-            "touched": self._touched[robot],
-            "camera_error": float(np.linalg.norm(off[:3])),
-            "camera_angle_error": float(np.linalg.norm(off[3:])),
+            "collided_with": self._collided_with[robot],
+            "camera_error": float(np.linalg.norm(camera_error[:3])),
+            "camera_angle_error": float(np.linalg.norm(camera_error[3:])),
             "located": known,
-            "not_located": "" if known else self._locating.why_not(robot),
-            "base_error": float(np.linalg.norm(base_off[:3])) if known else None,
-            "base_angle_error": float(np.linalg.norm(base_off[3:])) if known else None,
-            "corrected_directions": corrected.directions if corrected else 0,
-            "uncorrected": corrected.reason if corrected else "",
+            "localization_failure": "" if known else self._localizer.failure_reason(robot),
+            "base_error": float(np.linalg.norm(base_error[:3])) if known else None,
+            "base_angle_error": float(np.linalg.norm(base_error[3:])) if known else None,
+            "corrected_directions": corrected.n_directions if corrected else 0,
+            "correction_failure": corrected.reason if corrected else "",
         }
 
     @property
-    def locating(self) -> Locating:
+    def localizer(self) -> TeamLocalizer:
         """What the team knows of where it is, and how it came to know it; for studies."""
         self._require_reset()
-        return self._locating
+        return self._localizer
 
-    def taken_camera(self, robot: int) -> Pose:
+    def estimated_camera_pose(self, robot: int) -> Pose:
         """T_world_camera as a robot takes it to be, for scoring and pictures.
 
         Of one that is not located: in its own frame, put where that truly is.
@@ -276,41 +290,43 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
     @property
     def true_cameras(self) -> list[Pose]:
         """T_world_camera as it is, for scoring only."""
-        simulator = self._open_simulator()
+        simulator = self._require_simulator()
         return [simulator.true_camera_pose(k) for k in range(len(self.possible_agents))]
 
     @property
-    def parking_room(self) -> NDArray[np.bool_]:
+    def initial_free_mask(self) -> NDArray[np.bool_]:
         """Voxels, shape of the grid, that are known without a look once all are located."""
         world = self.truth
         room = np.zeros(world.grid.n_cells, dtype=np.bool_)
-        room[known_around(world.grid, world.base_poses, self.settings.start_radius)] = True
+        room[
+            initial_free_voxels(world.grid, world.base_poses, self.settings.initial_free_radius)
+        ] = True
         return room.reshape(world.grid.shape)
 
     @property
     def true_vehicles(self) -> tuple[Vehicle, ...]:
         """The vehicles where they truly stand, for scoring only."""
-        return _vehicles(self.mounts, self.truth.base_poses)
+        return _make_vehicles(self.mounts, self.truth.base_poses)
 
     @property
     def truth(self) -> FieldWorld:
         """The true world, for scoring and rendering only; policies get `belief`."""
         self._require_reset()
-        return self._open_simulator().world
+        return self._require_simulator().world
 
-    def _frame(self) -> NDArray[np.uint8]:
+    def _render_frame(self) -> NDArray[np.uint8]:
         belief, world = self._belief, self.truth
         known = [robot for robot, located in enumerate(belief.located) if located]
         return render_field(
-            surfaces_of(world),
+            scene_meshes(world),
             belief.map,
             [robot_triangles(belief.vehicles[robot], belief.joints[robot]) for robot in known],
             [belief.estimates[robot].pose for robot in known],
             self.settings.camera,
-            overview(world.target_triangles, world.base_poses),
+            overview_camera(world.target_triangles, world.base_poses),
             [self._trails[robot] for robot in known],
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
-            f"viewed {belief.map.viewed_share:.1%}",
+            f"viewed {belief.map.observed_fraction:.1%}",
             known,
             {
                 robot: robot_triangles(vehicle, belief.joints[robot])
@@ -324,7 +340,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         super().close()
         self._close_simulator()
 
-    def _open_simulator(self) -> FieldSimulator:
+    def _require_simulator(self) -> FieldSimulator:
         if self._simulator is None:
             raise RuntimeError("the environment is closed: call reset()")
         return self._simulator
@@ -335,7 +351,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             self._simulator = None
 
 
-def _mounts_of(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> tuple[Mount, ...]:
+def _make_mounts(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> tuple[Mount, ...]:
     """One mount for each robot.
 
     Raises
@@ -352,16 +368,16 @@ def _mounts_of(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> tup
     return tuple(make_mount(one) for one in mount)
 
 
-def _says_headings(scene: FieldScene) -> bool:
+def _has_fixed_bases(scene: FieldScene) -> bool:
     """Whether a scene's file names the poses of the bases."""
     return isinstance(scene, UserScene) and bool(scene.bases)
 
 
-def _vehicles(mounts: Sequence[Mount], bases: Sequence[Pose]) -> tuple[Vehicle, ...]:
-    return tuple(Vehicle.of(mount, base) for mount, base in zip(mounts, bases, strict=True))
+def _make_vehicles(mounts: Sequence[Mount], bases: Sequence[Pose]) -> tuple[Vehicle, ...]:
+    return tuple(Vehicle.from_mount(mount, base) for mount, base in zip(mounts, bases, strict=True))
 
 
-def _world_of(scene: FieldScene, rng: np.random.Generator, n_robots: int) -> FieldWorld:
+def _make_world(scene: FieldScene, rng: np.random.Generator, n_robots: int) -> FieldWorld:
     world = scene.world(rng, n_robots)
     if world.grid != scene.grid:
         raise ValueError(f"scene {scene.name!r} made a world of {world.grid}, not {scene.grid}")

@@ -21,13 +21,13 @@ class JointSpace:
     ----------
     lower, upper : ndarray, shape (n,)
         Radians or metres; a joint without limits turns once around, -pi to pi.
-    grid_size : int
+    max_grid_poses : int
         At most so many poses in `grid`.
     """
 
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
-    grid_size: int
+    max_grid_poses: int
 
     def __post_init__(self) -> None:
         for name, whole in (("lower", -math.pi), ("upper", math.pi)):
@@ -39,35 +39,35 @@ class JointSpace:
         """Number of joints."""
         return len(self.lower)
 
-    def joints(self, action: ArrayLike) -> NDArray[np.float64]:
-        """Joints (..., n) of normalised values in [-1, 1]."""
+    def denormalize(self, action: ArrayLike) -> NDArray[np.float64]:
+        """Joints (..., n) of normalize values in [-1, 1]."""
         half = 0.5 * (self.upper - self.lower)
         return self.lower + half * (np.asarray(action, dtype=np.float64) + 1.0)
 
-    def normalised(self, q: ArrayLike) -> NDArray[np.float32]:
+    def normalize(self, q: ArrayLike) -> NDArray[np.float32]:
         """Normalised values (..., n) in [-1, 1] of joints, clipped at the limits."""
         half = 0.5 * (self.upper - self.lower)
         values = (np.asarray(q, dtype=np.float64) - self.lower) / half - 1.0
         return np.clip(values, -1.0, 1.0).astype(np.float32)
 
-    def draw(self, k: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    def sample(self, k: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Joints (k, n), uniformly at random inside the limits."""
-        return self.joints(2.0 * rng.random((k, self.n), dtype=np.float32) - np.float32(1.0))
+        return self.denormalize(2.0 * rng.random((k, self.n), dtype=np.float32) - np.float32(1.0))
 
     @property
-    def steps(self) -> int:
+    def grid_steps(self) -> int:
         """Values of each joint in the grid."""
-        steps = round(self.grid_size ** (1.0 / self.n))
-        return max(steps - (steps**self.n > self.grid_size), 1)
+        steps = round(self.max_grid_poses ** (1.0 / self.n))
+        return max(steps - (steps**self.n > self.max_grid_poses), 1)
 
     def grid(self) -> NDArray[np.float64]:
         """Joints (steps**n, n): the middles of equal parts of every joint, the last one fastest."""
-        values = (2.0 * np.arange(self.steps) + 1.0) / self.steps - 1.0
+        values = (2.0 * np.arange(self.grid_steps) + 1.0) / self.grid_steps - 1.0
         axes = np.meshgrid(*(values,) * self.n, indexing="ij")
-        return self.joints(np.stack(axes, axis=-1).reshape(-1, self.n).astype(np.float32))
+        return self.denormalize(np.stack(axes, axis=-1).reshape(-1, self.n).astype(np.float32))
 
-    def place(self, q: ArrayLike) -> NDArray[np.int64]:
+    def grid_index(self, q: ArrayLike) -> NDArray[np.int64]:
         """Place (...,) of joints in the order of the grid: that of the part they lie in."""
-        share = (self.normalised(q).astype(np.float64) + 1.0) / 2.0
-        parts = np.minimum((share * self.steps).astype(np.int64), self.steps - 1)
-        return np.asarray(parts @ self.steps ** np.arange(self.n)[::-1])
+        fraction = (self.normalize(q).astype(np.float64) + 1.0) / 2.0
+        parts = np.minimum((fraction * self.grid_steps).astype(np.int64), self.grid_steps - 1)
+        return np.asarray(parts @ self.grid_steps ** np.arange(self.n)[::-1])

@@ -41,13 +41,13 @@ class Crop(NamedTuple):
         )
         index = grid.index(points)
         inside = grid.contains(index)
-        flat = np.where(inside, grid.flat(np.where(inside[..., None], index, 0)), -1)
+        flat = np.where(inside, grid.flat_index(np.where(inside[..., None], index, 0)), -1)
         columns = flat.reshape(side, pool, side, pool).transpose(0, 2, 1, 3).reshape(side, side, -1)
         return cls(np.ascontiguousarray(columns, dtype=np.int32), min(height * pool, grid.shape[2]))
 
 
 @njit(cache=True, nogil=True)
-def _draw_cell(highest, counts, pool, shades, shares, clamp, out, i, j):
+def _write_crop_column(highest, counts, pool, gray_values, fractions, clamp, out, i, j):
     """Fill the cells above each other at (i, j), each of `pool` layers."""
     depth = out.shape[0] // 2
     for z in range(depth):
@@ -56,15 +56,15 @@ def _draw_cell(highest, counts, pool, shades, shares, clamp, out, i, j):
         for b in range(1, pool):
             count += counts[a + np.uint64(b)]
             top = max(top, highest[a + np.uint64(b)])
-        out[z, i, j] = shades[np.uint64((top if count else 0) + clamp)]
-        out[depth + z, i, j] = shares[np.uint64(count)]
+        out[z, i, j] = gray_values[np.uint64((top if count else 0) + clamp)]
+        out[depth + z, i, j] = fractions[np.uint64(count)]
 
 
 @njit(cache=True, nogil=True)
-def draw_crop(levels, sampled, columns, n_layers, pool, shades, clamp, out):
+def write_crop(log_odds_fixed, sampled, columns, n_layers, pool, gray_values, clamp, out):
     """Fill `out` (2 Z, V, V): highest occupancy of the sampled voxels, and their share.
 
-    `shades` holds 255 P of each level. A column is read as it lies in memory, which takes half of
+    `gray_values` holds 255 P of each level. A column is read as it lies in memory, which takes half of
     the time that going from cell to cell does.
     """
     side, _, k = columns.shape
@@ -72,7 +72,7 @@ def draw_crop(levels, sampled, columns, n_layers, pool, shades, clamp, out):
     highest = np.empty(n, np.int32)
     counts = np.empty(n, np.int32)
     lowest = np.int32(-clamp)
-    shares = (255 * np.arange(k * pool + 1) // (k * pool)).astype(np.uint8)
+    fractions = (255 * np.arange(k * pool + 1) // (k * pool)).astype(np.uint8)
     for i in range(side):
         for j in range(side):
             highest[:] = lowest
@@ -80,11 +80,14 @@ def draw_crop(levels, sampled, columns, n_layers, pool, shades, clamp, out):
             for c in range(k):
                 first = columns[i, j, c]
                 if first >= 0:
-                    run, seen = levels[first : first + n_layers], sampled[first : first + n_layers]
+                    run, seen = (
+                        log_odds_fixed[first : first + n_layers],
+                        sampled[first : first + n_layers],
+                    )
                     for a in range(n_layers):
                         was_seen = np.int32(seen[a])
                         counts[a] += was_seen
                         # no branch: what was sampled has no pattern that could be foreseen
                         level = run[a] * was_seen + lowest * (np.int32(1) - was_seen)
                         highest[a] = max(highest[a], level)
-            _draw_cell(highest, counts, pool, shades, shares, clamp, out, i, j)
+            _write_crop_column(highest, counts, pool, gray_values, fractions, clamp, out, i, j)

@@ -2,10 +2,10 @@
 
 Observation of one robot, a `Dict`:
 
-``map``: uint8 (2 Z, V, V), V, Z = `FieldSettings.view_cells`. The local probabilistic 3-D map
+``map``: uint8 (2 Z, V, V), V, Z = `FieldSettings.crop_cells`. The local probabilistic 3-D map
 around the robot's base: cell [z, i, j] lies (i + 1/2 - V/2) cells ahead of the base,
 (j + 1/2 - V/2) to its left and (z + 1/2) above the bottom of the map; a cell is
-`FieldSettings.view_pool` voxels wide.
+`FieldSettings.crop_pooling` voxels wide.
 
 ============  ===========  =====================================================================
 channels      content      values
@@ -42,10 +42,10 @@ index       content
 ==========  =====================================================================
 0 ... n-1   joints, as above
 n ... n+5   position and optical axis of the camera there, as 0 - 5 of ``camera``
-n+6         NI (Eqs. 6-8) as a share of its maximum, ln(n_gray)
-n+7         motion cost K d**n (Eqs. 5, 9) as a share of ln(n_gray), at most 10
+n+6         NI (Eqs. 6-8) as a share of its maximum, ln(n_gray_bins)
+n+7         motion cost K d**n (Eqs. 5, 9) as a share of ln(n_gray_bins), at most 10
 n+8         P at the camera position
-n+9         rating (Eq. 9) as a share of ln(n_gray), at least -10
+n+9         rating (Eq. 9) as a share of ln(n_gray_bins), at least -10
 n+10        never-sampled voxels in view, as a share of the most the camera sees
 ==========  =====================================================================
 """
@@ -62,14 +62,14 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.local_map import Crop, draw_crop
+from coopmap_env.envs.field.local_map import Crop, write_crop
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 FEATURE_LIMIT = 10.0
-N_CAMERA = 9
-N_RATED = 11
+N_CAMERA_VALUES = 9
+N_RATING_FEATURES = 11
 """Features of a candidate besides its joints."""
 
 
@@ -84,7 +84,7 @@ class FieldObserver:
         Of each robot's mount.
     n_candidates : int or None
         m in "candidates" mode.
-    tells_located : bool, optional
+    include_located : bool, optional
         Whether observations say which robots have been located.
     """
 
@@ -94,41 +94,41 @@ class FieldObserver:
         settings: FieldSettings,
         n_joints: Sequence[int],
         n_candidates: int | None,
-        tells_located: bool = False,
+        include_located: bool = False,
     ) -> None:
-        self._tells_located = tells_located
+        self._include_located = include_located
         self._grid = grid
         self._settings = settings
         self._n_joints = tuple(n_joints)
         self._n_candidates = n_candidates
         self._diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
         clamp = settings.log_odds_range.clamp
-        self._shades = np.round(255 * settings.log_odds_range.probability).astype(np.uint8)
+        self._gray_values = np.round(255 * settings.log_odds_range.probability).astype(np.uint8)
         self._clamp = clamp
         self._crops: list[Crop] = []
-        self._scale = math.log(settings.rating.n_gray)
+        self._scale = math.log(settings.rating.n_gray_bins)
 
-    def place(self, bases: Sequence[Pose]) -> None:
+    def set_bases(self, bases: Sequence[Pose]) -> None:
         """Set the bases down; done once per episode."""
-        view = self._settings.view_cells, self._settings.view_pool
+        view = self._settings.crop_cells, self._settings.crop_pooling
         self._crops = [Crop.around(self._grid, base, *view) for base in bases]
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
-        (side, height), m = self._settings.view_cells, self._n_candidates
+        (side, height), m = self._settings.crop_cells, self._n_candidates
         n, n_others = self._n_joints[robot], len(self._n_joints) - 1
         parts: dict[str, spaces.Space[Any]] = {
             "map": spaces.Box(0, 255, (2 * height, side, side), np.uint8),
             "joints": spaces.Box(-1.0, 1.0, (n,), np.float32),
-            "camera": spaces.Box(-1.0, 1.0, (N_CAMERA,), np.float32),
+            "camera": spaces.Box(-1.0, 1.0, (N_CAMERA_VALUES,), np.float32),
         }
         if n_others:
-            parts["teammates"] = spaces.Box(-1.0, 1.0, (n_others, N_CAMERA), np.float32)
-        if self._tells_located:
+            parts["teammates"] = spaces.Box(-1.0, 1.0, (n_others, N_CAMERA_VALUES), np.float32)
+        if self._include_located:
             parts["located"] = spaces.Box(0, 1, (1 + n_others,), np.int8)
         if m is not None:
             parts["candidates"] = spaces.Box(
-                -FEATURE_LIMIT, FEATURE_LIMIT, (m, n + N_RATED), np.float32
+                -FEATURE_LIMIT, FEATURE_LIMIT, (m, n + N_RATING_FEATURES), np.float32
             )
             parts["action_mask"] = spaces.Box(0, 1, (m,), np.int8)
         return spaces.Dict(parts)
@@ -139,8 +139,10 @@ class FieldObserver:
 
     def state_space(self) -> spaces.Box:
         """Box (2 Z V V + sum of (n + 9)) float32 in [-1, 1]; see `state`."""
-        side, height = self._settings.view_cells
-        size = 2 * height * side * side + sum(self._n_joints) + N_CAMERA * len(self._n_joints)
+        side, height = self._settings.crop_cells
+        size = (
+            2 * height * side * side + sum(self._n_joints) + N_CAMERA_VALUES * len(self._n_joints)
+        )
         return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def state(self, belief: FieldBelief) -> NDArray[np.float32]:
@@ -151,73 +153,71 @@ class FieldObserver:
         positions in diagonals of the world; zeros for a robot that has not been located.
         """
         origin = Pose(np.zeros(3), np.eye(3))
-        view = self._settings.view_cells, self._settings.view_pool
-        drawn = self._drawn(belief.map, Crop.around(self._grid, origin, *view))
+        view = self._settings.crop_cells, self._settings.crop_pooling
+        crop = self._map_crop(belief.map, Crop.around(self._grid, origin, *view))
         robots = range(len(self._n_joints))
-        joints = [belief.joint_spaces[robot].normalised(belief.joints[robot]) for robot in robots]
+        joints = [belief.joint_spaces[robot].normalize(belief.joints[robot]) for robot in robots]
         cameras = [
             camera_vector(belief.estimates[robot].pose, origin, self._diagonal)
             if belief.located[robot]
-            else np.zeros(N_CAMERA, dtype=np.float32)
+            else np.zeros(N_CAMERA_VALUES, dtype=np.float32)
             for robot in robots
         ]
-        return np.concatenate(
-            [drawn.ravel() / np.float32(255), *joints, *cameras], dtype=np.float32
-        )
+        return np.concatenate([crop.ravel() / np.float32(255), *joints, *cameras], dtype=np.float32)
 
     def _observe(self, belief: FieldBelief, robot: int) -> Observation:
         base = belief.vehicles[robot].T_world_base
         cameras = [estimate.pose for estimate in belief.estimates]
         far = self._settings.camera.depth_of_field
         observation: Observation = {
-            "map": self._drawn(belief.map_of(robot), self._crops[robot]),
-            "joints": belief.joint_spaces[robot].normalised(belief.joints[robot]),
+            "map": self._map_crop(belief.planning_map(robot), self._crops[robot]),
+            "joints": belief.joint_spaces[robot].normalize(belief.joints[robot]),
             "camera": camera_vector(cameras[robot], base, far),
         }
         others = [other for other in range(len(cameras)) if other != robot]
         if others:
-            known = belief.teammates(robot)
-            teammates = np.zeros((len(others), N_CAMERA), dtype=np.float32)
+            known = belief.located_teammates(robot)
+            teammates = np.zeros((len(others), N_CAMERA_VALUES), dtype=np.float32)
             for row, other in enumerate(others):
                 if other in known:
                     teammates[row] = camera_vector(cameras[other], base, self._diagonal)
             observation["teammates"] = teammates
-        if self._tells_located:
+        if self._include_located:
             located = belief.located
             observation["located"] = np.array(
                 [located[robot], *(located[other] for other in others)], dtype=np.int8
             )
-        if belief.offers is not None and self._n_candidates is not None:
-            offers = belief.offers[robot]
+        if belief.candidates is not None and self._n_candidates is not None:
+            candidates = belief.candidates[robot]
             features = np.zeros(
-                (self._n_candidates, self._n_joints[robot] + N_RATED), dtype=np.float32
+                (self._n_candidates, self._n_joints[robot] + N_RATING_FEATURES), dtype=np.float32
             )
-            if len(offers):
-                features[: len(offers)] = self._features(belief, robot, offers)
+            if len(candidates):
+                features[: len(candidates)] = self._candidate_features(belief, robot, candidates)
             observation["candidates"] = features
-            observation["action_mask"] = (np.arange(self._n_candidates) < len(offers)).astype(
+            observation["action_mask"] = (np.arange(self._n_candidates) < len(candidates)).astype(
                 np.int8
             )
         return observation
 
-    def _drawn(self, map_: OccupancyMap, crop: Crop) -> NDArray[np.uint8]:
-        side, height = self._settings.view_cells
+    def _map_crop(self, map_: OccupancyMap, crop: Crop) -> NDArray[np.uint8]:
+        side, height = self._settings.crop_cells
         out = np.empty((2 * height, side, side), dtype=np.uint8)
-        draw_crop(
-            map_.levels, map_.sampled_cells, crop.columns, crop.n_layers,
-            self._settings.view_pool, self._shades, self._clamp, out,
+        write_crop(
+            map_.log_odds_fixed, map_.sampled_mask, crop.columns, crop.n_layers,
+            self._settings.crop_pooling, self._gray_values, self._clamp, out,
         )  # fmt: skip
         return out
 
-    def _features(
-        self, belief: FieldBelief, robot: int, offers: NDArray[np.float64]
+    def _candidate_features(
+        self, belief: FieldBelief, robot: int, candidates: NDArray[np.float64]
     ) -> NDArray[np.float32]:
         vehicle, n = belief.vehicles[robot], self._n_joints[robot]
-        rated, unknown = belief.rate_and_unknown(robot, offers)
-        rotations, translations = vehicle.camera_poses(offers)
+        rated, unknown = belief.rate_with_unknown_fraction(robot, candidates)
+        rotations, translations = vehicle.camera_poses(candidates)
         base = vehicle.T_world_base
-        out = np.empty((len(offers), n + N_RATED), dtype=np.float32)
-        out[:, :n] = belief.joint_spaces[robot].normalised(offers)
+        out = np.empty((len(candidates), n + N_RATING_FEATURES), dtype=np.float32)
+        out[:, :n] = belief.joint_spaces[robot].normalize(candidates)
         position = (translations - base.translation) @ base.rotation
         out[:, n : n + 3] = position / self._settings.camera.depth_of_field
         out[:, n + 3 : n + 6] = rotations[:, :, 0] @ base.rotation

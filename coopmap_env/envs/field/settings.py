@@ -6,7 +6,7 @@ import math
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Literal
 
-from coopmap_env.core.arguments import at_least_one, one_of
+from coopmap_env.core.arguments import check_choice, check_positive_int
 from coopmap_env.information import FieldRatingSettings
 from coopmap_env.localization import (
     CorrectionSettings,
@@ -15,7 +15,7 @@ from coopmap_env.localization import (
     TrackingSettings,
 )
 from coopmap_env.mapping import BeamModel, LogOddsRange
-from coopmap_env.robots import MotionSettings
+from coopmap_env.robots import CollisionSettings
 from coopmap_env.sensing import DepthCamera, RangeNoise
 
 
@@ -49,19 +49,19 @@ class FieldSettings:
     """Which peaks of the map become fiducials."""
     tracking: TrackingSettings = field(default_factory=TrackingSettings)
     """How fiducials are found again in a depth image."""
-    motion: MotionSettings = field(default_factory=MotionSettings)
+    motion: CollisionSettings = field(default_factory=CollisionSettings)
     """How closely motions are checked, and how far links keep from what is not known to be free."""
-    paths: Literal["straight", "ompl"] = "straight"
+    motion_planner: Literal["straight", "ompl"] = "straight"
     """Whether a motion is straight in joint space or, where that is blocked, planned by OMPL."""
-    start_radius: float = 1.0
+    initial_free_radius: float = 1.0
     """Metres around each vehicle's axis that are known to be free: somebody parked it there."""
     contact_cost: float = 0.05
     """Paid for bumping into something, as a share of the largest NI, in every reward."""
-    view_cells: tuple[int, int] = (40, 16)
+    crop_cells: tuple[int, int] = (40, 16)
     """Sides of the observed local map, along the ground and upwards, in its own cells."""
-    view_pool: int = 2
+    crop_pooling: int = 2
     """Voxels along the side of a cell of the observed local map."""
-    grid_size: int = 2_000
+    max_grid_poses: int = 2_000
     """Poses at most in the grid over the joints' limits that stands for the whole configuration
     space in an exhaustive search and gives the order of a raster scan."""
 
@@ -73,7 +73,7 @@ class FieldSettings:
                 raise ValueError(
                     f"FieldSettings.{part.name} must be {kind.__name__}, got {value!r}"
                 )
-        for name in ("contact_cost", "start_radius"):
+        for name in ("contact_cost", "initial_free_radius"):
             if isinstance(getattr(self, name), bool | str | None):
                 raise ValueError(
                     f"FieldSettings.{name} must be a number, got {getattr(self, name)!r}"
@@ -82,18 +82,18 @@ class FieldSettings:
             raise ValueError(
                 f"FieldSettings.contact_cost must be finite and >= 0, got {self.contact_cost}"
             )
-        if not (math.isfinite(self.start_radius) and self.start_radius > 0):
+        if not (math.isfinite(self.initial_free_radius) and self.initial_free_radius > 0):
             raise ValueError(
-                f"FieldSettings.start_radius must be finite and > 0, got {self.start_radius}"
+                f"FieldSettings.initial_free_radius must be finite and > 0, got {self.initial_free_radius}"
             )
-        one_of("FieldSettings.physics", self.physics, ("kinematic", "stepped"))
-        one_of("FieldSettings.paths", self.paths, ("straight", "ompl"))
-        view = tuple(self.view_cells) if isinstance(self.view_cells, tuple | list) else ()
+        check_choice("FieldSettings.physics", self.physics, ("kinematic", "stepped"))
+        check_choice("FieldSettings.motion_planner", self.motion_planner, ("straight", "ompl"))
+        view = tuple(self.crop_cells) if isinstance(self.crop_cells, tuple | list) else ()
         if len(view) != 2 or not all(isinstance(n, int) and n >= 4 for n in view):
             raise ValueError(
-                f"FieldSettings.view_cells must be two whole numbers of at least 4, "
-                f"got {self.view_cells}"
+                f"FieldSettings.crop_cells must be two whole numbers of at least 4, "
+                f"got {self.crop_cells}"
             )
-        object.__setattr__(self, "view_cells", view)
-        at_least_one("FieldSettings.view_pool", self.view_pool)
-        at_least_one("FieldSettings.grid_size", self.grid_size)
+        object.__setattr__(self, "crop_cells", view)
+        check_positive_int("FieldSettings.crop_pooling", self.crop_pooling)
+        check_positive_int("FieldSettings.max_grid_poses", self.max_grid_poses)

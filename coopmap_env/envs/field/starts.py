@@ -11,13 +11,13 @@ from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
 
 
-def known_around(grid: VoxelGrid, bases: Sequence[Pose], radius: float) -> NDArray[np.int64]:
+def initial_free_voxels(grid: VoxelGrid, bases: Sequence[Pose], radius: float) -> NDArray[np.int64]:
     """Flat numbers of the voxels above the ground and within `radius` of a vehicle's axis.
 
     A voxel counts if it lies above the ground as a whole, so that the layer of the ground itself
     stays to be mapped.
     """
-    nx, ny, nz = grid.shape3
+    nx, ny, nz = grid.shape_3d
     x, y = (
         grid.origin[axis] + (np.arange(n) + 0.5) * grid.resolution for axis, n in ((0, nx), (1, ny))
     )

@@ -9,7 +9,7 @@ class FieldTeamEnv(TeamEnv):
 
     Stable-Baselines3 takes the smallest side of an image for its channels. With two robots and
     more, the layers of all maps together are more than the sides: give it the parallel environment
-    through `coopmap_agents.sb3.vec_env.SharedPolicyVecEnv`, or a smaller `view_cells[1]`.
+    through `coopmap_agents.sb3.vec_env.SharedPolicyVecEnv`, or a smaller `crop_cells[1]`.
     """
 
     metadata = FieldEnv.metadata

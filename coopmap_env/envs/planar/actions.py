@@ -19,7 +19,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopmap_env.envs.actions import InvalidActionError, box_numbers
+from coopmap_env.envs.actions import InvalidActionError, parse_pose_action
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.geometry import to_camera_frame
 
@@ -36,7 +36,7 @@ class PoseMode:
 
     def decode(self, agent: str, action: object, belief: PlanarBelief) -> tuple[int, str]:
         """Nearest lattice pose to the one asked for."""
-        ahead, left, turn = box_numbers(agent, action, ("ahead", "left", "turn")).tolist()
+        ahead, left, turn = parse_pose_action(agent, action, ("ahead", "left", "turn")).tolist()
         robot = belief.agents.index(agent)
         reach, _, half_turn = self._scale.tolist()
         x, y, heading = belief.lattice.pose(belief.pose_ids[robot])
@@ -46,8 +46,8 @@ class PoseMode:
             y + reach * (s * ahead + c * left),
             heading + half_turn * turn,
         )
-        pose_id = belief.lattice.nearest(target)
-        return pose_id, belief.why_not(robot, pose_id)
+        pose_id = belief.lattice.nearest_pose_id(target)
+        return pose_id, belief.infeasibility_reason(robot, pose_id)
 
     def encode(self, robot: int, pose_id: int, belief: PlanarBelief) -> NDArray[np.float32]:
         """Write the relative pose, as shares of the reach and of half a turn."""

@@ -9,15 +9,15 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.envs.belief import Belief, Claimed
+from coopmap_env.envs.belief import Belief, ReservedMask
 from coopmap_env.information import (
-    BeamInformation,
+    MutualInformation,
     RatingFunction,
     Ratings,
-    beside_unknown,
+    adjacent_to_unknown,
     entropy,
 )
-from coopmap_env.robots import PoseLattice, Reach, why_not
+from coopmap_env.robots import PoseLattice, ReachableCells, infeasibility_reason
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class PlanarBelief(Belief):
 
     def feasible_cells(self, robot: int) -> NDArray[np.int32]:
         """Cells that satisfy constraints i and ii and lie within reach, nearest by path first."""
-        cells = Reach.search(self.map, self.cell(robot)).cells
-        return self.lattice.within(cells, self.pose_ids[robot], self.reach)
+        cells = ReachableCells.search(self.map, self.cell(robot)).cells
+        return self.lattice.cells_within(cells, self.pose_ids[robot], self.reach)
 
     def feasible_poses(self, robot: int) -> NDArray[np.int64]:
         """All headings in all feasible cells, lattice numbers in the order of the cells."""
@@ -69,9 +69,9 @@ class PlanarBelief(Belief):
         """Flat number of the cell in which the robot's camera is."""
         return self.pose_ids[robot] // self.lattice.n_headings
 
-    def rate(self, robot: int, poses: ArrayLike, claimed: Claimed = None) -> Ratings:
+    def rate(self, robot: int, poses: ArrayLike, reserved_mask: ReservedMask = None) -> Ratings:
         """See `RatingFunction.rate`."""
-        return self.rating.rate(self.map, poses, self.pose_ids[robot], claimed)
+        return self.rating.rate(self.map, poses, self.pose_ids[robot], reserved_mask)
 
     def rate_team(self, poses: ArrayLike) -> Ratings:
         """See `RatingFunction.rate_team`."""
@@ -80,59 +80,64 @@ class PlanarBelief(Belief):
     def distance(self, robot: int, poses: ArrayLike) -> NDArray[np.float64]:
         """See `motion_distance`."""
         nothing = np.zeros(len(np.atleast_1d(poses)))
-        return self.rating.compose(self.map, poses, [self.pose_ids[robot]], nothing).distance
+        return self.rating.rate_from_information(
+            self.map, poses, [self.pose_ids[robot]], nothing
+        ).distance
 
-    def unknown_share(
-        self, robot: int, poses: ArrayLike, claimed: Claimed = None
+    def unknown_fraction(
+        self, robot: int, poses: ArrayLike, reserved_mask: ReservedMask = None
     ) -> NDArray[np.float64]:
-        """See `RatingFunction.unknown_cells`."""
-        return self.rating.unknown_cells(self.map, poses, claimed) / self.rating.fan.n_visible
+        """See `RatingFunction.count_unknown_cells`."""
+        return (
+            self.rating.count_unknown_cells(self.map, poses, reserved_mask)
+            / self.rating.fan.max_visible_cells
+        )
 
-    def information_share(
-        self, robot: int, poses: ArrayLike, prior: float, claimed: Claimed = None
+    def information_fraction(
+        self, robot: int, poses: ArrayLike, prior: float, reserved_mask: ReservedMask = None
     ) -> NDArray[np.float64]:
-        """See `BeamInformation`; a cell at the clamp cannot become more certain."""
-        beams = _beam_information(self.rating, prior, self.map.range.max_probability)
-        full_view = self.rating.fan.n_visible * entropy([prior, 1.0 - prior])
-        return beams.mutual_information(self.map, poses, claimed) / full_view
+        """See `MutualInformation`; a cell at the clamp cannot become more certain."""
+        beams = _mutual_information(self.rating, prior, self.map.log_odds_range.max_probability)
+        full_view = self.rating.fan.max_visible_cells * entropy([prior, 1.0 - prior])
+        return beams.mutual_information(self.map, poses, reserved_mask) / full_view
 
     def visible_cells(self, robot: int, pose: int) -> NDArray[np.int64]:
         """See `RatingFunction.visible_cells`."""
         return self.rating.visible_cells(self.map, pose)
 
-    def places_ahead(self, robot: int, poses: NDArray[np.int64]) -> NDArray[np.int64]:
+    def raster_offset(self, robot: int, poses: NDArray[np.int64]) -> NDArray[np.int64]:
         """Cell by cell, row by row, and heading by heading in each cell."""
         return (poses - self.pose_ids[robot] - 1) % self.lattice.n_poses
 
-    def nearest_frontier(
-        self, robot: int, poses: NDArray[np.int64], shows: NDArray[np.bool_]
+    def nearest_frontier_mask(
+        self, robot: int, poses: NDArray[np.int64], shows_unknown: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """All headings at the nearest cell by path that is a frontier, or at any without one."""
         cells = poses // self.lattice.n_headings
-        at_frontier = beside_unknown(self.map)[cells]
+        at_frontier = adjacent_to_unknown(self.map)[cells]
         if at_frontier.any():
-            shows = shows & at_frontier
-        steps = Reach.search(self.map, self.cell(robot)).steps[cells]
+            shows_unknown = shows_unknown & at_frontier
+        steps = ReachableCells.search(self.map, self.cell(robot)).steps[cells]
         far = np.iinfo(steps.dtype).max
-        return shows & (cells == cells[np.argmin(np.where(shows, steps, far))])
+        return shows_unknown & (cells == cells[np.argmin(np.where(shows_unknown, steps, far))])
 
-    def why_not(self, robot: int, pose_id: int) -> str:
+    def infeasibility_reason(self, robot: int, pose_id: int) -> str:
         """Why the robot cannot take this pose; empty if it can."""
         if pose_id < 0:
             return "outside the world"
-        return why_not(self.map, self.cell(robot), pose_id // self.lattice.n_headings)
+        return infeasibility_reason(self.map, self.cell(robot), pose_id // self.lattice.n_headings)
 
-    def moved(self, poses: tuple[int, ...]) -> PlanarBelief:
+    def with_poses(self, poses: tuple[int, ...]) -> PlanarBelief:
         """The same belief with the cameras elsewhere."""
         return PlanarBelief(
             self.agents, self.map, self.actions, None, poses, self.rating, self.reach
         )
 
-    def offering(self, offers: Sequence[NDArray[np.int64]]) -> PlanarBelief:
+    def with_candidates(self, candidates: Sequence[NDArray[np.int64]]) -> PlanarBelief:
         """The same belief with candidates on offer."""
-        return replace(self, offers=tuple(offers))
+        return replace(self, candidates=tuple(candidates))
 
 
 @lru_cache(maxsize=4)
-def _beam_information(rating: RatingFunction, prior: float, known: float) -> BeamInformation:
-    return BeamInformation(rating, prior, known)
+def _mutual_information(rating: RatingFunction, prior: float, known: float) -> MutualInformation:
+    return MutualInformation(rating, prior, known)

@@ -9,20 +9,20 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from coopmap_env.envs.mapping_env import MappingEnv, Motion, Streams
+from coopmap_env.envs.mapping_env import EpisodeRngs, MappingEnv, TeamMoveResult
 from coopmap_env.envs.planar.actions import PoseMode
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.observations import PlanarObserver
 from coopmap_env.envs.planar.settings import PlanarSettings
-from coopmap_env.envs.planar.starts import place_team
-from coopmap_env.envs.rewards import Scale
+from coopmap_env.envs.planar.starts import sample_start_poses
+from coopmap_env.envs.rewards import RewardScale
 from coopmap_env.information import RatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.rendering.planar import render_team
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.scenes.planar import Scene, World, make_scene
+from coopmap_env.simulation.scenes.planar import PlanarScene, PlanarWorld, make_planar_scene
 
 
 class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
@@ -69,7 +69,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         action_mode: Literal["pose", "candidates"] = "pose",
         reward: str = "rating",
         team_reward: Literal["individual", "shared"] = "individual",
-        scene: str | os.PathLike[str] | Scene = "obstacles",
+        scene: str | os.PathLike[str] | PlanarScene = "obstacles",
         split: str = "train",
         max_scans: int = 16,
         n_candidates: int = 32,
@@ -85,102 +85,106 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         )
         if not isinstance(settings, PlanarSettings | None):
             raise ValueError(f"settings must be PlanarSettings or None, got {settings!r}")
-        self.scene = make_scene(scene)
+        self.scene = make_planar_scene(scene)
         self.settings = settings or PlanarSettings.for_resolution(self.scene.resolution)
-        self._belief = belief = self._blank_belief()
-        self._prepare(
+        self._belief = belief = self._empty_belief()
+        self._set_up(
             belief.actions,
-            Scale.of(
-                belief.rating.fan.n_visible,
-                belief.rating.settings.n_gray,
+            RewardScale.for_camera(
+                belief.rating.fan.max_visible_cells,
+                belief.rating.settings.n_gray_bins,
                 belief.map.grid.n_cells,
             ),
             PlanarObserver(
                 belief,
-                self.settings.view_cells,
-                self._candidates.n_candidates if self._candidates else None,
+                self.settings.crop_cells,
+                self._candidate_mode.n_candidates if self._candidate_mode else None,
             ),
         )
         self._simulator: PlanarSimulator
 
-    def _start(self, streams: Streams) -> PlanarBelief:
-        world = _world_of(self.scene, streams.scene)
+    def _reset_world(self, rngs: EpisodeRngs) -> PlanarBelief:
+        world = _make_world(self.scene, rngs.scene)
         self._simulator = PlanarSimulator(world, self.settings.camera, self.settings.noise)
         self._belief.map.clear()
-        starts, known = place_team(
+        starts, known = sample_start_poses(
             world,
             self._belief.lattice,
             len(self.possible_agents),
-            self.settings.start_spread,
-            self.settings.start_radius,
-            streams.start,
+            self.settings.max_start_distance,
+            self.settings.initial_free_radius,
+            rngs.start,
         )
         self._belief.map.mark_free(known)
-        belief = self._belief.moved(starts)
-        self._simulator.place([belief.lattice.pose(pose_id) for pose_id in starts])
+        belief = self._belief.with_poses(starts)
+        self._simulator.set_poses([belief.lattice.pose(pose_id) for pose_id in starts])
         self._trails = [[position] for position in belief.positions]
         return belief
 
-    def _move(self, targets: list[int | None]) -> Motion:
+    def _move(self, targets: list[int | None]) -> TeamMoveResult:
         lattice = self._belief.lattice
         moved = self._simulator.move(
             [None if target is None else lattice.pose(target) for target in targets],
-            self._streams.noise,
+            self._rngs.noise,
         )
-        poses, bumped = list(self._belief.pose_ids), []
+        poses, collision_cells = list(self._belief.pose_ids), []
         for robot, target in enumerate(targets):
-            if target is not None and moved[robot].touched:
-                bumped.append(target // lattice.n_headings)
+            if target is not None and moved[robot].collided_with:
+                collision_cells.append(target // lattice.n_headings)
             elif target is not None:
                 poses[robot] = target
-        return Motion(tuple(poses), [touched for _, touched in moved], bumped)
+        return TeamMoveResult(
+            tuple(poses), [collided_with for _, collided_with in moved], collision_cells
+        )
 
-    def _scans(self) -> list[Scan]:
+    def _take_scans(self) -> list[Scan]:
         for trail, position in zip(self._trails, self._belief.positions, strict=True):
             trail.append(position)
-        noise = self._streams.noise
+        noise = self._rngs.noise
         return [self._simulator.scan(robot, noise) for robot in range(len(self._trails))]
 
     @property
-    def truth(self) -> World:
+    def truth(self) -> PlanarWorld:
         """The true world, for scoring and rendering only; policies get `belief`."""
         self._require_reset()
         return self._simulator.world
 
-    def _frame(self) -> NDArray[np.uint8]:
+    def _render_frame(self) -> NDArray[np.uint8]:
         map_, grid = self._belief.map, self._belief.map.grid
         poses = self._belief.poses
         return render_team(
             self.truth.occupied,
             map_.probability,
             map_.sampled,
-            np.column_stack([grid.cells(poses[:, :2]), poses[:, 2]]),
+            np.column_stack([grid.to_cell_units(poses[:, :2]), poses[:, 2]]),
             self.settings.camera.field_of_view,
             self.settings.camera.depth_of_field / grid.resolution,
-            [grid.cells(trail) for trail in self._trails],
+            [grid.to_cell_units(trail) for trail in self._trails],
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
-            f"viewed {map_.viewed_share:.1%}",
+            f"viewed {map_.observed_fraction:.1%}",
         )
 
-    def _blank_belief(self) -> PlanarBelief:
+    def _empty_belief(self) -> PlanarBelief:
         s = self.settings
         grid = VoxelGrid(self.scene.shape, self.scene.resolution, self.scene.origin)
         lattice = PoseLattice(grid, s.n_headings)
         return PlanarBelief(
             agents=tuple(self.possible_agents),
             map=OccupancyMap(grid, s.beam, s.log_odds_range),
-            actions=self._candidates or PoseMode(s.reach),
-            offers=None,
+            actions=self._candidate_mode or PoseMode(s.reach),
+            candidates=None,
             pose_ids=(0,) * len(self.possible_agents),
             rating=RatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
             reach=s.reach,
         )
 
 
-def _world_of(scene: Scene, rng: np.random.Generator) -> World:
+def _make_world(scene: PlanarScene, rng: np.random.Generator) -> PlanarWorld:
     world = scene.world(rng)
     for name in ("shape", "resolution", "origin"):
-        made, said = getattr(world, name), getattr(scene, name)
-        if made != said:
-            raise ValueError(f"scene {scene.name!r} made a world of {name} {made}, not {said}")
+        actual, declared = getattr(world, name), getattr(scene, name)
+        if actual != declared:
+            raise ValueError(
+                f"scene {scene.name!r} made a world of {name} {actual}, not {declared}"
+            )
     return world

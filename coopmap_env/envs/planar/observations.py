@@ -2,7 +2,7 @@
 
 Observation of one robot, a `Dict`:
 
-``map``: uint8 (4, V, V), V = `PlanarSettings.view_cells`. The local probabilistic map in the
+``map``: uint8 (4, V, V), V = `PlanarSettings.crop_cells`. The local probabilistic map in the
 camera's frame: cell [i, j] lies i + 1/2 - V/2 cells ahead of the camera and j + 1/2 - V/2 cells to
 its left (nearest cell of the map).
 
@@ -42,10 +42,10 @@ index    content
 =======  ===================================================================
 0, 1     ahead, left of the camera now, in diagonals of the world
 2, 3     cosine and sine of the turn
-4        NI (Eqs. 6-8) as a share of its maximum, ln(n_gray)
-5        motion cost K d**n (Eqs. 5, 9) as a share of ln(n_gray), at most 10
+4        NI (Eqs. 6-8) as a share of its maximum, ln(n_gray_bins)
+5        motion cost K d**n (Eqs. 5, 9) as a share of ln(n_gray_bins), at most 10
 6        P at the camera position
-7        rating (Eq. 9) as a share of ln(n_gray), at least -10
+7        rating (Eq. 9) as a share of ln(n_gray_bins), at least -10
 8        never-sampled cells in view, as a share of the most the camera sees
 =======  ===================================================================
 """
@@ -62,7 +62,11 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.planar.belief import PlanarBelief
-from coopmap_env.envs.planar.local_map import describe_candidates, draw_team, view_offsets
+from coopmap_env.envs.planar.local_map import (
+    crop_offsets,
+    write_candidate_features,
+    write_observations,
+)
 
 N_CHANNELS = 4
 N_FEATURES = 9
@@ -72,22 +76,22 @@ FEATURE_LIMIT = 10.0
 class PlanarObserver:
     """Fills observations; one object per environment, its spaces declared beside."""
 
-    def __init__(self, belief: PlanarBelief, view_cells: int, n_candidates: int | None) -> None:
+    def __init__(self, belief: PlanarBelief, crop_cells: int, n_candidates: int | None) -> None:
         grid = belief.map.grid
         self._n_robots = len(belief.agents)
-        self._view_cells = view_cells
+        self._crop_cells = crop_cells
         self._n_candidates = n_candidates
         self._shape = grid.shape
         self._size = tuple(n * grid.resolution for n in grid.shape)
         self._diagonal = math.hypot(*self._size)
-        self._shades = np.round(255 * belief.map.range.probability).astype(np.uint8)
-        self._offsets = view_offsets(view_cells, belief.lattice.n_headings)
+        self._gray_values = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
+        self._offsets = crop_offsets(crop_cells, belief.lattice.n_headings)
         self._margin = int(np.abs(self._offsets).max())
-        self._scale = math.log(belief.rating.settings.n_gray)
+        self._scale = math.log(belief.rating.settings.n_gray_bins)
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
-        v, m = self._view_cells, self._n_candidates
+        v, m = self._crop_cells, self._n_candidates
         parts: dict[str, spaces.Space[Any]] = {
             "map": spaces.Box(0, 255, (N_CHANNELS, v, v), np.uint8),
             "pose": spaces.Box(-1.0, 1.0, (4,), np.float32),
@@ -108,10 +112,10 @@ class PlanarObserver:
             {"map": image, "pose": vector} for image, vector in zip(images, vectors, strict=True)
         ]
         if self._n_robots > 1:
-            for observation, mates in zip(observations, teammates, strict=True):
-                observation["teammates"] = mates
-        if belief.offers is not None and self._n_candidates is not None:
-            described = self._describe(belief, belief.offers, self._n_candidates)
+            for observation, teammate_rows in zip(observations, teammates, strict=True):
+                observation["teammates"] = teammate_rows
+        if belief.candidates is not None and self._n_candidates is not None:
+            described = self._candidate_features(belief, belief.candidates, self._n_candidates)
             for observation, features, mask in zip(observations, *described, strict=True):
                 observation["candidates"], observation["action_mask"] = features, mask
         return observations
@@ -129,41 +133,43 @@ class PlanarObserver:
         """
         map_ = belief.map
         _, poses, _ = self._draw(belief)
-        parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_cells, poses.ravel()]
+        parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_mask, poses.ravel()]
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
     def _draw(
         self, belief: PlanarBelief
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
         """The entries ``map``, ``pose`` and ``teammates`` of all robots."""
-        map_, n, side = belief.map, self._n_robots, self._view_cells
+        map_, n, side = belief.map, self._n_robots, self._crop_cells
         images = np.empty((n, N_CHANNELS, side, side), dtype=np.uint8)
         vectors = np.empty((n, 4), dtype=np.float32)
         teammates = np.empty((n, n - 1, 4), dtype=np.float32)
         nx, ny = self._shape
-        draw_team(
-            map_.levels, map_.sampled_cells, nx, ny,
+        write_observations(
+            map_.log_odds_fixed, map_.sampled_mask, nx, ny,
             np.array(belief.pose_ids), belief.poses,
             map_.grid.origin, self._size, map_.grid.resolution,
-            self._offsets, self._margin, self._shades, map_.range.clamp,
+            self._offsets, self._margin, self._gray_values, map_.log_odds_range.clamp,
             images, vectors, teammates,
         )  # fmt: skip
         return images, vectors, teammates
 
-    def _describe(
-        self, belief: PlanarBelief, offers: Sequence[NDArray[np.int64]], m: int
+    def _candidate_features(
+        self, belief: PlanarBelief, candidates: Sequence[NDArray[np.int64]], m: int
     ) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
         """The entries ``candidates`` and ``action_mask`` of all robots."""
-        rating, ids = belief.rating, np.concatenate(offers)
-        counts = np.array([len(offer) for offer in offers])
-        ni, unknown = rating.views(belief.map, ids)
-        rated = rating.compose(belief.map, ids, np.repeat(belief.pose_ids, counts), ni)
+        rating, ids = belief.rating, np.concatenate(candidates)
+        counts = np.array([len(robot_candidates) for robot_candidates in candidates])
+        ni, unknown = rating.information_and_unknown(belief.map, ids)
+        rated = rating.rate_from_information(
+            belief.map, ids, np.repeat(belief.pose_ids, counts), ni
+        )
         features = np.zeros((self._n_robots, m, N_FEATURES), dtype=np.float32)
         mask = np.zeros((self._n_robots, m), dtype=np.int8)
-        describe_candidates(
-            ids, counts, belief.poses, belief.lattice.layout,
+        write_candidate_features(
+            ids, counts, belief.poses, belief.lattice.kernel_layout,
             (ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
-            (self._diagonal, self._scale, rating.fan.n_visible, FEATURE_LIMIT),
+            (self._diagonal, self._scale, rating.fan.max_visible_cells, FEATURE_LIMIT),
             features, mask,
         )  # fmt: skip
         return features, mask

@@ -33,22 +33,22 @@ class PlanarSettings:
     reach: float = 20.0
     """Metres: one action moves the camera at most so far ahead or back, and so far to a side: a
     depth of field, beyond which little can be known."""
-    start_radius: float = 3.0
+    initial_free_radius: float = 3.0
     """Metres around each start that are known to be free: the robot stands there."""
-    start_spread: float = 20.0
+    max_start_distance: float = 20.0
     """Metres: teammates start no further than this from the first robot, a depth of field."""
-    view_cells: int = 48
+    crop_cells: int = 48
     """Side of the observed local map, cells: the default depth of field lies inside."""
 
     def __post_init__(self) -> None:
-        for name in ("reach", "start_radius", "start_spread"):
+        for name in ("reach", "initial_free_radius", "max_start_distance"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"PlanarSettings.{name} must be finite and > 0, got {value}")
-        if not isinstance(self.view_cells, int) or self.view_cells < 4:
+        if not isinstance(self.crop_cells, int) or self.crop_cells < 4:
             raise ValueError(
-                f"PlanarSettings.view_cells must be a whole number of at least 4, "
-                f"got {self.view_cells}"
+                f"PlanarSettings.crop_cells must be a whole number of at least 4, "
+                f"got {self.crop_cells}"
             )
 
     @classmethod
@@ -67,6 +67,6 @@ class PlanarSettings:
             ),
             rating=replace(base.rating, alpha_position=base.rating.alpha_position / resolution**2),
             reach=base.reach * resolution,
-            start_radius=base.start_radius * resolution,
-            start_spread=base.start_spread * resolution,
+            initial_free_radius=base.initial_free_radius * resolution,
+            max_start_distance=base.max_start_distance * resolution,
         )

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.robots import PoseLattice
-from coopmap_env.simulation.scenes.planar import World, largest_free_region
+from coopmap_env.simulation.scenes.planar import PlanarWorld, largest_free_region
 
 
-def place_team(
-    world: World,
+def sample_start_poses(
+    world: PlanarWorld,
     lattice: PoseLattice,
     n_robots: int,
     spread: float,
@@ -51,11 +51,14 @@ def place_team(
         cell * lattice.n_headings + heading for cell, heading in zip(starts, headings, strict=True)
     )
     free = ~world.occupied
-    known = [_around(_disc(free, cell, radius / world.resolution), cell, world) for cell in starts]
+    known = [
+        _connected_cells(_disc(free, cell, radius / world.resolution), cell, world)
+        for cell in starts
+    ]
     return pose_ids, np.unique(np.concatenate(known))
 
 
-def _around(cells: NDArray[np.int64], start: int, world: World) -> NDArray[np.int64]:
+def _connected_cells(cells: NDArray[np.int64], start: int, world: PlanarWorld) -> NDArray[np.int64]:
     """The part of some cells that hangs together with the start by faces."""
     ny = world.shape[1]
     left, found = set(cells.tolist()) - {start}, [start]

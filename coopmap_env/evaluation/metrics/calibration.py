@@ -30,7 +30,7 @@ class ReliabilityCurve:
     """Borders of the bins (n_bins + 1,), uniform over [0, 1]."""
     mean_predicted: NDArray[np.float64]
     """Mean probability of the bin's cells (n_bins,)."""
-    observed_share: NDArray[np.float64]
+    occupied_fraction: NDArray[np.float64]
     """Share of the bin's cells that are occupied (n_bins,)."""
     counts: NDArray[np.int64]
     """Cells in the bin (n_bins,)."""
@@ -132,7 +132,7 @@ def reliability_curve(
     return ReliabilityCurve(
         edges=edges,
         mean_predicted=_ratio(np.bincount(bins, weights=p, minlength=n_bins), counts),
-        observed_share=_ratio(np.bincount(bins, weights=o, minlength=n_bins), counts),
+        occupied_fraction=_ratio(np.bincount(bins, weights=o, minlength=n_bins), counts),
         counts=counts,
     )
 
@@ -162,7 +162,7 @@ def expected_calibration_error(
     filled = curve.counts > 0
     if not filled.any():
         return float("nan")
-    gaps = np.abs(curve.observed_share - curve.mean_predicted)[filled]
+    gaps = np.abs(curve.occupied_fraction - curve.mean_predicted)[filled]
     return float(np.average(gaps, weights=curve.counts[filled]))
 
 

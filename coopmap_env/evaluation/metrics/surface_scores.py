@@ -67,12 +67,12 @@ class SampleCells:
     @classmethod
     def of(cls, points: ArrayLike, grid: VoxelGrid) -> SampleCells:
         """Sort points (n, 3) into the voxels of a grid that holds them."""
-        at, size = grid.cells(np.reshape(points, (-1, 3))), np.array(grid.shape)
+        at, size = grid.to_cell_units(np.reshape(points, (-1, 3))), np.array(grid.shape)
         if ((at < -1e-6) | (at > size + 1e-6)).any():
             raise ValueError(f"surface samples must lie inside of the grid {grid}")
         # a sample on the upper end of the grid is in its last voxel
         index = np.clip(at.astype(np.int64), 0, size - 1)
-        cells, counts = np.unique(grid.flat(index), return_counts=True)
+        cells, counts = np.unique(grid.flat_index(index), return_counts=True)
         return cls(cells, counts.astype(np.int64), grid)
 
     def coverage(self, map_: OccupancyMap) -> float:
@@ -90,14 +90,16 @@ class SampleCells:
         if not len(self.cells):
             return float("nan")
         shape = np.array(self.grid.shape)
-        covered = count_covered(map_.levels, map_.sampled_cells, shape, self.cells, self.counts)
+        covered = count_covered(
+            map_.log_odds_fixed, map_.sampled_mask, shape, self.cells, self.counts
+        )
         return float(covered / self.counts.sum())
 
 
 def surface_points(map_: OccupancyMap) -> NDArray[np.float64]:
     """What a map says the surface is: merged means (k, 3) of its voxels with P > ½, metres."""
     cells, means, _ = map_.surfaces()
-    return means[map_.levels[cells] > 0]
+    return means[map_.log_odds_fixed[cells] > 0]
 
 
 def distance_scores(
@@ -145,23 +147,25 @@ def distance_scores(
 
 
 @njit(cache=True, nogil=True)
-def count_covered(levels, sampled, shape, cells, counts):
+def count_covered(log_odds_fixed, sampled, shape, cells, counts):
     """Sum of the counts (u,) of cells (u,) with an occupied one among the 27 around them."""
     ny, nz = shape[1], shape[2]
     total = 0
     for n in range(len(cells)):
         cell = cells[n]
-        if levels[cell] > 0 and sampled[cell]:  # where anything is covered, mostly the own one
+        if (
+            log_odds_fixed[cell] > 0 and sampled[cell]
+        ):  # where anything is covered, mostly the own one
             total += counts[n]
             continue
         x, rest = cell // (ny * nz), cell % (ny * nz)
-        if near_occupied(levels, sampled, shape, x, rest // nz, rest % nz):
+        if near_occupied(log_odds_fixed, sampled, shape, x, rest // nz, rest % nz):
             total += counts[n]
     return total
 
 
 @njit(cache=True, nogil=True)
-def near_occupied(levels, sampled, shape, x, y, z):
+def near_occupied(log_odds_fixed, sampled, shape, x, y, z):
     """Whether one of the 27 cells around a cell is occupied."""
     nx, ny, nz = shape[0], shape[1], shape[2]
     first, last = max(z - 1, 0), min(z + 2, nz)
@@ -169,6 +173,6 @@ def near_occupied(levels, sampled, shape, x, y, z):
         for j in range(max(y - 1, 0), min(y + 2, ny)):
             row = (i * ny + j) * nz
             for cell in range(row + first, row + last):
-                if levels[cell] > 0 and sampled[cell]:
+                if log_odds_fixed[cell] > 0 and sampled[cell]:
                     return True
     return False

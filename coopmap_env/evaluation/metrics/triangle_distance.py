@@ -37,8 +37,8 @@ class TriangleBins:
         inside = np.ascontiguousarray(triangles_in_grid(triangles, grid)[0])
         size = np.array(grid.shape)
         # a box that ends on the border of two bins is in both, whatever the rounding
-        first = np.clip(np.floor(grid.cells(inside.min(axis=1)) - 1e-9), 0, size - 1)
-        last = np.clip(np.floor(grid.cells(inside.max(axis=1)) + 1e-9), 0, size - 1)
+        first = np.clip(np.floor(grid.to_cell_units(inside.min(axis=1)) - 1e-9), 0, size - 1)
+        last = np.clip(np.floor(grid.to_cell_units(inside.max(axis=1)) + 1e-9), 0, size - 1)
         boxes = np.stack([first, last], axis=1).astype(np.int64)
         begins = np.zeros(grid.n_cells + 1, dtype=np.int64)
         count_members(boxes, size, begins)

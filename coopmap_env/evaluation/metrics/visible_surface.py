@@ -21,7 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import MotionSettings, Surroundings, Vehicle
+from coopmap_env.robots import CollisionChecker, CollisionSettings, Vehicle
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.depth.traced_mesh import TracedMesh
 from coopmap_env.simulation.scenes.field import FieldWorld
@@ -43,7 +43,7 @@ def reachable(
     points: NDArray[np.float64],
     rng: np.random.Generator,
     n_poses: int = N_POSES,
-    motion: MotionSettings | None = None,
+    motion: CollisionSettings | None = None,
 ) -> NDArray[np.bool_]:
     """Which points (n, 3) of the surface some pose of some vehicle sees, shape (n,)."""
     scene = TracedMesh(world.triangles)
@@ -60,7 +60,7 @@ def clear_poses(
     known: OccupancyMap,
     rng: np.random.Generator,
     n_poses: int,
-    motion: MotionSettings | None = None,
+    motion: CollisionSettings | None = None,
 ) -> NDArray[np.float64]:
     """Random mount poses (k, n) that touch nothing on a map, k = n_poses if there are so many."""
     if n_poses < 1:
@@ -68,11 +68,11 @@ def clear_poses(
     chain = vehicle.chain
     lower = np.maximum(chain.lower, -math.pi)  # a joint without limits turns once around
     upper = np.minimum(chain.upper, math.pi)
-    surroundings = Surroundings(vehicle, known, settings=motion)
+    checker = CollisionChecker(vehicle, known, settings=motion)
     found: list[NDArray[np.float64]] = []
     for _ in range(ROUNDS):
         poses = rng.uniform(lower, upper, (n_poses, len(lower)))
-        found.append(poses[surroundings.are_clear(poses)])
+        found.append(poses[checker.are_poses_free(poses)])
         if sum(map(len, found)) >= n_poses:
             break
     return np.concatenate(found)[:n_poses]
@@ -105,7 +105,7 @@ def look(
         count = aim(points, seen, R, t, lens, chosen, directions, lengths)
         origins[:count] = t - scene.center
         free = lengths[:count].copy()
-        scene.shorten(origins[:count], directions[:count], free)
+        scene.intersect(origins[:count], directions[:count], free)
         seen[chosen[:count][free == lengths[:count]]] = True
 
 

@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.evaluation.replay.recording import Frame, Replay
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.rendering.field import (
-    HEIGHTS,
-    TALL,
-    TARGET,
+    HEIGHT_COLORS,
+    MAX_COLOR_HEIGHT,
+    TARGET_COLOR,
     floor_height,
     height_colors,
-    overview,
+    overview_camera,
 )
-from coopmap_env.rendering.meshes import drawn_parts, simplified
+from coopmap_env.rendering.meshes import cluster_vertices, simplified_links
 from coopmap_env.rendering.panels import Color, robot_color
-from coopmap_env.robots.mount_library import OPTICAL
+from coopmap_env.robots.mount_library import R_OPTICAL_CAMERA
 
 OVERLAY = Path(__file__).with_name("overlay.html")
 
@@ -58,7 +58,7 @@ def page_of(replay: Replay) -> str:
     ImportError
         If viser is not installed (extra "replay").
     """
-    viser = require("viser", "replay")
+    viser = import_optional("viser", "replay")
     with redirect_stdout(StringIO()):  # it greets, verbose or not
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
@@ -99,7 +99,7 @@ def voxel_lives(frames: tuple[Frame, ...]) -> dict[tuple[int, int], NDArray[np.i
 
 def _recorded(server: Any, replay: Replay) -> str:
     scene = server.scene
-    view = overview(replay.target, [vehicle.T_world_base for vehicle in replay.vehicles])
+    view = overview_camera(replay.target, [vehicle.T_world_base for vehicle in replay.vehicles])
     server.initial_camera.position, server.initial_camera.look_at = view.eye, view.look_at
     server.initial_camera.fov = 2 * float(
         np.arctan(np.tan(view.field_of_view / 2) * view.height / view.width)
@@ -137,11 +137,11 @@ def _add_scenery(scene: Any, replay: Replay) -> None:
         position=(*(low + size / 2)[:2], floor_height(replay.grid)),
     )  # fmt: skip
     for name, triangles, color, opacity in (
-        ("/truth/target", replay.target, TARGET, 0.2),
+        ("/truth/target", replay.target, TARGET_COLOR, 0.2),
         ("/truth/scenery", replay.scenery, SCENERY, 0.15),
     ):
         if len(triangles):
-            vertices, faces = simplified(triangles, SAME)
+            vertices, faces = cluster_vertices(triangles, SAME)
             scene.add_mesh_simple(
                 name, vertices, faces, color=color, opacity=opacity, flat_shading=True,
                 side="double", cast_shadow=False, receive_shadow=False,
@@ -156,8 +156,8 @@ class _Robot:
         self._vehicle, self._frames = replay.vehicles[robot], replay.frames
         self._robot, self._color = robot, robot_color(robot)
         self._links, self._parts = [], []
-        for link, triangles in drawn_parts(self._vehicle.chain):
-            vertices, faces = simplified(triangles, SAME)
+        for link, triangles in simplified_links(self._vehicle.chain):
+            vertices, faces = cluster_vertices(triangles, SAME)
             name = f"{self._name}/{self._vehicle.chain.link_names[link]}"
             self._links.append(link)
             self._parts.append(
@@ -186,7 +186,7 @@ class _Robot:
         for link, part in zip(self._links, self._parts, strict=True):
             _set_pose(part, rotations[link], translations[link])
         pose = self._vehicle.camera_pose(q)
-        _set_pose(self._frustum, pose.rotation @ OPTICAL.T, pose.translation)
+        _set_pose(self._frustum, pose.rotation @ R_OPTICAL_CAMERA.T, pose.translation)
 
     def arrive(self, k: int) -> None:
         """Draw the camera's way to frame k."""
@@ -255,8 +255,8 @@ def _overlay(replay: Replay) -> str:
         "rewards": [[round(value, 4) for value in frame.rewards] for frame in frames],
         "notes": [list(frame.notes) for frame in frames],
         "colors": [f"rgb{robot_color(k)}" for k in range(len(replay.vehicles))],
-        "heights": [f"rgb{color}" for color in HEIGHTS],
-        "tall": TALL,
+        "heights": [f"rgb{color}" for color in HEIGHT_COLORS],
+        "tall": MAX_COLOR_HEIGHT,
         "new": f"rgb{NEW}",
     }
     text = json.dumps(data).replace("</", "<\\/")

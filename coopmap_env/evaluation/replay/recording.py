@@ -158,12 +158,12 @@ def write_replay(replay: Replay, path: Path) -> None:
 def _frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -> Frame:
     belief = env.belief()
     map_ = belief.map
-    occupied = np.flatnonzero(map_.sampled_cells.view(np.bool_) & (map_.levels >= 0))
+    occupied = np.flatnonzero(map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed >= 0))
     return Frame(
         joints=tuple(np.array(q) for q in belief.joints),
-        cameras=tuple(env.taken_camera(robot) for robot in range(len(belief.agents))),
+        cameras=tuple(env.estimated_camera_pose(robot) for robot in range(len(belief.agents))),
         occupied=occupied,
-        viewed=map_.viewed_share,
+        viewed=map_.observed_fraction,
         rewards=tuple(rewards),
         notes=tuple(notes),
     )
@@ -171,8 +171,8 @@ def _frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -> Fra
 
 def _note(info: dict[str, Any]) -> str:
     """What went otherwise than the robot wanted."""
-    if info["refused"]:
-        return f"stayed: {info['refused']}"
+    if info["rejected_reason"]:
+        return f"stayed: {info['rejected_reason']}"
     if info["contact"]:
         return f"bumped into {info.get('touched') or 'something'}"
     return "" if info["located"] else "has not found the target yet"

@@ -14,18 +14,18 @@ import math
 import numpy as np
 from numba import njit
 
-from coopmap_env.geometry.traversal import advance, begin
+from coopmap_env.geometry.traversal import init_axis, step_voxel
 
-THICKNESS = math.sqrt(3.0) / 2.0
+DEPTH_TOLERANCE = math.sqrt(3.0) / 2.0
 """Cells by which the centre of a visible voxel may lie behind the surface that a pixel saw: half
 the diagonal of a voxel, so that an occluder's own voxels count as seen whichever way it faces."""
-SLACK = 1e-6
+BOX_MARGIN = 1e-6
 """Cells by which the box of the occluders is larger than they are: distances carry rounding
 errors of 1e-13."""
 
 
 @njit(cache=True, nogil=True)
-def box_of_occluders(levels, sampled, shape, box):
+def occluder_bounds(log_odds_fixed, sampled, shape, box):
     """Write the lower and the upper corner (2, 3) of a box that holds all occluding voxels.
 
     Without any the lower corner lies above the upper one, and every ray is outside at once.
@@ -36,7 +36,7 @@ def box_of_occluders(levels, sampled, shape, box):
     for i in range(nx):
         for j in range(ny):
             first = (i * ny + j) * nz
-            level, known = levels[first : first + nz], sampled[first : first + nz]
+            level, known = log_odds_fixed[first : first + nz], sampled[first : first + nz]
             found = np.uint8(0)
             for k in range(nz):
                 occludes = known[k] * np.uint8(level[k] >= 0)  # many at once without a branch
@@ -48,8 +48,12 @@ def box_of_occluders(levels, sampled, shape, box):
     for k in range(nz):
         if heights[k]:
             low_z, high_z = min(low_z, k), k
-    box[0, 0], box[0, 1], box[0, 2] = low_x - SLACK, low_y - SLACK, low_z - SLACK
-    box[1, 0], box[1, 1], box[1, 2] = high_x + 1 + SLACK, high_y + 1 + SLACK, high_z + 1 + SLACK
+    box[0, 0], box[0, 1], box[0, 2] = low_x - BOX_MARGIN, low_y - BOX_MARGIN, low_z - BOX_MARGIN
+    box[1, 0], box[1, 1], box[1, 2] = (
+        high_x + 1 + BOX_MARGIN,
+        high_y + 1 + BOX_MARGIN,
+        high_z + 1 + BOX_MARGIN,
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -62,7 +66,7 @@ def is_outside(shape, position):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _exit(position, direction, low, high):
+def _exit_distance(position, direction, low, high):
     """Distance at which a ray leaves the space between two planes of an axis for good."""
     if direction > 0.0:
         return (high - position) / direction
@@ -72,23 +76,23 @@ def _exit(position, direction, low, high):
 
 
 @njit(cache=True, nogil=True)
-def _first_occluder(levels, sampled, shape, box, position, ux, uy, uz, far):
+def _first_occluder(log_odds_fixed, sampled, shape, box, position, ux, uy, uz, far):
     """Distance at which a ray enters the first occluding voxel, or infinity."""
     nx, ny, nz = shape
-    cx, sx, tx, dx, end_x = begin(position[0], ux, nx, ny * nz)
-    cy, sy, ty, dy, end_y = begin(position[1], uy, ny, nz)
-    cz, sz, tz, dz, end_z = begin(position[2], uz, nz, 1)
+    cx, sx, tx, dx, end_x = init_axis(position[0], ux, nx, ny * nz)
+    cy, sy, ty, dy, end_y = init_axis(position[1], uy, ny, nz)
+    cz, sz, tz, dz, end_z = init_axis(position[2], uz, nz, 1)
     cell = cx + cy + cz
     end = min(far, end_x, end_y, end_z)
-    end = min(end, _exit(position[0], ux, box[0, 0], box[1, 0]))
-    end = min(end, _exit(position[1], uy, box[0, 1], box[1, 1]))
-    end = min(end, _exit(position[2], uz, box[0, 2], box[1, 2]))
+    end = min(end, _exit_distance(position[0], ux, box[0, 0], box[1, 0]))
+    end = min(end, _exit_distance(position[1], uy, box[0, 1], box[1, 1]))
+    end = min(end, _exit_distance(position[2], uz, box[0, 2], box[1, 2]))
     while True:
-        cell, tx, ty, tz, t = advance(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
+        cell, tx, ty, tz, t = step_voxel(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
         if t >= end:
             return math.inf
         index = np.uint64(cell)  # the compiler guards signed indices against negative ones
-        if levels[index] >= 0:  # noqa: SIM102 - nested is faster
+        if log_odds_fixed[index] >= 0:  # noqa: SIM102 - nested is faster
             if sampled[index]:
                 return t
 
@@ -107,9 +111,9 @@ def _pixel_span(center, radius, depth, tangent, n):
 
 
 @njit(cache=True, nogil=True)
-def add_spheres(position, R, lens, directions, spheres, radii, distances):
+def add_spheres(position, R, projection, directions, spheres, radii, distances):
     """Shorten the distances (w h,) along rays that meet a sphere."""
-    a, b, _, far, w, h = lens
+    a, b, _, far, w, h = projection
     for s in range(len(radii)):
         dx, dy, dz = (
             spheres[s, 0] - position[0],
@@ -139,7 +143,18 @@ def add_spheres(position, R, lens, directions, spheres, radii, distances):
 
 @njit(cache=True, nogil=True)
 def depth_limits(
-    levels, sampled, shape, box, position, R, lens, directions, spheres, radii, distances, limits
+    log_odds_fixed,
+    sampled,
+    shape,
+    box,
+    position,
+    R,
+    projection,
+    directions,
+    spheres,
+    radii,
+    distances,
+    limits,
 ):
     """Write the depth X down to which each pixel sees, tolerance included.
 
@@ -147,17 +162,17 @@ def depth_limits(
     ((w + 1)(h + 1),) has one more row and column, copies of the last: a voxel on the very border
     of the image need not be told apart.
     """
-    _, _, _, far, w, h = lens
+    _, _, _, far, w, h = projection
     for p in range(w * h):
         x, y, z = directions[p, 0], directions[p, 1], directions[p, 2]
         distances[p] = _first_occluder(
-            levels, sampled, shape, box, position,
+            log_odds_fixed, sampled, shape, box, position,
             R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
             R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
             R[2, 0] * x + R[2, 1] * y + R[2, 2] * z, far,
         )  # fmt: skip
-    add_spheres(position, R, lens, directions, spheres, radii, distances)
+    add_spheres(position, R, projection, directions, spheres, radii, distances)
     for u in range(w + 1):
         for v in range(h + 1):
             p = min(u, w - 1) * h + min(v, h - 1)
-            limits[u * (h + 1) + v] = (distances[p] + THICKNESS) * directions[p, 0]
+            limits[u * (h + 1) + v] = (distances[p] + DEPTH_TOLERANCE) * directions[p, 0]

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from coopmap_env.sensing import DepthCamera
 
-PIXEL = math.radians(2.5)
+MAX_PIXEL_ANGLE = math.radians(2.5)
 """Of the depth buffer, at most: two and a half default voxels at the default depth of field. Pixels
 of 3.75 degrees are a quarter faster, but let a view look through a known ground plane."""
-NEAREST = 1e-6
+MIN_DISTANCE = 1e-6
 """Cells: nearer centres are never seen, so that a depth is never zero."""
-UPRIGHT = 1e-12
+MIN_SLOPE = 1e-12
 """A plane with a smaller slope along z counts as vertical."""
 
 
@@ -46,16 +46,18 @@ class Frustum:
     """Width and height of the depth buffer."""
 
     @classmethod
-    def of(cls, camera: DepthCamera, resolution: float, pixel: float = PIXEL) -> Frustum:
+    def from_camera(
+        cls, camera: DepthCamera, resolution: float, pixel: float = MAX_PIXEL_ANGLE
+    ) -> Frustum:
         """Frustum of a camera on cells of `resolution` metres; `pixel` radians at most."""
         fields = (camera.horizontal_field_of_view, camera.vertical_field_of_view)
         w, h = (math.ceil(field / pixel - 1e-9) for field in fields)
         a, b = (math.tan(field / 2) for field in fields)
-        near = max(camera.near / resolution, NEAREST)
+        near = max(camera.near / resolution, MIN_DISTANCE)
         return cls((a, b), near, camera.far / resolution, (w, h))
 
     @cached_property
-    def n_visible(self) -> int:
+    def max_visible_cells(self) -> int:
         """N of Eq. 7: the voxels that the camera can see in empty space; a constant.
 
         The volume of the frustum in voxels: solid angle times (far^3 - near^3) / 3. How many
@@ -75,20 +77,20 @@ class Frustum:
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
     @property
-    def lens(self) -> tuple[float, float, float, float, int, int]:
+    def projection(self) -> tuple[float, float, float, float, int, int]:
         """As kernels want it: both tangents, near, far, width, height."""
         return (*self.tangents, self.near, self.far, *self.pixels)
 
-    def most_columns(self, shape: tuple[int, ...]) -> int:
+    def max_runs(self, shape: tuple[int, ...]) -> int:
         """Runs that a view can have on a grid, at most."""
         nx, ny = (min(n, 2 * math.ceil(self.far) + 1) for n in shape[:2])
         return nx * ny + (2 * math.ceil(self.near) + 1) ** 2
 
 
 @njit(cache=True, nogil=True)
-def image_forms(R, lens):
+def projection_rows(R, projection):
     """X, U and V as linear forms of a point relative to the camera: rows of a matrix."""
-    a, b, _, _, w, h = lens
+    a, b, _, _, w, h = projection
     forms = np.empty((3, 3))
     for k in range(3):
         forms[0, k] = R[k, 0]
@@ -98,9 +100,9 @@ def image_forms(R, lens):
 
 
 @njit(cache=True, nogil=True)
-def _shadow(position, R, lens):
+def _ground_corners(position, R, projection):
     """Apex and corners of the pyramid, seen from above."""
-    a, b, _, far, _, _ = lens
+    a, b, _, far, _, _ = projection
     xs, ys = np.empty(5), np.empty(5)
     xs[0], ys[0] = position[0], position[1]
     for corner in range(4):
@@ -112,7 +114,7 @@ def _shadow(position, R, lens):
 
 
 @njit(cache=True, nogil=True)
-def _across(x, xs, ys):
+def _hull_interval(x, xs, ys):
     """Lowest and highest y at which the line of this x meets the hull of the points."""
     low, high = math.inf, -math.inf
     for e in range(len(xs)):
@@ -124,7 +126,7 @@ def _across(x, xs, ys):
 
 
 @njit(cache=True, nogil=True)
-def frustum_columns(shape, position, R, forms, lens, runs, starts):
+def frustum_runs(shape, position, R, forms, projection, runs, starts):
     """Write the runs of a frustum; return how many there are.
 
     `runs` (n, 2) receives the first voxel's flat number and the number of voxels; `starts` (n, 5)
@@ -132,7 +134,7 @@ def frustum_columns(shape, position, R, forms, lens, runs, starts):
     the last two in half cells, so that their sum of squares is the distance in quarters of d^2.
     """
     nx, ny, nz = shape
-    _, _, near, far, w, h = lens
+    _, _, near, far, w, h = projection
     px, py, pz = position[0], position[1], position[2]
     # each plane bounds z from below or from above, at a height that is linear in x and y
     planes, inverse = np.empty((4, 3)), np.empty(4)
@@ -141,15 +143,15 @@ def frustum_columns(shape, position, R, forms, lens, runs, starts):
         planes[2, k], planes[3, k] = forms[2, k], h * forms[0, k] - forms[2, k]
     for q in range(4):
         slope = planes[q, 2]
-        inverse[q] = 1.0 / slope if abs(slope) > UPRIGHT else 1.0 / UPRIGHT
-    xs, ys = _shadow(position, R, lens)
+        inverse[q] = 1.0 / slope if abs(slope) > MIN_SLOPE else 1.0 / MIN_SLOPE
+    xs, ys = _ground_corners(position, R, projection)
     count = 0
     first_x = max(0, math.ceil(max(xs.min(), px - far) - 0.5))
     last_x = min(nx - 1, math.floor(min(xs.max(), px + far) - 0.5))
     dz = 0.5 - pz
     for i in range(first_x, last_x + 1):
         dx = i + 0.5 - px
-        low, high = _across(i + 0.5, xs, ys)
+        low, high = _hull_interval(i + 0.5, xs, ys)
         half = math.sqrt(max(far * far - dx * dx, 0.0))
         low, high = max(low, py - half), min(high, py + half)
         if low > high:

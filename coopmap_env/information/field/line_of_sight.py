@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from coopmap_env.information.field.frustum import Frustum
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.mapping.line_of_sight import is_clear
+from coopmap_env.mapping.line_of_sight import has_line_of_sight
 
 
-def first_seen(
+def first_visible_point(
     map_: OccupancyMap,
     points: NDArray[np.float64],
     rotations: NDArray[np.float64],
@@ -45,32 +45,34 @@ def first_seen(
     seeing : ndarray of bool, shape (k,)
     """
     grid = map_.grid
-    seeing = np.zeros(len(translations), dtype=np.bool_)
-    first = _first_seen(
-        map_.levels, map_.sampled_cells, grid.shape, grid.cells(points),
-        np.ascontiguousarray(rotations), grid.cells(translations), frustum.lens, seeing,
+    sees_point = np.zeros(len(translations), dtype=np.bool_)
+    first = _first_visible_point(
+        map_.log_odds_fixed, map_.sampled_mask, grid.shape, grid.to_cell_units(points),
+        np.ascontiguousarray(rotations), grid.to_cell_units(translations), frustum.projection, sees_point,
     )  # fmt: skip
-    return int(first), seeing
+    return int(first), sees_point
 
 
 @njit(cache=True, nogil=True)
-def _first_seen(levels, sampled, shape, points, rotations, positions, lens, seeing):
+def _first_visible_point(
+    log_odds_fixed, sampled, shape, points, rotations, positions, projection, sees_point
+):
     for n in range(len(points)):
         found = False
         for k in range(len(positions)):
-            seeing[k] = _in_view(points[n], rotations[k], positions[k], lens) and is_clear(
-                levels, sampled, shape, positions[k], points[n], 0.0
-            )
-            found |= seeing[k]
+            sees_point[k] = _is_in_frustum(
+                points[n], rotations[k], positions[k], projection
+            ) and has_line_of_sight(log_odds_fixed, sampled, shape, positions[k], points[n], 0.0)
+            found |= sees_point[k]
         if found:
             return n
     return len(points)
 
 
 @njit(cache=True, nogil=True)
-def _in_view(point, R, position, lens):
+def _is_in_frustum(point, R, position, projection):
     """Whether a point lies in the frustum."""
-    a, b, near, far = lens[0], lens[1], lens[2], lens[3]
+    a, b, near, far = projection[0], projection[1], projection[2], projection[3]
     dx, dy, dz = point[0] - position[0], point[1] - position[1], point[2] - position[2]
     x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
     y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz

@@ -23,44 +23,54 @@ def pooled_grid(grid: VoxelGrid) -> VoxelGrid:
 
 
 @njit(cache=True, nogil=True)
-def _pool(levels, sampled, claimed, shape, out_levels, out_sampled, out_claimed):
+def _pool(
+    log_odds_fixed, sampled, reserved_mask, shape, out_log_odds_fixed, out_sampled, out_reserved
+):
     nx, ny, nz = shape
     mx, my, mz = (nx + 1) // 2, (ny + 1) // 2, (nz + 1) // 2
     for i in range(mx):
         for j in range(my):
             for k in range(mz):
                 highest = -(1 << 30)
-                known = taken = size = total = 0
+                n_sampled = n_reserved = size = total = 0
                 for x in range(2 * i, min(2 * i + 2, nx)):
                     for y in range(2 * j, min(2 * j + 2, ny)):
                         for cell in range(
                             (x * ny + y) * nz + 2 * k, (x * ny + y) * nz + min(2 * k + 2, nz)
                         ):
                             size += 1
-                            taken += claimed[cell]
+                            n_reserved += reserved_mask[cell]
                             if sampled[cell]:
-                                known += 1
-                                total += levels[cell]
-                                highest = max(highest, levels[cell])
+                                n_sampled += 1
+                                total += log_odds_fixed[cell]
+                                highest = max(highest, log_odds_fixed[cell])
                 block = (i * my + j) * mz + k
-                is_sampled = highest >= 0 or 2 * known >= size
+                is_sampled = highest >= 0 or 2 * n_sampled >= size
                 out_sampled[block] = is_sampled
                 if highest >= 0:
-                    out_levels[block] = highest
+                    out_log_odds_fixed[block] = highest
                 else:
-                    out_levels[block] = total // known if is_sampled else 0
-                out_claimed[block] = 2 * taken > size
+                    out_log_odds_fixed[block] = total // n_sampled if is_sampled else 0
+                out_reserved[block] = 2 * n_reserved > size
 
 
 def pool(
-    levels: NDArray[np.int32],
+    log_odds_fixed: NDArray[np.int32],
     sampled: NDArray[np.uint8],
-    claimed: NDArray[np.uint8],
+    reserved_mask: NDArray[np.uint8],
     grid: VoxelGrid,
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.uint8]]:
     """Flat levels, sampled and claimed cells of the grid, as those of its pooled grid."""
     n = pooled_grid(grid).n_cells
-    out_levels = np.empty(n, dtype=np.int32)
-    out_sampled, out_claimed = np.empty((2, n), dtype=np.uint8)
-    _pool(levels, sampled, claimed, grid.shape3, out_levels, out_sampled, out_claimed)
-    return out_levels, out_sampled, out_claimed
+    out_log_odds_fixed = np.empty(n, dtype=np.int32)
+    out_sampled, out_reserved = np.empty((2, n), dtype=np.uint8)
+    _pool(
+        log_odds_fixed,
+        sampled,
+        reserved_mask,
+        grid.shape_3d,
+        out_log_odds_fixed,
+        out_sampled,
+        out_reserved,
+    )
+    return out_log_odds_fixed, out_sampled, out_reserved

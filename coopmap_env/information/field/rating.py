@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.information.field.pooling import pool, pooled_grid
-from coopmap_env.information.field.view_tables import Known, Sight, Spheres
-from coopmap_env.information.field.views import histogram_of_view, mark
+from coopmap_env.information.field.view_tables import MapArrays, Spheres, ViewTables
+from coopmap_env.information.field.views import fill_mask, view_histogram
 from coopmap_env.information.planar.rating import Ratings
 from coopmap_env.information.settings import FieldRatingSettings, RatingConstants
 from coopmap_env.mapping import LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
-Claimed = NDArray[np.uint8] | None
+ReservedMask = NDArray[np.uint8] | None
 
 
 class FieldRatingFunction:
@@ -36,8 +36,8 @@ class FieldRatingFunction:
 
     Notes
     -----
-    `claimed` (n_cells,) holds 1 at cells that a teammate is about to see: they are left out.
-    `bodies` are spheres that cover the other robots: they hide what is behind them. With `coarse`,
+    `reserved_mask` (n_cells,) holds 1 at cells that a teammate is about to see: they are left out.
+    `occluder_spheres` are spheres that cover the other robots: they hide what is behind them. With `coarse`,
     views are taken on the map pooled to half its resolution: four to five times as fast.
     A camera outside the grid sees nothing.
     """
@@ -56,97 +56,110 @@ class FieldRatingFunction:
         self.settings = settings or FieldRatingSettings()
         self._range = log_odds_range or LogOddsRange()
         self.fine, self.coarse = (
-            Sight.of(camera, g, self.settings, self._range, grid.resolution)
+            ViewTables.from_camera(camera, g, self.settings, self._range, grid.resolution)
             for g in (grid, pooled_grid(grid))
         )
-        self._nobody = np.zeros(grid.n_cells, dtype=np.uint8)
-        self._claimed = self._nobody.copy()
-        """For `new_information_in_turn`; empty in between."""
+        self._no_reservation = np.zeros(grid.n_cells, dtype=np.uint8)
+        self._in_turn_mask = self._no_reservation.copy()
+        """For `sequential_new_information`; empty in between."""
 
     @property
-    def n_visible(self) -> int:
+    def max_visible_cells(self) -> int:
         """N of Eq. 7."""
-        return self.fine.frustum.n_visible
+        return self.fine.frustum.max_visible_cells
 
     def new_information(
         self,
         map_: OccupancyMap,
         rotations: ArrayLike,
         translations: ArrayLike,
-        claimed: Claimed = None,
-        bodies: Spheres | None = None,
+        reserved_mask: ReservedMask = None,
+        occluder_spheres: Spheres | None = None,
         coarse: bool = False,
     ) -> NDArray[np.float64]:
         """NI (Eqs. 6-8) of poses, nats, shape (k,)."""
-        return self.views(map_, rotations, translations, claimed, bodies, coarse)[0]
+        return self.information_and_unknown(
+            map_, rotations, translations, reserved_mask, occluder_spheres, coarse
+        )[0]
 
-    def unknown_cells(
+    def count_unknown_cells(
         self,
         map_: OccupancyMap,
         rotations: ArrayLike,
         translations: ArrayLike,
-        claimed: Claimed = None,
-        bodies: Spheres | None = None,
+        reserved_mask: ReservedMask = None,
+        occluder_spheres: Spheres | None = None,
         coarse: bool = False,
     ) -> NDArray[np.int64]:
         """Number of never-sampled cells in view of each pose, shape (k,).
 
         With `coarse`, eight times the number of blocks.
         """
-        return self.views(map_, rotations, translations, claimed, bodies, coarse)[1]
+        return self.information_and_unknown(
+            map_, rotations, translations, reserved_mask, occluder_spheres, coarse
+        )[1]
 
-    def views(
+    def information_and_unknown(
         self,
         map_: OccupancyMap,
         rotations: ArrayLike,
         translations: ArrayLike,
-        claimed: Claimed = None,
-        bodies: Spheres | None = None,
+        reserved_mask: ReservedMask = None,
+        occluder_spheres: Spheres | None = None,
         coarse: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """`new_information` and `unknown_cells` of poses, from one look at the map."""
-        sight, known = self.sight(map_, claimed, coarse)
-        histogram = sight.histograms(known, *checked_poses(rotations, translations), bodies)
-        unknown = histogram[:, sight.n_gray :].sum(axis=1) * (8 if coarse else 1)
-        return sight.entropies(histogram), np.asarray(unknown)
+        """`new_information` and `count_unknown_cells` of poses, from one look at the map."""
+        view_tables, map_arrays = self.view_tables(map_, reserved_mask, coarse)
+        histogram = view_tables.histograms(
+            map_arrays, *validate_camera_poses(rotations, translations), occluder_spheres
+        )
+        unknown = histogram[:, view_tables.n_gray_bins :].sum(axis=1) * (8 if coarse else 1)
+        return view_tables.entropies(histogram), np.asarray(unknown)
 
     def visible_cells(
         self,
         map_: OccupancyMap,
         rotation: ArrayLike,
         translation: ArrayLike,
-        bodies: Spheres | None = None,
+        occluder_spheres: Spheres | None = None,
     ) -> NDArray[np.int32]:
         """Flat numbers of the cells that a pose would see on the known map, column by column."""
-        sight, known = self.sight(map_)
-        (R,), (t,) = checked_poses(np.asarray(rotation)[None], np.asarray(translation)[None])
-        return sight.view(known, R, t, bodies)[0]
+        view_tables, map_arrays = self.view_tables(map_)
+        (R,), (t,) = validate_camera_poses(
+            np.asarray(rotation)[None], np.asarray(translation)[None]
+        )
+        return view_tables.view(map_arrays, R, t, occluder_spheres)[0]
 
-    def new_information_in_turn(
+    def sequential_new_information(
         self,
         map_: OccupancyMap,
         rotations: ArrayLike,
         translations: ArrayLike,
-        bodies: Sequence[Spheres | None] | None = None,
+        occluder_spheres: Sequence[Spheres | None] | None = None,
     ) -> NDArray[np.float64]:
         """NI of one pose for each robot, without what the robots before it see; shape (n_robots,).
 
-        `bodies` holds the spheres that hide the view of each robot: those of its teammates.
+        `occluder_spheres` holds the spheres that hide the view of each robot: those of its teammates.
         """
-        R, t = checked_poses(rotations, translations)
-        sight, known = self.sight(map_, self._claimed)
-        histogram = np.zeros((len(R), 2 * sight.n_gray), dtype=np.int64)
+        R, t = validate_camera_poses(rotations, translations)
+        view_tables, map_arrays = self.view_tables(map_, self._in_turn_mask)
+        histogram = np.zeros((len(R), 2 * view_tables.n_gray_bins), dtype=np.int64)
         views = []
         try:
             for robot in range(len(R)):
-                seen = sight.view(known, R[robot], t[robot], bodies[robot] if bodies else None)
-                histogram_of_view(known, *seen, sight.tables, histogram[robot])
+                seen = view_tables.view(
+                    map_arrays,
+                    R[robot],
+                    t[robot],
+                    occluder_spheres[robot] if occluder_spheres else None,
+                )
+                view_histogram(map_arrays, *seen, view_tables.tables, histogram[robot])
                 views.append(seen[0])
-                mark(self._claimed, seen[0], 1)
+                fill_mask(self._in_turn_mask, seen[0], 1)
         finally:
             for cells in views:
-                mark(self._claimed, cells, 0)
-        return sight.entropies(histogram)
+                fill_mask(self._in_turn_mask, cells, 0)
+        return view_tables.entropies(histogram)
 
     def rate(
         self,
@@ -154,13 +167,15 @@ class FieldRatingFunction:
         rotations: ArrayLike,
         translations: ArrayLike,
         distance: ArrayLike,
-        claimed: Claimed = None,
-        bodies: Spheres | None = None,
+        reserved_mask: ReservedMask = None,
+        occluder_spheres: Spheres | None = None,
         coarse: bool = False,
     ) -> Ratings:
         """Eq. 9 of poses: RF = (NI - K d**n) (1 - P); `distance` is d of Eq. 5, shape (k,)."""
-        ni = self.new_information(map_, rotations, translations, claimed, bodies, coarse)
-        return self.compose(map_, translations, distance, ni)
+        ni = self.new_information(
+            map_, rotations, translations, reserved_mask, occluder_spheres, coarse
+        )
+        return self.rate_from_information(map_, translations, distance, ni)
 
     def rate_team(
         self,
@@ -168,17 +183,17 @@ class FieldRatingFunction:
         rotations: ArrayLike,
         translations: ArrayLike,
         distance: ArrayLike,
-        bodies: Sequence[Spheres | None] | None = None,
+        occluder_spheres: Sequence[Spheres | None] | None = None,
     ) -> Ratings:
         """Eq. 9 of one pose for each robot, looking at once.
 
         What a robot sees is left out of the histograms of the robots after it, so that an overlap
         counts once.
         """
-        ni = self.new_information_in_turn(map_, rotations, translations, bodies)
-        return self.compose(map_, translations, distance, ni)
+        ni = self.sequential_new_information(map_, rotations, translations, occluder_spheres)
+        return self.rate_from_information(map_, translations, distance, ni)
 
-    def compose(
+    def rate_from_information(
         self,
         map_: OccupancyMap,
         translations: ArrayLike,
@@ -194,41 +209,41 @@ class FieldRatingFunction:
         index = self.grid.index(translations)
         inside = self.grid.contains(index)
         p = np.ones(len(index))
-        levels = map_.levels[self.grid.flat(index[inside])]
-        p[inside] = map_.range.probability[levels + map_.range.clamp]
+        log_odds_fixed = map_.log_odds_fixed[self.grid.flat_index(index[inside])]
+        p[inside] = map_.log_odds_range.probability[log_odds_fixed + map_.log_odds_range.clamp]
         return p
 
-    def sight(
-        self, map_: OccupancyMap, claimed: Claimed = None, coarse: bool = False
-    ) -> tuple[Sight, Known]:
+    def view_tables(
+        self, map_: OccupancyMap, reserved_mask: ReservedMask = None, coarse: bool = False
+    ) -> tuple[ViewTables, MapArrays]:
         """The camera and what is known, at the map's own resolution or pooled.
 
-        Kernels trust the map and `claimed`, so both are checked here.
+        Kernels trust the map and `reserved_mask`, so both are checked here.
 
         Raises
         ------
         ValueError
-            If the map is of another grid or clamp, or `claimed` of another shape or type.
+            If the map is of another grid or clamp, or `reserved_mask` of another shape or type.
         """
-        if map_.grid != self.grid or map_.range.clamp != self._range.clamp:
+        if map_.grid != self.grid or map_.log_odds_range.clamp != self._range.clamp:
             raise ValueError(
-                f"the map ({map_.grid}, clamp {map_.range.clamp}) is not of the kind that is rated "
+                f"the map ({map_.grid}, clamp {map_.log_odds_range.clamp}) is not of the kind that is rated "
                 f"here ({self.grid}, clamp {self._range.clamp})"
             )
-        if claimed is None:
-            claimed = self._nobody
-        elif claimed.shape != self._nobody.shape or claimed.dtype != np.uint8:
+        if reserved_mask is None:
+            reserved_mask = self._no_reservation
+        elif reserved_mask.shape != self._no_reservation.shape or reserved_mask.dtype != np.uint8:
             raise ValueError(
-                f"claimed must be uint8 of shape {self._nobody.shape}, "
-                f"got {claimed.dtype} of shape {claimed.shape}"
+                f"reserved_mask must be uint8 of shape {self._no_reservation.shape}, "
+                f"got {reserved_mask.dtype} of shape {reserved_mask.shape}"
             )
         if coarse:
-            pooled = pool(map_.levels, map_.sampled_cells, claimed, self.grid)
+            pooled = pool(map_.log_odds_fixed, map_.sampled_mask, reserved_mask, self.grid)
             return self.coarse, (*pooled, self.coarse.grid.shape)
-        return self.fine, (map_.levels, map_.sampled_cells, claimed, self.grid.shape)
+        return self.fine, (map_.log_odds_fixed, map_.sampled_mask, reserved_mask, self.grid.shape)
 
 
-def checked_poses(
+def validate_camera_poses(
     rotations: ArrayLike, translations: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Poses as contiguous arrays (k, 3, 3) and (k, 3).

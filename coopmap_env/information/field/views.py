@@ -4,8 +4,8 @@ First the depth buffer of the pose, then one pass along the runs of its frustum:
 if its depth is within the limit of its pixel. Sparse rays would miss half of the visible voxels,
 dense ones cost six times as much.
 
-`known` is the tuple (levels, sampled, claimed, shape), `bodies` (centres, radii) of spheres in
-cells, `optics` (lens, directions, most runs), `gray` (table, distance class, unknown bin, clamp),
+`map_arrays` is the tuple (levels, sampled, claimed, shape), `occluder_spheres` (centres, radii) of spheres in
+cells, `camera_arrays` (lens, directions, most runs), `gray` (table, distance class, unknown bin, clamp),
 the second and third by the squared distance in quarters of a cell. Positions are in cells.
 """
 
@@ -14,28 +14,28 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from coopmap_env.information.field.depth_buffer import box_of_occluders, depth_limits, is_outside
-from coopmap_env.information.field.frustum import frustum_columns, image_forms
+from coopmap_env.information.field.depth_buffer import depth_limits, is_outside, occluder_bounds
+from coopmap_env.information.field.frustum import frustum_runs, projection_rows
 
-MANY = 8
+MIN_VIEWS_FOR_BOX = 8
 """Poses for which it pays to find the box of the occluders: 200 us against 50 us each."""
 
 
 @njit(cache=True, nogil=True)
-def scratch(optics):
+def allocate_view(camera_arrays):
     """Arrays that hold one view: ray distances, limits, runs, starts."""
-    lens, directions, most = optics
-    w, h = lens[4], lens[5]
+    projection, directions, max_runs = camera_arrays
+    w, h = projection[4], projection[5]
     return (
         np.empty(len(directions)),
         np.empty((w + 1) * (h + 1)),
-        np.empty((most, 2), np.int64),
-        np.empty((most, 5)),
+        np.empty((max_runs, 2), np.int64),
+        np.empty((max_runs, 5)),
     )
 
 
 @njit(cache=True, nogil=True)
-def everywhere():
+def unbounded_box():
     """A box (2, 3) without ends."""
     box = np.empty((2, 3))
     box[0], box[1] = -np.inf, np.inf
@@ -43,31 +43,31 @@ def everywhere():
 
 
 @njit(cache=True, nogil=True)
-def look(known, box, position, R, bodies, optics, work):
+def trace_view(map_arrays, box, position, R, occluder_spheres, camera_arrays, work):
     """Fill depth limits and runs of a pose; return the number of runs and a step in z.
 
     All occluding voxels lie in the `box`.
     """
-    levels, sampled, _, shape = known
-    lens, directions, _ = optics
+    log_odds_fixed, sampled, _, shape = map_arrays
+    projection, directions, _ = camera_arrays
     distances, limits, runs, starts = work
-    forms = image_forms(R, lens)
+    forms = projection_rows(R, projection)
     if is_outside(shape, position):
         return 0, forms[:, 2]
     depth_limits(
-        levels, sampled, shape, box, position, R, lens, directions,
-        bodies[0], bodies[1], distances, limits,
+        log_odds_fixed, sampled, shape, box, position, R, projection, directions,
+        occluder_spheres[0], occluder_spheres[1], distances, limits,
     )  # fmt: skip
-    return frustum_columns(shape, position, R, forms, lens, runs, starts), forms[:, 2]
+    return frustum_runs(shape, position, R, forms, projection, runs, starts), forms[:, 2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # 1 / X unasked
-def _count(known, n, step, stride, work, gray, counts):
+def _add_to_histogram(map_arrays, n, step, stride, work, gray, counts):
     """Add one view to its histogram (see `histograms`)."""
-    levels, sampled, claimed, _ = known
+    log_odds_fixed, sampled, reserved_mask, _ = map_arrays
     table, distance_class, unknown_bin, clamp = gray
     _, limits, runs, starts = work
-    n_gray = len(counts) // 2
+    n_gray_bins = len(counts) // 2
     step_x, step_u, step_v = step[0], step[1], step[2]
     for r in range(n):
         X, U, V, up, flat2 = starts[r, 0], starts[r, 1], starts[r, 2], starts[r, 3], starts[r, 4]
@@ -76,13 +76,16 @@ def _count(known, n, step, stride, work, gray, counts):
             inverse = 1.0 / X
             depth = limits[np.uint64(int(U * inverse) * stride + int(V * inverse))]
             if depth >= X:  # noqa: SIM102 - nested is faster
-                if not claimed[cell]:
+                if not reserved_mask[cell]:
                     d = np.uint64(up * up + flat2)
                     if sampled[cell]:
-                        row, column = np.uint64(distance_class[d]), np.uint64(levels[cell] + clamp)
+                        row, column = (
+                            np.uint64(distance_class[d]),
+                            np.uint64(log_odds_fixed[cell] + clamp),
+                        )
                         counts[np.uint64(table[row, column])] += 1
                     else:
-                        counts[np.uint64(n_gray + unknown_bin[d])] += 1
+                        counts[np.uint64(n_gray_bins + unknown_bin[d])] += 1
             X += step_x
             U += step_u
             V += step_v
@@ -90,31 +93,35 @@ def _count(known, n, step, stride, work, gray, counts):
 
 
 @njit(cache=True, nogil=True)
-def histograms(known, positions, rotations, bodies, optics, gray, out):
-    """Histogram of the gray levels that each pose sees (Eqs. 7, 8), shape (k, 2 n_gray).
+def histograms(map_arrays, positions, rotations, occluder_spheres, camera_arrays, gray, out):
+    """Histogram of the gray levels that each pose sees (Eqs. 7, 8), shape (k, 2 n_gray_bins).
 
     Sampled voxels in the first half of a row, never-sampled ones in the second: the bins of Eq. 7
     are the sum of both.
     """
-    work = scratch(optics)
-    stride = optics[0][5] + 1
-    box = everywhere()
-    if len(positions) >= MANY:
-        box_of_occluders(known[0], known[1], known[3], box)
+    work = allocate_view(camera_arrays)
+    stride = camera_arrays[0][5] + 1
+    box = unbounded_box()
+    if len(positions) >= MIN_VIEWS_FOR_BOX:
+        occluder_bounds(map_arrays[0], map_arrays[1], map_arrays[3], box)
     for p in range(len(positions)):
         for b in range(out.shape[1]):
             out[p, b] = 0
-        n, step = look(known, box, positions[p], rotations[p], bodies, optics, work)
-        _count(known, n, step, stride, work, gray, out[p])
+        n, step = trace_view(
+            map_arrays, box, positions[p], rotations[p], occluder_spheres, camera_arrays, work
+        )
+        _add_to_histogram(map_arrays, n, step, stride, work, gray, out[p])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")  # 1 / X unasked
-def view(known, position, R, bodies, optics):
+def view(map_arrays, position, R, occluder_spheres, camera_arrays):
     """Visible voxels of one pose: flat numbers, and squared distances in quarters of a cell."""
-    work = scratch(optics)
+    work = allocate_view(camera_arrays)
     _, limits, runs, starts = work
-    stride = optics[0][5] + 1
-    n, step = look(known, everywhere(), position, R, bodies, optics, work)
+    stride = camera_arrays[0][5] + 1
+    n, step = trace_view(
+        map_arrays, unbounded_box(), position, R, occluder_spheres, camera_arrays, work
+    )
     size = 0
     for r in range(n):
         size += runs[r, 1]
@@ -136,34 +143,34 @@ def view(known, position, R, bodies, optics):
 
 
 @njit(cache=True, nogil=True)
-def histogram_of_view(known, cells, distances, gray, counts):
+def view_histogram(map_arrays, cells, distances, gray, counts):
     """As `histograms`, from a view that is known already."""
-    levels, sampled, claimed, _ = known
+    log_odds_fixed, sampled, reserved_mask, _ = map_arrays
     table, distance_class, unknown_bin, clamp = gray
-    n_gray = len(counts) // 2
+    n_gray_bins = len(counts) // 2
     for v in range(len(cells)):
         cell, d = cells[v], distances[v]
-        if not claimed[cell]:
+        if not reserved_mask[cell]:
             if sampled[cell]:
-                counts[table[distance_class[d], levels[cell] + clamp]] += 1
+                counts[table[distance_class[d], log_odds_fixed[cell] + clamp]] += 1
             else:
-                counts[n_gray + unknown_bin[d]] += 1
+                counts[n_gray_bins + unknown_bin[d]] += 1
 
 
 @njit(cache=True, nogil=True)
-def mark(claimed, cells, value):
+def fill_mask(reserved_mask, cells, value):
     """Write 1 or 0 at the cells of a view; NumPy takes five times as long with 32-bit numbers."""
     for cell in cells:
-        claimed[np.uint64(cell)] = value
+        reserved_mask[np.uint64(cell)] = value
 
 
 @njit(cache=True, nogil=True)
-def entropies(histogram, minus_q_ln_q, out):
+def entropies(histogram, entropy_terms, out):
     """NI of each row of `histograms` (Eq. 6); a bin of N or more holds all, and tells nothing."""
-    n_gray = histogram.shape[1] // 2
-    full = len(minus_q_ln_q) - 1
+    n_gray_bins = histogram.shape[1] // 2
+    full = len(entropy_terms) - 1
     for p in range(len(histogram)):
         h = 0.0
-        for b in range(n_gray):
-            h += minus_q_ln_q[min(histogram[p, b] + histogram[p, n_gray + b], full)]
+        for b in range(n_gray_bins):
+            h += entropy_terms[min(histogram[p, b] + histogram[p, n_gray_bins + b], full)]
         out[p] = h

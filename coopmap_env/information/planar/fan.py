@@ -23,7 +23,7 @@ BEAMS_PER_WORD = 64
 
 
 @dataclass(frozen=True)
-class Fan:
+class BeamFan:
     """The cells of an unobstructed view, for every heading of a lattice.
 
     The cells of heading h are entries `start[h]` to `start[h + 1]` of the arrays.
@@ -48,17 +48,17 @@ class Fan:
         return len(self.start) - 1
 
     @cached_property
-    def reach(self) -> int:
+    def max_offset(self) -> int:
         """Largest offset along an axis, cells."""
         return int(np.abs(self.offsets).max())
 
     @cached_property
-    def n_visible(self) -> int:
+    def max_visible_cells(self) -> int:
         """N of Eq. 7: the most cells that the camera can see, in empty space; a constant."""
         return int(np.diff(self.start).max())
 
     @classmethod
-    def of(cls, camera: PlanarCamera, resolution: float, n_headings: int) -> Fan:
+    def from_camera(cls, camera: PlanarCamera, resolution: float, n_headings: int) -> BeamFan:
         """Prepare the fan of a camera on cells of `resolution` metres."""
         depth = camera.depth_of_field / resolution
         words = -(-camera.n_beams // BEAMS_PER_WORD)
@@ -72,12 +72,12 @@ class Fan:
             offsets=offsets.astype(np.int16),
             beams=np.concatenate([bits for _, bits in lists]),
             distance=np.hypot(*offsets.T.astype(np.float64)),
-            all_beams=_bits(range(camera.n_beams), words),
+            all_beams=_beam_mask(range(camera.n_beams), words),
             depth=depth,
         )
 
 
-def _bits(beams: range, words: int) -> NDArray[np.uint64]:
+def _beam_mask(beams: range, words: int) -> NDArray[np.uint64]:
     value = sum(1 << beam for beam in beams)
     mask = (1 << BEAMS_PER_WORD) - 1
     return np.array([value >> (BEAMS_PER_WORD * w) & mask for w in range(words)], dtype=np.uint64)

@@ -19,24 +19,24 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.information.entropy import entropy
-from coopmap_env.information.planar.fan import BEAMS_PER_WORD, Fan
+from coopmap_env.information.planar.fan import BEAMS_PER_WORD, BeamFan
 from coopmap_env.information.planar.rating import RatingFunction
 from coopmap_env.mapping import OccupancyMap
 
-UNREACHABLE = 1e-3
+MIN_REACH_PROBABILITY = 1e-3
 """A beam that gets no further than with this probability is not followed."""
 
 
-def checked_expectation(prior: float, known: float) -> tuple[float, float]:
-    """The prior, and the entropy that counts for nothing; see `BeamInformation`."""
+def validate_prior(prior: float, known_probability: float) -> tuple[float, float]:
+    """The prior, and the entropy that counts for nothing; see `MutualInformation`."""
     if not 0 < prior < 1:
         raise ValueError(f"prior must lie in (0, 1), got {prior!r}")
-    if not 0.5 < known <= 1:
-        raise ValueError(f"known must lie in (0.5, 1], got {known!r}")
-    return float(prior), entropy([known, 1.0 - known])
+    if not 0.5 < known_probability <= 1:
+        raise ValueError(f"known_probability must lie in (0.5, 1], got {known_probability!r}")
+    return float(prior), entropy([known_probability, 1.0 - known_probability])
 
 
-class BeamInformation:
+class MutualInformation:
     """Mutual information of lattice poses.
 
     Parameters
@@ -53,33 +53,35 @@ class BeamInformation:
     Raises
     ------
     ValueError
-        If `prior` does not lie in (0, 1), or `known` not in (0.5, 1].
+        If `prior` does not lie in (0, 1), or `known_probability` not in (0.5, 1].
     """
 
-    def __init__(self, rating: RatingFunction, prior: float = 0.5, known: float = 1.0) -> None:
-        self._prior, self._residue = checked_expectation(prior, known)
+    def __init__(
+        self, rating: RatingFunction, prior: float = 0.5, known_probability: float = 1.0
+    ) -> None:
+        self._prior, self._known_entropy = validate_prior(prior, known_probability)
         self._rating = rating
         self._fan = rating.fan
         self._start, self._entries = _entries_of_beams(rating.fan)
-        self._nobody = np.zeros(rating.lattice.grid.n_cells, dtype=np.uint8)
+        self._no_reservation = np.zeros(rating.lattice.grid.n_cells, dtype=np.uint8)
 
     def mutual_information(
-        self, map_: OccupancyMap, ids: ArrayLike, claimed: NDArray[np.uint8] | None = None
+        self, map_: OccupancyMap, ids: ArrayLike, reserved_mask: NDArray[np.uint8] | None = None
     ) -> NDArray[np.float64]:
-        """Nats, shape (k,), of lattice poses `ids` (k,); `claimed` cells are left out."""
-        ids = self._rating.check(map_, ids)
+        """Nats, shape (k,), of lattice poses `ids` (k,); `reserved_mask` cells are left out."""
+        ids = self._rating.validate_ids(map_, ids)
         out = np.empty(len(ids))
         nx, ny = map_.grid.shape
         mutual_information(
-            map_.levels, map_.sampled_cells, self._nobody if claimed is None else claimed,
+            map_.log_odds_fixed, map_.sampled_mask, self._no_reservation if reserved_mask is None else reserved_mask,
             nx, ny, ids, self._fan.start, self._fan.offsets, self._start, self._entries,
-            map_.range.probability, map_.range.entropy, map_.range.clamp,
-            self._prior, entropy([self._prior, 1.0 - self._prior]), self._residue, out,
+            map_.log_odds_range.probability, map_.log_odds_range.entropy, map_.log_odds_range.clamp,
+            self._prior, entropy([self._prior, 1.0 - self._prior]), self._known_entropy, out,
         )  # fmt: skip
         return out
 
 
-def _entries_of_beams(fan: Fan) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _entries_of_beams(fan: BeamFan) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """For each heading and beam the fan entries that it crosses, in order.
 
     Those of heading h and beam b are `entries[start[h, b] : start[h, b + 1]]`.
@@ -103,8 +105,8 @@ def _entries_of_beams(fan: Fan) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
 
 @njit(cache=True, nogil=True)
 def mutual_information(
-    levels, sampled, claimed, nx, ny, poses, fan_start, offsets, start, entries,
-    probability, entropy, clamp, prior, prior_entropy, residue, out,
+    log_odds_fixed, sampled, reserved_mask, nx, ny, poses, fan_start, offsets, start, entries,
+    probability, entropy, clamp, prior, prior_entropy, known_entropy, out,
 ):  # fmt: skip
     """Sum of v_k H(p_k) over the cells of each pose's fan, v_k of the luckiest beam."""
     n_headings, n_beams = start.shape[0], start.shape[1] - 1
@@ -113,23 +115,25 @@ def mutual_information(
         cell, heading = poses[p] // n_headings, poses[p] % n_headings
         x, y = cell // ny, cell % ny
         for beam in range(n_beams):
-            chance = 1.0
+            reach_probability = 1.0
             for e in range(start[heading, beam], start[heading, beam + 1]):
                 k = entries[e]
                 i, j = x + offsets[k, 0], y + offsets[k, 1]
                 if i < 0 or i >= nx or j < 0 or j >= ny:
                     break
-                reached[k] = max(reached[k], chance)
+                reached[k] = max(reached[k], reach_probability)
                 at = i * ny + j
-                chance *= 1.0 - (probability[levels[at] + clamp] if sampled[at] else prior)
-                if chance < UNREACHABLE:
+                reach_probability *= 1.0 - (
+                    probability[log_odds_fixed[at] + clamp] if sampled[at] else prior
+                )
+                if reach_probability < MIN_REACH_PROBABILITY:
                     break
         total = 0.0
         for k in range(fan_start[heading], fan_start[heading + 1]):
             if reached[k] > 0.0:
                 at = (x + offsets[k, 0]) * ny + y + offsets[k, 1]
-                if not claimed[at]:
-                    h = entropy[levels[at] + clamp] if sampled[at] else prior_entropy
-                    total += reached[k] * max(h - residue, 0.0)
+                if not reserved_mask[at]:
+                    h = entropy[log_odds_fixed[at] + clamp] if sampled[at] else prior_entropy
+                    total += reached[k] * max(h - known_entropy, 0.0)
                 reached[k] = 0.0
         out[p] = total

@@ -1,8 +1,8 @@
 """Kernels over the cells that a pose would see on the known map.
 
-A pose is a lattice number; `fan` is the tuple (start, offsets, beams, all_beams, reach) of a `Fan`.
+A pose is a lattice number; `fan` is the tuple (start, offsets, beams, all_beams, reach) of a `BeamFan`.
 A sampled cell with P >= 1/2 is taken as occupied and ends the beams that cross it; unknown cells
-let them pass. `claimed` marks cells that a teammate is about to see: they are not counted.
+let them pass. `reserved_mask` marks cells that a teammate is about to see: they are not counted.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def all_inside(numbers, n):
+def are_all_below(numbers, n):
     """Whether every number lies in 0 ... n - 1."""
     outside = 0
     for k in range(len(numbers)):
@@ -21,7 +21,7 @@ def all_inside(numbers, n):
 
 
 @njit(cache=True, nogil=True)
-def most_visible(fan):
+def largest_fan_size(fan):
     """Cells of the largest fan: as many as a view can show."""
     start = fan[0]
     most = 0
@@ -31,7 +31,7 @@ def most_visible(fan):
 
 
 @njit(cache=True, nogil=True)
-def view(levels, sampled, nx, ny, pose, fan, alive, visible, entries):
+def find_visible_cells(log_odds_fixed, sampled, nx, ny, pose, fan, alive, visible, entries):
     """Write the visible cells and their entries in the fan; return how many there are."""
     start, offsets, beams, all_beams, _ = fan
     n_headings = len(start) - 1
@@ -45,16 +45,16 @@ def view(levels, sampled, nx, ny, pose, fan, alive, visible, entries):
         i, j = x + offsets[k, 0], y + offsets[k, 1]
         if i < 0 or i >= nx or j < 0 or j >= ny:
             continue
-        lit = np.uint64(0)
+        visible_beams = np.uint64(0)
         for w in range(words):
-            lit |= alive[w] & beams[k, w]
-        if lit == 0:
+            visible_beams |= alive[w] & beams[k, w]
+        if visible_beams == 0:
             continue
         seen = i * ny + j
         visible[count] = seen
         entries[count] = k
         count += 1
-        if sampled[seen] and levels[seen] >= 0:
+        if sampled[seen] and log_odds_fixed[seen] >= 0:
             left = np.uint64(0)
             for w in range(words):
                 alive[w] &= ~beams[k, w]
@@ -65,7 +65,9 @@ def view(levels, sampled, nx, ny, pose, fan, alive, visible, entries):
 
 
 @njit(cache=True, nogil=True)
-def entropy_of_view(levels, sampled, claimed, visible, entries, n, gray, minus_q_ln_q, counts):
+def view_information(
+    log_odds_fixed, sampled, reserved_mask, visible, entries, n, gray, entropy_terms, counts
+):
     """NI of one view, and its never-sampled cells.
 
     NI is the gray levels' histogram (Eqs. 7, 8), then H (Eq. 6) from a table. `gray` is (table,
@@ -75,58 +77,82 @@ def entropy_of_view(levels, sampled, claimed, visible, entries, n, gray, minus_q
     unknown = 0
     for v in range(n):
         cell, k = visible[v], entries[v]
-        if claimed[cell]:
+        if reserved_mask[cell]:
             continue
         if sampled[cell]:
-            counts[table[distance_class[k], levels[cell] + clamp]] += 1
+            counts[table[distance_class[k], log_odds_fixed[cell] + clamp]] += 1
         else:
             counts[unknown_bin[k]] += 1
             unknown += 1
     h = 0.0
     for b in range(len(counts)):
-        h += minus_q_ln_q[counts[b]]
+        h += entropy_terms[counts[b]]
         counts[b] = 0
     return h, unknown
 
 
 @njit(cache=True, nogil=True)
-def views(
-    levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, ni, unknown
+def evaluate_views(
+    log_odds_fixed, sampled, reserved_mask, nx, ny, poses, fan, gray, entropy_terms, n_gray_bins, ni, unknown
 ):  # fmt: skip
     """NI (Eqs. 6-8) of each pose, and how many never-sampled cells it sees."""
     if len(fan[3]) == 1:
-        _views_of_64_beams(
-            levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, ni, unknown
+        _evaluate_views_64_beams(
+            log_odds_fixed,
+            sampled,
+            reserved_mask,
+            nx,
+            ny,
+            poses,
+            fan,
+            gray,
+            entropy_terms,
+            n_gray_bins,
+            ni,
+            unknown,
         )
         return
-    size = most_visible(fan)
+    size = largest_fan_size(fan)
     alive = np.empty(len(fan[3]), np.uint64)
     visible = np.empty(size, np.int64)
     entries = np.empty(size, np.int64)
-    counts = np.zeros(n_gray, np.int64)
+    counts = np.zeros(n_gray_bins, np.int64)
     for p in range(len(poses)):
-        n = view(levels, sampled, nx, ny, poses[p], fan, alive, visible, entries)
-        ni[p], unknown[p] = entropy_of_view(
-            levels, sampled, claimed, visible, entries, n, gray, minus_q_ln_q, counts
+        n = find_visible_cells(
+            log_odds_fixed, sampled, nx, ny, poses[p], fan, alive, visible, entries
+        )
+        ni[p], unknown[p] = view_information(
+            log_odds_fixed, sampled, reserved_mask, visible, entries, n, gray, entropy_terms, counts
         )
 
 
 @njit(cache=True, nogil=True)
-def _views_of_64_beams(
-    levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, ni, unknown
+def _evaluate_views_64_beams(
+    log_odds_fixed,
+    sampled,
+    reserved_mask,
+    nx,
+    ny,
+    poses,
+    fan,
+    gray,
+    entropy_terms,
+    n_gray_bins,
+    ni,
+    unknown,
 ):
-    """`view` and `entropy_of_view` in one pass, for cameras whose beams fit one word.
+    """`find_visible_cells` and `view_information` in one pass, for cameras whose beams fit one word.
 
     This is where planners spend their time; it takes a third of the two passes.
     """
-    start, offsets, beams, all_beams, reach = fan
+    start, offsets, beams, all_beams, max_offset = fan
     table, distance_class, unknown_bin, clamp = gray
     n_headings = len(start) - 1
-    counts = np.zeros(n_gray, np.int64)
+    counts = np.zeros(n_gray_bins, np.int64)
     for p in range(len(poses)):
         cell, heading = poses[p] // n_headings, poses[p] % n_headings
         x, y = cell // ny, cell % ny
-        inland = reach <= x < nx - reach and reach <= y < ny - reach
+        is_interior = max_offset <= x < nx - max_offset and max_offset <= y < ny - max_offset
         alive = all_beams[0]
         n_unknown = 0
         for entry in range(start[heading], start[heading + 1]):
@@ -135,54 +161,74 @@ def _views_of_64_beams(
             if alive & bits == 0:
                 continue
             i, j = x + offsets[k, 0], y + offsets[k, 1]
-            if not inland and (i < 0 or i >= nx or j < 0 or j >= ny):
+            if not is_interior and (i < 0 or i >= nx or j < 0 or j >= ny):
                 continue
             seen = np.uint64(i * ny + j)
             if sampled[seen]:
-                level = levels[seen]
-                if not claimed[seen]:
+                level = log_odds_fixed[seen]
+                if not reserved_mask[seen]:
                     row, column = np.uint64(distance_class[k]), np.uint64(level + clamp)
                     counts[np.uint64(table[row, column])] += 1
                 if level >= 0:
                     alive &= ~bits
                     if alive == 0:
                         break
-            elif not claimed[seen]:
+            elif not reserved_mask[seen]:
                 counts[np.uint64(unknown_bin[k])] += 1
                 n_unknown += 1
         h = 0.0
-        for b in range(n_gray):
-            h += minus_q_ln_q[counts[b]]
+        for b in range(n_gray_bins):
+            h += entropy_terms[counts[b]]
             counts[b] = 0
         ni[p], unknown[p] = h, n_unknown
 
 
 @njit(cache=True, nogil=True)
-def new_information_in_turn(
-    levels, sampled, claimed, nx, ny, poses, fan, gray, minus_q_ln_q, n_gray, out
+def sequential_new_information(
+    log_odds_fixed,
+    sampled,
+    reserved_mask,
+    nx,
+    ny,
+    poses,
+    fan,
+    gray,
+    entropy_terms,
+    n_gray_bins,
+    out,
 ):
-    """NI of each pose without what the poses before it see; leaves `claimed` as it was (zeros)."""
-    size = most_visible(fan)
+    """NI of each pose without what the poses before it see; leaves `reserved_mask` as it was (zeros)."""
+    size = largest_fan_size(fan)
     alive = np.empty(len(fan[3]), np.uint64)
     visible = np.empty((len(poses), size), np.int64)
     entries = np.empty(size, np.int64)
-    counts = np.zeros(n_gray, np.int64)
+    counts = np.zeros(n_gray_bins, np.int64)
     seen = np.zeros(len(poses), np.int64)
     for p in range(len(poses)):
-        seen[p] = view(levels, sampled, nx, ny, poses[p], fan, alive, visible[p], entries)
-        out[p], _ = entropy_of_view(
-            levels, sampled, claimed, visible[p], entries, seen[p], gray, minus_q_ln_q, counts
+        seen[p] = find_visible_cells(
+            log_odds_fixed, sampled, nx, ny, poses[p], fan, alive, visible[p], entries
+        )
+        out[p], _ = view_information(
+            log_odds_fixed,
+            sampled,
+            reserved_mask,
+            visible[p],
+            entries,
+            seen[p],
+            gray,
+            entropy_terms,
+            counts,
         )
         for v in range(seen[p]):
-            claimed[visible[p, v]] = 1
+            reserved_mask[visible[p, v]] = 1
     for p in range(len(poses)):
         for v in range(seen[p]):
-            claimed[visible[p, v]] = 0
+            reserved_mask[visible[p, v]] = 0
 
 
 @njit(cache=True, nogil=True)
-def compose(
-    levels, ny, poses, current, lattice, weights, probability, clamp, ni, d, cost, p, rating
+def rate_poses(
+    log_odds_fixed, ny, poses, current, lattice, weights, probability, clamp, ni, d, cost, p, rating
 ):
     """Eqs. 5 and 9 of each pose from its NI; writes d, K d**n, P and RF.
 
@@ -201,6 +247,6 @@ def compose(
         turns = abs(heading - facing)
         angle = min(turns, n_headings - turns) * turn
         d[k] = np.sqrt(alpha_position * (dx * dx + dy * dy) + alpha_heading * angle * angle)
-        p[k] = probability[levels[cell] + clamp]
+        p[k] = probability[log_odds_fixed[cell] + clamp]
         cost[k] = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power costs 20 ns
         rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])

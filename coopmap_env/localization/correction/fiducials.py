@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.correction.peaks import ball, choose
-from coopmap_env.mapping.log_odds import level_of
+from coopmap_env.localization.correction.peaks import ball_offsets, select_peaks
+from coopmap_env.mapping.log_odds import to_log_odds_fixed
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 from coopmap_env.sensing.depth_camera import DepthCamera
 
@@ -40,45 +40,45 @@ class FiducialSettings:
         With the value, if one is out of range.
     """
 
-    number: int = 32
+    max_fiducials: int = 32
     """Kept at most: the error of a pose falls with its root, the time to track grows with it."""
-    least_peak: float = 0.9
+    min_peak_probability: float = 0.9
     """Probability: surer voxels are better fiducials (section 2.5). 0.6 would hardly add any, for
     next to a surface most voxels have a neighbour that is surer."""
-    least_rise: float = 0.05
+    min_rise: float = 0.05
     """Probability by which a value must exceed that of its neighbour nearer to the peak to end the
     ball: on a surface values differ by hundredths that say nothing of its shape."""
-    largest_radius: float = 0.4
+    max_radius: float = 0.4
     """Metres: what is larger shows more of itself from one side than from another."""
-    spacing: float = 0.3
+    min_spacing: float = 0.3
     """Metres between new fiducials and all others: neighbours err alike, and near to each other
     they fix no rotation."""
-    farthest: float = 5.0
+    max_distance: float = 5.0
     """Metres from the camera: there the range error of Eq. 1 is 4 cm, twice as large as that of a
     position predicted from the encoders."""
-    border: float = 0.1
+    border_fraction: float = 0.1
     """Share of the half field of view, at its edge, in which none is newly chosen: it would soon
     leave the view, and half of its region may be outside."""
-    occlusion_slack: float = 0.3
+    occlusion_tolerance: float = 0.3
     """Metres in front of a fiducial in which occupied voxels do not hide it: a ray that meets the
     ground at a slope of 1 : 3 runs through the ground's own voxels for as long."""
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.number, int | np.integer) and self.number >= 1):
+        if not (isinstance(self.max_fiducials, int | np.integer) and self.max_fiducials >= 1):
             raise ValueError(
-                f"FiducialSettings.number must be a whole number of at least 1: {self.number}"
+                f"FiducialSettings.max_fiducials must be a whole number of at least 1: {self.max_fiducials}"
             )
-        if not 0.5 < self.least_peak < 1:
+        if not 0.5 < self.min_peak_probability < 1:
             raise ValueError(
-                f"FiducialSettings.least_peak must lie in (0.5, 1), got {self.least_peak}"
+                f"FiducialSettings.min_peak_probability must lie in (0.5, 1), got {self.min_peak_probability}"
             )
-        for name in ("least_rise", "border"):
+        for name in ("min_rise", "border_fraction"):
             if not 0 <= getattr(self, name) < 1:
                 raise ValueError(
                     f"FiducialSettings.{name} must lie in [0, 1), got {getattr(self, name)}"
                 )
-        for name in ("largest_radius", "farthest", "spacing", "occlusion_slack"):
-            value, positive = getattr(self, name), name in ("largest_radius", "farthest")
+        for name in ("max_radius", "max_distance", "min_spacing", "occlusion_tolerance"):
+            value, positive = getattr(self, name), name in ("max_radius", "max_distance")
             if not (math.isfinite(value) and value >= 0) or (positive and value == 0):
                 bound = "> 0" if positive else ">= 0"
                 raise ValueError(
@@ -105,7 +105,7 @@ class Fiducials:
 
     def __post_init__(self) -> None:
         k = len(self.cells)
-        shapes = [getattr(self, part.name).shape for part in fields(self)]
+        shapes = [getattr(self, entry.name).shape for entry in fields(self)]
         if shapes != [(k,), (k, 3), (k, 3, 3), (k,), (k,), (k,)]:
             raise ValueError(f"arrays of {k} fiducials cannot have the shapes {shapes}")
 
@@ -113,12 +113,12 @@ class Fiducials:
         return len(self.cells)
 
 
-def select(
+def select_fiducials(
     map_: OccupancyMap,
     T_world_camera: Pose,
     camera: DepthCamera,
     settings: FiducialSettings | None = None,
-    kept: Fiducials | None = None,
+    previous: Fiducials | None = None,
 ) -> Fiducials:
     """Choose the fiducials that a camera is expected to see from a pose (section 2.5).
 
@@ -145,7 +145,7 @@ def select(
     Raises
     ------
     ValueError
-        If the map or the pose is planar, or `kept` are not of this map.
+        If the map or the pose is planar, or `previous` are not of this map.
     """
     settings = settings or FiducialSettings()
     grid = map_.grid
@@ -154,30 +154,34 @@ def select(
             f"fiducials are chosen in space: a map {grid.shape}, "
             f"a camera at {T_world_camera.translation}"
         )
-    before = np.empty(0, dtype=np.int64) if kept is None else kept.cells
-    if len(before) and not (before.min() >= 0 and before.max() < grid.n_cells):
-        raise ValueError(f"fiducials to keep must be voxels in [0, {grid.n_cells}), got {before}")
-    position, scale = grid.cells(T_world_camera.translation), grid.resolution
-    k, n = int(settings.number), 0
+    previous_cells = np.empty(0, dtype=np.int64) if previous is None else previous.cells
+    if len(previous_cells) and not (
+        previous_cells.min() >= 0 and previous_cells.max() < grid.n_cells
+    ):
+        raise ValueError(
+            f"fiducials to keep must be voxels in [0, {grid.n_cells}), got {previous_cells}"
+        )
+    position, scale = grid.to_cell_units(T_world_camera.translation), grid.resolution
+    k, n = int(settings.max_fiducials), 0
     cells, radii, scores = np.empty(k, dtype=np.int64), np.empty(k), np.empty(k)
     positions, covariances = np.empty((k, 3)), np.empty((k, 3, 3))
     if grid.contains(np.floor(position)):
-        lens = (
+        frustum = (
             math.tan(camera.horizontal_field_of_view / 2),
             math.tan(camera.vertical_field_of_view / 2),
-            camera.near / scale, min(camera.far, settings.farthest) / scale,
+            camera.near / scale, min(camera.far, settings.max_distance) / scale,
         )  # fmt: skip
-        largest = settings.largest_radius / scale
-        n = choose(
-            (map_.levels, map_.sampled_cells, map_._precision, map_._vector, grid.shape3, scale),
-            (np.ascontiguousarray(T_world_camera.rotation), position, lens),
-            (map_.range.probability, ball(largest), settings.least_rise, largest),
-            level_of(settings.least_peak), settings.border,
-            settings.spacing / scale, settings.occlusion_slack / scale,
-            np.ascontiguousarray(before, dtype=np.int64),
+        max_radius = settings.max_radius / scale
+        n = select_peaks(
+            (map_.log_odds_fixed, map_.sampled_mask, map_._precision, map_._information_vector, grid.shape_3d, scale),
+            (np.ascontiguousarray(T_world_camera.rotation), position, frustum),
+            (map_.log_odds_range.probability, ball_offsets(max_radius), settings.min_rise, max_radius),
+            to_log_odds_fixed(settings.min_peak_probability), settings.border_fraction,
+            settings.min_spacing / scale, settings.occlusion_tolerance / scale,
+            np.ascontiguousarray(previous_cells, dtype=np.int64),
             cells, positions, covariances, radii, scores,
         )  # fmt: skip
     cells = cells[:n]
-    peaks = map_.range.probability[map_.levels[cells] + map_.range.clamp]
+    peaks = map_.log_odds_range.probability[map_.log_odds_fixed[cells] + map_.log_odds_range.clamp]
     positions = positions[:n] * scale + np.array(grid.origin)
     return Fiducials(cells, positions, covariances[:n], radii[:n] * scale, peaks, scores[:n])

@@ -14,7 +14,7 @@ from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 Array = NDArray[np.float64]
 
 
-class Surfaces(NamedTuple):
+class ScanSurfaces(NamedTuple):
     """What one look saw, in the camera frame; n pixels, row by row."""
 
     points: Array
@@ -22,22 +22,22 @@ class Surfaces(NamedTuple):
     normals: Array
     """Shape (n, 3), see `SurfaceNormals`."""
     planar: NDArray[np.bool_]
-    tilts: Array
+    normal_variances: Array
     deviations: Array
     """Shape (n,): S T_depth d^n of Eq. 1, metres; 0 where nothing was measured."""
 
     @classmethod
-    def of(cls, cloud: PointCloud, camera: DepthCamera, noise: RangeNoise) -> Surfaces:
+    def from_cloud(cls, cloud: PointCloud, camera: DepthCamera, noise: RangeNoise) -> ScanSurfaces:
         """The surfaces of a look."""
         points = np.ascontiguousarray(cloud.points, dtype=np.float64)
-        normals, tilts, planar = surface_normals(cloud, camera, noise)
+        normals, normal_variances, planar = surface_normals(cloud, camera, noise)
         distances = np.sqrt(np.einsum("ni,ni->n", points, points))
         sigma = noise.intrinsic * noise.depth * distances**noise.exponent
         deviations = np.where(cloud.hit, np.maximum(sigma, 1e-6), 0.0)
-        return cls(points, normals, planar, tilts, deviations)
+        return cls(points, normals, planar, normal_variances, deviations)
 
 
-class Keyframes:
+class KeyframeBuffer:
     """Room for a number of looks; each lies in a slot, in which kernels find it.
 
     Parameters
@@ -48,7 +48,7 @@ class Keyframes:
 
     def __init__(self, capacity: int, n_pixels: int) -> None:
         c, n = capacity, n_pixels
-        self.surfaces = Surfaces(
+        self.surfaces = ScanSurfaces(
             np.zeros((c, n, 3)), np.zeros((c, n, 3)), np.zeros((c, n), dtype=np.bool_),
             np.zeros((c, n)), np.zeros((c, n)),
         )  # fmt: skip
@@ -61,7 +61,7 @@ class Keyframes:
     def __len__(self) -> int:
         return len(self.slots)
 
-    def add(self, look: Surfaces) -> None:
+    def add(self, scan: ScanSurfaces) -> None:
         """Keep one more look.
 
         Raises
@@ -73,15 +73,15 @@ class Keyframes:
         if not free:
             raise ValueError(f"no room for more than {len(self.slots)} looks: remove one first")
         slot = min(free)
-        for kept, new in zip(self.surfaces, look, strict=True):
-            kept[slot] = new
+        for stored, new in zip(self.surfaces, scan, strict=True):
+            stored[slot] = new
         self.slots.append(slot)
 
-    def place(self, cameras: list[Pose]) -> None:
+    def set_camera_poses(self, cameras: list[Pose]) -> None:
         """Say where the cameras of all looks are taken to be, in their order."""
         for slot, camera in zip(self.slots, cameras, strict=True):
             self.rotations[slot], self.translations[slot] = camera.rotation, camera.translation
 
-    def remove(self, number: int) -> None:
+    def remove(self, index: int) -> None:
         """Give up a look; the later ones move up."""
-        del self.slots[number]
+        del self.slots[index]

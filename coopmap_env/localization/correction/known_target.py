@@ -14,12 +14,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
-from coopmap_env.localization.depth_rendering import Pinhole, expect
+from coopmap_env.localization.depth_rendering import PinholeIntrinsics, render_depth
 from coopmap_env.localization.target import TargetModel
 
-JUMP = 0.1
+MAX_DEPTH_RESIDUAL = 0.1
 """Metres along a beam, besides 3 sigma, by which a pixel may miss the surface it should see."""
-GRAZING = 0.15
+MIN_INCIDENCE_COSINE = 0.15
 """Least cosine between a surface's normal and the beam: of a face that is seen edge-on, a small
 error of the pose decides whether a pixel is on it or on the next one, and it would tell of what is
 not seen at all."""
@@ -33,20 +33,20 @@ class KnownTarget:
     model : TargetModel
         In the world frame, which is the target's.
     lens : tuple
-        See `pinhole`.
+        See `pinhole_intrinsics`.
     spacing : float
         Metres between fiducials.
     """
 
-    def __init__(self, model: TargetModel, lens: Pinhole, spacing: float) -> None:
+    def __init__(self, model: TargetModel, intrinsics: PinholeIntrinsics, spacing: float) -> None:
         self.model = model
-        self._lens = lens
-        self.centers = _spaced(model.samples[0], spacing)
+        self._intrinsics = intrinsics
+        self.centers = _one_per_cube(model.samples[0], spacing)
         """Fiducials (k, 3) on the target."""
-        n = lens[0] * lens[1]
-        self._depth, self._seen = np.empty(n), np.empty(n, dtype=np.int64)
+        n = intrinsics[0] * intrinsics[1]
+        self._depth, self._triangle_index = np.empty(n), np.empty(n, dtype=np.int64)
 
-    def expect(
+    def label_pixels(
         self,
         camera: Pose,
         points: NDArray[np.float64],
@@ -55,9 +55,9 @@ class KnownTarget:
         deviations: NDArray[np.float64],
         first_label: int,
         labels: NDArray[np.int32],
-        known: NDArray[np.float64],
+        target_planes: NDArray[np.float64],
     ) -> None:
-        """Fill `known` (n, 6) and overwrite the labels (n,) of pixels that see the target.
+        """Fill `target_planes` (n, 6) and overwrite the labels (n,) of pixels that see the target.
 
         Parameters
         ----------
@@ -72,44 +72,48 @@ class KnownTarget:
         """
         T = camera.inverse()
         R, t = np.ascontiguousarray(T.rotation), np.ascontiguousarray(T.translation)
-        expect(self.model.triangles, R, t, self._lens, self._depth, self._seen)
-        tell_known(
-            points, normals, planar, deviations, self._depth, self._seen, self._lens,
-            self.model.normals, self.model.corners, self.centers, camera.rotation,
-            camera.translation, first_label, labels, known,
+        render_depth(
+            self.model.triangles, R, t, self._intrinsics, self._depth, self._triangle_index
+        )
+        label_target_pixels(
+            points, normals, planar, deviations, self._depth, self._triangle_index, self._intrinsics,
+            self.model.normals, self.model.plane_points, self.centers, camera.rotation,
+            camera.translation, first_label, labels, target_planes,
         )  # fmt: skip
 
 
-def _spaced(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+def _one_per_cube(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     """The middle one of the points (n, 3) in each cube of the grid of that spacing."""
     _, cube = np.unique(np.floor(points / spacing), axis=0, return_inverse=True)
     cube = cube.ravel()
     count = np.bincount(cube)
-    middle = np.stack([np.bincount(cube, points[:, i]) for i in range(3)], axis=1) / count[:, None]
-    away = np.linalg.norm(points - middle[cube], axis=1)
-    order = np.lexsort((away, cube))
+    centroids = (
+        np.stack([np.bincount(cube, points[:, i]) for i in range(3)], axis=1) / count[:, None]
+    )
+    distances = np.linalg.norm(points - centroids[cube], axis=1)
+    order = np.lexsort((distances, cube))
     _, first = np.unique(cube[order], return_index=True)
     return np.ascontiguousarray(points[order[first]])
 
 
 @njit(cache=True, nogil=True)
-def tell_known(
-    points, normals, planar, deviations, depth, seen, lens, plane_normals, corners, centers,
-    R, t, first_label, labels, known,
+def label_target_pixels(
+    points, normals, planar, deviations, depth, triangle_index, intrinsics, plane_normals, plane_points, centers,
+    R, t, first_label, labels, target_planes,
 ):  # fmt: skip
-    """`KnownTarget.expect`, with what `expected_view.expect` filled."""
-    width, height, _, _ = lens
+    """`KnownTarget.label_pixels`, with what `render_depth` filled."""
+    width, height, _, _ = intrinsics
     q = np.empty(3)
     for row in range(height):
         for column in range(width):
             k = row * width + column
-            known[k] = 0.0
-            m = seen[k]
+            target_planes[k] = 0.0
+            m = triangle_index[k]
             if m < 0:
                 continue
             if deviations[k] == 0.0:
                 continue
-            if abs(points[k, 0] - depth[k]) > JUMP + 3.0 * deviations[k]:
+            if abs(points[k, 0] - depth[k]) > MAX_DEPTH_RESIDUAL + 3.0 * deviations[k]:
                 continue
             n = plane_normals[m]
             facing, distance = 0.0, 0.0
@@ -117,7 +121,7 @@ def tell_known(
                 for j in range(3):
                     facing -= n[i] * R[i, j] * points[k, j]
                 distance += points[k, i] * points[k, i]
-            if facing < GRAZING * math.sqrt(distance):
+            if facing < MIN_INCIDENCE_COSINE * math.sqrt(distance):
                 continue
             if planar[k]:
                 cosine = 0.0
@@ -141,5 +145,5 @@ def tell_known(
                     nearest, best = d, c
             labels[k] = first_label + best
             for i in range(3):
-                known[k, i] = n[i]
-                known[k, 3 + i] = corners[m, i]
+                target_planes[k, i] = n[i]
+                target_planes[k, 3 + i] = plane_points[m, i]

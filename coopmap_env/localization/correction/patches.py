@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from coopmap_env.localization.correction.settings import CorrectionSettings
 
-KNOWN = -1
+TARGET_SOURCE = -1
 """The source of what is known of the target: its triangles."""
-FACING = 0.85
+MIN_NORMAL_COSINE = 0.85
 """Least cosine between the normals of two surfaces that are held against each other."""
 N_SUMS = 18
-LEAST_VARIANCE = 1e-8
+MIN_VARIANCE = 1e-8
 """Square metres: a camera without noise still has pixels."""
 
 
@@ -36,14 +36,14 @@ class Patches(NamedTuple):
     labels: NDArray[np.int64]
     """Shape (f,): which fiducial."""
     sources: NDArray[np.int64]
-    """Shape (f,): which of the sources it was held against, or `KNOWN`."""
+    """Shape (f,): which of the sources it was held against, or `TARGET_SOURCE`."""
     positions: NDArray[np.float64]
     """Shape (f, 3): the patch's middle in the world, by the camera's pose as it was assumed."""
     displacements: NDArray[np.float64]
     """Shape (f, 3): metres; 0 in directions of which nothing is told."""
     axes: NDArray[np.float64]
     """Shape (f, 3, 3): principal axes of what is told, in the columns."""
-    strengths: NDArray[np.float64]
+    precisions: NDArray[np.float64]
     """Shape (f, 3): inverse variance along each axis; 0 where nothing is told."""
 
     @property
@@ -54,41 +54,43 @@ class Patches(NamedTuple):
     @property
     def information(self) -> NDArray[np.float64]:
         """Inverse covariances (f, 3, 3) of the displacements; singular where nothing is told."""
-        return np.asarray((self.axes * self.strengths[:, None, :]) @ self.axes.transpose(0, 2, 1))
+        return np.asarray((self.axes * self.precisions[:, None, :]) @ self.axes.transpose(0, 2, 1))
 
     def along_axes(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
         """Components (f, 3) of vectors (f, 3) along each patch's axes."""
         return np.asarray((vectors[:, None, :] @ self.axes)[:, 0])
 
 
-def patches_of(sums: NDArray[np.float64], settings: CorrectionSettings) -> Patches:
-    """Displacements by the sums over pixels that `measure_patches` fills, (labels, sources, 18).
+def patches_from_sums(sums: NDArray[np.float64], settings: CorrectionSettings) -> Patches:
+    """Displacements by the sums over pixels that `accumulate_patches` fills, (labels, sources, 18).
 
     Noise in the normals makes a plane look like something that also has a little extent across:
     directions of which less is told than that are left out.
     """
-    enough = sums[:, :, 17] >= settings.least_pixels
+    enough = sums[:, :, 17] >= settings.min_patch_pixels
     labels, sources = np.nonzero(enough)
     rows = sums[enough]
     weight = rows[:, 15]
     values, vectors = np.linalg.eigh(rows[:, :9].reshape(-1, 3, 3))
-    tilt = settings.tilt_margin * rows[:, 16] / weight
-    told = values > np.maximum(tilt[:, None], 1e-9) * values[:, 2:]
-    inverse = np.where(told, 1.0 / np.maximum(values, 1e-12), 0.0)
-    strengths = np.where(told, 1.0 / (inverse + settings.patch_std**2 + LEAST_VARIANCE), 0.0)
+    tilt = settings.tilt_noise_factor * rows[:, 16] / weight
+    observed = values > np.maximum(tilt[:, None], 1e-9) * values[:, 2:]
+    inverse = np.where(observed, 1.0 / np.maximum(values, 1e-12), 0.0)
+    precisions = np.where(
+        observed, 1.0 / (inverse + settings.patch_model_std**2 + MIN_VARIANCE), 0.0
+    )
     along = (rows[:, None, 9:12] @ vectors)[:, 0] * inverse
     return Patches(
         labels,
-        sources + KNOWN,
+        sources + TARGET_SOURCE,
         rows[:, 12:15] / weight[:, None],
         (vectors @ along[:, :, None])[:, :, 0],
         vectors,
-        strengths,
+        precisions,
     )
 
 
 @njit(cache=True, nogil=True)
-def associate(p, normal, s, sources, lens, gate):
+def associate(p, normal, s, sources, intrinsics, gate):
     """Pixel of source s that saw the surface at p (3,), in the world frame; -1 if it saw none.
 
     `sources` are (points (s, n, 3), normals (s, n, 3), planar (s, n)) in the camera frames, and
@@ -96,7 +98,7 @@ def associate(p, normal, s, sources, lens, gate):
     the same way.
     """
     points, normals, planar, R, t = sources
-    width, height, left, top = lens
+    width, height, left, top = intrinsics
     dx, dy, dz = p[0] - t[s, 0], p[1] - t[s, 1], p[2] - t[s, 2]
     x = R[s, 0, 0] * dx + R[s, 1, 0] * dy + R[s, 2, 0] * dz
     if x < 0.1:
@@ -118,23 +120,25 @@ def associate(p, normal, s, sources, lens, gate):
     for i in range(3):
         turned = R[s, 0, i] * normal[0] + R[s, 1, i] * normal[1] + R[s, 2, i] * normal[2]
         cosine += n[i] * turned
-    return m if cosine >= FACING else -1
+    return m if cosine >= MIN_NORMAL_COSINE else -1
 
 
 @njit(cache=True, nogil=True)
-def count_shared(points, normals, planar, step, slots, sources, lens, gate, counts):
+def count_overlap(points, normals, planar, step, slots, sources, intrinsics, gate, counts):
     """Fill how many of the pixels, one in `step`, each of the sources (k,) saw too."""
     for i in range(len(slots)):
         counts[i] = 0
         for k in range(0, len(points), step):
             if planar[k]:
-                counts[i] += associate(points[k], normals[k], slots[i], sources, lens, gate) >= 0
+                counts[i] += (
+                    associate(points[k], normals[k], slots[i], sources, intrinsics, gate) >= 0
+                )
 
 
 @njit(cache=True, nogil=True)
-def measure_patches(
-    points, normals, planar, tilts, deviations, axis, lateral, labels, known,
-    slots, sources, source_tilts, source_deviations, lens, gates, taken, sums,
+def accumulate_patches(
+    points, normals, planar, normal_variances, deviations, axis, lateral, labels, target_planes,
+    slots, sources, source_normal_variances, source_deviations, intrinsics, gates, used_pixels, sums,
 ):  # fmt: skip
     """Add each labelled pixel to its patch: `sums` (labels, 1 + sources, 18), zeros at first.
 
@@ -174,22 +178,22 @@ def measure_patches(
         if patch < 0:
             continue
         p = points[k]
-        source, place, m = -2, KNOWN, -1
-        if known[k, 0] != 0.0 or known[k, 1] != 0.0 or known[k, 2] != 0.0:
-            source = KNOWN
+        source, column, m = -2, TARGET_SOURCE, -1
+        if target_planes[k, 0] != 0.0 or target_planes[k, 1] != 0.0 or target_planes[k, 2] != 0.0:
+            source = TARGET_SOURCE
         elif planar[k]:
             for i in range(len(slots)):
-                m = associate(p, normals[k], slots[i], sources, lens, gates[0])
-                if m >= 0 and not taken[i, m]:
-                    source, place = slots[i], i
+                m = associate(p, normals[k], slots[i], sources, intrinsics, gates[0])
+                if m >= 0 and not used_pixels[i, m]:
+                    source, column = slots[i], i
                     break
         if source == -2:
             continue
         e, across, length = 0.0, 0.0, 0.0
-        if source == KNOWN:
+        if source == TARGET_SOURCE:
             for i in range(3):
-                n[i] = known[k, i]
-                e += n[i] * (known[k, 3 + i] - p[i])
+                n[i] = target_planes[k, i]
+                e += n[i] * (target_planes[k, 3 + i] - p[i])
         else:
             # both looks' normals are noisy: their mean is half as much so
             for i in range(3):
@@ -209,21 +213,21 @@ def measure_patches(
         across *= across
         variance = deviations[k] ** 2 * (across + lateral * lateral * (1.0 - across))
         tilt = 0.0
-        if source != KNOWN:
+        if source != TARGET_SOURCE:
             d = source_deviations[source, m]
             across = 0.0
             for i in range(3):
                 across += n[i] * R[source, i, 0]
             across *= across
             variance += d * d * (across + lateral * lateral * (1.0 - across))
-            tilt = 0.25 * (tilts[k] + source_tilts[source, m])
-        variance = max(variance, LEAST_VARIANCE) + gates[1] * gates[1]
+            tilt = 0.25 * (normal_variances[k] + source_normal_variances[source, m])
+        variance = max(variance, MIN_VARIANCE) + gates[1] * gates[1]
         if abs(e) > 3.0 * math.sqrt(variance):
             continue
-        if source != KNOWN:
-            taken[place, m] = True
+        if source != TARGET_SOURCE:
+            used_pixels[column, m] = True
         w = 1.0 / variance
-        total = sums[patch, place + 1]
+        total = sums[patch, column + 1]
         for i in range(3):
             for j in range(3):
                 total[3 * i + j] += w * n[i] * n[j]

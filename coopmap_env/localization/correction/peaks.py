@@ -13,14 +13,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from coopmap_env.mapping.line_of_sight import is_clear
+from coopmap_env.mapping.line_of_sight import has_line_of_sight
 
-SLACK = math.sqrt(3.0) / 2.0
+HALF_DIAGONAL = math.sqrt(3.0) / 2.0
 """Cells: half the diagonal of a voxel, by which its surface point may lie off its centre."""
 
 
 @lru_cache(maxsize=8)
-def ball(
+def ball_offsets(
     radius: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Voxels (m, 3) around a peak at (0, 0, 0), those a step nearer, and distances (m,), sorted.
@@ -40,25 +40,25 @@ def ball(
 
 
 @njit(cache=True, nogil=True)
-def _expand(levels, shape, probability, cell, around, rise, largest):
-    """Spherical expansion: distance of the nearest voxel that increases, cells, or `largest`.
+def _ball_radius(log_odds_fixed, shape, probability, cell, neighbourhood, min_rise, max_radius):
+    """Spherical expansion: distance of the nearest voxel that increases, cells, or `max_radius`.
 
     What lies beyond the map is not known, so a ball ends there too.
     """
     nx, ny, nz = shape
-    offsets, inner, distances = around
+    offsets, inner, distances = neighbourhood
     clamp = len(probability) // 2
     i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
     for m in range(len(distances)):
         x, y, z = i + offsets[m, 0], j + offsets[m, 1], k + offsets[m, 2]
         if not (0 <= x < nx and 0 <= y < ny and 0 <= z < nz):
             return distances[m]
-        outer = levels[(x * ny + y) * nz + z]
-        nearer = levels[((i + inner[m, 0]) * ny + j + inner[m, 1]) * nz + k + inner[m, 2]]
+        outer = log_odds_fixed[(x * ny + y) * nz + z]
+        nearer = log_odds_fixed[((i + inner[m, 0]) * ny + j + inner[m, 1]) * nz + k + inner[m, 2]]
         if outer > nearer:  # noqa: SIM102 - nested is faster
-            if probability[outer + clamp] - probability[nearer + clamp] > rise:
+            if probability[outer + clamp] - probability[nearer + clamp] > min_rise:
                 return distances[m]
-    return largest
+    return max_radius
 
 
 @njit(cache=True, nogil=True)
@@ -68,43 +68,43 @@ def _trace(precision, cell):
 
 
 @njit(cache=True, nogil=True)
-def _is_peak(levels, precision, shape, cell, alone):
-    """Whether none of the 26 neighbours is above; with `alone`, none is equal and known better."""
+def _is_peak(log_odds_fixed, precision, shape, cell, unique):
+    """Whether none of the 26 neighbours is above; with `unique`, none is equal and known better."""
     nx, ny, nz = shape
     i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
-    level = levels[cell]
-    known = _trace(precision, cell)
+    level = log_odds_fixed[cell]
+    precision_trace = _trace(precision, cell)
     for x in range(max(i - 1, 0), min(i + 2, nx)):
         for y in range(max(j - 1, 0), min(j + 2, ny)):
             for z in range(max(k - 1, 0), min(k + 2, nz)):
                 other = (x * ny + y) * nz + z
-                if levels[other] > level:
+                if log_odds_fixed[other] > level:
                     return False
-                if alone and levels[other] == level and other != cell:
+                if unique and log_odds_fixed[other] == level and other != cell:
                     trace = _trace(precision, other)
-                    if trace > known or (trace == known and other < cell):
+                    if trace > precision_trace or (trace == precision_trace and other < cell):
                         return False
     return True
 
 
 @njit(cache=True, nogil=True)
-def _first(low, position, reach, axis):
+def _first_column(low, position, reach, axis):
     """First column whose centre is inside the frustum's box and sphere along an axis."""
-    return max(0, math.ceil(max(low[axis] - SLACK, position[axis] - reach) - 0.5))
+    return max(0, math.ceil(max(low[axis] - HALF_DIAGONAL, position[axis] - reach) - 0.5))
 
 
 @njit(cache=True, nogil=True)
-def _beyond(high, position, reach, axis, n):
+def _end_column(high, position, reach, axis, n):
     """One past the last such column."""
-    return min(n, math.floor(min(high[axis] + SLACK, position[axis] + reach) - 0.5) + 1)
+    return min(n, math.floor(min(high[axis] + HALF_DIAGONAL, position[axis] + reach) - 0.5) + 1)
 
 
 @njit(cache=True, nogil=True)
-def _hit_voxels(levels, precision, shape, R, position, lens, least, cells):
+def _hit_voxels(log_odds_fixed, precision, shape, R, position, frustum, min_level, cells):
     """Write the likely hit voxels around the frustum, in order; return how many."""
     nx, ny, nz = shape
-    a, b, _, far = lens
-    reach = far + SLACK
+    a, b, _, far = frustum
+    reach = far + HALF_DIAGONAL
     # inward normals of the four planes; the box around the apex and the corners
     planes = np.empty((4, 3))
     low, high = position.copy(), position.copy()
@@ -117,16 +117,20 @@ def _hit_voxels(levels, precision, shape, R, position, lens, least, cells):
             tangent = a if q < 2 else b
             planes[q, axis] = (tangent * R[axis, 0] + side) / math.sqrt(1.0 + tangent * tangent)
     count = 0
-    for i in range(_first(low, position, reach, 0), _beyond(high, position, reach, 0, nx)):
+    for i in range(
+        _first_column(low, position, reach, 0), _end_column(high, position, reach, 0, nx)
+    ):
         dx = i + 0.5 - position[0]
-        for j in range(_first(low, position, reach, 1), _beyond(high, position, reach, 1, ny)):
+        for j in range(
+            _first_column(low, position, reach, 1), _end_column(high, position, reach, 1, ny)
+        ):
             dy = j + 0.5 - position[1]
             rest = reach * reach - dx * dx - dy * dy
             if rest < 0.0:
                 continue
             bottom, top = -math.sqrt(rest), math.sqrt(rest)
             for q in range(4):
-                inside = planes[q, 0] * dx + planes[q, 1] * dy + SLACK
+                inside = planes[q, 0] * dx + planes[q, 1] * dy + HALF_DIAGONAL
                 slope = planes[q, 2]
                 if abs(slope) < 1e-9:
                     if inside < 0.0:
@@ -141,14 +145,14 @@ def _hit_voxels(levels, precision, shape, R, position, lens, least, cells):
             last = min(nz - 1, math.floor(top + position[2] - 0.5))
             column = (i * ny + j) * nz
             for cell in range(column + first, column + last + 1):
-                if levels[cell] >= least and precision[cell, 0, 0] > 0.0:
+                if log_odds_fixed[cell] >= min_level and precision[cell, 0, 0] > 0.0:
                     cells[count] = cell
                     count += 1
     return count
 
 
 @njit(cache=True, nogil=True)
-def _surface(precision, vector, cell, shape, resolution, point, covariance):
+def _surface_point(precision, vector, cell, shape, resolution, point, covariance):
     """Write the merged surface point of a hit voxel, in cells, and its covariance (Eqs. 2, 4)."""
     P = precision[cell]
     for m in range(3):
@@ -170,9 +174,9 @@ def _surface(precision, vector, cell, shape, resolution, point, covariance):
 
 
 @njit(cache=True, nogil=True)
-def _distance_in_view(point, R, position, lens, border):
+def _distance_in_view(point, R, position, frustum, border):
     """Distance to a point in the field of view less its border, and in range; else infinity."""
-    a, b, near, far = lens
+    a, b, near, far = frustum
     dx, dy, dz = point[0] - position[0], point[1] - position[1], point[2] - position[2]
     x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
     y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
@@ -185,7 +189,7 @@ def _distance_in_view(point, R, position, lens, border):
 
 
 @njit(cache=True, nogil=True)
-def _is_new(cells, positions, count, cell, point, spacing):
+def _is_separate(cells, positions, count, cell, point, spacing):
     """Whether a fiducial is none of the first `count` ones and keeps its distance from them."""
     for m in range(count):
         if cells[m] == cell:
@@ -199,32 +203,36 @@ def _is_new(cells, positions, count, cell, point, spacing):
 
 
 @njit(cache=True, nogil=True)
-def _rate(space, view, growth, border, cell, point, covariance):
+def _score_peak(map_arrays, view, ball_limits, border, cell, point, covariance):
     """Write the surface point and its covariance; radius of the ball and score, 0 out of view."""
-    levels, _, precision, vector, shape, resolution = space
-    R, position, lens = view
-    probability, around, rise, largest = growth
-    _surface(precision, vector, cell, shape, resolution, point, covariance)
-    distance = _distance_in_view(point, R, position, lens, border)
+    log_odds_fixed, _, precision, vector, shape, resolution = map_arrays
+    R, position, frustum = view
+    probability, neighbourhood, min_rise, max_radius = ball_limits
+    _surface_point(precision, vector, cell, shape, resolution, point, covariance)
+    distance = _distance_in_view(point, R, position, frustum, border)
     if distance == math.inf:
         return 0.0, 0.0
-    radius = _expand(levels, shape, probability, cell, around, rise, largest)
-    return radius, radius * probability[levels[cell] + len(probability) // 2] / distance
+    radius = _ball_radius(
+        log_odds_fixed, shape, probability, cell, neighbourhood, min_rise, max_radius
+    )
+    return radius, radius * probability[log_odds_fixed[cell] + len(probability) // 2] / distance
 
 
 @njit(cache=True, nogil=True)
-def _candidates(space, view, growth, least, border):
+def _peaks_in_view(map_arrays, view, ball_limits, min_level, border):
     """Cells of all peaks in view, in order, whether hidden or not, their radii and scores."""
-    levels, _, precision, _, shape, _ = space
-    R, position, lens = view
-    cells = np.empty(levels.size, dtype=np.int64)
-    n = _hit_voxels(levels, precision, shape, R, position, lens, least, cells)
+    log_odds_fixed, _, precision, _, shape, _ = map_arrays
+    R, position, frustum = view
+    cells = np.empty(log_odds_fixed.size, dtype=np.int64)
+    n = _hit_voxels(log_odds_fixed, precision, shape, R, position, frustum, min_level, cells)
     radii, scores = np.empty(n), np.empty(n)
     point, covariance = np.empty(3), np.empty((3, 3))
     count = 0
     for cell in cells[:n]:
-        if _is_peak(levels, precision, shape, cell, True):
-            radius, score = _rate(space, view, growth, border, cell, point, covariance)
+        if _is_peak(log_odds_fixed, precision, shape, cell, True):
+            radius, score = _score_peak(
+                map_arrays, view, ball_limits, border, cell, point, covariance
+            )
             if score > 0.0:
                 cells[count], radii[count], scores[count] = cell, radius, score
                 count += 1
@@ -232,42 +240,52 @@ def _candidates(space, view, growth, least, border):
 
 
 @njit(cache=True, nogil=True)
-def choose(
-    space, view, growth, least, border, spacing, slack, kept,
+def select_peaks(
+    map_arrays, view, ball_limits, min_level, border, spacing, occlusion_tolerance, previous,
     cells, positions, covariances, radii, scores,
 ):  # fmt: skip
     """Fill the arrays of the chosen fiducials, at most as many as they have room; return how many.
 
-    `space` is (levels, sampled, precision, vector, shape, resolution) of the map; `view` (R,
-    position, (both tangents, near, far)) of a camera in the grid; `growth` (the map's table of
-    probabilities, `ball` of the largest radius, least rise, largest radius); `least` a level.
+    `map_arrays` is (levels, sampled, precision, vector, shape, resolution) of the map; `view` (R,
+    position, (both tangents, near, far)) of a camera in the grid; `ball_limits` (the map's table of
+    probabilities, `ball_offsets` of the largest radius, least rise, largest radius); `min_level` a level.
     `positions` and `radii` are filled in cells.
     """
-    levels, sampled, precision, vector, shape, resolution = space
+    log_odds_fixed, sampled, precision, vector, shape, resolution = map_arrays
     position = view[1]
-    room, count = len(cells), 0
-    for cell in kept:
-        if count == room or levels[cell] < least or precision[cell, 0, 0] <= 0.0:
+    capacity, count = len(cells), 0
+    for cell in previous:
+        if count == capacity or log_odds_fixed[cell] < min_level or precision[cell, 0, 0] <= 0.0:
             continue
-        if not _is_peak(levels, precision, shape, cell, False):
+        if not _is_peak(log_odds_fixed, precision, shape, cell, False):
             continue
         point = positions[count]
-        radius, score = _rate(space, view, growth, 0.0, cell, point, covariances[count])
-        if score > 0.0 and is_clear(levels, sampled, shape, position, point, slack):
+        radius, score = _score_peak(
+            map_arrays, view, ball_limits, 0.0, cell, point, covariances[count]
+        )
+        if score > 0.0 and has_line_of_sight(
+            log_odds_fixed, sampled, shape, position, point, occlusion_tolerance
+        ):
             cells[count], radii[count], scores[count] = cell, radius, score
             count += 1
-    if count == room:
+    if count == capacity:
         return count
-    found, reaches, values = _candidates(space, view, growth, least, border)
+    candidate_cells, candidate_radii, candidate_scores = _peaks_in_view(
+        map_arrays, view, ball_limits, min_level, border
+    )
     # stable, so that equals stay in the order of their numbers
-    for best in np.argsort(-values, kind="mergesort"):
-        if count == room:
+    for best in np.argsort(-candidate_scores, kind="mergesort"):
+        if count == capacity:
             break
-        cell, point = found[best], positions[count]
-        _surface(precision, vector, cell, shape, resolution, point, covariances[count])
-        if _is_new(cells, positions, count, cell, point, spacing) and is_clear(
-            levels, sampled, shape, position, point, slack
+        cell, point = candidate_cells[best], positions[count]
+        _surface_point(precision, vector, cell, shape, resolution, point, covariances[count])
+        if _is_separate(cells, positions, count, cell, point, spacing) and has_line_of_sight(
+            log_odds_fixed, sampled, shape, position, point, occlusion_tolerance
         ):
-            cells[count], radii[count], scores[count] = cell, reaches[best], values[best]
+            cells[count], radii[count], scores[count] = (
+                cell,
+                candidate_radii[best],
+                candidate_scores[best],
+            )
             count += 1
     return count

@@ -9,8 +9,8 @@ into that of the camera, so the camera's pose is its inverse.
 
 The paper takes the nine entries of R_01 for independent unknowns (Eq. 12). Where errors are small
 that is as good as it is simple, but it needs four points that are not in one plane, and weighs all
-points and all directions alike. `rigid_transform` knows that R_01 is a rotation (Umeyama 1991);
-`gaussian_transform` knows in which directions each fiducial is how well known, too.
+points and all directions alike. `rigid_pose` knows that R_01 is a rotation (Umeyama 1991);
+`gaussian_pose` knows in which directions each fiducial is how well known, too.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry import Pose, displaced, nearest_rotation, skew
-from coopmap_env.robots import CameraEstimate
+from coopmap_env.geometry import Pose, apply_displacement, nearest_rotation, skew
+from coopmap_env.robots import PoseEstimate
 
 Array = NDArray[np.float64]
 
-FLAT = 1e-6
+MIN_EIGENVALUE_RATIO = 1e-6
 """Of the points' scatter: least share of its smallest eigenvalue in the largest for points that
 are not in one plane, and of its middle one for points that are not in one line."""
 
 
-class BadlyPlacedError(ValueError):
+class DegenerateGeometryError(ValueError):
     """Fiducials from which the pose does not follow: too few, in one line or in one plane."""
 
 
-def camera_points(image_points: ArrayLike, scales: ArrayLike, focal_length: float = 1.0) -> Array:
+def back_project(image_points: ArrayLike, scales: ArrayLike, focal_length: float = 1.0) -> Array:
     """Eq. 10: k (f, u, v) of image points (m, 2) with their scales k (m,), shape (m, 3).
 
     Of a stereo pair k is the depth over the focal length, that is the baseline over the disparity.
@@ -44,42 +44,42 @@ def camera_points(image_points: ArrayLike, scales: ArrayLike, focal_length: floa
     return np.asarray(scales, dtype=np.float64)[:, None] * np.column_stack([f, uv])
 
 
-def linear_transform(base_points: ArrayLike, seen_points: ArrayLike) -> Array:
+def linear_transform(base_points: ArrayLike, observed_points: ArrayLike) -> Array:
     """Eq. 12: g_01 = U R^T (R R^T)^-1, shape (3, 4), of homogeneous points in the columns of R.
 
     Parameters
     ----------
     base_points : array_like, shape (m, 3)
         r_i in the base frame, metres.
-    seen_points : array_like, shape (m, 3)
-        k_i (f, u_i, v_i) in the camera frame, as of `camera_points`: the columns of U.
+    observed_points : array_like, shape (m, 3)
+        k_i (f, u_i, v_i) in the camera frame, as of `back_project`: the columns of U.
 
     Raises
     ------
-    BadlyPlacedError
+    DegenerateGeometryError
         If there are fewer than four points, or all lie in one plane.
     """
-    r, u = _pairs(base_points, seen_points)
-    if len(r) < 4 or _flatness(r)[0] < FLAT:
-        raise BadlyPlacedError(
+    r, u = _validated_pairs(base_points, observed_points)
+    if len(r) < 4 or _eigenvalue_ratios(r)[0] < MIN_EIGENVALUE_RATIO:
+        raise DegenerateGeometryError(
             f"Eq. 12 needs four points that are not in one plane, got {len(r)}"
             f"{'' if len(r) < 4 else ' in a plane'}"
         )
     # about the middle of the points, where the normal equations are well conditioned
-    middle = r.mean(axis=0)
-    R_tilde = np.column_stack([r - middle, np.ones(len(r))]).T
+    centroid = r.mean(axis=0)
+    R_tilde = np.column_stack([r - centroid, np.ones(len(r))]).T
     g = u.T @ R_tilde.T @ np.linalg.inv(R_tilde @ R_tilde.T)
-    g[:, 3] -= g[:, :3] @ middle
+    g[:, 3] -= g[:, :3] @ centroid
     return np.asarray(g)
 
 
-def pose_of_transform(g: Array) -> Pose:
+def pose_from_transform(g: Array) -> Pose:
     """T_base_camera of g_01 (3, 4): the nearest rotation, and the translation that goes with it."""
     R = nearest_rotation(g[:, :3])
     return Pose(-R.T @ g[:, 3], R.T)
 
 
-def linear_pose(base_points: ArrayLike, seen_points: ArrayLike) -> Pose:
+def linear_pose(base_points: ArrayLike, observed_points: ArrayLike) -> Pose:
     """T_base_camera by Eq. 12 and the nearest rotation, which turns about the points' middle.
 
     The translation is taken anew for that rotation: with the one of g_01, what the nine entries
@@ -87,10 +87,10 @@ def linear_pose(base_points: ArrayLike, seen_points: ArrayLike) -> Pose:
 
     Raises
     ------
-    BadlyPlacedError
+    DegenerateGeometryError
         As of `linear_transform`.
     """
-    r, u = _pairs(base_points, seen_points)
+    r, u = _validated_pairs(base_points, observed_points)
     R = nearest_rotation(linear_transform(r, u)[:, :3])
     return Pose(r.mean(axis=0) - R.T @ u.mean(axis=0), R.T)
 
@@ -117,7 +117,7 @@ class RecursiveMoments:
         self.count = i + 1
 
 
-def recursive_pose(base_points: ArrayLike, seen_points: ArrayLike) -> tuple[Pose, Array]:
+def recursive_pose(base_points: ArrayLike, observed_points: ArrayLike) -> tuple[Pose, Array]:
     """Eq. 12 of the first 4, 5, ... points, and Eq. 13 over what they give.
 
     Returns
@@ -129,50 +129,52 @@ def recursive_pose(base_points: ArrayLike, seen_points: ArrayLike) -> tuple[Pose
 
     Raises
     ------
-    BadlyPlacedError
+    DegenerateGeometryError
         If no first points are placed well enough.
     """
-    r, u = _pairs(base_points, seen_points)
+    r, u = _validated_pairs(base_points, observed_points)
     moments = RecursiveMoments(12)
     for m in range(4, len(r) + 1):
-        if _flatness(r[:m])[0] >= FLAT:
+        if _eigenvalue_ratios(r[:m])[0] >= MIN_EIGENVALUE_RATIO:
             moments.add(linear_transform(r[:m], u[:m]).ravel())
     if not moments.count:
-        raise BadlyPlacedError(f"{len(r)} points, of which no first ones are out of one plane")
-    return pose_of_transform(moments.mean.reshape(3, 4)), moments.covariance
+        raise DegenerateGeometryError(
+            f"{len(r)} points, of which no first ones are out of one plane"
+        )
+    return pose_from_transform(moments.mean.reshape(3, 4)), moments.covariance
 
 
-def rigid_transform(
-    base_points: ArrayLike, seen_points: ArrayLike, weights: ArrayLike | None = None
+def rigid_pose(
+    base_points: ArrayLike, observed_points: ArrayLike, weights: ArrayLike | None = None
 ) -> Pose:
     """T_base_camera by weighted least squares over rotations and translations (Umeyama 1991).
 
     Parameters
     ----------
-    base_points, seen_points : array_like, shape (m, 3)
+    base_points, observed_points : array_like, shape (m, 3)
     weights : array_like, shape (m,), optional
         Inverse variances.
 
     Raises
     ------
-    BadlyPlacedError
+    DegenerateGeometryError
         If there are fewer than three points, or all lie in one line.
     """
-    r, u = _pairs(base_points, seen_points)
+    r, u = _validated_pairs(base_points, observed_points)
     w = np.ones(len(r)) if weights is None else np.asarray(weights, dtype=np.float64)
-    if len(r) < 3 or _flatness(r, w)[1] < FLAT:
-        raise BadlyPlacedError(
+    if len(r) < 3 or _eigenvalue_ratios(r, w)[1] < MIN_EIGENVALUE_RATIO:
+        raise DegenerateGeometryError(
             f"a rigid solution needs three points that are not in one line, got {len(r)}"
             f"{'' if len(r) < 3 else ' in a line'}"
         )
     w = w / w.sum()
-    middle_r, middle_u = w @ r, w @ u
-    R = nearest_rotation((r - middle_r).T @ (w[:, None] * (u - middle_u)))
-    return Pose(middle_r - R @ middle_u, R)
+    centroid_r, centroid_u = w @ r, w @ u
+    R = nearest_rotation((r - centroid_r).T @ (w[:, None] * (u - centroid_u)))
+    return Pose(centroid_r - R @ centroid_u, R)
 
 
-def consistent(
-    base_points: ArrayLike, seen_points: ArrayLike, deviations: ArrayLike, sigmas: float = 3.0
+def consistent_subset(
+    base_points: ArrayLike, observed_points: ArrayLike, deviations: ArrayLike, sigmas: float = 3.0
 ) -> NDArray[np.bool_]:
     """Which fiducials have moved rigidly together, shape (m,): the others are outliers.
 
@@ -183,34 +185,34 @@ def consistent(
 
     Parameters
     ----------
-    base_points, seen_points : array_like, shape (m, 3)
+    base_points, observed_points : array_like, shape (m, 3)
     deviations : array_like, shape (m,)
         Standard deviation of the difference of a pair's two points, along its worst axis, metres.
     sigmas : float, optional
         Standard deviations of a distance's change that still agree.
     """
-    r, u = _pairs(base_points, seen_points)
+    r, u = _validated_pairs(base_points, observed_points)
     s = np.asarray(deviations, dtype=np.float64)
-    change = np.abs(_distances(r) - _distances(u))
-    agree = change <= sigmas * np.sqrt(s[:, None] ** 2 + s**2) + 1e-12
-    taken = np.zeros(len(r), dtype=np.bool_)
+    distance_change = np.abs(_pairwise_distances(r) - _pairwise_distances(u))
+    agree = distance_change <= sigmas * np.sqrt(s[:, None] ** 2 + s**2) + 1e-12
+    selected = np.zeros(len(r), dtype=np.bool_)
     for i in np.argsort(-agree.sum(axis=1), kind="stable"):
-        taken[i] = agree[i, taken].all()
-    return taken
+        selected[i] = agree[i, selected].all()
+    return selected
 
 
 class GaussianPose(NamedTuple):
     """The likeliest pose of a camera, and how well it is known."""
 
-    estimate: CameraEstimate
+    estimate: PoseEstimate
     """T_base_camera with its covariance (6, 6), a displacement in the base frame."""
-    mahalanobis: Array
+    squared_mahalanobis: Array
     """Shape (m,): squared distances that are left of the fiducials, each in its own covariance."""
 
 
-def gaussian_transform(
+def gaussian_pose(
     base_points: ArrayLike,
-    seen_points: ArrayLike,
+    observed_points: ArrayLike,
     information: ArrayLike,
     start: Pose,
     prior: ArrayLike | None = None,
@@ -224,7 +226,7 @@ def gaussian_transform(
 
     Parameters
     ----------
-    base_points, seen_points : array_like, shape (m, 3)
+    base_points, observed_points : array_like, shape (m, 3)
     information : array_like, shape (m, 3, 3)
         Inverse covariances of the residuals, in the base frame, at about `start`.
     start : Pose
@@ -235,30 +237,30 @@ def gaussian_transform(
 
     Raises
     ------
-    BadlyPlacedError
+    DegenerateGeometryError
         If fiducials and prior leave a direction open.
     """
-    r, u = _pairs(base_points, seen_points)
+    r, u = _validated_pairs(base_points, observed_points)
     weights = np.asarray(information, dtype=np.float64)
     P = np.zeros((6, 6)) if prior is None else np.linalg.inv(np.asarray(prior, dtype=np.float64))
     pose, x = start, np.zeros(6)
     for _ in range(iterations):
-        arms = u @ pose.rotation.T
-        J = np.concatenate([np.broadcast_to(np.eye(3), weights.shape), -skew(arms)], axis=2)
-        e = r - arms - pose.translation
+        rotated = u @ pose.rotation.T
+        J = np.concatenate([np.broadcast_to(np.eye(3), weights.shape), -skew(rotated)], axis=2)
+        e = r - rotated - pose.translation
         weighted = (weights @ J).reshape(-1, 6)
         H = weighted.T @ J.reshape(-1, 6) + P
         scale = np.sqrt(np.diag(H))
         if not scale.all() or np.linalg.eigvalsh(H / np.outer(scale, scale))[0] < 1e-12:
-            raise BadlyPlacedError(f"{len(r)} fiducials leave a direction of the pose open")
+            raise DegenerateGeometryError(f"{len(r)} fiducials leave a direction of the pose open")
         step = np.linalg.solve(H, weighted.T @ e.ravel() - P @ x)
-        pose, x = displaced(pose, step), x + step
+        pose, x = apply_displacement(pose, step), x + step
     e = r - pose.transform(u)
-    left = np.einsum("mk,mkl,ml->m", e, weights, e)
-    return GaussianPose(CameraEstimate(pose, np.linalg.inv(H)), left)
+    squared_distances = np.einsum("mk,mkl,ml->m", e, weights, e)
+    return GaussianPose(PoseEstimate(pose, np.linalg.inv(H)), squared_distances)
 
 
-def _pairs(base_points: ArrayLike, seen_points: ArrayLike) -> tuple[Array, Array]:
+def _validated_pairs(base_points: ArrayLike, observed_points: ArrayLike) -> tuple[Array, Array]:
     """Both sets of points as arrays (m, 3).
 
     Raises
@@ -267,7 +269,7 @@ def _pairs(base_points: ArrayLike, seen_points: ArrayLike) -> tuple[Array, Array
         If shapes differ or a value is not finite.
     """
     r = np.asarray(base_points, dtype=np.float64)
-    u = np.asarray(seen_points, dtype=np.float64)
+    u = np.asarray(observed_points, dtype=np.float64)
     if r.ndim != 2 or r.shape[1] != 3 or r.shape != u.shape:
         raise ValueError(f"fiducials need as many points (m, 3) twice, got {r.shape}, {u.shape}")
     if not (np.isfinite(r).all() and np.isfinite(u).all()):
@@ -275,13 +277,13 @@ def _pairs(base_points: ArrayLike, seen_points: ArrayLike) -> tuple[Array, Array
     return r, u
 
 
-def _flatness(points: Array, weights: Array | None = None) -> tuple[float, float]:
+def _eigenvalue_ratios(points: Array, weights: Array | None = None) -> tuple[float, float]:
     """Smallest and middle eigenvalue of the points' scatter, as shares of the largest."""
     w = np.ones(len(points)) if weights is None else weights
     off = points - w @ points / w.sum()
-    least, middle, most = np.linalg.eigvalsh(off.T @ (w[:, None] * off))
-    return (least / most, middle / most) if most > 0 else (0.0, 0.0)
+    smallest, second, largest = np.linalg.eigvalsh(off.T @ (w[:, None] * off))
+    return (smallest / largest, second / largest) if largest > 0 else (0.0, 0.0)
 
 
-def _distances(points: Array) -> Array:
+def _pairwise_distances(points: Array) -> Array:
     return np.asarray(np.linalg.norm(points[:, None] - points, axis=-1))

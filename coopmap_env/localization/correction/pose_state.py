@@ -15,16 +15,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry import Pose, displaced
-from coopmap_env.robots import CameraEstimate, Vehicle
+from coopmap_env.geometry import Pose, apply_displacement
+from coopmap_env.robots import PoseEstimate, Vehicle
 
 Array = NDArray[np.float64]
 
-LEAST = 1e-9
+MIN_VARIANCE = 1e-9
 """Metres and radians, squared: added to a prediction, so that covariances stay definite."""
 
 
-class JointPoses:
+class PoseState:
     """Bases, encoder offsets and camera poses of a team, with their joint covariance.
 
     Parameters
@@ -37,10 +37,10 @@ class JointPoses:
         self.vehicles = list(vehicles)
         sizes = [6 + vehicle.chain.n_joints for vehicle in vehicles]
         self._starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        self._n_common = int(self._starts[-1])
-        self.common = np.zeros(self._n_common)
+        self._n_robot_state = int(self._starts[-1])
+        self.robot_state = np.zeros(self._n_robot_state)
         """Per robot: displacement of its base (6), offsets of its encoders (n)."""
-        self.covariance = np.zeros((self._n_common, self._n_common))
+        self.covariance = np.zeros((self._n_robot_state, self._n_robot_state))
         self.cameras: list[Pose] = []
         """T_world_camera of each look."""
         for robot, vehicle in enumerate(vehicles):
@@ -50,95 +50,101 @@ class JointPoses:
     def __len__(self) -> int:
         return len(self.cameras)
 
-    def look(self, number: int) -> slice:
+    def camera_slice(self, camera_index: int) -> slice:
         """Where the displacement of a look stands in the state."""
-        start = self._n_common + 6 * number
+        start = self._n_robot_state + 6 * camera_index
         return slice(start, start + 6)
 
-    def place_base(self, robot: int, base: CameraEstimate) -> None:
+    def set_base(self, robot: int, base: PoseEstimate) -> None:
         """A robot's base is found: T_world_base with its covariance; it has no looks yet."""
-        self.vehicles[robot] = self.vehicles[robot].at(base.pose)
+        self.vehicles[robot] = self.vehicles[robot].with_base_pose(base.pose)
         at = slice(self._starts[robot], self._starts[robot] + 6)
-        self.common[at] = 0.0
+        self.robot_state[at] = 0.0
         self.covariance[at] = 0.0
         self.covariance[:, at] = 0.0
         self.covariance[at, at] = base.covariance
 
-    def base(self, robot: int) -> CameraEstimate:
+    def base(self, robot: int) -> PoseEstimate:
         """T_world_base by all that was seen, with its covariance."""
         at = slice(self._starts[robot], self._starts[robot] + 6)
-        pose = displaced(self.vehicles[robot].T_world_base, self.common[at])
-        return CameraEstimate(pose, self.covariance[at, at])
+        pose = apply_displacement(self.vehicles[robot].T_world_base, self.robot_state[at])
+        return PoseEstimate(pose, self.covariance[at, at])
 
-    def estimate(self, number: int) -> CameraEstimate:
+    def estimate(self, camera_index: int) -> PoseEstimate:
         """T_world_camera of a look."""
-        at = self.look(number)
-        return CameraEstimate(self.cameras[number], self.covariance[at, at])
+        at = self.camera_slice(camera_index)
+        return PoseEstimate(self.cameras[camera_index], self.covariance[at, at])
 
-    def predict(self, robot: int, reading: Array) -> CameraEstimate:
+    def predict(self, robot: int, reading: Array) -> PoseEstimate:
         """T_world_camera by the encoders (n,), with all that is known of base and offsets."""
-        pose, J, own = self._kinematics(robot, reading)
+        pose, J, independent = self._kinematics(robot, reading)
         at = slice(self._starts[robot], self._starts[robot + 1])
-        return CameraEstimate(pose, J @ self.covariance[at, at] @ J.T + own)
+        return PoseEstimate(pose, J @ self.covariance[at, at] @ J.T + independent)
 
     def add(self, robot: int, reading: Array) -> int:
         """Put a look into the state as it is predicted; its number."""
-        pose, J, own = self._kinematics(robot, reading)
+        pose, J, independent = self._kinematics(robot, reading)
         at = slice(self._starts[robot], self._starts[robot + 1])
         n = len(self.covariance)
         P = np.empty((n + 6, n + 6))
         P[:n, :n] = self.covariance
         P[n:, :n] = J @ self.covariance[at]
         P[:n, n:] = P[n:, :n].T
-        P[n:, n:] = J @ self.covariance[at, at] @ J.T + own
+        P[n:, n:] = J @ self.covariance[at, at] @ J.T + independent
         self.covariance = P
         self.cameras.append(pose)
         return len(self.cameras) - 1
 
-    def columns(self, numbers: Sequence[int]) -> NDArray[np.int64]:
+    def state_indices(self, camera_indices: Sequence[int]) -> NDArray[np.int64]:
         """Where the displacements of some looks stand in the state, shape (6 k,)."""
-        starts = self._n_common + 6 * np.asarray(numbers, dtype=np.int64)
+        starts = self._n_robot_state + 6 * np.asarray(camera_indices, dtype=np.int64)
         return (starts[:, None] + np.arange(6)).ravel()
 
-    def displacement(self, columns: NDArray[np.int64], A: Array, b: Array) -> Array:
+    def posterior_displacement(self, state_indices: NDArray[np.int64], A: Array, b: Array) -> Array:
         """Displacement (c,) of a part of the state by a measurement of it; nothing is moved.
 
         The measurement has the likelihood exp(-x^T A x / 2 + b^T x) of x = state[columns], with
         A (c, c) and b (c,); A may be singular.
         """
-        P = self.covariance[np.ix_(columns, columns)]
+        P = self.covariance[np.ix_(state_indices, state_indices)]
         return np.asarray(np.linalg.solve(np.eye(len(b)) + P @ A, P @ b))
 
-    def condition(self, columns: NDArray[np.int64], A: Array, b: Array) -> None:
-        """Take a measurement, as of `displacement`, into the whole state."""
-        PH = self.covariance[:, columns]
-        gain = np.linalg.solve(np.eye(len(b)) + A @ PH[columns], np.column_stack([A, b]))
+    def update(self, state_indices: NDArray[np.int64], A: Array, b: Array) -> None:
+        """Take a measurement, as of `posterior_displacement`, into the whole state."""
+        PH = self.covariance[:, state_indices]
+        gain = np.linalg.solve(np.eye(len(b)) + A @ PH[state_indices], np.column_stack([A, b]))
         x = PH @ gain[:, -1]
         P = self.covariance - PH @ gain[:, :-1] @ PH.T
         self.covariance = 0.5 * (P + P.T)
-        self.common = self.common + x[: self._n_common]
-        displacements = x[self._n_common :].reshape(-1, 6)
-        self.cameras = [displaced(p, d) for p, d in zip(self.cameras, displacements, strict=True)]
+        self.robot_state = self.robot_state + x[: self._n_robot_state]
+        displacements = x[self._n_robot_state :].reshape(-1, 6)
+        self.cameras = [
+            apply_displacement(p, d) for p, d in zip(self.cameras, displacements, strict=True)
+        ]
 
-    def forget(self, number: int) -> None:
+    def remove_camera(self, camera_index: int) -> None:
         """Take a look out of the state; later ones move up."""
-        at = self.look(number)
+        at = self.camera_slice(camera_index)
         kept = np.r_[0 : at.start, at.stop : len(self.covariance)]
         self.covariance = self.covariance[np.ix_(kept, kept)]
-        del self.cameras[number]
+        del self.cameras[camera_index]
 
     def _kinematics(self, robot: int, reading: Array) -> tuple[Pose, Array, Array]:
         """T_world_camera by readings, its Jacobian (6, 6 + n) and the covariance of its own."""
         vehicle = self.vehicles[robot]
         start = self._starts[robot]
         base, offsets = (
-            self.common[start : start + 6],
-            self.common[start + 6 : self._starts[robot + 1]],
+            self.robot_state[start : start + 6],
+            self.robot_state[start + 6 : self._starts[robot + 1]],
         )
         joints = reading - offsets
-        there = vehicle.at(displaced(vehicle.T_world_base, base)) if base.any() else vehicle
-        pose = there.camera_pose(joints)
+        vehicle_at_base = (
+            vehicle.with_base_pose(apply_displacement(vehicle.T_world_base, base))
+            if base.any()
+            else vehicle
+        )
+        pose = vehicle_at_base.camera_pose(joints)
         J = np.zeros((6, 6 + len(reading)))
-        J[:, :6] = there.base_jacobian(pose)
-        J[:, 6:] = -there.joint_jacobian(joints)
-        return pose, J, there.own_covariance(joints) + LEAST * np.eye(6)
+        J[:, :6] = vehicle_at_base.base_jacobian(pose)
+        J[:, 6:] = -vehicle_at_base.joint_jacobian(joints)
+        return pose, J, vehicle_at_base.per_scan_covariance(joints) + MIN_VARIANCE * np.eye(6)

@@ -16,15 +16,15 @@ class CorrectionSettings:
         With the value, if one is out of its range.
     """
 
-    least_fiducials: int = 3
+    min_fiducials: int = 3
     """Fewer of them say nothing that is sure enough: the prediction stays."""
-    least_pixels: int = 6
+    min_patch_pixels: int = 6
     """Of a patch that counts: of fewer, one wrong pixel decides."""
-    patch_std: float = 0.0005
+    patch_model_std: float = 0.0005
     """Metres by which a patch may lie off for other reasons than its pixels' noise: surfaces are
     sampled by pixels, and normals differ a little inside of a patch. Of 0, 0.5 and 1 mm the one
     with which claimed covariances come closest to the errors on 24 training worksites."""
-    tilt_margin: float = 4.0
+    tilt_noise_factor: float = 4.0
     """Times the variance of normals: information of a patch that is less than this, against its
     best direction, is taken for what noise in the normals makes up, and left out."""
     outlier_sigmas: float = 4.0
@@ -32,9 +32,9 @@ class CorrectionSettings:
     outlier_std: float = 0.003
     """Metres: added to a patch's deviation before it is called an outlier. A large thing that moved
     by a few centimetres may pass, and drags the pose by some millimetres."""
-    keyframes: int = 32
+    max_keyframes: int = 32
     """Earlier looks that are kept to be held against; the oldest are forgotten first."""
-    sources: int = 4
+    max_sources: int = 4
     """Earlier looks, those with the most pixels in common, that a look is held against."""
     target_spacing: float = 0.4
     """Metres between the fiducials on the known target."""

@@ -42,37 +42,37 @@ class TrackingSettings:
         With the value, if one is out of range.
     """
 
-    fewest_pixels: int = 4
+    min_pixels: int = 4
     """Of a region: fewer may be edges of something else, and their mean is hardly better than a
     single point."""
-    gate: float = 3.0
+    gate_sigmas: float = 3.0
     """Standard deviations of the prediction, beyond the fiducial's radius, in which the seed may
     lie."""
-    step: float = 3.0
+    step_sigmas: float = 3.0
     """Standard deviations (Eq. 1) of the difference of two depths by which they may differ."""
-    steepest: float = math.radians(70.0)
+    max_incidence_angle: float = math.radians(70.0)
     """Radians between the optical axis and the normal of a surface: from one pixel to the next its
     depth changes by the tangent of this times the pixels' distance. The ground 4 m ahead of a
     camera at a height of 1.5 m has 69 degrees."""
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.fewest_pixels, int | np.integer) and self.fewest_pixels >= 1):
+        if not (isinstance(self.min_pixels, int | np.integer) and self.min_pixels >= 1):
             raise ValueError(
-                "TrackingSettings.fewest_pixels must be a whole number of at least 1: "
-                f"{self.fewest_pixels}"
+                "TrackingSettings.min_pixels must be a whole number of at least 1: "
+                f"{self.min_pixels}"
             )
-        for name in ("gate", "step"):
+        for name in ("gate_sigmas", "step_sigmas"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"TrackingSettings.{name} must be finite and >= 0, got {value}")
-        if not 0 <= self.steepest < math.pi / 2:
+        if not 0 <= self.max_incidence_angle < math.pi / 2:
             raise ValueError(
-                f"TrackingSettings.steepest must lie in [0, pi/2) radians, got {self.steepest}"
+                f"TrackingSettings.max_incidence_angle must lie in [0, pi/2) radians, got {self.max_incidence_angle}"
             )
 
 
 @dataclass(frozen=True, eq=False)
-class Tracks:
+class FiducialTracks:
     """What was found of k fiducials; zeros where one was not."""
 
     labels: NDArray[np.int32]
@@ -85,7 +85,7 @@ class Tracks:
     """(k,) k_i of Eq. 10, metres along the optical axis."""
     points: NDArray[np.float64]
     """(k, 3) mean points k_i (1, u_i, v_i) of the regions, camera frame, metres."""
-    spreads: NDArray[np.float64]
+    scatters: NDArray[np.float64]
     """(k, 3, 3) covariances of a region's points about their mean, square metres: thin across a
     surface, where the mean is sure, wide along it, where it is not."""
     counts: NDArray[np.int64]
@@ -93,12 +93,12 @@ class Tracks:
 
     def __post_init__(self) -> None:
         k = len(self.found)
-        shapes = [getattr(self, part.name).shape for part in fields(self)[1:]]
+        shapes = [getattr(self, entry.name).shape for entry in fields(self)[1:]]
         if self.labels.ndim != 1 or shapes != [(k,), (k, 2), (k,), (k, 3), (k, 3, 3), (k,)]:
             raise ValueError(f"arrays of {k} tracks cannot have the shapes {shapes}")
 
 
-def track(
+def track_fiducials(
     cloud: PointCloud,
     camera: DepthCamera,
     noise: RangeNoise,
@@ -106,11 +106,11 @@ def track(
     radii: ArrayLike,
     deviations: ArrayLike,
     settings: TrackingSettings | None = None,
-) -> Tracks:
+) -> FiducialTracks:
     """Find fiducials in what a camera measured.
 
     A fiducial is not found if its prediction is out of the field of view, no point is measured
-    within its radius and `gate` deviations of it, or its region has too few pixels.
+    within its radius and `gate_sigmas` deviations of it, or its region has too few pixels.
 
     Parameters
     ----------
@@ -133,48 +133,52 @@ def track(
         If shapes do not fit, or a prediction, radius or deviation is not finite or negative.
     """
     settings = settings or TrackingSettings()
-    predictions, radii, sigmas = _checked(cloud, camera, predictions, radii, deviations)
+    predictions, radii, sigmas = _validated(cloud, camera, predictions, radii, deviations)
     owners = np.full(camera.n_pixels, -1)
-    looked_for, pixels = np.flatnonzero(_in_view(predictions, camera)), np.flatnonzero(cloud.hit)
-    if len(looked_for) and len(pixels):
+    in_view, pixels = np.flatnonzero(_in_view(predictions, camera)), np.flatnonzero(cloud.hit)
+    if len(in_view) and len(pixels):
         points = cloud.points[pixels]
-        distances = cdist(predictions[looked_for], points)
+        distances = cdist(predictions[in_view], points)
         nearest = distances.argmin(axis=1)
-        reach = (radii + settings.gate * sigmas)[looked_for]
-        near = distances[np.arange(len(nearest)), nearest] <= reach
-        numbers, seeds = looked_for[near], nearest[near]
-        owners[pixels] = _owners(points, points[seeds], numbers, radii)
-        regions = _regions(owners, _joined(cloud, camera, noise, settings), camera)
+        max_distance = (radii + settings.gate_sigmas * sigmas)[in_view]
+        near = distances[np.arange(len(nearest)), nearest] <= max_distance
+        numbers, seeds = in_view[near], nearest[near]
+        owners[pixels] = _assign_owners(points, points[seeds], numbers, radii)
+        regions = _label_regions(owners, _connected(cloud, camera, noise, settings), camera)
         # one more for the pixels of owner -1
         grown_from = np.zeros(len(predictions) + 1, dtype=np.int32)
         grown_from[numbers] = regions[pixels[seeds]]
         owners[regions != grown_from[owners]] = -1
-    return _means(owners, cloud.points, len(predictions), settings.fewest_pixels)
+    return _region_statistics(owners, cloud.points, len(predictions), settings.min_pixels)
 
 
-def _means(owners: NDArray[np.int64], points: NDArray[np.float64], k: int, fewest: int) -> Tracks:
+def _region_statistics(
+    owners: NDArray[np.int64], points: NDArray[np.float64], k: int, min_pixels: int
+) -> FiducialTracks:
     """What k regions amount to, of the pixels' owners (n_pixels,); small ones are dropped."""
-    found = np.bincount(owners + 1, minlength=k + 1)[1:] >= fewest
+    found = np.bincount(owners + 1, minlength=k + 1)[1:] >= min_pixels
     labels = np.where(found[owners] & (owners >= 0), owners, -1) if k else owners
     pixels = np.flatnonzero(labels >= 0)
-    of, inside = labels[pixels], points[pixels]
-    counts = np.bincount(of, minlength=k)
+    region, inside = labels[pixels], points[pixels]
+    counts = np.bincount(region, minlength=k)
     sizes = np.maximum(counts, 1)
-    means, spreads = np.empty((k, 3)), np.empty((k, 3, 3))
+    means, scatters = np.empty((k, 3)), np.empty((k, 3, 3))
     for i in range(3):
-        means[:, i] = np.bincount(of, inside[:, i], minlength=k) / sizes
-    offsets = inside - means[of]
+        means[:, i] = np.bincount(region, inside[:, i], minlength=k) / sizes
+    offsets = inside - means[region]
     for i in range(3):
         for j in range(i + 1):
-            spreads[:, i, j] = np.bincount(of, offsets[:, i] * offsets[:, j], minlength=k) / sizes
-            spreads[:, j, i] = spreads[:, i, j]
+            scatters[:, i, j] = (
+                np.bincount(region, offsets[:, i] * offsets[:, j], minlength=k) / sizes
+            )
+            scatters[:, j, i] = scatters[:, i, j]
     image_points = means[:, 1:] / np.where(found, means[:, 0], 1.0)[:, None]
-    return Tracks(
-        labels.astype(np.int32), found, image_points, means[:, 0].copy(), means, spreads, counts
+    return FiducialTracks(
+        labels.astype(np.int32), found, image_points, means[:, 0].copy(), means, scatters, counts
     )
 
 
-def _checked(
+def _validated(
     cloud: PointCloud,
     camera: DepthCamera,
     predictions: ArrayLike,
@@ -211,7 +215,7 @@ def _in_view(points: NDArray[np.float64], camera: DepthCamera) -> NDArray[np.boo
     return np.asarray((x > 0) & (np.abs(y) <= left * x) & (np.abs(z) <= top * x))
 
 
-def _owners(
+def _assign_owners(
     points: NDArray[np.float64],
     seeds: NDArray[np.float64],
     numbers: NDArray[np.int64],
@@ -227,7 +231,7 @@ def _owners(
     return np.where(inside, numbers[nearest], -1)
 
 
-def _joined(
+def _connected(
     cloud: PointCloud, camera: DepthCamera, noise: RangeNoise, settings: TrackingSettings
 ) -> tuple[Mask, Mask]:
     """Whether the surface goes on from a pixel to the next of its row, and of its column.
@@ -238,21 +242,27 @@ def _joined(
     depths = cloud.points[:, 0].reshape(shape)
     ranges = np.sqrt(np.einsum("ni,ni->n", cloud.points, cloud.points)).reshape(shape)
     variances = noise.standard_deviations(ranges, 1)[..., 0] ** 2
-    slope = math.tan(settings.steepest)
-    wide = slope * 2 * math.tan(camera.horizontal_field_of_view / 2) / camera.width
-    high = slope * 2 * math.tan(camera.vertical_field_of_view / 2) / camera.height
+    slope = math.tan(settings.max_incidence_angle)
+    row_slope = slope * 2 * math.tan(camera.horizontal_field_of_view / 2) / camera.width
+    column_slope = slope * 2 * math.tan(camera.vertical_field_of_view / 2) / camera.height
 
-    def goes_on(first: tuple[slice, slice], second: tuple[slice, slice], rise: float) -> Mask:
+    def is_continuous(
+        first: tuple[slice, slice], second: tuple[slice, slice], slope_limit: float
+    ) -> Mask:
         a, b = depths[first], depths[second]
         deviation = np.sqrt(variances[first] + variances[second])
-        return np.asarray(np.abs(a - b) <= rise * np.minimum(a, b) + settings.step * deviation)
+        return np.asarray(
+            np.abs(a - b) <= slope_limit * np.minimum(a, b) + settings.step_sigmas * deviation
+        )
 
-    return goes_on(np.s_[:, :-1], np.s_[:, 1:], wide), goes_on(np.s_[:-1, :], np.s_[1:, :], high)
+    return is_continuous(np.s_[:, :-1], np.s_[:, 1:], row_slope), is_continuous(
+        np.s_[:-1, :], np.s_[1:, :], column_slope
+    )
 
 
-def _regions(
+def _label_regions(
     owners: NDArray[np.int64],
-    joined: tuple[Mask, Mask],
+    connected: tuple[Mask, Mask],
     camera: DepthCamera,
 ) -> NDArray[np.int32]:
     """Numbers (n,) of the connected regions of pixels of one owner; 0 for pixels of none.
@@ -263,7 +273,7 @@ def _regions(
     image = owners.reshape(camera.height, camera.width)
     doubled = np.zeros((2 * camera.height - 1, 2 * camera.width - 1), dtype=np.bool_)
     doubled[::2, ::2] = image >= 0
-    doubled[::2, 1::2] = joined[0] & (image[:, :-1] == image[:, 1:])
-    doubled[1::2, ::2] = joined[1] & (image[:-1] == image[1:])
+    doubled[::2, 1::2] = connected[0] & (image[:, :-1] == image[:, 1:])
+    doubled[1::2, ::2] = connected[1] & (image[:-1] == image[1:])
     regions, _ = label(doubled)
     return np.asarray(regions[::2, ::2].reshape(-1), dtype=np.int32)

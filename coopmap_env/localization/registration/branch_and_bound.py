@@ -8,12 +8,12 @@ import heapq
 import numpy as np
 from numba import njit
 
-_CLIMBS = 6
+_MAX_MOVES = 6
 """Moves of a hypothesis at most: 0.6 m by the larger steps."""
 
 
 @njit(cache=True, nogil=True)
-def cells_of(points, yaws, corner, origin, cell):
+def points_to_cells(points, yaws, corner, origin, cell):
     """Cells (yaws, n, 3) of the field in which points (n, 3) lie, of bases at the corner."""
     out = np.empty((len(yaws), len(points), 3), np.int32)
     for a in range(len(yaws)):
@@ -27,7 +27,7 @@ def cells_of(points, yaws, corner, origin, cell):
 
 
 @njit(cache=True, nogil=True)
-def fit(cells, field, i, j):
+def field_score(cells, field, i, j):
     """Votes of points in `cells` (n, 3) on a field (nx, ny, nz), moved by (i, j) steps."""
     nx, ny, nz = field.shape
     total = 0
@@ -39,12 +39,12 @@ def fit(cells, field, i, j):
 
 
 @njit(cache=True, nogil=True)
-def seen_through(probes, x, y, yaw, around, R, t, lens, margin, enough):
+def count_seen_through(probes, x, y, yaw, min_ranges, R, t, intrinsics, margin, stop_count):
     """How many probes (n, 3) beams pass by more than a margin, if the base stands at x, y, yaw.
 
-    Counting stops at `enough`.
+    Counting stops at `stop_count`.
     """
-    width, height, left, top = lens
+    width, height, left, top = intrinsics
     c, s = np.cos(yaw), np.sin(yaw)
     count = 0
     for k in range(len(probes)):
@@ -61,18 +61,18 @@ def seen_through(probes, x, y, yaw, around, R, t, lens, margin, enough):
             row = int(np.floor(0.5 * height * (1.0 - pz / (px * top))))
             if not (0 <= col < width and 0 <= row < height):
                 continue
-            if around[w, row * width + col] > np.sqrt(dx * dx + dy * dy + dz * dz) + margin:
+            if min_ranges[w, row * width + col] > np.sqrt(dx * dx + dy * dy + dz * dz) + margin:
                 count += 1
                 break
-        if count >= enough:
+        if count >= stop_count:
             break
     return count
 
 
 @njit(cache=True, nogil=True)
-def best_first(
-    cells, levels, n_steps, corner, step, middle, ring, yaws, probes, around, R, t, lens, margin,
-    weight, distinct, least, share, most, visits,
+def best_first_search(
+    cells, pooled_fields, n_steps, corner, step, center_xy, distance_range, yaws, probes, min_ranges, R, t, intrinsics, margin,
+    probe_weight, min_separation, min_score, min_relative_score, max_leaves, max_visits,
 ):  # fmt: skip
     """The best distinct leaves [x, y, yaw] (k, 3) and their scores (k,), best first.
 
@@ -80,28 +80,28 @@ def best_first(
     included, has level -1. Leaves whose base stands outside of the ring (least, largest distance
     from the middle), or near to a better one, are dropped.
     """
-    top = len(levels) - 1
+    top = len(pooled_fields) - 1
     size = 1 << top
-    found = np.empty((most, 3))
-    scores = np.empty(most)
+    found = np.empty((max_leaves, 3))
+    scores = np.empty(max_leaves)
     count = 0
     heap = [(0.0, 0, 0, 0, 0)]
     heap.pop()
     for a in range(len(yaws)):
         for i in range(0, n_steps, size):
             for j in range(0, n_steps, size):
-                near, far = _distances(i, j, size, corner, step, middle)
-                if near > ring[1] or far < ring[0]:
+                near, far = _distance_bounds(i, j, size, corner, step, center_xy)
+                if near > distance_range[1] or far < distance_range[0]:
                     continue
-                bound = fit(cells[a], levels[top], i, j)
-                if bound > least:
+                bound = field_score(cells[a], pooled_fields[top], i, j)
+                if bound > min_score:
                     heap.append((-bound, top, a, i, j))
     heapq.heapify(heap)
-    for _ in range(visits):
-        if not heap or count == most:
+    for _ in range(max_visits):
+        if not heap or count == max_leaves:
             break
         value, level, a, i, j = heapq.heappop(heap)
-        if count > 0 and -value < share * scores[0]:
+        if count > 0 and -value < min_relative_score * scores[0]:
             break
         x, y = corner[0] + i * step, corner[1] + j * step
         if level > 0:
@@ -109,28 +109,33 @@ def best_first(
             for di in range(2):
                 for dj in range(2):
                     ci, cj = i + di * side, j + dj * side
-                    near, far = _distances(ci, cj, side, corner, step, middle)
-                    if near > ring[1] or far < ring[0]:
+                    near, far = _distance_bounds(ci, cj, side, corner, step, center_xy)
+                    if near > distance_range[1] or far < distance_range[0]:
                         continue
-                    bound = fit(cells[a], levels[level - 1], ci, cj)
-                    if bound > least:
+                    bound = field_score(cells[a], pooled_fields[level - 1], ci, cj)
+                    if bound > min_score:
                         heapq.heappush(heap, (-bound, level - 1, a, ci, cj))
             continue
-        taken = False
+        is_duplicate = False
         for k in range(count):
-            turned = abs(yaws[a] - found[k, 2])
-            turned = min(turned, 2.0 * np.pi - turned)
-            if np.hypot(x - found[k, 0], y - found[k, 1]) < distinct[0] and turned < distinct[1]:
-                taken = True
+            yaw_difference = abs(yaws[a] - found[k, 2])
+            yaw_difference = min(yaw_difference, 2.0 * np.pi - yaw_difference)
+            if (
+                np.hypot(x - found[k, 0], y - found[k, 1]) < min_separation[0]
+                and yaw_difference < min_separation[1]
+            ):
+                is_duplicate = True
                 break
-        if taken:
+        if is_duplicate:
             continue
         if level == 0:
-            needed = max(least, share * scores[0]) if count > 0 else least
-            enough = (-value - needed) / weight  # more, and it is no hypothesis
-            passed = seen_through(probes, x, y, yaws[a], around, R, t, lens, margin, enough)
-            if passed < enough:
-                heapq.heappush(heap, (value + weight * passed, -1, a, i, j))
+            needed = max(min_score, min_relative_score * scores[0]) if count > 0 else min_score
+            stop_count = (-value - needed) / probe_weight  # more, and it is no hypothesis
+            n_seen_through = count_seen_through(
+                probes, x, y, yaws[a], min_ranges, R, t, intrinsics, margin, stop_count
+            )
+            if n_seen_through < stop_count:
+                heapq.heappush(heap, (value + probe_weight * n_seen_through, -1, a, i, j))
             continue
         found[count, 0], found[count, 1], found[count, 2] = x, y, yaws[a]
         scores[count] = -value
@@ -139,9 +144,9 @@ def best_first(
 
 
 @njit(cache=True, nogil=True)
-def climb(
-    found, scores, points, field, origin, cell, step, yaw_step, probes, around, R, t, lens, margin,
-    weight,
+def hill_climb(
+    found, scores, points, field, origin, cell, step, yaw_step, probes, min_ranges, R, t, intrinsics, margin,
+    probe_weight,
 ):  # fmt: skip
     """Move hypotheses [x, y, yaw] (k, 3) to the best of those around, until none is better.
 
@@ -151,11 +156,11 @@ def climb(
     n = len(points)
     nx, ny, nz = field.shape
     for h in range(len(found)):
-        best, moved = -np.inf, True
-        for _ in range(_CLIMBS):
-            if not moved:
+        best, improved = -np.inf, True
+        for _ in range(_MAX_MOVES):
+            if not improved:
                 break
-            moved = False
+            improved = False
             x0, y0, yaw0 = found[h, 0], found[h, 1], found[h, 2]
             for a in range(-1, 2):
                 yaw = yaw0 + a * yaw_step
@@ -174,21 +179,30 @@ def climb(
                         value = total / 255.0
                         if value <= best:
                             continue
-                        value -= weight * seen_through(
-                            probes, x, y, yaw, around, R, t, lens, margin, (value - best) / weight
+                        value -= probe_weight * count_seen_through(
+                            probes,
+                            x,
+                            y,
+                            yaw,
+                            min_ranges,
+                            R,
+                            t,
+                            intrinsics,
+                            margin,
+                            (value - best) / probe_weight,
                         )
                         if value > best:
                             best = value
                             found[h, 0], found[h, 1], found[h, 2] = x, y, yaw
-                            moved = i != 0 or j != 0 or a != 0 or moved
+                            improved = i != 0 or j != 0 or a != 0 or improved
         scores[h] = best
 
 
 @njit(cache=True, nogil=True)
-def _distances(i, j, size, corner, step, middle):
+def _distance_bounds(i, j, size, corner, step, center_xy):
     """Least and largest distance of a square of leaves from the target's middle."""
-    x0, x1 = corner[0] + i * step - middle[0], corner[0] + (i + size - 1) * step - middle[0]
-    y0, y1 = corner[1] + j * step - middle[1], corner[1] + (j + size - 1) * step - middle[1]
+    x0, x1 = corner[0] + i * step - center_xy[0], corner[0] + (i + size - 1) * step - center_xy[0]
+    y0, y1 = corner[1] + j * step - center_xy[1], corner[1] + (j + size - 1) * step - center_xy[1]
     near_x, near_y = max(x0, -x1, 0.0), max(y0, -y1, 0.0)
     far_x, far_y = max(abs(x0), abs(x1)), max(abs(y0), abs(y1))
     return np.hypot(near_x, near_y), np.hypot(far_x, far_y)

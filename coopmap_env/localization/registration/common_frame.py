@@ -19,19 +19,19 @@ from coopmap_env.localization.registration.views import View
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.mapping import OccupancyMap
 
-LEAST_VOXELS = 30
+MIN_VOXELS = 30
 """Voxels besides the target, of which both robot and map know: with fewer nothing is decided."""
-LEAST_MARGIN = 0.5
+MIN_MARGIN = 0.5
 """Nats a voxel by which the best frame must be likelier than the next."""
-AROUND = 0.2
+TARGET_PADDING = 0.2
 """Metres around the target that belong to it: it looks alike in all frames."""
-GROUND = 0.1
+GROUND_HEIGHT = 0.1
 """Metres above the ground up to which points tell nothing: it looks alike too."""
-BOUND = 3.0
+MAX_LOG_ODDS = 3.0
 """Nats at most that one voxel says for a frame, or against it."""
 
 
-def in_frame(found: Registration, T_target_base: Pose) -> Registration:
+def in_equivalent_frame(found: Registration, T_target_base: Pose) -> Registration:
     """The same registration in another of its equivalent frames."""
     if found.T_target_base is None or found.covariance is None:
         raise ValueError(f"nothing is located: {found.reason}")
@@ -40,7 +40,7 @@ def in_frame(found: Registration, T_target_base: Pose) -> Registration:
     return replace(found, T_target_base=T_target_base, covariance=both @ found.covariance @ both.T)
 
 
-def agree_on_frame(
+def resolve_symmetry(
     map_: OccupancyMap, found: Registration, views: Sequence[View], model: TargetModel
 ) -> Registration:
     """The registration in that of its equivalent frames in which the views fit the team's map.
@@ -61,31 +61,33 @@ def agree_on_frame(
     points = np.concatenate(
         [view.estimate.pose.transform(view.cloud.points[view.cloud.hit]) for view in views]
     )
-    support = [support_of(map_, T.transform(points), model) for T in found.equivalents]
+    support = [mean_log_odds(map_, T.transform(points), model) for T in found.equivalent_poses]
     known = min(count for _, count in support)
     order = np.argsort([-value for value, _ in support], kind="stable")
     margin = support[order[0]][0] - support[order[1]][0]
-    if known < LEAST_VOXELS or margin < LEAST_MARGIN:
+    if known < MIN_VOXELS or margin < MIN_MARGIN:
         return replace(
             found,
             located=False,
             T_target_base=None,
             covariance=None,
-            reason=f"the target looks alike from {len(found.equivalents)} sides, and what else is "
+            reason=f"the target looks alike from {len(found.equivalent_poses)} sides, and what else is "
             f"seen does not tell them apart ({known} voxels, {margin:.2f} nats)",
         )
-    return in_frame(found, found.equivalents[order[0]])
+    return in_equivalent_frame(found, found.equivalent_poses[order[0]])
 
 
-def support_of(
+def mean_log_odds(
     map_: OccupancyMap, points: NDArray[np.float64], model: TargetModel
 ) -> tuple[float, int]:
     """Mean log-odds, nats, of the known voxels that hold points (n, 3), and how many there are."""
-    low, high = model.bounds[0] - AROUND, model.bounds[1] + AROUND
-    apart = ~((points > low) & (points < high)).all(axis=1) & (points[:, 2] > GROUND)
-    index = map_.grid.index(points[apart])
+    low, high = model.bounds[0] - TARGET_PADDING, model.bounds[1] + TARGET_PADDING
+    outside = ~((points > low) & (points < high)).all(axis=1) & (points[:, 2] > GROUND_HEIGHT)
+    index = map_.grid.index(points[outside])
     index = index[map_.grid.contains(index)]
-    cells = np.unique(map_.grid.flat(index)) if len(index) else np.empty(0, dtype=np.int64)
-    cells = cells[map_.sampled_cells[cells].view(np.bool_)]
+    cells = np.unique(map_.grid.flat_index(index)) if len(index) else np.empty(0, dtype=np.int64)
+    cells = cells[map_.sampled_mask[cells].view(np.bool_)]
     odds = map_.log_odds.ravel()[cells] if len(cells) else np.zeros(0)
-    return (float(np.clip(odds, -BOUND, BOUND).mean()) if len(cells) else 0.0), len(cells)
+    return (float(np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS).mean()) if len(cells) else 0.0), len(
+        cells
+    )

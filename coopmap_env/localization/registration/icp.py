@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry.rotations import nearest_rotation
 from coopmap_env.geometry.transforms import Pose
 
@@ -18,9 +18,9 @@ class Refiner(Protocol):
     def __call__(
         self,
         points: NDArray[np.float64],
-        surface: NDArray[np.float64],
+        surface_points: NDArray[np.float64],
         T_target_base: Pose,
-        reach: float,
+        max_distance: float,
     ) -> Pose:
         """Align points with a surface.
 
@@ -42,9 +42,9 @@ class Refiner(Protocol):
         """
 
 
-LEAST = 12
+MIN_POINTS = 12
 """Points and samples: two for each degree of freedom."""
-NEIGHBOURS = 8
+N_NORMAL_NEIGHBOURS = 8
 """Samples of which the library takes a normal: those next to one on a face."""
 
 
@@ -59,28 +59,28 @@ class SmallGicp:
 
     def __init__(self, iterations: int = 15) -> None:
         self.iterations = iterations
-        self._library = require("small_gicp", "field")
+        self._small_gicp = import_optional("small_gicp", "field")
 
     def __call__(
         self,
         points: NDArray[np.float64],
-        surface: NDArray[np.float64],
+        surface_points: NDArray[np.float64],
         T_target_base: Pose,
-        reach: float,
+        max_distance: float,
     ) -> Pose:
         """See `Refiner`."""
-        if len(points) < LEAST or len(surface) < LEAST:
+        if len(points) < MIN_POINTS or len(surface_points) < MIN_POINTS:
             return T_target_base
-        target = self._library.PointCloud(surface)
-        tree = self._library.KdTree(target)
-        self._library.estimate_normals(target, tree, NEIGHBOURS)
+        target = self._small_gicp.PointCloud(surface_points)
+        tree = self._small_gicp.KdTree(target)
+        self._small_gicp.estimate_normals(target, tree, N_NORMAL_NEIGHBOURS)
         start = np.eye(4)
         start[:3, :3], start[:3, 3] = T_target_base.rotation, T_target_base.translation
-        result = self._library.align(
-            target, self._library.PointCloud(points), tree, start, "PLANE_ICP",
-            max_correspondence_distance=reach, num_threads=1, max_iterations=self.iterations,
+        result = self._small_gicp.align(
+            target, self._small_gicp.PointCloud(points), tree, start, "PLANE_ICP",
+            max_correspondence_distance=max_distance, num_threads=1, max_iterations=self.iterations,
         )  # fmt: skip
         T = np.asarray(result.T_target_source)
-        if result.num_inliers < LEAST or not np.isfinite(T).all():
+        if result.num_inliers < MIN_POINTS or not np.isfinite(T).all():
             return T_target_base
         return Pose(T[:3, 3].copy(), nearest_rotation(T[:3, :3]))

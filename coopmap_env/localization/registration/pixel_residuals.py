@@ -14,15 +14,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-AGREES, IN_FRONT, SEEN_THROUGH, OPEN = 1, 2, 3, 0
+AGREES, OCCLUDED, SEEN_THROUGH, UNDECIDED = 1, 2, 3, 0
 """A pixel where the target is expected sees it there, sees something in front of it, sees through
 it, or tells none of these: it lies at an edge, for instance."""
 
 
 @njit(cache=True, nogil=True)
-def judge(
-    points, hit, ranges, around, expected, seen, normals, corners, R_camera, t_camera, R, t,
-    noise, floor, gate, margin, jump, verdict, H, b, patches, origin, patch,
+def pixel_residuals(
+    points, hit, ranges, min_ranges, expected, triangle_index, normals, plane_points, R_camera, t_camera, R, t,
+    noise, sigma_floor, gate_sigmas, depth_margin, max_range_residual, verdict, H, b, patches, origin, patch_size,
 ):  # fmt: skip
     """Fill the verdict (n,) of each pixel where the target is expected; add to H (6, 6), b (6,).
 
@@ -31,9 +31,9 @@ def judge(
     Parameters
     ----------
     points, hit, ranges, around
-        One look, see `Looks`.
+        One look, see `ViewBatch`.
     expected, seen : (n,)
-        What `expect` fills.
+        What `render_depth` fills.
     normals, corners : (m, 3)
         Planes of the triangles in the target's frame: a normal and a corner each.
     R_camera, t_camera, R, t
@@ -49,7 +49,7 @@ def judge(
     jump : float
         Metres along the beam within which a point can agree.
     patches : (nx, ny, nz)
-        Cells of the target's box, from `origin` (3,) on and `patch` metres wide.
+        Cells of the target's box, from `origin` (3,) on and `patch_size` metres wide.
 
     Returns
     -------
@@ -65,12 +65,12 @@ def judge(
     for i in range(3):
         axis[i] = R[i, 0] * R_camera[0, 0] + R[i, 1] * R_camera[1, 0] + R[i, 2] * R_camera[2, 0]
     for k in range(len(points)):
-        verdict[k] = OPEN
-        m = seen[k]
+        verdict[k] = UNDECIDED
+        m = triangle_index[k]
         if m < 0:
             continue
         if ranges[k] == 0.0:
-            verdict[k] = IN_FRONT
+            verdict[k] = OCCLUDED
             continue
         for i in range(3):
             d[i] = (
@@ -83,7 +83,7 @@ def judge(
         along = 0.0
         for i in range(3):
             p[i] = R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]  # T p - t
-            r += normals[m, i] * (p[i] + t[i] - corners[m, i])
+            r += normals[m, i] * (p[i] + t[i] - plane_points[m, i])
             along += normals[m, i] * axis[i]
         # points lie on their beams: range and depth grow alike
         surface = expected[k] * ranges[k] / points[k, 0]
@@ -92,8 +92,12 @@ def judge(
             lateral_factor * lateral_factor
             + along * along * (depth_factor * depth_factor - lateral_factor * lateral_factor)
         )  # fmt: skip
-        variance += floor * floor
-        if hit[k] and abs(ranges[k] - surface) < jump and r * r < gate * gate * variance:
+        variance += sigma_floor * sigma_floor
+        if (
+            hit[k]
+            and abs(ranges[k] - surface) < max_range_residual
+            and r * r < gate_sigmas * gate_sigmas * variance
+        ):
             verdict[k] = AGREES
             chi2 += r * r / variance
             for i in range(3):
@@ -102,33 +106,35 @@ def judge(
             J[4] = p[2] * normals[m, 0] - p[0] * normals[m, 2]
             J[5] = p[0] * normals[m, 1] - p[1] * normals[m, 0]
             # where the beam meets the surface, not where noise puts the point
-            share = surface / ranges[k]
+            fraction = surface / ranges[k]
             cell = [0, 0, 0]
             for i in range(3):
-                eye = R[i, 0] * t_camera[0] + R[i, 1] * t_camera[1] + R[i, 2] * t_camera[2] + t[i]
-                at = eye + share * (p[i] + t[i] - eye) - origin[i]
-                cell[i] = min(max(int(at / patch), 0), patches.shape[i] - 1)
+                camera_position = (
+                    R[i, 0] * t_camera[0] + R[i, 1] * t_camera[1] + R[i, 2] * t_camera[2] + t[i]
+                )
+                at = camera_position + fraction * (p[i] + t[i] - camera_position) - origin[i]
+                cell[i] = min(max(int(at / patch_size), 0), patches.shape[i] - 1)
             patches[cell[0], cell[1], cell[2]] = True
             for i in range(6):
                 b[i] -= J[i] * r / variance
                 for j in range(6):
                     H[i, j] += J[i] * J[j] / variance
             continue
-        noisy = margin + 3.0 * intrinsic * depth_factor * surface**exponent
-        if ranges[k] < surface - noisy or (not hit[k] and ranges[k] < surface + noisy):
-            verdict[k] = IN_FRONT  # or the beam was not followed as far
-        elif around[k] > surface + noisy:
+        tolerance = depth_margin + 3.0 * intrinsic * depth_factor * surface**exponent
+        if ranges[k] < surface - tolerance or (not hit[k] and ranges[k] < surface + tolerance):
+            verdict[k] = OCCLUDED  # or the beam was not followed as far
+        elif min_ranges[k] > surface + tolerance:
             verdict[k] = SEEN_THROUGH
     return chi2
 
 
 @njit(cache=True, nogil=True)
-def unexplained(
-    points, hit, R_camera, t_camera, R, t, away, origin, cell, low, high, noise, tolerance
+def count_off_surface(
+    points, hit, R_camera, t_camera, R, t, surface_distances, origin, cell, low, high, noise, tolerance
 ):  # fmt: skip
     """How many points of a look lie in the target's box, but not on it.
 
-    `away` (nx, ny, nz) are distances to the surface in cells from `origin` that hold the box from
+    `surface_distances` (nx, ny, nz) are distances to the surface in cells from `origin` that hold the box from
     `low` to `high` (3,). A point is on the target within a tolerance and three sigma of Eq. 1.
     """
     intrinsic, depth_factor, _, exponent = noise
@@ -155,6 +161,8 @@ def unexplained(
         y = int((q[1] - origin[1]) / cell)
         z = int((q[2] - origin[2]) / cell)
         square = points[k, 0] ** 2 + points[k, 1] ** 2 + points[k, 2] ** 2
-        if away[x, y, z] > tolerance + 3.0 * intrinsic * depth_factor * square ** (0.5 * exponent):
+        if surface_distances[x, y, z] > tolerance + 3.0 * intrinsic * depth_factor * square ** (
+            0.5 * exponent
+        ):
             count += 1
     return count

@@ -35,7 +35,9 @@ class SharedPose(NamedTuple):
     """e + e_v of each look, (v, 6)."""
 
 
-def carried_to_base(covariances: Array, t_base_camera: Array, R_target_base: Array) -> Array:
+def camera_to_base_covariances(
+    covariances: Array, t_base_camera: Array, R_target_base: Array
+) -> Array:
     """Covariances (v, 6, 6) of cameras' poses, as those of displacements of the base.
 
     A camera that stands dt further, turned by dw, sees what it would see from a base displaced by
@@ -55,7 +57,9 @@ def carried_to_base(covariances: Array, t_base_camera: Array, R_target_base: Arr
     return np.asarray(A @ covariances @ A.transpose(0, 2, 1))
 
 
-def shared_pose(H: Array, g: Array, own: Array, common: Array, P: Array, Px: Array) -> SharedPose:
+def shared_pose(
+    H: Array, g: Array, independent: Array, common: Array, P: Array, Px: Array
+) -> SharedPose:
     """Estimate x of the looks' information H (v, 6, 6) and g (v, 6) about x + e + e_v.
 
     Parameters
@@ -69,7 +73,7 @@ def shared_pose(H: Array, g: Array, own: Array, common: Array, P: Array, Px: Arr
         all looks together leave open.
     """
     eye = np.eye(6)
-    L = eye + H @ own
+    L = eye + H @ independent
     W_v = np.linalg.solve(L, H)
     g_v = np.linalg.solve(L, g[..., None])[..., 0]
     W, w = W_v.sum(axis=0), g_v.sum(axis=0)
@@ -79,44 +83,46 @@ def shared_pose(H: Array, g: Array, own: Array, common: Array, P: Array, Px: Arr
     covariance = np.linalg.inv(total)
     x = covariance @ (np.linalg.solve(L, w) + Px)
     e = np.linalg.solve(eye + common @ W, common @ (w - W @ x))
-    left = g - H @ (x + e)
-    e_v = np.linalg.solve(eye + own @ H, (own @ left[..., None]))[..., 0]
+    residual = g - H @ (x + e)
+    e_v = np.linalg.solve(eye + independent @ H, (independent @ residual[..., None]))[..., 0]
     return SharedPose(x, 0.5 * (covariance + covariance.T), e + e_v)
 
 
-def disagreement(H: Array, g: Array, own: Array) -> tuple[Array, Array]:
+def view_chi2(H: Array, g: Array, independent: Array) -> tuple[Array, Array]:
     """How far each look is from what all others say: chi^2 (v,) and its degrees of freedom (v,).
 
     Each look's own W_v, g_v against their sum without it, in the directions in which both tell
     something; common errors are in both and cancel. With no such direction, both are 0.
     """
-    L = np.eye(6) + H @ own
+    L = np.eye(6) + H @ independent
     W_v = np.linalg.solve(L, H)
     g_v = np.linalg.solve(L, g[..., None])[..., 0]
-    chi2, freedom = np.zeros(len(H)), np.zeros(len(H))
+    chi2, dof = np.zeros(len(H)), np.zeros(len(H))
     for v in range(len(H)):
         W, w = W_v.sum(axis=0) - W_v[v], g_v.sum(axis=0) - g_v[v]
-        C_others, x_others = _inverse(W), np.zeros(6)
+        C_others, x_others = _covariance_of(W), np.zeros(6)
         x_others = C_others @ w
-        C, x = _inverse(W_v[v]), np.zeros(6)
+        C, x = _covariance_of(W_v[v]), np.zeros(6)
         x = C @ g_v[v]
         # what either leaves open is no disagreement: compare where the sum of covariances is small
         spread = C_others + C
-        values, vectors = np.linalg.eigh(0.5 * (spread + spread.T) / np.outer(_UNITS, _UNITS))
+        values, vectors = np.linalg.eigh(
+            0.5 * (spread + spread.T) / np.outer(_KNOWN_STD, _KNOWN_STD)
+        )
         known = values < 1.0
-        along = vectors.T @ ((x - x_others) / _UNITS)
+        along = vectors.T @ ((x - x_others) / _KNOWN_STD)
         chi2[v] = float((along[known] ** 2 / values[known]).sum())
-        freedom[v] = int(known.sum())
-    return chi2, freedom
+        dof[v] = int(known.sum())
+    return chi2, dof
 
 
-_UNITS = np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
+_KNOWN_STD = np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
 """Metres and radians: what is known less well than this counts as open."""
-_OPEN = 1e4
+_UNKNOWN_VARIANCE_RATIO = 1e4
 """Times the units in square: the variance of what information leaves open."""
 
 
-def _inverse(W: Array) -> Array:
+def _covariance_of(W: Array) -> Array:
     """Covariance of an information matrix that may leave directions open."""
-    prior = np.diag(1.0 / (_OPEN * _UNITS**2))
+    prior = np.diag(1.0 / (_UNKNOWN_VARIANCE_RATIO * _KNOWN_STD**2))
     return np.asarray(np.linalg.inv(0.5 * (W + W.T) + prior))

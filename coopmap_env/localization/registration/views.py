@@ -9,8 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.localization.depth_rendering import Pinhole, nearest_around, pinhole
-from coopmap_env.robots.vehicle import CameraEstimate
+from coopmap_env.localization.depth_rendering import (
+    PinholeIntrinsics,
+    min_neighbour_range,
+    pinhole_intrinsics,
+)
+from coopmap_env.robots.vehicle import PoseEstimate
 from coopmap_env.sensing.depth_camera import DepthCamera
 from coopmap_env.sensing.point_cloud import PointCloud
 
@@ -20,12 +24,12 @@ class View(NamedTuple):
 
     cloud: PointCloud
     """A pixel each, row by row, in the camera frame; what is seen of robots is taken out."""
-    estimate: CameraEstimate
+    estimate: PoseEstimate
     """T_base_camera with its covariance in the base frame."""
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class ViewBatch:
     """v looks of n pixels each as arrays.
 
     Attributes
@@ -42,20 +46,20 @@ class Looks:
     covariances : (v, 6, 6) float array
         Of T_base_camera.
     lens : tuple
-        See `pinhole`.
+        See `pinhole_intrinsics`.
     """
 
     points: NDArray[np.float64]
     hit: NDArray[np.bool_]
     ranges: NDArray[np.float64]
-    around: NDArray[np.float64]
+    min_ranges: NDArray[np.float64]
     R: NDArray[np.float64]
     t: NDArray[np.float64]
     covariances: NDArray[np.float64]
-    lens: Pinhole
+    intrinsics: PinholeIntrinsics
 
     @classmethod
-    def of(cls, views: Sequence[View], camera: DepthCamera) -> Looks:
+    def from_views(cls, views: Sequence[View], camera: DepthCamera) -> ViewBatch:
         """Put looks side by side.
 
         Raises
@@ -79,24 +83,24 @@ class Looks:
                 )
         points = np.array([view.cloud.points for view in views], dtype=np.float64)
         ranges = np.sqrt(np.einsum("vni,vni->vn", points, points))
-        around = np.empty_like(ranges)
-        for nearest, row in zip(around, ranges, strict=True):
-            nearest_around(row, camera.width, camera.height, nearest)
+        min_ranges = np.empty_like(ranges)
+        for nearest, row in zip(min_ranges, ranges, strict=True):
+            min_neighbour_range(row, camera.width, camera.height, nearest)
         return cls(
             points,
             np.array([view.cloud.hit for view in views]),
             ranges,
-            around,
+            min_ranges,
             np.array([view.estimate.pose.rotation for view in views]),
             np.array([view.estimate.pose.translation for view in views]),
             np.array([view.estimate.covariance for view in views], dtype=np.float64),
-            pinhole(camera),
+            pinhole_intrinsics(camera),
         )
 
     def __len__(self) -> int:
         return len(self.points)
 
-    def in_base(self) -> NDArray[np.float64]:
+    def points_in_base(self) -> NDArray[np.float64]:
         """All measured points (k, 3) in the base frame, metres."""
-        placed = np.einsum("vij,vnj->vni", self.R, self.points) + self.t[:, None]
-        return placed[self.hit]
+        points = np.einsum("vij,vnj->vni", self.R, self.points) + self.t[:, None]
+        return points[self.hit]

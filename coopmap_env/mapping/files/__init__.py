@@ -23,7 +23,7 @@ from coopmap_env.mapping.files.base import MapFileError
 from coopmap_env.mapping.files.map_server import load_map_server, save_map_server, write_map_server
 from coopmap_env.mapping.files.npz import load_npz, save_npz
 from coopmap_env.mapping.files.octomap import load_octomap, save_octomap
-from coopmap_env.mapping.files.ply import Surfaces, load_surfaces, save_surfaces
+from coopmap_env.mapping.files.ply import SurfaceEstimates, load_surfaces, save_surfaces
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 SAVERS = {
@@ -81,7 +81,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyMap:
 
 __all__ = [
     "MapFileError",
-    "Surfaces",
+    "SurfaceEstimates",
     "load_map",
     "load_map_server",
     "load_npz",

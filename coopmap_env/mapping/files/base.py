@@ -26,18 +26,18 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
         raise MapFileError(f"{path} cannot be read: {error}") from error
 
 
-def settings_text(map_: OccupancyMap) -> str:
+def settings_to_json(map_: OccupancyMap) -> str:
     """Grid, beam model and clamp in one line of JSON, whose floats are read back exactly."""
     settings = {
         "grid": asdict(map_.grid),
         "beam": asdict(map_.model),
-        "max_probability": map_.range.max_probability,
+        "max_probability": map_.log_odds_range.max_probability,
     }
     return json.dumps(settings)
 
 
-def empty_map(text: str, path: str | os.PathLike[str]) -> OccupancyMap:
-    """A new map of the settings that `settings_text` wrote.
+def map_from_settings(text: str, path: str | os.PathLike[str]) -> OccupancyMap:
+    """A new map of the settings that `settings_to_json` wrote.
 
     Raises
     ------

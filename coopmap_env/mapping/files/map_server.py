@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
 from coopmap_env.mapping.files.base import MapFileError, read_bytes
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.mapping.log_odds import level_of
+from coopmap_env.mapping.log_odds import to_log_odds_fixed
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 OCCUPIED_THRESH = 0.65
@@ -82,7 +82,7 @@ def write_map_server(
     ImportError
         With the pip command, if PyYAML (or, for "scale", Pillow) is not installed.
     """
-    yaml = require("yaml", "maps")
+    yaml = import_optional("yaml", "maps")
     path = Path(path_yaml)
     if path.suffix.lower() not in (".yaml", ".yml"):
         raise ValueError(f"path_yaml must end in .yaml or .yml, not {str(path)!r}")
@@ -92,7 +92,7 @@ def write_map_server(
         raise ValueError(f"resolution must be a finite length above 0 m, not {resolution!r}")
     if len(origin) != 2 or not all(math.isfinite(metres) for metres in origin):
         raise ValueError(f"origin must be two finite numbers (x, y), not {origin!r}")
-    probability = _checked(np.asarray(occupancy_probability, dtype=np.float64))
+    probability = _validate_probability(np.asarray(occupancy_probability, dtype=np.float64))
     trinary = mode == "trinary"
     image = path.with_suffix(".pgm" if trinary else ".png")
     fields = {
@@ -108,7 +108,7 @@ def write_map_server(
     write_atomically(path, yaml.safe_dump(fields, sort_keys=False, allow_unicode=True).encode())
 
 
-def _checked(probability: NDArray[np.float64]) -> NDArray[np.float64]:
+def _validate_probability(probability: NDArray[np.float64]) -> NDArray[np.float64]:
     if probability.ndim != 2 or probability.size == 0:
         raise ValueError(f"occupancy_probability must have shape (nx, ny), not {probability.shape}")
     outside = (probability < 0.0) | (probability > 1.0)
@@ -135,7 +135,7 @@ def _png(probability: NDArray[np.float64]) -> bytes:
     pixels = np.stack([gray, np.where(known, 255, 0).astype(np.uint8)], axis=-1)
     buffer = io.BytesIO()
     image = np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1])
-    require("PIL.Image", "maps").fromarray(image).save(buffer, "PNG")
+    import_optional("PIL.Image", "maps").fromarray(image).save(buffer, "PNG")
     return buffer.getvalue()
 
 
@@ -150,29 +150,31 @@ def load_map_server(path: str | os.PathLike[str]) -> OccupancyMap:
     MapFileError
         If a file is missing or broken, or a field is not as expected.
     """
-    fields = _fields(path)
+    fields = _read_fields(path)
     gray, opaque = _read_image(Path(path), Path(path).parent / fields["image"])
     p = gray / 255.0 if fields["negate"] else (255.0 - gray) / 255.0
     occupied, free = p > fields["occupied_thresh"], p < fields["free_thresh"]
     if fields["mode"] == "scale":
         occupied, free = p >= fields["occupied_thresh"], p <= fields["free_thresh"]
     map_ = OccupancyMap(VoxelGrid(p.shape, fields["resolution"], tuple(fields["origin"][:2])))
-    clamp = map_.range.clamp
-    levels = np.zeros(p.shape, dtype=np.int32)
+    clamp = map_.log_odds_range.clamp
+    log_odds_fixed = np.zeros(p.shape, dtype=np.int32)
     between = opaque & ~occupied & ~free
     if fields["mode"] == "scale":
-        levels[between] = [min(max(level_of(value), -clamp), clamp) for value in p[between]]
+        log_odds_fixed[between] = [
+            min(max(to_log_odds_fixed(value), -clamp), clamp) for value in p[between]
+        ]
         between = np.zeros_like(between)
-    levels[occupied], levels[free] = clamp, -clamp
+    log_odds_fixed[occupied], log_odds_fixed[free] = clamp, -clamp
     sampled = opaque & ~between
-    map_.levels[:] = np.where(sampled, levels, 0).ravel()
-    map_.sampled_cells[:] = sampled.ravel()
+    map_.log_odds_fixed[:] = np.where(sampled, log_odds_fixed, 0).ravel()
+    map_.sampled_mask[:] = sampled.ravel()
     return map_
 
 
-def _fields(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _read_fields(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Content of the YAML file, checked."""
-    yaml = require("yaml", "maps")
+    yaml = import_optional("yaml", "maps")
     try:
         fields = yaml.safe_load(read_bytes(path).decode())
         fields = {"mode": "trinary", **fields}
@@ -202,11 +204,11 @@ def _fields(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def _read_image(path: Path, image: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Gray values (nx, ny) from 0 to 255, and which pixels are opaque."""
-    pillow = require("PIL.Image", "maps")
+    pillow = import_optional("PIL.Image", "maps")
     try:
         with pillow.open(image) as file:
             pixels = np.asarray(file.convert("LA"), dtype=np.float64)
     except (OSError, ValueError, SyntaxError, EOFError, pillow.DecompressionBombError) as error:
         raise MapFileError(f"{path}: its image {image} cannot be read: {error}") from error
-    turned = np.ascontiguousarray(pixels[::-1].transpose(1, 0, 2))
-    return turned[..., 0], turned[..., 1] == 255
+    transposed = np.ascontiguousarray(pixels[::-1].transpose(1, 0, 2))
+    return transposed[..., 0], transposed[..., 1] == 255

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from coopmap_env.core.files import write_atomically
 from coopmap_env.mapping.files.base import (
     MapFileError,
-    empty_map,
+    map_from_settings,
     read_bytes,
-    settings_text,
+    settings_to_json,
 )
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
@@ -26,14 +26,14 @@ ARRAYS = ("levels", "sampled", "cells", "precisions", "vectors")
 
 def save_npz(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
     """Write a map; surface estimates as those of the hit cells, in information form."""
-    cells, precisions, vectors = map_.information()
+    cells, precisions, vectors = map_.information_form()
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
         format=np.array(FORMAT),
-        settings=np.array(settings_text(map_)),
-        levels=map_.levels,
-        sampled=map_.sampled_cells,
+        settings=np.array(settings_to_json(map_)),
+        levels=map_.log_odds_fixed,
+        sampled=map_.sampled_mask,
         cells=cells,
         precisions=precisions,
         vectors=vectors,
@@ -52,9 +52,9 @@ def load_npz(path: str | os.PathLike[str]) -> OccupancyMap:
     entries = _read(path)
     if str(entries["format"]) != FORMAT:
         raise MapFileError(f"{path} is of format {str(entries['format'])!r}, not {FORMAT!r}")
-    map_ = empty_map(str(entries["settings"]), path)
+    map_ = map_from_settings(str(entries["settings"]), path)
     try:
-        map_.restore(*(entries[name] for name in ARRAYS))
+        map_.set_state(*(entries[name] for name in ARRAYS))
     except ValueError as error:
         raise MapFileError(f"{path}: {error}") from error
     return map_

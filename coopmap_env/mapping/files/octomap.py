@@ -22,24 +22,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import atomic_path
 from coopmap_env.mapping.files.base import (
     MapFileError,
-    empty_map,
+    map_from_settings,
     read_bytes,
-    settings_text,
+    settings_to_json,
 )
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.mapping.log_odds import LEVELS_PER_NAT
+from coopmap_env.mapping.log_odds import STEPS_PER_NAT
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 CENTER_KEY = 1 << 15
 """Key of the voxel whose lower corner is OctoMap's origin; keys are 16 bits."""
-COMMENT = b"# coopmap "
+COMMENT_PREFIX = b"# coopmap "
 NODE_BYTES = 5
 """Of a node in an ``.ot`` file: a float and which children it has."""
-LARGEST_BOX = 100_000_000
+MAX_CELLS = 100_000_000
 """Cells: a dense map of a file of others is not made beyond."""
 
 
@@ -59,7 +59,7 @@ def save_octomap(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
             raise OSError(f"OctoMap could not write {path}")
         # after the line that says that comments may be added
         first, second, rest = temporary.read_bytes().split(b"\n", 2)
-        comment = COMMENT + settings_text(map_).encode()
+        comment = COMMENT_PREFIX + settings_to_json(map_).encode()
         temporary.write_bytes(b"\n".join((first, second, comment, rest)))
 
 
@@ -68,15 +68,15 @@ def to_octree(map_: OccupancyMap) -> Any:
 
     Its coordinates are ours minus `octomap_shift`.
     """
-    octomap = require("pyoctomap", "octomap")
+    octomap = import_optional("pyoctomap", "octomap")
     base = _first_key(map_.grid)
     tree = octomap.OcTree(map_.grid.resolution)
     # a node is cut to the thresholds when it is made: as wide as no map of ours is
     tree.setClampingThresMin(1e-12)
     tree.setClampingThresMax(1 - 1e-12)
-    flat = np.flatnonzero(map_.sampled_cells)
+    flat = np.flatnonzero(map_.sampled_mask)
     keys = np.stack(np.unravel_index(flat, map_.grid.shape), axis=-1) + base
-    values = map_.levels[flat] / LEVELS_PER_NAT
+    values = map_.log_odds_fixed[flat] / STEPS_PER_NAT
     for key, value in zip(keys.tolist(), values.tolist(), strict=True):
         tree.updateNode(octomap.OcTreeKey(*key), value, True)
     tree.updateInnerOccupancy()
@@ -106,7 +106,7 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
     MapFileError
         If the file is missing, broken or truncated, or not of an occupancy tree.
     """
-    octomap = require("pyoctomap", "octomap")
+    octomap = import_optional("pyoctomap", "octomap")
     binary = Path(path).suffix.lower() == ".bt"
     settings = _check_header(path, binary)
     tree = octomap.OcTree(0.1)
@@ -117,19 +117,19 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
     if tree is None or not isinstance(tree, octomap.OcTree):
         raise MapFileError(f"{path}: OctoMap's library cannot read this occupancy tree")
     if settings is None:
-        map_ = _boxed(path, tree)
+        map_ = _empty_bounding_map(path, tree)
     else:
-        map_ = empty_map(settings, path)
+        map_ = map_from_settings(settings, path)
         if not math.isclose(map_.grid.resolution, tree.getResolution(), rel_tol=1e-6):
             raise MapFileError(f"{path}: its comment is of another resolution than its tree")
     log_odds, known = sample_octree(tree, map_.grid)
-    clamp = map_.range.clamp
+    clamp = map_.log_odds_range.clamp
     if binary:
-        levels = np.where(log_odds >= 0, clamp, -clamp)
+        log_odds_fixed = np.where(log_odds >= 0, clamp, -clamp)
     else:
-        levels = np.clip(np.rint(log_odds * LEVELS_PER_NAT), -clamp, clamp)
-    map_.levels[:] = np.where(known, levels, 0).ravel()
-    map_.sampled_cells[:] = known.ravel()
+        log_odds_fixed = np.clip(np.rint(log_odds * STEPS_PER_NAT), -clamp, clamp)
+    map_.log_odds_fixed[:] = np.where(known, log_odds_fixed, 0).ravel()
+    map_.sampled_mask[:] = known.ravel()
     return map_
 
 
@@ -177,8 +177,8 @@ def _check_header(path: str | os.PathLike[str], binary: bool) -> str | None:
             f"{path} is truncated or broken: {size} nodes are {NODE_BYTES * size} bytes, "
             f"not {len(data)}"
         )
-    comments = [line for line in lines if line.startswith(COMMENT)]
-    return comments[0][len(COMMENT) :].decode(errors="replace") if comments else None
+    comments = [line for line in lines if line.startswith(COMMENT_PREFIX)]
+    return comments[0][len(COMMENT_PREFIX) :].decode(errors="replace") if comments else None
 
 
 def _leaves(tree: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
@@ -194,14 +194,14 @@ def _leaves(tree: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np
     return np.rint(lower).astype(np.int64) + CENTER_KEY, sizes, table[:, 4]
 
 
-def _boxed(path: str | os.PathLike[str], tree: Any) -> OccupancyMap:
+def _empty_bounding_map(path: str | os.PathLike[str], tree: Any) -> OccupancyMap:
     """An empty map of the box around all leaves."""
     keys, sizes, _ = _leaves(tree)
     if len(keys) == 0:
         raise MapFileError(f"{path} holds no voxel, and no comment that says how large the map is")
     lower, resolution = keys.min(axis=0), tree.getResolution()
     shape = tuple(((keys + sizes[:, None]).max(axis=0) - lower).tolist())
-    if math.prod(shape) > LARGEST_BOX:
+    if math.prod(shape) > MAX_CELLS:
         raise MapFileError(f"{path}: its voxels span {shape} cells, too many for a dense map")
     origin = tuple(((lower - CENTER_KEY) * resolution).tolist())
     return OccupancyMap(VoxelGrid(shape, resolution, origin))

@@ -17,25 +17,25 @@ from coopmap_env.core.files import write_atomically
 from coopmap_env.mapping.files.base import MapFileError, read_bytes
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
-COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
-ROW = np.dtype(
+COVARIANCE_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
+VERTEX_DTYPE = np.dtype(
     [(axis, "<f8") for axis in "xyz"]
-    + [(f"covariance_{pair}", "<f8") for pair in COVARIANCE]
+    + [(f"covariance_{pair}", "<f8") for pair in COVARIANCE_PAIRS]
     + [("probability", "<f8"), ("cell", "<i4")]
 )
 """One vertex of our files."""
-TYPES = {
+PLY_DTYPES = {
     "char": "<i1", "int8": "<i1", "uchar": "<u1", "uint8": "<u1", "short": "<i2", "int16": "<i2",
     "ushort": "<u2", "uint16": "<u2", "int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4",
     "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8",
 }  # fmt: skip
-NAMES = {"<f8": "double", "<i4": "int"}
-DIMENSION = "coopmap dimension"
+PLY_TYPE_NAMES = {"<f8": "double", "<i4": "int"}
+DIMENSION_COMMENT = "coopmap dimension"
 """A comment that tells planar maps, whose z and covariances along z are 0."""
 
 
 @dataclass(frozen=True)
-class Surfaces:
+class SurfaceEstimates:
     """Surface estimates of a map; see `OccupancyMap.surfaces`."""
 
     cells: NDArray[np.int64]
@@ -48,7 +48,7 @@ class Surfaces:
     """P(occupied) of their cells (k,)."""
 
     @classmethod
-    def of(cls, map_: OccupancyMap) -> Surfaces:
+    def from_map(cls, map_: OccupancyMap) -> SurfaceEstimates:
         """Those of a map."""
         cells, means, covariances = map_.surfaces()
         return cls(cells, means, covariances, map_.probability.ravel()[cells])
@@ -60,12 +60,12 @@ def save_surfaces(map_: OccupancyMap, path: str | os.PathLike[str], ascii_: bool
     Covariances are written as the mean of both triangles, which inversion leaves equal but for
     rounding.
     """
-    surfaces = Surfaces.of(map_)
+    surfaces = SurfaceEstimates.from_map(map_)
     d = map_.grid.dimension
-    rows = np.zeros(len(surfaces.cells), dtype=ROW)
+    rows = np.zeros(len(surfaces.cells), dtype=VERTEX_DTYPE)
     for axis, name in enumerate("xyz"[:d]):
         rows[name] = surfaces.means[:, axis]
-    for pair in COVARIANCE:
+    for pair in COVARIANCE_PAIRS:
         i, j = "xyz".index(pair[0]), "xyz".index(pair[1])
         if j < d:
             both = surfaces.covariances[:, i, j] + surfaces.covariances[:, j, i]
@@ -75,10 +75,13 @@ def save_surfaces(map_: OccupancyMap, path: str | os.PathLike[str], ascii_: bool
         "ply",
         f"format {'ascii' if ascii_ else 'binary_little_endian'} 1.0",
         "comment surface points of an occupancy map: metres, covariances in square metres",
-        f"comment {DIMENSION} {d}",
+        f"comment {DIMENSION_COMMENT} {d}",
         f"element vertex {len(rows)}",
     ]
-    lines += [f"property {NAMES[ROW[name].str]} {name}" for name in ROW.names or ()]
+    lines += [
+        f"property {PLY_TYPE_NAMES[VERTEX_DTYPE[name].str]} {name}"
+        for name in VERTEX_DTYPE.names or ()
+    ]
     header = "\n".join([*lines, "end_header\n"]).encode()
     if ascii_:  # repr of a float is read back as the same float
         body = "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()).encode()
@@ -87,7 +90,7 @@ def save_surfaces(map_: OccupancyMap, path: str | os.PathLike[str], ascii_: bool
     write_atomically(path, header + body)
 
 
-def load_surfaces(path: str | os.PathLike[str]) -> Surfaces:
+def load_surfaces(path: str | os.PathLike[str]) -> SurfaceEstimates:
     """Read what `save_surfaces` wrote, whatever other properties or elements follow.
 
     Raises
@@ -125,29 +128,29 @@ def _vertices(path: str | os.PathLike[str], lines: list[str]) -> tuple[int, np.d
     dimension = 3
     for line in lines:
         words = line.split()
-        if line.startswith(f"comment {DIMENSION}"):
+        if line.startswith(f"comment {DIMENSION_COMMENT}"):
             dimension = 2 if words[-1] == "2" else 3
         elif words[:1] == ["element"] and len(words) == 3 and words[2].isdigit():
             elements.append((words[1], int(words[2])))
         elif words[:1] == ["property"] and len(elements) == 1:
-            if len(words) != 3 or words[1] not in TYPES:
+            if len(words) != 3 or words[1] not in PLY_DTYPES:
                 raise MapFileError(f"{path}: cannot read the vertices' {line!r}")
-            fields.append((words[2], TYPES[words[1]]))
+            fields.append((words[2], PLY_DTYPES[words[1]]))
     if not elements or elements[0][0] != "vertex":
         raise MapFileError(f"{path}: expected element vertex first, got {elements}")
-    missing = [name for name in ROW.names or () if name not in dict(fields)]
+    missing = [name for name in VERTEX_DTYPE.names or () if name not in dict(fields)]
     if missing or len(dict(fields)) != len(fields):
         raise MapFileError(f"{path} lacks the vertex properties {missing} of surface estimates")
     return elements[0][1], np.dtype(fields), dimension
 
 
-def _surfaces(rows: NDArray[np.void], d: int) -> Surfaces:
+def _surfaces(rows: NDArray[np.void], d: int) -> SurfaceEstimates:
     covariances = np.empty((len(rows), 3, 3))
-    for pair in COVARIANCE:
+    for pair in COVARIANCE_PAIRS:
         i, j = "xyz".index(pair[0]), "xyz".index(pair[1])
         covariances[:, i, j] = covariances[:, j, i] = rows[f"covariance_{pair}"]
     means = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=-1)
-    return Surfaces(
+    return SurfaceEstimates(
         rows["cell"].astype(np.int64),
         means[:, :d].copy(),
         covariances[:, :d, :d].copy(),

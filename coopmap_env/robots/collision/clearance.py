@@ -17,15 +17,15 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots.reach import LEVEL_EMPTY
+from coopmap_env.robots.reach import FREE_LOG_ODDS_FIXED
 
 FREE, UNKNOWN, OCCUPIED, OUTSIDE = range(4)
-WHAT = ("free space", "unknown space", "an obstacle", "the edge of the map")
+STATE_NAMES = ("free space", "unknown space", "an obstacle", "the edge of the map")
 """In words, what a voxel's state means to a robot."""
 
 
 @dataclass(frozen=True, eq=False)
-class Clearance:
+class VoxelStates:
     """The states of the voxels in a box around a robot, at one time."""
 
     states: NDArray[np.uint8]
@@ -35,7 +35,7 @@ class Clearance:
     resolution: float
 
     @classmethod
-    def around(cls, map_: OccupancyMap, center: ArrayLike, reach: float) -> Clearance:
+    def from_map(cls, map_: OccupancyMap, center: ArrayLike, reach: float) -> VoxelStates:
         """What a map knows of the box that reaches `reach` metres from a point to all sides.
 
         Raises
@@ -51,14 +51,14 @@ class Clearance:
             raise ValueError(f"the box's centre must be three finite values, got {middle}")
         if not (np.isfinite(reach) and reach > 0):
             raise ValueError(f"the box's reach must be finite and > 0, got {reach}")
-        first = np.floor(grid.cells(middle - reach)).astype(np.int64)
-        last = np.floor(grid.cells(middle + reach)).astype(np.int64)
+        first = np.floor(grid.to_cell_units(middle - reach)).astype(np.int64)
+        last = np.floor(grid.to_cell_units(middle + reach)).astype(np.int64)
         states = np.empty(last - first + 1, dtype=np.uint8)
-        copy_states(map_.levels, map_.sampled_cells, np.array(grid.shape), first, states)
+        copy_states(map_.log_odds_fixed, map_.sampled_mask, np.array(grid.shape), first, states)
         lower = np.array(grid.origin) + first * grid.resolution
         return cls(states, lower, grid.resolution)
 
-    def near(self, radius: float) -> NDArray[np.uint8]:
+    def blocked_neighborhood(self, radius: float) -> NDArray[np.uint8]:
         """Voxels (nx, ny, nz) in which no sphere up to `radius`, metres, can be told to be clear.
 
         Those with a blocked voxel within that distance along each axis. Where it is 0 there is
@@ -68,14 +68,14 @@ class Clearance:
         _, ny, nz = self.states.shape
         one, other = np.minimum(self.states, 1), np.empty_like(self.states)
         for shift in (1, nz, ny * nz):
-            spread(one.reshape(-1), shift, reach, other.reshape(-1))
+            dilate(one.reshape(-1), shift, reach, other.reshape(-1))
             one, other = other, one
         for axis in range(3):  # near the box's ends, where rows wrapped around, too
             ends = np.moveaxis(one, axis, 0)
             ends[:reach] = ends[-reach:] = 1
         return one
 
-    def touched(self, centers: ArrayLike, radii: ArrayLike) -> NDArray[np.uint8]:
+    def sphere_states(self, centers: ArrayLike, radii: ArrayLike) -> NDArray[np.uint8]:
         """The worst state (...,) of the voxels that spheres meet; `FREE` if they are clear.
 
         Parameters
@@ -88,21 +88,21 @@ class Clearance:
         out = np.empty(centers.shape[:-1], dtype=np.uint8)
         flat = np.ascontiguousarray(centers.reshape(-1, 3))
         wide = np.ascontiguousarray(np.broadcast_to(radii, out.shape).ravel(), dtype=np.float64)
-        touched(self.states, self.lower, self.resolution, flat, wide, out.reshape(-1))
+        sphere_states(self.states, self.lower, self.resolution, flat, wide, out.reshape(-1))
         return out
 
 
-def spheres_clear(
-    clearance: Clearance, centers: ArrayLike, radii: ArrayLike, margin: float = 0.0
+def are_spheres_free(
+    voxel_states: VoxelStates, centers: ArrayLike, radii: ArrayLike, margin: float = 0.0
 ) -> NDArray[np.bool_]:
     """Whether all spheres of each set are clear: centres (..., s, 3), radii (s,) -> (...,)."""
-    grown = np.asarray(radii, dtype=np.float64) + margin
-    clear: NDArray[np.bool_] = clearance.touched(centers, grown) == FREE
+    inflated = np.asarray(radii, dtype=np.float64) + margin
+    clear: NDArray[np.bool_] = voxel_states.sphere_states(centers, inflated) == FREE
     return np.asarray(clear.all(axis=-1))
 
 
 @njit(cache=True, nogil=True)
-def copy_states(levels, sampled, shape, first, states):
+def copy_states(log_odds_fixed, sampled, shape, first, states):
     """States of the box of voxels that begins at index `first` (3,), which may lie outside."""
     nx, ny, nz = shape[0], shape[1], shape[2]
     z0 = min(max(-first[2], 0), states.shape[2])
@@ -118,14 +118,14 @@ def copy_states(levels, sampled, shape, first, states):
             states[i, j, z1:] = OUTSIDE
             start = (x * ny + y) * nz + first[2]
             column = states[i, j, z0:z1]
-            level, known = levels[start + z0 : start + z1], sampled[start + z0 : start + z1]
+            level, known = log_odds_fixed[start + z0 : start + z1], sampled[start + z0 : start + z1]
             for k in range(z1 - z0):
                 # FREE, UNKNOWN or OCCUPIED without a branch, so that it is done to many at once
-                column[k] = (1 - known[k]) + 2 * known[k] * (level[k] >= LEVEL_EMPTY)
+                column[k] = (1 - known[k]) + 2 * known[k] * (level[k] >= FREE_LOG_ODDS_FIXED)
 
 
 @njit(cache=True, nogil=True)
-def spread(source, shift, reach, out):
+def dilate(source, shift, reach, out):
     """OR of source[c - reach * shift], ..., source[c + reach * shift] in steps of `shift`: out[c].
 
     Over flat arrays, where the end of an axis wraps around to the next row. Slices, for indices
@@ -144,7 +144,7 @@ def spread(source, shift, reach, out):
 
 
 @njit(cache=True, nogil=True)
-def is_near(near, x, y, z):
+def is_near_blocked(near, x, y, z):
     """Whether a point, in voxels from the box's lower corner, may be near to blocked voxels."""
     nx, ny, nz = near.shape
     if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
@@ -180,7 +180,7 @@ def sphere_state(states, x, y, z, radius):
 
 
 @njit(cache=True, nogil=True)
-def touched(states, lower, resolution, centers, radii, out):
+def sphere_states(states, lower, resolution, centers, radii, out):
     """`sphere_state` of spheres in metres."""
     for s in range(len(centers)):
         x = (centers[s, 0] - lower[0]) / resolution

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.extras import require
-from coopmap_env.robots.collision.checker import Surroundings
+from coopmap_env.core.extras import import_optional
+from coopmap_env.robots.collision.checker import CollisionChecker
 
 
 def plan_path(
-    surroundings: Surroundings,
+    checker: CollisionChecker,
     start: ArrayLike,
     goal: ArrayLike,
     seed: int,
@@ -27,7 +27,7 @@ def plan_path(
 
     Parameters
     ----------
-    surroundings : Surroundings
+    surroundings : CollisionChecker
     start, goal : array_like, shape (n,)
         Joint values.
     seed : int
@@ -49,39 +49,42 @@ def plan_path(
     """
     if seed < 1 or iterations < 1:
         raise ValueError(f"seed and iterations must be at least 1, got {seed} and {iterations}")
-    chain = surroundings.vehicle.chain
-    q0, q1 = chain.joints(start), chain.check_limits(goal)
-    require("ompl", "paths")
-    contact = surroundings.first_contact(q0, q1, goal_first=True)
+    chain = checker.vehicle.chain
+    q0, q1 = chain.as_joint_values(start), chain.check_limits(goal)
+    import_optional("ompl", "paths")
+    contact = checker.first_contact(q0, q1, goal_first=True)
     if contact is None:
         return np.stack([q0, q1])
     if contact.at_goal:
         return None
     # a reading at the end of a joint's travel may lie a hair outside of its limits
     inside = np.clip(q0, chain.lower, chain.upper)
-    found = _rrt_connect(surroundings, inside, q1, seed, iterations)
-    return None if found is None else np.concatenate([[q0], _shortened(surroundings, found)[1:]])
+    found = _rrt_connect(checker, inside, q1, seed, iterations)
+    return None if found is None else np.concatenate([[q0], _shortcut_path(checker, found)[1:]])
 
 
 def _rrt_connect(
-    surroundings: Surroundings,
+    checker: CollisionChecker,
     q0: NDArray[np.float64],
     q1: NDArray[np.float64],
     seed: int,
     iterations: int,
 ) -> NDArray[np.float64] | None:
-    base, geometric = require("ompl.base", "paths"), require("ompl.geometric", "paths")
-    util = require("ompl.util", "paths")
+    base, geometric = (
+        import_optional("ompl.base", "paths"),
+        import_optional("ompl.geometric", "paths"),
+    )
+    util = import_optional("ompl.util", "paths")
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(seed)  # seeds all generators made from here on: the sampler's, the planner's
-    chain = surroundings.vehicle.chain
+    chain = checker.vehicle.chain
     n = chain.n_joints
     space = base.RealVectorStateSpace(n)
     bounds = base.RealVectorBounds(n)
     for j in range(n):
-        turn = 2.0 * math.pi  # of joints without limits
-        bounds.setLow(j, float(max(chain.lower[j], -turn)))
-        bounds.setHigh(j, float(min(chain.upper[j], turn)))
+        full_turn = 2.0 * math.pi  # of joints without limits
+        bounds.setLow(j, float(max(chain.lower[j], -full_turn)))
+        bounds.setHigh(j, float(min(chain.upper[j], full_turn)))
     space.setBounds(bounds)
     information = base.SpaceInformation(space)
 
@@ -90,12 +93,12 @@ def _rrt_connect(
 
     def is_valid(state: Any) -> bool:
         q = values(state)
-        return bool((q == q0).all() or (q == q1).all() or surroundings.are_clear(q)[0])
+        return bool((q == q0).all() or (q == q1).all() or checker.are_poses_free(q)[0])
 
     class Validator(base.MotionValidator):  # type: ignore[name-defined]
         def checkMotion(self, one: Any, other: Any, *_: Any) -> bool:  # noqa: N802
             """OMPL's name for whether a straight motion is free."""
-            return bool(surroundings.are_free(values(one), values(other))[0])
+            return bool(checker.are_motions_free(values(one), values(other))[0])
 
     validator = Validator(information)
     information.setStateValidityChecker(is_valid)
@@ -120,11 +123,11 @@ def _rrt_connect(
     return np.array([values(path.getState(i)) for i in range(path.getStateCount())])
 
 
-def _shortened(surroundings: Surroundings, path: NDArray[np.float64]) -> NDArray[np.float64]:
+def _shortcut_path(checker: CollisionChecker, path: NDArray[np.float64]) -> NDArray[np.float64]:
     """Leave out waypoints: from each go straight to the last one that can be reached so."""
     kept, at = [0], 0
     while at < len(path) - 1:
-        free = surroundings.are_free(path[at], path[at + 1 :])
+        free = checker.are_motions_free(path[at], path[at + 1 :])
         at += 1 + (int(np.flatnonzero(free)[-1]) if free.any() else 0)
         kept.append(at)
     return path[kept]

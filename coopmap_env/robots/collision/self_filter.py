@@ -10,11 +10,11 @@ from coopmap_env.geometry.transforms import Pose
 from coopmap_env.sensing.noise import RangeNoise
 from coopmap_env.sensing.point_cloud import PointCloud
 
-SLACK = 1e-6
+ANGLE_TOLERANCE = 1e-6
 """Radians by which a sphere counts as in sight that is not, for rounding's sake."""
 
 
-def without_bodies(
+def filter_robot_points(
     cloud: PointCloud,
     T_world_camera: Pose,
     centers: ArrayLike,
@@ -56,25 +56,25 @@ def without_bodies(
     local = np.ascontiguousarray(T_world_camera.inverse().transform(at))
     points, hit = cloud.points.copy(), cloud.hit.copy()
     pose = np.zeros((6, 6)) if pose_covariance is None else pose_covariance
-    spread = (
+    uncertainty = (
         float(noise.intrinsic * noise.depth), float(noise.exponent),
         float(np.trace(pose[:3, :3])), float(np.trace(pose[3:, 3:])),
     )  # fmt: skip
-    remove_bodies(points, hit, local, np.ascontiguousarray(wide), spread)
+    filter_points_in_spheres(points, hit, local, np.ascontiguousarray(wide), uncertainty)
     return PointCloud(points, hit)
 
 
 @njit(cache=True, nogil=True)
-def _three_sigma(distance, spread):
+def _three_sigma(distance, uncertainty):
     """Metres by which spheres grow there."""
-    factor, exponent, translation, rotation = spread
+    factor, exponent, translation, rotation = uncertainty
     power = distance * distance if exponent == 2.0 else distance**exponent
     along = factor * power
     return 3.0 * np.sqrt(along * along + translation + rotation * distance * distance)
 
 
 @njit(cache=True, nogil=True)
-def _in_sight(points, hit, centers, radii, spread, kept):
+def _spheres_in_view(points, hit, centers, radii, uncertainty, kept):
     """Write the numbers of the spheres that a hit may lie in, or its beam cross; how many.
 
     All hits lie in a cone about the optical axis, no further than the farthest of them. Most of the
@@ -89,14 +89,14 @@ def _in_sight(points, hit, centers, radii, spread, kept):
                 lowest = min(lowest, x / distance)
                 farthest = max(farthest, distance)
     spread_angle = np.arccos(max(lowest, -1.0))
-    grow = _three_sigma(farthest, spread)
+    inflation = _three_sigma(farthest, uncertainty)
     count = 0
     for s in range(len(radii)):
         x, y, z = centers[s, 0], centers[s, 1], centers[s, 2]
-        distance, radius = np.sqrt(x * x + y * y + z * z), radii[s] + grow
+        distance, radius = np.sqrt(x * x + y * y + z * z), radii[s] + inflation
         if distance > radius:
-            off = np.arccos(min(max(x / distance, -1.0), 1.0))
-            if off > spread_angle + np.arcsin(radius / distance) + SLACK:
+            off_axis = np.arccos(min(max(x / distance, -1.0), 1.0))
+            if off_axis > spread_angle + np.arcsin(radius / distance) + ANGLE_TOLERANCE:
                 continue
             if distance - radius > farthest:
                 continue
@@ -106,10 +106,10 @@ def _in_sight(points, hit, centers, radii, spread, kept):
 
 
 @njit(cache=True, nogil=True)
-def remove_bodies(points, hit, centers, radii, spread):
-    """`without_bodies` in the camera frame, in place; `spread` is (S * T_depth, n) of Eq. 1."""
+def filter_points_in_spheres(points, hit, centers, radii, uncertainty):
+    """`filter_robot_points` in the camera frame, in place; `uncertainty` is (S * T_depth, n) of Eq. 1."""
     kept = np.empty(len(radii), np.int64)
-    n_kept = _in_sight(points, hit, centers, radii, spread, kept)
+    n_kept = _spheres_in_view(points, hit, centers, radii, uncertainty, kept)
     if n_kept == 0:
         return
     for k in range(len(points)):
@@ -119,23 +119,23 @@ def remove_bodies(points, hit, centers, radii, spread):
         distance = np.sqrt(x * x + y * y + z * z)
         if distance == 0.0:
             continue
-        grow = _three_sigma(distance, spread)
-        ours = False
+        inflation = _three_sigma(distance, uncertainty)
+        on_robot = False
         entry = distance
         for s in kept[:n_kept]:
             cx, cy, cz = centers[s, 0], centers[s, 1], centers[s, 2]
             along = (cx * x + cy * y + cz * z) / distance
             aside = cx * cx + cy * cy + cz * cz - along * along
-            radius = radii[s] + grow
+            radius = radii[s] + inflation
             if aside >= radius * radius:
                 continue
             half = np.sqrt(radius * radius - aside)
             holds_hit = along - half < distance < along + half
-            ours |= holds_hit
+            on_robot |= holds_hit
             if holds_hit or along - half > 0.0:
                 entry = min(entry, along - half)
-        if ours:
+        if on_robot:
             hit[k] = False
-            share = max(entry, 0.0) / distance
+            fraction = max(entry, 0.0) / distance
             for i in range(3):
-                points[k, i] *= share
+                points[k, i] *= fraction

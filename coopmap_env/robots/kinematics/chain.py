@@ -12,15 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.kinematics.forward import (
-    Bodies,
+    KinematicTree,
     frame_jacobian,
     frame_poses,
     point_positions,
-    sorted_rotations,
+    rodrigues_terms,
 )
-from coopmap_env.robots.kinematics.urdf import MOVING, Joint, Model, displacement
+from coopmap_env.robots.kinematics.urdf import (
+    MOVABLE_JOINT_TYPES,
+    UrdfJoint,
+    UrdfModel,
+    joint_transform,
+)
 
-SAME_FRAME = Pose(np.zeros(3), np.eye(3))
+IDENTITY_POSE = Pose(np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +51,7 @@ class Chain:
     """Shape (L, 3, 3): kg m^2 about the centres of mass, along the links' axes."""
     meshes: tuple[NDArray[np.float64], ...]
     """Per link triangles (m, 3, 3) in the link's frame: what is seen of it."""
-    bodies: Bodies
+    tree: KinematicTree
     link_body: NDArray[np.int64]
     """Shape (L,): the rigid body that each link belongs to; 0 is what does not move."""
     link_rotations: NDArray[np.float64]
@@ -56,14 +61,14 @@ class Chain:
     T_link_camera: Pose
 
     @classmethod
-    def read(
+    def from_urdf(
         cls,
         urdf: str | Path,
         joints: Sequence[str],
         camera_link: str,
         T_link_camera: Pose | None = None,
         package_dirs: Sequence[str] = (),
-        frozen: Mapping[str, float] | None = None,
+        fixed_joints: Mapping[str, float] | None = None,
     ) -> Chain:
         """Read a URDF; joints that are not in `joints` are frozen.
 
@@ -78,7 +83,7 @@ class Chain:
             Camera frame (x optical axis, y left, z up) in the link's frame.
         package_dirs : sequence of str, optional
             Folders in which ``package://`` meshes are looked up.
-        frozen : mapping of str to float, optional
+        fixed_joints : mapping of str to float, optional
             Values at which other joints are frozen; 0 if not given.
 
         Raises
@@ -89,11 +94,11 @@ class Chain:
             If a joint or link does not exist, or a joint does not move; the message lists those
             that do.
         """
-        model = Model.read(urdf, package_dirs)
-        names, values = tuple(joints), dict(frozen or {})
-        _check(model, names, camera_link, values)
+        model = UrdfModel.from_file(urdf, package_dirs)
+        names, values = tuple(joints), dict(fixed_joints or {})
+        _validate_names(model, names, camera_link, values)
         links = [model.root, *(joint.child for joint in model.joints)]
-        bodies, link_body, frames = _rigid_bodies(model, names, values)
+        tree, link_body, frames = _kinematic_tree(model, names, values)
         by_name = {joint.name: joint for joint in model.joints}
         order = [links.index(name) for name in model.links]
         parts = [model.links[name] for name in model.links]
@@ -101,24 +106,24 @@ class Chain:
             joint_names=names,
             lower=np.array([by_name[name].lower for name in names]),
             upper=np.array([by_name[name].upper for name in names]),
-            is_prismatic=np.array([by_name[name].kind == "prismatic" for name in names]),
+            is_prismatic=np.array([by_name[name].joint_type == "prismatic" for name in names]),
             link_names=tuple(model.links),
             masses=np.array([link.mass for link in parts]),
             centers_of_mass=np.array([link.center_of_mass for link in parts]),
             inertias=np.array([link.inertia for link in parts]),
             meshes=tuple(model.triangles(name) for name in model.links),
-            bodies=bodies,
+            tree=tree,
             link_body=link_body[order],
             link_rotations=np.ascontiguousarray(frames[order, :3, :3]),
             link_translations=np.ascontiguousarray(frames[order, :3, 3]),
             camera_link=list(model.links).index(camera_link),
-            T_link_camera=T_link_camera or SAME_FRAME,
+            T_link_camera=T_link_camera or IDENTITY_POSE,
         )
 
     def __post_init__(self) -> None:
         arrays = (self.lower, self.upper, self.is_prismatic, self.masses, self.centers_of_mass,
                   self.inertias, self.link_body, self.link_rotations, self.link_translations,
-                  *self.meshes, *self.bodies)  # fmt: skip
+                  *self.meshes, *self.tree)  # fmt: skip
         for array in arrays:
             array.flags.writeable = False
 
@@ -132,7 +137,7 @@ class Chain:
         """Number of links."""
         return len(self.link_names)
 
-    def joints(self, q: ArrayLike) -> NDArray[np.float64]:
+    def as_joint_values(self, q: ArrayLike) -> NDArray[np.float64]:
         """Joint values as an array (k, n), or (n,) as given.
 
         Raises
@@ -152,14 +157,14 @@ class Chain:
         return q
 
     def check_limits(self, q: ArrayLike) -> NDArray[np.float64]:
-        """As `joints`, and refuse values outside the limits.
+        """As `as_joint_values`, and refuse values outside the limits.
 
         Raises
         ------
         ValueError
             Naming the joint, its value and its limits.
         """
-        q = self.joints(q)
+        q = self.as_joint_values(q)
         outside = (q < self.lower - 1e-9) | (q > self.upper + 1e-9)
         if outside.any():
             at = tuple(np.argwhere(outside)[0])
@@ -183,19 +188,19 @@ class Chain:
         self, q: ArrayLike, body: NDArray[np.int64], points: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Positions (k, s, 3) of points (s, 3) fixed to rigid bodies (s,)."""
-        q = np.atleast_2d(self.joints(q))
+        q = np.atleast_2d(self.as_joint_values(q))
         out = np.empty((len(q), len(points), 3))
-        point_positions(self.bodies, q, body, points, out)
+        point_positions(self.tree, q, body, points, out)
         return out
 
     def jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Jacobian (6, n) of the camera [translation; rotation vector] in the base frame, at q."""
-        q = self.joints(q)
+        q = self.as_joint_values(q)
         if q.ndim != 1:
             raise ValueError(f"the Jacobian needs joint values of one pose, got shape {q.shape}")
         body, _, translation = self._camera
         out = np.empty((6, self.n_joints))
-        frame_jacobian(self.bodies, q, body[0], translation[0], out)
+        frame_jacobian(self.tree, q, body[0], translation[0], out)
         return out
 
     @cached_property
@@ -212,22 +217,22 @@ class Chain:
         rotation: NDArray[np.float64],
         translation: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        q = self.joints(q)
+        q = self.as_joint_values(q)
         batch = np.atleast_2d(q)
         R, t = np.empty((len(batch), len(body), 3, 3)), np.empty((len(batch), len(body), 3))
-        frame_poses(self.bodies, batch, body, rotation, translation, R, t)
+        frame_poses(self.tree, batch, body, rotation, translation, R, t)
         return (R, t) if q.ndim == 2 else (R[0], t[0])
 
 
-def _check(
-    model: Model, joints: tuple[str, ...], camera_link: str, frozen: Mapping[str, float]
+def _validate_names(
+    model: UrdfModel, joints: tuple[str, ...], camera_link: str, fixed_joints: Mapping[str, float]
 ) -> None:
-    moving = [joint.name for joint in model.joints if joint.kind in MOVING]
+    moving = [joint.name for joint in model.joints if joint.joint_type in MOVABLE_JOINT_TYPES]
     if not joints:
         raise ValueError(f"name at least one joint of {model.path}; those that move: {moving}")
     if len(set(joints)) != len(joints):
         raise ValueError(f"a joint is named twice: {list(joints)}")
-    for name in (*joints, *frozen):
+    for name in (*joints, *fixed_joints):
         if name not in moving:
             raise ValueError(f"{model.path} has no moving joint {name!r}; it has {moving}")
     if camera_link not in model.links:
@@ -236,31 +241,34 @@ def _check(
         )
 
 
-def _rigid_bodies(
-    model: Model, names: tuple[str, ...], frozen: Mapping[str, float]
-) -> tuple[Bodies, NDArray[np.int64], NDArray[np.float64]]:
+def _kinematic_tree(
+    model: UrdfModel, names: tuple[str, ...], fixed_joints: Mapping[str, float]
+) -> tuple[KinematicTree, NDArray[np.int64], NDArray[np.float64]]:
     """The tree of bodies; per link (root first, then the joints' children) body and frame."""
-    rows: list[tuple[int, NDArray[np.float64], Joint, int, float, float]] = []
-    placed = {model.root: (0, np.eye(4))}
+    rows: list[tuple[int, NDArray[np.float64], UrdfJoint, int, float, float]] = []
+    link_frames = {model.root: (0, np.eye(4))}
     for joint in model.joints:
-        body, T_body_parent = placed[joint.parent]
+        body, T_body_parent = link_frames[joint.parent]
         T_body_joint = T_body_parent @ joint.origin
         source, multiplier, offset = joint.mimic or (joint.name, 1.0, 0.0)
-        if joint.name in names or (joint.kind in MOVING and source in names):
+        if joint.name in names or (joint.joint_type in MOVABLE_JOINT_TYPES and source in names):
             if joint.name in names:
                 source, multiplier, offset = joint.name, 1.0, 0.0
             rows.append((body, T_body_joint, joint, names.index(source), multiplier, offset))
-            placed[joint.child] = (len(rows), np.eye(4))
+            link_frames[joint.child] = (len(rows), np.eye(4))
         else:
-            value = multiplier * frozen.get(source, 0.0) + offset
-            placed[joint.child] = (body, T_body_joint @ displacement(joint.kind, joint.axis, value))
+            value = multiplier * fixed_joints.get(source, 0.0) + offset
+            link_frames[joint.child] = (
+                body,
+                T_body_joint @ joint_transform(joint.joint_type, joint.axis, value),
+            )
     frames = [np.eye(4), *(row[1] for row in rows)]
     axis = np.array([np.zeros(3), *(row[2].axis for row in rows)])
-    prismatic = np.array([False, *(row[2].kind == "prismatic" for row in rows)])
-    constant, cosine, sine = sorted_rotations(
+    prismatic = np.array([False, *(row[2].joint_type == "prismatic" for row in rows)])
+    constant, cosine, sine = rodrigues_terms(
         np.array([frame[:3, :3] for frame in frames]), axis, prismatic
     )
-    bodies = Bodies(
+    tree = KinematicTree(
         parent=np.array([0, *(row[0] for row in rows)], dtype=np.int64),
         translation=np.array([frame[:3, 3] for frame in frames]),
         constant=constant,
@@ -272,5 +280,5 @@ def _rigid_bodies(
         multiplier=np.array([0.0, *(row[4] for row in rows)]),
         offset=np.array([0.0, *(row[5] for row in rows)]),
     )
-    body_of = np.array([body for body, _ in placed.values()], dtype=np.int64)
-    return bodies, body_of, np.array([frame for _, frame in placed.values()])
+    body_of = np.array([body for body, _ in link_frames.values()], dtype=np.int64)
+    return tree, body_of, np.array([frame for _, frame in link_frames.values()])

@@ -13,7 +13,7 @@ from coopmap_env.robots.kinematics.chain import Chain
 
 
 @dataclass(frozen=True)
-class SphereSettings:
+class CollisionSphereSettings:
     """How finely links are covered.
 
     Raises
@@ -26,17 +26,19 @@ class SphereSettings:
     """Metres: parts of moving links are halved until their spheres are no larger."""
     static_radius: float = 0.2
     """Metres, the same for links that do not move: they meet the mount's own links only."""
-    most: int = 8
+    max_spheres: int = 8
     """Spheres per link, whatever their radius."""
 
     def __post_init__(self) -> None:
-        for name in ("radius", "static_radius", "most"):
+        for name in ("radius", "static_radius", "max_spheres"):
             if not getattr(self, name) > 0:
-                raise ValueError(f"SphereSettings.{name} must be > 0, got {getattr(self, name)}")
+                raise ValueError(
+                    f"CollisionSphereSettings.{name} must be > 0, got {getattr(self, name)}"
+                )
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class CollisionSpheres:
     """Spheres fixed to the links of a chain; those that no joint moves come first.
 
     The spheres of each rigid body cover all triangles of its links; a sphere inside another one is
@@ -44,7 +46,7 @@ class Body:
     """
 
     chain: Chain
-    sphere_body: NDArray[np.int64]
+    sphere_body_index: NDArray[np.int64]
     """Shape (s,): the rigid body of the chain that each sphere is fixed to; 0 does not move."""
     local_centers: NDArray[np.float64]
     """Shape (s, 3), in the frames of those bodies."""
@@ -54,21 +56,23 @@ class Body:
     """Shape (s,): index in `chain.link_names`."""
     partners: NDArray[np.int64]
     """Shape (p,): spheres that moving ones must not touch, by moving sphere, static ones first."""
-    pair_rows: NDArray[np.int64]
+    partner_ranges: NDArray[np.int64]
     """Shape (s, 3): in `partners` a sphere's begin, its first moving one, and its end."""
-    static_ball: NDArray[np.float64]
+    static_bounding_sphere: NDArray[np.float64]
     """Shape (4,): centre and radius of a ball around all static spheres, base frame."""
 
     @classmethod
-    def of(
-        cls, chain: Chain, home: Sequence[float], settings: SphereSettings | None = None
-    ) -> Body:
+    def from_chain(
+        cls, chain: Chain, home: Sequence[float], settings: CollisionSphereSettings | None = None
+    ) -> CollisionSpheres:
         """Cover the links of a chain, once per process.
 
         `home` tells which spheres touch by construction: pairs that overlap there are not asked
         about, and neither are those of joined links, which the joints' limits keep apart.
         """
-        return _cover(chain, tuple(float(v) for v in home), settings or SphereSettings())
+        return _cover_chain(
+            chain, tuple(float(v) for v in home), settings or CollisionSphereSettings()
+        )
 
     @property
     def n_spheres(self) -> int:
@@ -78,10 +82,10 @@ class Body:
     @property
     def pairs(self) -> NDArray[np.int64]:
         """Pairs (p, 2) of a moving sphere and another one that it must not touch."""
-        counts = self.pair_rows[:, 2] - self.pair_rows[:, 0]
+        counts = self.partner_ranges[:, 2] - self.partner_ranges[:, 0]
         return np.stack([np.repeat(np.arange(self.n_spheres), counts), self.partners], axis=1)
 
-    def asked_links(self) -> set[frozenset[str]]:
+    def checked_link_pairs(self) -> set[frozenset[str]]:
         """Names of the two links of every pair."""
         names = self.chain.link_names
         return {frozenset((names[a], names[b])) for a, b in self.link[self.pairs].tolist()}
@@ -89,16 +93,16 @@ class Body:
     @property
     def is_static(self) -> NDArray[np.bool_]:
         """Shape (s,): spheres that no joint moves, as those of the chassis."""
-        return self.sphere_body == 0
+        return self.sphere_body_index == 0
 
     @property
-    def n_static(self) -> int:
+    def n_static_spheres(self) -> int:
         """Number of spheres that no joint moves; they come first."""
-        return int(np.count_nonzero(self.sphere_body == 0))
+        return int(np.count_nonzero(self.sphere_body_index == 0))
 
     def centers(self, q: ArrayLike) -> NDArray[np.float64]:
         """Centres (k, s, 3) in the base frame; (s, 3) for a single q (n,)."""
-        out = self.chain.point_positions(q, self.sphere_body, self.local_centers)
+        out = self.chain.point_positions(q, self.sphere_body_index, self.local_centers)
         return out if np.ndim(q) == 2 else out[0]
 
     def spheres(
@@ -109,7 +113,9 @@ class Body:
 
 
 @lru_cache(maxsize=32)
-def _cover(chain: Chain, home: tuple[float, ...], settings: SphereSettings) -> Body:
+def _cover_chain(
+    chain: Chain, home: tuple[float, ...], settings: CollisionSphereSettings
+) -> CollisionSpheres:
     rows: list[tuple[int, NDArray[np.float64], float, int]] = []
     for link, triangles in enumerate(chain.meshes):
         if not len(triangles):
@@ -117,29 +123,31 @@ def _cover(chain: Chain, home: tuple[float, ...], settings: SphereSettings) -> B
         body = int(chain.link_body[link])
         limit = settings.radius if body else settings.static_radius
         R, t = chain.link_rotations[link], chain.link_translations[link]
-        for center, radius in cover(triangles, limit, settings.most):
+        for center, radius in cover_with_spheres(triangles, limit, settings.max_spheres):
             rows.append((body, R @ center + t, radius, link))
     if not rows:
         raise ValueError("no link has a shape, so there is nothing to keep clear of obstacles")
-    rows = [row for row in rows if not any(_swallows(other, row) for other in rows)]
+    rows = [row for row in rows if not any(_contains_sphere(other, row) for other in rows)]
     rows.sort(key=lambda row: row[0] != 0)
     bodies = np.array([row[0] for row in rows], dtype=np.int64)
     centers, radii = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
     at_home = chain.point_positions(home, bodies, centers)[0]
-    partners, pair_rows = _pairs(chain.bodies.parent, bodies, at_home, radii)
-    return Body(
+    partners, partner_ranges = _collision_pairs(chain.tree.parent, bodies, at_home, radii)
+    return CollisionSpheres(
         chain=chain,
-        sphere_body=bodies,
+        sphere_body_index=bodies,
         local_centers=centers,
         radii=radii,
         link=np.array([row[3] for row in rows], dtype=np.int64),
         partners=partners,
-        pair_rows=pair_rows,
-        static_ball=_ball_of_balls(at_home[bodies == 0], radii[bodies == 0]),
+        partner_ranges=partner_ranges,
+        static_bounding_sphere=_bounding_sphere_of_spheres(
+            at_home[bodies == 0], radii[bodies == 0]
+        ),
     )
 
 
-def _swallows(
+def _contains_sphere(
     other: tuple[int, NDArray[np.float64], float, int],
     row: tuple[int, NDArray[np.float64], float, int],
 ) -> bool:
@@ -148,13 +156,13 @@ def _swallows(
     return other[0] == row[0] and other[2] > row[2] and gap + row[2] <= other[2]
 
 
-def _pairs(
+def _collision_pairs(
     parent: NDArray[np.int64],
     body: NDArray[np.int64],
     centers: NDArray[np.float64],
     radii: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """`Body.partners` and `pair_rows`: spheres apart at home that are not on joined bodies.
+    """`CollisionSpheres.partners` and `partner_ranges`: spheres apart at home that are not on joined bodies.
 
     Two moving bodies with one between them count as joined: the axes of a wrist lie close.
     """
@@ -166,14 +174,16 @@ def _pairs(
         if parent[b] > 0 and above > 0:
             joined[b, above] = joined[above, b] = True
     gaps = np.linalg.norm(centers[:, None] - centers, axis=2) - radii[:, None] - radii
-    asked = (gaps > 0) & ~joined[body[:, None], body] & (body[:, None] > 0)
-    asked &= np.tri(len(body), k=-1, dtype=np.bool_)  # static ones come first, so second here
-    static, ends = asked[:, body == 0].sum(axis=1), asked.sum(axis=1).cumsum()
+    checked = (gaps > 0) & ~joined[body[:, None], body] & (body[:, None] > 0)
+    checked &= np.tri(len(body), k=-1, dtype=np.bool_)  # static ones come first, so second here
+    static, ends = checked[:, body == 0].sum(axis=1), checked.sum(axis=1).cumsum()
     begins = np.concatenate([[0], ends[:-1]])
-    return np.nonzero(asked)[1], np.stack([begins, begins + static, ends], axis=1)
+    return np.nonzero(checked)[1], np.stack([begins, begins + static, ends], axis=1)
 
 
-def _ball_of_balls(centers: NDArray[np.float64], radii: NDArray[np.float64]) -> NDArray[np.float64]:
+def _bounding_sphere_of_spheres(
+    centers: NDArray[np.float64], radii: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """A ball (4,) around balls; far away and of no size if there are none."""
     if not len(radii):
         return np.array([1e9, 1e9, 1e9, 0.0])
@@ -181,16 +191,16 @@ def _ball_of_balls(centers: NDArray[np.float64], radii: NDArray[np.float64]) -> 
     return np.append(middle, (np.linalg.norm(centers - middle, axis=1) + radii).max())
 
 
-def cover(
-    triangles: NDArray[np.float64], radius: float, most: int
+def cover_with_spheres(
+    triangles: NDArray[np.float64], radius: float, max_spheres: int
 ) -> list[tuple[NDArray[np.float64], float]]:
     """Spheres (centre, radius) whose union covers triangles (m, 3, 3).
 
     The part with the largest sphere is cut across its longest side, triangles with it, until no
-    sphere is larger than `radius` or there are `most`.
+    sphere is larger than `radius` or there are `max_spheres`.
     """
-    parts = [(_ball(triangles), triangles)]
-    while len(parts) < most:
+    parts = [(_bounding_sphere(triangles), triangles)]
+    while len(parts) < max_spheres:
         worst = max(range(len(parts)), key=lambda i: parts[i][0][1])
         (_, largest), cut = parts[worst]
         if largest <= radius:
@@ -199,12 +209,12 @@ def cover(
         lower, upper = points.min(axis=0), points.max(axis=0)
         axis = int(np.argmax(upper - lower))
         level = 0.5 * (lower[axis] + upper[axis])
-        halves = [_clip(cut, axis, level, sign) for sign in (1.0, -1.0)]
-        parts[worst : worst + 1] = [(_ball(half), half) for half in halves if len(half)]
+        halves = [_clip_triangles(cut, axis, level, sign) for sign in (1.0, -1.0)]
+        parts[worst : worst + 1] = [(_bounding_sphere(half), half) for half in halves if len(half)]
     return [ball for ball, _ in parts]
 
 
-def _clip(
+def _clip_triangles(
     triangles: NDArray[np.float64], axis: int, level: float, sign: float
 ) -> NDArray[np.float64]:
     """Triangles of what lies beyond a plane across an axis: ``sign * (x - level) >= 0``."""
@@ -221,9 +231,9 @@ def _clip(
         alone = (inside[count == wanted] == (wanted == 1)).argmax(axis=1)
         order = (alone[:, None] + np.arange(3)) % 3
         a, b, c = np.moveaxis(np.take_along_axis(cut, order[:, :, None], axis=1), 1, 0)
-        share = np.take_along_axis(side[count == wanted], order, axis=1)
-        ab = a + (b - a) * (share[:, 0] / (share[:, 0] - share[:, 1]))[:, None]
-        ac = a + (c - a) * (share[:, 0] / (share[:, 0] - share[:, 2]))[:, None]
+        offset = np.take_along_axis(side[count == wanted], order, axis=1)
+        ab = a + (b - a) * (offset[:, 0] / (offset[:, 0] - offset[:, 1]))[:, None]
+        ac = a + (c - a) * (offset[:, 0] / (offset[:, 0] - offset[:, 2]))[:, None]
         if wanted == 1:
             pieces.append(np.stack([a, ab, ac], axis=1))
         else:
@@ -231,7 +241,7 @@ def _clip(
     return np.concatenate(pieces)
 
 
-def _ball(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+def _bounding_sphere(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     """A ball around all vertices, next to the smallest.
 
     Steps towards the farthest vertex, ever shorter, find the smallest ball's centre (Badoiu and

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 
-class Bodies(NamedTuple):
+class KinematicTree(NamedTuple):
     """A kinematic tree: body 0 is fixed; body b hangs on `parent[b]` < b by one moving joint.
 
     The joint's frame in the parent body is at `translation[b]`; it turns about (or, if
@@ -30,10 +30,10 @@ class Bodies(NamedTuple):
     offset: NDArray[np.float64]
 
 
-def sorted_rotations(
+def rodrigues_terms(
     rotation: NDArray[np.float64], axis: NDArray[np.float64], prismatic: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """`Bodies.constant`, `cosine` and `sine` of joints (b,) with frames and axes in them.
+    """`KinematicTree.constant`, `cosine` and `sine` of joints (b,) with frames and axes in them.
 
     exp(v [a]x) = a a^T + cos(v) (I - a a^T) + sin(v) [a]x for a unit axis a.
     """
@@ -47,7 +47,7 @@ def sorted_rotations(
 
 
 @njit(cache=True, nogil=True)
-def multiply(A, B, out):
+def matmul_3x3(A, B, out):
     """The product A @ B of (3, 3) matrices, written to `out`, which must be neither of them."""
     for i in range(3):
         for j in range(3):
@@ -55,9 +55,9 @@ def multiply(A, B, out):
 
 
 @njit(cache=True, nogil=True)
-def scratch(bodies):
+def allocate_body_poses(tree):
     """Arrays for `body_poses`: R and t, the root's at the origin, and one for its use."""
-    n = len(bodies.parent)
+    n = len(tree.parent)
     R, t = np.empty((n, 3, 3)), np.empty((n, 3))
     R[0] = np.eye(3)
     t[0] = 0.0
@@ -65,53 +65,51 @@ def scratch(bodies):
 
 
 @njit(cache=True, nogil=True)
-def body_poses(bodies, q, R, t, turn):
+def body_poses(tree, q, R, t, R_joint):
     """Poses of all bodies at one q (n,), from that of the root in R[0], t[0].
 
-    R (b, 3, 3) and t (b, 3) are written from body 1 on; `turn` (3, 3) is scratch.
+    R (b, 3, 3) and t (b, 3) are written from body 1 on; `R_joint` (3, 3) is scratch.
     """
-    for b in range(1, len(bodies.parent)):
-        p = bodies.parent[b]
-        value = bodies.multiplier[b] * q[bodies.variable[b]] + bodies.offset[b]
-        x, y, z = bodies.translation[b, 0], bodies.translation[b, 1], bodies.translation[b, 2]
+    for b in range(1, len(tree.parent)):
+        p = tree.parent[b]
+        value = tree.multiplier[b] * q[tree.variable[b]] + tree.offset[b]
+        x, y, z = tree.translation[b, 0], tree.translation[b, 1], tree.translation[b, 2]
         for i in range(3):
             t[b, i] = t[p, i] + R[p, i, 0] * x + R[p, i, 1] * y + R[p, i, 2] * z
-        if bodies.prismatic[b]:
-            multiply(R[p], bodies.constant[b], R[b])
-            x, y, z = bodies.axis[b, 0], bodies.axis[b, 1], bodies.axis[b, 2]
+        if tree.prismatic[b]:
+            matmul_3x3(R[p], tree.constant[b], R[b])
+            x, y, z = tree.axis[b, 0], tree.axis[b, 1], tree.axis[b, 2]
             for i in range(3):
                 t[b, i] += value * (R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z)
         else:
             c, s = np.cos(value), np.sin(value)
             for i in range(3):
                 for j in range(3):
-                    turn[i, j] = (
-                        bodies.constant[b, i, j]
-                        + c * bodies.cosine[b, i, j]
-                        + s * bodies.sine[b, i, j]
+                    R_joint[i, j] = (
+                        tree.constant[b, i, j] + c * tree.cosine[b, i, j] + s * tree.sine[b, i, j]
                     )
-            multiply(R[p], turn, R[b])
+            matmul_3x3(R[p], R_joint, R[b])
 
 
 @njit(cache=True, nogil=True)
-def frame_poses(bodies, q, body, rotation, translation, R, t):
+def frame_poses(tree, q, body, rotation, translation, R, t):
     """Poses of frames fixed to bodies, for a batch q (k, n): R (k, f, 3, 3), t (k, f, 3)."""
-    Rb, tb, turn = scratch(bodies)
+    Rb, tb, R_joint = allocate_body_poses(tree)
     for k in range(len(q)):
-        body_poses(bodies, q[k], Rb, tb, turn)
+        body_poses(tree, q[k], Rb, tb, R_joint)
         for f in range(len(body)):
             b, o = body[f], translation[f]
-            multiply(Rb[b], rotation[f], R[k, f])
+            matmul_3x3(Rb[b], rotation[f], R[k, f])
             for i in range(3):
                 t[k, f, i] = tb[b, i] + Rb[b, i, 0] * o[0] + Rb[b, i, 1] * o[1] + Rb[b, i, 2] * o[2]
 
 
 @njit(cache=True, nogil=True)
-def point_positions(bodies, q, body, points, out):
+def point_positions(tree, q, body, points, out):
     """Positions of points (s, 3) fixed to bodies, for a batch q (k, n): out (k, s, 3)."""
-    Rb, tb, turn = scratch(bodies)
+    Rb, tb, R_joint = allocate_body_poses(tree)
     for k in range(len(q)):
-        body_poses(bodies, q[k], Rb, tb, turn)
+        body_poses(tree, q[k], Rb, tb, R_joint)
         for s in range(len(body)):
             b = body[s]
             x, y, z = points[s, 0], points[s, 1], points[s, 2]
@@ -120,18 +118,18 @@ def point_positions(bodies, q, body, points, out):
 
 
 @njit(cache=True, nogil=True)
-def frame_jacobian(bodies, q, body, translation, out):
+def frame_jacobian(tree, q, body, translation, out):
     """Jacobian (6, n) [translation; rotation] of a frame fixed to `body`, in the root's frame."""
-    R, t, turn = scratch(bodies)
-    body_poses(bodies, q, R, t, turn)
+    R, t, R_joint = allocate_body_poses(tree)
+    body_poses(tree, q, R, t, R_joint)
     position = t[body] + R[body] @ translation
     out[:] = 0.0
     b = body
     while b > 0:
         # turning about an axis, or sliding along it, leaves the axis where it is
-        axis = R[b] @ bodies.axis[b]
-        n, m = bodies.variable[b], bodies.multiplier[b]
-        if bodies.prismatic[b]:
+        axis = R[b] @ tree.axis[b]
+        n, m = tree.variable[b], tree.multiplier[b]
+        if tree.prismatic[b]:
             for i in range(3):
                 out[i, n] += m * axis[i]
         else:
@@ -141,4 +139,4 @@ def frame_jacobian(bodies, q, body, translation, out):
             out[2, n] += m * (axis[0] * arm[1] - axis[1] * arm[0])
             for i in range(3):
                 out[3 + i, n] += m * axis[i]
-        b = bodies.parent[b]
+        b = tree.parent[b]

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 
-MOVING = ("revolute", "continuous", "prismatic")
+MOVABLE_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True)
-class Joint:
+class UrdfJoint:
     """One joint: the child's frame in the parent's, and how a value moves it."""
 
     name: str
-    kind: str
+    joint_type: str
     parent: str
     child: str
     origin: NDArray[np.float64]
@@ -34,7 +34,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Link:
+class UrdfLink:
     """One link: its mass and where its shapes are described."""
 
     name: str
@@ -48,18 +48,18 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Model:
+class UrdfModel:
     """The tree of a URDF: links and joints from the root outwards."""
 
     path: Path
     root: str
-    links: dict[str, Link]
-    joints: tuple[Joint, ...]
+    links: dict[str, UrdfLink]
+    joints: tuple[UrdfJoint, ...]
     """Parents before their children."""
     package_dirs: tuple[str, ...] = ()
 
     @classmethod
-    def read(cls, path: str | Path, package_dirs: Sequence[str] = ()) -> Model:
+    def from_file(cls, path: str | Path, package_dirs: Sequence[str] = ()) -> UrdfModel:
         """Read a URDF.
 
         Parameters
@@ -78,11 +78,11 @@ class Model:
         path = Path(path)
         if not path.is_file():
             raise FileNotFoundError(f"there is no URDF at {path}")
-        yourdfpy = require("yourdfpy", "field")
+        yourdfpy = import_optional("yourdfpy", "field")
         parsed = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
         links = {link.name: _link(link) for link in parsed.links}
         joints = [_joint(joint) for joint in parsed.joints]
-        root, ordered = _outwards(path, set(links), joints)
+        root, ordered = _order_from_root(path, set(links), joints)
         return cls(path, root, links, ordered, tuple(package_dirs))
 
     def triangles(self, link: str) -> NDArray[np.float64]:
@@ -91,7 +91,7 @@ class Model:
         return np.concatenate(parts) if parts else np.zeros((0, 3, 3))
 
     def _shape(self, shape: Any) -> NDArray[np.float64]:
-        creation = require("trimesh.creation", "field")
+        creation = import_optional("trimesh.creation", "field")
         geometry = shape.geometry
         if geometry.box is not None:
             mesh = creation.box(extents=geometry.box.size)
@@ -100,14 +100,14 @@ class Model:
         elif geometry.sphere is not None:
             mesh = creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)
         else:
-            mesh = _load(find_mesh(geometry.mesh.filename, self.path, self.package_dirs))
+            mesh = _load_mesh(resolve_mesh(geometry.mesh.filename, self.path, self.package_dirs))
             mesh.apply_scale(1.0 if geometry.mesh.scale is None else geometry.mesh.scale)
         if shape.origin is not None:
             mesh.apply_transform(shape.origin)
         return np.array(mesh.triangles, dtype=np.float64)
 
 
-def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str] = ()) -> Path:
+def resolve_mesh(filename: str, urdf: Path, package_dirs: Sequence[str] = ()) -> Path:
     """Path of a mesh that a URDF names.
 
     Raises
@@ -116,40 +116,42 @@ def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str] = ()) -> Pa
         Naming the folders searched.
     """
     name = filename.removeprefix("file://")
-    inside = name.removeprefix("package://")
+    relative_path = name.removeprefix("package://")
     folders = [urdf.parent, *map(Path, package_dirs)]
-    if inside != name:  # with and without the package's own name, which may be the folder's
-        places = [folder / inside for folder in folders]
-        places += [folder / Path(*Path(inside).parts[1:]) for folder in folders]
+    if relative_path != name:  # with and without the package's own name, which may be the folder's
+        paths = [folder / relative_path for folder in folders]
+        paths += [folder / Path(*Path(relative_path).parts[1:]) for folder in folders]
     else:
-        places = [folder / name for folder in folders]
-    for place in places:
-        if place.is_file():
-            return place
+        paths = [folder / name for folder in folders]
+    for candidate in paths:
+        if candidate.is_file():
+            return candidate
     raise FileNotFoundError(
         f"{urdf} names the mesh {filename}, which is in none of {[str(f) for f in folders]}; "
         f"give the folder that holds it as package_dirs"
     )
 
 
-def displacement(kind: str, axis: NDArray[np.float64], value: float) -> NDArray[np.float64]:
+def joint_transform(
+    joint_type: str, axis: NDArray[np.float64], value: float
+) -> NDArray[np.float64]:
     """T (4, 4) by which a joint's value moves its child; the identity for a fixed joint."""
     T = np.eye(4)
-    if kind == "prismatic":
+    if joint_type == "prismatic":
         T[:3, 3] = value * axis
-    elif kind in MOVING:
+    elif joint_type in MOVABLE_JOINT_TYPES:
         x, y, z = axis
         K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         T[:3, :3] += np.sin(value) * K + (1.0 - np.cos(value)) * K @ K
     return T
 
 
-def _load(path: Path) -> Any:
-    trimesh = require("trimesh", "field")
+def _load_mesh(path: Path) -> Any:
+    trimesh = import_optional("trimesh", "field")
     return trimesh.load(str(path), force="mesh")
 
 
-def _link(link: Any) -> Link:
+def _link(link: Any) -> UrdfLink:
     inertial = link.inertial
     mass, inertia, frame = 0.0, np.zeros((3, 3)), np.eye(4)
     if inertial is not None:
@@ -157,19 +159,19 @@ def _link(link: Any) -> Link:
         frame = frame if inertial.origin is None else np.asarray(inertial.origin)
         if inertial.inertia is not None:
             inertia = frame[:3, :3] @ np.asarray(inertial.inertia) @ frame[:3, :3].T
-    return Link(
+    return UrdfLink(
         link.name, mass, frame[:3, 3].copy(), inertia, tuple(link.visuals or link.collisions)
     )
 
 
-def _joint(joint: Any) -> Joint:
+def _joint(joint: Any) -> UrdfJoint:
     origin = np.eye(4) if joint.origin is None else np.asarray(joint.origin, dtype=np.float64)
     lower, upper = -math.inf, math.inf
     if joint.limit is not None and joint.type != "continuous":
         lower = -math.inf if joint.limit.lower is None else float(joint.limit.lower)
         upper = math.inf if joint.limit.upper is None else float(joint.limit.upper)
     axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, dtype=np.float64)
-    if joint.type in MOVING:
+    if joint.type in MOVABLE_JOINT_TYPES:
         axis = axis / np.linalg.norm(axis)
     mimic = None
     if joint.mimic is not None:
@@ -179,26 +181,28 @@ def _joint(joint: Any) -> Joint:
             1.0 if multiplier is None else float(multiplier),
             0.0 if offset is None else float(offset),
         )
-    return Joint(
+    return UrdfJoint(
         joint.name, joint.type, joint.parent, joint.child, origin, axis, lower, upper, mimic
     )
 
 
-def _outwards(path: Path, links: set[str], joints: list[Joint]) -> tuple[str, tuple[Joint, ...]]:
+def _order_from_root(
+    path: Path, links: set[str], joints: list[UrdfJoint]
+) -> tuple[str, tuple[UrdfJoint, ...]]:
     """The root link, and the joints with parents before children."""
     roots = links - {joint.child for joint in joints}
     if len(roots) != 1:
         raise ValueError(f"{path} has {len(roots)} root links {sorted(roots)}, expected one")
     root = roots.pop()
-    children: dict[str, list[Joint]] = {}
+    children: dict[str, list[UrdfJoint]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)
-    ordered: list[Joint] = []
-    front = [root]
-    while front:
-        outgoing = children.get(front.pop(), [])
+    ordered: list[UrdfJoint] = []
+    pending = [root]
+    while pending:
+        outgoing = children.get(pending.pop(), [])
         ordered += outgoing
-        front += [joint.child for joint in outgoing]
+        pending += [joint.child for joint in outgoing]
     if len(ordered) != len(joints):
         raise ValueError(f"{path}: the joints do not form one tree from the link {root!r}")
     return root, tuple(ordered)

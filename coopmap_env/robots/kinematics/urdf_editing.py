@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.files import write_atomically
-from coopmap_env.robots.kinematics.urdf import MOVING, displacement, find_mesh
+from coopmap_env.robots.kinematics.urdf import MOVABLE_JOINT_TYPES, joint_transform, resolve_mesh
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS
 
 TINY_MASS, TINY_INERTIA = 1e-3, 1e-6
 """Of links without a mass: physics engines take a missing one for 1 kg, and zero for fixed."""
 
 
-def read_tree(path: str | Path, package_dirs: Sequence[str] = ()) -> ET.Element:
+def load_urdf_xml(path: str | Path, package_dirs: Sequence[str] = ()) -> ET.Element:
     """A URDF as XML with absolute mesh paths, no massless link and nothing but links and joints.
 
     Raises
@@ -38,34 +38,34 @@ def read_tree(path: str | Path, package_dirs: Sequence[str] = ()) -> ET.Element:
         if element.tag not in ("link", "joint", "material"):
             tree.remove(element)
     for mesh in tree.iter("mesh"):
-        found = find_mesh(mesh.get("filename", ""), path, package_dirs)
+        found = resolve_mesh(mesh.get("filename", ""), path, package_dirs)
         mesh.set("filename", str(found.resolve()))
     for link in tree.findall("link"):
         mass = link.find("inertial/mass")
         if mass is None or float(mass.get("value", "0")) <= 0.0:
             for inertial in link.findall("inertial"):
                 link.remove(inertial)
-            link.append(_inertial())
+            link.append(_tiny_inertial())
     return tree
 
 
-def drop(tree: ET.Element, links: Iterable[str]) -> None:
+def remove_links(tree: ET.Element, links: Iterable[str]) -> None:
     """Remove links with all that hangs on them."""
-    front = list(links)
-    while front:
-        name = front.pop()
+    pending = list(links)
+    while pending:
+        name = pending.pop()
         for joint in tree.findall("joint"):
-            parent, child = _ends(joint)
+            parent, child = _parent_and_child(joint)
             if name in (parent, child):
                 tree.remove(joint)
             if name == parent:
-                front.append(child)
+                pending.append(child)
         for link in tree.findall("link"):
             if link.get("name") == name:
                 tree.remove(link)
 
 
-def freeze(tree: ET.Element, moving: Sequence[str], values: Mapping[str, float]) -> None:
+def fix_joints(tree: ET.Element, moving: Sequence[str], values: Mapping[str, float]) -> None:
     """Fix all joints but `moving`, at given values or at 0.
 
     Raises
@@ -73,7 +73,9 @@ def freeze(tree: ET.Element, moving: Sequence[str], values: Mapping[str, float])
     ValueError
         If a joint that is to move, or has a value, is none that moves.
     """
-    joints = {j.get("name", ""): j for j in tree.findall("joint") if j.get("type") in MOVING}
+    joints = {
+        j.get("name", ""): j for j in tree.findall("joint") if j.get("type") in MOVABLE_JOINT_TYPES
+    }
     for name in (*moving, *values):
         if name not in joints:
             raise ValueError(f"there is no moving joint {name!r}; there are {sorted(joints)}")
@@ -81,8 +83,8 @@ def freeze(tree: ET.Element, moving: Sequence[str], values: Mapping[str, float])
         if name in moving:
             continue
         axis = joint.find("axis")
-        direction = np.array(_numbers(axis, "xyz", (1.0, 0.0, 0.0)))
-        T = displacement(
+        direction = np.array(_parse_vector(axis, "xyz", (1.0, 0.0, 0.0)))
+        T = joint_transform(
             joint.get("type", ""), direction / np.linalg.norm(direction), values.get(name, 0.0)
         )
         _set_origin(joint, _origin(joint) @ T)
@@ -92,7 +94,7 @@ def freeze(tree: ET.Element, moving: Sequence[str], values: Mapping[str, float])
                 joint.remove(element)
 
 
-def attach(
+def attach_tree(
     tree: ET.Element, other: ET.Element, link: str, T_link_root: NDArray[np.float64]
 ) -> None:
     """Fix the root of another tree to a link of this one.
@@ -102,17 +104,17 @@ def attach(
     ValueError
         If both have a link or joint of the same name.
     """
-    taken = {(e.tag, e.get("name")) for e in tree if e.tag != "material"}
-    twice = [e.get("name") for e in other if (e.tag, e.get("name")) in taken]
-    if twice:
-        raise ValueError(f"both URDFs have {twice}")
-    joint = _fixed(f"{link}_to_{root_of(other)}", link, root_of(other), T_link_root)
+    existing = {(e.tag, e.get("name")) for e in tree if e.tag != "material"}
+    duplicates = [e.get("name") for e in other if (e.tag, e.get("name")) in existing]
+    if duplicates:
+        raise ValueError(f"both URDFs have {duplicates}")
+    joint = _fixed_joint(f"{link}_to_{root_link(other)}", link, root_link(other), T_link_root)
     tree.extend([*copy.deepcopy(list(other)), joint])
 
 
-def put_on_suspension(
+def add_suspension(
     tree: ET.Element,
-    roll_centre_height: float,
+    roll_center_height: float,
     root_height: float = 0.0,
     wheels: Iterable[str] = (),
 ) -> None:
@@ -122,50 +124,61 @@ def put_on_suspension(
     ----------
     tree : Element
         Changed in place.
-    roll_centre_height : float
+    roll_center_height : float
         Of the axes of roll and pitch above ground, metres.
     root_height : float
         Of the old root above ground at rest, metres.
     wheels : iterable of str
         Links that stay on the ground with all that hangs on them.
     """
-    old = root_of(tree)
+    old_root = root_link(tree)
     names = {element.get("name") for element in tree.findall("link")}
     base = "base" if "base" not in names else "ground_base"
     for wheel in wheels:
-        _to_the_ground(tree, wheel, old, base, root_height)
+        _attach_wheel_to_base(tree, wheel, old_root, base, root_height)
     body = "suspension_body"
     links = [base, "suspension_heave_link", "suspension_roll_link", body]
     for name in links:
         link = ET.SubElement(tree, "link", name=name)
-        link.append(_inertial())
+        link.append(_tiny_inertial())
     kinds = (("prismatic", "0 0 1", 0.1), ("revolute", "1 0 0", 0.3), ("revolute", "0 1 0", 0.3))
     for i, (name, (kind, axis, travel)) in enumerate(zip(SUSPENSION_JOINTS, kinds, strict=True)):
-        joint = _fixed(name, links[i], links[i + 1], place(0, 0, 0 if i else roll_centre_height))
+        joint = _fixed_joint(
+            name,
+            links[i],
+            links[i + 1],
+            transform_from_xyz_rpy(0, 0, 0 if i else roll_center_height),
+        )
         joint.set("type", kind)
         ET.SubElement(joint, "axis", xyz=axis)
         limit = {"lower": str(-travel), "upper": str(travel), "effort": "1e5", "velocity": "10"}
         ET.SubElement(joint, "limit", limit)
         tree.append(joint)
-    lift = place(0, 0, root_height - roll_centre_height)
-    tree.append(_fixed("suspension_to_vehicle", body, old, lift))
+    lift = transform_from_xyz_rpy(0, 0, root_height - roll_center_height)
+    tree.append(_fixed_joint("suspension_to_vehicle", body, old_root, lift))
 
 
-def _to_the_ground(tree: ET.Element, wheel: str, root: str, base: str, root_height: float) -> None:
+def _attach_wheel_to_base(
+    tree: ET.Element, wheel: str, root: str, base: str, root_height: float
+) -> None:
     """Hang a wheel on the ground-fixed base instead of on the body."""
-    above = {_ends(joint)[1]: joint for joint in tree.findall("joint")}
+    above = {_parent_and_child(joint)[1]: joint for joint in tree.findall("joint")}
     if wheel not in above:
         raise ValueError(f"there is no wheel {wheel!r} below the root; there are {sorted(above)}")
     T, link = np.eye(4), wheel
     while link != root:
         T = _origin(above[link]) @ T
-        link = _ends(above[link])[0]
+        link = _parent_and_child(above[link])[0]
     joint = above[wheel]
     tree.remove(joint)
-    tree.append(_fixed(joint.get("name", ""), base, wheel, place(0, 0, root_height) @ T))
+    tree.append(
+        _fixed_joint(
+            joint.get("name", ""), base, wheel, transform_from_xyz_rpy(0, 0, root_height) @ T
+        )
+    )
 
 
-def write_once(tree: ET.Element, name: str) -> Path:
+def write_urdf_cached(tree: ET.Element, name: str) -> Path:
     """Write a URDF to a file named by its content, in this user's folder for temporary files.
 
     Several processes may do so at once: the file appears whole or not at all.
@@ -179,9 +192,9 @@ def write_once(tree: ET.Element, name: str) -> Path:
     return path
 
 
-def root_of(tree: ET.Element) -> str:
+def root_link(tree: ET.Element) -> str:
     """Name of the link that is no joint's child."""
-    children = {_ends(joint)[1] for joint in tree.findall("joint")}
+    children = {_parent_and_child(joint)[1] for joint in tree.findall("joint")}
     roots = [link.get("name", "") for link in tree.findall("link")]
     roots = [name for name in roots if name not in children]
     if len(roots) != 1:
@@ -189,20 +202,22 @@ def root_of(tree: ET.Element) -> str:
     return roots[0]
 
 
-def place(x: float, y: float, z: float, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+def transform_from_xyz_rpy(
+    x: float, y: float, z: float, rpy: ArrayLike = (0.0, 0.0, 0.0)
+) -> NDArray[np.float64]:
     """T (4, 4) from a translation and a URDF's roll, pitch, yaw about fixed axes."""
     roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
     T = np.eye(4)
     for axis, angle in (((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll)):
-        T = T @ displacement("revolute", np.array(axis, dtype=np.float64), float(angle))
+        T = T @ joint_transform("revolute", np.array(axis, dtype=np.float64), float(angle))
     T[:3, 3] = x, y, z
     return T
 
 
 def _origin(joint: ET.Element) -> NDArray[np.float64]:
     origin = joint.find("origin")
-    x, y, z = _numbers(origin, "xyz", (0.0, 0.0, 0.0))
-    return place(x, y, z, _numbers(origin, "rpy", (0.0, 0.0, 0.0)))
+    x, y, z = _parse_vector(origin, "xyz", (0.0, 0.0, 0.0))
+    return transform_from_xyz_rpy(x, y, z, _parse_vector(origin, "rpy", (0.0, 0.0, 0.0)))
 
 
 def _set_origin(joint: ET.Element, T: NDArray[np.float64]) -> None:
@@ -219,21 +234,21 @@ def _set_origin(joint: ET.Element, T: NDArray[np.float64]) -> None:
     ET.SubElement(joint, "origin", xyz=texts[0], rpy=texts[1])
 
 
-def _numbers(
+def _parse_vector(
     element: ET.Element | None, attribute: str, default: tuple[float, float, float]
 ) -> tuple[float, ...]:
     text = None if element is None else element.get(attribute)
     return default if text is None else tuple(float(part) for part in text.split())
 
 
-def _ends(joint: ET.Element) -> tuple[str, str]:
+def _parent_and_child(joint: ET.Element) -> tuple[str, str]:
     parent, child = joint.find("parent"), joint.find("child")
     if parent is None or child is None:
         raise ValueError(f"the joint {joint.get('name')!r} lacks its parent or child")
     return parent.get("link", ""), child.get("link", "")
 
 
-def _fixed(name: str, parent: str, child: str, T: NDArray[np.float64]) -> ET.Element:
+def _fixed_joint(name: str, parent: str, child: str, T: NDArray[np.float64]) -> ET.Element:
     joint = ET.Element("joint", name=name, type="fixed")
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
@@ -241,7 +256,7 @@ def _fixed(name: str, parent: str, child: str, T: NDArray[np.float64]) -> ET.Ele
     return joint
 
 
-def _inertial() -> ET.Element:
+def _tiny_inertial() -> ET.Element:
     inertial = ET.Element("inertial")
     ET.SubElement(inertial, "mass", value=str(TINY_MASS))
     moments = {f"i{a}{b}": "0" for a, b in ("xy", "xz", "yz")}

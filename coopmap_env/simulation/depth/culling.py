@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numba import njit
 
-SLACK = 1e-5
+CULL_MARGIN = 1e-5
 """Of a body's size: by how much the cull is generous, since rays are traced in single precision."""
 
 
 @njit(cache=True, nogil=True)
-def cone(directions, axis):
+def bounding_cone(directions, axis):
     """Write the middle of directions (n, 3); return the largest angle to it.
 
     NaN if a direction is not of length 1.
@@ -40,17 +40,17 @@ def cone(directions, axis):
 
 
 @njit(cache=True, nogil=True)
-def turn_rays(directions, R, origin, origins, turned):
+def rotate_rays(directions, R, origin, origins, rotated):
     """Turn directions (n, 3) by R and let all rays begin at `origin`."""
     for k in range(len(directions)):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
         for i in range(3):
             origins[k, i] = origin[i]
-            turned[k, i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+            rotated[k, i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
 
 
 @njit(cache=True, nogil=True, inline="always")
-def meets_box(ox, oy, oz, ux, uy, uz, hx, hy, hz):
+def ray_hits_box(ox, oy, oz, ux, uy, uz, hx, hy, hz):
     """Whether a ray from o along u meets the box [-h, h]: no axis or edge stands between them."""
     return not (
         (abs(ox) > hx and ox * ux >= 0.0)
@@ -63,14 +63,14 @@ def meets_box(ox, oy, oz, ux, uy, uz, hx, hy, hz):
 
 
 @njit(cache=True, nogil=True)
-def aim_at_bodies(
-    directions, axis, spread, R, t, Rs, ts, boxes, shown,
-    first, chosen, origins, turned, lengths,
+def cull_rays(
+    directions, axis, cone_angle, R, t, Rs, ts, boxes, visible,
+    first, ray_indices, origins, rotated, lengths,
 ):  # fmt: skip
     """Gather the rays that may meet each body, in the frame of the middle of its box.
 
     The first n places of `lengths` hold how far each ray goes in the static scene. Rays are
-    appended behind: those of body b take places first[b] to first[b + 1], and `chosen` says
+    appended behind: those of body b take places first[b] to first[b + 1], and `ray_indices` says
     which of the n rays each of them is.
     """
     n = len(directions)
@@ -80,10 +80,10 @@ def aim_at_bodies(
     M = np.zeros((3, 3))
     for body in range(len(boxes)):
         first[body] = count
-        if not shown[body]:
+        if not visible[body]:
             continue
-        center, radius = boxes[body, :3], boxes[body, 6] * (1.0 + SLACK)
-        hx, hy, hz = boxes[body, 3:6] + radius * SLACK
+        center, radius = boxes[body, :3], boxes[body, 6] * (1.0 + CULL_MARGIN)
+        hx, hy, hz = boxes[body, 3:6] + radius * CULL_MARGIN
         Rb = Rs[body]
         # camera seen from the middle of the box, and that middle seen from the camera
         for i in range(3):
@@ -100,8 +100,8 @@ def aim_at_bodies(
         tangent = square - radius * radius
         if tangent > 0.0:
             along = (c[0] * axis[0] + c[1] * axis[1] + c[2] * axis[2]) / distance
-            off = math.acos(min(max(along, -1.0), 1.0))
-            if off > spread + math.asin(min(radius / distance, 1.0)) + SLACK:
+            off_axis = math.acos(min(max(along, -1.0), 1.0))
+            if off_axis > cone_angle + math.asin(min(radius / distance, 1.0)) + CULL_MARGIN:
                 continue
         for k in range(n):
             x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
@@ -113,21 +113,21 @@ def aim_at_bodies(
             ux = M[0, 0] * x + M[0, 1] * y + M[0, 2] * z
             uy = M[1, 0] * x + M[1, 1] * y + M[1, 2] * z
             uz = M[2, 0] * x + M[2, 1] * y + M[2, 2] * z
-            if not meets_box(o[0], o[1], o[2], ux, uy, uz, hx, hy, hz):
+            if not ray_hits_box(o[0], o[1], o[2], ux, uy, uz, hx, hy, hz):
                 continue
-            chosen[count] = k
+            ray_indices[count] = k
             lengths[count] = lengths[k]
-            turned[count, 0], turned[count, 1], turned[count, 2] = ux, uy, uz
+            rotated[count, 0], rotated[count, 1], rotated[count, 2] = ux, uy, uz
             origins[count, 0], origins[count, 1], origins[count, 2] = o[0], o[1], o[2]
             count += 1
     first[len(boxes)] = count
 
 
 @njit(cache=True, nogil=True)
-def nearest(count, chosen, lengths, out):
+def reduce_nearest(count, ray_indices, lengths, out):
     """Of all that a ray met, the nearest: fills out (n,) from the first `count` lengths."""
     n = len(out)
     for k in range(n):
         out[k] = lengths[k]
     for k in range(n, count):
-        out[chosen[k]] = min(out[chosen[k]], lengths[k])
+        out[ray_indices[k]] = min(out[ray_indices[k]], lengths[k])

@@ -9,15 +9,20 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.depth.culling import aim_at_bodies, cone, nearest, turn_rays
+from coopmap_env.simulation.depth.culling import (
+    bounding_cone,
+    cull_rays,
+    reduce_nearest,
+    rotate_rays,
+)
 from coopmap_env.simulation.depth.traced_mesh import TracedMesh
 
-LARGEST_ERROR = 0.5
+MAX_RELATIVE_ERROR = 0.5
 """Of the depth: no error of a measurement is larger, so that a hit stays in front of the camera
 whatever the noise. The default noise would need 40 standard deviations to get there."""
 NO_ROTATIONS, NO_TRANSLATIONS = np.empty((0, 3, 3)), np.empty((0, 3))
 
-Room = tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]
+RayBuffers = tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]
 
 
 class DepthRenderer:
@@ -38,7 +43,7 @@ class DepthRenderer:
         self.scene = _mesh(triangles)
         self.bodies: list[TracedMesh] = []
         self._boxes = np.empty((0, 7))
-        self._room = _room(0)
+        self._ray_buffers = _ray_buffers(0)
 
     def add_body(self, triangles: ArrayLike | TracedMesh) -> int:
         """Add a rigid body, its triangles (m, 3, 3) in a frame of its own; returns its number."""
@@ -88,32 +93,32 @@ class DepthRenderer:
         if rays.ndim != 2 or rays.shape[1] != 3:
             raise ValueError(f"directions must be (n, 3), got {rays.shape}")
         axis = np.empty(3)
-        spread = cone(rays, axis)
-        if np.isnan(spread):
+        cone_angle = bounding_cone(rays, axis)
+        if np.isnan(cone_angle):
             raise ValueError("directions must be unit vectors: one is not of length 1")
-        shown = np.ones(n_bodies, dtype=np.bool_)
+        visible = np.ones(n_bodies, dtype=np.bool_)
         for body in hidden:
             if not 0 <= body < n_bodies:
                 raise ValueError(f"hidden names body {body}, and there are {n_bodies}")
-            shown[body] = False
+            visible[body] = False
 
         n = len(rays)
-        if len(self._room[0]) < n * (n_bodies + 1):
-            self._room = _room(n * (n_bodies + 1))
-        lengths, chosen, origins, turned = self._room
+        if len(self._ray_buffers[0]) < n * (n_bodies + 1):
+            self._ray_buffers = _ray_buffers(n * (n_bodies + 1))
+        lengths, ray_indices, origins, rotated = self._ray_buffers
         lengths[:n] = np.inf
-        turn_rays(rays, R, t - self.scene.center, origins, turned)
-        self.scene.shorten(origins[:n], turned[:n], lengths[:n])
+        rotate_rays(rays, R, t - self.scene.center, origins, rotated)
+        self.scene.intersect(origins[:n], rotated[:n], lengths[:n])
         first = np.empty(n_bodies + 1, dtype=np.int64)
-        aim_at_bodies(
-            rays, axis, spread, R, t, Rs, ts, self._boxes, shown,
-            first, chosen, origins, turned, lengths,
+        cull_rays(
+            rays, axis, cone_angle, R, t, Rs, ts, self._boxes, visible,
+            first, ray_indices, origins, rotated, lengths,
         )  # fmt: skip
         ends = first.tolist()
         for mesh, i, j in zip(self.bodies, ends[:-1], ends[1:], strict=True):
-            mesh.shorten(origins[i:j], turned[i:j], lengths[i:j])
+            mesh.intersect(origins[i:j], rotated[i:j], lengths[i:j])
         out = np.empty(n)
-        nearest(ends[-1], chosen, lengths, out)
+        reduce_nearest(ends[-1], ray_indices, lengths, out)
         return out
 
 
@@ -121,7 +126,7 @@ def _mesh(triangles: ArrayLike | TracedMesh) -> TracedMesh:
     return triangles if isinstance(triangles, TracedMesh) else TracedMesh(triangles)
 
 
-def _room(n: int) -> Room:
+def _ray_buffers(n: int) -> RayBuffers:
     """Room for n rays: their lengths, what they are rays of, origins and directions."""
     return (
         np.empty(n, dtype=np.float32),
@@ -141,7 +146,7 @@ def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.
 
 
 @njit(cache=True, nogil=True)
-def disturb(distances, directions, near, far, noise, draws, points, hit):
+def add_range_noise(distances, directions, near, far, noise, draws, points, hit):
     """Fill the points of a cloud: Eq. 1 at the true distance, `noise` (S, T depth, T lateral, n).
 
     `draws` (n, 3) are standard normal numbers.
@@ -156,13 +161,13 @@ def disturb(distances, directions, near, far, noise, draws, points, hit):
                 points[k, i] = end * directions[k, i]
             continue
         scale = intrinsic * (d * d if exponent == 2.0 else d**exponent)
-        largest = LARGEST_ERROR * d * directions[k, 0]
+        largest = MAX_RELATIVE_ERROR * d * directions[k, 0]
         for i in range(3):
             error = scale * (lateral_factor if i else depth_factor) * draws[k, i]
             points[k, i] = d * directions[k, i] + min(max(error, -largest), largest)
 
 
-def measure(
+def simulate_point_cloud(
     distances: ArrayLike, camera: DepthCamera, noise: RangeNoise, rng: np.random.Generator
 ) -> PointCloud:
     """What a camera measures of true distances: a point for each pixel, disturbed by Eq. 1.
@@ -188,15 +193,17 @@ def measure(
     ValueError
         If there is not one distance a pixel, or one is negative or NaN.
     """
-    true = np.ascontiguousarray(distances, dtype=np.float64)
+    true_distances = np.ascontiguousarray(distances, dtype=np.float64)
     n = camera.n_pixels
-    if true.shape != (n,):
-        raise ValueError(f"a camera of {n} pixels needs distances ({n},), got {true.shape}")
-    if not (true >= 0).all():
-        raise ValueError(f"distances must be >= 0, got {true[~(true >= 0)][0]}")
+    if true_distances.shape != (n,):
+        raise ValueError(
+            f"a camera of {n} pixels needs distances ({n},), got {true_distances.shape}"
+        )
+    if not (true_distances >= 0).all():
+        raise ValueError(f"distances must be >= 0, got {true_distances[~(true_distances >= 0)][0]}")
     points, hit = np.empty((n, 3)), np.empty(n, dtype=np.bool_)
-    disturb(
-        true, camera.directions, float(camera.near), float(camera.far),
+    add_range_noise(
+        true_distances, camera.directions, float(camera.near), float(camera.far),
         (float(noise.intrinsic), float(noise.depth), float(noise.lateral), float(noise.exponent)),
         rng.standard_normal((n, 3), dtype=np.float32), points, hit,
     )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 
 
 class TracedMesh:
@@ -45,9 +45,9 @@ class TracedMesh:
         # traced about its own middle, where single precision is best
         about_middle = corners - self.center
         self.radius = float(np.linalg.norm(about_middle, axis=-1).max(initial=0.0))
-        self._scene = _traced(about_middle.astype(np.float32))
+        self._scene = _embree_scene(about_middle.astype(np.float32))
 
-    def shorten(
+    def intersect(
         self,
         origins: NDArray[np.float32],
         directions: NDArray[np.float32],
@@ -61,11 +61,11 @@ class TracedMesh:
         return TracedMesh, (self.triangles,)
 
 
-def _traced(corners: NDArray[np.float32]) -> Any:
+def _embree_scene(corners: NDArray[np.float32]) -> Any:
     """Embree's scene of triangles, its tree built by a first ray."""
-    scene = require("embreex.rtcore_scene", "field").EmbreeScene(robust=True)
+    scene = import_optional("embreex.rtcore_scene", "field").EmbreeScene(robust=True)
     if len(corners):
-        require("embreex.mesh_construction", "field").TriangleMesh(scene, corners)
+        import_optional("embreex.mesh_construction", "field").TriangleMesh(scene, corners)
     ray = np.ones((1, 3), dtype=np.float32)
     scene.run(ray, ray, np.ones(1, dtype=np.float32), query="DISTANCE")
     return scene

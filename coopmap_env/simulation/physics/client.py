@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.mount import Mount
 from coopmap_env.sensing import DepthCamera
@@ -25,7 +25,7 @@ class BulletClient:
     """A connection to a physics engine in this process; closed by `close`, or when let go."""
 
     def __init__(self) -> None:
-        self.p = require("pybullet", "field")
+        self.p = import_optional("pybullet", "field")
         self._id = self.p.connect(self.p.DIRECT)
         if self._id < 0:
             raise RuntimeError("PyBullet allows no further client: close other worlds first")
@@ -48,35 +48,39 @@ class BulletClient:
         """Disconnect; doing so twice does no harm."""
         self._closed()
 
-    def mesh(self, vertices: NDArray[np.float64], faces: Any = None, *, seen: bool = False) -> int:
+    def create_shape(
+        self, vertices: NDArray[np.float64], faces: Any = None, *, visual: bool = False
+    ) -> int:
         """A shape: the convex hull of `vertices` (v, 3), or the triangles `faces` (f, 3) of them.
 
         PyBullet never lets go of the rows that it is given: they are lent to it, again and again.
         """
-        rows = _rows(len(vertices))
+        rows = _vertex_rows(len(vertices))
         for row, vertex in zip(rows, vertices.tolist(), strict=True):
             row[:] = vertex
-        make = self.p.createVisualShape if seen else self.p.createCollisionShape
+        make = self.p.createVisualShape if visual else self.p.createCollisionShape
         options: dict[str, Any] = {} if faces is None else {"indices": np.ravel(faces).tolist()}
-        if faces is not None and not seen:
+        if faces is not None and not visual:
             options["flags"] = self.p.GEOM_FORCE_CONCAVE_TRIMESH
         return int(make(self.p.GEOM_MESH, vertices=rows, physicsClientId=self.id, **options))
 
-    def load(self, mount: Mount, T_world_base: Pose, *, seen: bool = False) -> int:
-        """Load a vehicle, its base fixed; with its visual shapes only if it is to be `seen`."""
+    def load_mount(self, mount: Mount, T_world_base: Pose, *, visual: bool = False) -> int:
+        """Load a vehicle, its base fixed; with its visual shapes only if it is to be `visual`."""
         p = self.p
-        flags = p.URDF_USE_SELF_COLLISION | (0 if seen else p.URDF_IGNORE_VISUAL_SHAPES)
+        flags = p.URDF_USE_SELF_COLLISION | (0 if visual else p.URDF_IGNORE_VISUAL_SHAPES)
         number = p.loadURDF(
             str(mount.urdf),
             T_world_base.translation.tolist(),
-            quaternion(T_world_base.rotation),
+            quaternion_from_matrix(T_world_base.rotation),
             useFixedBase=True,
             flags=flags,
             physicsClientId=self.id,
         )
         return int(number)
 
-    def cast(self, origins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    def cast_rays(
+        self, origins: NDArray[np.float64], ends: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Share of the way from `origins` (n, 3) to `ends` at which rays hit something; 1 if none.
 
         At most 16,384 rays a call, on one thread: a reference of other ray casters.
@@ -88,12 +92,12 @@ class BulletClient:
 
 
 @lru_cache(maxsize=256)
-def _rows(n: int) -> list[list[float]]:
+def _vertex_rows(n: int) -> list[list[float]]:
     """The same n rows for whoever asks."""
     return [[0.0, 0.0, 0.0] for _ in range(n)]
 
 
-def quaternion(R: NDArray[np.float64]) -> list[float]:
+def quaternion_from_matrix(R: NDArray[np.float64]) -> list[float]:
     """[x, y, z, w] of a rotation matrix: its eigenvector form, without a case for large turns."""
     xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
     K = np.array([
@@ -123,14 +127,14 @@ class BulletRenderer:
     ) -> None:
         self.client = BulletClient()
         self.bodies = [
-            self.client.load(mount, pose, seen=True)
+            self.client.load_mount(mount, pose, visual=True)
             for mount, pose in zip(mounts, base_poses, strict=True)
         ]
         for solid in solids:
-            shape = self.client.mesh(solid.vertices, solid.faces, seen=True)
+            shape = self.client.create_shape(solid.vertices, solid.faces, visual=True)
             self.client.p.createMultiBody(0, -1, shape, physicsClientId=self.client.id)
 
-    def pose(self, robot: int, joints: Sequence[int], values: Sequence[float]) -> None:
+    def set_joints(self, robot: int, joints: Sequence[int], values: Sequence[float]) -> None:
         """Set joints, by Bullet's numbers, of one vehicle."""
         self.client.p.resetJointStatesMultiDof(
             self.bodies[robot], list(joints), [[v] for v in values], physicsClientId=self.client.id

@@ -19,21 +19,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.robots.kinematics.forward import Bodies, body_poses, scratch
+from coopmap_env.robots.kinematics.forward import KinematicTree, allocate_body_poses, body_poses
 from coopmap_env.robots.mount import Mount
 
 GRAVITY = 9.81
 """m/s^2, along -z of the world."""
 N_SUSPENSION = 3
 """Heave, roll and pitch come first among the joints of a chain on its suspension."""
-DOWN = (0.0, 0.0, -GRAVITY)
+GRAVITY_VECTOR = (0.0, 0.0, -GRAVITY)
 
 
 @njit(cache=True, nogil=True)
-def lever(bodies, masses, centers, pivot, q, work, out):
-    """Centre of mass of the bodies at q (3 + n,), from `pivot`; `work` is what `scratch` made."""
+def center_of_mass_offset(tree, masses, centers, pivot, q, work, out):
+    """Centre of mass of the bodies at q (3 + n,), from `pivot`; `work` is what `allocate_body_poses` made."""
     R, t = work[0], work[1]
-    body_poses(bodies, q, *work)
+    body_poses(tree, q, *work)
     out[:] = 0.0
     total = 0.0
     for b in range(1, len(masses)):
@@ -47,7 +47,7 @@ def lever(bodies, masses, centers, pivot, q, work, out):
 
 
 @njit(cache=True, nogil=True)
-def roll_and_pitch(u, w, k_roll, k_pitch, preload_roll, preload_pitch):
+def solve_roll_pitch(u, w, k_roll, k_pitch, preload_roll, preload_pitch):
     """Where the gradient of V vanishes, by Newton's method from the unloaded attitude."""
     r = p = 0.0
     for _ in range(20):
@@ -72,23 +72,23 @@ def roll_and_pitch(u, w, k_roll, k_pitch, preload_roll, preload_pitch):
 
 
 @njit(cache=True, nogil=True)
-def settle(bodies, masses, centers, pivot, weight, stiffness, preload, q):
+def solve_equilibrium(tree, masses, centers, pivot, weight, stiffness, preload, q):
     """Overwrite the first three of the joints q (k, 3 + n) by the deflections at rest."""
-    work, u = scratch(bodies), np.empty(3)
+    work, u = allocate_body_poses(tree), np.empty(3)
     for k in range(len(q)):
         q[k, :3] = 0.0
-        lever(bodies, masses, centers, pivot, q[k], work, u)
+        center_of_mass_offset(tree, masses, centers, pivot, q[k], work, u)
         q[k, 0] = (preload[0] + weight[2]) / stiffness[0]
-        q[k, 1], q[k, 2] = roll_and_pitch(
+        q[k, 1], q[k, 2] = solve_roll_pitch(
             u, weight, stiffness[1], stiffness[2], preload[1], preload[2]
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Static equilibrium of a mount's vehicle on its suspension; `Equilibrium.of` makes one."""
+    """Static equilibrium of a mount's vehicle on its suspension; `Equilibrium.from_mount` makes one."""
 
-    bodies: Bodies
+    tree: KinematicTree
     masses: NDArray[np.float64]
     """Shape (b,): kilograms of each rigid body; body 0 stands on the ground."""
     centers: NDArray[np.float64]
@@ -103,7 +103,7 @@ class Equilibrium:
     """Shape (3,): N, N m, N m: spring forces at home."""
 
     @classmethod
-    def of(cls, mount: Mount, gravity: ArrayLike = DOWN) -> Equilibrium:
+    def from_mount(cls, mount: Mount, gravity: ArrayLike = GRAVITY_VECTOR) -> Equilibrium:
         """Read masses from the mount's URDF and preload the springs for its home.
 
         Parameters
@@ -118,9 +118,9 @@ class Equilibrium:
             If the mount has no suspension, or its joints are not heave along z, then roll about
             x and pitch about y through one point.
         """
-        chain = mount.chain(on_suspension=True)
+        chain = mount.chain(with_suspension=True)
         assert mount.suspension is not None  # or it would have no such chain
-        bodies, n_bodies = chain.bodies, len(chain.bodies.parent)
+        tree, n_bodies = chain.tree, len(chain.tree.parent)
         masses, moments = np.zeros(n_bodies), np.zeros((n_bodies, 3))
         turned = np.einsum("lij,lj->li", chain.link_rotations, chain.centers_of_mass)
         np.add.at(masses, chain.link_body, chain.masses)
@@ -131,13 +131,13 @@ class Equilibrium:
             moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0
         )
         masses[0] = 0.0
-        pivot = _pivot(mount.name, bodies)
+        pivot = _pivot(mount.name, tree)
         weight = masses.sum() * np.asarray(gravity, dtype=np.float64)
         home, u = np.array([0.0, 0.0, 0.0, *mount.home]), np.empty(3)
-        lever(bodies, masses, centers, pivot, home, scratch(bodies), u)
+        center_of_mass_offset(tree, masses, centers, pivot, home, allocate_body_poses(tree), u)
         springs = mount.suspension
         return cls(
-            bodies, masses, centers, pivot, weight,
+            tree, masses, centers, pivot, weight,
             np.array(springs.stiffness), np.array(springs.damping),
             # minus what the weight does to heave, roll and pitch at s = 0
             -np.array([
@@ -147,24 +147,24 @@ class Equilibrium:
             ]),
         )  # fmt: skip
 
-    def settled(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rest_configurations(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joints (k, n) of the mount with the deflections before them: (k, 3 + n)."""
         q = np.empty((len(joints), N_SUSPENSION + joints.shape[1]))
         q[:, N_SUSPENSION:] = joints
-        settle(
-            self.bodies, self.masses, self.centers, self.pivot, self.weight,
+        solve_equilibrium(
+            self.tree, self.masses, self.centers, self.pivot, self.weight,
             self.stiffness, self.preload, q,
         )  # fmt: skip
         return q
 
 
-def _pivot(name: str, bodies: Bodies) -> NDArray[np.float64]:
+def _pivot(name: str, tree: KinematicTree) -> NDArray[np.float64]:
     """Point about which the body rolls and pitches."""
-    work = scratch(bodies)
+    work = allocate_body_poses(tree)
     R, t = work[0], work[1]
-    body_poses(bodies, np.zeros(bodies.variable.max() + 1), *work)
-    axes = [R[b] @ bodies.axis[b] for b in range(1, N_SUSPENSION + 1)]
-    in_a_row = (bodies.parent[1:4] == [0, 1, 2]).all() and (bodies.variable[1:4] == [0, 1, 2]).all()
+    body_poses(tree, np.zeros(tree.variable.max() + 1), *work)
+    axes = [R[b] @ tree.axis[b] for b in range(1, N_SUSPENSION + 1)]
+    in_a_row = (tree.parent[1:4] == [0, 1, 2]).all() and (tree.variable[1:4] == [0, 1, 2]).all()
     if not (in_a_row and np.allclose(axes, np.eye(3)[[2, 0, 1]]) and np.allclose(t[2], t[3])):
         raise ValueError(
             f"the suspension of {name!r} must be heave along z, then roll about x and pitch "

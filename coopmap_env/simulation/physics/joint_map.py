@@ -10,32 +10,32 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.kinematics.chain import Chain
-from coopmap_env.robots.kinematics.collision_spheres import Body
-from coopmap_env.robots.kinematics.urdf import Model
+from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
+from coopmap_env.robots.kinematics.urdf import UrdfModel
 from coopmap_env.robots.mount import Mount
 from coopmap_env.simulation.physics.client import BulletClient
-from coopmap_env.simulation.physics.sweep import Outline
+from coopmap_env.simulation.physics.sweep import SweepModel
 
-TOUCHING_AT_HOME = 0.005
+HOME_CONTACT_DISTANCE = 0.005
 """Metres: links of one vehicle that are so near to each other at home are neighbours."""
 
 
-HELD = 1000.0
+DEFAULT_MOTOR_FORCE = 1000.0
 """N or N m: force of a motor whose joint states no limit."""
 
 
 @dataclass(frozen=True, eq=False)
-class Anatomy:
+class JointMap:
     """A mount's URDF by PyBullet's numbers. Link j is moved by joint j; the base is link -1."""
 
     joints: tuple[int, ...]
     """All joints that can move: heave, roll and pitch, then the mount's, then any other."""
-    values: NDArray[np.float64]
+    joint_matrix: NDArray[np.float64]
     """Shape (len(joints), m): joint values are ``values @ q + offsets``; some may mimic others."""
-    offsets: NDArray[np.float64]
-    speeds: NDArray[np.float64]
+    joint_offsets: NDArray[np.float64]
+    speed_limits: NDArray[np.float64]
     """Shape (n,): limits of the mount's joints, rad/s or m/s."""
-    forces: tuple[float, ...]
+    motor_forces: tuple[float, ...]
     """Of the motors of all `joints`, N m or N."""
     n_suspension: int
     """How many of the joints are the suspension's: 3, or 0 without one."""
@@ -43,38 +43,38 @@ class Anatomy:
     """Of link j at j + 1."""
     arm: frozenset[int]
     """The links that the mount's joints move."""
-    neighbours: tuple[tuple[int, int], ...]
+    ignored_pairs: tuple[tuple[int, int], ...]
     """Pairs of a link of the arm and another one whose contacts count for nothing: as good as in
     contact at home, or never asked about by the robot's own model of its body. Their collision
     shapes, blown up by whoever wrote the URDF, may overlap where their surfaces do not."""
-    outline: Outline
+    sweep_model: SweepModel
 
     @classmethod
-    def of(cls, mount: Mount) -> Anatomy:
+    def from_mount(cls, mount: Mount) -> JointMap:
         """Take a mount's URDF apart; once per process."""
-        chain = mount.chain(on_suspension=mount.suspension is not None)
-        known = _KNOWN.setdefault(chain, {})  # mounts that are made twice share their chain
-        if mount.home not in known:
+        chain = mount.chain(with_suspension=mount.suspension is not None)
+        cached = _CACHE.setdefault(chain, {})  # mounts that are made twice share their chain
+        if mount.home not in cached:
             client = BulletClient()
             try:
-                known[mount.home] = _dissect(client, mount, chain)
+                cached[mount.home] = _read_joint_map(client, mount, chain)
             finally:
                 client.close()
-        return known[mount.home]
+        return cached[mount.home]
 
 
-_KNOWN: WeakKeyDictionary[Chain, dict[tuple[float, ...], Anatomy]] = WeakKeyDictionary()
+_CACHE: WeakKeyDictionary[Chain, dict[tuple[float, ...], JointMap]] = WeakKeyDictionary()
 
 
-def _dissect(client: BulletClient, mount: Mount, chain: Chain) -> Anatomy:
+def _read_joint_map(client: BulletClient, mount: Mount, chain: Chain) -> JointMap:
     p, k = client.p, {"physicsClientId": client.id}
-    body = client.load(mount, Pose(np.zeros(3), np.eye(3)))
+    body = client.load_mount(mount, Pose(np.zeros(3), np.eye(3)))
     infos = [p.getJointInfo(body, j, **k) for j in range(p.getNumJoints(body, **k))]
     names = [info[1].decode() for info in infos]
     first = [names.index(name) for name in chain.joint_names]
     turning = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
     joints = (*first, *(j for j, i in enumerate(infos) if i[2] in turning and j not in first))
-    values, offsets = _dependence(mount, chain, [names[j] for j in joints])
+    joint_matrix, joint_offsets = _mimic_matrix(mount, chain, [names[j] for j in joints])
 
     link_names = (
         p.getBodyInfo(body, **k)[0].decode(), *(info[12].decode() for info in infos)
@@ -82,55 +82,57 @@ def _dissect(client: BulletClient, mount: Mount, chain: Chain) -> Anatomy:
     rigid = dict(zip(chain.link_names, chain.link_body.tolist(), strict=True))
     n_suspension = chain.n_joints - len(mount.joints)
     arm = [j - 1 for j, name in enumerate(link_names) if rigid[name] > n_suspension]
-    boxes = {name: _box(client, body, j - 1) for j, name in enumerate(link_names)}
+    boxes = {name: _collision_box(client, body, j - 1) for j, name in enumerate(link_names)}
 
-    home = values @ np.array([*(0.0,) * n_suspension, *mount.home]) + offsets
+    home = joint_matrix @ np.array([*(0.0,) * n_suspension, *mount.home]) + joint_offsets
     p.resetJointStatesMultiDof(body, list(joints), home[:, None].tolist(), **k)
-    near = p.getClosestPoints(body, body, TOUCHING_AT_HOME, **k) or ()
+    near = p.getClosestPoints(body, body, HOME_CONTACT_DISTANCE, **k) or ()
     pairs = {pair for point in near for pair in (point[3:5], point[4:2:-1])}
-    asked = Body.of(mount.chain(), mount.home).asked_links()
+    asked = CollisionSpheres.from_chain(mount.chain(), mount.home).checked_link_pairs()
     pairs |= {
         (a, b)
         for a in arm
         for b in range(-1, len(link_names) - 1)
         if frozenset((link_names[a + 1], link_names[b + 1])) not in asked
     }
-    neighbours = tuple(sorted((a, b) for a, b in pairs if a in arm and b not in arm))
-    return Anatomy(
-        joints, values, offsets,
+    ignored_pairs = tuple(sorted((a, b) for a, b in pairs if a in arm and b not in arm))
+    return JointMap(
+        joints, joint_matrix, joint_offsets,
         np.array([i[11] if 0 < i[11] < 100 else 1.0 for i in (infos[j] for j in first)])[
             n_suspension:
         ],
-        tuple(infos[j][10] if infos[j][10] > 0 else HELD for j in joints),
-        n_suspension, link_names, frozenset(arm), neighbours,
-        Outline.of_links(
+        tuple(infos[j][10] if infos[j][10] > 0 else DEFAULT_MOTOR_FORCE for j in joints),
+        n_suspension, link_names, frozenset(arm), ignored_pairs,
+        SweepModel.from_link_boxes(
             chain,
             {name: box for name, box in boxes.items() if box is not None},
             [link_names[j + 1] for j in arm],
-            [(link_names[a + 1], link_names[b + 1]) for a, b in neighbours],
+            [(link_names[a + 1], link_names[b + 1]) for a, b in ignored_pairs],
         ),
     )  # fmt: skip
 
 
-def _dependence(
+def _mimic_matrix(
     mount: Mount, chain: Chain, names: list[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """How the values of joints follow from q: by themselves, by mimicking, or not at all."""
     of = chain.joint_names
-    values, offsets = np.zeros((len(names), len(of))), np.zeros(len(names))
-    joints = {joint.name: joint for joint in Model.read(mount.urdf, mount.package_dirs).joints}
+    joint_matrix, joint_offsets = np.zeros((len(names), len(of))), np.zeros(len(names))
+    joints = {
+        joint.name: joint for joint in UrdfModel.from_file(mount.urdf, mount.package_dirs).joints
+    }
     for row, name in enumerate(names):
         mimic = joints[name].mimic
         if name in of:
-            values[row, of.index(name)] = 1.0
+            joint_matrix[row, of.index(name)] = 1.0
         elif mimic is not None:
-            source, multiplier, offsets[row] = mimic
+            source, multiplier, joint_offsets[row] = mimic
             if source in of:
-                values[row, of.index(source)] = multiplier
-    return values, offsets
+                joint_matrix[row, of.index(source)] = multiplier
+    return joint_matrix, joint_offsets
 
 
-def _box(client: BulletClient, body: int, link: int) -> NDArray[np.float64] | None:
+def _collision_box(client: BulletClient, body: int, link: int) -> NDArray[np.float64] | None:
     """Box (2, 3) around a link's collision shape, in the link's frame; None if it has none."""
     p, k = client.p, {"physicsClientId": client.id}
     if not p.getCollisionShapeData(body, link, **k):

@@ -17,17 +17,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopmap_env.robots.kinematics.chain import Chain
-from coopmap_env.robots.kinematics.forward import Bodies, body_poses, scratch
+from coopmap_env.robots.kinematics.forward import KinematicTree, allocate_body_poses, body_poses
 
-HALF_ARC = 0.55
+ARC_FACTOR = 0.55
 """Of the chord between two configurations: no point of the arc is further from both its ends, for
 arcs of less than a quarter turn; half the chord would be a straight line's."""
-SLACK = 0.005
+CONTACT_MARGIN = 0.005
 """Metres: more than the margins that the physics engine puts around its shapes."""
 
 
 @njit(cache=True, nogil=True)
-def square_distance(x, y, z, lower, upper):
+def squared_distance_to_box(x, y, z, lower, upper):
     """From a point to a box, squared; 0 within."""
     dx = max(lower[0] - x, 0.0, x - upper[0])
     dy = max(lower[1] - y, 0.0, y - upper[1])
@@ -36,58 +36,62 @@ def square_distance(x, y, z, lower, upper):
 
 
 @njit(cache=True, nogil=True)
-def sphere_centers(bodies, base_R, base_t, q, of, local, work, out):
+def sphere_centers(tree, base_R, base_t, q, sphere_bodies, sphere_offsets, work, out):
     """Centres (s, 3) of spheres fixed to bodies at one q, world frame; the root stands at base."""
     R, t = work[0], work[1]
     R[0] = base_R
     t[0] = base_t
-    body_poses(bodies, q, *work)
-    for s in range(len(of)):
-        b = of[s]
-        x, y, z = local[s, 0], local[s, 1], local[s, 2]
+    body_poses(tree, q, *work)
+    for s in range(len(sphere_bodies)):
+        b = sphere_bodies[s]
+        x, y, z = sphere_offsets[s, 0], sphere_offsets[s, 1], sphere_offsets[s, 2]
         for i in range(3):
             out[s, i] = t[b, i] + R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z
 
 
 @njit(cache=True, nogil=True)
-def own_gap(x, y, z, own, frames, allowed, R, t):
+def squared_distance_to_body(x, y, z, body_boxes, body_box_frames, checked_pairs, R, t):
     """Square of the distance from a point of the world to the nearest box of the own body."""
     best = math.inf
-    for o in range(len(own)):
-        if allowed[o]:
-            b = frames[o]
+    for o in range(len(body_boxes)):
+        if checked_pairs[o]:
+            b = body_box_frames[o]
             dx, dy, dz = x - t[b, 0], y - t[b, 1], z - t[b, 2]
             px = R[b, 0, 0] * dx + R[b, 1, 0] * dy + R[b, 2, 0] * dz
             py = R[b, 0, 1] * dx + R[b, 1, 1] * dy + R[b, 2, 1] * dz
             pz = R[b, 0, 2] * dx + R[b, 1, 2] * dy + R[b, 2, 2] * dz
-            best = min(best, square_distance(px, py, pz, own[o, 0], own[o, 1]))
+            best = min(
+                best, squared_distance_to_box(px, py, pz, body_boxes[o, 0], body_boxes[o, 1])
+            )
     return best
 
 
 @njit(cache=True, nogil=True)
-def mark(shape, base_R, base_t, q, boxes, others, marked, moved):
+def mark_swept_collisions(shape, base_R, base_t, q, boxes, others, may_collide, travel):
     """Mark the stretches between configurations q (k, m) in which something may touch.
 
-    `shape` is `Outline.arrays`; `boxes` (b, 2, 3) and `others` (o, 4), centres and radii, are what
-    is in the way; `moved` (k - 1,) receives how far the fastest sphere goes, as the crow flies.
+    `shape` is `SweepModel.arrays`; `boxes` (b, 2, 3) and `others` (o, 4), centres and radii, are what
+    is in the way; `travel` (k - 1,) receives how far the fastest sphere goes, as the crow flies.
     """
-    bodies, of, local, radii, own, frames, allowed = shape
-    n, n_spheres = len(q), len(of)
-    work = scratch(bodies)
+    tree, sphere_bodies, sphere_offsets, radii, body_boxes, body_box_frames, checked_pairs = shape
+    n, n_spheres = len(q), len(sphere_bodies)
+    work = allocate_body_poses(tree)
     at = np.empty((n, n_spheres, 3))
     gaps = np.full((n, n_spheres), math.inf)
     for k in range(n):
-        sphere_centers(bodies, base_R, base_t, q[k], of, local, work, at[k])
+        sphere_centers(tree, base_R, base_t, q[k], sphere_bodies, sphere_offsets, work, at[k])
         for s in range(n_spheres):
             x, y, z = at[k, s, 0], at[k, s, 1], at[k, s, 2]
-            gaps[k, s] = own_gap(x, y, z, own, frames, allowed[s], work[0], work[1])
+            gaps[k, s] = squared_distance_to_body(
+                x, y, z, body_boxes, body_box_frames, checked_pairs[s], work[0], work[1]
+            )
     lower, upper = np.empty(3), np.empty(3)
     for s in range(n_spheres):
         # everything that this sphere's whole way comes near to
         reach = 0.0
         for k in range(n - 1):
             reach = max(reach, np.sqrt(((at[k + 1, s] - at[k, s]) ** 2).sum()))
-        reach = HALF_ARC * reach + radii[s] + SLACK
+        reach = ARC_FACTOR * reach + radii[s] + CONTACT_MARGIN
         for i in range(3):
             lower[i], upper[i] = at[:, s, i].min() - reach, at[:, s, i].max() + reach
         for b in range(len(boxes)):
@@ -96,25 +100,25 @@ def mark(shape, base_R, base_t, q, boxes, others, marked, moved):
             ):  # fmt: skip
                 for k in range(n):
                     p = at[k, s]
-                    d = square_distance(p[0], p[1], p[2], boxes[b, 0], boxes[b, 1])
+                    d = squared_distance_to_box(p[0], p[1], p[2], boxes[b, 0], boxes[b, 1])
                     gaps[k, s] = min(gaps[k, s], d)
         for k in range(n):
             gaps[k, s] = math.sqrt(gaps[k, s])
         for o in range(len(others)):
             x, y, z, r = others[o, 0], others[o, 1], others[o, 2], others[o, 3]
-            if square_distance(x, y, z, lower, upper) < r * r:
+            if squared_distance_to_box(x, y, z, lower, upper) < r * r:
                 for k in range(n):
                     dx, dy, dz = at[k, s, 0] - x, at[k, s, 1] - y, at[k, s, 2] - z
                     gaps[k, s] = min(gaps[k, s], math.sqrt(dx * dx + dy * dy + dz * dz) - r)
     for k in range(n - 1):
-        marked[k] = False
-        moved[k] = 0.0
+        may_collide[k] = False
+        travel[k] = 0.0
         for s in range(n_spheres):
             chord = np.sqrt(((at[k + 1, s] - at[k, s]) ** 2).sum())
-            moved[k] = max(moved[k], chord)
-            needed = HALF_ARC * chord + radii[s] + SLACK
+            travel[k] = max(travel[k], chord)
+            needed = ARC_FACTOR * chord + radii[s] + CONTACT_MARGIN
             if gaps[k, s] < needed or gaps[k + 1, s] < needed:
-                marked[k] = True
+                may_collide[k] = True
 
 
 def covering_spheres(box: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
@@ -130,38 +134,38 @@ def covering_spheres(box: NDArray[np.float64]) -> tuple[NDArray[np.float64], flo
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class SweepModel:
     """Spheres around the links of one mount, and boxes around the body that carries it."""
 
-    bodies: Bodies
-    of: NDArray[np.int64]
+    tree: KinematicTree
+    sphere_bodies: NDArray[np.int64]
     """Shape (s,): the rigid body of each sphere; the mount's come first."""
-    local: NDArray[np.float64]
+    sphere_offsets: NDArray[np.float64]
     """Shape (s, 3): their centres, in the frames of their bodies."""
     radii: NDArray[np.float64]
     n_arm: int
     """How many of the spheres are the mount's."""
-    own: NDArray[np.float64]
-    """Shape (o, 2, 3): boxes of the vehicle's body, in the frames of rigid bodies `frames`."""
-    frames: NDArray[np.int64]
-    allowed: NDArray[np.bool_]
+    body_boxes: NDArray[np.float64]
+    """Shape (o, 2, 3): boxes of the vehicle's body, in the frames of rigid bodies `body_box_frames`."""
+    body_box_frames: NDArray[np.int64]
+    checked_pairs: NDArray[np.bool_]
     """Shape (n_arm, o): which pairs can touch at all; neighbours cannot."""
 
     @classmethod
-    def of_links(
+    def from_link_boxes(
         cls,
         chain: Chain,
         boxes: Mapping[str, NDArray[np.float64]],
         arm: Collection[str],
-        neighbours: Collection[tuple[str, str]],
-    ) -> Outline:
+        ignored_pairs: Collection[tuple[str, str]],
+    ) -> SweepModel:
         """From boxes (2, 3) around links, in their frames; `arm` names those that the mount moves.
 
-        `neighbours` are pairs of a link of the arm and one of the body.
+        `ignored_pairs` are pairs of a link of the arm and one of the body.
         """
         names = [*(n for n in boxes if n in arm), *(n for n in boxes if n not in arm)]
         rows: list[tuple[str, int, NDArray[np.float64], float]] = []
-        own: list[tuple[str, int, NDArray[np.float64]]] = []
+        body_boxes: list[tuple[str, int, NDArray[np.float64]]] = []
         for name in names:
             link = chain.link_names.index(name)
             R, t = chain.link_rotations[link], chain.link_translations[link]
@@ -172,31 +176,40 @@ class Outline:
                 middle, half = boxes[name].mean(axis=0), np.diff(boxes[name], axis=0)[0] / 2
                 around = np.abs(R) @ half
                 at = R @ middle + t
-                own.append((name, body, np.stack([at - around, at + around])))
+                body_boxes.append((name, body, np.stack([at - around, at + around])))
         mount = [row for row in rows if row[0] in arm]
         return cls(
-            bodies=chain.bodies,
-            of=np.array([row[1] for row in rows], dtype=np.int64),
-            local=np.array([row[2] for row in rows]).reshape(-1, 3),
+            tree=chain.tree,
+            sphere_bodies=np.array([row[1] for row in rows], dtype=np.int64),
+            sphere_offsets=np.array([row[2] for row in rows]).reshape(-1, 3),
             radii=np.array([row[3] for row in rows]),
             n_arm=len(mount),
-            own=np.array([row[2] for row in own]).reshape(-1, 2, 3),
-            frames=np.array([row[1] for row in own], dtype=np.int64),
-            allowed=np.array(
-                [[(row[0], other[0]) not in neighbours for other in own] for row in mount]
-            ).reshape(len(mount), len(own)),
+            body_boxes=np.array([row[2] for row in body_boxes]).reshape(-1, 2, 3),
+            body_box_frames=np.array([row[1] for row in body_boxes], dtype=np.int64),
+            checked_pairs=np.array(
+                [[(row[0], other[0]) not in ignored_pairs for other in body_boxes] for row in mount]
+            ).reshape(len(mount), len(body_boxes)),
         )
 
     def spheres(
         self, R: NDArray[np.float64], t: NDArray[np.float64], q: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Centres and radii (s, 4) in the world of all spheres at q (m,), the base at R, t."""
-        out = np.empty((len(self.of), 4))
-        sphere_centers(self.bodies, R, t, q, self.of, self.local, scratch(self.bodies), out)
+        out = np.empty((len(self.sphere_bodies), 4))
+        sphere_centers(
+            self.tree,
+            R,
+            t,
+            q,
+            self.sphere_bodies,
+            self.sphere_offsets,
+            allocate_body_poses(self.tree),
+            out,
+        )
         out[:, 3] = self.radii
         return out
 
-    def stretches(
+    def swept_collisions(
         self,
         R: NDArray[np.float64],
         t: NDArray[np.float64],
@@ -205,11 +218,11 @@ class Outline:
         others: NDArray[np.float64],
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Marks (k - 1,) of what may touch between configurations q (k, m); how far each goes."""
-        marked, moved = np.empty(len(q) - 1, dtype=np.bool_), np.empty(len(q) - 1)
+        may_collide, travel = np.empty(len(q) - 1, dtype=np.bool_), np.empty(len(q) - 1)
         n = self.n_arm
         arrays = (
-            self.bodies, self.of[:n], self.local[:n], self.radii[:n],
-            self.own, self.frames, self.allowed,
+            self.tree, self.sphere_bodies[:n], self.sphere_offsets[:n], self.radii[:n],
+            self.body_boxes, self.body_box_frames, self.checked_pairs,
         )  # fmt: skip
-        mark(arrays, R, t, q, boxes, others, marked, moved)
-        return marked, moved
+        mark_swept_collisions(arrays, R, t, q, boxes, others, may_collide, travel)
+        return may_collide, travel

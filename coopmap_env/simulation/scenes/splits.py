@@ -46,10 +46,10 @@ def world_seed(split: str, seed: int) -> np.random.SeedSequence:
     """
     if split not in SPLITS:
         raise ValueError(f"split must be one of {', '.join(SPLITS)}, not {split!r}")
-    return np.random.SeedSequence(_whole_number(seed), spawn_key=(_NAMESPACE, SPLITS.index(split)))
+    return np.random.SeedSequence(_checked_seed(seed), spawn_key=(_NAMESPACE, SPLITS.index(split)))
 
 
-def _whole_number(seed: int) -> int:
+def _checked_seed(seed: int) -> int:
     try:
         number = operator.index(seed)
     except TypeError:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.simulation.scenes.planar.recorded import SceneError
 
 
@@ -18,7 +18,7 @@ def read_yaml(path: Path) -> Mapping[str, Any]:
     ImportError
         With the pip command, if PyYAML is not installed.
     """
-    yaml = require("yaml", "maps")
+    yaml = import_optional("yaml", "maps")
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.studies.benchmark.entries import FAMILIES, RATING
-from coopmap_env.studies.common.figures import COLORS, pyplot, save_figure
+from coopmap_env.studies.benchmark.methods import FAMILIES, RATING
+from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figure
 
 AREA_LABELS = {
     "coverage_auc": "area under the curve of viewed share, %",
@@ -26,7 +26,7 @@ FAMILY_COLORS = dict(
 
 def draw_condition(found: dict[str, Any], path: Path) -> None:
     """Curves and performance profiles of the main entries, areas under the curve of all."""
-    plt = pyplot()
+    plt = import_pyplot()
     figure = plt.figure(figsize=(10.5, 7.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1))
     curves = figure.add_subplot(grid[0, 0])
@@ -41,9 +41,9 @@ def draw_condition(found: dict[str, Any], path: Path) -> None:
 
 def _draw_curves(axis: Any, found: dict[str, Any]) -> None:
     n_robots = found["arguments"]["n_robots"]
-    for label, entry, style in _pictured(found):
-        scans = n_robots * np.arange(len(entry["curve"]["estimate"]))
-        _draw_band(axis, scans, entry["curve"], style, label)
+    for label, method, style in _plotted_methods(found):
+        scans = n_robots * np.arange(len(method["curve"]["estimate"]))
+        _draw_band(axis, scans, method["curve"], style, label)
     axis.set(xlabel="scans of the team", ylabel=CURVE_LABELS[found["world"]])
     axis.set_xlim(left=0)
     axis.set_ylim(bottom=0)
@@ -52,8 +52,8 @@ def _draw_curves(axis: Any, found: dict[str, Any]) -> None:
 
 def _draw_profiles(axis: Any, found: dict[str, Any]) -> None:
     thresholds = 100 * np.array(found["thresholds"])
-    for label, entry, style in _pictured(found):
-        _draw_band(axis, thresholds, entry["profile"], style, label)
+    for label, method, style in _plotted_methods(found):
+        _draw_band(axis, thresholds, method["profile"], style, label)
     axis.set(
         xlabel=f"tau: {AREA_LABELS[found['areas'][0]]}",
         ylabel="% of worlds above tau",
@@ -72,10 +72,10 @@ def _draw_band(axis: Any, at: Any, band: dict[str, Any], style: dict[str, Any], 
 def _draw_areas(axis: Any, found: dict[str, Any]) -> None:
     """Means with intervals, and means of single training runs, from the best entry down."""
     area = found["areas"][0]
-    scores = {label: entry["scores"][area] for label, entry in found["entries"].items()}
+    scores = {label: method["scores"][area] for label, method in found["methods"].items()}
     order = sorted(scores, key=lambda label: scores[label]["mean"]["estimate"])
     for row, label in enumerate(order):
-        color = FAMILY_COLORS[found["entries"][label]["family"]]
+        color = FAMILY_COLORS[found["methods"][label]["family"]]
         _draw_interval(axis, row, scores[label]["mean"], color, scale=100)
         runs = scores[label]["runs"]
         if len(runs) > 1:
@@ -85,9 +85,9 @@ def _draw_areas(axis: Any, found: dict[str, Any]) -> None:
     axis.grid(axis="x", alpha=0.3)
 
 
-def draw_elsewhere(conditions: list[dict[str, Any]], path: Path) -> None:
+def draw_generalization(conditions: list[dict[str, Any]], path: Path) -> None:
     """Areas under the curve over the rating function's on as many candidates, by condition."""
-    plt = pyplot()
+    plt = import_pyplot()
     worlds = list(dict.fromkeys(found["world"] for found in conditions))
     figure, axes = plt.subplots(1, len(worlds), figsize=(5.6 * len(worlds), 4.4), squeeze=False)
     for axis, world in zip(axes[0], worlds, strict=True):
@@ -98,28 +98,28 @@ def draw_elsewhere(conditions: list[dict[str, Any]], path: Path) -> None:
     save_figure(figure, path)
 
 
-def judged_entries(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
+def methods_with_baseline(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Entries of a condition that are held against the rating function, by label."""
     return {
-        label: entry
-        for label, entry in found["entries"].items()
-        if entry["family"] != RATING and entry["baseline"]
+        label: method
+        for label, method in found["methods"].items()
+        if method["family"] != RATING and method["baseline"]
     }
 
 
 def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
     axis.axvline(1.0, color=FAMILY_COLORS[RATING], linewidth=1)
     for row, found in enumerate(reversed(conditions)):
-        area, judged = found["areas"][0], judged_entries(found)
-        seen = dict.fromkeys(FAMILIES, 0)
-        for number, (label, entry) in enumerate(judged.items()):
-            family = entry["family"]
-            ratio = entry["against"][entry["baseline"]]["ratio"][area]
-            place = row + 0.22 * ((len(judged) - 1) / 2 - number)
-            marker = MARKERS[seen[family]]
-            seen[family] += 1
+        area, compared = found["areas"][0], methods_with_baseline(found)
+        n_drawn = dict.fromkeys(FAMILIES, 0)
+        for number, (label, method) in enumerate(compared.items()):
+            family = method["family"]
+            ratio = method["comparisons"][method["baseline"]]["ratio"][area]
+            y = row + 0.22 * ((len(compared) - 1) / 2 - number)
+            marker = MARKERS[n_drawn[family]]
+            n_drawn[family] += 1
             name = label if row == 0 else None
-            _draw_interval(axis, place, ratio, FAMILY_COLORS[family], label=name, marker=marker)
+            _draw_interval(axis, y, ratio, FAMILY_COLORS[family], label=name, marker=marker)
     axis.set_yticks(range(len(conditions)), [found["label"] for found in reversed(conditions)])
     axis.set_xlabel("area under the curve over the rating function's")
     axis.grid(axis="x", alpha=0.3)
@@ -139,14 +139,14 @@ def _draw_interval(
     axis.plot(at, row, marker, color=color, markersize=5, label=label)
 
 
-def _pictured(found: dict[str, Any]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
+def _plotted_methods(found: dict[str, Any]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
     """Label, entry and line of the main entries."""
-    seen = dict.fromkeys(FAMILIES, 0)
+    n_drawn = dict.fromkeys(FAMILIES, 0)
     out = []
-    for label, entry in found["entries"].items():
-        if entry["pictured"]:
-            family = entry["family"]
-            style = STYLES[seen[family] % len(STYLES)]
-            seen[family] += 1
-            out.append((label, entry, {"linestyle": style, "color": FAMILY_COLORS[family]}))
+    for label, method in found["methods"].items():
+        if method["plotted"]:
+            family = method["family"]
+            style = STYLES[n_drawn[family] % len(STYLES)]
+            n_drawn[family] += 1
+            out.append((label, method, {"linestyle": style, "color": FAMILY_COLORS[family]}))
     return out

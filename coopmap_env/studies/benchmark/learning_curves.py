@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents.pretrained.shipped import shipped_names, training_record
+from coopmap_agents.pretrained.shipped import pretrained_names, pretrained_record
 
-from coopmap_env.studies.common.figures import pyplot, save_figure
+from coopmap_env.studies.common.figures import import_pyplot, save_figure
 
 
 def draw_learning_curves(path: Path, score: str = "coverage_auc") -> None:
@@ -27,11 +27,11 @@ def draw_learning_curves(path: Path, score: str = "coverage_auc") -> None:
     score : str
         One of those that the trainings' records have; a share, drawn in percent.
     """
-    plt = pyplot()
-    names = shipped_names()
+    plt = import_pyplot()
+    names = pretrained_names()
     figure, axes = plt.subplots(1, len(names), figsize=(3.2 * len(names), 3.0), squeeze=False)
     for axis, name in zip(axes[0], names, strict=True):
-        _draw(axis, name, training_record(name)["trainings"], score)
+        _draw(axis, name, pretrained_record(name)["trainings"], score)
     axes[0][0].set_ylabel("area under the coverage curve, %\n(validation worlds)")
     figure.tight_layout()
     save_figure(figure, path)

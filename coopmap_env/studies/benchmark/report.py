@@ -10,20 +10,24 @@ from typing import Any
 from coopmap_env.core.files import write_atomically
 from coopmap_env.evaluation.comparison import write_episodes
 from coopmap_env.evaluation.statistics.bootstrap import Interval
-from coopmap_env.studies.benchmark.entries import REFERENCE
-from coopmap_env.studies.benchmark.figures import draw_condition, draw_elsewhere, judged_entries
-from coopmap_env.studies.benchmark.study import ConditionResult, PolicyStudy, summary
-from coopmap_env.studies.common.pages import fill_page
+from coopmap_env.studies.benchmark.figures import (
+    draw_condition,
+    draw_generalization,
+    methods_with_baseline,
+)
+from coopmap_env.studies.benchmark.methods import REFERENCE
+from coopmap_env.studies.benchmark.study import BenchmarkStudy, ConditionResult, summary
+from coopmap_env.studies.common.pages import render_template
 
 Table = list[list[str]]
 """Rows of cells; the first one is the header."""
-JUDGED = {
+VERDICT_SCORES = {
     "coverage_auc": ("area under viewed share", 100.0, "points"),
     "surface_auc": ("area under covered surface", 100.0, "points"),
     "reward": ("reward", 1.0, "nats"),
 }
 """What verdicts call the scores that they are about, and their unit."""
-WORLDS = {"planar": "in the plane", "field": "in the field"}
+WORLD_LABELS = {"planar": "in the plane", "field": "in the field"}
 
 
 @dataclass(frozen=True)
@@ -39,19 +43,19 @@ class Column:
     entry's baseline."""
     interval: bool = True
 
-    def cell(self, entry: dict[str, Any]) -> str:
+    def cell(self, method: dict[str, Any]) -> str:
         """What an entry has there."""
         if self.statistic in ("mean", "interquartile_mean"):
-            values = entry["scores"][self.score][self.statistic]
-        elif entry["baseline"]:
-            values = entry["against"][entry["baseline"]][self.statistic][self.score]
+            values = method["scores"][self.score][self.statistic]
+        elif method["baseline"]:
+            values = method["comparisons"][method["baseline"]][self.statistic][self.score]
         else:
             return "-"
         sign = "+" if self.statistic == "difference" else ""
-        return scaled(values, self.scale, self.digits, self.interval, sign)
+        return format_interval(values, self.scale, self.digits, self.interval, sign)
 
 
-def _of_area(area: str) -> tuple[Column, ...]:
+def _area_columns(area: str) -> tuple[Column, ...]:
     return (
         Column("its mean over the scans, %", area, 100),
         Column("interquartile mean, %", area, 100, statistic="interquartile_mean"),
@@ -67,7 +71,7 @@ _TIME = Column("ms", "planning_ms", interval=False)
 COLUMNS = {
     "planar": (
         Column("viewed, %", "coverage", 100),
-        *_of_area("coverage_auc"),
+        *_area_columns("coverage_auc"),
         _REWARD,
         _LOG_LOSS,
         _MOTION,
@@ -75,7 +79,7 @@ COLUMNS = {
     ),
     "field": (
         Column("surface, %", "surface", 100, 1),
-        *_of_area("surface_auc"),
+        *_area_columns("surface_auc"),
         Column("viewed share, mean over the scans, %", "coverage_auc", 100),
         Column("less the rating function's", "coverage_auc", 100, statistic="difference"),
         Column("F-score", "f_score", digits=3, interval=False),
@@ -99,30 +103,30 @@ ALL_SCORES = (
 )
 
 
-def write_policy_report(study: PolicyStudy, out: Path) -> dict[str, Any]:
+def write_benchmark_report(study: BenchmarkStudy, out: Path) -> dict[str, Any]:
     """Write everything into the folder `out`; the summary is returned too."""
     out.mkdir(parents=True, exist_ok=True)
     found = summary(study)
     for part in found["main"]:
         draw_condition(part, out / f"{part['world']}.png")
-    if found["elsewhere"]:
-        draw_elsewhere(found["elsewhere"], out / "elsewhere.png")
+    if found["generalization"]:
+        draw_generalization(found["generalization"], out / "generalization.png")
     for result in study.main:
         _write_csv(result, out / f"{result.condition.world}_episodes.csv")
     write_atomically(out / "summary.json", json.dumps(found, indent=2) + "\n")
     write_atomically(out / "table.md", text_summary(found))
-    page = fill_page(
+    page = render_template(
         "benchmark/report.html",
         out,
         {},
         found=found,
         verdicts=verdict_table(found["verdicts"]),
         headlines=headlines(found),
-        worlds=WORLDS,
+        worlds=WORLD_LABELS,
         table=main_table,
         scores=all_scores,
-        rivals=rivals_table,
-        elsewhere=elsewhere_table(found["elsewhere"]),
+        comparisons=comparison_table,
+        generalization=generalization_table(found["generalization"]),
     )
     write_atomically(out / "report.html", page)
     return found
@@ -134,10 +138,10 @@ def text_summary(found: dict[str, Any]) -> str:
     if found["verdicts"]:
         parts.append("\n".join(f"- {line}" for line in headlines(found)))
         parts.append(_markdown(verdict_table(found["verdicts"])))
-    if found["elsewhere"]:
+    if found["generalization"]:
         parts.append(
             "Area under the curve over the rating function's on as many candidates:\n\n"
-            + _markdown(elsewhere_table(found["elsewhere"]))
+            + _markdown(generalization_table(found["generalization"]))
         )
     return "\n\n".join(parts) + "\n"
 
@@ -146,7 +150,7 @@ def caption(part: dict[str, Any]) -> str:
     """What a table stands on."""
     robots, scans = part["arguments"]["n_robots"], part["arguments"]["max_scans"]
     return (
-        f"After {robots * scans} scans of {robots} robots {WORLDS[part['world']]}, "
+        f"After {robots * scans} scans of {robots} robots {WORLD_LABELS[part['world']]}, "
         f"{part['worlds']} worlds of the test split: means [95 % intervals over worlds and "
         "training runs]. Less the rating function's: paired by world with that on as many "
         f"candidates, and of all others with the {REFERENCE}. The ms of a decision leave out what "
@@ -162,11 +166,11 @@ def headlines(found: dict[str, Any]) -> list[str]:
         for verdict in here:
             first = verdict["learned"] == here[0]["learned"]
             if first and verdict["score"] in part["areas"]:
-                name, scale, unit = JUDGED[verdict["score"]]
+                name, scale, unit = VERDICT_SCORES[verdict["score"]]
                 lines.append(
-                    f"{WORLDS[part['world']].capitalize()}, {verdict['learned']} - "
+                    f"{WORLD_LABELS[part['world']].capitalize()}, {verdict['learned']} - "
                     f"{verdict['planner']}, {name}: "
-                    f"{scaled(verdict['difference'], scale, sign='+')} {unit} per world, "
+                    f"{format_interval(verdict['difference'], scale, sign='+')} {unit} per world, "
                     f"{verdict['verdict']}."
                 )
     return lines
@@ -176,14 +180,14 @@ def verdict_table(verdicts: list[dict[str, Any]]) -> Table:
     """Learned policies less planners, and where the intervals lie."""
     rows = [["learned", "less", "in", "difference", "", "each training run"]]
     for verdict in verdicts:
-        name, scale, _ = JUDGED[verdict["score"]]
+        name, scale, _ = VERDICT_SCORES[verdict["score"]]
         runs = verdict["runs"] if len(verdict["runs"]) > 1 else []
         rows.append(
             [
-                f"{WORLDS[verdict['world']]}: {verdict['learned']}",
+                f"{WORLD_LABELS[verdict['world']]}: {verdict['learned']}",
                 verdict["planner"],
                 name,
-                scaled(verdict["difference"], scale, sign="+"),
+                format_interval(verdict["difference"], scale, sign="+"),
                 verdict["verdict"],
                 ", ".join(f"{scale * run:+.2f}" for run in runs),
             ]
@@ -198,47 +202,53 @@ def main_table(part: dict[str, Any]) -> Table:
 
 def all_scores(part: dict[str, Any]) -> Table:
     """All scores of one condition with intervals."""
-    known = next(iter(part["entries"].values()))["scores"]
+    known = next(iter(part["methods"].values()))["scores"]
     return _table(part, tuple(column for column in ALL_SCORES if column.score in known))
 
 
-def rivals_table(part: dict[str, Any]) -> Table:
+def comparison_table(part: dict[str, Any]) -> Table:
     """All comparisons of one condition, by its first area under a curve."""
     area = part["areas"][0]
     rows = [["", "less", "area, points", "chance of more", "reward", "motion"]]
-    for label, entry in part["entries"].items():
-        for rival, against in entry["against"].items():
+    for label, method in part["methods"].items():
+        for other, against in method["comparisons"].items():
             change = against["difference"]
             rows.append(
                 [
                     label,
-                    rival,
-                    scaled(change[area], 100, sign="+"),
-                    scaled(against["probability_of_improvement"][area]),
-                    scaled(change["reward"], sign="+"),
-                    scaled(change["motion_cost"], digits=1, sign="+"),
+                    other,
+                    format_interval(change[area], 100, sign="+"),
+                    format_interval(against["probability_of_improvement"][area]),
+                    format_interval(change["reward"], sign="+"),
+                    format_interval(change["motion_cost"], digits=1, sign="+"),
                 ]
             )
     return rows
 
 
-def elsewhere_table(conditions: list[dict[str, Any]]) -> Table:
+def generalization_table(conditions: list[dict[str, Any]]) -> Table:
     """Ratios of areas under the curve to the rating function's, a row a condition."""
-    labels = list(dict.fromkeys(label for part in conditions for label in judged_entries(part)))
+    labels = list(
+        dict.fromkeys(label for part in conditions for label in methods_with_baseline(part))
+    )
     rows = [["worlds and teams", "number", *labels]]
     for part in conditions:
-        area, judged = part["areas"][0], judged_entries(part)
+        area, compared = part["areas"][0], methods_with_baseline(part)
         ratios = [
-            scaled(judged[label]["against"][judged[label]["baseline"]]["ratio"][area])
-            if label in judged
+            format_interval(
+                compared[label]["comparisons"][compared[label]["baseline"]]["ratio"][area]
+            )
+            if label in compared
             else "-"
             for label in labels
         ]
-        rows.append([f"{WORLDS[part['world']]}: {part['label']}", str(part["worlds"]), *ratios])
+        rows.append(
+            [f"{WORLD_LABELS[part['world']]}: {part['label']}", str(part["worlds"]), *ratios]
+        )
     return rows
 
 
-def scaled(
+def format_interval(
     values: dict[str, float],
     unit: float = 1.0,
     digits: int = 2,
@@ -253,10 +263,10 @@ def scaled(
 
 def _table(part: dict[str, Any], columns: tuple[Column, ...]) -> Table:
     rows = [["policy", *(column.title for column in columns)]]
-    for label, entry in part["entries"].items():
-        runs = len(entry["policies"])
+    for label, method in part["methods"].items():
+        runs = len(method["policies"])
         name = f"{label} ({runs} training runs)" if runs > 1 else label
-        rows.append([name, *(column.cell(entry) for column in columns)])
+        rows.append([name, *(column.cell(method) for column in columns)])
     return rows
 
 
@@ -268,8 +278,10 @@ def _markdown(table: Table) -> str:
 
 def _write_csv(result: ConditionResult, path: Path) -> None:
     runs = {
-        f"{outcome.entry.label}; {spec}": evaluation
-        for outcome in result.outcomes
-        for spec, evaluation in zip(outcome.entry.specs, outcome.runs, strict=True)
+        f"{method_result.method.label}; {spec}": evaluation
+        for method_result in result.method_results
+        for spec, evaluation in zip(
+            method_result.method.policy_specs, method_result.runs, strict=True
+        )
     }
     write_episodes(runs, path)

@@ -21,7 +21,7 @@ from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, compar
 from coopmap_env.evaluation.policy import make_policy
 from coopmap_env.evaluation.statistics import training_runs as run_statistics
 from coopmap_env.evaluation.statistics.bootstrap import Interval
-from coopmap_env.studies.benchmark.entries import LEARNED, Condition, Entry, Plan
+from coopmap_env.studies.benchmark.methods import LEARNED, BenchmarkPlan, Condition, Method
 
 Array = NDArray[np.float64]
 
@@ -48,10 +48,10 @@ N_THRESHOLDS = 61
 
 
 @dataclass(frozen=True)
-class Outcome:
+class MethodResult:
     """What an entry did under a condition."""
 
-    entry: Entry
+    method: Method
     runs: tuple[Evaluation, ...]
     """One for each of its specs, on the same worlds."""
 
@@ -75,22 +75,26 @@ class ConditionResult:
     """All entries under one condition."""
 
     condition: Condition
-    outcomes: tuple[Outcome, ...]
+    method_results: tuple[MethodResult, ...]
 
-    def of(self, entry: Entry) -> Outcome:
+    def result_for(self, method: Method) -> MethodResult:
         """What that entry did."""
-        return next(outcome for outcome in self.outcomes if outcome.entry == entry)
+        return next(
+            method_result for method_result in self.method_results if method_result.method == method
+        )
 
 
 @dataclass(frozen=True)
-class PolicyStudy:
+class BenchmarkStudy:
     """All results."""
 
     main: tuple[ConditionResult, ...]
-    elsewhere: tuple[ConditionResult, ...]
+    generalization: tuple[ConditionResult, ...]
 
 
-def run(store: Path, plan: Plan, workers: int, say: Callable[[str], None]) -> PolicyStudy:
+def run(
+    store: Path, plan: BenchmarkPlan, workers: int, log: Callable[[str], None]
+) -> BenchmarkStudy:
     """Play everything; finished episodes are kept in `store` and not played again.
 
     Raises
@@ -100,48 +104,48 @@ def run(store: Path, plan: Plan, workers: int, say: Callable[[str], None]) -> Po
     ImportError
         With the pip command, if an extra is missing.
     """
-    entries = (entry for part in (*plan.main, *plan.elsewhere) for entry in part.entries)
-    for spec in dict.fromkeys(spec for entry in entries for spec in entry.specs):
+    methods = (method for part in (*plan.main, *plan.generalization) for method in part.methods)
+    for spec in dict.fromkeys(spec for method in methods for spec in method.policy_specs):
         make_policy(spec)  # a model that is missing is not to be found out after half an hour
-    return PolicyStudy(
-        tuple(run_condition(store, condition, workers, say) for condition in plan.main),
-        tuple(run_condition(store, condition, workers, say) for condition in plan.elsewhere),
+    return BenchmarkStudy(
+        tuple(run_condition(store, condition, workers, log) for condition in plan.main),
+        tuple(run_condition(store, condition, workers, log) for condition in plan.generalization),
     )
 
 
 def run_condition(
-    store: Path, condition: Condition, workers: int, say: Callable[[str], None]
+    store: Path, condition: Condition, workers: int, log: Callable[[str], None]
 ) -> ConditionResult:
     """Let all entries of a condition play."""
-    say(f"{condition.world}, {condition.label}: {condition.n_worlds} test worlds")
-    groups: dict[str, list[Entry]] = {}
-    for entry in condition.entries:  # those of one environment share its workers
-        groups.setdefault(repr(sorted(entry.arguments.items())), []).append(entry)
+    log(f"{condition.world}, {condition.label}: {condition.n_worlds} test worlds")
+    groups: dict[str, list[Method]] = {}
+    for method in condition.methods:  # those of one environment share its workers
+        groups.setdefault(repr(sorted(method.arguments.items())), []).append(method)
     runs: dict[str, tuple[Evaluation, ...]] = {}
-    for entries in groups.values():
+    for methods in groups.values():
         found = compare(
-            [spec for entry in entries for spec in entry.specs],
+            [spec for method in methods for spec in method.policy_specs],
             range(condition.n_worlds),
-            {**condition.arguments, **entries[0].arguments},
+            {**condition.arguments, **methods[0].arguments},
             store,
             workers=workers,
             world=condition.world,
         )
-        for entry in entries:
-            runs[entry.label] = tuple(found[spec] for spec in entry.specs)
+        for method in methods:
+            runs[method.label] = tuple(found[spec] for spec in method.policy_specs)
     return ConditionResult(
-        condition, tuple(Outcome(entry, runs[entry.label]) for entry in condition.entries)
+        condition, tuple(MethodResult(method, runs[method.label]) for method in condition.methods)
     )
 
 
-def summary(study: PolicyStudy) -> dict[str, Any]:
+def summary(study: BenchmarkStudy) -> dict[str, Any]:
     """Everything that was found, as JSON values; intervals are 95 %."""
     main = [condition_summary(result) for result in study.main]
     return {
         "version": __version__,
         "verdicts": [verdict for found in main for verdict in verdicts(found)],
         "main": main,
-        "elsewhere": [condition_summary(result) for result in study.elsewhere],
+        "generalization": [condition_summary(result) for result in study.generalization],
     }
 
 
@@ -149,7 +153,9 @@ def condition_summary(result: ConditionResult) -> dict[str, Any]:
     """Scores, curves, profiles and comparisons of all entries under one condition."""
     condition = result.condition
     area = AREAS[condition.world][0]
-    every = np.concatenate([outcome.scores[area].ravel() for outcome in result.outcomes])
+    every = np.concatenate(
+        [method_result.scores[area].ravel() for method_result in result.method_results]
+    )
     thresholds = np.linspace(every.min(), every.max(), N_THRESHOLDS)
     return {
         "label": condition.label,
@@ -158,31 +164,35 @@ def condition_summary(result: ConditionResult) -> dict[str, Any]:
         "arguments": dict(condition.arguments),
         "areas": list(AREAS[condition.world]),
         "thresholds": thresholds.tolist(),
-        "entries": {
-            outcome.entry.label: _entry_summary(outcome, result, thresholds)
-            for outcome in result.outcomes
+        "methods": {
+            method_result.method.label: _method_summary(method_result, result, thresholds)
+            for method_result in result.method_results
         },
     }
 
 
-def _entry_summary(outcome: Outcome, result: ConditionResult, thresholds: Array) -> dict[str, Any]:
-    entry, condition = outcome.entry, result.condition
+def _method_summary(
+    method_result: MethodResult, result: ConditionResult, thresholds: Array
+) -> dict[str, Any]:
+    method, condition = method_result.method, result.condition
     area, curve = AREAS[condition.world][0], CURVES[condition.world]
-    baseline = condition.baseline_of(entry)
+    baseline = condition.baseline_for(method)
     return {
-        "family": entry.family,
-        "pictured": entry.pictured,
-        "policies": list(entry.specs),
-        "arguments": dict(entry.arguments),
-        "scores": {name: _score_summary(scores) for name, scores in outcome.scores.items()},
-        "curve": run_statistics.mean_curve(outcome.curves(curve), _rng()).as_dict(),
+        "family": method.family,
+        "plotted": method.plotted,
+        "policies": list(method.policy_specs),
+        "arguments": dict(method.arguments),
+        "scores": {name: _score_summary(scores) for name, scores in method_result.scores.items()},
+        "curve": run_statistics.mean_curve(method_result.curves(curve), _rng()).as_dict(),
         "profile": run_statistics.performance_profile(
-            outcome.scores[area], thresholds, _rng()
+            method_result.scores[area], thresholds, _rng()
         ).as_dict(),
         "baseline": baseline.label if baseline else None,
-        "against": {
-            rival.label: comparison_summary(outcome, result.of(rival), AREAS[condition.world])
-            for rival in condition.rivals_of(entry)
+        "comparisons": {
+            other.label: comparison_summary(
+                method_result, result.result_for(other), AREAS[condition.world]
+            )
+            for other in condition.compared_methods(method)
         },
     }
 
@@ -195,19 +205,21 @@ def _score_summary(scores: Array) -> dict[str, Any]:
     }
 
 
-def comparison_summary(ours: Outcome, theirs: Outcome, areas: tuple[str, ...]) -> dict[str, Any]:
+def comparison_summary(
+    ours: MethodResult, theirs: MethodResult, areas: tuple[str, ...]
+) -> dict[str, Any]:
     """One entry against another on the same worlds."""
-    judged = (*areas, REWARD)
+    verdict_scores = (*areas, REWARD)
     return {
-        "chooses_alike": ours.entry.arguments == theirs.entry.arguments,
+        "same_arguments": ours.method.arguments == theirs.method.arguments,
         "difference": {
             name: run_statistics.difference(scores, theirs.scores[name]).as_dict()
             for name, scores in ours.scores.items()
             if name != "planning_ms"
         },
-        "difference_of_runs": {
+        "difference_by_run": {
             name: (ours.scores[name].mean(axis=1) - theirs.scores[name].mean()).tolist()
-            for name in judged
+            for name in verdict_scores
         },
         "ratio": {
             area: run_statistics.ratio(ours.scores[area], theirs.scores[area], _rng()).as_dict()
@@ -217,7 +229,7 @@ def comparison_summary(ours: Outcome, theirs: Outcome, areas: tuple[str, ...]) -
             name: run_statistics.probability_of_improvement(
                 ours.scores[name], theirs.scores[name], _rng()
             ).as_dict()
-            for name in judged
+            for name in verdict_scores
         },
     }
 
@@ -233,35 +245,37 @@ def verdicts(found: dict[str, Any]) -> list[dict[str, Any]]:
             "world": found["world"],
             "score": score,
             "learned": label,
-            "planner": rival,
-            "difference": entry["against"][rival]["difference"][score],
-            "runs": entry["against"][rival]["difference_of_runs"][score],
-            "verdict": where_it_lies(Interval(**entry["against"][rival]["difference"][score])),
+            "planner": other,
+            "difference": method["comparisons"][other]["difference"][score],
+            "runs": method["comparisons"][other]["difference_by_run"][score],
+            "verdict": interval_verdict(
+                Interval(**method["comparisons"][other]["difference"][score])
+            ),
         }
-        for label, entry in found["entries"].items()
-        if entry["family"] == LEARNED
+        for label, method in found["methods"].items()
+        if method["family"] == LEARNED
         for score in (*found["areas"], REWARD)
-        for rival in judged_rivals(found["entries"], entry, score)
+        for other in verdict_planners(found["methods"], method, score)
     ]
 
 
-def where_it_lies(interval: Interval) -> str:
+def interval_verdict(interval: Interval) -> str:
     """What an interval of a difference says."""
     if interval.low > 0:
         return "above zero"
-    return "below zero" if interval.high < 0 else "zero lies within"
+    return "below zero" if interval.high < 0 else "contains zero"
 
 
-def judged_rivals(entries: dict[str, Any], entry: dict[str, Any], score: str) -> list[str]:
+def verdict_planners(methods: dict[str, Any], method: dict[str, Any], score: str) -> list[str]:
     """Baseline, the planner that does best choosing alike, and those that choose any pose."""
-    against = entry["against"]
-    same = [name for name, values in against.items() if values["chooses_alike"]]
+    against = method["comparisons"]
+    same = [name for name, values in against.items() if values["same_arguments"]]
 
     def mean(name: str) -> float:
-        return float(entries[name]["scores"][score]["mean"]["estimate"])
+        return float(methods[name]["scores"][score]["mean"]["estimate"])
 
     best = max(same, key=mean, default=None)
-    wanted = [entry["baseline"], best, *(name for name in against if name not in same)]
+    wanted = [method["baseline"], best, *(name for name in against if name not in same)]
     return [name for name in dict.fromkeys(wanted) if name is not None]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from coopmap_env.core.progress import say
+from coopmap_env.core.progress import log
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,15 @@ class Bench:
         """Measure, write the file, print it."""
         from coopmap_env.core.files import write_atomically
         from coopmap_env.studies.speed.field import measure_field
-        from coopmap_env.studies.speed.planar import measure
+        from coopmap_env.studies.speed.planar import measure_planar
 
         if self.rounds < 1:
             raise ValueError(f"--rounds must be at least 1, got {self.rounds}")
         figures: dict[str, Any] = {}
         if self.env != "field":
-            figures |= measure(self.rounds, say)
+            figures |= measure_planar(self.rounds, log)
         if self.env != "planar":
-            figures["field"] = measure_field(self.rounds, say)
+            figures["field"] = measure_field(self.rounds, log)
         text = json.dumps(figures, indent=2)
         write_atomically(self.out, text + "\n")
         print(text)

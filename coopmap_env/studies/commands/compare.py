@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from coopmap_env.core.progress import say
+from coopmap_env.core.progress import log
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Compare:
 
     def run(self) -> None:
         """Run the comparison, write its files, print table and verdicts."""
-        from coopmap_env.studies.benchmark import entries as policy_entries
+        from coopmap_env.studies.benchmark import methods as policy_entries
         from coopmap_env.studies.benchmark import study as policy_study
-        from coopmap_env.studies.benchmark.report import text_summary, write_policy_report
+        from coopmap_env.studies.benchmark.report import text_summary, write_benchmark_report
 
         size = policy_entries.QUICK if self.quick else policy_entries.FULL
         names = [name.strip() for name in self.worlds.split(",") if name.strip()]
-        plan = policy_entries.plan(size, names)
-        study = policy_study.run(self.out / "episodes", plan, self.workers, say)
-        print(text_summary(write_policy_report(study, self.out)))
-        say(f"report: {self.out / 'report.html'}")
+        plan = policy_entries.make_plan(size, names)
+        study = policy_study.run(self.out / "episodes", plan, self.workers, log)
+        print(text_summary(write_benchmark_report(study, self.out)))
+        log(f"report: {self.out / 'report.html'}")

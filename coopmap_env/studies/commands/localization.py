@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from coopmap_env.core.progress import say
+from coopmap_env.core.progress import log
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,6 @@ class Localization:
         )
 
         size = localization_study.QUICK if self.quick else localization_study.FULL
-        study = localization_study.run(self.out / "episodes", size, self.workers, say)
+        study = localization_study.run(self.out / "episodes", size, self.workers, log)
         print(text_summary(write_localization_report(study, self.out)))
-        say(f"report: {self.out / 'report.html'}")
+        log(f"report: {self.out / 'report.html'}")

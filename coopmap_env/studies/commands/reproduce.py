@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from coopmap_env.core.progress import say
+from coopmap_env.core.progress import log
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ class Reproduce:
         from coopmap_env.studies.section3 import study as section3
 
         size = section3.QUICK if self.quick else section3.FULL
-        study = section3.run(self.out / "episodes", size, self.workers, say)
+        study = section3.run(self.out / "episodes", size, self.workers, log)
         field = None
         if missing := missing_extras():
-            say(f"without the field, for which this is missing: {missing}")
+            log(f"without the field, for which this is missing: {missing}")
         else:
             field_size = field_study.QUICK if self.quick else field_study.FULL
-            field = field_study.run(self.out / "episodes", field_size, self.workers, say)
+            field = field_study.run(self.out / "episodes", field_size, self.workers, log)
         report.write_report(study, self.out, field)
         print(report.text_table_1(study))
         if field is not None:
-            print(field_report.text_table(field))
-        say(f"report: {self.out / 'report.html'}")
+            print(field_report.field_text_table(field))
+        log(f"report: {self.out / 'report.html'}")
 
 
 def missing_extras() -> str:

@@ -9,49 +9,49 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation
 from coopmap_env.evaluation.statistics.bootstrap import bootstrap_mean
-from coopmap_env.studies.section3.study import RASTER, Picture
+from coopmap_env.studies.section3.study import RASTER, EpisodeSnapshot
 
-UNKNOWN = (0.55, 0.63, 0.72)
+UNKNOWN_COLOR = (0.55, 0.63, 0.72)
 """Colour of cells that were never sampled: no gray level could be mistaken for it."""
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's colour-blind-safe palette."""
 
 
-def pyplot() -> Any:
+def import_pyplot() -> Any:
     """Matplotlib's pyplot, drawing into files."""
-    require("matplotlib", "report").use("Agg")
-    return require("matplotlib.pyplot", "report")
+    import_optional("matplotlib", "report").use("Agg")
+    return import_optional("matplotlib.pyplot", "report")
 
 
 def save_figure(figure: Any, path: Path) -> None:
     """Write a figure and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110, bbox_inches="tight")
-    pyplot().close(figure)
+    import_pyplot().close(figure)
 
 
-def _shades(probability: NDArray[np.float64], sampled: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _map_image(probability: NDArray[np.float64], sampled: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(ny, nx, 3) image of a map: occupied dark, free light, unknown in its own colour."""
     image = np.repeat((1.0 - probability)[..., None], 3, axis=2)
-    image[~sampled] = UNKNOWN
+    image[~sampled] = UNKNOWN_COLOR
     return image.transpose(1, 0, 2)
 
 
-def draw_maps(picture: Picture, path: Path, title: str) -> None:
+def draw_world_and_map(snapshot: EpisodeSnapshot, path: Path, title: str) -> None:
     """A world beside the team's map of it, with the cameras' paths."""
-    plt = pyplot()
-    nx, ny = picture.truth.shape
+    plt = import_pyplot()
+    nx, ny = snapshot.truth.shape
     figure, axes = plt.subplots(1, 2, figsize=(11, 5.6 * ny / nx + 0.6), sharey=True)
-    axes[0].imshow(~picture.truth.T, cmap="gray", origin="lower", extent=(0, nx, 0, ny))
+    axes[0].imshow(~snapshot.truth.T, cmap="gray", origin="lower", extent=(0, nx, 0, ny))
     axes[0].set_title("(a) environment")
     axes[1].imshow(
-        _shades(picture.probability, picture.sampled), origin="lower", extent=(0, nx, 0, ny)
+        _map_image(snapshot.probability, snapshot.sampled), origin="lower", extent=(0, nx, 0, ny)
     )
     axes[1].set_title(f"(b) {title}")
-    for robot, camera_path in enumerate(picture.paths):
+    for robot, camera_path in enumerate(snapshot.paths):
         axes[1].plot(*camera_path.T, "-", color=COLORS[robot], linewidth=0.8)
         axes[1].plot(
             *camera_path[0], "o", color=COLORS[robot], markersize=6, label=f"robot {robot}, start"
@@ -72,7 +72,7 @@ def draw_coverage_curves(
     label: str = "% of world viewed",
 ) -> None:
     """A share against scans of the team, such as that viewed: means with 95 % intervals."""
-    plt = pyplot()
+    plt = import_pyplot()
     figure, axis = plt.subplots(figsize=(7.5, 5))
     for k, (name, evaluation) in enumerate(evaluations.items()):
         curves = 100 * evaluation.curves[curve]
@@ -82,11 +82,11 @@ def draw_coverage_curves(
         axis.plot(scans, curves.mean(axis=0), style, color=color, label=name)
         if len(curves) > 1:
             rng = np.random.default_rng(BOOTSTRAP_SEED)
-            bands = [bootstrap_mean(column, rng, n_resamples=500) for column in curves.T]
+            intervals = [bootstrap_mean(column, rng, n_resamples=500) for column in curves.T]
             axis.fill_between(
                 scans,
-                [band.low for band in bands],
-                [band.high for band in bands],
+                [band.low for band in intervals],
+                [band.high for band in intervals],
                 color=color,
                 alpha=0.15,
                 linewidth=0,
@@ -103,7 +103,7 @@ def draw_coverage_curves(
 
 def draw_sweep(sweep: Mapping[float, Mapping[Any, Evaluation]], path: Path) -> None:
     """Viewed share and sigma against K, by search."""
-    plt = pyplot()
+    plt = import_pyplot()
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.2))
     searches = list(next(iter(sweep.values())))
     for axis, column, scale, label in (
@@ -135,15 +135,15 @@ def draw_sweep(sweep: Mapping[float, Mapping[Any, Evaluation]], path: Path) -> N
 
 def draw_reliability(calibration: Mapping[str, Mapping[str, Any]], path: Path) -> None:
     """Observed share of occupied cells against predicted probability."""
-    plt = pyplot()
+    plt = import_pyplot()
     figure, axis = plt.subplots(figsize=(5.2, 5))
     axis.plot([0, 1], [0, 1], color="0.7", linewidth=1)
     for k, (name, score) in enumerate(calibration.items()):
         curve = score["reliability"]
-        known = [i for i, value in enumerate(curve["predicted"]) if value is not None]
+        filled_bins = [i for i, value in enumerate(curve["predicted"]) if value is not None]
         axis.plot(
-            [curve["predicted"][i] for i in known],
-            [curve["observed"][i] for i in known],
+            [curve["predicted"][i] for i in filled_bins],
+            [curve["observed"][i] for i in filled_bins],
             "o-",
             color=COLORS[k],
             label=f"{name.replace('_', ' ')}, log-loss {score['log_loss']:.4f}",
@@ -159,17 +159,17 @@ def draw_reliability(calibration: Mapping[str, Mapping[str, Any]], path: Path) -
 def save_frame(frame: NDArray[np.uint8], path: Path) -> None:
     """Save an image as it is."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    pyplot().imsave(path, frame)
+    import_pyplot().imsave(path, frame)
 
 
 def draw_map(
     probability: NDArray[np.float64], sampled: NDArray[np.bool_], resolution: float, path: Path
 ) -> None:
     """One map alone, axes in metres, cropped to what was sampled."""
-    plt = pyplot()
+    plt = import_pyplot()
     (x,), (y,) = np.nonzero(sampled.any(axis=1)), np.nonzero(sampled.any(axis=0))
     crop = np.s_[x[0] : x[-1] + 1, y[0] : y[-1] + 1]
-    image = _shades(probability[crop], sampled[crop])
+    image = _map_image(probability[crop], sampled[crop])
     height, width = image.shape[:2]
     figure, axis = plt.subplots(figsize=(9, 9 * height / width + 0.5))
     extent = (0, width * resolution, 0, height * resolution)

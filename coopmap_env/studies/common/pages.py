@@ -7,14 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 
 STUDIES = Path(__file__).parents[1]
 """Folder of the templates."""
 
 
-def fill_page(
-    template: str, pictures: Path, filters: dict[str, Callable[..., str]], **values: Any
+def render_template(
+    template: str, image_folder: Path, filters: dict[str, Callable[..., str]], **values: Any
 ) -> str:
     """Fill in the template of a study.
 
@@ -29,7 +29,7 @@ def fill_page(
     **values
         What the template names; a missing one is an error.
     """
-    jinja2 = require("jinja2", "report")
+    jinja2 = import_optional("jinja2", "report")
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(STUDIES),
         autoescape=True,
@@ -38,7 +38,7 @@ def fill_page(
     environment.filters.update(filters)
 
     def image(name: str) -> str:
-        data = base64.b64encode((pictures / name).read_bytes()).decode()
+        data = base64.b64encode((image_folder / name).read_bytes()).decode()
         return f"data:image/png;base64,{data}"
 
     html: str = environment.get_template(template).render(image=image, **values)

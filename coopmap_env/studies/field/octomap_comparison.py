@@ -16,19 +16,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.evaluation.metrics.calibration import log_loss
 from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files.octomap import octomap_shift, sample_octree
 from coopmap_env.sensing import Scan
 
-BEYOND = 2.0
+FREE_BEAM_EXTENSION = 2.0
 """Metres that beams without return are lengthened by: OctoMap takes a point for a surface unless
 it lies beyond the largest range, up to which the beam is then free."""
 
 
 @dataclass(frozen=True)
-class Side:
+class MapScores:
     """One map of the two."""
 
     cells: int
@@ -37,7 +37,7 @@ class Side:
     """Nats, over those."""
     log_loss_common: float
     """Nats, over the voxels that both know."""
-    right_share: float
+    accuracy: float
     """Share of the voxels that both know on whose side of one half it is right."""
     milliseconds: float
     """Median time of a scan."""
@@ -52,8 +52,8 @@ class OctomapComparison:
     """Voxels that both know."""
     agreement: float
     """Share of them that both call occupied, or both free (P = 1/2 counts as occupied)."""
-    ours: Side
-    octomap: Side
+    ours: MapScores
+    octomap: MapScores
 
     def as_dict(self) -> dict[str, Any]:
         """JSON values."""
@@ -92,30 +92,30 @@ def compare_with_octomap(
             f"expected scans, a 3-D grid and its truth, got {len(scans)} scans, {grid.shape}, "
             f"{truth.shape}"
         )
-    map_, our_time = fuse_ours(scans, grid, model, log_odds_range)
-    tree, their_time = fuse_octomap(scans, grid)
+    map_, coopmap_seconds = fuse_coopmap(scans, grid, model, log_odds_range)
+    tree, octomap_seconds = fuse_octomap(scans, grid)
     log_odds, known = sample_octree(tree, grid)
-    theirs = 1.0 / (1.0 + np.exp(-log_odds))
-    both = map_.sampled & known
+    octomap_probability = 1.0 / (1.0 + np.exp(-log_odds))
+    common = map_.sampled & known
 
-    def side(p: NDArray[np.float64], cells: NDArray[np.bool_], seconds: float) -> Side:
-        right = ((p >= 0.5) == truth)[both]
-        return Side(
-            int(cells.sum()), log_loss(p, truth, cells), log_loss(p, truth, both),
-            float(right.mean()) if len(right) else float("nan"), 1e3 * seconds,
+    def map_scores(p: NDArray[np.float64], cells: NDArray[np.bool_], seconds: float) -> MapScores:
+        is_right = ((p >= 0.5) == truth)[common]
+        return MapScores(
+            int(cells.sum()), log_loss(p, truth, cells), log_loss(p, truth, common),
+            float(is_right.mean()) if len(is_right) else float("nan"), 1e3 * seconds,
         )  # fmt: skip
 
-    same = ((map_.probability >= 0.5) == (theirs >= 0.5))[both]
+    agrees = ((map_.probability >= 0.5) == (octomap_probability >= 0.5))[common]
     return OctomapComparison(
         n_scans=len(scans),
-        common_cells=int(both.sum()),
-        agreement=float(same.mean()) if len(same) else float("nan"),
-        ours=side(map_.probability, map_.sampled, our_time),
-        octomap=side(theirs, known, their_time),
+        common_cells=int(common.sum()),
+        agreement=float(agrees.mean()) if len(agrees) else float("nan"),
+        ours=map_scores(map_.probability, map_.sampled, coopmap_seconds),
+        octomap=map_scores(octomap_probability, known, octomap_seconds),
     )
 
 
-def fuse_ours(
+def fuse_coopmap(
     scans: Sequence[Scan],
     grid: VoxelGrid,
     model: BeamModel | None = None,
@@ -139,19 +139,22 @@ def fuse_octomap(scans: Sequence[Scan], grid: VoxelGrid) -> tuple[Any, float]:
     Beams without return that end before the furthest one (cut off by a robot's body, say) take a
     call for each length, in steps of a voxel: the largest range holds for a whole call.
     """
-    tree = require("pyoctomap", "octomap").OcTree(grid.resolution)
+    tree = import_optional("pyoctomap", "octomap").OcTree(grid.resolution)
     shift = octomap_shift(grid)
     seconds = []
     for scan in scans:
-        calls = [(points - shift, reach) for points, reach in _calls(scan, grid.resolution)]
+        batches = [
+            (points - shift, max_range)
+            for points, max_range in _insertion_batches(scan, grid.resolution)
+        ]
         start = time.process_time()
-        for points, reach in calls:
-            tree.insertPointCloud(points, scan.origin - shift, max_range=reach)
+        for points, max_range in batches:
+            tree.insertPointCloud(points, scan.origin - shift, max_range=max_range)
         seconds.append(time.process_time() - start)
     return tree, float(np.median(seconds))
 
 
-def _calls(scan: Scan, resolution: float) -> list[tuple[NDArray[np.float64], float]]:
+def _insertion_batches(scan: Scan, resolution: float) -> list[tuple[NDArray[np.float64], float]]:
     """Points and largest range of each call: hits and the longest free beams, then shorter ones."""
     rays = scan.points - scan.origin
     lengths = np.linalg.norm(rays, axis=1)
@@ -159,13 +162,13 @@ def _calls(scan: Scan, resolution: float) -> list[tuple[NDArray[np.float64], flo
     free = beams & ~scan.hit
     if not free.any():
         return [(scan.points[beams], -1.0)]
-    reach = float(lengths[free].max())
-    steps = np.floor((reach - lengths) / resolution).astype(np.int64)
-    stretched = scan.points.copy()
-    stretched[free] += rays[free] / lengths[free, None] * (reach + BEYOND)
+    max_range = float(lengths[free].max())
+    steps = np.floor((max_range - lengths) / resolution).astype(np.int64)
+    extended_points = scan.points.copy()
+    extended_points[free] += rays[free] / lengths[free, None] * (max_range + FREE_BEAM_EXTENSION)
     first = (beams & scan.hit) | (free & (steps == 0))
-    calls = [(stretched[first], reach)]
+    batches = [(extended_points[first], max_range)]
     for step in np.unique(steps[free & (steps > 0)]):
         group = free & (steps == step)
-        calls.append((stretched[group], float(lengths[group].min())))
-    return calls
+        batches.append((extended_points[group], float(lengths[group].min())))
+    return batches

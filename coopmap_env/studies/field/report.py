@@ -12,7 +12,7 @@ from coopmap_env.studies.common import figures
 from coopmap_env.studies.field import stereo
 from coopmap_env.studies.field.study import SCANS_EACH, FieldStudy
 
-TABLE = (
+TABLE_SCORES = (
     "surface",
     "surface_auc",
     "target",
@@ -28,14 +28,14 @@ TABLE = (
 """Scores of the report's table, in its order."""
 
 
-def write_parts(study: FieldStudy, out: Path) -> None:
+def write_field_figures(study: FieldStudy, out: Path) -> None:
     """Write the pictures and the replay into the folder `out`."""
     figures.draw_coverage_curves(
         study.evaluations, 2, out / "field_surface.png", "test worksites",
         curve="surface", label="% of reachable surface covered",
     )  # fmt: skip
     figures.save_frame(study.frame, out / "field_render.png")
-    stereo.draw(study.stereo, out / "stereo.png")
+    stereo.draw_stereo(study.stereo, out / "stereo.png")
     write_replay(study.replay, out / "field_replay.html")
 
 
@@ -55,7 +55,7 @@ def field_summary(study: FieldStudy) -> dict[str, Any]:
     }
 
 
-def text_table(study: FieldStudy) -> str:
+def field_text_table(study: FieldStudy) -> str:
     """The main scores, for the terminal."""
     lines = [
         f"In the field after {2 * SCANS_EACH} scans, {study.size.worlds} test worksites: means",

@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.evaluation.statistics.bootstrap import Interval
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import RangeNoise, Scan
 
-FOCAL, CENTER_X, CENTER_Y, DOFFS, BASELINE = 994.978, 311.193, 254.877, 31.086, 0.193001
+FOCAL_LENGTH, CENTER_X, CENTER_Y, DOFFS, BASELINE = 994.978, 311.193, 254.877, 31.086, 0.193001
 """Calibration as documented by scikit-image: pixels, and the baseline in metres."""
 TILE = 50
 """Pixels: errors of neighbouring pixels go together, so the bootstrap draws whole tiles."""
@@ -84,20 +84,20 @@ class StereoResult:
     pair: StereoPair
     matched: NDArray[np.float64]
     """The matcher's disparity, NaN where it has none or the block has no texture."""
-    bad_share: float
+    bad_fraction: float
     """Share of its disparities that are off by more than two pixels."""
     law: ErrorLaw
-    law_everywhere: ErrorLaw
+    law_all_blocks: ErrorLaw
     """The same with blocks that have no texture."""
     map: OccupancyMap
 
     def summary(self) -> dict[str, Any]:
         """The figures, as JSON values."""
         return {
-            "matched_share": float(np.isfinite(self.matched).mean()),
-            "bad_share": self.bad_share,
+            "matched_fraction": float(np.isfinite(self.matched).mean()),
+            "bad_fraction": self.bad_fraction,
             "exponent": self.law.exponent.as_dict(),
-            "exponent_everywhere": self.law_everywhere.exponent.as_dict(),
+            "exponent_all_blocks": self.law_all_blocks.exponent.as_dict(),
             "intrinsic": self.law.intrinsic, "intrinsic_at_2": self.law.intrinsic_at_2,
             "cells": int(self.map.sampled.sum()), "surfaces": len(self.map.surfaces()[0]),
         }  # fmt: skip
@@ -111,7 +111,7 @@ def load_motorcycle() -> StereoPair:
     ImportError
         With the pip command, if scikit-image is not installed.
     """
-    left, right, disparity = require("skimage.data", "data").stereo_motorcycle()
+    left, right, disparity = import_optional("skimage.data", "data").stereo_motorcycle()
     disparity = np.where(np.isfinite(disparity), disparity, np.nan).astype(np.float64)
     return StereoPair(_gray(left), _gray(right), disparity)
 
@@ -120,7 +120,7 @@ def _gray(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     return image @ np.array([0.299, 0.587, 0.114]) / 255.0
 
 
-def match(
+def match_blocks(
     left: NDArray[np.float64], right: NDArray[np.float64], n_disparities: int, block: int = BLOCK
 ) -> NDArray[np.float64]:
     """Disparity of the left image by block matching, NaN where it is not consistent.
@@ -144,25 +144,25 @@ def match(
     if not 3 <= n_disparities <= left.shape[1]:
         raise ValueError(f"n_disparities must lie in [3, {left.shape[1]}], got {n_disparities}")
     costs = np.full((n_disparities, *left.shape), np.inf, dtype=np.float32)
-    of_right, lowest = np.zeros(left.shape, dtype=np.int64), np.full(left.shape, np.inf)
+    best_of_right, lowest = np.zeros(left.shape, dtype=np.int64), np.full(left.shape, np.inf)
     for d in range(n_disparities):
         width = left.shape[1] - d
         difference = np.abs(left[:, d:] - right[:, :width]).astype(np.float32)
         costs[d, :, d:] = uniform_filter(difference, block)
         # column x of the left image is column x - d of the right one
         better = costs[d, :, d:] < lowest[:, :width]
-        of_right[:, :width][better] = d
+        best_of_right[:, :width][better] = d
         lowest[:, :width][better] = costs[d, :, d:][better]
     best = costs.argmin(axis=0)
     rows, columns = np.indices(left.shape)
-    back = of_right[rows, np.maximum(columns - best, 0)]
+    best_back = best_of_right[rows, np.maximum(columns - best, 0)]
     inside = (best > 0) & (best < n_disparities - 1)
     middle = np.clip(best, 1, n_disparities - 2)
     a, b, c = (costs[middle + step, rows, columns] for step in (-1, 0, 1))
     # minimum of the two equally steep lines through three sums of absolute differences
     with np.errstate(invalid="ignore", divide="ignore"):
         offset = 0.5 * (a - c) / (np.maximum(a, c) - b)
-    good = inside & (np.abs(back - best) <= 1) & np.isfinite(offset) & (np.abs(offset) <= 0.5)
+    good = inside & (np.abs(best_back - best) <= 1) & np.isfinite(offset) & (np.abs(offset) <= 0.5)
     return np.where(good, middle + np.where(good, offset, 0.0), np.nan)
 
 
@@ -171,9 +171,9 @@ def texture(image: NDArray[np.float64], block: int = BLOCK) -> NDArray[np.float6
     return np.asarray(uniform_filter(np.abs(np.gradient(image, axis=1)), block))
 
 
-def depth_of(disparity: NDArray[np.float64]) -> NDArray[np.float64]:
+def depth_from_disparity(disparity: NDArray[np.float64]) -> NDArray[np.float64]:
     """Depth along the optical axis, metres."""
-    return FOCAL * BASELINE / (disparity + DOFFS)
+    return FOCAL_LENGTH * BASELINE / (disparity + DOFFS)
 
 
 def fit_error_law(
@@ -207,13 +207,13 @@ def fit_error_law(
     rows, columns = np.nonzero(valid)
     tiles = rows // TILE * (depth.shape[1] // TILE + 1) + columns // TILE
     members = [np.flatnonzero(tiles == tile) for tile in np.unique(tiles)]
-    distances, sigmas = _by_bin(d, e, bins, n_bins)
-    n, log_s = _line(distances, sigmas)
-    drawn = []
+    distances, sigmas = _bin_statistics(d, e, bins, n_bins)
+    n, log_s = _fit_line(distances, sigmas)
+    exponents = []
     for _ in range(n_resamples):
         chosen = np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
-        drawn.append(_line(*_by_bin(d[chosen], e[chosen], bins[chosen], n_bins))[0])
-    low, high = np.quantile(drawn, [0.025, 0.975])
+        exponents.append(_fit_line(*_bin_statistics(d[chosen], e[chosen], bins[chosen], n_bins))[0])
+    low, high = np.quantile(exponents, [0.025, 0.975])
     return ErrorLaw(
         distances, sigmas, np.bincount(bins, minlength=n_bins), float(np.exp(log_s)),
         Interval(n, float(low), float(high)),
@@ -221,7 +221,7 @@ def fit_error_law(
     )  # fmt: skip
 
 
-def _by_bin(
+def _bin_statistics(
     d: NDArray[np.float64], e: NDArray[np.float64], bins: NDArray[np.int64], n_bins: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Median distance and robust sigma of each bin that has pixels."""
@@ -230,7 +230,7 @@ def _by_bin(
     return np.array([np.median(distances) for distances, _ in rows]), np.array(sigmas)
 
 
-def _line(distances: NDArray[np.float64], sigmas: NDArray[np.float64]) -> tuple[float, float]:
+def _fit_line(distances: NDArray[np.float64], sigmas: NDArray[np.float64]) -> tuple[float, float]:
     """Slope and height at 1 m of the line through the logarithms."""
     slope, height = np.polyfit(np.log(distances), np.log(sigmas), 1)
     return float(slope), float(height)
@@ -245,8 +245,8 @@ def to_scan(disparity: NDArray[np.float64], noise: RangeNoise, step: int = 3) ->
     keep = np.zeros(disparity.shape, dtype=np.bool_)
     keep[::step, ::step] = np.isfinite(disparity[::step, ::step])
     rows, columns = np.nonzero(keep)
-    z = depth_of(disparity[keep])
-    y, up = (CENTER_X - columns) / FOCAL, (CENTER_Y - rows) / FOCAL
+    z = depth_from_disparity(disparity[keep])
+    y, up = (CENTER_X - columns) / FOCAL_LENGTH, (CENTER_Y - rows) / FOCAL_LENGTH
     points = np.stack([z, y * z, up * z], axis=-1)
     covariances = np.zeros((len(z), 3, 3))
     covariances[:, range(3), range(3)] = noise.standard_deviations(z, 3) ** 2
@@ -256,12 +256,15 @@ def to_scan(disparity: NDArray[np.float64], noise: RangeNoise, step: int = 3) ->
 def run(rng: np.random.Generator, resolution: float = 0.04) -> StereoResult:
     """Match, compare with the truth, fit the law, and fuse the matched depths into a 3-D map."""
     pair = load_motorcycle()
-    depth = depth_of(pair.disparity)
-    everywhere = match(pair.left, pair.right, N_DISPARITIES)
-    matched = np.where(texture(pair.left) > MIN_TEXTURE, everywhere, np.nan)
-    laws = [fit_error_law(depth, depth_of(found) - depth, rng) for found in (matched, everywhere)]
-    off = np.abs(matched - pair.disparity)
-    bad = float((off > 2).sum() / np.isfinite(off).sum())
+    depth = depth_from_disparity(pair.disparity)
+    all_blocks = match_blocks(pair.left, pair.right, N_DISPARITIES)
+    matched = np.where(texture(pair.left) > MIN_TEXTURE, all_blocks, np.nan)
+    laws = [
+        fit_error_law(depth, depth_from_disparity(found) - depth, rng)
+        for found in (matched, all_blocks)
+    ]
+    disparity_error = np.abs(matched - pair.disparity)
+    bad = float((disparity_error > 2).sum() / np.isfinite(disparity_error).sum())
     grid = VoxelGrid(
         tuple(round(length / resolution) for length in (5.6, 4.4, 3.0)), resolution,
         (-0.2, -2.4, -1.5),
@@ -272,14 +275,14 @@ def run(rng: np.random.Generator, resolution: float = 0.04) -> StereoResult:
     return StereoResult(pair, matched, bad, laws[0], laws[1], map_)
 
 
-def draw(result: StereoResult, path: Path) -> None:
+def draw_stereo(result: StereoResult, path: Path) -> None:
     """Photograph, matched depth, the law of the errors, and the map (extra ``report``)."""
-    require("matplotlib", "report").use("Agg")
-    plt = require("matplotlib.pyplot", "report")
+    import_optional("matplotlib", "report").use("Agg")
+    plt = import_optional("matplotlib.pyplot", "report")
     figure, axes = plt.subplots(2, 2, figsize=(12, 9))
     axes[0, 0].imshow(result.pair.left, cmap="gray")
     axes[0, 0].set_title("left image")
-    shown = axes[0, 1].imshow(depth_of(result.matched), cmap="viridis", vmin=2, vmax=5)
+    shown = axes[0, 1].imshow(depth_from_disparity(result.matched), cmap="viridis", vmin=2, vmax=5)
     figure.colorbar(shown, ax=axes[0, 1], label="depth, m", shrink=0.7)
     axes[0, 1].set_title("depth by block matching; white: none")
     _draw_law(axes[1, 0], result.law)

@@ -26,7 +26,7 @@ RATING = "rating_function:search=100"
 RANDOM = "random"
 SCANS_EACH = 16
 """Two robots: 32 scans together, as in the plane."""
-PICTURED = 0
+RECORDED_SEED = 0
 """Seed of the episode that is kept."""
 
 
@@ -69,28 +69,28 @@ class FieldStudy:
     stereo: stereo.StereoResult
 
 
-def run(store: Path, size: FieldSize, workers: int, say: Callable[[str], None]) -> FieldStudy:
+def run(store: Path, size: FieldSize, workers: int, log: Callable[[str], None]) -> FieldStudy:
     """Run everything; finished episodes are kept in `store` and not run again."""
-    say(f"in the field: {size.worlds} test worksites, {len(size.policies)} policies")
+    log(f"in the field: {size.worlds} test worksites, {len(size.policies)} policies")
     arguments = {"max_scans": SCANS_EACH, "split": "test"}
     settings = FieldSettings()
     evaluations = compare(
         size.policies, range(size.worlds), arguments, store, settings, workers, world="field"
     )
-    say("an episode in the field, its replay, and OctoMap on the same scans")
+    log("an episode in the field, its replay, and OctoMap on the same scans")
     env = FieldEnv(split="test", max_scans=SCANS_EACH, settings=settings, render_mode="rgb_array")
     try:
         policy = make_policy(RATING)
-        replay = record(env, policy, PICTURED)
+        replay = record(env, policy, RECORDED_SEED)
         frame = env.render()
         assert frame is not None
         octomap = compare_with_octomap(
-            scans_of(env, policy, PICTURED), env.truth.occupied, env.scene.grid, settings.beam,
+            collect_scans(env, policy, RECORDED_SEED), env.truth.occupied, env.scene.grid, settings.beam,
             settings.log_odds_range,
         )  # fmt: skip
     finally:
         env.close()
-    say("a real stereo pair")
+    log("a real stereo pair")
     return FieldStudy(
         size=size,
         settings=settings,
@@ -102,7 +102,7 @@ def run(store: Path, size: FieldSize, workers: int, say: Callable[[str], None]) 
     )
 
 
-def scans_of(env: FieldEnv, policy: Policy, seed: int) -> list[Scan]:
+def collect_scans(env: FieldEnv, policy: Policy, seed: int) -> list[Scan]:
     """The scans of an episode, as they were fused."""
     observations, _ = env.reset(seed=seed)
     policy.reset(policy_rng(seed))

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.studies.common.figures import COLORS, pyplot, save_figure
-from coopmap_env.studies.localization.pose_estimators import LEVELS, METHODS
+from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figure
+from coopmap_env.studies.localization.pose_estimators import ESTIMATORS, NOISE_FACTORS
 from coopmap_env.studies.localization.study import LocalizationStudy
 
 
-def draw_search(found: dict[str, Any], study: LocalizationStudy, path: Path) -> None:
+def draw_localization(found: dict[str, Any], study: LocalizationStudy, path: Path) -> None:
     """Share of robots that are located against scans, and how far off their bases are."""
-    plt = pyplot()
+    plt = import_pyplot()
     figure, axes = plt.subplots(1, 2, figsize=(10, 3.8))
-    share = found["located_share"]
-    scans = [int(k) for k in share]
-    estimates = np.array([[100 * v for v in share[str(k)].values()] for k in scans])
+    located_fractions = found["located_fraction"]
+    scans = [int(k) for k in located_fractions]
+    estimates = np.array([[100 * v for v in located_fractions[str(k)].values()] for k in scans])
     axes[0].plot(scans, estimates[:, 0], "o-", color=COLORS[0])
     axes[0].fill_between(scans, estimates[:, 1], estimates[:, 2], color=COLORS[0], alpha=0.2)
     axes[0].set(xlabel="scans of the robot", ylabel="% of robots located", ylim=(0, 103))
@@ -34,32 +34,32 @@ def draw_search(found: dict[str, Any], study: LocalizationStudy, path: Path) -> 
     save_figure(figure, path)
 
 
-def draw_errors(study: LocalizationStudy, path: Path) -> None:
+def draw_pose_errors(study: LocalizationStudy, path: Path) -> None:
     """Errors of camera poses before and after: cumulative shares of looks."""
-    plt = pyplot()
+    plt = import_pyplot()
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), sharey=True)
-    looks = [look for run in study.runs["fiducials"] for look in run["looks"]]
-    told = [look for look in looks if look["directions"] > 0]
+    scans = [scan for run in study.runs["fiducials"] for scan in run["scans"]]
+    corrected = [scan for scan in scans if scan["corrected_directions"] > 0]
     lines = (
-        ("encoders, all looks", looks, "kinematic", COLORS[6], "-"),
-        ("fiducials, all looks", looks, "taken", COLORS[0], "-"),
-        ("fiducials, looks that they tell of", told, "taken", COLORS[1], "-"),
+        ("encoders, all looks", scans, "kinematic", COLORS[6], "-"),
+        ("fiducials, all looks", scans, "estimated", COLORS[0], "-"),
+        ("fiducials, looks that they tell of", corrected, "estimated", COLORS[1], "-"),
     )
     for axis, (name, label, scale) in zip(
         axes,
         (
             ("position", "camera position error, mm", 1e3),
             ("angle", "camera angle error, degrees", 180.0 / np.pi),
-            ("seen", "mean displacement of what is seen, mm", 1e3),
+            ("point_displacement", "mean displacement of what is seen, mm", 1e3),
         ),
         strict=True,
     ):
         for text, group, part, color, style in lines:
-            values = np.array([look[part][name] for look in group], dtype=np.float64)
+            values = np.array([scan[part][name] for scan in group], dtype=np.float64)
             values = np.sort(values[np.isfinite(values)]) * scale
             if len(values):
-                shares = 100 * (np.arange(len(values)) + 1) / len(values)
-                axis.plot(values, shares, style, color=color, label=text)
+                percentages = 100 * (np.arange(len(values)) + 1) / len(values)
+                axis.plot(values, percentages, style, color=color, label=text)
         axis.set_xlabel(label)
         axis.set_xscale("log")
     axes[0].set_ylabel("% of looks below")
@@ -67,17 +67,17 @@ def draw_errors(study: LocalizationStudy, path: Path) -> None:
     save_figure(figure, path)
 
 
-def draw_identifications(study: LocalizationStudy, path: Path) -> None:
+def draw_pose_estimators(study: LocalizationStudy, path: Path) -> None:
     """Median position errors by each identification against the noise."""
-    plt = pyplot()
+    plt = import_pyplot()
     figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
-    for axis, (title, results) in zip(axes, study.identifications.items(), strict=True):
-        for color, name in zip(COLORS, ("prediction", *METHODS), strict=True):
+    for axis, (title, results) in zip(axes, study.pose_estimators.items(), strict=True):
+        for color, name in zip(COLORS, ("prediction", *ESTIMATORS), strict=True):
             style = "--" if name == "prediction" else "o-"
             errors = 1e3 * np.array(results[name]["position"])
-            axis.plot(LEVELS, errors, style, color=color, label=name, markersize=4)
+            axis.plot(NOISE_FACTORS, errors, style, color=color, label=name, markersize=4)
         axis.set(xscale="log", yscale="log", title=title, xlabel="noise, times the default")
-        axis.set_xticks(LEVELS, [f"{level:g}" for level in LEVELS], minor=False)
+        axis.set_xticks(NOISE_FACTORS, [f"{level:g}" for level in NOISE_FACTORS], minor=False)
         axis.minorticks_off()
     axes[0].set_ylabel("median position error, mm")
     axes[1].legend(fontsize=8)

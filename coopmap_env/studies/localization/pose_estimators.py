@@ -11,26 +11,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry import Pose, displaced, displacement_between, rotation_of_vector
+from coopmap_env.geometry import (
+    Pose,
+    apply_displacement,
+    displacement_between,
+    rotation_from_rotvec,
+)
 from coopmap_env.localization import (
-    consistent,
-    gaussian_transform,
+    consistent_subset,
+    gaussian_pose,
     linear_pose,
     recursive_pose,
-    rigid_transform,
+    rigid_pose,
 )
 from coopmap_env.sensing import DepthCamera, RangeNoise, rotate_covariances
 
 Array = NDArray[np.float64]
 
-LEVELS = (0.25, 0.5, 1.0, 2.0, 4.0)
+NOISE_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Times the default noise."""
 N_FIDUCIALS = 24
-PREDICTED = np.array([0.005, 0.005, 0.005, 0.004, 0.004, 0.004])
+PREDICTION_STD = np.array([0.005, 0.005, 0.005, 0.004, 0.004, 0.004])
 """Standard deviations of the prediction by the mast's encoders: metres, radians."""
-MOVED = 0.15
+OUTLIER_STD = 0.15
 """Metres by which outliers have moved."""
-METHODS = (
+ESTIMATORS = (
     "linear (Eq. 12)",
     "recursive (Eq. 13)",
     "Umeyama",
@@ -40,8 +45,8 @@ METHODS = (
 )
 
 
-def compare_identifications(
-    rng: np.random.Generator, draws: int, outlier_share: float
+def compare_pose_estimators(
+    rng: np.random.Generator, n_draws: int, outlier_fraction: float
 ) -> dict[str, dict[str, list[float]]]:
     """Median errors of the camera's pose by each method, for each level of noise.
 
@@ -50,28 +55,30 @@ def compare_identifications(
     rng : numpy.random.Generator
     draws : int
         Of camera poses and fiducials, the same for all methods.
-    outlier_share : float
-        Of the fiducials, which have moved by `MOVED`.
+    outlier_fraction : float
+        Of the fiducials, which have moved by `OUTLIER_STD`.
 
     Returns
     -------
     dict
-        By method: "position" (metres) and "angle" (radians), a median for each of `LEVELS`, and
+        By method: "position" (metres) and "angle" (radians), a median for each of `NOISE_FACTORS`, and
         the same of the prediction.
     """
     camera = DepthCamera()
-    errors: dict[str, Any] = {name: [] for name in ("prediction", *METHODS)}
-    for level in LEVELS:
-        noise = RangeNoise(intrinsic=RangeNoise().intrinsic * level)
-        here: dict[str, list[Array]] = {name: [] for name in errors}
-        for _ in range(draws):
-            true, predicted, base, seen, information, deviations = _draw(
-                rng, camera, noise, outlier_share
+    errors: dict[str, Any] = {name: [] for name in ("prediction", *ESTIMATORS)}
+    for noise_factor in NOISE_FACTORS:
+        noise = RangeNoise(intrinsic=RangeNoise().intrinsic * noise_factor)
+        pose_errors: dict[str, list[Array]] = {name: [] for name in errors}
+        for _ in range(n_draws):
+            true, predicted, world_points, camera_points, information, sigmas = _sample_problem(
+                rng, camera, noise, outlier_fraction
             )
-            for name, pose in _poses(predicted, base, seen, information, deviations).items():
-                here[name].append(displacement_between(pose, true))
-        for name, off in here.items():
-            d = np.array(off)
+            for name, pose in _estimate_poses(
+                predicted, world_points, camera_points, information, sigmas
+            ).items():
+                pose_errors[name].append(displacement_between(pose, true))
+        for name, displacements in pose_errors.items():
+            d = np.array(displacements)
             errors[name].append(
                 [
                     float(np.median(np.linalg.norm(d[:, :3], axis=1))),
@@ -84,29 +91,35 @@ def compare_identifications(
     }
 
 
-def _draw(
-    rng: np.random.Generator, camera: DepthCamera, noise: RangeNoise, outlier_share: float
+def _sample_problem(
+    rng: np.random.Generator, camera: DepthCamera, noise: RangeNoise, outlier_fraction: float
 ) -> tuple[Pose, Pose, Array, Array, Array, Array]:
     """True and predicted pose, both points, the information of their difference, deviations."""
-    true = Pose(rng.normal(size=3), rotation_of_vector(rng.normal(size=3)))
-    predicted = displaced(true, PREDICTED * rng.normal(size=6))
+    true = Pose(rng.normal(size=3), rotation_from_rotvec(rng.normal(size=3)))
+    predicted = apply_displacement(true, PREDICTION_STD * rng.normal(size=6))
     pixels = rng.choice(camera.n_pixels, N_FIDUCIALS, replace=False)
     points = camera.directions[pixels] * rng.uniform(1.5, 5.0, N_FIDUCIALS)[:, None]
     # before the motion the camera stood up to half a metre away, turned by up to half a radian
-    before = displaced(true, np.concatenate([rng.uniform(-0.5, 0.5, 3), rng.uniform(-0.5, 0.5, 3)]))
+    earlier_camera = apply_displacement(
+        true, np.concatenate([rng.uniform(-0.5, 0.5, 3), rng.uniform(-0.5, 0.5, 3)])
+    )
     world = true.transform(points)
-    seen, C_seen = _observed(rng, points, true, noise)
-    base, C_base = _observed(rng, before.inverse().transform(world), before, noise)
-    base = before.transform(base)
-    moved = rng.random(N_FIDUCIALS) < outlier_share
-    base[moved] += MOVED * rng.normal(size=(int(moved.sum()), 3)) / np.sqrt(3.0)
-    both = C_seen + C_base
-    deviations: Array = np.sqrt(np.linalg.eigvalsh(both)[:, -1], dtype=np.float64)
-    information: Array = np.linalg.inv(both).astype(np.float64, copy=False)
-    return true, predicted, base, seen, information, deviations
+    camera_points, C_camera = _add_noise(rng, points, true, noise)
+    world_points, C_world = _add_noise(
+        rng, earlier_camera.inverse().transform(world), earlier_camera, noise
+    )
+    world_points = earlier_camera.transform(world_points)
+    is_outlier = rng.random(N_FIDUCIALS) < outlier_fraction
+    world_points[is_outlier] += (
+        OUTLIER_STD * rng.normal(size=(int(is_outlier.sum()), 3)) / np.sqrt(3.0)
+    )
+    difference_covariances = C_camera + C_world
+    sigmas: Array = np.sqrt(np.linalg.eigvalsh(difference_covariances)[:, -1], dtype=np.float64)
+    information: Array = np.linalg.inv(difference_covariances).astype(np.float64, copy=False)
+    return true, predicted, world_points, camera_points, information, sigmas
 
 
-def _observed(
+def _add_noise(
     rng: np.random.Generator, points: Array, camera: Pose, noise: RangeNoise
 ) -> tuple[Array, Array]:
     """Points (m, 3) of the camera frame with the noise of Eq. 1; covariances in the world frame."""
@@ -116,19 +129,19 @@ def _observed(
     return noisy, covariances
 
 
-def _poses(
-    predicted: Pose, base: Array, seen: Array, information: Array, deviations: Array
+def _estimate_poses(
+    predicted: Pose, world_points: Array, camera_points: Array, information: Array, sigmas: Array
 ) -> dict[str, Pose]:
-    weights = 1.0 / deviations**2
-    kept = consistent(base, seen, deviations)
-    prior = np.diag(PREDICTED**2)
-    fiducials = base[kept], seen[kept], information[kept]
+    weights = 1.0 / sigmas**2
+    inliers = consistent_subset(world_points, camera_points, sigmas)
+    prior = np.diag(PREDICTION_STD**2)
+    fiducials = world_points[inliers], camera_points[inliers], information[inliers]
     return {
         "prediction": predicted,
-        METHODS[0]: linear_pose(base, seen),
-        METHODS[1]: recursive_pose(base, seen)[0],
-        METHODS[2]: rigid_transform(base, seen, weights),
-        METHODS[3]: rigid_transform(base[kept], seen[kept], weights[kept]),
-        METHODS[4]: gaussian_transform(*fiducials, predicted).estimate.pose,
-        METHODS[5]: gaussian_transform(*fiducials, predicted, prior).estimate.pose,
+        ESTIMATORS[0]: linear_pose(world_points, camera_points),
+        ESTIMATORS[1]: recursive_pose(world_points, camera_points)[0],
+        ESTIMATORS[2]: rigid_pose(world_points, camera_points, weights),
+        ESTIMATORS[3]: rigid_pose(world_points[inliers], camera_points[inliers], weights[inliers]),
+        ESTIMATORS[4]: gaussian_pose(*fiducials, predicted).estimate.pose,
+        ESTIMATORS[5]: gaussian_pose(*fiducials, predicted, prior).estimate.pose,
     }

@@ -29,23 +29,23 @@ from coopmap_env.evaluation.statistics.bootstrap import (
     bootstrap_paired_difference,
 )
 from coopmap_env.studies.localization.episodes import run_localization_job
-from coopmap_env.studies.localization.pose_estimators import LEVELS, compare_identifications
+from coopmap_env.studies.localization.pose_estimators import NOISE_FACTORS, compare_pose_estimators
 
 Array = NDArray[np.float64]
 
 POLICY = "rating_function:search=100"
-SETTINGS = ("kinematic", "fiducials", "exact")
+CORRECTION_MODES = ("kinematic", "fiducials", "exact")
 SCANS_EACH = 16
 """Of each of two robots that map: 32 together."""
 SEARCH_SCANS = 10
 """Of each robot that searches, at most."""
-WITHIN = (1, 2, 3, 4, 5, 6, 8, 10)
+SCAN_LIMITS = (1, 2, 3, 4, 5, 6, 8, 10)
 """Scans within which robots are counted as located."""
-FALSE_POSITION, FALSE_ANGLE = 0.2, np.radians(5.0)
+FALSE_MATCH_POSITION, FALSE_MATCH_ANGLE = 0.2, np.radians(5.0)
 """A base that is further off than one of these was matched with something else."""
 SCENE = "worksite"
-QUALITY = ("f_score", "chamfer", "log_loss", "surface")
-ERRORS = ("position", "angle", "seen")
+QUALITY_SCORES = ("f_score", "chamfer", "log_loss", "surface")
+ERROR_NAMES = ("position", "angle", "point_displacement")
 """Of a camera's pose, metres and radians, and the mean displacement of what it saw, metres."""
 
 
@@ -55,7 +55,7 @@ class LocalizationSize:
 
     search_worlds: int
     map_worlds: int
-    draws: int
+    n_draws: int
     """Of the comparison of identifications."""
 
 
@@ -69,11 +69,11 @@ class LocalizationStudy:
 
     size: LocalizationSize
     searches: list[Result]
-    """One for each world; see `search_episode`."""
+    """One for each world; see `run_search_episode`."""
     runs: dict[str, list[Result]]
-    """Of each setting, one for each world; see `correction_episode`."""
-    identifications: dict[str, Any]
-    """Without and with outliers; see `compare_identifications`."""
+    """Of each setting, one for each world; see `run_correction_episode`."""
+    pose_estimators: dict[str, Any]
+    """Without and with outliers; see `compare_pose_estimators`."""
 
     @property
     def evaluations(self) -> dict[str, Evaluation]:
@@ -85,40 +85,44 @@ class LocalizationStudy:
 
 
 def run(
-    store: Path, size: LocalizationSize, workers: int, say: Callable[[str], None]
+    store: Path, size: LocalizationSize, workers: int, log: Callable[[str], None]
 ) -> LocalizationStudy:
     """Run everything; finished episodes are kept in `store` and not run again."""
-    say(f"searching for the target: {size.search_worlds} test worksites, two robots")
-    jobs = [_job("search", seed, SEARCH_SCANS) for seed in range(size.search_worlds)]
+    log(f"searching for the target: {size.search_worlds} test worksites, two robots")
+    jobs = [_make_job("search", seed, SEARCH_SCANS) for seed in range(size.search_worlds)]
     searches = run_jobs(run_localization_job, jobs, store, workers)
-    say(f"mapping with {', '.join(SETTINGS)} camera poses: {size.map_worlds} test worksites")
+    log(
+        f"mapping with {', '.join(CORRECTION_MODES)} camera poses: {size.map_worlds} test worksites"
+    )
     jobs = [
-        _job("correction", seed, SCANS_EACH, initialization="located", motion_correction=setting)
-        for setting in SETTINGS
+        _make_job(
+            "correction", seed, SCANS_EACH, initialization="located", motion_correction=setting
+        )
+        for setting in CORRECTION_MODES
         for seed in range(size.map_worlds)
     ]
     results = iter(run_jobs(run_localization_job, jobs, store, workers))
-    runs = {name: [next(results) for _ in range(size.map_worlds)] for name in SETTINGS}
-    say("identifications side by side")
+    runs = {name: [next(results) for _ in range(size.map_worlds)] for name in CORRECTION_MODES}
+    log("identifications side by side")
     rng = np.random.default_rng(BOOTSTRAP_SEED)
-    identifications = {
-        "no outliers": compare_identifications(rng, size.draws, 0.0),
-        "a tenth has moved": compare_identifications(rng, size.draws, 0.1),
+    pose_estimators = {
+        "without outliers": compare_pose_estimators(rng, size.n_draws, 0.0),
+        "10 % outliers": compare_pose_estimators(rng, size.n_draws, 0.1),
     }
-    return LocalizationStudy(size, searches, runs, identifications)
+    return LocalizationStudy(size, searches, runs, pose_estimators)
 
 
-def _job(kind: str, seed: int, scans: int, **others: str) -> Job:
+def _make_job(kind: str, seed: int, scans: int, **environment: str) -> Job:
     return {
         "version": __version__,
         "kind": kind,
         "seed": seed,
         "split": "test",
-        "scans": scans,
+        "max_scans": scans,
         "scene": SCENE,
         "policy": POLICY,
         "settings": settings_to_dict(FieldSettings()),
-        **others,
+        **environment,
     }
 
 
@@ -130,8 +134,8 @@ def summary(study: LocalizationStudy) -> dict[str, Any]:
         "search": search_summary(study.searches),
         "correction": correction_summary(study.runs["fiducials"]),
         "map_quality": quality_summary(study.evaluations),
-        "map_quality_of_the_same_looks": same_looks_summary(study.runs["fiducials"]),
-        "identification": {"noise_levels": LEVELS, **study.identifications},
+        "map_quality_same_scans": same_scans_summary(study.runs["fiducials"]),
+        "identification": {"noise_factors": NOISE_FACTORS, **study.pose_estimators},
     }
 
 
@@ -143,7 +147,7 @@ def search_summary(searches: list[Result]) -> dict[str, Any]:
     groups = [
         np.array(
             [
-                [found["scans"], found["position"], found["angle"], found["nees"]]
+                [found["n_scans"], found["position"], found["angle"], found["nees"]]
                 if found
                 else [np.inf, np.nan, np.nan, np.nan]
                 for found in result["robots"]
@@ -153,13 +157,13 @@ def search_summary(searches: list[Result]) -> dict[str, Any]:
     ]
     rows = np.concatenate(groups)
     located = np.isfinite(rows[:, 0])
-    false = (rows[:, 1] > FALSE_POSITION) | (rows[:, 2] > FALSE_ANGLE)
+    is_false_match = (rows[:, 1] > FALSE_MATCH_POSITION) | (rows[:, 2] > FALSE_MATCH_ANGLE)
     times = np.concatenate([result["registration_ms"] for result in searches])
 
-    def share_within(k: int) -> dict[str, float]:
+    def located_fraction_within(k: int) -> dict[str, float]:
         return bootstrap_mean([float((group[:, 0] <= k).mean()) for group in groups], rng).as_dict()
 
-    def of_located(column: int, percent: float) -> dict[str, float]:
+    def percentile_of_located(column: int, percent: float) -> dict[str, float]:
         return bootstrap_groups(
             groups, lambda rows: float(np.nanpercentile(rows[:, column], percent)), rng
         ).as_dict()
@@ -167,11 +171,17 @@ def search_summary(searches: list[Result]) -> dict[str, Any]:
     return {
         "worlds": len(searches),
         "robots": n_robots * len(searches),
-        "located_share": {str(k): share_within(k) for k in WITHIN},
+        "located_fraction": {str(k): located_fraction_within(k) for k in SCAN_LIMITS},
         "never_located": int((~located).sum()),
-        "false_matches": int(false.sum()),
-        "position_error": {"median": of_located(1, 50.0), "p95": of_located(1, 95.0)},
-        "angle_error": {"median": of_located(2, 50.0), "p95": of_located(2, 95.0)},
+        "false_matches": int(is_false_match.sum()),
+        "position_error": {
+            "median": percentile_of_located(1, 50.0),
+            "p95": percentile_of_located(1, 95.0),
+        },
+        "angle_error": {
+            "median": percentile_of_located(2, 50.0),
+            "p95": percentile_of_located(2, 95.0),
+        },
         "largest_errors": [float(np.nanmax(rows[:, 1])), float(np.nanmax(rows[:, 2]))],
         "nees": nees_summary([group[np.isfinite(group[:, 3]), 3] for group in groups]),
         "registration_ms": {
@@ -184,31 +194,40 @@ def search_summary(searches: list[Result]) -> dict[str, Any]:
 def correction_summary(corrected: list[Result]) -> dict[str, Any]:
     """Errors of camera poses before and after correction, over looks of which they tell."""
     rng = np.random.default_rng(BOOTSTRAP_SEED)
-    every = [_looks(run) for run in corrected]
-    some = [[look for look in looks if look["directions"] > 0] for looks in every]
-    most = [[look for look in looks if look["directions"] > 2] for looks in every]
-    count = sum(map(len, every))
-    times = np.array([look["correction_ms"] for looks in every for look in looks])
-    reasons = [look["reason"] for looks in every for look in looks if look["reason"]]
+    all_scans = [_scan_records(run) for run in corrected]
+    corrected_scans = [
+        [scan for scan in scans if scan["corrected_directions"] > 0] for scans in all_scans
+    ]
+    well_corrected_scans = [
+        [scan for scan in scans if scan["corrected_directions"] > 2] for scans in all_scans
+    ]
+    count = sum(map(len, all_scans))
+    times = np.array([scan["correction_ms"] for scans in all_scans for scan in scans])
+    reasons = [
+        scan["correction_failure"]
+        for scans in all_scans
+        for scan in scans
+        if scan["correction_failure"]
+    ]
     return {
         "worlds": len(corrected),
-        "looks": count,
-        "corrected_share": sum(map(len, some)) / count,
-        "well_corrected_share": sum(map(len, most)) / count,
-        "nothing_in_view_share": float(
-            np.mean([look["hits"] < 50 for looks in every for look in looks])
+        "scans": count,
+        "corrected_fraction": sum(map(len, corrected_scans)) / count,
+        "well_corrected_fraction": sum(map(len, well_corrected_scans)) / count,
+        "nothing_in_view_fraction": float(
+            np.mean([scan["n_hits"] < 50 for scans in all_scans for scan in scans])
         ),
         "too_few_fiducials": len(reasons),
-        "outliers": sum(look["outliers"] for looks in every for look in looks),
-        "all_looks": errors_summary(every, rng),
-        "corrected_looks": errors_summary(some, rng),
-        "well_corrected_looks": errors_summary(most, rng),
+        "outliers": sum(scan["n_outliers"] for scans in all_scans for scan in scans),
+        "all_scans": errors_summary(all_scans, rng),
+        "corrected_scans": errors_summary(corrected_scans, rng),
+        "well_corrected_scans": errors_summary(well_corrected_scans, rng),
         "nees": {
-            "kinematic": nees_summary(_column(every, "kinematic", "nees")),
-            "all_looks": nees_summary(_column(every, "taken", "nees")),
-            "corrected_looks": nees_summary(_column(some, "taken", "nees")),
+            "kinematic": nees_summary(_error_columns(all_scans, "kinematic", "nees")),
+            "all_scans": nees_summary(_error_columns(all_scans, "estimated", "nees")),
+            "corrected_scans": nees_summary(_error_columns(corrected_scans, "estimated", "nees")),
         },
-        "mean_points": _mean_points_summary(every),
+        "mean_points": _mean_points_summary(all_scans),
         "correction_ms": {
             "median": float(np.median(times)),
             "p95": float(np.percentile(times, 95.0)),
@@ -218,13 +237,13 @@ def correction_summary(corrected: list[Result]) -> dict[str, Any]:
 
 def errors_summary(groups: list[list[Result]], rng: np.random.Generator) -> dict[str, Any]:
     """Errors before and after, and the ratio of their medians, for each kind of error."""
-    out: dict[str, Any] = {"looks": sum(map(len, groups))}
-    for name in ERRORS:
+    out: dict[str, Any] = {"scans": sum(map(len, groups))}
+    for name in ERROR_NAMES:
         pairs = [
-            np.array([[look["kinematic"][name], look["taken"][name]] for look in looks]).reshape(
-                -1, 2
-            )
-            for looks in groups
+            np.array(
+                [[scan["kinematic"][name], scan["estimated"][name]] for scan in scans]
+            ).reshape(-1, 2)
+            for scans in groups
         ]
         pairs = [rows[np.isfinite(rows).all(axis=1)] for rows in pairs]
         out[name] = {
@@ -266,14 +285,14 @@ def nees_summary(groups: list[Array]) -> dict[str, Any]:
     values = np.concatenate(groups)
     n = len(values)
     if not n:
-        return {"looks": 0}
+        return {"scans": 0}
     band = stats.chi2.ppf([0.025, 0.975], 6 * n) / n
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     mean = bootstrap_groups(
         groups, lambda rows: float(rows.mean()) if len(rows) else float("nan"), rng
     )
     return {
-        "looks": n,
+        "scans": n,
         "mean": mean.as_dict(),
         "band": band.tolist(),
         "in_band": bool(band[0] <= mean.estimate <= band[1]),
@@ -286,39 +305,39 @@ def quality_summary(evaluations: dict[str, Evaluation]) -> dict[str, Any]:
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     tables = {name: evaluation.table for name, evaluation in evaluations.items()}
     out: dict[str, Any] = {
-        name: {score: bootstrap_mean(table[score], rng).as_dict() for score in QUALITY}
+        name: {score: bootstrap_mean(table[score], rng).as_dict() for score in QUALITY_SCORES}
         for name, table in tables.items()
     }
     ours = tables["fiducials"]
     out["fiducials_minus"] = {
         other: {
             score: bootstrap_paired_difference(ours[score], tables[other][score], rng).as_dict()
-            for score in QUALITY
+            for score in QUALITY_SCORES
         }
         for other in ("kinematic", "exact")
     }
     out["fiducials_over_exact"] = {
-        score: float(ours[score].mean() / tables["exact"][score].mean()) for score in QUALITY
+        score: float(ours[score].mean() / tables["exact"][score].mean()) for score in QUALITY_SCORES
     }
     return out
 
 
-def same_looks_summary(runs: list[Result]) -> dict[str, Any]:
+def same_scans_summary(runs: list[Result]) -> dict[str, Any]:
     """Map quality of the same looks by each kind of pose, and paired differences."""
     rng = np.random.default_rng(BOOTSTRAP_SEED)
 
     def column(name: str, score: str) -> Array:
-        return np.array([run["same_looks"][name][score] for run in runs])
+        return np.array([run["same_scans"][name][score] for run in runs])
 
-    names, scores = ("kinematic", "taken", "exact"), ("f_score", "chamfer", "log_loss")
+    names, scores = ("kinematic", "estimated", "exact"), ("f_score", "chamfer", "log_loss")
     out: dict[str, Any] = {
         name: {score: bootstrap_mean(column(name, score), rng).as_dict() for score in scores}
         for name in names
     }
-    out["taken_minus"] = {
+    out["estimated_minus"] = {
         other: {
             score: bootstrap_paired_difference(
-                column("taken", score), column(other, score), rng
+                column("estimated", score), column(other, score), rng
             ).as_dict()
             for score in scores
         }
@@ -327,34 +346,34 @@ def same_looks_summary(runs: list[Result]) -> dict[str, Any]:
     return out
 
 
-def interval(values: dict[str, float]) -> Interval:
+def interval_from_dict(values: dict[str, float]) -> Interval:
     """An interval that was written as JSON values."""
     return Interval(**values)
 
 
-def _looks(run: Result) -> list[Result]:
-    looks: list[Result] = run["looks"]
-    return looks
+def _scan_records(run: Result) -> list[Result]:
+    scans: list[Result] = run["scans"]
+    return scans
 
 
-def _column(groups: list[list[Result]], part: str, name: str) -> list[Array]:
-    return [np.array([look[part][name] for look in looks], dtype=np.float64) for looks in groups]
+def _error_columns(groups: list[list[Result]], part: str, name: str) -> list[Array]:
+    return [np.array([scan[part][name] for scan in scans], dtype=np.float64) for scans in groups]
 
 
 def _mean_points_summary(groups: list[list[Result]]) -> dict[str, Any]:
     """Poses from mean points of regions, as the paper reads Eq. 10, where there were enough."""
-    looks = [look for looks in groups for look in looks if look.get("mean_points")]
-    if not looks:
-        return {"looks": 0}
-    out: dict[str, Any] = {"looks": len(looks)}
+    scans = [scan for scans in groups for scan in scans if scan.get("mean_points")]
+    if not scans:
+        return {"scans": 0}
+    out: dict[str, Any] = {"scans": len(scans)}
     for name in ("linear", "rigid"):
         out[name] = {
-            part: float(np.median([look["mean_points"][name][part] for look in looks]))
+            part: float(np.median([scan["mean_points"][name][part] for scan in scans]))
             for part in ("position", "angle")
         }
-    for name in ("kinematic", "taken"):
+    for name in ("kinematic", "estimated"):
         out[name] = {
-            part: float(np.median([look[name][part] for look in looks]))
+            part: float(np.median([scan[name][part] for scan in scans]))
             for part in ("position", "angle")
         }
     return out

@@ -2,7 +2,7 @@
 
 The scans of whole episodes are fused by the Gaussian beam model and by a constant hit/miss model,
 and both maps are scored on the cells that either knows. The constants of both models were tuned by
-`tune` on training worlds; reports use test worlds.
+`tune_sensor_models` on training worlds; reports use test worlds.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class RecordedWorld:
     occupied: NDArray[np.bool_]
 
 
-def record(env: PlanarEnv, policy: Policy, seeds: Sequence[int]) -> Iterator[RecordedWorld]:
+def record_scans(env: PlanarEnv, policy: Policy, seeds: Sequence[int]) -> Iterator[RecordedWorld]:
     """Play an episode in each world and scan anew from all poses that were visited."""
     for seed in seeds:
         observations, _ = env.reset(seed=seed)
@@ -50,11 +50,11 @@ def record(env: PlanarEnv, policy: Policy, seeds: Sequence[int]) -> Iterator[Rec
         scans = []
         while env.agents:
             observations, *_ = env.step(policy.act(env.belief(), observations))
-            scans += [simulator.look_from(pose, rng) for pose in env.belief().poses]
+            scans += [simulator.scan_from(pose, rng) for pose in env.belief().poses]
         yield RecordedWorld(tuple(scans), env.truth.occupied)
 
 
-class Cells(NamedTuple):
+class ScoredCells(NamedTuple):
     """What quality scores take, flat."""
 
     probability: NDArray[np.float64]
@@ -62,20 +62,20 @@ class Cells(NamedTuple):
     sampled: NDArray[np.bool_]
 
 
-def fuse(world: RecordedWorld, map_: OccupancyMap | HitMissMap) -> Cells:
+def fuse_scans(world: RecordedWorld, map_: OccupancyMap | HitMissMap) -> ScoredCells:
     """Fuse a world's scans; return its cells."""
     for scan in world.scans:
         map_.integrate(scan)
-    return Cells(map_.probability.ravel(), world.occupied.ravel(), map_.sampled.ravel())
+    return ScoredCells(map_.probability.ravel(), world.occupied.ravel(), map_.sampled.ravel())
 
 
-def pooled(
+def pool_cells(
     worlds: Sequence[RecordedWorld], env: PlanarEnv, model: BeamModel | HitMissModel
-) -> Cells:
+) -> ScoredCells:
     """All cells of all worlds under one model."""
     grid, clamp = env.belief().map.grid, env.settings.log_odds_range
     parts = [
-        fuse(
+        fuse_scans(
             world,
             OccupancyMap(grid, model, clamp)
             if isinstance(model, BeamModel)
@@ -83,10 +83,10 @@ def pooled(
         )
         for world in worlds
     ]
-    return Cells(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return ScoredCells(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def scores(cells: Cells) -> dict[str, Any]:
+def calibration_scores(cells: ScoredCells) -> dict[str, Any]:
     """Brier score, log-loss, calibration error and the reliability curve, as JSON values."""
     curve = reliability_curve(*cells)
     return {
@@ -96,13 +96,13 @@ def scores(cells: Cells) -> dict[str, Any]:
         "cells": int(cells.sampled.sum()),
         "reliability": {
             "predicted": [None if np.isnan(v) else float(v) for v in curve.mean_predicted],
-            "observed": [None if np.isnan(v) else float(v) for v in curve.observed_share],
+            "observed": [None if np.isnan(v) else float(v) for v in curve.occupied_fraction],
             "counts": curve.counts.tolist(),
         },
     }
 
 
-def tune(
+def tune_sensor_models(
     worlds: Sequence[RecordedWorld], env: PlanarEnv
 ) -> tuple[BeamModel, HitMissModel, dict[str, float]]:
     """The constants of least log-loss on these (training) worlds, from a grid of choices.
@@ -115,23 +115,23 @@ def tune(
         Log-loss by choice, for looking.
     """
     losses: dict[str, float] = {}
-    frees = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02)
-    occupieds = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
-    beams = {
+    free_values = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02)
+    occupied_values = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
+    beam_models = {
         f"beam free={free} occupied={occupied}": replace(
             env.settings.beam, free=free, occupied=occupied
         )
-        for free in frees
-        for occupied in occupieds
+        for free in free_values
+        for occupied in occupied_values
     }
-    constants = {
+    hit_miss_models = {
         f"constant miss={miss} hit={hit}": HitMissModel(hit, miss)
         for miss in (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
         for hit in (0.51, 0.55, 0.6, 0.7, 0.8, 0.9, 0.97)
     }
-    models: dict[str, BeamModel | HitMissModel] = {**beams, **constants}
+    models: dict[str, BeamModel | HitMissModel] = {**beam_models, **hit_miss_models}
     for name, model in models.items():
-        losses[name] = log_loss(*pooled(worlds, env, model))
-    best_beam = min(beams, key=losses.__getitem__)
-    best_constant = min(constants, key=losses.__getitem__)
-    return beams[best_beam], constants[best_constant], losses
+        losses[name] = log_loss(*pool_cells(worlds, env, model))
+    best_beam_name = min(beam_models, key=losses.__getitem__)
+    best_hit_miss_name = min(hit_miss_models, key=losses.__getitem__)
+    return beam_models[best_beam_name], hit_miss_models[best_hit_miss_name], losses

@@ -10,7 +10,7 @@ Every tenth scan is held out of the map. For a held-out beam that returned after
 the usable range), each cell that it left a cell's length or more before z was seen free, the cell
 that holds z was seen occupied; those between are left out, as an error of centimetres may exchange
 them. A map is scored by the binary log-loss of these observations, over the cells that both maps
-sampled. The constants of both maps are those of `tune`, which sees the other nine tenths only and
+sampled. The constants of both maps are those of `tune_sensor_models`, which sees the other nine tenths only and
 minimises the loss over all observations, of which one in twenty is of an occupied cell.
 
 An observation is not the state of a cell: beams pass beside the walls in their cells, and people
@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.evaluation.metrics.calibration import binary_log_loss
 from coopmap_env.geometry import traverse
 from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
@@ -52,21 +52,21 @@ NOISE = RangeNoise(intrinsic=0.05, lateral=1.0, exponent=0)
 """Of the laser (ranges are multiples of 5 cm or finer) and of the poses (median residual of a loop
 closure: 1 cm, 95 % of them below 5 cm) together, which are alike in all directions."""
 BEAM_MODEL = BeamModel(free=0.2, occupied=0.63, surface="partial")
-BEAM_RANGE = LogOddsRange(0.99)
-HIT_MISS_MODEL = HitMissModel(hit=0.63, miss=0.35, depth=0)
-HIT_MISS_RANGE = LogOddsRange(0.985)
-"""Models and clamps: the best of `tune` (500 and 196 choices, seven minutes), 0.0923 and 0.0948 on
+BEAM_LOG_ODDS_RANGE = LogOddsRange(0.99)
+HIT_MISS_MODEL = HitMissModel(hit=0.63, miss=0.35, hit_offset=0)
+HIT_MISS_LOG_ODDS_RANGE = LogOddsRange(0.985)
+"""Models and clamps: the best of `tune_sensor_models` (500 and 196 choices, seven minutes), 0.0923 and 0.0948 on
 the validation scans."""
-HELD_OUT = 10
+HELD_OUT_EVERY = 10
 """One scan in so many is held out of the map."""
-VALIDATION = 9
+VALIDATION_EVERY = 9
 """One of so many of the others is held out again while tuning."""
 
-Map = OccupancyMap | HitMissMap
+ComparedMap = OccupancyMap | HitMissMap
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
+class CellObservations:
     """What scans say of the cells that their beams cross, one entry per beam and cell."""
 
     cells: NDArray[np.int64]
@@ -91,7 +91,7 @@ class KillianResult:
     """JSON values: counts of scans and observations, and per map (``gaussian_beam``, ``hit_miss``)
     the mean held-out log-loss in nats over ``all`` observations, those of ``free`` and those of
     occupied cells (``hit``), and the mean of these two (``balanced``)."""
-    seconds: float
+    elapsed_s: float
     """What the whole run took."""
 
 
@@ -117,48 +117,48 @@ def run(stride: int = 1, progress: bool = False) -> KillianResult:
         raise ValueError(f"stride must be at least 1, got {stride}")
     start = time.perf_counter()
     log = read_killian()
-    grid = grid_of(log)
-    fused, held_out = split(range(0, len(log.ranges), stride), HELD_OUT)
+    grid = grid_for_log(log)
+    fused, held_out = hold_out(range(0, len(log.ranges), stride), HELD_OUT_EVERY)
     if len(held_out) == 0:
-        raise ValueError(f"stride {stride} leaves fewer than {HELD_OUT} scans")
-    ours = OccupancyMap(grid, BEAM_MODEL, BEAM_RANGE)
-    constant = HitMissMap(grid, HIT_MISS_MODEL, HIT_MISS_RANGE)
-    for i in _bar(fused, progress):
-        scan = scan_of(log, i)
-        ours.integrate(scan)
-        constant.integrate(scan)
-    probability, sampled = ours.probability, ours.sampled
-    seen = observe(log, held_out, grid)
-    scored = (sampled & constant.sampled).ravel()[seen.cells]
-    common = Observations(seen.cells[scored], seen.occupied[scored])
+        raise ValueError(f"stride {stride} leaves fewer than {HELD_OUT_EVERY} scans")
+    beam_map = OccupancyMap(grid, BEAM_MODEL, BEAM_LOG_ODDS_RANGE)
+    hit_miss_map = HitMissMap(grid, HIT_MISS_MODEL, HIT_MISS_LOG_ODDS_RANGE)
+    for i in _progress_bar(fused, progress):
+        scan = scan_from_log(log, i)
+        beam_map.integrate(scan)
+        hit_miss_map.integrate(scan)
+    probability, sampled = beam_map.probability, beam_map.sampled
+    observations = observe_cells(log, held_out, grid)
+    scored_mask = (sampled & hit_miss_map.sampled).ravel()[observations.cells]
+    common = CellObservations(observations.cells[scored_mask], observations.occupied[scored_mask])
     scores: dict[str, Any] = {
         "scans_fused": len(fused),
         "scans_held_out": len(held_out),
         "observations": len(common.cells),
-        "not_sampled_share": 1.0 - float(scored.mean()),
-        "occupied_share": float(common.occupied.mean()),
+        "unsampled_fraction": 1.0 - float(scored_mask.mean()),
+        "occupied_fraction": float(common.occupied.mean()),
         "gaussian_beam": held_out_loss(probability, common),
-        "hit_miss": held_out_loss(constant.probability, common),
+        "hit_miss": held_out_loss(hit_miss_map.probability, common),
     }
     (x, y), (nx, ny) = grid.origin, grid.shape
     extent = (x, x + nx * RESOLUTION, y, y + ny * RESOLUTION)
-    seconds = time.perf_counter() - start
-    return KillianResult(probability, sampled, RESOLUTION, extent, scores, seconds)
+    elapsed_s = time.perf_counter() - start
+    return KillianResult(probability, sampled, RESOLUTION, extent, scores, elapsed_s)
 
 
 def read_killian() -> LaserLog:
     """The log from the installed ``rtb-data``."""
-    file = resources.files(require("rtbdata", "data")) / "data" / "killian.g2o.zip"
+    file = resources.files(import_optional("rtbdata", "data")) / "data" / "killian.g2o.zip"
     with resources.as_file(file) as path:
         return read_laser_log(Path(path))
 
 
-def scan_of(
+def scan_from_log(
     log: LaserLog, i: int, noise: RangeNoise = NOISE, usable_range: float = USABLE_RANGE
 ) -> Scan:
     """Scan i as the map takes it: only the beams that returned within the usable range.
 
-    To the noise across a beam comes the beam's own width: it was reflected anywhere in the `step`
+    To the noise across a beam comes the beam's own width: it was reflected anywhere in the `angle_increment`
     between its neighbours, a standard deviation of step * range / sqrt(12).
 
     Raises
@@ -175,7 +175,7 @@ def scan_of(
     along = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     variances = noise.standard_deviations(ranges, 2) ** 2
-    variances[:, 1] += (log.step * ranges) ** 2 / 12
+    variances[:, 1] += (log.angle_increment * ranges) ** 2 / 12
     covariances = sum(
         variances[:, axis, None, None] * u[:, :, None] * u[:, None, :]
         for axis, u in enumerate((along, across))
@@ -185,7 +185,7 @@ def scan_of(
     return Scan(origin, points, np.asarray(covariances), np.ones(len(points), dtype=np.bool_))
 
 
-def grid_of(log: LaserLog, resolution: float = RESOLUTION) -> VoxelGrid:
+def grid_for_log(log: LaserLog, resolution: float = RESOLUTION) -> VoxelGrid:
     """A grid that holds all that the laser can have used from where it stood."""
     margin = USABLE_RANGE + resolution
     lower = np.floor(log.poses[:, :2].min(axis=0) - margin)
@@ -194,42 +194,47 @@ def grid_of(log: LaserLog, resolution: float = RESOLUTION) -> VoxelGrid:
     return VoxelGrid((nx, ny), resolution, tuple(lower.tolist()))
 
 
-def split(scans: Sequence[int], one_in: int) -> tuple[list[int], list[int]]:
+def hold_out(scans: Sequence[int], every: int) -> tuple[list[int], list[int]]:
     """Most scans, and one in so many of them (the last of each such group) apart."""
-    kept = [i for k, i in enumerate(scans) if k % one_in != one_in - 1]
-    return kept, list(scans[one_in - 1 :: one_in])
+    kept = [i for k, i in enumerate(scans) if k % every != every - 1]
+    return kept, list(scans[every - 1 :: every])
 
 
-def observe(log: LaserLog, scans: Sequence[int], grid: VoxelGrid) -> Observations:
+def observe_cells(log: LaserLog, scans: Sequence[int], grid: VoxelGrid) -> CellObservations:
     """What the beams of these scans say of the cells, as the module's text defines it."""
     cells: list[NDArray[np.int64]] = []
     free: list[int] = []
     for i in scans:
-        scan = scan_of(log, i)
-        start = grid.cells(scan.origin)
-        for ray in grid.cells(scan.points) - start:
+        scan = scan_from_log(log, i)
+        start = grid.to_cell_units(scan.origin)
+        for ray in grid.to_cell_units(scan.points) - start:
             z = math.hypot(ray[0], ray[1])
             crossed = traverse(start, ray, z, grid.shape)
-            flat = grid.flat(crossed.cells)
+            flat = grid.flat_index(crossed.cells)
             n_free = int(np.searchsorted(crossed.entries[1:], z - 1.0, side="right"))
             cells += [flat[:n_free], flat[-1:]]
             free.append(n_free)
     occupied = np.zeros(sum(free) + len(free), dtype=np.bool_)
     occupied[np.cumsum(np.array(free, dtype=np.int64) + 1) - 1] = True
-    return Observations(np.concatenate(cells) if cells else np.empty(0, np.int64), occupied)
+    return CellObservations(np.concatenate(cells) if cells else np.empty(0, np.int64), occupied)
 
 
-def held_out_loss(probability: NDArray[np.float64], seen: Observations) -> dict[str, float]:
+def held_out_loss(
+    probability: NDArray[np.float64], observations: CellObservations
+) -> dict[str, float]:
     """Mean log-loss of observations in nats: over all, free and hit ones, and balanced.
 
     Balanced is the mean of free and hit. NaN where there is no such observation.
     """
-    loss = binary_log_loss(probability.ravel()[seen.cells], seen.occupied)
-    free, hit = _mean(loss[~seen.occupied]), _mean(loss[seen.occupied])
-    return {"all": _mean(loss), "free": free, "hit": hit, "balanced": (free + hit) / 2}
+    loss = binary_log_loss(probability.ravel()[observations.cells], observations.occupied)
+    free, hit = (
+        _mean_or_nan(loss[~observations.occupied]),
+        _mean_or_nan(loss[observations.occupied]),
+    )
+    return {"all": _mean_or_nan(loss), "free": free, "hit": hit, "balanced": (free + hit) / 2}
 
 
-def tune(
+def tune_sensor_models(
     log: LaserLog, stride: int = 1, progress: bool = False
 ) -> dict[str, dict[tuple[float, ...], float]]:
     """Losses of both maps' constants on validation scans; no held-out scan is touched.
@@ -243,15 +248,15 @@ def tune(
         ``gaussian_beam`` by (noise in metres, free, occupied, clamp) and ``hit_miss`` by (miss,
         hit, clamp), each in order, best first: mean log-loss over all observations.
     """
-    grid = grid_of(log)
-    training, _ = split(range(0, len(log.ranges), stride), HELD_OUT)
-    fused, validation = split(training, VALIDATION)
-    seen = observe(log, validation, grid)
+    grid = grid_for_log(log)
+    training, _ = hold_out(range(0, len(log.ranges), stride), HELD_OUT_EVERY)
+    fused, validation = hold_out(training, VALIDATION_EVERY)
+    observations = observe_cells(log, validation, grid)
 
-    def loss(map_: Map, scans: Iterable[Scan]) -> float:
+    def loss(map_: ComparedMap, scans: Iterable[Scan]) -> float:
         for scan in scans:
             map_.integrate(scan)
-        return held_out_loss(map_.probability, seen)["all"]
+        return held_out_loss(map_.probability, observations)["all"]
 
     choices = [
         (sigma, free, occupied, clamp)
@@ -260,33 +265,33 @@ def tune(
         for occupied in (0.57, 0.6, 0.63, 0.66, 0.7)
         for clamp in (0.98, 0.985, 0.99, 0.993)
     ]
-    beams: dict[tuple[float, ...], float] = {}
+    beam_losses: dict[tuple[float, ...], float] = {}
     scans: list[Scan] = []
-    for sigma, free, occupied, clamp in _bar(choices, progress):
-        if not any(sigma == done[0] for done in beams):
+    for sigma, free, occupied, clamp in _progress_bar(choices, progress):
+        if not any(sigma == done[0] for done in beam_losses):
             noise = RangeNoise(intrinsic=sigma, lateral=1.0, exponent=0)
-            scans = [scan_of(log, i, noise) for i in fused]
+            scans = [scan_from_log(log, i, noise) for i in fused]
         model = BeamModel(free, occupied, BEAM_MODEL.surface)
-        ours = OccupancyMap(grid, model, LogOddsRange(clamp))
-        beams[sigma, free, occupied, clamp] = loss(ours, scans)
-    constants: dict[tuple[float, ...], float] = {}
-    for miss in _bar((0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45), progress):
+        beam_map = OccupancyMap(grid, model, LogOddsRange(clamp))
+        beam_losses[sigma, free, occupied, clamp] = loss(beam_map, scans)
+    hit_miss_losses: dict[tuple[float, ...], float] = {}
+    for miss in _progress_bar((0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45), progress):
         for hit in (0.55, 0.57, 0.6, 0.63, 0.65, 0.7, 0.75):
             for clamp in (0.98, 0.985, 0.99, 0.993):
-                constant = HitMissMap(grid, HitMissModel(hit, miss, 0), LogOddsRange(clamp))
-                constants[miss, hit, clamp] = loss(constant, scans)
+                hit_miss_map = HitMissMap(grid, HitMissModel(hit, miss, 0), LogOddsRange(clamp))
+                hit_miss_losses[miss, hit, clamp] = loss(hit_miss_map, scans)
     return {
         name: dict(sorted(losses.items(), key=lambda item: item[1]))
-        for name, losses in (("gaussian_beam", beams), ("hit_miss", constants))
+        for name, losses in (("gaussian_beam", beam_losses), ("hit_miss", hit_miss_losses))
     }
 
 
-def _mean(values: NDArray[np.float64]) -> float:
+def _mean_or_nan(values: NDArray[np.float64]) -> float:
     return float(values.mean()) if len(values) else math.nan
 
 
-def _bar(items: Sequence[Any], progress: bool) -> Iterable[Any]:
+def _progress_bar(items: Sequence[Any], progress: bool) -> Iterable[Any]:
     if not progress:
         return items
-    bar: Iterable[Any] = require("tqdm", "cli").tqdm(items, unit="scan", smoothing=0.1)
+    bar: Iterable[Any] = import_optional("tqdm", "cli").tqdm(items, unit="scan", smoothing=0.1)
     return bar

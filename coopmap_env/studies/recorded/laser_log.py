@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-RECORD = "ROBOTLASER1"
-HEADER = 9
+LASER_RECORD = "ROBOTLASER1"
+N_HEADER_WORDS = 9
 """Words of a record before the ranges, its name included."""
 
 
@@ -43,7 +43,7 @@ class LaserLog:
     """Metres."""
 
     @property
-    def step(self) -> float:
+    def angle_increment(self) -> float:
         """Radians between two beams."""
         return float(self.bearings[1] - self.bearings[0])
 
@@ -65,26 +65,26 @@ def read_laser_log(path: Path) -> LaserLog:
         If the file is no zip or lacks its member, a record is cut short or not finite, records
         differ in their beams, or there is none.
     """
-    ranges, poses, heads = [], [], set()
-    for number, line in _lines(path):
+    ranges, poses, headers = [], [], set()
+    for number, line in _read_lines(path):
         words = line.split()
-        if not words or words[0] != RECORD:
+        if not words or words[0] != LASER_RECORD:
             continue
         try:
-            head, values, pose = _record(words)
+            header, values, pose = _parse_record(words)
         except ValueError as error:
             raise LaserLogError(f"{path}, line {number}: {error}") from None
-        heads.add(head)
-        if len(heads) > 1:
+        headers.add(header)
+        if len(headers) > 1:
             raise LaserLogError(
-                f"{path}, line {number}: start, step, max range and number of beams are {head} "
-                f"and were {next(iter(heads - {head}))}: one log is one laser"
+                f"{path}, line {number}: start, step, max range and number of beams are {header} "
+                f"and were {next(iter(headers - {header}))}: one log is one laser"
             )
         ranges.append(values)
         poses.append(pose)
     if not ranges:
-        raise LaserLogError(f"{path}: no {RECORD} record")
-    start, step, max_range, n_beams = heads.pop()
+        raise LaserLogError(f"{path}: no {LASER_RECORD} record")
+    start, step, max_range, n_beams = headers.pop()
     return LaserLog(
         np.array(ranges),
         start + step * np.arange(n_beams, dtype=np.float64),
@@ -93,7 +93,7 @@ def read_laser_log(path: Path) -> LaserLog:
     )
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
+def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Lines of the archive's member, numbered from 1."""
     try:
         with zipfile.ZipFile(path) as archive:
@@ -105,25 +105,27 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
     return enumerate(text.splitlines(), start=1)
 
 
-def _record(
+def _parse_record(
     words: list[str],
 ) -> tuple[tuple[float, float, float, int], NDArray[np.float64], NDArray[np.float64]]:
     """(start, step, max range, n), ranges (n,) and laser pose (3,) of a record."""
-    if len(words) < HEADER:
-        raise ValueError(f"{RECORD} needs {HEADER} words before its ranges, got {len(words)}")
-    n = int(words[HEADER - 1])
+    if len(words) < N_HEADER_WORDS:
+        raise ValueError(
+            f"{LASER_RECORD} needs {N_HEADER_WORDS} words before its ranges, got {len(words)}"
+        )
+    n = int(words[N_HEADER_WORDS - 1])
     if n < 2:
-        raise ValueError(f"{RECORD} needs two beams or more, got {n}")
-    remissions = HEADER + n
+        raise ValueError(f"{LASER_RECORD} needs two beams or more, got {n}")
+    remissions = N_HEADER_WORDS + n
     pose = remissions + 1 + (int(words[remissions]) if len(words) > remissions else 0)
     if len(words) < pose + 3:
-        raise ValueError(f"{RECORD} of {n} beams is cut short after {len(words)} words")
-    head = np.array([words[2], words[4], words[5]], dtype=np.float64)
-    values = np.array(words[HEADER:remissions], dtype=np.float64)
-    place = np.array(words[pose : pose + 3], dtype=np.float64)
-    for name, numbers in (("header", head), ("range", values), ("laser pose", place)):
+        raise ValueError(f"{LASER_RECORD} of {n} beams is cut short after {len(words)} words")
+    header = np.array([words[2], words[4], words[5]], dtype=np.float64)
+    values = np.array(words[N_HEADER_WORDS:remissions], dtype=np.float64)
+    laser_pose = np.array(words[pose : pose + 3], dtype=np.float64)
+    for name, numbers in (("header", header), ("range", values), ("laser pose", laser_pose)):
         if not np.isfinite(numbers).all():
-            raise ValueError(f"{RECORD} has a {name} that is not finite")
-    if (values < 0).any() or head[1] <= 0 or head[2] <= 0:
-        raise ValueError(f"{RECORD} needs ranges >= 0, a step and a max range > 0")
-    return (float(head[0]), float(head[1]), float(head[2]), n), values, place
+            raise ValueError(f"{LASER_RECORD} has a {name} that is not finite")
+    if (values < 0).any() or header[1] <= 0 or header[2] <= 0:
+        raise ValueError(f"{LASER_RECORD} needs ranges >= 0, a step and a max range > 0")
+    return (float(header[0]), float(header[1]), float(header[2]), n), values, laser_pose

@@ -17,31 +17,31 @@ from coopmap_env.core.version import __version__
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, summarize
 from coopmap_env.evaluation.statistics.bootstrap import Interval, bootstrap_mean
 from coopmap_env.studies.common import figures
-from coopmap_env.studies.common.pages import fill_page
-from coopmap_env.studies.field.report import TABLE, field_summary, write_parts
+from coopmap_env.studies.common.pages import render_template
+from coopmap_env.studies.field.report import TABLE_SCORES, field_summary, write_field_figures
 from coopmap_env.studies.field.study import FieldStudy
 from coopmap_env.studies.section3.study import (
-    COLUMNS,
     PAPER_TABLE_1,
     RASTER,
     SCANS_EACH,
+    TABLE_1_SCORES,
     Section3,
-    spec,
+    search_spec,
 )
-from coopmap_env.studies.section3.trends import equal_coverage, extent_falls
+from coopmap_env.studies.section3.trends import equal_coverage, extent_decreases
 
 
 def write_report(study: Section3, out: Path, field: FieldStudy | None = None) -> None:
     """Write everything into the folder `out`; without `field`, the plane alone."""
     out.mkdir(parents=True, exist_ok=True)
-    _draw(study, out)
+    _draw_figures(study, out)
     found = summary(study)
     if field is not None:
-        write_parts(field, out)
+        write_field_figures(field, out)
         found["field"] = field_summary(field)
     write_atomically(out / "table1.csv", _table_1_csv(study))
     write_atomically(out / "summary.json", json.dumps(found, indent=2) + "\n")
-    write_atomically(out / "report.html", _html(study, found, out))
+    write_atomically(out / "report.html", _render_html(study, found, out))
 
 
 def summary(study: Section3) -> dict[str, Any]:
@@ -57,20 +57,21 @@ def summary(study: Section3) -> dict[str, Any]:
             "worlds": study.size.worlds,
         },
         "table_1": {
-            _label(search): {name: interval.as_dict() for name, interval in row.items()}
+            _search_label(search): {name: interval.as_dict() for name, interval in row.items()}
             for search, row in study.table_1().items()
         },
         "trends": {name: trend.as_dict() for name, trend in study.trends.items()},
-        "readings_of_eq_8a": {
-            reading: _means(results) for reading, results in study.readings.items()
+        "eq_8a_interpretations": {
+            interpretation: _mean_scores(results)
+            for interpretation, results in study.interpretations.items()
         },
-        "sensitivity_to_K": {str(K): _means(results) for K, results in study.sweep.items()},
+        "sensitivity_to_K": {str(K): _mean_scores(results) for K, results in study.sweep.items()},
         "trends_by_K": {
-            str(K): {"T1": equal_coverage(results).held, "T3": extent_falls(results).held}
+            str(K): {"T1": equal_coverage(results).held, "T3": extent_decreases(results).held}
             for K, results in study.sweep.items()
         },
         "calibration": study.calibration,
-        "house": summarize(study.house, spec(100)),
+        "house": summarize(study.house, search_spec(100)),
         "killian_court": study.killian.scores,
     }
 
@@ -84,16 +85,16 @@ def text_table_1(study: Section3) -> str:
     ]
     for search, row in study.table_1().items():
         cells = []
-        for k, column in enumerate(COLUMNS):
+        for k, column in enumerate(TABLE_1_SCORES):
             paper = PAPER_TABLE_1.get(search)
-            behind = f" {paper[k]:>6.2f}" if paper else " " * 7
-            cells.append(f"{_short(row[column])}{behind}")
+            paper_value = f" {paper[k]:>6.2f}" if paper else " " * 7
+            cells.append(f"{_format_interval(row[column])}{paper_value}")
         viewed = row["coverage"]
         percent = Interval(100 * viewed.estimate, 100 * viewed.low, 100 * viewed.high)
         lines.append(
-            f"{_label(search):<12}"
+            f"{_search_label(search):<12}"
             + "".join(f"{cell:>30}" for cell in cells)
-            + f"{_short(percent):>22}"
+            + f"{_format_interval(percent):>22}"
         )
     for name, trend in study.trends.items():
         p = "" if trend.p_value is None else f", p = {trend.p_value:.2g}"
@@ -102,15 +103,24 @@ def text_table_1(study: Section3) -> str:
     return "\n".join(lines)
 
 
-def _draw(study: Section3, out: Path) -> None:
-    named = {_label(search): result for search, result in study.searches.items()}
-    figures.draw_maps(study.figure_7, out / "figure7.png", "probabilistic map after 400 scans")
+def _draw_figures(study: Section3, out: Path) -> None:
+    evaluations_by_label = {
+        _search_label(search): result for search, result in study.searches.items()
+    }
+    figures.draw_world_and_map(
+        study.figure_7, out / "figure7.png", "probabilistic map after 400 scans"
+    )
     figures.draw_coverage_curves(
-        {RASTER: study.raster, **named}, 2, out / "figure8.png", "% of environment viewed"
+        {RASTER: study.raster, **evaluations_by_label},
+        2,
+        out / "figure8.png",
+        "% of environment viewed",
     )
     figures.draw_sweep(study.sweep, out / "sensitivity.png")
     figures.draw_reliability(study.calibration, out / "reliability.png")
-    figures.draw_maps(study.house_picture, out / "house_map.png", "map by rating function, m = 100")
+    figures.draw_world_and_map(
+        study.house_picture, out / "house_map.png", "map by rating function, m = 100"
+    )
     figures.draw_coverage_curves(study.house, 2, out / "house_coverage.png", "real floor plan")
     figures.save_frame(study.episode.frame, out / "render.png")
     killian = study.killian
@@ -119,19 +129,19 @@ def _draw(study: Section3, out: Path) -> None:
     )
 
 
-def _html(study: Section3, found: dict[str, Any], out: Path) -> str:
-    return fill_page(
+def _render_html(study: Section3, found: dict[str, Any], out: Path) -> str:
+    return render_template(
         "section3/report.html",
         out,
-        {"short": _short},
+        {"short": _format_interval},
         study=study,
         summary=found,
         field=found.get("field"),
-        field_columns=TABLE,
+        field_columns=TABLE_SCORES,
         table_1=study.table_1(),
         paper=PAPER_TABLE_1,
-        columns=COLUMNS,
-        label=_label,
+        columns=TABLE_1_SCORES,
+        label=_search_label,
         scans=2 * SCANS_EACH,
         version=__version__,
         settings=json.dumps(settings_to_dict(study.settings), indent=2),
@@ -141,29 +151,29 @@ def _html(study: Section3, found: dict[str, Any], out: Path) -> str:
 def _table_1_csv(study: Section3) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    names = (*COLUMNS, "coverage")
+    names = (*TABLE_1_SCORES, "coverage")
     header = [f"{name}{part}" for name in names for part in ("", "_low", "_high")]
-    writer.writerow(["search", *header, *(f"paper_{name}" for name in COLUMNS)])
+    writer.writerow(["search", *header, *(f"paper_{name}" for name in TABLE_1_SCORES)])
     for search, row in study.table_1().items():
         values = [v for name in names for v in (row[name].estimate, row[name].low, row[name].high)]
-        writer.writerow([_label(search), *values, *PAPER_TABLE_1.get(search, ("", "", ""))])
+        writer.writerow([_search_label(search), *values, *PAPER_TABLE_1.get(search, ("", "", ""))])
     return text.getvalue()
 
 
-def _means(results: Mapping[Any, Evaluation]) -> dict[str, Any]:
+def _mean_scores(results: Mapping[Any, Evaluation]) -> dict[str, Any]:
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     return {
-        _label(search): {
+        _search_label(search): {
             column: bootstrap_mean(result.table[column], rng).as_dict()
-            for column in (*COLUMNS, "coverage")
+            for column in (*TABLE_1_SCORES, "coverage")
         }
         for search, result in results.items()
     }
 
 
-def _label(search: int | str) -> str:
+def _search_label(search: int | str) -> str:
     return f"m = {search}" if isinstance(search, int) else str(search)
 
 
-def _short(interval: Interval) -> str:
+def _format_interval(interval: Interval) -> str:
     return f"{interval.estimate:.2f} [{interval.low:.2f}, {interval.high:.2f}]"

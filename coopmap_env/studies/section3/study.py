@@ -40,34 +40,34 @@ PAPER_TABLE_1 = {
     "exhaustive": (34.59, 19.23, 7.52),
 }
 """Farthest viewed point, mean radius and sigma as printed, in the paper's units."""
-COLUMNS = ("farthest", "mean_radius", "sigma")
-SWEPT_SEARCHES = (10, 100, "exhaustive")
+TABLE_1_SCORES = ("farthest", "mean_radius", "sigma")
+SWEEP_SEARCHES = (10, 100, "exhaustive")
 K_SWEEP = (0.1, 0.15, 0.18, 0.2, 0.22, 0.25, 0.3, 0.4)
 HOUSE_SCANS_EACH = 48
 HOUSE_POLICIES = (
     RASTER, "random", "frontier", "rating_function:search=100", "rating_function:search=exhaustive",
 )  # fmt: skip
-HOUSE_PICTURED = 1
+HOUSE_SEED = 1
 """Seed whose robots start inside the house; others start in the garden."""
 FIGURE_7_SCANS_EACH = 200
 
 
 @dataclass(frozen=True)
-class Size:
+class Section3Size:
     """How much is run."""
 
     worlds: int
-    swept_worlds: int
+    sweep_worlds: int
     k_sweep: tuple[float, ...]
     house_runs: int
     calibration_worlds: int
 
 
-FULL = Size(200, 60, K_SWEEP, 10, 40)
-QUICK = Size(48, 8, (0.1, 0.2, 0.4), 2, 8)
+FULL = Section3Size(200, 60, K_SWEEP, 10, 40)
+QUICK = Section3Size(48, 8, (0.1, 0.2, 0.4), 2, 8)
 
 
-def spec(search: int | str) -> str:
+def search_spec(search: int | str) -> str:
     """The policy spec of a search."""
     return f"rating_function:search={search}"
 
@@ -79,7 +79,7 @@ def settings(**rating: Any) -> PlanarSettings:
 
 
 @dataclass(frozen=True)
-class Picture:
+class EpisodeSnapshot:
     """A true world and a team map of it."""
 
     truth: NDArray[np.bool_]
@@ -95,21 +95,21 @@ class Picture:
 class Section3:
     """All results of the main job."""
 
-    size: Size
+    size: Section3Size
     settings: PlanarSettings
     raster: Evaluation
     searches: dict[int | str, Evaluation]
     trends: dict[str, Trend]
-    readings: dict[str, dict[int | str, Evaluation]]
+    interpretations: dict[str, dict[int | str, Evaluation]]
     """By reading of Eq. 8a."""
     sweep: dict[float, dict[int | str, Evaluation]]
     """By K, on training worlds."""
-    figure_7: Picture
+    figure_7: EpisodeSnapshot
     """200 scans of each robot."""
-    episode: Picture
+    episode: EpisodeSnapshot
     """32 scans together, as in Table 1."""
     house: dict[str, Evaluation]
-    house_picture: Picture
+    house_picture: EpisodeSnapshot
     calibration: dict[str, dict[str, Any]]
     killian: killian.KillianResult
 
@@ -119,59 +119,61 @@ class Section3:
         return {
             search: {
                 column: bootstrap_mean(evaluation.table[column], rng)
-                for column in (*COLUMNS, "coverage")
+                for column in (*TABLE_1_SCORES, "coverage")
             }
             for search, evaluation in {RASTER: self.raster, **self.searches}.items()
         }
 
 
 def run(
-    store: Path, size: Size, workers: int, say: Callable[[str], None], progress: bool = True
+    store: Path, size: Section3Size, workers: int, log: Callable[[str], None], progress: bool = True
 ) -> Section3:
     """Run everything; finished episodes are kept in `store` and not run again."""
 
-    def episodes(
+    def evaluate_policies(
         policies: list[str], n: int, chosen: PlanarSettings | None, **env: Any
     ) -> dict[str, Evaluation]:
         arguments = {"max_scans": SCANS_EACH, "split": "test", **env}
         return compare(policies, range(n), arguments, store, chosen, workers, progress)
 
-    def by_search(searches: tuple[int | str, ...], *args: Any, **env: Any) -> Any:
-        found = episodes([spec(search) for search in searches], *args, **env)
+    def evaluate_searches(searches: tuple[int | str, ...], *args: Any, **env: Any) -> Any:
+        found = evaluate_policies([search_spec(search) for search in searches], *args, **env)
         return dict(zip(searches, found.values(), strict=True))
 
-    say(f"Table 1 and Figure 8: {size.worlds} test worlds, {len(SEARCHES) + 1} searches")
-    searches = by_search(SEARCHES, size.worlds, settings())
-    raster = episodes([RASTER], size.worlds, settings())[RASTER]
-    say("the two readings of Eq. 8a")
-    readings = {
-        reading: by_search(SWEPT_SEARCHES, size.swept_worlds, settings(reading=reading))
-        for reading in ("literal", "distance_free")
+    log(f"Table 1 and Figure 8: {size.worlds} test worlds, {len(SEARCHES) + 1} searches")
+    searches = evaluate_searches(SEARCHES, size.worlds, settings())
+    raster = evaluate_policies([RASTER], size.worlds, settings())[RASTER]
+    log("the two readings of Eq. 8a")
+    interpretations = {
+        interpretation: evaluate_searches(
+            SWEEP_SEARCHES, size.sweep_worlds, settings(interpretation=interpretation)
+        )
+        for interpretation in ("literal", "distance_free")
     }
-    say("sensitivity to K, on training worlds")
+    log("sensitivity to K, on training worlds")
     sweep = {
-        K: by_search(SWEPT_SEARCHES, size.swept_worlds, settings(K=K), split="train")
+        K: evaluate_searches(SWEEP_SEARCHES, size.sweep_worlds, settings(K=K), split="train")
         for K in size.k_sweep
     }
-    say("Figure 7: one world, 400 scans")
-    figure_7 = picture(FIGURE_7_SCANS_EACH, settings=settings())
-    say("the real floor plan")
+    log("Figure 7: one world, 400 scans")
+    figure_7 = record_snapshot(FIGURE_7_SCANS_EACH, settings=settings())
+    log("the real floor plan")
     house_env = {"scene": "house", "max_scans": HOUSE_SCANS_EACH}
-    house = episodes(list(HOUSE_POLICIES), size.house_runs, None, **house_env)
-    house_picture = picture(HOUSE_SCANS_EACH, seed=HOUSE_PICTURED, scene="house")
-    say("calibration of the map, on test worlds")
-    calibrated = calibrate(size.calibration_worlds)
-    say("3,873 real laser scans")
+    house = evaluate_policies(list(HOUSE_POLICIES), size.house_runs, None, **house_env)
+    house_picture = record_snapshot(HOUSE_SCANS_EACH, seed=HOUSE_SEED, scene="house")
+    log("calibration of the map, on test worlds")
+    calibrated = compare_calibration(size.calibration_worlds)
+    log("3,873 real laser scans")
     return Section3(
         size=size,
         settings=settings(),
         raster=raster,
         searches=searches,
         trends=all_trends(raster, searches),
-        readings=readings,
+        interpretations=interpretations,
         sweep=sweep,
         figure_7=figure_7,
-        episode=picture(SCANS_EACH, settings=settings()),
+        episode=record_snapshot(SCANS_EACH, settings=settings()),
         house=house,
         house_picture=house_picture,
         calibration=calibrated,
@@ -179,21 +181,21 @@ def run(
     )
 
 
-def picture(max_scans: int, seed: int = 0, **arguments: Any) -> Picture:
+def record_snapshot(max_scans: int, seed: int = 0, **arguments: Any) -> EpisodeSnapshot:
     """Play one episode of the rating function (m = 100) and keep what a figure needs."""
     env = PlanarEnv(split="test", max_scans=max_scans, render_mode="rgb_array", **arguments)
-    chosen = make_policy(spec(100))
+    chosen = make_policy(search_spec(100))
     observations, _ = env.reset(seed=seed)
     chosen.reset(policy_rng(seed))
     grid = env.belief().map.grid
-    paths = [[grid.cells(pose)] for pose in env.belief().poses[:, :2]]
+    paths = [[grid.to_cell_units(pose)] for pose in env.belief().poses[:, :2]]
     while env.agents:
         observations, *_ = env.step(chosen.act(env.belief(), observations))
         for path, pose in zip(paths, env.belief().poses[:, :2], strict=True):
-            path.append(grid.cells(pose))
+            path.append(grid.to_cell_units(pose))
     map_, frame = env.belief().map, env.render()
     assert frame is not None
-    return Picture(
+    return EpisodeSnapshot(
         env.truth.occupied,
         map_.probability,
         map_.sampled,
@@ -202,15 +204,15 @@ def picture(max_scans: int, seed: int = 0, **arguments: Any) -> Picture:
     )
 
 
-def calibrate(n_worlds: int) -> dict[str, dict[str, Any]]:
+def compare_calibration(n_worlds: int) -> dict[str, dict[str, Any]]:
     """Scores of the Gaussian beam map and of the constant hit/miss map, on the same scans."""
     env = PlanarEnv(split="test", max_scans=SCANS_EACH)
-    worlds = list(calibration.record(env, make_policy(spec(100)), range(n_worlds)))
+    worlds = list(calibration.record_scans(env, make_policy(search_spec(100)), range(n_worlds)))
     models: dict[str, BeamModel | HitMissModel] = {
         "gaussian_beam": env.settings.beam,
         "hit_miss": HitMissModel(),
     }
     return {
-        name: calibration.scores(calibration.pooled(worlds, env, model))
+        name: calibration.calibration_scores(calibration.pool_cells(worlds, env, model))
         for name, model in models.items()
     }

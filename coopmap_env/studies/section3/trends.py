@@ -19,12 +19,12 @@ from scipy import stats
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation
 from coopmap_env.evaluation.statistics.bootstrap import Interval, equivalence, ordered_alternative
 
-EQUAL_WITHIN = 0.15
+EQUIVALENCE_MARGIN = 0.15
 """T1: "about equal" is a mean within 15 % of the mean of all searches, its interval included. The
 curves of the paper's Figure 8 lie about so far apart."""
-FAR_LESS = 0.75
+MAX_RASTER_RATIO = 0.75
 """T2: "far less" is less than three quarters of the least that any other search views."""
-SIGNIFICANT = 0.05
+SIGNIFICANCE_LEVEL = 0.05
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,14 @@ class Trend:
 
 
 def equal_coverage(searches: Mapping[Any, Evaluation]) -> Trend:
-    """T1, as an equivalence: every search's mean within `EQUAL_WITHIN` of the mean of all."""
-    viewed = _table(searches, "coverage")
-    test = equivalence(viewed, EQUAL_WITHIN, np.random.default_rng(BOOTSTRAP_SEED))
+    """T1, as an equivalence: every search's mean within `EQUIVALENCE_MARGIN` of the mean of all."""
+    coverage = _table(searches, "coverage")
+    test = equivalence(coverage, EQUIVALENCE_MARGIN, np.random.default_rng(BOOTSTRAP_SEED))
     return Trend(
         held=test.held,
         question="viewed area is about equal for every m and exhaustive",
         statistic="largest distance of a search's mean, its 95 % interval included, from the mean "
-        f"of all, as a share of it; held if at most {EQUAL_WITHIN}",
+        f"of all, as a share of it; held if at most {EQUIVALENCE_MARGIN}",
         value=test.worst,
         p_value=None,
         details={
@@ -71,25 +71,25 @@ def equal_coverage(searches: Mapping[Any, Evaluation]) -> Trend:
     )
 
 
-def raster_views_less(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> Trend:
+def raster_coverage_is_lower(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> Trend:
     """T2: the ratio of what a raster scan views to the least of the searches."""
     ours, theirs = raster.table["coverage"], _table(searches, "coverage")
-    ratio = _ratio_to_least(ours, theirs)
+    ratio = _ratio_to_minimum(ours, theirs)
     p_values = [
         float(stats.wilcoxon(ours, column, alternative="less").pvalue) for column in theirs.T
     ]
     return Trend(
-        held=ratio.high < FAR_LESS and max(p_values) < SIGNIFICANT,
+        held=ratio.high < MAX_RASTER_RATIO and max(p_values) < SIGNIFICANCE_LEVEL,
         question="a raster scan views far less than any search",
         statistic="viewed area of the raster scan over the least of the searches; held if its "
-        f"interval lies below {FAR_LESS} and every paired test is significant",
+        f"interval lies below {MAX_RASTER_RATIO} and every paired test is significant",
         value=ratio.estimate,
         p_value=max(p_values),
         details={"ratio": ratio.as_dict(), "p_value_of": "largest of the Wilcoxon tests"},
     )
 
 
-def extent_falls(searches: Mapping[Any, Evaluation]) -> Trend:
+def extent_decreases(searches: Mapping[Any, Evaluation]) -> Trend:
     """T3: sigma and the farthest viewed point fall from the smallest m to exhaustive (Page)."""
     tests = {
         column: ordered_alternative(_table(searches, column), direction="decreasing")
@@ -97,7 +97,7 @@ def extent_falls(searches: Mapping[Any, Evaluation]) -> Trend:
     }
     worst = max(tests, key=lambda column: tests[column].p_value)
     return Trend(
-        held=all(test.p_value < SIGNIFICANT for test in tests.values()),
+        held=all(test.p_value < SIGNIFICANCE_LEVEL for test in tests.values()),
         question="sigma and the farthest viewed point fall as m grows",
         statistic=f"Page's L of {worst}, the less certain of the two; held if both are significant",
         value=float(tests[worst].statistic),
@@ -113,8 +113,8 @@ def all_trends(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> dict[s
     """T1 to T3; `searches` from the smallest m to exhaustive."""
     return {
         "T1": equal_coverage(searches),
-        "T2": raster_views_less(raster, searches),
-        "T3": extent_falls(searches),
+        "T2": raster_coverage_is_lower(raster, searches),
+        "T3": extent_decreases(searches),
     }
 
 
@@ -124,7 +124,7 @@ def _table(searches: Mapping[Any, Evaluation], column: str) -> np.ndarray[Any, A
     return np.column_stack(columns)
 
 
-def _ratio_to_least(ours: np.ndarray[Any, Any], theirs: np.ndarray[Any, Any]) -> Interval:
+def _ratio_to_minimum(ours: np.ndarray[Any, Any], theirs: np.ndarray[Any, Any]) -> Interval:
     """Mean of `ours` (n,) over the least column mean of `theirs` (n, k), worlds resampled."""
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     worlds = rng.integers(len(ours), size=(2000, len(ours)))

@@ -16,48 +16,49 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.evaluation.policy import make_policy
 from coopmap_env.evaluation.rollout import policy_rng
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.sensing import Scan, place
-from coopmap_env.simulation.depth.renderer import DepthRenderer, measure
+from coopmap_env.sensing import Scan, transform_cloud
+from coopmap_env.simulation.depth.renderer import DepthRenderer, simulate_point_cloud
 from coopmap_env.simulation.physics.world import BulletWorld
 from coopmap_env.studies.field.octomap_comparison import fuse_octomap
 from coopmap_env.studies.speed.planar import step_profile
 
-LOOKS = 20
+N_SCAN_POSES = 20
 """Poses of one round of the look's comparison."""
-CANDIDATES = 300
-EPISODES = 4
+N_CANDIDATES = 300
+N_EPISODES = 4
 
 
-def measure_field(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
+def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     """All figures, as JSON values; medians of interleaved rounds, process time."""
-    require("pyoctomap", "octomap")
+    import_optional("pyoctomap", "octomap")
     settings = FieldSettings()
     envs = {
         physics: FieldEnv(settings=replace(settings, physics=physics))
         for physics in ("kinematic", "stepped")
     }
     samples: dict[str, list[float]] = {}
-    say("field: compiling")
+    log("field: compiling")
     for env in envs.values():
-        agent_steps(env, 1)
-    for turn in range(rounds):
-        say(f"field: round {turn + 1} of {rounds}")
+        agent_steps_per_second(env, 1)
+    for round_index in range(rounds):
+        log(f"field: round {round_index + 1} of {rounds}")
         found = {
-            f"agent_steps_per_s_{name}": agent_steps(env, EPISODES) for name, env in envs.items()
+            f"agent_steps_per_s_{name}": agent_steps_per_second(env, N_EPISODES)
+            for name, env in envs.items()
         }
-        found |= look_ms(envs["kinematic"])
+        found |= scan_ms(envs["kinematic"])
         found |= rating_ms(envs["kinematic"])
         found |= localization_ms()
         for name, value in found.items():
             samples.setdefault(name, []).append(value)
     figures: dict[str, Any] = {name: statistics.median(v) for name, v in samples.items()}
-    figures["look_speedup"] = figures["look_reference_ms"] / figures["look_ms"]
-    figures["memory_mb"] = fresh_process_memory_mb()
+    figures["scan_speedup"] = figures["scan_reference_ms"] / figures["scan_ms"]
+    figures["resident_memory_mb"] = fresh_process_memory_mb()
     figures["step_profile_us"] = step_profile(envs["kinematic"], steps=32)
     for env in envs.values():
         env.close()
@@ -67,7 +68,7 @@ def measure_field(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
     }
 
 
-def agent_steps(env: FieldEnv, episodes: int) -> float:
+def agent_steps_per_second(env: FieldEnv, episodes: int) -> float:
     """Agent-steps per second of `step` with random feasible poses, which all mean a motion."""
     rng = np.random.default_rng(0)
     elapsed, count = 0.0, 0
@@ -86,7 +87,7 @@ def agent_steps(env: FieldEnv, episodes: int) -> float:
     return count / elapsed
 
 
-def look_ms(env: FieldEnv) -> dict[str, float]:
+def scan_ms(env: FieldEnv) -> dict[str, float]:
     """Milliseconds of sensing and fusing one image: ours, and PyBullet's rays with OctoMap."""
     env.reset(seed=0)
     world, s, rng = env.truth, env.settings, np.random.default_rng(0)
@@ -95,29 +96,29 @@ def look_ms(env: FieldEnv) -> dict[str, float]:
     physics = BulletWorld(world.solids, env.mounts, world.base_poses)
     belief = env.belief()
     ours, theirs = [], []
-    for q in belief.random_poses(0, LOOKS, rng):
+    for q in belief.random_poses(0, N_SCAN_POSES, rng):
         estimate = belief.vehicles[0].camera_estimate(q)
         pose = estimate.pose
         start = time.process_time()
         distances = renderer.distances(pose.rotation, pose.translation, s.camera.directions)
-        cloud = measure(distances, s.camera, s.noise, rng)
-        scan = place(cloud, pose, s.noise, estimate.covariance)
+        cloud = simulate_point_cloud(distances, s.camera, s.noise, rng)
+        scan = transform_cloud(cloud, pose, s.noise, estimate.covariance)
         map_.integrate(scan)
         ours.append(time.process_time() - start)
-        theirs.append(reference_look(physics, scan, s.camera.far, world.grid))
+        theirs.append(reference_scan_seconds(physics, scan, s.camera.far, world.grid))
     physics.close()
     return {
-        "look_ms": 1e3 * statistics.median(ours),
-        "look_reference_ms": 1e3 * statistics.median(theirs),
+        "scan_ms": 1e3 * statistics.median(ours),
+        "scan_reference_ms": 1e3 * statistics.median(theirs),
     }
 
 
-def reference_look(physics: BulletWorld, scan: Scan, far: float, grid: Any) -> float:
+def reference_scan_seconds(physics: BulletWorld, scan: Scan, far: float, grid: Any) -> float:
     """Seconds of `rayTestBatch` over the same beams and one `insertPointCloud` of the scan."""
     rays = scan.points - scan.origin
     ends = scan.origin + far * rays / np.linalg.norm(rays, axis=1, keepdims=True)
     start = time.process_time()
-    physics.client.cast(np.broadcast_to(scan.origin, ends.shape), ends)
+    physics.client.cast_rays(np.broadcast_to(scan.origin, ends.shape), ends)
     seconds = time.process_time() - start
     _, fused = fuse_octomap([scan], grid)
     return seconds + fused
@@ -134,15 +135,15 @@ def rating_ms(env: FieldEnv) -> dict[str, float]:
     for _ in range(env.max_scans // 2):
         observations, *_ = env.step(policy.act(env.belief(), observations))
     belief = env.belief()
-    poses = belief.random_poses(0, CANDIDATES, np.random.default_rng(0))
+    poses = belief.random_poses(0, N_CANDIDATES, np.random.default_rng(0))
     start = time.process_time()
-    short = belief.shortlist(poses, lambda rough, some: rough.rate(0, some).rating)
+    short = belief.prescreen(poses, lambda rough, some: rough.rate(0, some).rating)
     belief.rate(0, short)
-    ranked = time.process_time()
+    prescreened = time.process_time()
     belief.rate(0, poses)
     return {
-        "rating_300_ms": 1e3 * (ranked - start),
-        "rating_300_all_exactly_ms": 1e3 * (time.process_time() - ranked),
+        "rating_300_ms": 1e3 * (prescreened - start),
+        "rating_300_without_prescreen_ms": 1e3 * (time.process_time() - prescreened),
     }
 
 
@@ -159,21 +160,21 @@ def localization_ms() -> dict[str, float]:
         registrations.clear()
         while env.agents:
             observations, *_ = env.step(policy.act(env.belief(), observations))
-            registrations += env.locating.registration_times
+            registrations += env.localizer.registration_times
             if all(env.belief().located):
-                corrections += env.locating.correction_times
+                corrections += env.localizer.correction_times
     env.close()
     return {
         "correction_ms": 1e3 * statistics.median(corrections),
-        "correction_longest_ms": 1e3 * max(corrections),
+        "correction_max_ms": 1e3 * max(corrections),
         "registration_ms": 1e3 * statistics.median(registrations),
-        "registration_longest_ms": 1e3 * max(registrations),
+        "registration_max_ms": 1e3 * max(registrations),
     }
 
 
 def fresh_process_memory_mb() -> float:
     """Resident memory of a fresh process after some episodes in the field."""
-    require("psutil", "bench")
+    import_optional("psutil", "bench")
     code = (
         "import psutil; from coopmap_env import field_v0;"
         "env = field_v0.parallel_env()\n"

@@ -13,60 +13,62 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation.policy import Policy, make_policy
 from coopmap_env.evaluation.rollout import policy_rng
 from coopmap_env.studies.section3.study import SCANS_EACH, settings
 
 
-def measure(rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
+def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     """All figures, as JSON values."""
-    spread = require("mpe2.simple_spread_v3", "bench").parallel_env()
+    spread = import_optional("mpe2.simple_spread_v3", "bench").parallel_env()
     planar = PlanarEnv(max_scans=SCANS_EACH)
-    offering = PlanarEnv(max_scans=SCANS_EACH, action_mode="candidates")
-    say("compiling")
-    stepping(planar, 2)
-    stepping(offering, 2)
+    candidates_env = PlanarEnv(max_scans=SCANS_EACH, action_mode="candidates")
+    log("compiling")
+    step_rates(planar, 2)
+    step_rates(candidates_env, 2)
     names = ("exhaustive", "exhaustive+coordination=sequential", "100")
     policies = {name: make_policy(f"rating_function:search={name}") for name in names}
-    wide = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=settings())
+    long_reach_env = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=settings())
     for policy in policies.values():
-        decision_ms(wide, policy, seed=0)
+        decision_ms(long_reach_env, policy, seed=0)
     samples: dict[str, list[float]] = {}
 
-    def note(name: str, value: float) -> None:
+    def add_sample(name: str, value: float) -> None:
         samples.setdefault(name, []).append(value)
 
-    for turn in range(rounds):
-        say(f"round {turn + 1} of {rounds}")
+    for round_index in range(rounds):
+        log(f"round {round_index + 1} of {rounds}")
         for name, env in (
             ("", planar),
-            ("candidates_", offering),
+            ("candidates_", candidates_env),
             ("simple_spread_", spread),
         ):
-            in_steps, with_resets, whole = stepping(env, 40)
-            note(f"{name}agent_steps_per_s", in_steps)
-            note(f"{name}agent_steps_per_s, with resets", with_resets)
-            note(f"{name}agent_steps_per_s, with resets and sampled actions", whole)
-        for kind in ("", ", with resets", ", with resets and sampled actions"):
+            rate, rate_with_resets, rate_with_sampling = step_rates(env, 40)
+            add_sample(f"{name}agent_steps_per_s", rate)
+            add_sample(f"{name}agent_steps_per_s_with_resets", rate_with_resets)
+            add_sample(f"{name}agent_steps_per_s_with_resets_and_sampling", rate_with_sampling)
+        for kind in ("", "_with_resets", "_with_resets_and_sampling"):
             name = f"agent_steps_per_s{kind}"
-            note(
+            add_sample(
                 f"ratio_to_simple_spread{kind}",
                 samples[name][-1] / samples[f"simple_spread_{name}"][-1],
             )
         for size in (1, 100):
-            note(f"rating_us_per_pose, {size} a call", rating_us(wide, size))
+            add_sample(f"rating_us_per_pose_batch_{size}", rating_us(long_reach_env, size))
         for search, policy in policies.items():
-            note(f"decision_ms, search={search}", decision_ms(wide, policy, seed=turn + 1))
-        note("decision_ms, brute force", brute_force_ms(wide, seed=turn + 1))
+            add_sample(
+                f"decision_ms_{search}", decision_ms(long_reach_env, policy, seed=round_index + 1)
+            )
+        add_sample("decision_ms_brute_force", brute_force_ms(long_reach_env, seed=round_index + 1))
     figures: dict[str, Any] = {name: statistics.median(values) for name, values in samples.items()}
     figures["resident_memory_mb"] = fresh_process_memory_mb()
     figures["step_profile_us"] = step_profile(planar)
     return figures
 
 
-def stepping(env: Any, episodes: int) -> tuple[float, float, float]:
+def step_rates(env: Any, episodes: int) -> tuple[float, float, float]:
     """Agent-steps per second of random roll-outs.
 
     Of `step` alone; with the resets between episodes; and with the sampling of actions too, which
@@ -76,25 +78,25 @@ def stepping(env: Any, episodes: int) -> tuple[float, float, float]:
     env.reset(seed=0)
     for k, agent in enumerate(agents):
         env.action_space(agent).seed(k)
-    in_steps = in_resets = in_sampling = 0.0
+    step_seconds = reset_seconds = sampling_seconds = 0.0
     count = 0
     clock = time.perf_counter
     for episode in range(episodes):
         start = clock()
         env.reset(seed=episode)
-        in_resets += clock() - start
+        reset_seconds += clock() - start
         while env.agents:
             start = clock()
             actions = {agent: env.action_space(agent).sample() for agent in env.agents}
             sampled = clock()
             env.step(actions)
-            in_steps += clock() - sampled
-            in_sampling += sampled - start
+            step_seconds += clock() - sampled
+            sampling_seconds += sampled - start
             count += len(agents)
     return (
-        count / in_steps,
-        count / (in_steps + in_resets),
-        count / (in_steps + in_resets + in_sampling),
+        count / step_seconds,
+        count / (step_seconds + reset_seconds),
+        count / (step_seconds + reset_seconds + sampling_seconds),
     )
 
 
@@ -103,7 +105,9 @@ def rating_us(env: PlanarEnv, size: int, n_poses: int = 1000) -> float:
 
     `size` poses are rated in one call, as a decision does.
     """
-    _play(env, make_policy("rating_function:search=100"), seed=0, scans=SCANS_EACH // 2)
+    _mean_decision_seconds(
+        env, make_policy("rating_function:search=100"), seed=0, scans=SCANS_EACH // 2
+    )
     belief, rng = env.belief(), np.random.default_rng(0)
     cells = belief.feasible_cells(0).astype(np.int64)
     n = belief.lattice.n_headings
@@ -116,7 +120,7 @@ def rating_us(env: PlanarEnv, size: int, n_poses: int = 1000) -> float:
 
 def decision_ms(env: PlanarEnv, policy: Policy, seed: int) -> float:
     """Milliseconds of one robot's decision, in the mean over an episode of 32 scans."""
-    return 1e3 * _play(env, policy, seed, SCANS_EACH)
+    return 1e3 * _mean_decision_seconds(env, policy, seed, SCANS_EACH)
 
 
 def brute_force_ms(env: PlanarEnv, seed: int) -> float:
@@ -137,10 +141,10 @@ def brute_force_ms(env: PlanarEnv, seed: int) -> float:
                 actions[agent] = belief.action_for(robot, int(ids[np.argmax(rated.rating)]))
             return actions
 
-    return 1e3 * _play(env, BruteForce(), seed, SCANS_EACH)
+    return 1e3 * _mean_decision_seconds(env, BruteForce(), seed, SCANS_EACH)
 
 
-def _play(env: PlanarEnv, policy: Policy, seed: int, scans: int) -> float:
+def _mean_decision_seconds(env: PlanarEnv, policy: Policy, seed: int, scans: int) -> float:
     """Play some scans; return the mean seconds of one robot's decision."""
     observations, _ = env.reset(seed=seed)
     policy.reset(policy_rng(seed))
@@ -158,7 +162,7 @@ def fresh_process_memory_mb() -> float:
     import subprocess
     import sys
 
-    require("psutil", "bench")
+    import_optional("psutil", "bench")
     code = (
         "import psutil; from coopmap_env import planar_v0;"
         "env = planar_v0.parallel_env()\n"

@@ -45,7 +45,7 @@ def test_the_reliability_curve_holds_means_shares_and_counts_of_its_bins():
     np.testing.assert_array_equal(curve.edges, [0.0, 0.5, 1.0])
     np.testing.assert_array_equal(curve.counts, [2, 2])
     np.testing.assert_allclose(curve.mean_predicted, [0.2, 0.75])
-    np.testing.assert_allclose(curve.observed_share, [0.5, 1.0])
+    np.testing.assert_allclose(curve.occupied_fraction, [0.5, 1.0])
 
 
 def test_a_probability_on_an_edge_belongs_to_the_upper_bin_and_one_to_the_last():
@@ -58,7 +58,7 @@ def test_empty_bins_are_nan_and_do_not_spoil_the_calibration_error():
     probability, occupied, sampled = [0.05], [False], [True]
     curve = reliability_curve(probability, occupied, sampled)
     assert np.isnan(curve.mean_predicted[1:]).all()
-    assert np.isnan(curve.observed_share[1:]).all()
+    assert np.isnan(curve.occupied_fraction[1:]).all()
     assert expected_calibration_error(probability, occupied, sampled) == pytest.approx(0.05)
 
 
@@ -92,7 +92,7 @@ def test_a_map_without_a_sampled_cell_scores_nan(score):
 def test_the_reliability_curve_of_an_unsampled_map_counts_nothing():
     curve = reliability_curve([0.5], [True], [False])
     assert curve.counts.sum() == 0
-    assert np.isnan(curve.observed_share).all()
+    assert np.isnan(curve.occupied_fraction).all()
 
 
 @pytest.mark.parametrize("score", [*ALL_SCORES, reliability_curve])

@@ -22,7 +22,7 @@ def world():
 
 
 def judge_of(world, n_poses=60, **settings):
-    vehicles = [Vehicle.of("mast", base) for base in world.base_poses]
+    vehicles = [Vehicle.from_mount("mast", base) for base in world.base_poses]
     rng = np.random.default_rng(5)
     return SurfaceJudge(world, vehicles, DepthCamera(), rng, 3000, n_poses, **settings)
 
@@ -73,7 +73,7 @@ def test_coverage_is_that_of_the_reachable_samples(world, judge):
     rng = np.random.default_rng(1)
     occupied = np.flatnonzero(world.occupied)
     map_.mark_occupied(rng.choice(occupied, len(occupied) // 20, replace=False))
-    covered = plain.covered(map_, judge.samples.points)
+    covered = plain.covered_mask(map_, judge.samples.points)
     assert judge.coverage(map_) == covered[judge.reachable].mean()
     on_target = judge.reachable & judge.samples.is_target
     assert judge.target_coverage(map_) == covered[on_target].mean()

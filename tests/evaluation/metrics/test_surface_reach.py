@@ -71,7 +71,7 @@ def test_looks_agree_with_rays_to_every_point():
     poses = [Pose(rng.uniform(-2, 2, 3), random_rotation(rng)) for _ in range(12)]
     camera = DepthCamera(math.radians(70), math.radians(50), near=0.3, far=2.5)
     found = seen_from(poses, points, triangles, camera)
-    expected = [any(plain.in_sight(T, camera, triangles, p) for T in poses) for p in points]
+    expected = [any(plain.is_visible(T, camera, triangles, p) for T in poses) for p in points]
     assert 0.1 < np.mean(expected) < 0.9
     np.testing.assert_array_equal(found, expected)
 
@@ -88,7 +88,7 @@ def test_points_stay_seen_and_order_of_poses_does_not_matter():
 @pytest.fixture(scope="module")
 def vehicle():
     pytest.importorskip("yourdfpy")
-    return Vehicle.of("mast", Pose(np.zeros(3), np.eye(3)))
+    return Vehicle.from_mount("mast", Pose(np.zeros(3), np.eye(3)))
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field import FieldWorld, Solid
-from coopmap_env.simulation.scenes.field.solid import box_corners, solid_of_boxes
-from coopmap_env.simulation.scenes.field.world import ground_of
+from coopmap_env.simulation.scenes.field.solid import box_corners, solid_from_boxes
+from coopmap_env.simulation.scenes.field.world import make_ground
 
 GRID = VoxelGrid((40, 40, 20), 0.1, (-2.0, -2.0, -0.35))
 BASE = Pose(np.array([1.5, 0.0, 0.0]), np.eye(3))
@@ -20,7 +20,7 @@ def world(*solids, grid=GRID):
 
 
 def box(name="box", size=(1, 1, 1), centre=(0, 0, 0.5), is_target=True):
-    return solid_of_boxes(name, [box_corners(size, centre)], is_target=is_target)
+    return solid_from_boxes(name, [box_corners(size, centre)], is_target=is_target)
 
 
 def areas(triangles):
@@ -29,7 +29,7 @@ def areas(triangles):
 
 
 def test_samples_lie_on_the_triangles_and_inside_of_the_grid():
-    made = world(ground_of(GRID), box(), box("far", centre=(1.9, 1.9, 0.5), is_target=False))
+    made = world(make_ground(GRID), box(), box("far", centre=(1.9, 1.9, 0.5), is_target=False))
     samples = sample_surface(made, np.random.default_rng(0), 500)
     assert len(samples) == 500
     assert GRID.contains(GRID.index(samples.points)).all()
@@ -40,7 +40,7 @@ def test_samples_lie_on_the_triangles_and_inside_of_the_grid():
 def test_each_solid_has_its_share_of_the_samples():
     # 16 m2 of ground in the grid, two boxes with 6 m2 and 1.5 m2
     small = box("small", (0.5, 0.5, 0.5), (1.5, 1.5, 0.5), is_target=False)
-    samples = sample_surface(world(ground_of(GRID), box(), small), np.random.default_rng(0), 2350)
+    samples = sample_surface(world(make_ground(GRID), box(), small), np.random.default_rng(0), 2350)
     assert samples.area == pytest.approx(23.5)
     counts = np.bincount(samples.solid)
     np.testing.assert_allclose(counts, [1600, 600, 150], atol=1.0)
@@ -68,7 +68,7 @@ def test_normals_of_a_box_point_outward():
 
 
 def test_the_underside_of_the_ground_has_no_samples():
-    samples = sample_surface(world(ground_of(GRID), box()), np.random.default_rng(0), 400)
+    samples = sample_surface(world(make_ground(GRID), box()), np.random.default_rng(0), 400)
     assert samples.points[:, 2].min() >= 0
 
 

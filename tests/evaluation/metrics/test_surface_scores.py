@@ -27,12 +27,12 @@ SAMPLES = ON_IT.reshape(-1, 3)
 def map_of(points, grid=GRID, level=2000):
     """A map whose voxels at these points are occupied, with these as surface means."""
     map_ = OccupancyMap(grid)
-    cells = grid.flat(grid.index(points))
-    levels, sampled = np.zeros(grid.n_cells, np.int32), np.zeros(grid.n_cells, np.uint8)
-    levels[cells], sampled[cells] = level, 1
+    cells = grid.flat_index(grid.index(points))
+    log_odds_fixed, sampled = np.zeros(grid.n_cells, np.int32), np.zeros(grid.n_cells, np.uint8)
+    log_odds_fixed[cells], sampled[cells] = level, 1
     precision = np.tile(1e4 * np.eye(3), (len(points), 1, 1))
     vectors = 1e4 * (points - grid.center(grid.index(points)))
-    map_.restore(levels, sampled, cells, precision, vectors)
+    map_.set_state(log_odds_fixed, sampled, cells, precision, vectors)
     return map_
 
 
@@ -130,7 +130,7 @@ def test_coverage_agrees_with_looking_at_every_voxel():
         map_.mark_free(np.flatnonzero(~occupied & (rng.random(grid.n_cells) < 0.5)))
         points = low + rng.random((200, 3)) * size
         found = SampleCells.of(points, grid).coverage(map_)
-        assert found == plain.covered(map_, points).mean()
+        assert found == plain.covered_mask(map_, points).mean()
         assert SampleCells.of(rng.permutation(points), grid).coverage(map_) == found
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from plain import dense_views
-from plain.random_maps import write
-from plain.random_space import random_poses, random_space
+from plain.random_maps import set_cells
+from plain.random_voxel_map import random_poses, random_voxel_map
 
 from coopmap_env.information import (
     FieldRatingFunction,
@@ -28,40 +28,44 @@ def empty_map():
 
 
 def rating_of(map_, camera=SMALL, **settings):
-    return FieldRatingFunction(camera, map_.grid, FieldRatingSettings(**settings), map_.range)
+    return FieldRatingFunction(
+        camera, map_.grid, FieldRatingSettings(**settings), map_.log_odds_range
+    )
 
 
 # new information, Eqs. 6 to 8
 
 
 @pytest.mark.parametrize(
-    ("camera", "reading"),
+    ("camera", "interpretation"),
     # the second one sees voxels nearer than two, for which Eq. 8a depends on the distance
     [(SMALL, "literal"), (DepthCamera(near=0.0, far=0.7), "literal"), (SMALL, "distance_free")],
 )
-def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(camera, reading):
+def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(camera, interpretation):
     rng = np.random.default_rng(0)
-    for n_gray in (64, 7):
-        map_ = random_space(rng, SHAPE, 6, 3)
-        rating = rating_of(map_, camera, reading=reading, n_gray=n_gray)
+    for n_gray_bins in (64, 7):
+        map_ = random_voxel_map(rng, SHAPE, 6, 3)
+        rating = rating_of(map_, camera, interpretation=interpretation, n_gray_bins=n_gray_bins)
         frustum = rating.fine.frustum
-        claimed = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
+        reserved_mask = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
         R, t = random_poses(rng, map_, 6)
-        ni, unknown = rating.new_information(map_, R, t), rating.unknown_cells(map_, R, t)
-        rest = rating.new_information(map_, R, t, claimed)
-        rest_unknown = rating.unknown_cells(map_, R, t, claimed)
+        ni, unknown = rating.new_information(map_, R, t), rating.count_unknown_cells(map_, R, t)
+        rest = rating.new_information(map_, R, t, reserved_mask)
+        rest_unknown = rating.count_unknown_cells(map_, R, t, reserved_mask)
         blocked = map_.sampled & (map_.probability >= 0.5)
         for k in range(6):
-            seen, d = dense_views.visible(blocked, map_.grid.cells(t[k]), R[k], frustum)
-            args = d, rating.settings, rating.n_visible, frustum.far
+            seen, d = dense_views.visible_mask(
+                blocked, map_.grid.to_cell_units(t[k]), R[k], frustum
+            )
+            args = d, rating.settings, rating.max_visible_cells, frustum.far
             # a sum of 64 terms below 0.4
             plain = dense_views.new_information(map_, seen, *args)
             assert ni[k] == pytest.approx(plain, abs=1e-12)
-            assert unknown[k] == (seen & (map_.sampled_cells == 0)).sum()
-            seen &= claimed == 0
+            assert unknown[k] == (seen & (map_.sampled_mask == 0)).sum()
+            seen &= reserved_mask == 0
             plain = dense_views.new_information(map_, seen, *args)
             assert rest[k] == pytest.approx(plain, abs=1e-12)
-            assert rest_unknown[k] == (seen & (map_.sampled_cells == 0)).sum()
+            assert rest_unknown[k] == (seen & (map_.sampled_mask == 0)).sum()
 
 
 def test_what_is_known_and_empty_tells_nothing_but_what_the_count_is_off_eq_7():
@@ -69,14 +73,14 @@ def test_what_is_known_and_empty_tells_nothing_but_what_the_count_is_off_eq_7():
     map_.mark_free(np.arange(map_.grid.n_cells))
     rating = rating_of(map_)
     seen = len(rating.visible_cells(map_, ALONG_X[0], MIDDLE[0]))
-    assert seen == pytest.approx(rating.n_visible, rel=0.02)
+    assert seen == pytest.approx(rating.max_visible_cells, rel=0.02)
     assert rating.new_information(map_, ALONG_X, MIDDLE)[0] < 0.02
 
 
 def test_an_unknown_view_tells_the_entropy_of_its_shells_eq_8b():
     """In space the far shells hold the most voxels: the bins have volumes (r + 1)^3 - r^3."""
     map_ = empty_map()
-    rating = rating_of(map_, n_gray=8)
+    rating = rating_of(map_, n_gray_bins=8)
     edges = np.maximum(np.array([0, 0.25, 0.5, 0.75, 1.0]), 0.3 / 1.5)
     q = np.diff(edges**3) / (1 - 0.2**3)
     expected = -(q * np.log(q)).sum()
@@ -90,7 +94,7 @@ def test_a_wall_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7():
     values = [rating.new_information(map_, ALONG_X, MIDDLE)[0]]
     for x in (28, 25, 22, 19):
         cells = np.arange(map_.grid.n_cells).reshape(map_.grid.shape)[x]
-        write(map_, cells.ravel(), 0.99)
+        set_cells(map_, cells.ravel(), 0.99)
         values.append(rating.new_information(map_, ALONG_X, MIDDLE)[0])
     assert (np.diff(values) < 0).all()
 
@@ -100,39 +104,43 @@ def test_a_wall_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7():
 
 def test_an_overlap_counts_once_for_the_robot_that_comes_first():
     rng = np.random.default_rng(1)
-    map_ = random_space(rng, SHAPE, 6, 3)
+    map_ = random_voxel_map(rng, SHAPE, 6, 3)
     rating = rating_of(map_)
     R, t = random_poses(rng, map_, 4)
     R[2], t[2] = R[0], t[0]
     d = np.array([0.1, 0.2, 0.3, 0.4])
-    bodies = [(t[[j for j in range(4) if j != k]], np.full(3, 0.1)) for k in range(4)]
-    found = rating.rate_team(map_, R, t, d, bodies)
-    claimed = np.zeros(map_.grid.n_cells, dtype=np.uint8)
+    occluder_spheres = [(t[[j for j in range(4) if j != k]], np.full(3, 0.1)) for k in range(4)]
+    found = rating.rate_team(map_, R, t, d, occluder_spheres)
+    reserved_mask = np.zeros(map_.grid.n_cells, dtype=np.uint8)
     for k in range(4):
         one = R[k : k + 1], t[k : k + 1]
-        alone = rating.rate(map_, *one, d[k : k + 1], claimed, bodies[k])
+        alone = rating.rate(map_, *one, d[k : k + 1], reserved_mask, occluder_spheres[k])
         for name in ("new_information", "distance", "motion_cost", "occupancy", "rating"):
             assert getattr(found, name)[k] == pytest.approx(getattr(alone, name)[0])
-        claimed[rating.visible_cells(map_, R[k], t[k], bodies[k])] = 1
+        reserved_mask[rating.visible_cells(map_, R[k], t[k], occluder_spheres[k])] = 1
     assert found.new_information[2] == 0
-    assert (rating.new_information_in_turn(map_, R, t, bodies) == found.new_information).all()
+    assert (
+        rating.sequential_new_information(map_, R, t, occluder_spheres) == found.new_information
+    ).all()
 
 
 def test_asking_changes_neither_the_map_nor_the_next_answer():
     rng = np.random.default_rng(2)
-    map_ = random_space(rng, SHAPE, 6, 3)
+    map_ = random_voxel_map(rng, SHAPE, 6, 3)
     rating = rating_of(map_)
     R, t = random_poses(rng, map_, 40)
-    levels, sampled = map_.levels.copy(), map_.sampled_cells.copy()
+    log_odds_fixed, sampled = map_.log_odds_fixed.copy(), map_.sampled_mask.copy()
     first = rating.new_information(map_, R, t)
     team = rating.rate_team(map_, R[:3], t[:3], np.zeros(3)).new_information
     with pytest.raises(ValueError, match="radii"):  # the second robot's, after the first has looked
-        rating.new_information_in_turn(map_, R[:2], t[:2], [None, (np.zeros((2, 3)), np.zeros(1))])
+        rating.sequential_new_information(
+            map_, R[:2], t[:2], [None, (np.zeros((2, 3)), np.zeros(1))]
+        )
     assert (rating.rate_team(map_, R[:3], t[:3], np.zeros(3)).new_information == team).all()
     rating.new_information(map_, R, t, coarse=True)
     assert (rating.new_information(map_, R[::-1], t[::-1]) == first[::-1]).all()
-    assert (map_.levels == levels).all()
-    assert (map_.sampled_cells == sampled).all()
+    assert (map_.log_odds_fixed == log_odds_fixed).all()
+    assert (map_.sampled_mask == sampled).all()
 
 
 # motion distance and the rating, Eqs. 5 and 9
@@ -149,7 +157,7 @@ def test_joint_distance_by_hand_eq_5():
 def test_rating_by_hand_eq_9():
     map_ = empty_map()
     rating = rating_of(map_, K=0.1, exponent=2.0)
-    write(map_, int(map_.grid.flat([15, 15, 15])), 0.2)
+    set_cells(map_, int(map_.grid.flat_index([15, 15, 15])), 0.2)
     found = rating.rate(map_, ALONG_X, MIDDLE, [3.0])
     assert found.distance == pytest.approx([3.0])
     assert found.motion_cost == pytest.approx([0.9])
@@ -176,32 +184,32 @@ def test_a_pooled_block_is_occupied_by_any_and_unknown_by_most_of_its_voxels():
     grid = VoxelGrid((7, 6, 4), 0.1, (1.0, 2.0, 3.0))
     coarse = pooled_grid(grid)
     assert coarse == VoxelGrid((4, 3, 2), 0.2, (1.0, 2.0, 3.0))
-    levels = rng.integers(-900, 90, grid.n_cells).astype(np.int32)
-    sampled, claimed = (rng.random((2, grid.n_cells)) < 0.5).astype(np.uint8)
-    found = pool(levels * sampled, sampled, claimed, grid)
+    log_odds_fixed = rng.integers(-900, 90, grid.n_cells).astype(np.int32)
+    sampled, reserved_mask = (rng.random((2, grid.n_cells)) < 0.5).astype(np.uint8)
+    found = pool(log_odds_fixed * sampled, sampled, reserved_mask, grid)
     block = {}
     for cell, index in enumerate(np.ndindex(grid.shape)):
         block.setdefault(tuple(i // 2 for i in index), []).append(cell)
     kinds = set()
     for index, cells in block.items():
-        k = int(coarse.flat(index))
-        known = [levels[c] for c in cells if sampled[c]]
+        k = int(coarse.flat_index(index))
+        known = [log_odds_fixed[c] for c in cells if sampled[c]]
         occupied = any(level >= 0 for level in known)
         unknown = not occupied and len(cells) - len(known) > len(cells) / 2
         assert found[1][k] == (not unknown)
         level = max(known) if occupied else 0 if unknown else math.floor(np.mean(known))
         assert found[0][k] == level
-        assert found[2][k] == (sum(claimed[c] for c in cells) > len(cells) / 2)
+        assert found[2][k] == (sum(reserved_mask[c] for c in cells) > len(cells) / 2)
         kinds.add((occupied, unknown))
     assert len(kinds) == 3
 
 
 def test_views_of_the_pooled_map_agree_with_those_of_the_map():
     rng = np.random.default_rng(4)
-    map_ = random_space(rng, (128, 128, 40), 25, 10)
+    map_ = random_voxel_map(rng, (128, 128, 40), 25, 10)
     rating = rating_of(map_, DepthCamera())
     R, t = random_poses(rng, map_, 100)
-    for score in (rating.new_information, rating.unknown_cells):
+    for score in (rating.new_information, rating.count_unknown_cells):
         fine, coarse = score(map_, R, t), score(map_, R, t, coarse=True)
         assert np.corrcoef(fine, coarse)[0, 1] > 0.97
         assert coarse.mean() == pytest.approx(fine.mean(), rel=0.15)
@@ -210,7 +218,7 @@ def test_views_of_the_pooled_map_agree_with_those_of_the_map():
 
 def test_the_best_thirty_on_the_pooled_map_hold_the_best_ten_on_the_map():
     rng = np.random.default_rng(5)
-    map_ = random_space(rng, (128, 128, 40), 25, 10)
+    map_ = random_voxel_map(rng, (128, 128, 40), 25, 10)
     rating = rating_of(map_, DepthCamera())
     R, t = random_poses(rng, map_, 200)
     d = rng.uniform(0, 2, 200)
@@ -243,16 +251,19 @@ def test_arguments_that_do_not_fit_are_refused():
         rating.new_information(map_, np.eye(3), MIDDLE)
     with pytest.raises(ValueError, match="not finite"):
         rating.new_information(map_, ALONG_X, [[1.0, math.nan, 1.0]])
-    with pytest.raises(ValueError, match="claimed must be uint8"):
+    with pytest.raises(ValueError, match="reserved_mask must be uint8"):
         rating.new_information(map_, ALONG_X, MIDDLE, np.zeros(5, dtype=np.uint8))
-    with pytest.raises(ValueError, match=r"bodies .* \(2, 3\) and \(3,\)"):
-        rating.new_information(map_, ALONG_X, MIDDLE, bodies=(np.zeros((2, 3)), np.ones(3)))
-    with pytest.raises(ValueError, match="bodies have a value that is not finite"):
-        rating.new_information(map_, ALONG_X, MIDDLE, bodies=([[0, 0, math.inf]], [1.0]))
+    with pytest.raises(ValueError, match=r"occluder_spheres .* \(2, 3\) and \(3,\)"):
+        rating.new_information(
+            map_, ALONG_X, MIDDLE, occluder_spheres=(np.zeros((2, 3)), np.ones(3))
+        )
+    with pytest.raises(ValueError, match="occluder_spheres have a value that is not finite"):
+        rating.new_information(map_, ALONG_X, MIDDLE, occluder_spheres=([[0, 0, math.inf]], [1.0]))
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("K", -1.0), ("exponent", math.nan), ("n_gray", 1), ("reading", "odd")]
+    ("name", "value"),
+    [("K", -1.0), ("exponent", math.nan), ("n_gray_bins", 1), ("interpretation", "odd")],
 )
 def test_constants_out_of_range_are_refused(name, value):
     with pytest.raises(ValueError, match=rf"FieldRatingSettings\.{name} .*{value}"):

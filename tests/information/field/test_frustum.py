@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 from plain.dense_views import all_cells, in_frustum
-from plain.random_space import rotation
+from plain.random_voxel_map import rotation
 
-from coopmap_env.information.field.frustum import Frustum, frustum_columns, image_forms
+from coopmap_env.information.field.frustum import Frustum, frustum_runs, projection_rows
 from coopmap_env.sensing import DepthCamera
 
 WIDE = DepthCamera(math.radians(110), math.radians(95), near=0.15, far=0.9)
@@ -15,17 +15,17 @@ NARROW = DepthCamera(math.radians(25), math.radians(8), near=0.0, far=1.4)
 
 
 def runs_of(frustum, shape, position, R):
-    most = frustum.most_columns(shape)
+    most = frustum.max_runs(shape)
     runs, starts = np.empty((most, 2), dtype=np.int64), np.empty((most, 5))
-    forms = image_forms(R, frustum.lens)
-    n = frustum_columns(shape, position, R, forms, frustum.lens, runs, starts)
+    forms = projection_rows(R, frustum.projection)
+    n = frustum_runs(shape, position, R, forms, frustum.projection, runs, starts)
     return runs[:n], starts[:n], forms
 
 
 @pytest.mark.parametrize("camera", [DepthCamera(far=1.5), WIDE, NARROW])
 def test_the_runs_are_the_voxels_whose_centres_lie_in_the_frustum(camera):
     rng = np.random.default_rng(0)
-    frustum = Frustum.of(camera, 0.1)
+    frustum = Frustum.from_camera(camera, 0.1)
     shape = (23, 17, 19)
     for _ in range(30):
         position, R = rng.uniform(0, shape), rotation(*rng.uniform(-np.pi, np.pi, 3))
@@ -40,7 +40,7 @@ def test_the_runs_are_the_voxels_whose_centres_lie_in_the_frustum(camera):
 def test_each_run_starts_at_the_image_coordinates_of_its_first_voxel():
     rng = np.random.default_rng(1)
     camera, shape = DepthCamera(far=1.5), (23, 17, 19)
-    frustum = Frustum.of(camera, 0.1)
+    frustum = Frustum.from_camera(camera, 0.1)
     position, R = rng.uniform(5, 12, 3), rotation(2.0, 0.3, -0.2)
     runs, starts, forms = runs_of(frustum, shape, position, R)
     assert len(runs) > 20
@@ -58,20 +58,20 @@ def test_each_run_starts_at_the_image_coordinates_of_its_first_voxel():
 def test_n_of_eq_7_by_hand_and_by_counting():
     """A quarter turn each way is a sixth of the sphere."""
     cube_face = DepthCamera(math.pi / 2, math.pi / 2, near=0.2, far=1.0)
-    frustum = Frustum.of(cube_face, 0.1)
-    assert frustum.n_visible == round(4 / 3 * math.pi * (1000 - 8) / 6)
+    frustum = Frustum.from_camera(cube_face, 0.1)
+    assert frustum.max_visible_cells == round(4 / 3 * math.pi * (1000 - 8) / 6)
     rng = np.random.default_rng(2)
-    default = Frustum.of(DepthCamera(), 0.1)
-    assert default.n_visible == pytest.approx(55441)
+    default = Frustum.from_camera(DepthCamera(), 0.1)
+    assert default.max_visible_cells == pytest.approx(55441)
     counts = []
     for _ in range(5):
         R = rotation(*rng.uniform(-np.pi, np.pi, 3))
         counts.append(runs_of(default, (130,) * 3, rng.uniform(64, 66, 3), R)[0][:, 1].sum())
-    assert counts == pytest.approx([default.n_visible] * 5, rel=5e-3)
+    assert counts == pytest.approx([default.max_visible_cells] * 5, rel=5e-3)
 
 
 def test_depth_buffer_pixels_are_square_enough_and_look_through_their_middle():
-    frustum = Frustum.of(DepthCamera(), 0.1)
+    frustum = Frustum.from_camera(DepthCamera(), 0.1)
     assert frustum.pixels == (24, 18)
     assert frustum.far == pytest.approx(60)
     d = frustum.directions.reshape(24, 18, 3)
@@ -84,7 +84,7 @@ def test_depth_buffer_pixels_are_square_enough_and_look_through_their_middle():
 
 
 def test_a_camera_without_a_blind_zone_never_meets_a_depth_of_zero():
-    frustum = Frustum.of(NARROW, 0.1)
+    frustum = Frustum.from_camera(NARROW, 0.1)
     centre = np.array([5.5, 5.5, 5.5])
     runs, starts, _ = runs_of(frustum, (11, 11, 11), centre, np.eye(3))
     assert len(runs)

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 from plain import dense_views
-from plain.random_maps import write
-from plain.random_space import random_poses, random_space, rotation
+from plain.random_maps import set_cells
+from plain.random_voxel_map import random_poses, random_voxel_map, rotation
 
 from coopmap_env.information import FieldRatingFunction
-from coopmap_env.information.field.depth_buffer import box_of_occluders
-from coopmap_env.information.field.views import MANY
+from coopmap_env.information.field.depth_buffer import occluder_bounds
+from coopmap_env.information.field.views import MIN_VIEWS_FOR_BOX
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
@@ -24,7 +24,7 @@ def blocked_cells(map_):
 
 
 def in_cells(map_, translation):
-    return map_.grid.cells(translation)
+    return map_.grid.to_cell_units(translation)
 
 
 @pytest.mark.parametrize("camera", [SMALL, WIDE])
@@ -32,16 +32,20 @@ def in_cells(map_, translation):
 def test_a_view_is_that_of_the_plain_depth_buffer(camera, n_bodies):
     rng = np.random.default_rng(0)
     for _ in range(2):
-        map_ = random_space(rng, (22, 18, 15), 8, 4, origin=(-1.0, 0.3, -0.2))
+        map_ = random_voxel_map(rng, (22, 18, 15), 8, 4, origin=(-1.0, 0.3, -0.2))
         rating = FieldRatingFunction(camera, map_.grid)
-        R, t = random_poses(rng, map_, 8, any_way_up=True)
+        R, t = random_poses(rng, map_, 8, any_orientation=True)
         for k in range(8):
             centers = t[k] + rng.normal(0, 0.5, (n_bodies, 3))
             radii = rng.uniform(0.03, 0.25, n_bodies)
             found = rating.visible_cells(map_, R[k], t[k], (centers, radii))
-            bodies = list(zip(in_cells(map_, centers), radii / 0.1, strict=True))
-            seen, _ = dense_views.visible(
-                blocked_cells(map_), in_cells(map_, t[k]), R[k], rating.fine.frustum, bodies
+            occluder_spheres = list(zip(in_cells(map_, centers), radii / 0.1, strict=True))
+            seen, _ = dense_views.visible_mask(
+                blocked_cells(map_),
+                in_cells(map_, t[k]),
+                R[k],
+                rating.fine.frustum,
+                occluder_spheres,
             )
             assert sorted(found.tolist()) == np.flatnonzero(seen).tolist()
 
@@ -50,15 +54,15 @@ def test_the_number_of_unknown_voxels_is_that_of_dense_rays_and_so_is_the_best_p
     """Rays that pass four to a voxel at the far end; the camera and grid are the default ones."""
     for seed in range(2):
         rng = np.random.default_rng(seed)
-        map_ = random_space(rng, (128, 128, 40), 25, (5, 14)[seed])
+        map_ = random_voxel_map(rng, (128, 128, 40), 25, (5, 14)[seed])
         rating = FieldRatingFunction(DepthCamera(), map_.grid)
         frustum = rating.fine.frustum
         R, t = random_poses(rng, map_, 60)
-        found = rating.unknown_cells(map_, R, t)
-        unknown = map_.sampled_cells == 0
+        found = rating.count_unknown_cells(map_, R, t)
+        unknown = map_.sampled_mask == 0
         blocked, positions = blocked_cells(map_), in_cells(map_, t)
         dense = [
-            unknown[dense_views.met_by_rays(blocked, positions[k], R[k], frustum)].sum()
+            unknown[dense_views.voxels_hit_by_rays(blocked, positions[k], R[k], frustum)].sum()
             for k in range(60)
         ]
         assert np.corrcoef(found, dense)[0, 1] > 0.99
@@ -68,7 +72,7 @@ def test_the_number_of_unknown_voxels_is_that_of_dense_rays_and_so_is_the_best_p
 def wall(map_, at, p=0.99):
     """Voxels with x = at, known to be occupied."""
     cells = np.arange(map_.grid.n_cells).reshape(map_.grid.shape)[at]
-    write(map_, cells.ravel(), p)
+    set_cells(map_, cells.ravel(), p)
 
 
 def view_of(map_, translation=(1.53, 1.52, 1.51), camera=SMALL, **kwargs):
@@ -109,7 +113,7 @@ def test_a_wall_in_the_blind_zone_hides_everything():
 def test_the_voxel_that_holds_the_camera_hides_nothing():
     map_ = empty_map()
     whole = view_of(map_)
-    write(map_, int(map_.grid.flat([15, 15, 15])), 0.99)
+    set_cells(map_, int(map_.grid.flat_index([15, 15, 15])), 0.99)
     assert (view_of(map_) == whole).all()
 
 
@@ -117,8 +121,8 @@ def test_a_teammate_hides_its_shadow_and_nothing_else():
     map_ = empty_map()
     whole = view_of(map_)
     # a ball of 0.3 m, 0.7 m ahead on the axis: its shadow is a cone of asin(3 / 7)
-    bodies = [[2.23, 1.52, 1.51]], [0.3]
-    seen = {tuple(c) for c in view_of(map_, bodies=bodies).tolist()}
+    occluder_spheres = [[2.23, 1.52, 1.51]], [0.3]
+    seen = {tuple(c) for c in view_of(map_, occluder_spheres=occluder_spheres).tolist()}
     camera = np.array([15.3, 15.2, 15.1])
     relative = whole + 0.5 - camera
     angle = np.arctan2(np.hypot(relative[:, 1], relative[:, 2]), relative[:, 0])
@@ -137,7 +141,7 @@ def test_a_teammate_hides_its_shadow_and_nothing_else():
 )
 def test_bodies_behind_around_or_beyond_the_view_hide_nothing(center, radius):
     map_ = empty_map()
-    assert len(view_of(map_, bodies=([center], [radius]))) == len(view_of(map_))
+    assert len(view_of(map_, occluder_spheres=([center], [radius]))) == len(view_of(map_))
 
 
 def test_a_camera_outside_the_grid_sees_nothing():
@@ -149,13 +153,13 @@ def test_a_camera_outside_the_grid_sees_nothing():
 def test_the_box_of_the_occluders_by_hand():
     map_, box = OccupancyMap(VoxelGrid((9, 8, 7))), np.empty((2, 3))
     for index, p in (((3, 5, 1), 0.99), ((4, 2, 1), 0.5), ((8, 7, 6), 0.49)):
-        write(map_, int(map_.grid.flat(index)), p)
-    box_of_occluders(map_.levels, map_.sampled_cells, map_.grid.shape, box)
+        set_cells(map_, int(map_.grid.flat_index(index)), p)
+    occluder_bounds(map_.log_odds_fixed, map_.sampled_mask, map_.grid.shape, box)
     np.testing.assert_allclose(box, [[3, 2, 1], [5, 6, 2]], atol=2e-6)
     assert (box[0] < [3, 2, 1]).all()
     assert (box[1] > [5, 6, 2]).all()
     map_.clear()
-    box_of_occluders(map_.levels, map_.sampled_cells, map_.grid.shape, box)
+    occluder_bounds(map_.log_odds_fixed, map_.sampled_mask, map_.grid.shape, box)
     assert (box[0] > box[1]).all()
 
 
@@ -163,29 +167,29 @@ def test_the_box_of_the_occluders_by_hand():
 def test_many_poses_see_what_each_sees_alone(occluders):
     """Rays of many poses end at the box of the occluders, those of a single one do not."""
     rng = np.random.default_rng(0)
-    map_ = random_space(rng, (22, 18, 15), 8, 4)
+    map_ = random_voxel_map(rng, (22, 18, 15), 8, 4)
     if occluders != "many":
-        map_.levels[map_.sampled_cells == 1] = -map_.range.clamp
+        map_.log_odds_fixed[map_.sampled_mask == 1] = -map_.log_odds_range.clamp
     if occluders == "a few":
         cells = np.arange(map_.grid.n_cells).reshape(map_.grid.shape)
-        write(map_, cells[9:12, 7:11, 6:8].ravel(), 0.9)
+        set_cells(map_, cells[9:12, 7:11, 6:8].ravel(), 0.9)
     rating = FieldRatingFunction(WIDE, map_.grid)
-    R, t = random_poses(rng, map_, 40, any_way_up=True)
+    R, t = random_poses(rng, map_, 40, any_orientation=True)
     R[:4] = [rotation(yaw, 0, 0).round() for yaw in (0, np.pi / 2, np.pi, -np.pi / 2)]
-    ni, unknown = rating.views(map_, R, t)
-    alone = [rating.views(map_, R[k : k + 1], t[k : k + 1]) for k in range(40)]
+    ni, unknown = rating.information_and_unknown(map_, R, t)
+    alone = [rating.information_and_unknown(map_, R[k : k + 1], t[k : k + 1]) for k in range(40)]
     assert ni.tolist() == [float(one[0]) for one, _ in alone]
     assert unknown.tolist() == [int(one[0]) for _, one in alone]
-    assert len(R) >= MANY
+    assert len(R) >= MIN_VIEWS_FOR_BOX
     assert len(set(unknown.tolist())) > 10
 
 
 def test_a_view_looks_the_same_wherever_the_world_lies_and_however_large_its_voxels_are():
     rng = np.random.default_rng(1)
-    unit = random_space(rng, (22, 18, 15), 8, 4, resolution=1.0)
+    unit = random_voxel_map(rng, (22, 18, 15), 8, 4, resolution=1.0)
     R, t = random_poses(rng, unit, 10)
     small = OccupancyMap(VoxelGrid((22, 18, 15), 0.05, (-7.3, 11.9, 0.4)))
-    small.levels[:], small.sampled_cells[:] = unit.levels, unit.sampled_cells
+    small.log_odds_fixed[:], small.sampled_mask[:] = unit.log_odds_fixed, unit.sampled_mask
     one = FieldRatingFunction(DepthCamera(near=3.0, far=15.0), unit.grid)
     two = FieldRatingFunction(DepthCamera(near=0.15, far=0.75), small.grid)
     for k in range(10):

@@ -4,21 +4,21 @@ from scipy.spatial.transform import Rotation
 
 from coopmap_env.geometry.traversal import traverse
 from coopmap_env.information.field.frustum import Frustum
-from coopmap_env.information.field.line_of_sight import first_seen
+from coopmap_env.information.field.line_of_sight import first_visible_point
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
 GRID = VoxelGrid((30, 28, 12), 0.1, (-1.5, -1.4, 0.0))
 CAMERA = DepthCamera(near=0.2, far=2.0)
-FRUSTUM = Frustum.of(CAMERA, GRID.resolution)
+FRUSTUM = Frustum.from_camera(CAMERA, GRID.resolution)
 
 
 def drawn_map(rng, density):
     map_ = OccupancyMap(GRID)
-    map_.levels[:] = rng.choice(
+    map_.log_odds_fixed[:] = rng.choice(
         [-3000, 0, 2500], GRID.n_cells, p=[1 - density, density / 2, density / 2]
     )
-    map_.sampled_cells[:] = rng.random(GRID.n_cells) < 0.7
+    map_.sampled_mask[:] = rng.random(GRID.n_cells) < 0.7
     return map_
 
 
@@ -31,9 +31,9 @@ def plain_sees(map_, point, R, t):
         return False
     if not CAMERA.near <= np.linalg.norm(d) <= CAMERA.far:
         return False
-    start, end = GRID.cells(t), GRID.cells(point)
+    start, end = GRID.to_cell_units(t), GRID.to_cell_units(point)
     cells = traverse(start, end - start, float(np.linalg.norm(end - start)), GRID.shape).cells
-    blocked = map_.sampled & (map_.levels.reshape(GRID.shape) >= 0)
+    blocked = map_.sampled & (map_.log_odds_fixed.reshape(GRID.shape) >= 0)
     between = [tuple(c) for c in cells[1:] if tuple(c) != tuple(np.floor(end).astype(int))]
     return not any(blocked[c] for c in between)
 
@@ -49,20 +49,20 @@ def test_the_first_point_that_any_pose_sees_equals_asking_one_by_one(density):
         points, t = low + size * rng.random((n, 3)), low + size * rng.random((k, 3))
         R = Rotation.random(k, rng=rng).as_matrix()
         expected = [[plain_sees(map_, p, R[i], t[i]) for i in range(k)] for p in points]
-        first, seeing = first_seen(map_, points, R, t, FRUSTUM)
+        first, sees_point = first_visible_point(map_, points, R, t, FRUSTUM)
         any_sees = np.any(expected, axis=1)
         if not any_sees.any():
             assert first == n
-            assert not seeing.any()
+            assert not sees_point.any()
         else:
             assert first == np.argmax(any_sees)
-            np.testing.assert_array_equal(seeing, expected[first])
+            np.testing.assert_array_equal(sees_point, expected[first])
 
 
 def test_a_camera_outside_the_grid_sees_nothing():
     map_ = OccupancyMap(GRID)
-    first, seeing = first_seen(
+    first, sees_point = first_visible_point(
         map_, np.array([[0.0, 0.0, 0.5]]), np.eye(3)[None], np.array([[-1.6, 0.0, 0.5]]), FRUSTUM
     )
     assert first == 1
-    assert not seeing.any()
+    assert not sees_point.any()

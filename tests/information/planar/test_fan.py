@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from plain.random_maps import random_map, write
+from plain.random_maps import random_map, set_cells
 from plain.views import visible_cells
 
 from coopmap_env.geometry import traverse
-from coopmap_env.information import Fan, RatingFunction, RatingSettings
+from coopmap_env.information import BeamFan, RatingFunction, RatingSettings
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
@@ -26,7 +26,7 @@ CAMERAS = [
 
 def rating_of(map_, camera, n_headings):
     lattice = PoseLattice(map_.grid, n_headings)
-    return RatingFunction(camera, lattice, RatingSettings(), map_.range)
+    return RatingFunction(camera, lattice, RatingSettings(), map_.log_odds_range)
 
 
 def seen(rating, map_, pose_id):
@@ -45,14 +45,14 @@ def test_one_beam_sees_the_row_ahead_up_to_and_with_the_first_occupied_cell():
     ahead = pose_at(map_, 1, 1, 0, 4)
     # the depth of field of 6 ends in the middle of cell 7
     assert seen(rating, map_, ahead) == {(x, 1) for x in range(1, 8)}
-    write(map_, 5 * 3 + 1, 0.5)
+    set_cells(map_, 5 * 3 + 1, 0.5)
     assert seen(rating, map_, ahead) == {(x, 1) for x in range(1, 6)}
 
 
 def test_unknown_and_free_cells_let_beams_pass():
     map_ = OccupancyMap(VoxelGrid((10, 3)))
     rating = rating_of(map_, PlanarCamera(1.0, 6.0, 1), 4)
-    write(map_, 3 * 3 + 1, 0.49)
+    set_cells(map_, 3 * 3 + 1, 0.49)
     assert len(seen(rating, map_, pose_at(map_, 1, 1, 0, 4))) == 7
 
 
@@ -65,7 +65,7 @@ def test_a_beam_ends_at_the_border():
 def test_a_camera_within_an_occupied_cell_sees_that_cell_only():
     map_ = OccupancyMap(VoxelGrid((10, 3)))
     rating = rating_of(map_, PlanarCamera(1.0, 6.0, 8), 4)
-    write(map_, 4, 0.9)
+    set_cells(map_, 4, 0.9)
     assert seen(rating, map_, pose_at(map_, 1, 1, 0, 4)) == {(1, 1)}
 
 
@@ -118,7 +118,7 @@ def test_cells_of_a_view_come_nearest_first():
 
 def test_no_cell_that_lies_wholly_in_the_default_view_is_missed():
     camera, n_headings = PlanarCamera(), 16
-    fan = Fan.of(camera, 1.0, n_headings)
+    fan = BeamFan.from_camera(camera, 1.0, n_headings)
     index = np.stack(np.meshgrid(*[np.arange(-27, 28)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     corners = index[:, None] + np.array([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]])
     far = np.hypot(*corners.transpose(2, 0, 1))
@@ -133,19 +133,19 @@ def test_no_cell_that_lies_wholly_in_the_default_view_is_missed():
 
 def test_the_fan_knows_its_constants():
     camera = PlanarCamera(math.radians(90), 10.0, 70)
-    fan = Fan.of(camera, 0.5, 8)
+    fan = BeamFan.from_camera(camera, 0.5, 8)
     assert fan.n_headings == 8
     assert fan.depth == 20
     assert len(fan.all_beams) == 2
     assert [int(word).bit_count() for word in fan.all_beams] == [64, 6]
-    assert fan.reach == 20
-    assert fan.n_visible == max(np.diff(fan.start))
+    assert fan.max_offset == 20
+    assert fan.max_visible_cells == max(np.diff(fan.start))
     assert fan.distance == pytest.approx(np.linalg.norm(fan.offsets.astype(float), axis=1))
 
 
 def test_every_beam_of_the_fan_crosses_its_cells_and_no_other():
     camera, n_headings = PlanarCamera(math.radians(200), 6.0, 70), 3
-    fan = Fan.of(camera, 1.0, n_headings)
+    fan = BeamFan.from_camera(camera, 1.0, n_headings)
     for h in range(n_headings):
         for beam, bearing in enumerate(camera.bearings):
             word, bit = divmod(beam, 64)

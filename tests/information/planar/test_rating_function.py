@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 from plain import views
-from plain.random_maps import random_map, write
+from plain.random_maps import random_map, set_cells
 
 from coopmap_env.information import RatingFunction, RatingSettings, entropy, motion_distance
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
 
-READINGS = pytest.mark.parametrize("reading", ["literal", "distance_free"])
+READINGS = pytest.mark.parametrize("interpretation", ["literal", "distance_free"])
 CAMERA = PlanarCamera(depth_of_field=20.0)
 SIZE = 61
 MIDDLE = SIZE // 2
@@ -27,7 +27,7 @@ def unknown_map():
 
 def rating_of(map_, camera=CAMERA, n_headings=16, **settings):
     lattice = PoseLattice(map_.grid, n_headings)
-    return RatingFunction(camera, lattice, RatingSettings(**settings), map_.range)
+    return RatingFunction(camera, lattice, RatingSettings(**settings), map_.log_odds_range)
 
 
 def pose_at(x, y, heading=LOOKING, n_headings=16, ny=SIZE):
@@ -37,8 +37,8 @@ def pose_at(x, y, heading=LOOKING, n_headings=16, ny=SIZE):
 HERE = pose_at(MIDDLE, MIDDLE)
 
 
-def ni(rating, map_, pose_id=HERE, claimed=None):
-    (value,) = rating.new_information(map_, [pose_id], claimed)
+def ni(rating, map_, pose_id=HERE, reserved_mask=None):
+    (value,) = rating.new_information(map_, [pose_id], reserved_mask)
     return float(value)
 
 
@@ -48,19 +48,19 @@ def ni(rating, map_, pose_id=HERE, claimed=None):
 def test_new_information_of_three_cells_by_hand_eqs_6_to_8():
     """One beam over three cells: the own one, free, and two unknown at 1 and 2 of d_max 2.5."""
     map_ = OccupancyMap(VoxelGrid((9, 9)))
-    rating = rating_of(map_, PlanarCamera(1.0, 2.5, 1), 4, n_gray=4)
-    write(map_, 4 * 9 + 4, 0.001)
+    rating = rating_of(map_, PlanarCamera(1.0, 2.5, 1), 4, n_gray_bins=4)
+    set_cells(map_, 4 * 9 + 4, 0.001)
     # gray 0, 1.4, 1.8: bins 0, 2, 3 of 4
-    assert rating.fan.n_visible == 3
+    assert rating.fan.max_visible_cells == 3
     pose_id = pose_at(4, 4, 0, 4, 9)
     assert ni(rating, map_, pose_id) == pytest.approx(math.log(3))
     # an occupied neighbour, gray 1 - (1 / 0.999 - 1) / 2, hides the rest: bins 0 and 1
-    write(map_, 5 * 9 + 4, 0.999)
+    set_cells(map_, 5 * 9 + 4, 0.999)
     assert ni(rating, map_, pose_id) == pytest.approx(2 / 3 * math.log(3))
     # two bins only: gray 1.4 and 1.8 in one of two bins, 0 in the other
     map_.clear()
-    write(map_, 4 * 9 + 4, 0.001)
-    coarse = rating_of(map_, PlanarCamera(1.0, 2.5, 1), 4, n_gray=2)
+    set_cells(map_, 4 * 9 + 4, 0.001)
+    coarse = rating_of(map_, PlanarCamera(1.0, 2.5, 1), 4, n_gray_bins=2)
     assert ni(coarse, map_, pose_id) == pytest.approx(entropy([1 / 3, 2 / 3]))
 
 
@@ -69,26 +69,30 @@ def test_new_information_of_three_cells_by_hand_eqs_6_to_8():
     ("camera", "n_headings"),
     [(PlanarCamera(depth_of_field=7.0), 16), (PlanarCamera(2 * math.pi, 5.5, 90), 3)],
 )
-def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(camera, n_headings, reading):
+def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(
+    camera, n_headings, interpretation
+):
     rng = np.random.default_rng(0)
-    for n_gray in (64, 7):
+    for n_gray_bins in (64, 7):
         map_ = random_map(rng, (21, 15), unknown=0.4, occupied=0.05)
-        rating = rating_of(map_, camera, n_headings, reading=reading, n_gray=n_gray)
+        rating = rating_of(
+            map_, camera, n_headings, interpretation=interpretation, n_gray_bins=n_gray_bins
+        )
         ids = rng.integers(0, rating.lattice.n_poses, 40)
         found = rating.new_information(map_, ids)
         for pose_id, value in zip(ids.tolist(), found, strict=True):
             plain = views.new_information(
-                map_, camera, rating.lattice, pose_id, rating.settings, rating.fan.n_visible
+                map_, camera, rating.lattice, pose_id, rating.settings, rating.fan.max_visible_cells
             )
             # a sum of 64 terms below 0.4
             assert value == pytest.approx(plain, abs=1e-12)
 
 
 @READINGS
-def test_what_is_known_and_empty_tells_nothing_eq_7(reading):
+def test_what_is_known_and_empty_tells_nothing_eq_7(interpretation):
     map_ = unknown_map()
     map_.mark_free(np.arange(map_.grid.n_cells))
-    assert ni(rating_of(map_, reading=reading), map_) == 0
+    assert ni(rating_of(map_, interpretation=interpretation), map_) == 0
 
 
 def test_a_heading_that_sees_fewer_cells_than_others_keeps_a_trace_of_nothing_eq_7():
@@ -113,14 +117,14 @@ def test_known_and_empty_cells_cut_off_by_the_border_seem_to_tell_something_eq_7
 
 
 @READINGS
-def test_more_unknown_voxels_tell_more_eq_8b(reading):
+def test_more_unknown_voxels_tell_more_eq_8b(interpretation):
     """From a known view on, cell by cell, until nine in ten are unknown.
 
     Beyond that the known cells are the rarer event, and NI falls a little again: it is the
     entropy of a histogram, not a count.
     """
     map_ = unknown_map()
-    rating = rating_of(map_, reading=reading)
+    rating = rating_of(map_, interpretation=interpretation)
     visible = rating.visible_cells(map_, HERE)
     for seed in range(5):
         order = np.random.default_rng(seed).permutation(visible)
@@ -148,20 +152,20 @@ def test_the_further_the_known_cells_reach_the_less_a_view_tells_eq_8b():
 
 
 @READINGS
-def test_an_occluder_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7(reading):
+def test_an_occluder_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7(interpretation):
     """Up to the last metres before the depth of field.
 
     There it hides next to nothing, and is an event of its own that raises the entropy a little.
     """
     map_ = unknown_map()
-    rating = rating_of(map_, reading=reading)
+    rating = rating_of(map_, interpretation=interpretation)
     free_view = ni(rating, map_)
     single, wall = [], []
     for d in range(1, 17):
         for values, width in ((single, 0), (wall, 25)):
             map_.clear()
             row = np.arange(MIDDLE - width, MIDDLE + width + 1)
-            write(map_, (MIDDLE + d) * SIZE + row, 0.99)
+            set_cells(map_, (MIDDLE + d) * SIZE + row, 0.99)
             values.append(ni(rating, map_))
     assert max(single) < free_view
     assert (np.diff(single) > 0).all()
@@ -169,16 +173,16 @@ def test_an_occluder_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7(r
     assert wall[0] < 0.2
 
 
-def share_of_cells_at(p, reading, share=0.5, nearest=0.0):
+def share_of_cells_at(p, interpretation, share=0.5, nearest=0.0):
     """NI of a view in which a share of the cells has probability p and the rest is empty."""
     map_ = unknown_map()
     map_.mark_free(np.arange(map_.grid.n_cells))
-    rating = rating_of(map_, reading=reading)
+    rating = rating_of(map_, interpretation=interpretation)
     visible = rating.visible_cells(map_, HERE)
     x, y = np.divmod(visible, SIZE)
     d = np.hypot(x - MIDDLE, y - MIDDLE)
     chosen = visible[(d >= nearest) & (np.random.default_rng(0).random(len(visible)) < share)]
-    write(map_, chosen, p)
+    set_cells(map_, chosen, p)
     return ni(rating, map_)
 
 
@@ -206,12 +210,12 @@ def test_voxels_spread_near_one_half_tell_more_than_spread_near_0_or_1_eq_8a(sid
     for low, high in (near_certain, near_half):
         map_ = unknown_map()
         map_.mark_free(np.arange(map_.grid.n_cells))
-        rating = rating_of(map_, reading="distance_free")
+        rating = rating_of(map_, interpretation="distance_free")
         visible = rating.visible_cells(map_, HERE)
         x, y = np.divmod(visible, SIZE)
         arc = visible[np.abs(x - MIDDLE) + np.abs(y - MIDDLE) == 14]
         for cell, p in zip(arc, np.linspace(low, high, len(arc)), strict=True):
-            write(map_, cell, p)
+            set_cells(map_, cell, p)
         values.append(ni(rating, map_))
     assert values[1] > values[0] + 0.02
 
@@ -223,11 +227,13 @@ def test_every_voxel_counts_once_however_many_beams_cross_it_eq_7():
         for n in (64, 640)
     )
     # ten times the beams cross no more than the few cells that fell between two at the rim
-    assert few.fan.n_visible <= many.fan.n_visible < 1.25 * few.fan.n_visible
+    assert (
+        few.fan.max_visible_cells <= many.fan.max_visible_cells < 1.25 * few.fan.max_visible_cells
+    )
     here = pose_at(MIDDLE, MIDDLE, 0, 4)
     assert ni(few, map_, here) == pytest.approx(ni(many, map_, here), rel=0.05)
     visible = few.visible_cells(map_, here)
-    assert len(set(visible.tolist())) == len(visible) == few.unknown_cells(map_, [here])[0]
+    assert len(set(visible.tolist())) == len(visible) == few.count_unknown_cells(map_, [here])[0]
 
 
 @pytest.mark.parametrize("n_beams", [64, 65])  # one word of bits, and two
@@ -235,14 +241,17 @@ def test_unknown_cells_are_those_in_view_that_were_never_sampled(n_beams):
     rng = np.random.default_rng(1)
     map_ = random_map(rng, (21, 15))
     rating = rating_of(map_, PlanarCamera(depth_of_field=7.0, n_beams=n_beams))
-    claimed = (rng.random(map_.grid.n_cells) < 0.3).astype(np.uint8)
+    reserved_mask = (rng.random(map_.grid.n_cells) < 0.3).astype(np.uint8)
     ids = rng.integers(0, rating.lattice.n_poses, 60)
-    free, taken = rating.unknown_cells(map_, ids), rating.unknown_cells(map_, ids, claimed)
+    free, taken = (
+        rating.count_unknown_cells(map_, ids),
+        rating.count_unknown_cells(map_, ids, reserved_mask),
+    )
     for k, pose_id in enumerate(ids.tolist()):
         visible = rating.visible_cells(map_, pose_id)
-        unknown = map_.sampled_cells[visible] == 0
+        unknown = map_.sampled_mask[visible] == 0
         assert free[k] == unknown.sum()
-        assert taken[k] == (unknown & (claimed[visible] == 0)).sum()
+        assert taken[k] == (unknown & (reserved_mask[visible] == 0)).sum()
 
 
 def test_claimed_cells_are_left_out_but_stop_no_beam():
@@ -250,12 +259,18 @@ def test_claimed_cells_are_left_out_but_stop_no_beam():
     map_ = random_map(rng, (21, 15), unknown=0.5, occupied=0.05)
     camera = PlanarCamera(depth_of_field=7.0)
     rating = rating_of(map_, camera)
-    claimed = (rng.random(map_.grid.n_cells) < 0.3).astype(np.uint8)
-    cells = {divmod(int(cell), 15) for cell in np.flatnonzero(claimed)}
+    reserved_mask = (rng.random(map_.grid.n_cells) < 0.3).astype(np.uint8)
+    cells = {divmod(int(cell), 15) for cell in np.flatnonzero(reserved_mask)}
     ids = rng.integers(0, rating.lattice.n_poses, 30)
-    for pose_id, value in zip(ids, rating.new_information(map_, ids, claimed), strict=True):
+    for pose_id, value in zip(ids, rating.new_information(map_, ids, reserved_mask), strict=True):
         plain = views.new_information(
-            map_, camera, rating.lattice, int(pose_id), rating.settings, rating.fan.n_visible, cells
+            map_,
+            camera,
+            rating.lattice,
+            int(pose_id),
+            rating.settings,
+            rating.fan.max_visible_cells,
+            cells,
         )
         assert value == pytest.approx(plain, abs=1e-12)
     everything = np.ones(map_.grid.n_cells, dtype=np.uint8)
@@ -265,13 +280,13 @@ def test_claimed_cells_are_left_out_but_stop_no_beam():
 def test_asking_changes_neither_the_map_nor_the_next_answer():
     map_ = random_map(np.random.default_rng(3), (21, 15))
     rating = rating_of(map_, PlanarCamera(depth_of_field=7.0))
-    before = map_.levels.copy(), map_.sampled_cells.copy()
+    before = map_.log_odds_fixed.copy(), map_.sampled_mask.copy()
     ids = np.arange(0, rating.lattice.n_poses, 7)
     first = rating.new_information(map_, ids)
     rating.rate_team(map_, ids[:3], ids[3:6])
     assert (rating.new_information(map_, ids) == first).all()
-    assert (map_.levels == before[0]).all()
-    assert (map_.sampled_cells == before[1]).all()
+    assert (map_.log_odds_fixed == before[0]).all()
+    assert (map_.sampled_mask == before[1]).all()
 
 
 # motion distance, Eq. 5
@@ -306,7 +321,7 @@ def test_rating_by_hand_eq_9():
     map_ = unknown_map()
     rating = rating_of(map_, K=0.02, exponent=2.0, alpha_position=1.0, alpha_heading=4.0)
     goal = pose_at(MIDDLE + 3, MIDDLE + 4, 4)
-    write(map_, goal // 16, 0.2)
+    set_cells(map_, goal // 16, 0.2)
     found = rating.rate(map_, [goal], HERE)
     d = math.sqrt(25 + math.pi**2)
     assert found.distance == pytest.approx([d])
@@ -327,21 +342,27 @@ def test_to_stay_costs_nothing_eq_9():
 
 @READINGS
 @pytest.mark.parametrize("resolution", [1.0, 0.25])
-def test_ratings_are_the_plain_formulas_eqs_5_and_9(reading, resolution):
+def test_ratings_are_the_plain_formulas_eqs_5_and_9(interpretation, resolution):
     rng = np.random.default_rng(5)
     map_ = random_map(rng, (21, 15), unknown=0.4, resolution=resolution, origin=(-3.0, 8.0))
     camera = PlanarCamera(depth_of_field=7.0 * resolution)
     rating = rating_of(
-        map_, camera, K=0.3, exponent=1.5, alpha_position=0.8, alpha_heading=0.6, reading=reading
+        map_,
+        camera,
+        K=0.3,
+        exponent=1.5,
+        alpha_position=0.8,
+        alpha_heading=0.6,
+        interpretation=interpretation,
     )
     s, lattice = rating.settings, rating.lattice
     ids = rng.integers(0, lattice.n_poses, 80)
     current = int(rng.integers(lattice.n_poses))
-    claimed = (rng.random(map_.grid.n_cells) < 0.1).astype(np.uint8)
-    found = rating.rate(map_, ids, current, claimed)
+    reserved_mask = (rng.random(map_.grid.n_cells) < 0.1).astype(np.uint8)
+    found = rating.rate(map_, ids, current, reserved_mask)
     d = motion_distance(lattice.poses(ids), lattice.poses(current), 0.8, 0.6)
     p = map_.probability.ravel()[ids // 16]
-    assert found.new_information == pytest.approx(rating.new_information(map_, ids, claimed))
+    assert found.new_information == pytest.approx(rating.new_information(map_, ids, reserved_mask))
     assert found.distance == pytest.approx(d)
     assert found.occupancy == pytest.approx(p)
     assert found.rating == pytest.approx((found.new_information - s.K * d**s.exponent) * (1 - p))
@@ -357,7 +378,7 @@ def test_the_rating_falls_with_the_way_and_with_the_danger_eq_9():
     danger = []
     for p in (0.01, 0.1, 0.4):
         map_.clear()
-        write(map_, goals[3] // 16, p)
+        set_cells(map_, goals[3] // 16, p)
         danger.append(float(rating.rate(map_, goals[3:4], HERE).rating[0]))
     assert danger[0] > danger[1] > danger[2]
 
@@ -371,12 +392,12 @@ def test_a_team_counts_what_it_sees_together_once():
         ids = rng.integers(0, rating.lattice.n_poses, 3)
         current = rng.integers(0, rating.lattice.n_poses, 3)
         found = rating.rate_team(map_, ids, current)
-        claimed = np.zeros(map_.grid.n_cells, dtype=np.uint8)
+        reserved_mask = np.zeros(map_.grid.n_cells, dtype=np.uint8)
         for k in range(3):
-            alone = rating.rate(map_, ids[k : k + 1], int(current[k]), claimed)
+            alone = rating.rate(map_, ids[k : k + 1], int(current[k]), reserved_mask)
             for name in ("new_information", "distance", "occupancy", "rating"):
                 assert getattr(found, name)[k] == pytest.approx(getattr(alone, name)[0])
-            claimed[rating.visible_cells(map_, int(ids[k]))] = 1
+            reserved_mask[rating.visible_cells(map_, int(ids[k]))] = 1
 
 
 def test_two_robots_at_one_pose_are_worth_one():
@@ -393,7 +414,9 @@ def test_constants_that_are_negative_or_not_finite_are_refused(name, value):
         dataclasses.replace(RatingSettings(), **{name: value})
 
 
-@pytest.mark.parametrize(("name", "value"), [("n_gray", 1), ("n_gray", 257), ("reading", "odd")])
+@pytest.mark.parametrize(
+    ("name", "value"), [("n_gray_bins", 1), ("n_gray_bins", 257), ("interpretation", "odd")]
+)
 def test_bins_and_readings_that_do_not_exist_are_refused(name, value):
     with pytest.raises(ValueError, match=rf"RatingSettings\.{name} .*{value}"):
         RatingSettings(**{name: value})

@@ -4,11 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from plain.random_maps import random_map, write
+from plain.random_maps import random_map, set_cells
 
 from coopmap_env.geometry import traverse
 from coopmap_env.information import RatingFunction, RatingSettings, entropy
-from coopmap_env.information.planar.mutual_information import UNREACHABLE, BeamInformation
+from coopmap_env.information.planar.mutual_information import (
+    MIN_REACH_PROBABILITY,
+    MutualInformation,
+)
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
@@ -16,14 +19,14 @@ from coopmap_env.sensing import PlanarCamera
 
 def information_of(map_, camera, n_headings):
     lattice = PoseLattice(map_.grid, n_headings)
-    return BeamInformation(RatingFunction(camera, lattice, RatingSettings(), map_.range))
+    return MutualInformation(RatingFunction(camera, lattice, RatingSettings(), map_.log_odds_range))
 
 
 def row(*probabilities):
     """A map of one row along x with these probabilities."""
     map_ = OccupancyMap(VoxelGrid((len(probabilities), 1)))
     for cell, p in enumerate(probabilities):
-        write(map_, cell, p)
+        set_cells(map_, cell, p)
     return map_
 
 
@@ -67,10 +70,10 @@ def test_a_view_is_the_plain_sum_with_each_cell_once_by_its_luckiest_beam(camera
     information = information_of(map_, camera, n_headings)
     lattice = PoseLattice(map_.grid, n_headings)
     p = map_.probability
-    claimed = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
+    reserved_mask = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
     ids = rng.integers(0, lattice.n_poses, 30)
     free = information.mutual_information(map_, ids)
-    taken = information.mutual_information(map_, ids, claimed)
+    taken = information.mutual_information(map_, ids, reserved_mask)
     for k, pose_id in enumerate(ids.tolist()):
         x, y, heading = lattice.pose(pose_id)
         reached = {}
@@ -81,12 +84,12 @@ def test_a_view_is_the_plain_sum_with_each_cell_once_by_its_luckiest_beam(camera
                 cell = tuple(cell)
                 reached[cell] = max(reached.get(cell, 0.0), chance)
                 chance *= 1 - p[cell]
-                if chance < UNREACHABLE:
+                if chance < MIN_REACH_PROBABILITY:
                     break
         terms = {cell: v * entropy([p[cell], 1 - p[cell]]) for cell, v in reached.items()}
         # a sum of some hundred terms below ln 2
         assert free[k] == pytest.approx(sum(terms.values()), abs=1e-9)
-        rest = sum(t for (i, j), t in terms.items() if not claimed[i * 13 + j])
+        rest = sum(t for (i, j), t in terms.items() if not reserved_mask[i * 13 + j])
         assert taken[k] == pytest.approx(rest, abs=1e-9)
 
 

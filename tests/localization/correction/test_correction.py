@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from plain.corrected import Crew, aiming
-from plain.yards import base, crate, yard
+from plain.correction_team import CorrectionTeam, readings_aimed_at
+from plain.field_worlds import base_pose, crate, flat_world
 from scipy.stats import chi2
 
-from coopmap_env.geometry import displaced, displacement_between
+from coopmap_env.geometry import apply_displacement, displacement_between
 from coopmap_env.localization import CorrectionSettings
-from coopmap_env.robots import CameraEstimate
+from coopmap_env.robots import PoseEstimate
 
 pytest.importorskip("pybullet")
 pytest.importorskip("embreex")
@@ -41,9 +41,9 @@ def looks_at_the_target(seeds, n, **settings):
     """Of each seed n looks at the target, from anywhere: (seeds, n)."""
     found = []
     for seed in seeds:
-        crew = Crew(yard(TARGET, *SMALL), ("target",), seed, **settings)
-        readings = aiming(crew.vehicles[0], MIDDLE, n, np.random.default_rng([seed, 2]))
-        found.append([crew.look(q) for q in readings])
+        crew = CorrectionTeam(flat_world(TARGET, *SMALL), ("target",), seed, **settings)
+        readings = readings_aimed_at(crew.vehicles[0], MIDDLE, n, np.random.default_rng([seed, 2]))
+        found.append([crew.scan(q) for q in readings])
         crew.simulator.close()
     return found
 
@@ -60,9 +60,9 @@ def test_with_the_target_in_view_the_error_falls_to_a_third(on_target, number, p
     looks = [of[number] for of in on_target[:20]]
     assert all(look.correction.reason == "" for look in looks)
     # two faces tell four of the six: along their edge, and about it, the mount knows better
-    assert np.median([look.correction.directions for look in looks]) >= 4
-    before = np.median(length([look.kinematic_off for look in looks], part))
-    after = np.median(length([look.off for look in looks], part))
+    assert np.median([look.correction.n_directions for look in looks]) >= 4
+    before = np.median(length([look.kinematic_error for look in looks], part))
+    after = np.median(length([look.error for look in looks], part))
     assert after < before / 3
 
 
@@ -70,20 +70,20 @@ def test_with_the_target_in_view_the_error_falls_to_a_third(on_target, number, p
 def test_at_worst_the_error_is_smaller_too(on_target, part):
     """The 95th percentile over 20 yards, two looks each."""
     looks = [look for of in on_target[:20] for look in of]
-    before = np.percentile(length([look.kinematic_off for look in looks], part), 95)
-    after = np.percentile(length([look.off for look in looks], part), 95)
+    before = np.percentile(length([look.kinematic_error for look in looks], part), 95)
+    after = np.percentile(length([look.error for look in looks], part), 95)
     assert after < before
 
 
 def test_the_covariance_of_a_corrected_pose_is_not_too_small(on_target):
     """The last look of each of 60 yards: squared errors in it have the mean 6 at most.
 
-    `patch_std` allows for more than there is among crates. It makes standard deviations no more
+    `patch_model_std` allows for more than there is among crates. It makes standard deviations no more
     than half as large again as the errors; without it they are just as large.
     """
     low, high = chi2.ppf([0.025, 0.975], 6 * 60) / 60
     assert 6 / 1.5**2 < np.mean([of[-1].nees for of in on_target]) < high
-    looks = looks_at_the_target(range(60), 2, settings=CorrectionSettings(patch_std=0.0))
+    looks = looks_at_the_target(range(60), 2, settings=CorrectionSettings(patch_model_std=0.0))
     assert low < np.mean([of[-1].nees for of in looks]) < high
 
 
@@ -93,12 +93,12 @@ def test_what_is_told_of_each_fiducial_is_what_the_pose_was_identified_from(on_t
     for of in on_target[:20]:
         for look in of:
             estimate, matches = look.correction.estimate, look.correction.matches
-            seen = estimate.pose.transform(matches.seen_points[matches.used])
-            e = matches.base_points[matches.used] - seen
-            W = matches.information[matches.used]
+            seen = estimate.pose.transform(matches.observed_points[matches.inlier_mask])
+            e = matches.base_points[matches.inlier_mask] - seen
+            W = matches.information[matches.inlier_mask]
             squares += np.einsum("mi,mij,mj->", e, W, e)
             directions += np.linalg.matrix_rank(W, hermitian=True).sum()
-    # thousands of directions, less six of each pose; patch_std of 1 mm is more than there is
+    # thousands of directions, less six of each pose; patch_model_std of 1 mm is more than there is
     assert 0.3 < squares / directions < 1.1
 
 
@@ -106,7 +106,7 @@ def test_the_same_input_twice_gives_the_same_bits():
     one, other = looks_at_the_target([7], 3), looks_at_the_target([7], 3)
     for a, b in zip(one[0], other[0], strict=True):
         assert np.array_equal(a.correction.estimate.covariance, b.correction.estimate.covariance)
-        assert np.array_equal(a.off, b.off)
+        assert np.array_equal(a.error, b.error)
         for part, same in zip(a.correction.matches, b.correction.matches, strict=True):
             assert np.array_equal(part, same)
 
@@ -118,44 +118,46 @@ def stays(look, n=0):
     """Whether a look was left as it was predicted, and says that n fiducials were found."""
     correction = look.correction
     assert correction.reason == f"fiducials in view: {n}, needed: 3"
-    assert correction.directions == 0
+    assert correction.n_directions == 0
     assert correction.estimate.pose == correction.predicted.pose
     assert np.array_equal(correction.estimate.covariance, correction.predicted.covariance)
 
 
 def test_with_nothing_in_view_the_prediction_stays():
     """A camera that looks up to the sky."""
-    crew = Crew(yard(TARGET), ("target",))
-    up = aiming(crew.vehicles[0], UP, 1, np.random.default_rng(0))[0]
-    look = crew.look(up)
+    crew = CorrectionTeam(flat_world(TARGET), ("target",))
+    up = readings_aimed_at(crew.vehicles[0], UP, 1, np.random.default_rng(0))[0]
+    look = crew.scan(up)
     stays(look)
     np.testing.assert_allclose(
         look.correction.predicted.covariance, look.kinematic.covariance + 1e-9 * np.eye(6),
         atol=1e-15,
     )  # fmt: skip
-    assert len(look.correction.matches.used) == 0
+    assert len(look.correction.matches.inlier_mask) == 0
 
 
 def test_a_target_behind_a_wall_tells_nothing():
     for seed in range(5):
         wall = crate("wall", 1.7, 0.2, 1.2, (0.1, 4.0, 2.4))
-        crew = Crew(yard(TARGET, wall), ("target",), seed)
-        at = aiming(crew.vehicles[0], MIDDLE, 1, np.random.default_rng(seed), off_axis=0.1)[0]
-        stays(crew.look(at))
+        crew = CorrectionTeam(flat_world(TARGET, wall), ("target",), seed)
+        at = readings_aimed_at(
+            crew.vehicles[0], MIDDLE, 1, np.random.default_rng(seed), off_axis=0.1
+        )[0]
+        stays(crew.scan(at))
 
 
 @pytest.mark.parametrize(("spacing", "n"), [(20.0, 1), (0.4, None)])
 def test_too_few_fiducials_are_counted(spacing, n):
     """A target that is a single fiducial, and one that is many."""
-    crew = Crew(yard(crate("target", 2.6, 1.2, 0.45, 0.9)), ("target",), 1,
+    crew = CorrectionTeam(flat_world(crate("target", 2.6, 1.2, 0.45, 0.9)), ("target",), 1,
                 settings=CorrectionSettings(target_spacing=spacing))  # fmt: skip
     at = np.array([2.6, 1.2, 0.45])
-    look = crew.look(aiming(crew.vehicles[0], at, 1, np.random.default_rng(1))[0])
+    look = crew.scan(readings_aimed_at(crew.vehicles[0], at, 1, np.random.default_rng(1))[0])
     if n is None:
         assert look.correction.reason == ""
     else:
         stays(look, n)
-        assert len(look.correction.matches.used) == 0
+        assert len(look.correction.matches.inlier_mask) == 0
 
 
 def test_fiducials_that_were_lost_are_found_again():
@@ -165,17 +167,17 @@ def test_fiducials_that_were_lost_are_found_again():
     """
     since = []
     for seed in range(20):
-        crew = Crew(crates(), (), seed)
+        crew = CorrectionTeam(crates(), (), seed)
         vehicle, rng = crew.vehicles[0], np.random.default_rng([seed, 2])
-        there = aiming(vehicle, AMONG_CRATES, 3, rng)
-        up = aiming(vehicle, UP, 1, rng)[0]
-        first, _, lost, back = (crew.look(q) for q in (there[0], there[1], up, there[2]))
+        there = readings_aimed_at(vehicle, AMONG_CRATES, 3, rng)
+        up = readings_aimed_at(vehicle, UP, 1, rng)[0]
+        first, _, lost, back = (crew.scan(q) for q in (there[0], there[1], up, there[2]))
         stays(lost)
         assert back.correction.reason == ""
-        assert back.correction.directions >= 3
+        assert back.correction.n_directions >= 3
         # later looks tell of the first one, too; that of the sky was not kept
         off = displacement_between(crew.correction.poses.cameras[0], first.true)
-        since.append([back.off - off, back.kinematic_off - first.kinematic_off])
+        since.append([back.error - off, back.kinematic_error - first.kinematic_error])
         crew.simulator.close()
     for part in (POSITION, ANGLE):
         corrected, kinematic = np.median(length(since, part), axis=0)
@@ -187,7 +189,7 @@ def test_fiducials_that_were_lost_are_found_again():
 
 def crates(moved=None, step=(0.0, 0.0, 0.0)):
     """A yard of crates, one of which may have moved."""
-    return yard(
+    return flat_world(
         *(
             crate(name, *(at + np.array(step) * (name == moved)), size)
             for name, (at, size) in CRATES.items()
@@ -197,16 +199,20 @@ def crates(moved=None, step=(0.0, 0.0, 0.0)):
 
 def after_a_change(seed, world):
     """Three looks at crates, then one after the world has become another."""
-    crew = Crew(crates(), (), seed)
-    readings = aiming(crew.vehicles[0], AMONG_CRATES, 4, np.random.default_rng([seed, 2]))
+    crew = CorrectionTeam(crates(), (), seed)
+    readings = readings_aimed_at(
+        crew.vehicles[0], AMONG_CRATES, 4, np.random.default_rng([seed, 2])
+    )
     for q in readings[:3]:
-        crew.look(q)
+        crew.scan(q)
     crew.rng = np.random.default_rng([seed, 3])  # the same noise in each world
-    crew.enter(world)
-    look = crew.look(readings[3])
+    crew.change_world(world)
+    look = crew.scan(readings[3])
     true = crew.simulator.true_camera_pose(0)
     crew.simulator.close()
-    return look, true.transform(look.correction.matches.seen_points[look.correction.matches.used])
+    return look, true.transform(
+        look.correction.matches.observed_points[look.correction.matches.inlier_mask]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -231,9 +237,9 @@ def test_a_crate_that_moved_does_not_drag_the_pose_along(unmoved, moved, step):
         assert look.correction.reason == ""
         for part in (POSITION, ANGLE):
             variance = np.trace(look.correction.estimate.covariance[part, part])
-            assert length(look.off, part) < 3 * np.sqrt(variance)
+            assert length(look.error, part) < 3 * np.sqrt(variance)
         assert look.nees < chi2.ppf(0.999, 6)  # one look in a thousand
-        dragged.append(look.off - still.off)
+        dragged.append(look.error - still.error)
     # corrected poses are known to 5 mm: fewer pixels, and nothing of 15 cm
     assert np.median(length(dragged, POSITION)) < 0.003
     assert length(dragged, POSITION).max() < 0.02
@@ -245,9 +251,9 @@ def test_fiducials_that_moved_a_little_are_called_outliers(unmoved, moved, step)
     dragged, outliers = [], [0, 0]
     for seed, (still, _) in enumerate(unmoved):
         look, _ = after_a_change(seed, crates(moved, (step, 0, 0)))
-        dragged.append(look.off - still.off)
+        dragged.append(look.error - still.error)
         for k, one in enumerate((still, look)):
-            outliers[k] += (~one.correction.matches.used).sum()
+            outliers[k] += (~one.correction.matches.inlier_mask).sum()
     assert outliers[0] == 0  # of some 800
     assert outliers[1] > 15
     # a millimetre where poses are known to 5 mm; with outliers kept it would be two or three
@@ -276,21 +282,21 @@ def test_of_a_crate_that_moved_no_pixel_is_used(unmoved):
 
 def test_two_robots_on_opposite_sides_of_the_target_are_both_corrected():
     """They see none of the same faces; the median over 20 yards, two looks each."""
-    bases = (base(0.0, 0.2), base(5.2, 0.2, np.pi))
+    bases = (base_pose(0.0, 0.2), base_pose(5.2, 0.2, np.pi))
     looks = ([], [])
     for seed in range(20):
-        crew = Crew(yard(TARGET, bases=bases), ("target",), seed)
+        crew = CorrectionTeam(flat_world(TARGET, bases=bases), ("target",), seed)
         rng = np.random.default_rng([seed, 2])
-        readings = [aiming(vehicle, MIDDLE, 2, rng) for vehicle in crew.vehicles]
+        readings = [readings_aimed_at(vehicle, MIDDLE, 2, rng) for vehicle in crew.vehicles]
         for k in range(2):
             for robot in range(2):
-                looks[robot].append(crew.look(readings[robot][k], robot))
+                looks[robot].append(crew.scan(readings[robot][k], robot))
         crew.simulator.close()
     for of_robot in looks:
         assert all(look.correction.reason == "" for look in of_robot)
         for part in (POSITION, ANGLE):
-            before = np.median(length([look.kinematic_off for look in of_robot], part))
-            assert np.median(length([look.off for look in of_robot], part)) < before / 2.5
+            before = np.median(length([look.kinematic_error for look in of_robot], part))
+            assert np.median(length([look.error for look in of_robot], part)) < before / 2.5
         # means of 40 squares: never too small a covariance
         assert np.mean([look.nees for look in of_robot]) < chi2.ppf(0.995, 6 * 40) / 40
 
@@ -307,12 +313,12 @@ def test_flat_ground_alone_tells_three_directions_at_most():
     """Height, roll and pitch: x, y and yaw as by the kinematics, given these."""
     squares = []
     for seed in range(20):
-        crew = Crew(yard(), (), seed)
+        crew = CorrectionTeam(flat_world(), (), seed)
         ground = np.array([-2.5, 0.0, 0.0])
-        for q in aiming(crew.vehicles[0], ground, 3, np.random.default_rng([seed, 2])):
-            look = crew.look(q)
+        for q in readings_aimed_at(crew.vehicles[0], ground, 3, np.random.default_rng([seed, 2])):
+            look = crew.scan(q)
             correction = look.correction
-            assert correction.directions <= 3
+            assert correction.n_directions <= 3
             C, P = correction.estimate.covariance, correction.predicted.covariance
             along, upright = [0, 1, 5], [2, 3, 4]
             assert np.sqrt(C[5, 5] / look.kinematic.covariance[5, 5]) > 0.9
@@ -320,7 +326,7 @@ def test_flat_ground_alone_tells_three_directions_at_most():
             assert least[0] > 0.0
             squares.append(look.nees)
         assert correction.reason == ""
-        assert correction.directions >= 1
+        assert correction.n_directions >= 1
         crew.simulator.close()
     assert np.mean(squares) < chi2.ppf(0.995, 6 * 60) / 60
 
@@ -335,14 +341,14 @@ def placed():
     std = np.array([0.015, 0.015, 0.005, 0.0025, 0.0025, 0.0075])
     found = []
     for seed in range(40):
-        crew = Crew(yard(TARGET, *SMALL), ("target",), seed)
+        crew = CorrectionTeam(flat_world(TARGET, *SMALL), ("target",), seed)
         rng, true = np.random.default_rng([seed, 2]), crew.vehicles[0].T_world_base
-        there = displaced(true, std * rng.standard_normal(6))
-        crew.correction.place_base(0, CameraEstimate(there, np.diag(std**2)))
-        looks = [crew.look(q) for q in aiming(crew.vehicles[0], MIDDLE, 3, rng)]
-        base = crew.correction.poses.base(0)
-        off = displacement_between(base.pose, true)
-        square = off @ np.linalg.solve(base.covariance, off)
+        there = apply_displacement(true, std * rng.standard_normal(6))
+        crew.correction.set_base(0, PoseEstimate(there, np.diag(std**2)))
+        looks = [crew.scan(q) for q in readings_aimed_at(crew.vehicles[0], MIDDLE, 3, rng)]
+        base_pose = crew.correction.poses.base_pose(0)
+        off = displacement_between(base_pose.pose, true)
+        square = off @ np.linalg.solve(base_pose.covariance, off)
         found.append((looks, [displacement_between(there, true), off], square))
         crew.simulator.close()
     return found
@@ -365,19 +371,21 @@ def test_a_base_follows_from_cameras_and_the_kinematics(placed):
 
 
 def test_a_look_that_saw_nothing_is_not_kept():
-    crew = Crew(yard(TARGET), ("target",))
+    crew = CorrectionTeam(flat_world(TARGET), ("target",))
     vehicle, rng = crew.vehicles[0], np.random.default_rng(0)
-    crew.look(aiming(vehicle, UP, 1, rng)[0])
+    crew.scan(readings_aimed_at(vehicle, UP, 1, rng)[0])
     assert len(crew.correction.poses) == 0
-    crew.look(aiming(vehicle, MIDDLE, 1, rng)[0])
+    crew.scan(readings_aimed_at(vehicle, MIDDLE, 1, rng)[0])
     assert len(crew.correction.poses) == 1
 
 
 def test_the_oldest_looks_are_forgotten():
     """Three are kept: the state is that of bases and offsets, 11, and of these."""
-    crew = Crew(yard(TARGET), ("target",), settings=CorrectionSettings(keyframes=3))
-    for q in aiming(crew.vehicles[0], MIDDLE, 5, np.random.default_rng(0)):
-        look = crew.look(q)
+    crew = CorrectionTeam(
+        flat_world(TARGET), ("target",), settings=CorrectionSettings(max_keyframes=3)
+    )
+    for q in readings_aimed_at(crew.vehicles[0], MIDDLE, 5, np.random.default_rng(0)):
+        look = crew.scan(q)
     assert len(crew.correction.poses) == 3
     assert crew.correction.poses.covariance.shape == (11 + 18, 11 + 18)
     assert crew.correction.poses.estimate(2).pose is look.correction.estimate.pose

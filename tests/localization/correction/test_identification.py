@@ -6,18 +6,18 @@ from plain import identification as plain
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from coopmap_env.geometry import Pose, displaced, displacement_between
+from coopmap_env.geometry import Pose, apply_displacement, displacement_between
 from coopmap_env.localization.correction.pose_estimators import (
-    BadlyPlacedError,
+    DegenerateGeometryError,
     RecursiveMoments,
-    camera_points,
-    consistent,
-    gaussian_transform,
+    back_project,
+    consistent_subset,
+    gaussian_pose,
     linear_pose,
     linear_transform,
-    pose_of_transform,
+    pose_from_transform,
     recursive_pose,
-    rigid_transform,
+    rigid_pose,
 )
 
 ROUNDING = 1e-9
@@ -76,13 +76,13 @@ def drawn(rng, covariances):
 
 def test_by_hand_an_image_point_and_its_scale_are_a_point_eq_10():
     """At 2 m, left of the axis by a quarter and below it by a half of the focal length."""
-    np.testing.assert_array_equal(camera_points([[0.25, -0.5]], [2.0]), [[2.0, 0.5, -1.0]])
-    np.testing.assert_array_equal(camera_points([[0, 0], [1, 2]], [1, 3]), [[1, 0, 0], [3, 3, 6]])
+    np.testing.assert_array_equal(back_project([[0.25, -0.5]], [2.0]), [[2.0, 0.5, -1.0]])
+    np.testing.assert_array_equal(back_project([[0, 0], [1, 2]], [1, 3]), [[1, 0, 0], [3, 3, 6]])
 
 
 def test_the_scale_of_a_stereo_pair_is_depth_over_focal_length_eq_10():
     """A focal length of 500 pixels: k = 2 m / 500, and u, v are pixels too."""
-    point = camera_points([[125.0, -250.0]], [2.0 / 500.0], 500.0)
+    point = back_project([[125.0, -250.0]], [2.0 / 500.0], 500.0)
     np.testing.assert_allclose(point, [[2.0, 0.5, -1.0]], rtol=1e-15)
 
 
@@ -93,7 +93,7 @@ def test_by_hand_a_quarter_turn_and_a_shift_eq_12():
     g = linear_transform(CORNERS, SEEN_CORNERS)
     np.testing.assert_allclose(g, np.column_stack([QUARTER, SHIFT]), atol=1e-14)
     # the camera is where R c + x = 0: c = -R^T x
-    pose = pose_of_transform(g)
+    pose = pose_from_transform(g)
     np.testing.assert_allclose(pose.translation, [-2.0, 1.0, 0.5], atol=1e-14)
     np.testing.assert_allclose(pose.rotation, QUARTER.T, atol=1e-14)
     same = linear_pose(CORNERS, SEEN_CORNERS)
@@ -139,7 +139,9 @@ def test_eq_12_is_the_plain_least_squares_of_twelve_unknowns():
     ],
 )
 def test_eq_12_refuses_points_from_which_it_does_not_follow(solve, points, message):
-    with pytest.raises(BadlyPlacedError, match=f"four points that are not in one plane, {message}"):
+    with pytest.raises(
+        DegenerateGeometryError, match=f"four points that are not in one plane, {message}"
+    ):
         solve(points, points)
 
 
@@ -165,7 +167,7 @@ def test_a_translation_that_goes_with_the_rotation_errs_less():
         true, points = random_pose(rng), scattered(rng)
         image = seen(true, points) + 0.01 * rng.normal(size=points.shape)
         anew.append(error(linear_pose(points, image), true))
-        as_it_was.append(error(pose_of_transform(linear_transform(points, image)), true))
+        as_it_was.append(error(pose_from_transform(linear_transform(points, image)), true))
     better = np.array(as_it_was) - anew
     assert better.mean() > 3 * better.std() / 10  # three standard errors of the mean
 
@@ -174,9 +176,9 @@ def test_points_of_other_shapes_and_values_are_refused():
     with pytest.raises(ValueError, match=r"\(4, 3\), \(3, 3\)"):
         linear_transform(CORNERS, SEEN_CORNERS[:3])
     with pytest.raises(ValueError, match=r"\(4, 2\)"):
-        rigid_transform(CORNERS[:, :2], CORNERS[:, :2])
+        rigid_pose(CORNERS[:, :2], CORNERS[:, :2])
     with pytest.raises(ValueError, match="not finite"):
-        rigid_transform(CORNERS, SEEN_CORNERS * np.nan)
+        rigid_pose(CORNERS, SEEN_CORNERS * np.nan)
 
 
 # Eq. 13
@@ -230,7 +232,7 @@ def test_the_recursive_pose_is_that_of_the_mean_over_first_points():
     image = seen(random_pose(rng), points) + 0.01 * rng.normal(size=points.shape)
     found = [linear_transform(points[:m], image[:m]) for m in range(6, 10)]
     pose, covariance = recursive_pose(points, image)
-    wanted = pose_of_transform(np.mean(found, axis=0))
+    wanted = pose_from_transform(np.mean(found, axis=0))
     assert error(pose, wanted) < ROUNDING
     batch = np.cov(np.reshape(found, (4, 12)).T, bias=True)
     np.testing.assert_allclose(covariance, batch, atol=1e-12)
@@ -239,9 +241,9 @@ def test_the_recursive_pose_is_that_of_the_mean_over_first_points():
 def test_no_recursive_pose_of_points_in_a_plane():
     rng = np.random.default_rng(9)
     points = in_a_plane(rng)
-    with pytest.raises(BadlyPlacedError, match="6 points, of which no first ones"):
+    with pytest.raises(DegenerateGeometryError, match="6 points, of which no first ones"):
         recursive_pose(points, points)
-    with pytest.raises(BadlyPlacedError, match="3 points, of which no first ones"):
+    with pytest.raises(DegenerateGeometryError, match="3 points, of which no first ones"):
         recursive_pose(CORNERS[:3], CORNERS[:3])
 
 
@@ -249,7 +251,7 @@ def test_no_recursive_pose_of_points_in_a_plane():
 
 
 def test_by_hand_three_points_tell_a_quarter_turn():
-    pose = rigid_transform(CORNERS[:3], SEEN_CORNERS[:3])
+    pose = rigid_pose(CORNERS[:3], SEEN_CORNERS[:3])
     np.testing.assert_allclose(pose.translation, [-2.0, 1.0, 0.5], atol=1e-14)
     np.testing.assert_allclose(pose.rotation, QUARTER.T, atol=1e-14)
 
@@ -262,7 +264,7 @@ def test_without_noise_the_rigid_pose_is_exact_in_a_plane_too(place, m):
         true, points = random_pose(rng), place(rng, m)
         weights = rng.uniform(0.1, 10.0, m)
         # three points can be nearly in a line: their scatter's condition times rounding
-        assert error(rigid_transform(points, seen(true, points), weights), true) < 1e-7
+        assert error(rigid_pose(points, seen(true, points), weights), true) < 1e-7
 
 
 def test_the_rigid_rotation_is_that_of_scipy_on_centred_points():
@@ -270,12 +272,12 @@ def test_the_rigid_rotation_is_that_of_scipy_on_centred_points():
     for _ in range(20):
         points, weights = scattered(rng), rng.uniform(0.1, 10.0, 12)
         image = seen(random_pose(rng), points) + 0.1 * rng.normal(size=points.shape)
-        pose = rigid_transform(points, image, weights)
+        pose = rigid_pose(points, image, weights)
         middle, middle_image = (np.average(p, axis=0, weights=weights) for p in (points, image))
         wanted, _ = Rotation.align_vectors(points - middle, image - middle_image, weights)
         np.testing.assert_allclose(pose.rotation, wanted.as_matrix(), atol=ROUNDING)
         np.testing.assert_allclose(pose.transform(middle_image), middle, atol=ROUNDING)
-        scaled = rigid_transform(points, image, 7.0 * weights)
+        scaled = rigid_pose(points, image, 7.0 * weights)
         assert error(scaled, pose) < ROUNDING
 
 
@@ -284,10 +286,10 @@ def test_no_pose_leaves_less_than_the_rigid_one():
     points, weights = scattered(rng), rng.uniform(0.1, 10.0, 12)
     image = seen(random_pose(rng), points) + 0.1 * rng.normal(size=points.shape)
     information = weights[:, None, None] * np.eye(3)
-    pose = rigid_transform(points, image, weights)
-    least = plain.squares_left(pose, points, image, information)
+    pose = rigid_pose(points, image, weights)
+    least = plain.sum_of_squares(pose, points, image, information)
     for d in 0.01 * rng.normal(size=(200, 6)):
-        assert plain.squares_left(displaced(pose, d), points, image, information) > least
+        assert plain.sum_of_squares(apply_displacement(pose, d), points, image, information) > least
 
 
 def test_a_weight_of_zero_leaves_a_point_out():
@@ -297,8 +299,8 @@ def test_a_weight_of_zero_leaves_a_point_out():
     image[4] += 5.0
     weights = np.ones(12)
     weights[4] = 0.0
-    without = rigid_transform(np.delete(points, 4, axis=0), np.delete(image, 4, axis=0))
-    assert error(rigid_transform(points, image, weights), without) < ROUNDING
+    without = rigid_pose(np.delete(points, 4, axis=0), np.delete(image, 4, axis=0))
+    assert error(rigid_pose(points, image, weights), without) < ROUNDING
 
 
 @pytest.mark.parametrize(
@@ -310,15 +312,17 @@ def test_a_weight_of_zero_leaves_a_point_out():
     ],
 )
 def test_no_rigid_pose_of_points_in_a_line(points, message):
-    with pytest.raises(BadlyPlacedError, match=f"three points that are not in one line, {message}"):
-        rigid_transform(points, points)
+    with pytest.raises(
+        DegenerateGeometryError, match=f"three points that are not in one line, {message}"
+    ):
+        rigid_pose(points, points)
 
 
 def test_no_rigid_pose_of_weights_that_leave_a_line():
     line = in_a_line(np.random.default_rng(15), 4)
     points = np.vstack([line, [3.0, 5, 0]])
-    with pytest.raises(BadlyPlacedError, match="in a line"):
-        rigid_transform(points, points, [1, 1, 1, 1, 0])
+    with pytest.raises(DegenerateGeometryError, match="in a line"):
+        rigid_pose(points, points, [1, 1, 1, 1, 0])
 
 
 # outliers
@@ -334,7 +338,7 @@ def test_fiducials_that_have_moved_are_found(moved):
         for i in moved:
             step = rng.normal(size=3)
             image[i] += rng.uniform(0.15, 0.25) * step / np.linalg.norm(step)
-        taken = consistent(points, image, np.full(8, 0.01))
+        taken = consistent_subset(points, image, np.full(8, 0.01))
         np.testing.assert_array_equal(np.flatnonzero(~taken), moved)
 
 
@@ -344,7 +348,7 @@ def test_two_fiducials_that_moved_together_are_found():
     points = scattered(rng, 8)
     image = seen(random_pose(rng), points)
     image[[2, 5]] += [0.1, 0.15, 0.0]
-    taken = consistent(points, image, np.full(8, 0.01))
+    taken = consistent_subset(points, image, np.full(8, 0.01))
     np.testing.assert_array_equal(np.flatnonzero(~taken), [2, 5])
 
 
@@ -352,8 +356,8 @@ def test_by_hand_distances_agree_up_to_so_many_deviations():
     """A pair whose distance grew by 5 cm, known to 1 cm and 4/3 cm: 1.667 cm together."""
     points, image = np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[0.0, 0, 0], [1.05, 0, 0]])
     deviations = np.array([0.01, 0.04 / 3])
-    assert consistent(points, image, deviations, 3.01).tolist() == [True, True]
-    assert consistent(points, image, deviations, 2.99).tolist() == [True, False]
+    assert consistent_subset(points, image, deviations, 3.01).tolist() == [True, True]
+    assert consistent_subset(points, image, deviations, 2.99).tolist() == [True, False]
 
 
 def test_those_taken_all_agree_and_are_about_as_many_as_can():
@@ -365,10 +369,10 @@ def test_those_taken_all_agree_and_are_about_as_many_as_can():
         image = seen(random_pose(rng), points) + 0.01 * rng.normal(size=points.shape)
         image[:4] += rng.normal(size=(4, 3)) * rng.choice([0.02, 0.2])
         deviations = rng.uniform(0.005, 0.02, 9)
-        taken = np.flatnonzero(consistent(points, image, deviations))
+        taken = np.flatnonzero(consistent_subset(points, image, deviations))
         for i in range(9):
             others = [j for j in taken if j != i]
-            agree = [plain.agrees(points, image, deviations, i, j, 3.0) for j in others]
+            agree = [plain.distances_agree(points, image, deviations, i, j, 3.0) for j in others]
             assert all(agree) == (i in taken)  # a clique that nothing can be added to
         sizes.append((len(taken), plain.largest_clique(points, image, deviations, 3.0)))
     found, largest = np.array(sizes).T
@@ -383,7 +387,7 @@ def test_noise_seldom_makes_an_outlier():
     for _ in range(200):
         points = scattered(rng, 8)
         image = seen(HERE, points) + 0.01 * rng.normal(size=points.shape)
-        kept += consistent(points, image, np.full(8, 0.01)).sum()
+        kept += consistent_subset(points, image, np.full(8, 0.01)).sum()
     # at most one of eight in 28 / 370 of the sets: 15 of 1600, and as much again
     assert kept >= 1600 - 30
 
@@ -396,13 +400,15 @@ def test_with_equal_round_gaussians_the_likeliest_pose_is_umeyamas():
     for _ in range(20):
         true, points = random_pose(rng), scattered(rng)
         image = seen(true, points) + 0.01 * rng.normal(size=points.shape)
-        start = displaced(true, rng.normal(size=6) * 0.02)
+        start = apply_displacement(true, rng.normal(size=6) * 0.02)
         information = np.broadcast_to(1e4 * np.eye(3), (12, 3, 3))
-        found = gaussian_transform(points, image, information, start)
+        found = gaussian_pose(points, image, information, start)
         # residuals of 1 cm at arms of a metre: each iteration leaves a hundredth
-        assert error(found.estimate.pose, rigid_transform(points, image)) < 1e-8
+        assert error(found.estimate.pose, rigid_pose(points, image)) < 1e-8
         left = points - found.estimate.pose.transform(image)
-        np.testing.assert_allclose(found.mahalanobis, 1e4 * (left**2).sum(axis=1), rtol=1e-9)
+        np.testing.assert_allclose(
+            found.squared_mahalanobis, 1e4 * (left**2).sum(axis=1), rtol=1e-9
+        )
 
 
 def test_no_pose_is_likelier():
@@ -411,10 +417,10 @@ def test_no_pose_is_likelier():
     covariances = anisotropic(rng, 12)
     image = seen(true, points + drawn(rng, covariances))
     information = np.linalg.inv(covariances)
-    pose = gaussian_transform(points, image, information, true).estimate.pose
-    least = plain.squares_left(pose, points, image, information)
+    pose = gaussian_pose(points, image, information, true).estimate.pose
+    least = plain.sum_of_squares(pose, points, image, information)
     for d in 1e-3 * rng.normal(size=(200, 6)):
-        assert plain.squares_left(displaced(pose, d), points, image, information) > least
+        assert plain.sum_of_squares(apply_displacement(pose, d), points, image, information) > least
 
 
 FACE = np.array([[3.0, 1, 1], [3, -1, 1], [3, 1, -1], [3, -1, -1]])
@@ -426,7 +432,7 @@ ALONG_X = np.broadcast_to(np.diag([1e4, 0.0, 0.0]), (4, 3, 3))
 def test_by_hand_a_wall_leaves_the_directions_along_it_to_the_prior():
     """The wall is seen 5 cm too near: the camera stands 5 cm nearer to it."""
     prior = np.diag([1.0, 0.02, 0.03, 0.04, 1.0, 1.0]) ** 2
-    found = gaussian_transform(FACE, FACE - [0.05, 0, 0], ALONG_X, HERE, prior)
+    found = gaussian_pose(FACE, FACE - [0.05, 0, 0], ALONG_X, HERE, prior)
     # four points of 1 cm each along x, and a prior of 1 m: 0.05 / (1 + 1e-4 / 4)
     wanted = [0.05 / (1 + 1e-4 / 4), 0.0, 0.0]
     np.testing.assert_allclose(found.estimate.pose.translation, wanted, atol=1e-12)
@@ -439,22 +445,26 @@ def test_by_hand_a_wall_leaves_the_directions_along_it_to_the_prior():
 
 @pytest.mark.parametrize("k", [0, 1, 4])
 def test_a_wall_without_a_prior_leaves_directions_open(k):
-    with pytest.raises(BadlyPlacedError, match=f"{k} fiducials leave a direction of the pose open"):
-        gaussian_transform(FACE[:k], FACE[:k], ALONG_X[:k], HERE)
+    with pytest.raises(
+        DegenerateGeometryError, match=f"{k} fiducials leave a direction of the pose open"
+    ):
+        gaussian_pose(FACE[:k], FACE[:k], ALONG_X[:k], HERE)
 
 
 def test_a_turn_about_the_line_of_two_fiducials_is_open():
     points = np.array([[3.0, 1, 0.2], [2.0, -1, 0.5]])
-    with pytest.raises(BadlyPlacedError, match="2 fiducials leave a direction of the pose open"):
-        gaussian_transform(points, points, np.broadcast_to(1e4 * np.eye(3), (2, 3, 3)), HERE)
+    with pytest.raises(
+        DegenerateGeometryError, match="2 fiducials leave a direction of the pose open"
+    ):
+        gaussian_pose(points, points, np.broadcast_to(1e4 * np.eye(3), (2, 3, 3)), HERE)
 
 
 def test_a_prior_that_is_sure_keeps_the_pose():
     rng = np.random.default_rng(22)
     true, points = random_pose(rng), scattered(rng)
-    start = displaced(true, [0.01, 0, 0, 0, 0.01, 0])
+    start = apply_displacement(true, [0.01, 0, 0, 0, 0.01, 0])
     information = np.broadcast_to(1e4 * np.eye(3), (12, 3, 3))
-    found = gaussian_transform(points, seen(true, points), information, start, 1e-14 * np.eye(6))
+    found = gaussian_pose(points, seen(true, points), information, start, 1e-14 * np.eye(6))
     assert error(found.estimate.pose, start) < 1e-6  # 1e-7 against 1 cm: squares are 1e-10 apart
 
 
@@ -472,14 +482,14 @@ def anisotropic_draws():
         true, points = random_pose(rng), scattered(rng, 10)
         covariances = anisotropic(rng, 10)
         image = seen(true, points + drawn(rng, covariances))
-        start = displaced(true, rng.normal(size=6) * 0.01)
-        found = gaussian_transform(points, image, np.linalg.inv(covariances), start)
-        poses = (found.estimate.pose, rigid_transform(points, image), linear_pose(points, image))
+        start = apply_displacement(true, rng.normal(size=6) * 0.01)
+        found = gaussian_pose(points, image, np.linalg.inv(covariances), start)
+        poses = (found.estimate.pose, rigid_pose(points, image), linear_pose(points, image))
         for name, pose in zip(names, poses, strict=True):
             errors[name][k] = displacement_between(pose, true)
         e = errors["gaussian"][k]
         nees[k] = e @ np.linalg.solve(found.estimate.covariance, e)
-        left[k] = found.mahalanobis.sum()
+        left[k] = found.squared_mahalanobis.sum()
     return errors, nees, left
 
 

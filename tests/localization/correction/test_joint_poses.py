@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from plain.joint_gaussian import conditioned
+from plain.joint_gaussian import condition_gaussian
 
-from coopmap_env.geometry import Pose, displaced, displacement_between
-from coopmap_env.localization.correction.pose_state import LEAST, JointPoses
-from coopmap_env.localization.target import about_z
-from coopmap_env.robots import CameraEstimate, Vehicle, make_mount
+from coopmap_env.geometry import Pose, apply_displacement, displacement_between
+from coopmap_env.localization.correction.pose_state import MIN_VARIANCE, PoseState
+from coopmap_env.localization.target import rotation_z
+from coopmap_env.robots import PoseEstimate, Vehicle, make_mount
 
 pytest.importorskip("yourdfpy")
 HOME = np.array(make_mount("mast").home)
@@ -23,17 +23,17 @@ BASE_COVARIANCE = np.diag([0.03, 0.02, 0.01, 0.004, 0.005, 0.01]) ** 2
 
 
 def standing(x, y, yaw):
-    return Pose(np.array([x, y, 0.0]), about_z(yaw))
+    return Pose(np.array([x, y, 0.0]), rotation_z(yaw))
 
 
 def vehicle(x=1.0, y=-0.5, yaw=0.7, **changes):
     mount = make_mount("mast")
-    return Vehicle.of(dataclasses.replace(mount, **changes) if changes else mount,
+    return Vehicle.from_mount(dataclasses.replace(mount, **changes) if changes else mount,
                       standing(x, y, yaw))  # fmt: skip
 
 
 def team(**changes):
-    return JointPoses((vehicle(**changes), vehicle(-2.0, 1.0, -1.2, **changes)))
+    return PoseState((vehicle(**changes), vehicle(-2.0, 1.0, -1.2, **changes)))
 
 
 def same(estimate, wanted, atol=1e-12):
@@ -44,7 +44,7 @@ def same(estimate, wanted, atol=1e-12):
 
 def padded(estimate):
     """With what keeps covariances definite."""
-    return CameraEstimate(estimate.pose, estimate.covariance + LEAST * np.eye(6))
+    return PoseEstimate(estimate.pose, estimate.covariance + MIN_VARIANCE * np.eye(6))
 
 
 # prediction
@@ -66,13 +66,13 @@ def test_the_first_prediction_is_that_of_the_vehicle(robot):
 def test_the_first_prediction_is_that_of_a_vehicle_whose_base_is_not_known_exactly(robot):
     poses = team()
     found = standing(0.3, 0.4, 2.0)
-    R = np.kron(np.eye(2), about_z(0.5))
+    R = np.kron(np.eye(2), rotation_z(0.5))
     covariance = R @ BASE_COVARIANCE @ R.T
-    poses.place_base(robot, CameraEstimate(found, covariance))
-    there = poses.vehicles[robot].at(found, covariance)
+    poses.set_base(robot, PoseEstimate(found, covariance))
+    there = poses.vehicles[robot].with_base_pose(found, covariance)
     for reading in (HOME, OUT):
         same(poses.predict(robot, reading), padded(there.camera_estimate(reading)))
-    same(poses.base(robot), CameraEstimate(found, covariance))
+    same(poses.base(robot), PoseEstimate(found, covariance))
     other = 1 - robot  # knows its base exactly, as before
     same(poses.predict(other, OUT), padded(poses.vehicles[other].camera_estimate(OUT)))
     assert not poses.base(other).covariance.any()
@@ -84,8 +84,10 @@ def test_two_looks_of_a_robot_share_their_offsets_and_those_of_two_robots_nothin
     P, v = poses.covariance, poses.vehicles[0]
     S = np.diag(np.square(v.mount.calibration_error))
     shared = v.joint_jacobian(OUT) @ S @ v.joint_jacobian(AWAY).T
-    np.testing.assert_allclose(P[poses.look(one), poses.look(two)], shared, atol=1e-15)
-    assert not P[poses.look(one), poses.look(other)].any()
+    np.testing.assert_allclose(
+        P[poses.camera_slice(one), poses.camera_slice(two)], shared, atol=1e-15
+    )
+    assert not P[poses.camera_slice(one), poses.camera_slice(other)].any()
     np.testing.assert_allclose(P, P.T, atol=ROUNDING)
     assert np.linalg.eigvalsh(P[11:, 11:]).min() > -ROUNDING
 
@@ -93,20 +95,22 @@ def test_two_looks_of_a_robot_share_their_offsets_and_those_of_two_robots_nothin
 def test_predictions_are_those_of_many_drawn_errors():
     """Of base, offsets, encoders and body; 4000 draws tell standard deviations to 5 %."""
     poses = team()
-    poses.place_base(0, CameraEstimate(standing(0.3, 0.4, 2.0), BASE_COVARIANCE / 4))
+    poses.set_base(0, PoseEstimate(standing(0.3, 0.4, 2.0), BASE_COVARIANCE / 4))
     poses.add(0, OUT)
     poses.add(0, AWAY)
     v, mount, rng = poses.vehicles[0], make_mount("mast"), np.random.default_rng(0)
-    sprung, draws = mount.chain(on_suspension=True), np.empty((4000, 12))
+    sprung, draws = mount.chain(with_suspension=True), np.empty((4000, 12))
     for k in range(4000):
-        base = displaced(v.T_world_base, rng.multivariate_normal(np.zeros(6), BASE_COVARIANCE / 4))
+        base = apply_displacement(
+            v.T_world_base, rng.multivariate_normal(np.zeros(6), BASE_COVARIANCE / 4)
+        )
         offsets = rng.normal(0.0, mount.calibration_error)
         for i, reading in enumerate((OUT, AWAY)):
             joints = reading - offsets - rng.normal(0.0, mount.encoder_noise)
             R, t = sprung.camera_poses([*rng.normal(0.0, mount.suspension.std), *joints])
             true = base @ Pose(t, R)
             draws[k, 6 * i : 6 * i + 6] = displacement_between(poses.cameras[i], true)
-    drawn, at = np.cov(draws.T), poses.columns([0, 1])
+    drawn, at = np.cov(draws.T), poses.state_indices([0, 1])
     scale = np.sqrt(np.diag(drawn))
     claimed = poses.covariance[np.ix_(at, at)]
     np.testing.assert_allclose(np.sqrt(np.diag(claimed)), scale, rtol=0.06)
@@ -125,9 +129,9 @@ def test_a_perfect_measurement_pins_a_look_and_moves_another_by_what_they_have_i
     offsets = np.array([2e-3, -1e-3, 1.5e-3, -2e-3, 1e-3])
     v = poses.vehicles[0]
     moved = displacement_between(before[one], v.camera_pose(OUT - offsets))
-    poses.condition(poses.columns([one]), PERFECT, PERFECT @ moved)
+    poses.update(poses.state_indices([one]), PERFECT, PERFECT @ moved)
     # the padding of 1e-9 against errors of 7e-6 m^2: a part in a thousand; and the second order
-    got = displacement_between(poses.cameras[one], displaced(before[one], moved))
+    got = displacement_between(poses.cameras[one], apply_displacement(before[one], moved))
     assert np.abs(got).max() < 1e-6
     got = displacement_between(poses.cameras[two], v.camera_pose(AWAY - offsets))
     assert np.linalg.norm(displacement_between(before[two], v.camera_pose(AWAY - offsets))) > 1.5e-3
@@ -143,9 +147,9 @@ def test_by_hand_a_turntable_that_is_off_turns_both_looks():
     before, base = list(poses.cameras), poses.vehicles[0].T_world_base.translation
     A = np.zeros((6, 6))
     A[5, 5] = 1e14
-    poses.condition(poses.columns([one]), A, A @ [0, 0, 0, 0, 0, 2e-3])
+    poses.update(poses.state_indices([one]), A, A @ [0, 0, 0, 0, 0, 2e-3])
     # the padding 1e-9 against 9e-6
-    assert poses.common[6] == pytest.approx(-2e-3, rel=3e-4)
+    assert poses.robot_state[6] == pytest.approx(-2e-3, rel=3e-4)
     turned = displacement_between(before[two], poses.cameras[two])
     arm = before[two].translation - base
     np.testing.assert_allclose(turned[3:], [0, 0, 2e-3], atol=1e-6)
@@ -162,7 +166,7 @@ def test_measured_looks_tell_the_offsets():
     predicted = np.trace(poses.predict(0, HOME).covariance)
     for reading in (OUT, AWAY):
         number = poses.add(0, reading)
-        poses.condition(poses.columns([number]), PERFECT, np.zeros(6))
+        poses.update(poses.state_indices([number]), PERFECT, np.zeros(6))
         traces.append(np.trace(poses.covariance[at, at]))
     assert traces[1] < 0.95 * traces[0]
     assert traces[2] < 0.95 * traces[1]
@@ -174,7 +178,7 @@ def test_measured_looks_tell_the_offsets():
 def seen_twice():
     """Three looks of two robots, and a measurement of what two of them have moved by."""
     poses = team()
-    poses.place_base(1, CameraEstimate(standing(-1.8, 1.1, -1.0), BASE_COVARIANCE))
+    poses.set_base(1, PoseEstimate(standing(-1.8, 1.1, -1.0), BASE_COVARIANCE))
     for robot, reading in ((0, OUT), (1, AWAY), (0, AWAY)):
         poses.add(robot, reading)
     rng = np.random.default_rng(1)
@@ -186,18 +190,23 @@ def seen_twice():
 
 def test_conditioning_is_the_textbooks(seen_twice):
     poses, H, R, z, A, b = seen_twice
-    columns = poses.columns([2, 1])
-    assert columns.tolist() == [*range(34, 40), *range(28, 34)]  # behind twice 11 of all looks
+    state_indices = poses.state_indices([2, 1])
+    assert state_indices.tolist() == [
+        *range(34, 40),
+        *range(28, 34),
+    ]  # behind twice 11 of all looks
     whole = np.zeros((7, len(poses.covariance)))
-    whole[:, columns] = H
+    whole[:, state_indices] = H
     start = np.zeros(len(poses.covariance))
-    x, P = conditioned(start, poses.covariance, whole, z, R)
-    before, common = list(poses.cameras), poses.common.copy()
-    np.testing.assert_allclose(poses.displacement(columns, A, b), x[columns], atol=1e-12)
+    x, P = condition_gaussian(start, poses.covariance, whole, z, R)
+    before, common = list(poses.cameras), poses.robot_state.copy()
+    np.testing.assert_allclose(
+        poses.posterior_displacement(state_indices, A, b), x[state_indices], atol=1e-12
+    )
     assert poses.cameras == before  # nothing is moved by asking
-    poses.condition(columns, A, b)
+    poses.update(state_indices, A, b)
     # sums of a condition of 1e5, of values of 1e-2 and 1e-4
-    np.testing.assert_allclose(poses.common - common, x[:22], atol=1e-11)
+    np.testing.assert_allclose(poses.robot_state - common, x[:22], atol=1e-11)
     np.testing.assert_allclose(poses.covariance, P, atol=1e-13)
     for k in range(3):
         moved = displacement_between(before[k], poses.cameras[k])
@@ -207,18 +216,18 @@ def test_conditioning_is_the_textbooks(seen_twice):
 def test_two_measurements_are_as_good_as_both_at_once(seen_twice):
     """In either order: of Gaussians this is exact, up to turns that are composed."""
     poses, _, _, _, A, _ = seen_twice
-    columns, again = poses.columns([0, 1]), poses.columns([1, 2])
+    state_indices, again = poses.state_indices([0, 1]), poses.state_indices([1, 2])
     states = []
     for order in (0, 1):
-        one = JointPoses(tuple(poses.vehicles))
-        one.common, one.covariance, one.cameras = (
-            poses.common.copy(), poses.covariance.copy(), list(poses.cameras),
+        one = PoseState(tuple(poses.vehicles))
+        one.robot_state, one.covariance, one.cameras = (
+            poses.robot_state.copy(), poses.covariance.copy(), list(poses.cameras),
         )  # fmt: skip
-        for at in (columns, again)[:: 1 - 2 * order]:
-            if at is columns:
-                one.condition(at, A, np.zeros(12))
+        for at in (state_indices, again)[:: 1 - 2 * order]:
+            if at is state_indices:
+                one.update(at, A, np.zeros(12))
             else:
-                one.condition(at, 0.1 * A, np.zeros(12))
+                one.update(at, 0.1 * A, np.zeros(12))
         states.append(one)
     np.testing.assert_allclose(states[0].covariance, states[1].covariance, atol=1e-13)
 
@@ -226,7 +235,7 @@ def test_two_measurements_are_as_good_as_both_at_once(seen_twice):
 def test_a_measurement_that_says_nothing_changes_nothing(seen_twice):
     poses, *_ = seen_twice
     before, cameras = poses.covariance.copy(), list(poses.cameras)
-    poses.condition(poses.columns([0]), np.zeros((6, 6)), np.zeros(6))
+    poses.update(poses.state_indices([0]), np.zeros((6, 6)), np.zeros(6))
     np.testing.assert_allclose(poses.covariance, before, atol=ROUNDING)
     for camera, was in zip(poses.cameras, cameras, strict=True):
         np.testing.assert_array_equal(camera.translation, was.translation)
@@ -234,16 +243,16 @@ def test_a_measurement_that_says_nothing_changes_nothing(seen_twice):
 
 def test_to_forget_a_look_is_to_leave_it_out_of_the_gaussian(seen_twice):
     poses, _, _, _, A, b = seen_twice
-    poses.condition(poses.columns([0, 1]), A, b)
+    poses.update(poses.state_indices([0, 1]), A, b)
     kept = np.r_[0:28, 34:40]
     wanted, last = poses.covariance[np.ix_(kept, kept)], poses.cameras[2]
-    poses.forget(1)
+    poses.remove_camera(1)
     assert len(poses) == 2
     np.testing.assert_array_equal(poses.covariance, wanted)
     assert poses.cameras[1] is last
     number = poses.add(1, OUT)
     assert number == 2
-    assert poses.look(number) == slice(34, 40)
+    assert poses.camera_slice(number) == slice(34, 40)
 
 
 # bases
@@ -251,14 +260,14 @@ def test_to_forget_a_look_is_to_leave_it_out_of_the_gaussian(seen_twice):
 
 def test_the_base_follows_from_a_measured_camera_and_the_kinematics():
     """A mount that hardly errs; the base is found 2 mm and 2 mrad off."""
-    poses = JointPoses((vehicle(encoder_noise=0.0, suspension=None, calibration_error=1e-7),))
+    poses = PoseState((vehicle(encoder_noise=0.0, suspension=None, calibration_error=1e-7),))
     true = poses.vehicles[0].T_world_base
     off = np.array([0.002, -0.001, 0.0015, 0.001, -0.002, 0.0015])
-    poses.place_base(0, CameraEstimate(displaced(true, off), BASE_COVARIANCE))
+    poses.set_base(0, PoseEstimate(apply_displacement(true, off), BASE_COVARIANCE))
     number = poses.add(0, OUT)
-    camera = poses.vehicles[0].at(true).camera_pose(OUT)
+    camera = poses.vehicles[0].with_base_pose(true).camera_pose(OUT)
     moved = displacement_between(poses.cameras[number], camera)
-    poses.condition(poses.columns([number]), PERFECT, PERFECT @ moved)
+    poses.update(poses.state_indices([number]), PERFECT, PERFECT @ moved)
     found = poses.base(0)
     assert np.linalg.norm(displacement_between(found.pose, poses.vehicles[0].T_world_base)) > 3e-3
     # of 2 mm and 2 mrad the second order is 4e-6, and the padding tells on 2e-3 as 1e-9 / 1.6e-5
@@ -266,14 +275,14 @@ def test_the_base_follows_from_a_measured_camera_and_the_kinematics():
     # the camera's pose to the root of the padding, 3e-5, and 2 m of arm
     assert np.sqrt(np.diag(found.covariance)).max() < 1e-4
     # and the next look is where the true base puts it
-    there = poses.vehicles[0].at(true).camera_pose(AWAY)
+    there = poses.vehicles[0].with_base_pose(true).camera_pose(AWAY)
     assert np.abs(displacement_between(poses.predict(0, AWAY).pose, there)).max() < 4e-5
 
 
 def test_a_base_that_is_known_exactly_stays():
     poses = team()
     number = poses.add(0, OUT)
-    poses.condition(poses.columns([number]), PERFECT, PERFECT @ np.full(6, 0.003))
+    poses.update(poses.state_indices([number]), PERFECT, PERFECT @ np.full(6, 0.003))
     base = poses.base(0)
     np.testing.assert_array_equal(base.pose.translation, [1.0, -0.5, 0.0])
     assert not base.covariance.any()
@@ -281,7 +290,7 @@ def test_a_base_that_is_known_exactly_stays():
 
 def test_a_base_that_is_found_knows_nothing_of_what_was_taken_for_it_before():
     poses = team()
-    poses.place_base(0, CameraEstimate(standing(0, 0, 0), BASE_COVARIANCE))
-    poses.place_base(0, CameraEstimate(standing(1, 2, 0.3), BASE_COVARIANCE / 100))
-    same(poses.base(0), CameraEstimate(standing(1, 2, 0.3), BASE_COVARIANCE / 100))
+    poses.set_base(0, PoseEstimate(standing(0, 0, 0), BASE_COVARIANCE))
+    poses.set_base(0, PoseEstimate(standing(1, 2, 0.3), BASE_COVARIANCE / 100))
+    same(poses.base(0), PoseEstimate(standing(1, 2, 0.3), BASE_COVARIANCE / 100))
     np.testing.assert_array_equal(poses.covariance, poses.covariance.T)

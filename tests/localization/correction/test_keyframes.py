@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.geometry import Pose
-from coopmap_env.localization.correction.keyframes import Keyframes, Surfaces
+from coopmap_env.localization.correction.keyframes import KeyframeBuffer, ScanSurfaces
 from coopmap_env.localization.correction.surface_normals import surface_normals
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
@@ -15,7 +15,9 @@ N = CAMERA.n_pixels
 def numbered(k):
     """A look whose every value is k."""
     values = np.full(N, float(k))
-    return Surfaces(np.full((N, 3), k), np.full((N, 3), k), np.full(N, k % 2 == 1), values, values)
+    return ScanSurfaces(
+        np.full((N, 3), k), np.full((N, 3), k), np.full(N, k % 2 == 1), values, values
+    )
 
 
 def standing(k):
@@ -28,7 +30,7 @@ def in_order(kept):
 
 
 def test_looks_keep_their_order_when_one_is_removed_and_its_room_is_used_again():
-    kept = Keyframes(3, N)
+    kept = KeyframeBuffer(3, N)
     for k in (1, 2, 3):
         kept.add(numbered(k))
     assert in_order(kept) == [1, 2, 3]
@@ -36,7 +38,7 @@ def test_looks_keep_their_order_when_one_is_removed_and_its_room_is_used_again()
     assert in_order(kept) == [2, 3]
     kept.add(numbered(4))
     assert in_order(kept) == [2, 3, 4]
-    kept.place([standing(2), standing(3), standing(4)])
+    kept.set_camera_poses([standing(2), standing(3), standing(4)])
     for slot, k in zip(kept.slots, (2, 3, 4), strict=True):
         assert kept.translations[slot].tolist() == [k, k, k]
         np.testing.assert_array_equal(kept.rotations[slot], np.eye(3))
@@ -45,7 +47,7 @@ def test_looks_keep_their_order_when_one_is_removed_and_its_room_is_used_again()
 
 
 def test_there_is_no_room_for_more_than_so_many():
-    kept = Keyframes(2, N)
+    kept = KeyframeBuffer(2, N)
     kept.add(numbered(1))
     kept.add(numbered(2))
     with pytest.raises(ValueError, match="no room for more than 2 looks"):
@@ -54,10 +56,10 @@ def test_there_is_no_room_for_more_than_so_many():
 
 
 def test_each_look_needs_a_pose():
-    kept = Keyframes(2, N)
+    kept = KeyframeBuffer(2, N)
     kept.add(numbered(1))
     with pytest.raises(ValueError, match="zip"):
-        kept.place([])
+        kept.set_camera_poses([])
 
 
 def test_by_hand_the_surfaces_of_a_look():
@@ -66,13 +68,13 @@ def test_by_hand_the_surfaces_of_a_look():
     hit = np.ones(N, dtype=bool)
     hit[3] = False
     cloud, noise = PointCloud(points, hit), RangeNoise(intrinsic=0.002, depth=0.5, lateral=0.1)
-    surfaces = Surfaces.of(cloud, CAMERA, noise)
+    surfaces = ScanSurfaces.from_cloud(cloud, CAMERA, noise)
     wanted = 0.002 * 0.5 * (points**2).sum(axis=1) * hit
     np.testing.assert_allclose(surfaces.deviations, wanted, rtol=1e-12)
     normals = surface_normals(cloud, CAMERA, noise)
-    for mine, theirs in zip(surfaces[1:4], (normals.normals, normals.planar, normals.tilts),
+    for mine, theirs in zip(surfaces[1:4], (normals.normals, normals.planar, normals.normal_variances),
                             strict=True):  # fmt: skip
         np.testing.assert_array_equal(mine, theirs)
     # a camera without noise still measures
-    exact = Surfaces.of(cloud, CAMERA, RangeNoise(intrinsic=0.0)).deviations
+    exact = ScanSurfaces.from_cloud(cloud, CAMERA, RangeNoise(intrinsic=0.0)).deviations
     np.testing.assert_array_equal(exact > 0, hit)

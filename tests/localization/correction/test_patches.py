@@ -5,26 +5,26 @@ import dataclasses
 import numpy as np
 import pytest
 from plain import patches as plain
-from plain.looking import aimed, box, look
+from plain.triangle_camera import box, look_at_pose, render_scan
 
-from coopmap_env.geometry import Pose, displaced
+from coopmap_env.geometry import Pose, apply_displacement
 from coopmap_env.localization.correction.patches import (
-    FACING,
-    KNOWN,
-    LEAST_VARIANCE,
+    MIN_NORMAL_COSINE,
+    MIN_VARIANCE,
     N_SUMS,
+    TARGET_SOURCE,
+    accumulate_patches,
     associate,
-    count_shared,
-    measure_patches,
-    patches_of,
+    count_overlap,
+    patches_from_sums,
 )
 from coopmap_env.localization.correction.settings import CorrectionSettings
 from coopmap_env.localization.correction.surface_normals import surface_normals
-from coopmap_env.localization.depth_rendering import pinhole
+from coopmap_env.localization.depth_rendering import pinhole_intrinsics
 from coopmap_env.sensing import DepthCamera, RangeNoise
 
 CAMERA = DepthCamera(width=32, height=24)
-LENS = pinhole(CAMERA)
+INTRINSICS = pinhole_intrinsics(CAMERA)
 NOISE, EXACT = RangeNoise(), RangeNoise(intrinsic=0.0)
 LATERAL = 0.25
 SETTINGS = CorrectionSettings()
@@ -37,12 +37,12 @@ SIGMA = 0.01
 
 def seen(triangles, pose, noise=EXACT, seed=0, stated=NOISE):
     """A look, its normals, and what Eq. 1 says of its pixels."""
-    cloud = look(triangles, pose, CAMERA, noise, np.random.default_rng(seed))
+    cloud = render_scan(triangles, pose, CAMERA, noise, np.random.default_rng(seed))
     normals = surface_normals(cloud, CAMERA, stated)
     ranges = np.linalg.norm(cloud.points, axis=1)
     deviations = np.where(cloud.hit, stated.intrinsic * ranges**2, 0.0)
-    return plain.PlainLook(
-        pose, cloud.points, normals.normals, normals.planar, normals.tilts, deviations
+    return plain.PlainScan(
+        pose, cloud.points, normals.normals, normals.planar, normals.normal_variances, deviations
     )
 
 
@@ -62,18 +62,18 @@ def sources(looks):
     )
 
 
-def measure(now, looks, labels=None, known=None, gates=(0.25, 0.0), n_labels=1, order=None):
+def measure(now, looks, labels=None, target_planes=None, gates=(0.25, 0.0), n_labels=1, order=None):
     """Hold a look against others, in their order or in another one."""
     n = CAMERA.n_pixels
     slots = np.arange(len(looks)) if order is None else np.array(order)
     labels = np.zeros(n, dtype=np.int32) if labels is None else labels
-    known = np.zeros((n, 6)) if known is None else known
+    target_planes = np.zeros((n, 6)) if target_planes is None else target_planes
     sums = np.zeros((n_labels, 1 + len(slots), N_SUMS))
-    measure_patches(
-        now.pose.transform(now.points), now.normals @ now.pose.rotation.T, now.planar, now.tilts,
-        now.deviations, np.ascontiguousarray(now.pose.rotation[:, 0]), LATERAL, labels, known,
-        slots, sources(looks), np.array([s.tilts for s in looks]).reshape(-1, n),
-        np.array([s.deviations for s in looks]).reshape(-1, n), LENS, gates,
+    accumulate_patches(
+        now.pose.transform(now.points), now.normals @ now.pose.rotation.T, now.planar, now.normal_variances,
+        now.deviations, np.ascontiguousarray(now.pose.rotation[:, 0]), LATERAL, labels, target_planes,
+        slots, sources(looks), np.array([s.normal_variances for s in looks]).reshape(-1, n),
+        np.array([s.deviations for s in looks]).reshape(-1, n), INTRINSICS, gates,
         np.zeros((len(slots), n), dtype=bool), sums,
     )  # fmt: skip
     return sums
@@ -90,7 +90,7 @@ def scene(rng):
 
 def around(rng):
     """A camera somewhere near to the origin, turned a little."""
-    return displaced(HERE, rng.normal(size=6) * [0.2, 0.2, 0.2, 0.05, 0.05, 0.05])
+    return apply_displacement(HERE, rng.normal(size=6) * [0.2, 0.2, 0.2, 0.05, 0.05, 0.05])
 
 
 # association
@@ -101,8 +101,8 @@ def test_by_hand_a_pixel_looks_through_where_its_point_is():
     there = seen(WALL, HERE)
     p, n = np.array([2.0, -0.01, 0.01]), np.array([-1.0, 0, 0])
     middle = 11 * 32 + 16  # row 11 of 24, column 16 of 32: the first to the right, above
-    assert associate(p, n, 0, sources([there]), LENS, 0.25) == middle
-    assert associate(p * [1, -1, -1], n, 0, sources([there]), LENS, 0.25) == middle + 31
+    assert associate(p, n, 0, sources([there]), INTRINSICS, 0.25) == middle
+    assert associate(p * [1, -1, -1], n, 0, sources([there]), INTRINSICS, 0.25) == middle + 31
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_by_hand_a_pixel_looks_through_where_its_point_is():
     ],
 )
 def test_a_surface_that_an_earlier_look_did_not_see_has_no_pixel(point, normal):
-    args = (0, sources([seen(WALL, HERE)]), LENS, 0.25)
+    args = (0, sources([seen(WALL, HERE)]), INTRINSICS, 0.25)
     assert associate(np.array(point), np.array(normal), *args) == -1
 
 
@@ -132,17 +132,25 @@ def test_association_is_the_plain_one():
         points, normals = now.pose.transform(now.points), now.normals @ now.pose.rotation.T
         for gate in (0.05, 0.25):
             wanted = [
-                [plain.associated(p, n, there, CAMERA, gate, FACING)
+                [plain.associated_pixel(p, n, there, CAMERA, gate, MIN_NORMAL_COSINE)
                  for p, n in zip(points, normals, strict=True)]
                 for there in looks
             ]  # fmt: skip
             for s in range(2):
                 for p, n, m in zip(points, normals, wanted[s], strict=True):
-                    same = associate(p, n, s, sources(looks), LENS, gate)
+                    same = associate(p, n, s, sources(looks), INTRINSICS, gate)
                     assert same == (-1 if m is None else m)
             counts = np.full(2, -1)
-            count_shared(
-                points, normals, now.planar, 5, np.array([1, 0]), sources(looks), LENS, gate, counts
+            count_overlap(
+                points,
+                normals,
+                now.planar,
+                5,
+                np.array([1, 0]),
+                sources(looks),
+                INTRINSICS,
+                gate,
+                counts,
             )
             shared = [
                 sum(bool(now.planar[i]) and of[i] is not None for i in range(0, len(points), 5))
@@ -164,23 +172,34 @@ def test_sums_are_the_plain_ones(gates):
         triangles = scene(rng)
         now, *looks = (seen(triangles, around(rng), NOISE, 10 * k + i) for i in range(4))
         labels = rng.integers(-1, 5, CAMERA.n_pixels).astype(np.int32)
-        known = np.zeros((CAMERA.n_pixels, 6))
+        target_planes = np.zeros((CAMERA.n_pixels, 6))
         told = rng.random(CAMERA.n_pixels) < 0.2
         n = rng.normal(size=(told.sum(), 3))
-        known[told, :3] = n / np.linalg.norm(n, axis=1)[:, None]
-        known[told, 3:] = now.pose.transform(now.points[told]) + 0.03 * rng.normal(size=n.shape)
-        sums = measure(now, looks, labels, known, gates, 5)
-        wanted = plain.measured(
-            now, looks, CAMERA, LATERAL, labels, known, gates, FACING, LEAST_VARIANCE, 5
+        target_planes[told, :3] = n / np.linalg.norm(n, axis=1)[:, None]
+        target_planes[told, 3:] = now.pose.transform(now.points[told]) + 0.03 * rng.normal(
+            size=n.shape
+        )
+        sums = measure(now, looks, labels, target_planes, gates, 5)
+        wanted = plain.measure_patches(
+            now,
+            looks,
+            CAMERA,
+            LATERAL,
+            labels,
+            target_planes,
+            gates,
+            MIN_NORMAL_COSINE,
+            MIN_VARIANCE,
+            5,
         )
         scale = np.abs(wanted).max(axis=(0, 1))
         # hundreds of terms, added in the same order
         np.testing.assert_allclose(sums / scale, wanted / scale, atol=1e-10)
         counts += sums[:, :, 17].sum(axis=0)
-        backwards = measure(now, looks, labels, known, gates, 5, order=[2, 0])
-        wanted = plain.measured(
-            now, [looks[2], looks[0]], CAMERA, LATERAL, labels, known, gates, FACING,
-            LEAST_VARIANCE, 5,
+        backwards = measure(now, looks, labels, target_planes, gates, 5, order=[2, 0])
+        wanted = plain.measure_patches(
+            now, [looks[2], looks[0]], CAMERA, LATERAL, labels, target_planes, gates, MIN_NORMAL_COSINE,
+            MIN_VARIANCE, 5,
         )  # fmt: skip
         np.testing.assert_allclose(backwards / scale, wanted / scale, atol=1e-10)
     assert (counts > 50).all()  # the target, and each of three looks
@@ -194,12 +213,12 @@ def test_by_hand_a_wall_that_came_1_cm_nearer():
     n = sums[0, 1, 17]
     assert n > 400
     assert sums[0, 0].tolist() == [0.0] * N_SUMS  # of the target nothing is known
-    patches = patches_of(sums, SETTINGS)
+    patches = patches_from_sums(sums, SETTINGS)
     assert patches.labels.tolist() == [0]
     assert patches.sources.tolist() == [0]
     np.testing.assert_allclose(patches.displacements, [[0.01, 0, 0]], atol=1e-12)
-    strength = 1.0 / (2 * SIGMA**2 / n + SETTINGS.patch_std**2 + LEAST_VARIANCE)
-    np.testing.assert_allclose(patches.strengths, [[0, 0, strength]], rtol=1e-9)
+    strength = 1.0 / (2 * SIGMA**2 / n + SETTINGS.patch_model_std**2 + MIN_VARIANCE)
+    np.testing.assert_allclose(patches.precisions, [[0, 0, strength]], rtol=1e-9)
     np.testing.assert_allclose(patches.information, [np.diag([strength, 0, 0])], atol=1e-6)
     np.testing.assert_allclose(patches.positions[0, 0], 1.99, atol=1e-12)
     np.testing.assert_allclose(
@@ -210,20 +229,20 @@ def test_by_hand_a_wall_that_came_1_cm_nearer():
 def test_a_wall_that_moved_along_itself_tells_nothing_of_that():
     there, now = sure(seen(WALL, HERE)), sure(seen(WALL, HERE))
     now = now._replace(points=now.points - np.array([0, -0.03, 0.02]))
-    patches = patches_of(measure(now, [there]), SETTINGS)
+    patches = patches_from_sums(measure(now, [there]), SETTINGS)
     np.testing.assert_allclose(patches.displacements, [[0, 0, 0]], atol=1e-12)
-    assert (patches.strengths > 0).tolist() == [[False, False, True]]
+    assert (patches.precisions > 0).tolist() == [[False, False, True]]
 
 
 def test_an_oblique_wall_tells_what_is_along_its_normal():
     """Seen from another place; it is moved by 1 cm along its normal and 2 cm along itself."""
     triangles = box((1, 8, 8), (3.0, 0, 0), 0.6)
     n = -np.array([np.cos(0.6), np.sin(0.6), 0])
-    there = sure(seen(triangles, aimed((0, 0.1, 0), (2.5, 0.2, 0.1))))
-    now = sure(seen(triangles, aimed((0.2, -0.3, 0.2), (2.5, -0.1, 0))))
+    there = sure(seen(triangles, look_at_pose((0, 0.1, 0), (2.5, 0.2, 0.1))))
+    now = sure(seen(triangles, look_at_pose((0.2, -0.3, 0.2), (2.5, -0.1, 0))))
     moved = 0.01 * n + 0.02 * np.array([0, 0, 1])
     now = now._replace(points=now.points + moved @ now.pose.rotation)
-    patches = patches_of(measure(now, [there]), SETTINGS)
+    patches = patches_from_sums(measure(now, [there]), SETTINGS)
     np.testing.assert_allclose(patches.displacements, [-0.01 * n], atol=1e-12)
     np.testing.assert_allclose(np.abs(patches.axes[0, :, 2] @ n), 1.0, atol=1e-12)
 
@@ -232,12 +251,12 @@ def test_an_oblique_wall_tells_what_is_along_its_normal():
 def test_two_faces_tell_two_directions_and_three_all(faces, directions):
     crate = box((1.2, 1.2, 1.2), (2.4, 0, 0), np.pi / 4)
     eye = (0, 0, 0) if faces == "edge" else (0.4, 0, 1.8)
-    pose = aimed(eye, (2.4, 0, 0.0 if faces == "edge" else 0.5))
+    pose = look_at_pose(eye, (2.4, 0, 0.0 if faces == "edge" else 0.5))
     there, now = sure(seen(crate, pose)), sure(seen(crate, pose))
     moved = np.array([0.01, -0.005, 0.004])
     now = now._replace(points=now.points + moved @ pose.rotation)
-    patches = patches_of(measure(now, [there]), SETTINGS)
-    assert (patches.strengths > 0).sum() == directions
+    patches = patches_from_sums(measure(now, [there]), SETTINGS)
+    assert (patches.precisions > 0).sum() == directions
     wanted = -moved * [1, 1, directions == 3]
     # pixels at the edges are held against the face that the earlier look saw there
     np.testing.assert_allclose(patches.displacements, [wanted], atol=1e-9)
@@ -245,23 +264,23 @@ def test_two_faces_tell_two_directions_and_three_all(faces, directions):
 
 def test_of_the_target_only_the_present_look_errs():
     now = sure(seen(WALL, HERE))
-    known = np.tile([-1.0, 0, 0, 2.01, 5, 5], (CAMERA.n_pixels, 1))
-    sums = measure(now, [], known=known)
-    patches = patches_of(sums, SETTINGS)
-    assert patches.sources.tolist() == [KNOWN]
+    target_planes = np.tile([-1.0, 0, 0, 2.01, 5, 5], (CAMERA.n_pixels, 1))
+    sums = measure(now, [], target_planes=target_planes)
+    patches = patches_from_sums(sums, SETTINGS)
+    assert patches.sources.tolist() == [TARGET_SOURCE]
     np.testing.assert_allclose(patches.displacements, [[0.01, 0, 0]], atol=1e-12)
     n = CAMERA.n_pixels
-    strength = 1.0 / (SIGMA**2 / n + SETTINGS.patch_std**2 + LEAST_VARIANCE)
-    np.testing.assert_allclose(patches.strengths, [[0, 0, strength]], rtol=1e-9)
+    strength = 1.0 / (SIGMA**2 / n + SETTINGS.patch_model_std**2 + MIN_VARIANCE)
+    np.testing.assert_allclose(patches.precisions, [[0, 0, strength]], rtol=1e-9)
 
 
 def test_across_the_optical_axis_errors_are_smaller_by_eq_1():
     """A surface along the axis: its pixels are known four times as well along its normal."""
     now = sure(seen(WALL, HERE))
-    known = np.zeros((CAMERA.n_pixels, 6))
-    known[:, 1] = 1.0
-    known[:, 3:] = now.points
-    sums = measure(now, [], known=known)
+    target_planes = np.zeros((CAMERA.n_pixels, 6))
+    target_planes[:, 1] = 1.0
+    target_planes[:, 3:] = now.points
+    sums = measure(now, [], target_planes=target_planes)
     assert sums[0, 0, 15] == pytest.approx(CAMERA.n_pixels / (LATERAL * SIGMA) ** 2, rel=1e-9)
 
 
@@ -297,15 +316,15 @@ def test_patches_of_too_few_pixels_are_left_out():
     labels = np.full(CAMERA.n_pixels, -1, dtype=np.int32)
     labels[12 * 32 + 5 : 12 * 32 + 10] = 0  # five
     labels[12 * 32 + 15 : 12 * 32 + 21] = 1  # six
-    patches = patches_of(measure(there, [there], labels, n_labels=3), SETTINGS)
+    patches = patches_from_sums(measure(there, [there], labels, n_labels=3), SETTINGS)
     assert patches.labels.tolist() == [1]
-    fewer = dataclasses.replace(SETTINGS, least_pixels=5)
-    patches = patches_of(measure(there, [there], labels, n_labels=3), fewer)
+    fewer = dataclasses.replace(SETTINGS, min_patch_pixels=5)
+    patches = patches_from_sums(measure(there, [there], labels, n_labels=3), fewer)
     assert patches.labels.tolist() == [0, 1]
 
 
 def noisy_wall(seed):
-    pose = aimed((0.1, -0.2, 0.1), (2.2, 0.3, 0))
+    pose = look_at_pose((0.1, -0.2, 0.1), (2.2, 0.3, 0))
     there, now = seen(WALL, HERE, NOISE, seed), seen(WALL, pose, NOISE, seed + 1000)
     labels = -np.ones(CAMERA.n_pixels, dtype=np.int32)
     near = np.linalg.norm(pose.transform(now.points) - [2.0, 0.1, 0], axis=1) < 0.4
@@ -318,10 +337,10 @@ def test_directions_that_noise_in_normals_makes_up_are_left_out():
     made_up = 0
     for seed in range(50):
         sums = noisy_wall(seed)
-        patches = patches_of(sums, SETTINGS)
-        assert (patches.strengths > 0).tolist() == [[False, False, True]]
-        all_of_them = patches_of(sums, dataclasses.replace(SETTINGS, tilt_margin=0.0))
-        made_up += (all_of_them.strengths > 0).sum() - 1
+        patches = patches_from_sums(sums, SETTINGS)
+        assert (patches.precisions > 0).tolist() == [[False, False, True]]
+        all_of_them = patches_from_sums(sums, dataclasses.replace(SETTINGS, tilt_noise_factor=0.0))
+        made_up += (all_of_them.precisions > 0).sum() - 1
     assert made_up == 100
 
 
@@ -329,7 +348,9 @@ def test_what_a_noisy_wall_tells_is_as_good_as_it_says():
     """200 pairs of looks at a wall that stands still: squared displacements in their variance."""
     squares = []
     for seed in range(200):
-        patches = patches_of(noisy_wall(seed), dataclasses.replace(SETTINGS, patch_std=0.0))
+        patches = patches_from_sums(
+            noisy_wall(seed), dataclasses.replace(SETTINGS, patch_model_std=0.0)
+        )
         squares.append((patches.along_axes(patches.displacements)[0, 2]) ** 2
-                       * patches.strengths[0, 2])  # fmt: skip
+                       * patches.precisions[0, 2])  # fmt: skip
     assert 0.81 < np.mean(squares) < 1.21  # the mean of 200 squares is 1 +- 0.1

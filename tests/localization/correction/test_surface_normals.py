@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plain.looking import aimed, box, look
+from plain.triangle_camera import box, look_at_pose, render_scan
 from scipy.stats import chi2
 
 from coopmap_env.localization.correction.surface_normals import surface_normals
@@ -65,7 +65,7 @@ def test_without_noise_the_normal_of_a_plane_is_exact(normal, distance):
         found.normals[found.planar], np.broadcast_to(n, (found.planar.sum(), 3)), atol=1e-12
     )
     assert (found.normals[~found.planar] == 0).all()
-    assert (found.tilts[~found.planar] == 0).all()
+    assert (found.normal_variances[~found.planar] == 0).all()
 
 
 def test_by_hand_a_wall_two_metres_ahead():
@@ -76,7 +76,9 @@ def test_by_hand_a_wall_two_metres_ahead():
     inner[2:-2, 2:-2] = True
     std = 0.0015 * SPREAD / (0.5 * WIDTH * np.sqrt(LARGE))
     assert image(std)[24, 32] == pytest.approx(0.02352, rel=1e-3)
-    np.testing.assert_allclose(image(found.tilts)[inner], image(std**2)[inner], rtol=1e-9)
+    np.testing.assert_allclose(
+        image(found.normal_variances)[inner], image(std**2)[inner], rtol=1e-9
+    )
 
 
 def test_there_is_no_normal_at_the_border_of_the_image_and_a_small_window_next_to_it():
@@ -84,7 +86,10 @@ def test_there_is_no_normal_at_the_border_of_the_image_and_a_small_window_next_t
     wanted = np.zeros((48, 64), dtype=bool)
     wanted[1:-1, 1:-1] = True
     np.testing.assert_array_equal(image(found.planar), wanted)
-    ratio = image(found.tilts / SPREAD**2) / image(found.tilts / SPREAD**2)[24, 32]
+    ratio = (
+        image(found.normal_variances / SPREAD**2)
+        / image(found.normal_variances / SPREAD**2)[24, 32]
+    )
     np.testing.assert_allclose(ratio[1, 1:-1], LARGE / SMALL, rtol=1e-9)
     np.testing.assert_allclose(ratio[1:-1, -2], LARGE / SMALL, rtol=1e-9)
     np.testing.assert_allclose(ratio[2:-2, 2], 1.0, rtol=1e-9)
@@ -94,12 +99,19 @@ def test_there_is_no_normal_at_a_step_and_a_small_window_next_to_it():
     """A step of half a metre between columns 31 and 32."""
     near = np.arange(CAMERA.n_pixels) % 64 < 32
     found = surface_normals(cloud_of(np.where(near, 2.0, 2.5)), CAMERA, NOISE)
-    planar, tilts = image(found.planar)[2:-2], image(found.tilts / SPREAD**2)[2:-2]
+    planar, normal_variances = (
+        image(found.planar)[2:-2],
+        image(found.normal_variances / SPREAD**2)[2:-2],
+    )
     assert not planar[:, 31:33].any()
     assert planar[:, 1:31].all()
     assert planar[:, 33:-1].all()
-    np.testing.assert_allclose(tilts[:, 30], tilts[:, 29] * LARGE / SMALL, rtol=1e-9)
-    np.testing.assert_allclose(tilts[:, 33], tilts[:, 34] * LARGE / SMALL, rtol=1e-9)
+    np.testing.assert_allclose(
+        normal_variances[:, 30], normal_variances[:, 29] * LARGE / SMALL, rtol=1e-9
+    )
+    np.testing.assert_allclose(
+        normal_variances[:, 33], normal_variances[:, 34] * LARGE / SMALL, rtol=1e-9
+    )
     np.testing.assert_allclose(
         found.normals[found.planar], [[-1, 0, 0]] * found.planar.sum(), atol=1e-12
     )
@@ -107,9 +119,9 @@ def test_there_is_no_normal_at_a_step_and_a_small_window_next_to_it():
 
 def test_there_is_no_normal_at_a_crease_and_each_face_has_its_own_beside_it():
     """The upright edge of a crate, turned by 45 degrees, 2 m ahead."""
-    eye = aimed((0, 0, 0), (1, 0, 0))
+    eye = look_at_pose((0, 0, 0), (1, 0, 0))
     crate = box((1, 1, 3), (2.0 + np.sqrt(0.5), 0, 0), np.pi / 4)
-    cloud = look(crate, eye, CAMERA, EXACT, np.random.default_rng(0))
+    cloud = render_scan(crate, eye, CAMERA, EXACT, np.random.default_rng(0))
     found = surface_normals(cloud, CAMERA, NOISE)
     row = found.normals.reshape(48, 64, 3)[24]
     half = np.sqrt(0.5)
@@ -122,13 +134,15 @@ def test_there_is_no_normal_beside_a_pixel_that_measured_nothing():
     hit = np.ones(CAMERA.n_pixels, dtype=bool)
     hit[20 * 64 + 40] = False
     found = surface_normals(cloud_of(np.full(CAMERA.n_pixels, 2.0), hit), CAMERA, NOISE)
-    planar, tilts = image(found.planar), image(found.tilts / SPREAD**2)
+    planar, normal_variances = image(found.planar), image(found.normal_variances / SPREAD**2)
     assert not planar[19:22, 39:42].any()
     ring = np.ones((5, 5), dtype=bool)
     ring[1:4, 1:4] = False
     assert planar[18:23, 38:43][ring].all()
-    np.testing.assert_allclose(tilts[18:23, 38:43][ring], tilts[30, 30] * LARGE / SMALL, rtol=1e-9)
-    assert tilts[20, 43] == pytest.approx(tilts[30, 30], rel=1e-9)
+    np.testing.assert_allclose(
+        normal_variances[18:23, 38:43][ring], normal_variances[30, 30] * LARGE / SMALL, rtol=1e-9
+    )
+    assert normal_variances[20, 43] == pytest.approx(normal_variances[30, 30], rel=1e-9)
 
 
 def test_a_camera_without_noise_sees_planes_too():
@@ -152,18 +166,18 @@ def tilted():
     """Normals of an oblique plane, as seen in 60 noisy images, where windows share no pixel."""
     depths, n = plane((-0.5, 0.75, 0.43), 1.2)
     rng = np.random.default_rng(1)
-    normals, scatter, tilts = [], [], []
+    normals, scatter, normal_variances = [], [], []
     for draw in range(60):
         cloud = noisy(depths, rng)
         found = surface_normals(cloud, CAMERA, NOISE)
         usable = windows(found.planar)
         normals.append(windows(found.normals)[usable])
-        tilts.append(windows(found.tilts)[usable])
+        normal_variances.append(windows(found.normal_variances)[usable])
         if draw < 20:
             at = windows(np.arange(CAMERA.n_pixels))[usable]
             around = (np.arange(-2, 3)[:, None] * CAMERA.width + np.arange(-2, 3)).ravel()
             scatter += [by_scatter(cloud.points[k + around]) for k in at]
-    return n, np.concatenate(normals), np.array(scatter), np.concatenate(tilts)
+    return n, np.concatenate(normals), np.array(scatter), np.concatenate(normal_variances)
 
 
 def lean(normals, n):
@@ -198,10 +212,10 @@ def test_the_spread_of_normals_is_that_of_tilts_in_its_worst_direction(normal, d
     normals = []
     for _ in range(60):
         found = surface_normals(noisy(depths, rng), CAMERA, NOISE)
-        large = windows(found.planar & (found.tilts < 2 * by_hand**2), 0.25)
+        large = windows(found.planar & (found.normal_variances < 2 * by_hand**2), 0.25)
         normals.append(windows(found.normals, 0.25)[large])
         np.testing.assert_allclose(
-            windows(found.tilts, 0.25)[large], windows(by_hand**2, 0.25)[large], rtol=0.2
+            windows(found.normal_variances, 0.25)[large], windows(by_hand**2, 0.25)[large], rtol=0.2
         )  # the ranges and lengths they are made of are noisy themselves
     spread = np.sqrt(np.linalg.eigvalsh(np.cov(np.concatenate(normals).T)))
     wanted = np.sqrt(np.mean(windows(by_hand**2, 0.25)))
@@ -218,7 +232,7 @@ def test_noise_alone_makes_a_window_too_rough_once_in_thirty():
     large, small = [], []
     for _ in range(60):
         found = surface_normals(noisy(depths, rng), CAMERA, NOISE)
-        large.append(windows(found.tilts < 1e-3 * SPREAD**2) & windows(found.planar))
+        large.append(windows(found.normal_variances < 1e-3 * SPREAD**2) & windows(found.planar))
         small.append(image(found.planar)[1, 1:-1:3])  # next to the border there are only these
     large, small = np.concatenate(large), np.concatenate(small)
     wanted = chi2.cdf(1.6 * 22, 22), chi2.cdf(2.2 * 6, 6)

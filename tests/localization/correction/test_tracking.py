@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from plain import regions as plain
 
-from coopmap_env.localization.correction.tracking import TrackingSettings, track
+from coopmap_env.localization.correction.tracking import TrackingSettings, track_fiducials
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 CAMERA = DepthCamera(width=40, height=30, far=10.0)
@@ -31,7 +31,9 @@ def image(boxes=(BOX,), wall=WALL, camera=CAMERA):
 def find(cloud, predictions, radii, sigma=0.02, settings=None, camera=CAMERA):
     predictions = np.atleast_2d(predictions)
     radii = np.broadcast_to(radii, len(predictions))
-    return track(cloud, camera, NOISE, predictions, radii, np.full(len(radii), sigma), settings)
+    return track_fiducials(
+        cloud, camera, NOISE, predictions, radii, np.full(len(radii), sigma), settings
+    )
 
 
 def test_a_region_is_the_part_of_a_face_that_is_in_the_ball():
@@ -61,11 +63,11 @@ def test_scale_times_image_point_is_the_mean_point_of_the_region():
     for i in range(2):
         inside = cloud.points[tracks.labels == i]
         np.testing.assert_allclose(tracks.points[i], inside.mean(axis=0))
-        np.testing.assert_allclose(tracks.spreads[i], np.cov(inside.T, bias=True), atol=1e-12)
+        np.testing.assert_allclose(tracks.scatters[i], np.cov(inside.T, bias=True), atol=1e-12)
 
 
 def test_a_face_across_the_optical_axis_spreads_along_itself_only():
-    spread = find(image(boxes=())[0], (WALL, 0.0, 0.0), 1.0).spreads[0]
+    spread = find(image(boxes=())[0], (WALL, 0.0, 0.0), 1.0).scatters[0]
     assert spread[0, 0] < 1e-12
     # a disc of radius r has r^2 / 4 along both of its axes
     np.testing.assert_allclose(np.diag(spread)[1:], 1.0**2 / 4, rtol=0.1)
@@ -75,7 +77,7 @@ def test_a_face_across_the_optical_axis_spreads_along_itself_only():
 def test_a_step_in_depth_stops_the_growth(gap, steps_over):
     # at 3 m a pixel is 3 tan(30 deg) / 20 = 0.087 m wide, which allows 0.087 tan(45 deg), and
     # 3 sqrt(2) 0.0135 m of noise allow 0.057 m: 0.144 m, and some more away from the axis
-    settings = TrackingSettings(steepest=math.radians(60.0))
+    settings = TrackingSettings(max_incidence_angle=math.radians(60.0))
     cloud, seen = image(wall=3.0 + gap)
     tracks = find(cloud, (3.0, 0.0, 0.1), 0.7, settings=settings)
     assert (seen[tracks.labels == 0] == -1).any() == steps_over
@@ -94,7 +96,7 @@ def test_nothing_is_found_where_nothing_was_measured():
     tracks = find(PointCloud(cloud.points, np.zeros_like(cloud.hit)), (3.0, 0.0, 0.1), 0.3)
     assert tracks.found.tolist() == [False]
     assert (tracks.labels == -1).all()
-    for name in ("counts", "depths", "points", "image_points", "spreads"):
+    for name in ("counts", "depths", "points", "image_points", "scatters"):
         assert not getattr(tracks, name).any()
 
 
@@ -108,13 +110,13 @@ def test_a_seed_lies_within_the_radius_and_the_gate_of_the_prediction():
     # the wall is 0.5 m behind the prediction
     assert not find(cloud, (3.5, 0.0, 0.0), 0.3, sigma=0.05).found[0]
     assert find(cloud, (3.5, 0.0, 0.0), 0.3, sigma=0.07).found[0]
-    assert not find(cloud, (3.5, 0.0, 0.0), 0.3, 0.07, TrackingSettings(gate=2.0)).found[0]
+    assert not find(cloud, (3.5, 0.0, 0.0), 0.3, 0.07, TrackingSettings(gate_sigmas=2.0)).found[0]
 
 
 def test_a_region_of_too_few_pixels_is_not_found():
     cloud, _ = image()
     count = find(cloud, (3.0, 0.0, 0.1), 0.2).counts[0]
-    enough, short = (TrackingSettings(fewest_pixels=int(count) + n) for n in (0, 1))
+    enough, short = (TrackingSettings(min_pixels=int(count) + n) for n in (0, 1))
     assert find(cloud, (3.0, 0.0, 0.1), 0.2, settings=enough).found[0]
     tracks = find(cloud, (3.0, 0.0, 0.1), 0.2, settings=short)
     assert not tracks.found[0]
@@ -133,9 +135,9 @@ def test_of_balls_that_overlap_a_pixel_belongs_to_the_nearer_seed():
 
 def test_the_order_of_the_fiducials_does_not_matter():
     cloud, predictions, radii, sigmas = drawn(np.random.default_rng(1))
-    tracks = track(cloud, SMALL, NOISE, predictions, radii, sigmas)
+    tracks = track_fiducials(cloud, SMALL, NOISE, predictions, radii, sigmas)
     order = np.array([3, 0, 4, 1, 2])
-    other = track(cloud, SMALL, NOISE, predictions[order], radii[order], sigmas[order])
+    other = track_fiducials(cloud, SMALL, NOISE, predictions[order], radii[order], sigmas[order])
     assert tracks.found.any()
     names = np.append(order, -1)
     np.testing.assert_array_equal(names[other.labels], tracks.labels)
@@ -165,12 +167,12 @@ def test_regions_equal_those_of_breadth_first_growth():
     for _ in range(60):
         scene = drawn(rng)
         settings = TrackingSettings(
-            fewest_pixels=int(rng.integers(1, 6)),
-            steepest=math.radians(rng.choice([0.0, 45.0, 70.0])),
+            min_pixels=int(rng.integers(1, 6)),
+            max_incidence_angle=math.radians(rng.choice([0.0, 45.0, 70.0])),
         )
         cloud, predictions, radii, sigmas = scene
-        tracks = track(cloud, SMALL, NOISE, predictions, radii, sigmas, settings)
-        expected = plain.grow(cloud, SMALL, NOISE, predictions, radii, sigmas, settings)
+        tracks = track_fiducials(cloud, SMALL, NOISE, predictions, radii, sigmas, settings)
+        expected = plain.grow_regions(cloud, SMALL, NOISE, predictions, radii, sigmas, settings)
         np.testing.assert_array_equal(tracks.labels, expected)
         np.testing.assert_array_equal(tracks.found, np.isin(np.arange(5), expected))
         found += tracks.found.sum()
@@ -178,7 +180,7 @@ def test_regions_equal_those_of_breadth_first_growth():
 
 
 def test_no_fiducials_give_no_tracks():
-    tracks = track(image()[0], CAMERA, NOISE, np.empty((0, 3)), np.empty(0), np.empty(0))
+    tracks = track_fiducials(image()[0], CAMERA, NOISE, np.empty((0, 3)), np.empty(0), np.empty(0))
     assert tracks.labels.shape == (CAMERA.n_pixels,)
     assert tracks.points.shape == (0, 3)
 
@@ -187,20 +189,25 @@ def test_what_does_not_fit_is_refused_with_its_value():
     cloud, _ = image()
     point, one = np.array([[3.0, 0.0, 0.0]]), np.ones(1)
     with pytest.raises(ValueError, match="1200"):
-        track(cloud, replace(CAMERA, width=41), NOISE, point, one, one)
+        track_fiducials(cloud, replace(CAMERA, width=41), NOISE, point, one, one)
     with pytest.raises(ValueError, match=r"\(2,\)"):
-        track(cloud, CAMERA, NOISE, point, np.ones(2), one)
+        track_fiducials(cloud, CAMERA, NOISE, point, np.ones(2), one)
     with pytest.raises(ValueError, match="nan"):
-        track(cloud, CAMERA, NOISE, point * math.nan, one, one)
+        track_fiducials(cloud, CAMERA, NOISE, point * math.nan, one, one)
     with pytest.raises(ValueError, match=r"radii.*-1"):
-        track(cloud, CAMERA, NOISE, point, -one, one)
+        track_fiducials(cloud, CAMERA, NOISE, point, -one, one)
     with pytest.raises(ValueError, match=r"deviations.*inf"):
-        track(cloud, CAMERA, NOISE, point, one, one * math.inf)
+        track_fiducials(cloud, CAMERA, NOISE, point, one, one * math.inf)
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("fewest_pixels", 0), ("gate", -1.0), ("step", math.nan), ("steepest", 1.6)],
+    [
+        ("min_pixels", 0),
+        ("gate_sigmas", -1.0),
+        ("step_sigmas", math.nan),
+        ("max_incidence_angle", 1.6),
+    ],
 )
 def test_settings_name_the_value_that_is_out_of_range(name, value):
     with pytest.raises(ValueError, match=rf"{name}.*{value}"):

@@ -4,24 +4,24 @@ import dataclasses
 
 import numpy as np
 import pytest
-from plain.looking import aimed, box, look
+from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry import Pose
 from coopmap_env.localization.registration.common_frame import (
-    AROUND,
-    BOUND,
-    GROUND,
-    LEAST_VOXELS,
-    agree_on_frame,
-    in_frame,
-    support_of,
+    GROUND_HEIGHT,
+    MAX_LOG_ODDS,
+    MIN_VOXELS,
+    TARGET_PADDING,
+    in_equivalent_frame,
+    mean_log_odds,
+    resolve_symmetry,
 )
 from coopmap_env.localization.registration.register import Registration
 from coopmap_env.localization.registration.views import View
-from coopmap_env.localization.target import TargetModel, about_z
+from coopmap_env.localization.target import TargetModel, rotation_z
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
-from coopmap_env.robots import CameraEstimate
-from coopmap_env.sensing import DepthCamera, RangeNoise, place
+from coopmap_env.robots import PoseEstimate
+from coopmap_env.sensing import DepthCamera, RangeNoise, transform_cloud
 
 CAMERA, NOISE = DepthCamera(width=48, height=36), RangeNoise()
 GRID = VoxelGrid((100, 100, 30), 0.1, (-5.0, -5.0, -0.35))
@@ -30,8 +30,8 @@ TARGET = box((1.6, 0.6, 1.0), (0, 0, 0.5))
 TALL, WIDE = box((0.4, 0.4, 1.4), (1.2, 1.6, 0.7)), box((0.8, 0.6, 0.5), (-1.3, -1.5, 0.25), 0.4)
 """Two things that stand about opposite to each other, but look different."""
 FLOOR = box((20, 20, 1), (0, 0, -0.5))
-HALF = Pose(np.zeros(3), about_z(np.pi))
-TRUE = Pose(np.array([0.3, -3.0, 0.0]), about_z(1.4))
+HALF = Pose(np.zeros(3), rotation_z(np.pi))
+TRUE = Pose(np.array([0.3, -3.0, 0.0]), rotation_z(1.4))
 """T_target_base of the robot that is to be located."""
 EYES = [(3.0, 0.5, 1.6), (0.5, 3.3, 1.5), (-3.0, 0.4, 1.7), (0.3, -3.2, 1.5), (2.2, -2.2, 1.6)]
 COVARIANCE = np.diag([0.01, 0.02, 0.003, 0.002, 0.004, 0.005]) ** 2
@@ -48,8 +48,10 @@ def team_map(*things):
     triangles, rng = np.concatenate([TARGET, FLOOR, *things]), np.random.default_rng(0)
     for eye in EYES:
         for at in ((0, 0, 0.5), (1.2, 1.6, 0.5), (-1.3, -1.5, 0.3)):
-            pose = aimed(eye, at)
-            map_.integrate(place(look(triangles, pose, CAMERA, NOISE, rng), pose, NOISE))
+            pose = look_at_pose(eye, at)
+            map_.integrate(
+                transform_cloud(render_scan(triangles, pose, CAMERA, NOISE, rng), pose, NOISE)
+            )
     return map_
 
 
@@ -58,9 +60,9 @@ def views_of(*things, towards=((0, 0, 0.5), (1.2, 1.6, 0.5), (-1.3, -1.5, 0.3)),
     triangles, rng = np.concatenate([TARGET, FLOOR, *things]), np.random.default_rng(seed)
     views = []
     for at in towards:
-        pose = aimed(TRUE.transform([0.2, 0.1, 1.6]), at)
-        cloud = look(triangles, pose, CAMERA, NOISE, rng)
-        views.append(View(cloud, CameraEstimate(TRUE.inverse() @ pose, 1e-5 * np.eye(6))))
+        pose = look_at_pose(TRUE.transform([0.2, 0.1, 1.6]), at)
+        cloud = render_scan(triangles, pose, CAMERA, NOISE, rng)
+        views.append(View(cloud, PoseEstimate(TRUE.inverse() @ pose, 1e-5 * np.eye(6))))
     return views
 
 
@@ -77,7 +79,7 @@ def mapped():
 @pytest.mark.parametrize("first", [TRUE, HALF @ TRUE], ids=["right", "wrong"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_stands_around_the_target_tells_the_frame(mapped, model, first, seed):
-    agreed = agree_on_frame(mapped, found(first), views_of(TALL, WIDE, seed=seed), model)
+    agreed = resolve_symmetry(mapped, found(first), views_of(TALL, WIDE, seed=seed), model)
     assert agreed.located
     assert agreed.reason == ""
     np.testing.assert_allclose(agreed.T_target_base.translation, TRUE.translation, atol=1e-12)
@@ -86,18 +88,18 @@ def test_what_stands_around_the_target_tells_the_frame(mapped, model, first, see
 
 def test_with_nothing_but_the_target_seen_it_is_not_located(mapped, model):
     views = views_of(towards=[(0, 0, 0.5)])
-    agreed = agree_on_frame(mapped, found(), views, model)
+    agreed = resolve_symmetry(mapped, found(), views, model)
     assert not agreed.located
     assert agreed.T_target_base is None
     assert agreed.covariance is None
     assert "looks alike from 2 sides" in agreed.reason
     assert "(0 voxels, 0.00 nats)" in agreed.reason
-    assert len(agreed.equivalents) == 2  # to be asked again
+    assert len(agreed.equivalent_poses) == 2  # to be asked again
 
 
 def test_with_nothing_but_the_target_mapped_it_is_not_located(model):
     """What the robot sees besides is free or unknown to the team in one frame as in the other."""
-    agreed = agree_on_frame(team_map(), found(), views_of(TALL, WIDE), model)
+    agreed = resolve_symmetry(team_map(), found(), views_of(TALL, WIDE), model)
     assert not agreed.located
     assert "does not tell them apart" in agreed.reason
 
@@ -105,28 +107,28 @@ def test_with_nothing_but_the_target_mapped_it_is_not_located(model):
 def test_a_thing_of_a_few_voxels_does_not_decide(model):
     """A thin post fits in one frame and not in the other, but a few wrong voxels could do that."""
     post = box((0.1, 0.1, 0.6), (1.2, 1.6, 0.3))
-    agreed = agree_on_frame(team_map(post), found(), views_of(post), model)
+    agreed = resolve_symmetry(team_map(post), found(), views_of(post), model)
     assert not agreed.located
     voxels, nats = agreed.reason.split("(")[1].rstrip(")").split(", ")
-    assert 0 < int(voxels.split()[0]) < LEAST_VOXELS
+    assert 0 < int(voxels.split()[0]) < MIN_VOXELS
     assert float(nats.split()[0]) > 0.5
 
 
 def test_surroundings_that_are_symmetric_themselves_tell_nothing(model):
     other = HALF.transform(TALL)
-    agreed = agree_on_frame(team_map(TALL, other), found(), views_of(TALL, other), model)
+    agreed = resolve_symmetry(team_map(TALL, other), found(), views_of(TALL, other), model)
     assert not agreed.located
     voxels, nats = agreed.reason.split("(")[1].rstrip(")").split(", ")
-    assert int(voxels.split()[0]) >= LEAST_VOXELS
+    assert int(voxels.split()[0]) >= MIN_VOXELS
     assert float(nats.split()[0]) < 0.5
 
 
 def test_by_hand_the_covariance_turns_with_the_frame():
     """By half a turn nothing changes, by a quarter x becomes y."""
-    same = in_frame(found(), HALF @ TRUE)
+    same = in_equivalent_frame(found(), HALF @ TRUE)
     np.testing.assert_allclose(same.covariance, COVARIANCE, atol=1e-18)
-    quarter = Pose(np.array([0.5, 0, 0]), about_z(np.pi / 2)) @ TRUE
-    turned = in_frame(found(), quarter)
+    quarter = Pose(np.array([0.5, 0, 0]), rotation_z(np.pi / 2)) @ TRUE
+    turned = in_equivalent_frame(found(), quarter)
     assert turned.located
     assert turned.T_target_base is quarter
     wanted = np.diag(COVARIANCE)[[1, 0, 2, 4, 3, 5]]
@@ -138,8 +140,8 @@ def test_the_covariance_is_that_of_turned_displacements():
     C = np.cov(rng.normal(size=(6, 20)))
     drawn = rng.multivariate_normal(np.zeros(6), C, 1000)
     C = np.cov(drawn.T)
-    R = about_z(0.7)
-    turned = in_frame(
+    R = rotation_z(0.7)
+    turned = in_equivalent_frame(
         dataclasses.replace(found(), covariance=C), Pose(np.zeros(3), R) @ TRUE
     ).covariance
     moved = np.hstack([drawn[:, :3] @ R.T, drawn[:, 3:] @ R.T])
@@ -148,7 +150,7 @@ def test_the_covariance_is_that_of_turned_displacements():
 
 def test_what_is_not_located_is_in_no_frame():
     with pytest.raises(ValueError, match="nothing is located: too far"):
-        in_frame(Registration(False, "too far"), TRUE)
+        in_equivalent_frame(Registration(False, "too far"), TRUE)
 
 
 def test_by_hand_the_support_of_points_is_the_mean_of_their_voxels_nats(model):
@@ -157,21 +159,21 @@ def test_by_hand_the_support_of_points_is_the_mean_of_their_voxels_nats(model):
     sure, free = np.array([1.2, 1.41, 0.75]), np.array([0.5, 3.0, 1.45])
     levels = []
     for point in (sure, free):
-        cell = map_.grid.flat(map_.grid.index(point[None]))[0]
-        assert map_.sampled_cells[cell]
-        levels.append(float(np.clip(map_.log_odds.ravel()[cell], -BOUND, BOUND)))
-    assert levels[0] == BOUND  # seen from several sides
+        cell = map_.grid.flat_index(map_.grid.index(point[None]))[0]
+        assert map_.sampled_mask[cell]
+        levels.append(float(np.clip(map_.log_odds.ravel()[cell], -MAX_LOG_ODDS, MAX_LOG_ODDS)))
+    assert levels[0] == MAX_LOG_ODDS  # seen from several sides
     assert levels[1] < 0
-    value, count = support_of(map_, np.array([sure, sure + 0.01, free]), model)
+    value, count = mean_log_odds(map_, np.array([sure, sure + 0.01, free]), model)
     assert count == 2
     assert value == pytest.approx(np.mean(levels), abs=1e-12)
     left_out = np.array(
         [
-            [0.8 + AROUND - 0.01, 0, 0.5],  # by the target
-            [2.0, 2.0, GROUND - 0.01],  # on the ground
+            [0.8 + TARGET_PADDING - 0.01, 0, 0.5],  # by the target
+            [2.0, 2.0, GROUND_HEIGHT - 0.01],  # on the ground
             [1.2, 1.6, 0.5],  # inside of a thing: never seen
             [30.0, 0, 1],  # out of the map
         ]
     )
-    assert support_of(map_, left_out, model) == (0.0, 0)
-    assert support_of(map_, np.vstack([left_out, sure]), model) == (BOUND, 1)
+    assert mean_log_odds(map_, left_out, model) == (0.0, 0)
+    assert mean_log_odds(map_, np.vstack([left_out, sure]), model) == (MAX_LOG_ODDS, 1)

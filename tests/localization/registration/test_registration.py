@@ -4,21 +4,25 @@ import dataclasses
 
 import numpy as np
 import pytest
-from plain.looking import aimed, box, look
+from plain.triangle_camera import box, look_at_pose, render_scan
 
-from coopmap_env.geometry.rotations import displaced, displacement_between
+from coopmap_env.geometry.rotations import apply_displacement, displacement_between
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.registration.acceptance import FitnessSettings
-from coopmap_env.localization.registration.alignment import AlignmentSettings, align, levelled
+from coopmap_env.localization.registration.acceptance import AcceptanceSettings
+from coopmap_env.localization.registration.alignment import (
+    AlignmentSettings,
+    align,
+    nearest_upright,
+)
 from coopmap_env.localization.registration.icp import SmallGicp
 from coopmap_env.localization.registration.register import (
     RegistrationSettings,
     View,
     register,
 )
-from coopmap_env.localization.registration.views import Looks
-from coopmap_env.localization.target import TargetModel, about_z
-from coopmap_env.robots import CameraEstimate
+from coopmap_env.localization.registration.views import ViewBatch
+from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 from coopmap_env.simulation.scenes.field.worksite import target_solids
 
@@ -41,7 +45,7 @@ def panel():
 
 
 def standing(x, y, yaw):
-    return Pose(np.array([x, y, 0.0]), about_z(np.radians(yaw)))
+    return Pose(np.array([x, y, 0.0]), rotation_z(np.radians(yaw)))
 
 
 def looks_at(triangles, T_target_base, targets, seed=0, std=STD):
@@ -50,10 +54,10 @@ def looks_at(triangles, T_target_base, targets, seed=0, std=STD):
     views = []
     for at in targets:
         eye = np.array([0.3, 0.1, 1.6]) + 0.3 * rng.uniform(-1, 1, 3)
-        believed = aimed(eye, T_target_base.inverse().transform(at))
-        true = displaced(believed, std * rng.standard_normal(6))
-        cloud = look(triangles, T_target_base @ true, CAMERA, NOISE, rng)
-        views.append(View(cloud, CameraEstimate(believed, np.diag(np.square(std)))))
+        believed = look_at_pose(eye, T_target_base.inverse().transform(at))
+        true = apply_displacement(believed, std * rng.standard_normal(6))
+        cloud = render_scan(triangles, T_target_base @ true, CAMERA, NOISE, rng)
+        views.append(View(cloud, PoseEstimate(believed, np.diag(np.square(std)))))
     return views
 
 
@@ -72,10 +76,10 @@ def test_a_robot_that_sees_the_panel_is_located_within_5_cm_and_a_degree(panel, 
     error = displacement_between(result.T_target_base, T)
     assert np.linalg.norm(error[:3]) < 0.05
     assert np.linalg.norm(error[3:]) < np.radians(1.0)
-    assert len(result.equivalents) == 1
-    assert result.equivalents[0] is result.T_target_base
-    assert result.fitness.confirmed > 0.9
-    assert result.fitness.contradicted < 0.02
+    assert len(result.equivalent_poses) == 1
+    assert result.equivalent_poses[0] is result.T_target_base
+    assert result.fitness.confirmed_fraction > 0.9
+    assert result.fitness.contradicted_fraction < 0.02
     assert np.linalg.eigvalsh(result.covariance).min() > 0
 
 
@@ -105,11 +109,11 @@ def test_the_covariance_is_that_of_the_errors(panel):
     The errors of the cameras' poses are drawn anew for each look, so nothing of them is common.
     """
     T = standing(3.0, -1.0, 150)
-    settings = AlignmentSettings(common_share=0.0)
+    settings = AlignmentSettings(common_error_fraction=0.0)
     squares = []
     for seed in range(40):
         views = looks_at(worksite(panel.triangles), T, [(0, 0.3, 1.0), (0, -0.4, 0.9)], seed)
-        found = align(panel, Looks.of(views, CAMERA), T, NOISE, settings)
+        found = align(panel, ViewBatch.from_views(views, CAMERA), T, NOISE, settings)
         i = [0, 1, 5]
         error = displacement_between(found.T_target_base, T)[i]
         squares.append(error @ np.linalg.solve(found.covariance[np.ix_(i, i)], error))
@@ -118,18 +122,18 @@ def test_the_covariance_is_that_of_the_errors(panel):
 
 def test_level_ground_is_no_more_assumed_if_level_is_false(panel):
     """All six are then found from the points: on a slope of 3 degrees too."""
-    slope = displaced(standing(3.0, -1.0, 150), [0, 0, 0.1, 0.04, -0.03, 0])
+    slope = apply_displacement(standing(3.0, -1.0, 150), [0, 0, 0.1, 0.04, -0.03, 0])
     views = looks_at(
         worksite(panel.triangles), slope, [(0, 0.3, 1.0), (0, -0.4, 0.9)], std=STD / 10
     )
-    looks = Looks.of(views, CAMERA)
-    start = levelled(slope)
+    batch = ViewBatch.from_views(views, CAMERA)
+    start = nearest_upright(slope)
     np.testing.assert_array_equal(start.rotation[2], [0, 0, 1])
-    free = align(panel, looks, start, NOISE, AlignmentSettings(level=False))
+    free = align(panel, batch, start, NOISE, AlignmentSettings(level_ground=False))
     error = displacement_between(free.T_target_base, slope)
     assert np.abs(error[:3]).max() < 0.02
     assert np.abs(error[3:]).max() < 0.01
-    held = align(panel, looks, start, NOISE, AlignmentSettings())
+    held = align(panel, batch, start, NOISE, AlignmentSettings())
     assert abs(displacement_between(held.T_target_base, slope)[3]) > 0.02
 
 
@@ -140,7 +144,7 @@ def test_with_no_target_in_view_a_robot_is_not_located(panel):
         assert not result.located
         assert result.reason
         assert result.T_target_base is None
-        assert result.equivalents == ()
+        assert result.equivalent_poses == ()
 
 
 def test_with_a_corner_in_view_a_robot_is_not_located(panel):
@@ -171,7 +175,9 @@ def test_a_panel_without_its_junction_box_and_strut_seen_from_behind_is_no_targe
     """What should be seen and is seen through tells the decoy."""
     plain = np.concatenate([panel.triangles[:-36]])
     views = looks_at(worksite(plain), standing(-3.2, 0.6, 0), [(0, 0.4, 0.9), (0, -0.4, 0.9)])
-    settings = RegistrationSettings(fitness=FitnessSettings(contradicted=0.0, confirmed=0.0))
+    settings = RegistrationSettings(
+        acceptance=AcceptanceSettings(max_contradicted_fraction=0.0, min_confirmed_fraction=0.0)
+    )
     assert not register(panel, views, CAMERA, NOISE, settings).located
 
 
@@ -186,9 +192,9 @@ def test_a_table_that_looks_alike_after_half_a_turn_has_two_equivalent_poses():
     )
     result = register(table, views, CAMERA, NOISE)
     assert result.located, result.reason
-    assert len(result.equivalents) == 2
-    assert result.equivalents[0] is result.T_target_base
-    errors = [np.linalg.norm(displacement_between(e, T)[:3]) for e in result.equivalents]
+    assert len(result.equivalent_poses) == 2
+    assert result.equivalent_poses[0] is result.T_target_base
+    errors = [np.linalg.norm(displacement_between(e, T)[:3]) for e in result.equivalent_poses]
     assert min(errors) < 0.05
     assert max(errors) > 5.0
 
@@ -211,7 +217,7 @@ def test_views_that_contradict_each_other_are_not_joined(panel):
     """The second look was made from elsewhere: 0.5 m aside, which its robot does not know."""
     T = standing(3.2, 0.4, 170)
     world = worksite(panel.triangles)
-    moved = displaced(T, [0.0, 0.5, 0, 0, 0, 0])
+    moved = apply_displacement(T, [0.0, 0.5, 0, 0, 0, 0])
     views = looks_at(world, T, [(0, 0.3, 1.0)]) + looks_at(world, moved, [(0, 0.3, 1.0)], 1)
     assert not register(panel, views, CAMERA, NOISE).located
 
@@ -219,15 +225,15 @@ def test_views_that_contradict_each_other_are_not_joined(panel):
 def test_beams_that_say_nothing_locate_nobody(panel):
     n = CAMERA.n_pixels
     cloud = PointCloud(np.zeros((n, 3)), np.zeros(n, dtype=bool))
-    view = View(cloud, CameraEstimate(aimed((0, 0, 1.5), (1, 0, 1)), np.zeros((6, 6))))
+    view = View(cloud, PoseEstimate(look_at_pose((0, 0, 1.5), (1, 0, 1)), np.zeros((6, 6))))
     assert register(panel, [view], CAMERA, NOISE).reason == "nothing in view could be the target"
 
 
 def test_another_refiner_takes_the_librarys_place(panel):
     calls = []
 
-    def stay(points, surface, T_target_base, reach):
-        calls.append((points.shape[1], surface.shape[1], reach))
+    def stay(points, surface, T_target_base, max_distance):
+        calls.append((points.shape[1], surface.shape[1], max_distance))
         return T_target_base
 
     views = looks_at(worksite(panel.triangles), standing(3.2, 0.4, 170), [(0, 0.3, 1.0)])
@@ -236,11 +242,11 @@ def test_another_refiner_takes_the_librarys_place(panel):
 
 
 def test_small_gicp_brings_a_box_back_and_leaves_alone_what_it_cannot_pair():
-    surface, _ = TargetModel(box((1, 0.8, 0.6), (0, 0, 0.3))).sampled(3000)
+    surface, _ = TargetModel(box((1, 0.8, 0.6), (0, 0, 0.3))).sample_surface(3000)
     T = standing(2.0, 1.0, 30)
     points = T.inverse().transform(surface[::7])
     refine = SmallGicp()
-    start = displaced(T, [0.03, -0.02, 0.01, 0, 0, 0.02])
+    start = apply_displacement(T, [0.03, -0.02, 0.01, 0, 0, 0.02])
     found = refine(points, surface, start, 0.1)
     assert np.abs(displacement_between(found, T)).max() < 2e-3
     far = standing(9.0, 9.0, 0)
@@ -251,12 +257,12 @@ def test_small_gicp_brings_a_box_back_and_leaves_alone_what_it_cannot_pair():
 @pytest.mark.parametrize(
     ("settings", "name", "value"),
     [
-        (AlignmentSettings, "common_share", 1.5),
-        (AlignmentSettings, "margin", -0.1),
-        (FitnessSettings, "confirmed", 1.2),
-        (FitnessSettings, "chi2", float("inf")),
-        (RegistrationSettings, "candidates", 0),
-        (RegistrationSettings, "refine_reach", 0.0),
+        (AlignmentSettings, "common_error_fraction", 1.5),
+        (AlignmentSettings, "depth_margin", -0.1),
+        (AcceptanceSettings, "min_confirmed_fraction", 1.2),
+        (AcceptanceSettings, "max_chi2", float("inf")),
+        (RegistrationSettings, "n_hypotheses", 0),
+        (RegistrationSettings, "icp_max_distance", 0.0),
     ],
 )
 def test_settings_out_of_range_are_refused_with_their_value(settings, name, value):

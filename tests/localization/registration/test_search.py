@@ -3,20 +3,20 @@ import itertools
 
 import numpy as np
 import pytest
-from plain.looking import aimed, box, look
+from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.registration.branch_and_bound import (
-    best_first,
-    cells_of,
-    fit,
-    seen_through,
+    best_first_search,
+    count_seen_through,
+    field_score,
+    points_to_cells,
 )
-from coopmap_env.localization.registration.likelihood_field import distances, likelihood_field
-from coopmap_env.localization.registration.search import SearchSettings, search, votes
-from coopmap_env.localization.registration.views import Looks, View
-from coopmap_env.localization.target import TargetModel, about_z
-from coopmap_env.robots import CameraEstimate
+from coopmap_env.localization.registration.likelihood_field import distance_field, likelihood_field
+from coopmap_env.localization.registration.search import SearchSettings, search, voxel_centroids
+from coopmap_env.localization.registration.views import View, ViewBatch
+from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 CAMERA, NOISE = DepthCamera(), RangeNoise()
@@ -32,21 +32,21 @@ def hook():
 
 def view_of(triangles, T_target_base, eye, at, seed=0):
     """A look from an eye to a point of the base frame, with what the robot knows of its camera."""
-    pose = aimed(eye, at)
-    cloud = look(triangles, T_target_base @ pose, CAMERA, NOISE, np.random.default_rng(seed))
-    return View(cloud, CameraEstimate(pose, 1e-8 * np.eye(6)))
+    pose = look_at_pose(eye, at)
+    cloud = render_scan(triangles, T_target_base @ pose, CAMERA, NOISE, np.random.default_rng(seed))
+    return View(cloud, PoseEstimate(pose, 1e-8 * np.eye(6)))
 
 
 def test_by_hand_the_field_is_255_on_the_surface_and_falls_off_as_a_gaussian(hook):
     field = likelihood_field(hook, 0.1, 0.08, 0)
     at = np.floor(([-0.5, 0.0, 0.6] - field.origin) / field.cell).astype(int)
-    assert field.levels[0][tuple(at)] == 255
+    assert field.pooled[0][tuple(at)] == 255
     # two cells further out: 0.1 m
-    assert field.levels[0][at[0] - 2, at[1], at[2]] == round(255 * np.exp(-0.5 * (0.1 / 0.08) ** 2))
+    assert field.pooled[0][at[0] - 2, at[1], at[2]] == round(255 * np.exp(-0.5 * (0.1 / 0.08) ** 2))
 
 
 def test_pooled_fields_hold_the_largest_value_of_all_their_steps(hook):
-    levels = likelihood_field(hook, 0.1, 0.08, 2).levels
+    levels = likelihood_field(hook, 0.1, 0.08, 2).pooled
     base = np.pad(levels[0], ((0, 6), (0, 6), (0, 0)))
     nx, ny, _ = levels[0].shape
     for level in (1, 2):
@@ -56,7 +56,7 @@ def test_pooled_fields_hold_the_largest_value_of_all_their_steps(hook):
 
 
 def test_distances_are_those_to_the_surface_within_a_cell(hook):
-    away, origin = distances(hook, 0.05, 0.2)
+    away, origin = distance_field(hook, 0.05, 0.2)
     at = np.floor(([-0.65, 0.0, 0.6] - origin) / 0.05).astype(int)
     assert away[tuple(at)] == pytest.approx(0.15, abs=0.05)
 
@@ -64,7 +64,7 @@ def test_distances_are_those_to_the_surface_within_a_cell(hook):
 def test_a_voxel_with_many_points_has_one_vote_and_the_ground_none():
     points = np.array([[1, 1, 0.52], [1.02, 1, 0.54], [1, 1, 0.05], [2, 1, 0.5], [2, 1, 3.0]])
     np.testing.assert_allclose(
-        sorted(votes(points, ground=0.15, top=1.0, voxel=0.1).tolist()),
+        sorted(voxel_centroids(points, ground_height=0.15, top=1.0, voxel_size=0.1).tolist()),
         [[1.01, 1, 0.53], [2, 1, 0.5]],
     )
 
@@ -72,36 +72,36 @@ def test_a_voxel_with_many_points_has_one_vote_and_the_ground_none():
 def test_a_beam_that_passes_a_probe_sees_through_it_and_one_that_stops_before_does_not():
     """A camera at the origin looks along x at a wall 4 m away; probes are at 3 m and 5 m."""
     n, probes = CAMERA.n_pixels, np.array([[3.0, 0, 0], [5.0, 0, 0], [-3.0, 0, 0]])
-    around = np.full((1, n), 4.0)
+    min_ranges = np.full((1, n), 4.0)
     where = (np.eye(3)[None], np.zeros((1, 3)), (CAMERA.width, CAMERA.height, 0.577, 0.414))
-    assert seen_through(probes, 0.0, 0.0, 0.0, around, *where, 0.2, 9.0) == 1
+    assert count_seen_through(probes, 0.0, 0.0, 0.0, min_ranges, *where, 0.2, 9.0) == 1
     # turned by half: the probe behind is now in front
-    assert seen_through(probes, 0.0, 0.0, np.pi, around, *where, 0.2, 9.0) == 1
-    assert seen_through(probes, 0.0, 0.0, 0.0, around, *where, 1.2, 9.0) == 0
+    assert count_seen_through(probes, 0.0, 0.0, np.pi, min_ranges, *where, 0.2, 9.0) == 1
+    assert count_seen_through(probes, 0.0, 0.0, 0.0, min_ranges, *where, 1.2, 9.0) == 0
 
 
 def test_best_first_finds_what_trying_all_leaves_finds(hook):
-    T = Pose(np.array([3.1, -0.8, 0.0]), about_z(2.6))
+    T = Pose(np.array([3.1, -0.8, 0.0]), rotation_z(2.6))
     views = [view_of(hook.triangles, T, (0.3, 0.2, 1.5), T.inverse().transform([0, 0, 0.6]))]
-    looks = Looks.of(views, CAMERA)
-    points = votes(looks.in_base(), 0.15, hook.bounds[1, 2], 0.1)
-    step, n_steps, corner = 0.2, 40, hook.middle - 4.0
+    batch = ViewBatch.from_views(views, CAMERA)
+    points = voxel_centroids(batch.points_in_base(), 0.15, hook.bounds[1, 2], 0.1)
+    step, n_steps, corner = 0.2, 40, hook.center_xy - 4.0
     yaws = np.arange(24) * np.radians(15.0)
     field = likelihood_field(hook, step, 0.15, 3)
-    cells = cells_of(points, yaws, corner, field.origin, field.cell)
-    probes = hook.sampled(100)[0]
-    beams = (looks.around, looks.R, looks.t, looks.lens, 0.3)
-    found, scores = best_first(
-        cells, field.levels, n_steps, corner, step, hook.middle, (2.0, 4.0), yaws, probes, *beams,
+    cells = points_to_cells(points, yaws, corner, field.origin, field.cell)
+    probes = hook.sample_surface(100)[0]
+    beams = (batch.min_ranges, batch.R, batch.t, batch.intrinsics, 0.3)
+    found, scores = best_first_search(
+        cells, field.pooled, n_steps, corner, step, hook.center_xy, (2.0, 4.0), yaws, probes, *beams,
         0.5, (0.3, 0.2), 5.0, 0.0, 1, 10**6,
     )  # fmt: skip
     plain = {}
     for a, i, j in itertools.product(range(24), range(n_steps), range(n_steps)):
         x, y = corner + step * np.array([i, j])
-        if 2.0 <= np.hypot(*(np.array([x, y]) - hook.middle)) <= 4.0:
-            score = fit(cells[a], field.levels[0], i, j)
+        if 2.0 <= np.hypot(*(np.array([x, y]) - hook.center_xy)) <= 4.0:
+            score = field_score(cells[a], field.pooled[0], i, j)
             if score > 5.0:
-                score -= 0.5 * seen_through(probes, x, y, yaws[a], *beams, 1e9)
+                score -= 0.5 * count_seen_through(probes, x, y, yaws[a], *beams, 1e9)
             plain[x, y, yaws[a]] = score
     best = max(plain, key=plain.get)
     np.testing.assert_allclose(scores, [plain[best]])
@@ -112,15 +112,15 @@ def test_best_first_finds_what_trying_all_leaves_finds(hook):
 def test_the_pose_is_among_the_hypotheses_within_a_step(hook, seed):
     rng = np.random.default_rng(seed)
     angle, far = rng.uniform(-np.pi, np.pi), rng.uniform(2.5, 4.5)
-    T = Pose(far * np.array([np.cos(angle), np.sin(angle), 0.0]), about_z(rng.uniform(-3, 3)))
+    T = Pose(far * np.array([np.cos(angle), np.sin(angle), 0.0]), rotation_z(rng.uniform(-3, 3)))
     clutter = box((0.8, 0.7, 0.6), (1.5, -1.6, 0.3), 0.4)
     world = np.concatenate([hook.triangles, clutter, box((20, 20, 1), (0, 0, -0.5))])
     at = T.inverse().transform([0, 0.3, 0.6])
-    looks = Looks.of([view_of(world, T, (0.2, 0, 1.6), at, seed)], CAMERA)
+    batch = ViewBatch.from_views([view_of(world, T, (0.2, 0, 1.6), at, seed)], CAMERA)
     errors = [
         max(np.abs(h.T_target_base.translation - T.translation).max(),
             np.abs(h.T_target_base.rotation - T.rotation).max())
-        for h in search(hook, looks, SearchSettings())
+        for h in search(hook, batch, SearchSettings())
     ]  # fmt: skip
     assert min(errors) < 0.1
 
@@ -128,24 +128,26 @@ def test_the_pose_is_among_the_hypotheses_within_a_step(hook, seed):
 def test_without_points_above_the_ground_there_is_no_hypothesis(hook):
     T = Pose(np.array([3.0, 0.0, 0.0]), np.eye(3))
     views = [view_of(box((20, 20, 1), (0, 0, -0.5)), T, (0, 0, 1.5), (2, 0, 0))]
-    assert search(hook, Looks.of(views, CAMERA), SearchSettings()) == []
+    assert search(hook, ViewBatch.from_views(views, CAMERA), SearchSettings()) == []
 
 
-@pytest.mark.parametrize(("name", "value"), [("step", 0.0), ("count", 0), ("width", float("nan"))])
+@pytest.mark.parametrize(
+    ("name", "value"), [("xy_step", 0.0), ("max_hypotheses", 0), ("field_sigma", float("nan"))]
+)
 def test_settings_that_make_no_search_are_refused_with_their_value(name, value):
     with pytest.raises(ValueError, match=f"{name}.*{value}"):
         dataclasses.replace(SearchSettings(), **{name: value})
 
 
 def test_a_ring_that_is_empty_is_refused():
-    with pytest.raises(ValueError, match=r"nearest < farthest, got 3\.0 and 2\.0"):
-        SearchSettings(nearest=3.0, farthest=2.0)
+    with pytest.raises(ValueError, match=r"min_distance < max_distance, got 3\.0 and 2\.0"):
+        SearchSettings(min_distance=3.0, max_distance=2.0)
 
 
 def test_looks_need_a_point_for_each_pixel():
     cloud = PointCloud(np.zeros((3, 3)), np.zeros(3, dtype=bool))
-    estimate = CameraEstimate(Pose(np.zeros(3), np.eye(3)), np.zeros((6, 6)))
+    estimate = PoseEstimate(Pose(np.zeros(3), np.eye(3)), np.zeros((6, 6)))
     with pytest.raises(ValueError, match="3072 pixels, got 3"):
-        Looks.of([View(cloud, estimate)], CAMERA)
+        ViewBatch.from_views([View(cloud, estimate)], CAMERA)
     with pytest.raises(ValueError, match="at least one view"):
-        Looks.of([], CAMERA)
+        ViewBatch.from_views([], CAMERA)

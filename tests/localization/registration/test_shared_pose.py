@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from coopmap_env.geometry.rotations import displaced, displacement_between
+from coopmap_env.geometry.rotations import apply_displacement, displacement_between
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.registration.shared_pose import (
-    carried_to_base,
-    disagreement,
+    camera_to_base_covariances,
     shared_pose,
+    view_chi2,
 )
-from coopmap_env.localization.target import about_z
+from coopmap_env.localization.target import rotation_z
 
 NOTHING = np.zeros((6, 6)), np.zeros(6)
 
@@ -40,7 +40,7 @@ def test_a_common_error_does_not_average_out():
 def test_the_estimate_is_that_of_all_unknowns_solved_at_once():
     rng = np.random.default_rng(1)
     n = 3
-    H, own = some_information(rng, n), 0.01 * some_information(rng, n)
+    H, independent = some_information(rng, n), 0.01 * some_information(rng, n)
     common, P = 0.02 * some_information(rng, 1)[0], np.eye(6)
     g, Px = rng.standard_normal((n, 6)), rng.standard_normal(6)
     size = 6 * (n + 2)  # x, e, e_1 to e_n
@@ -53,9 +53,9 @@ def test_the_estimate_is_that_of_all_unknowns_solved_at_once():
         M[:, :6] = M[:, 6:12] = M[:, own_rows] = np.eye(6)
         A += M.T @ H[v] @ M
         b += M.T @ g[v]
-        A[own_rows, own_rows] += np.linalg.inv(own[v])
+        A[own_rows, own_rows] += np.linalg.inv(independent[v])
     plain = np.linalg.solve(A, b)
-    estimate = shared_pose(H, g, own, common, P, Px)
+    estimate = shared_pose(H, g, independent, common, P, Px)
     np.testing.assert_allclose(estimate.x, plain[:6], rtol=1e-6)
     np.testing.assert_allclose(estimate.covariance, np.linalg.inv(A)[:6, :6], rtol=1e-6)
     np.testing.assert_allclose(
@@ -74,14 +74,14 @@ def test_a_look_that_sees_one_direction_only_adds_to_that_direction_only():
 def test_a_camera_that_errs_sees_what_it_would_see_from_a_base_displaced():
     """To first order: covariances of displacements drawn equal those carried over."""
     rng = np.random.default_rng(3)
-    T_target_base = Pose(np.array([3.0, 1.0, 0.0]), about_z(2.0))
-    T_base_camera = Pose(np.array([0.4, 0.1, 1.5]), about_z(0.5))
+    T_target_base = Pose(np.array([3.0, 1.0, 0.0]), rotation_z(2.0))
+    T_base_camera = Pose(np.array([0.4, 0.1, 1.5]), rotation_z(0.5))
     root = 1e-3 * rng.standard_normal((6, 6))
     moves = []
     for d in rng.standard_normal((4000, 6)) @ root.T:
-        seen_from = T_target_base @ displaced(T_base_camera, d) @ T_base_camera.inverse()
+        seen_from = T_target_base @ apply_displacement(T_base_camera, d) @ T_base_camera.inverse()
         moves.append(displacement_between(T_target_base, seen_from))
-    carried = carried_to_base(
+    carried = camera_to_base_covariances(
         (root @ root.T)[None], T_base_camera.translation[None], T_target_base.rotation
     )[0]
     scale = np.sqrt(np.diag(carried))
@@ -94,13 +94,13 @@ def test_a_camera_that_errs_sees_what_it_would_see_from_a_base_displaced():
 
 def test_looks_that_agree_have_a_chi_square_of_0_and_one_that_is_off_a_large_one():
     H = np.stack([1e4 * np.eye(6)] * 3)  # sigma 0.01
-    own = np.stack([1e-4 * np.eye(6)] * 3)
-    chi2, freedom = disagreement(H, np.zeros((3, 6)), own)
+    independent = np.stack([1e-4 * np.eye(6)] * 3)
+    chi2, dof = view_chi2(H, np.zeros((3, 6)), independent)
     np.testing.assert_allclose(chi2, 0.0, atol=1e-12)
-    np.testing.assert_array_equal(freedom, 6)
+    np.testing.assert_array_equal(dof, 6)
     g = np.zeros((3, 6))
     g[2, 0] = 1e4 * 0.1
-    chi2, _ = disagreement(H, g, own)
+    chi2, _ = view_chi2(H, g, independent)
     # its own variance 2e-4, and half of it that of the two others
     assert chi2[2] == pytest.approx(0.1**2 / 3e-4, rel=1e-3)
 
@@ -110,6 +110,6 @@ def test_looks_that_tell_of_different_directions_cannot_disagree():
     H[0, 0, 0] = H[1, 1, 1] = 1e4
     g = np.zeros((2, 6))
     g[0, 0] = 1e4
-    chi2, freedom = disagreement(H, g, np.zeros((2, 6, 6)))
+    chi2, dof = view_chi2(H, g, np.zeros((2, 6, 6)))
     np.testing.assert_array_equal(chi2, 0.0)
-    np.testing.assert_array_equal(freedom, 0.0)
+    np.testing.assert_array_equal(dof, 0.0)

@@ -7,7 +7,7 @@ from plain.random_scans import random_scan
 from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files import (
     MapFileError,
-    Surfaces,
+    SurfaceEstimates,
     load_map,
     load_surfaces,
     save_map,
@@ -26,12 +26,12 @@ def random_map(grid, n_scans=8, seed=0):
     map_ = OccupancyMap(grid, BeamModel(0.01, 0.97, "anywhere"), LogOddsRange(0.995))
     for _ in range(n_scans):
         map_.integrate(random_scan(rng, grid, 12))
-    map_.levels[7], map_.sampled_cells[7] = 0, 1
+    map_.log_odds_fixed[7], map_.sampled_mask[7] = 0, 1
     return map_
 
 
 def state(map_):
-    arrays = (map_.levels, map_.sampled_cells, *map_.information())
+    arrays = (map_.log_odds_fixed, map_.sampled_mask, *map_.information_form())
     return [(array.dtype, array.tobytes()) for array in arrays]
 
 
@@ -42,7 +42,11 @@ def test_an_npz_file_keeps_every_bit(tmp_path, grid, n_scans):
     save_map(map_, tmp_path / "map.npz")
     back = load_map(tmp_path / "map.npz")
     assert state(back) == state(map_)
-    assert (back.grid, back.model, back.range) == (map_.grid, map_.model, map_.range)
+    assert (back.grid, back.model, back.log_odds_range) == (
+        map_.grid,
+        map_.model,
+        map_.log_odds_range,
+    )
     # and goes on as the map itself
     scan = random_scan(np.random.default_rng(1), grid)
     assert back.integrate(scan) == map_.integrate(scan)
@@ -54,7 +58,7 @@ def test_an_npz_file_keeps_every_bit(tmp_path, grid, n_scans):
 def test_a_ply_file_keeps_every_bit_of_the_surfaces(tmp_path, grid, ascii_):
     map_ = random_map(grid)
     save_surfaces(map_, tmp_path / "map.ply", ascii_)
-    back, here = load_surfaces(tmp_path / "map.ply"), Surfaces.of(map_)
+    back, here = load_surfaces(tmp_path / "map.ply"), SurfaceEstimates.from_map(map_)
     assert len(here.cells) > 5
     np.testing.assert_array_equal(back.cells, here.cells)
     np.testing.assert_array_equal(back.means, here.means)
@@ -69,7 +73,7 @@ def test_trimesh_reads_points_and_covariances_of_a_ply_file(tmp_path, ascii_):
     map_ = random_map(VoxelGrid((9, 7, 8), 0.25, (0.55, -1.0, 2.0)))
     save_surfaces(map_, tmp_path / "map.ply", ascii_)
     cloud = trimesh.load(tmp_path / "map.ply")
-    surfaces = Surfaces.of(map_)
+    surfaces = SurfaceEstimates.from_map(map_)
     np.testing.assert_allclose(cloud.vertices, surfaces.means)
     data = cloud.metadata["_ply_raw"]["vertex"]["data"]
     column = data["covariance_xz"] if not ascii_ else np.asarray(data["covariance_xz"])
@@ -84,8 +88,15 @@ def test_a_map_without_surfaces_is_a_ply_file_without_vertices(tmp_path):
 def planar():
     """Free, occupied, at one half, undecided and never sampled cells."""
     map_ = OccupancyMap(VoxelGrid((3, 2), 0.5, (-1.0, 2.0)))
-    map_.levels[:] = [-map_.range.clamp, map_.range.clamp, 0, 300, 0, -300]
-    map_.sampled_cells[:] = [1, 1, 1, 1, 0, 1]
+    map_.log_odds_fixed[:] = [
+        -map_.log_odds_range.clamp,
+        map_.log_odds_range.clamp,
+        0,
+        300,
+        0,
+        -300,
+    ]
+    map_.sampled_mask[:] = [1, 1, 1, 1, 0, 1]
     return map_
 
 
@@ -95,8 +106,11 @@ def test_map_server_trinary_keeps_free_occupied_and_unknown(tmp_path):
     back = load_map(tmp_path / "map.yaml")
     assert back.grid == map_.grid
     # P of levels +-300 is 0.43 and 0.57: between the thresholds of map_saver
-    assert back.sampled_cells.tolist() == [1, 1, 0, 0, 0, 0]
-    assert back.levels[:2].tolist() == [-back.range.clamp, back.range.clamp]
+    assert back.sampled_mask.tolist() == [1, 1, 0, 0, 0, 0]
+    assert back.log_odds_fixed[:2].tolist() == [
+        -back.log_odds_range.clamp,
+        back.log_odds_range.clamp,
+    ]
 
 
 def test_map_server_scale_keeps_probabilities_to_8_bits(tmp_path):

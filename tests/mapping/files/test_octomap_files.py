@@ -21,13 +21,13 @@ def known():
         map_.integrate(random_scan(rng, GRID, 10))
     map_.mark_free([3, 4])
     map_.mark_occupied([5])
-    map_.levels[7], map_.sampled_cells[7] = 0, 1
-    map_.levels[9], map_.sampled_cells[9] = 1, 1
-    assert 0 < map_.viewed_share < 1
+    map_.log_odds_fixed[7], map_.sampled_mask[7] = 0, 1
+    map_.log_odds_fixed[9], map_.sampled_mask[9] = 1, 1
+    assert 0 < map_.observed_fraction < 1
     return map_
 
 
-def theirs(tree, map_):
+def octomap_log_odds(tree, map_):
     """Log-odds of OctoMap's node at each of our cells, NaN where it has none."""
     centers = map_.grid.center(np.indices(map_.grid.shape).reshape(3, -1).T)
     nodes = [tree.search(center) for center in centers - octomap_shift(map_.grid)]
@@ -36,7 +36,7 @@ def theirs(tree, map_):
 
 def test_octomap_agrees_with_us_on_every_voxel_of_an_ot_file(tmp_path, known):
     save_map(known, tmp_path / "map.ot")
-    found = theirs(pyoctomap.OcTree(0.1).read(str(tmp_path / "map.ot")), known)
+    found = octomap_log_odds(pyoctomap.OcTree(0.1).read(str(tmp_path / "map.ot")), known)
     # levels are multiples of 2**-10, floats of 24 bits hold them exactly
     sampled = known.sampled.ravel()
     np.testing.assert_array_equal(found[sampled], known.log_odds.ravel()[sampled])
@@ -48,11 +48,15 @@ def test_octomap_agrees_with_us_on_every_voxel_of_an_ot_file(tmp_path, known):
 def test_an_ot_file_loses_nothing_of_the_occupancy(tmp_path, known):
     save_map(known, tmp_path / "map.ot")
     back = load_map(tmp_path / "map.ot")
-    np.testing.assert_array_equal(back.levels, known.levels)
-    np.testing.assert_array_equal(back.sampled_cells, known.sampled_cells)
-    assert (back.grid, back.model, back.range) == (known.grid, known.model, known.range)
-    assert back.sampled_cells[7] == 1
-    assert back.levels[7] == 0
+    np.testing.assert_array_equal(back.log_odds_fixed, known.log_odds_fixed)
+    np.testing.assert_array_equal(back.sampled_mask, known.sampled_mask)
+    assert (back.grid, back.model, back.log_odds_range) == (
+        known.grid,
+        known.model,
+        known.log_odds_range,
+    )
+    assert back.sampled_mask[7] == 1
+    assert back.log_odds_fixed[7] == 0
 
 
 def test_a_bt_file_keeps_which_cells_are_known_and_on_which_side_of_one_half(tmp_path, known):
@@ -61,14 +65,14 @@ def test_a_bt_file_keeps_which_cells_are_known_and_on_which_side_of_one_half(tmp
     sampled = known.sampled
     np.testing.assert_array_equal(back.sampled, sampled)
     np.testing.assert_array_equal(
-        back.levels[sampled.ravel()] > 0, known.levels[sampled.ravel()] >= 0
+        back.log_odds_fixed[sampled.ravel()] > 0, known.log_odds_fixed[sampled.ravel()] >= 0
     )
-    assert set(abs(back.levels[sampled.ravel()])) == {known.range.clamp}
+    assert set(abs(back.log_odds_fixed[sampled.ravel()])) == {known.log_odds_range.clamp}
     tree = pyoctomap.OcTree(0.1)
     assert tree.readBinary(str(tmp_path / "map.bt"))
-    found = theirs(tree, known)
+    found = octomap_log_odds(tree, known)
     np.testing.assert_array_equal(np.isnan(found), ~sampled.ravel())
-    np.testing.assert_array_equal(found >= 0, (known.levels >= 0) & sampled.ravel())
+    np.testing.assert_array_equal(found >= 0, (known.log_odds_fixed >= 0) & sampled.ravel())
 
 
 @pytest.mark.parametrize("suffix", [".ot", ".bt"])

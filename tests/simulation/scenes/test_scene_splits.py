@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from coopmap_env.simulation.scenes.planar import SPLITS, world_seed
+from coopmap_env.simulation.scenes import SPLITS, world_seed
 
 GOLDEN = [2662188533, 436224622, 1169763260]
 """First words of seed 7 of each split."""

@@ -14,24 +14,29 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from coopmap_env.simulation.scenes.field.base_poses import Stand
+from coopmap_env.simulation.scenes.field.base_poses import BasePlacement
 from coopmap_env.simulation.scenes.field.clutter import Clutter
 from coopmap_env.simulation.scenes.field.rubble import Rubble
 from coopmap_env.simulation.scenes.field.solid import Solid
 from coopmap_env.simulation.scenes.field.user_file import read_user_scene
 from coopmap_env.simulation.scenes.field.user_scene import UserScene
 from coopmap_env.simulation.scenes.field.worksite import Worksite, target_solids
-from coopmap_env.simulation.scenes.field.world import CLEARANCE, FIELD_GRID, FieldScene, FieldWorld
+from coopmap_env.simulation.scenes.field.world import (
+    BASE_CLEARANCE,
+    FIELD_GRID,
+    FieldScene,
+    FieldWorld,
+)
 
 __all__ = [
-    "CLEARANCE",
+    "BASE_CLEARANCE",
     "FIELD_GRID",
+    "BasePlacement",
     "Clutter",
     "FieldScene",
     "FieldWorld",
     "Rubble",
     "Solid",
-    "Stand",
     "UserScene",
     "Worksite",
     "make_field_scene",

@@ -11,30 +11,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.simulation.scenes.field.base_poses import DEFAULT_STAND, Stand, draw_bases
-from coopmap_env.simulation.scenes.field.layout import Yard
+from coopmap_env.simulation.scenes.field.base_poses import (
+    DEFAULT_PLACEMENT,
+    BasePlacement,
+    sample_base_poses,
+)
+from coopmap_env.simulation.scenes.field.layout import SceneLayout
 from coopmap_env.simulation.scenes.field.pybullet_assets import (
-    RANDOM,
-    TOYS,
-    Ware,
-    random_ware,
+    NAMED_ASSETS,
+    RANDOM_ASSETS,
+    PyBulletAsset,
+    load_asset,
+    load_random_asset,
     shelf,
     table,
-    toy,
 )
-from coopmap_env.simulation.scenes.field.solid import Solid, turn_about_z
+from coopmap_env.simulation.scenes.field.solid import Solid, rotation_about_z
 from coopmap_env.simulation.scenes.field.world import (
-    CLEARANCE,
+    BASE_CLEARANCE,
     FIELD_GRID,
     FieldWorld,
     check_field_grid,
-    ground_of,
+    make_ground,
 )
 
 TARGET = "table"
 
-_TOP = 0.625
-_TOP_SIDES = np.array([1.5, 1.0])
+_TABLE_HEIGHT = 0.625
+_TABLE_SIZE = np.array([1.5, 1.0])
 _SLOTS = [
     *((x, 0.384, 0.40, 0.40) for x in (-0.21, 0.21)),
     *(
@@ -44,12 +48,12 @@ _SLOTS = [
     ),
 ]
 """Compartments of a shelf: x of the middle, z of the floor, width and height in metres."""
-_ON_SHELVES = 1.5
+_SHELF_OBJECT_SCALE = 1.5
 """Factor on the size of random objects on shelves, whose compartments are small."""
-_TRIES = 20
-_FROM, _TO = 1.2, 6.0
+_MAX_TRIES = 20
+_MIN_DISTANCE, _MAX_DISTANCE = 1.2, 6.0
 _TABLE_RADIUS, _SHELF_RADIUS = 0.91, 0.65
-_NO_TURN = np.eye(3)
+_IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -57,26 +61,26 @@ class Clutter:
     """Worlds of tables and shelves with things on and around them."""
 
     grid: VoxelGrid = FIELD_GRID
-    on_target: tuple[int, int] = (7, 11)
+    target_objects: tuple[int, int] = (7, 11)
     """Fewest and most random objects on the table in the middle; some toys come on top."""
     tables: tuple[int, int] = (1, 2)
     """Fewest and most tables around it."""
     shelves: tuple[int, int] = (1, 2)
     """Fewest and most shelves."""
-    loose: tuple[int, int] = (3, 6)
+    loose_objects: tuple[int, int] = (3, 6)
     """Fewest and most things on the ground; as many again at most on each table and shelf."""
-    enlarged: float = 2.5
+    object_scale: float = 2.5
     """Factor on the size of the random objects, which are 0.1 m across: about one voxel."""
-    stand: Stand = DEFAULT_STAND
+    base_placement: BasePlacement = DEFAULT_PLACEMENT
 
     def __post_init__(self) -> None:
         check_field_grid(self.grid)
-        for name in ("on_target", "tables", "shelves", "loose"):
+        for name in ("target_objects", "tables", "shelves", "loose_objects"):
             fewest, most = getattr(self, name)
             if not 0 <= fewest <= most:
                 raise ValueError(f"{name} must be (fewest, most), not {getattr(self, name)!r}")
-        if not 0.0 < self.enlarged < math.inf:
-            raise ValueError(f"enlarged must be finite and above 0, not {self.enlarged!r}")
+        if not 0.0 < self.object_scale < math.inf:
+            raise ValueError(f"object_scale must be finite and above 0, not {self.object_scale!r}")
 
     @property
     def name(self) -> str:
@@ -84,7 +88,7 @@ class Clutter:
         return "clutter"
 
     def world(
-        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+        self, rng: np.random.Generator, n_robots: int, footprint: float = BASE_CLEARANCE
     ) -> FieldWorld:
         """Draw the middle table, vehicles about it, then what leaves them room and sight.
 
@@ -94,85 +98,97 @@ class Clutter:
             With the pip command, if pybullet_data is not installed.
         """
         target = self._target(rng)
-        bases = draw_bases(rng, n_robots, self.stand, footprint, self.grid, target)
-        yard = Yard(self.grid, bases, footprint, target)
-        for k in range(_number(rng, self.shelves)):
-            self._add_shelf(rng, yard, f"shelf_{k}")
-        for k in range(_number(rng, self.tables)):
-            self._add_table(rng, yard, f"table_{k}")
-        for k in range(_number(rng, self.loose)):
-            ware, rotation = self._draw(rng), _any_yaw(rng)
-            spot = yard.spot(rng, _outline(ware), _FROM, _TO)
-            if spot is not None:
-                yard.add(ware.put(f"loose_{k}", (*spot, 0.0), rotation, is_target=False))
-        solids = (ground_of(self.grid), *target, *yard.in_sight())
+        bases = sample_base_poses(rng, n_robots, self.base_placement, footprint, self.grid, target)
+        layout = SceneLayout(self.grid, bases, footprint, target)
+        for k in range(_sample_count(rng, self.shelves)):
+            self._add_shelf(rng, layout, f"shelf_{k}")
+        for k in range(_sample_count(rng, self.tables)):
+            self._add_table(rng, layout, f"table_{k}")
+        for k in range(_sample_count(rng, self.loose_objects)):
+            asset, rotation = self._random_asset(rng), _random_yaw(rng)
+            center = layout.sample_free_disc(rng, _disc_radius(asset), _MIN_DISTANCE, _MAX_DISTANCE)
+            if center is not None:
+                layout.add(asset.to_solid(f"loose_{k}", (*center, 0.0), rotation, is_target=False))
+        solids = (make_ground(self.grid), *target, *layout.remove_occluders())
         return FieldWorld(self.name, solids, TARGET, self.grid, bases)
 
     def _target(self, rng: np.random.Generator) -> list[Solid]:
         """Lay the middle table with toys and random objects."""
-        target = [table(TARGET, np.zeros(3), _NO_TURN, is_target=True)]
-        wares = [toy(name) for name in TOYS if rng.random() < 0.6]
-        wares += [self._draw(rng) for _ in range(_number(rng, self.on_target))]
-        for k, (ware, spot, rotation) in enumerate(_lay(rng, wares)):
+        target = [table(TARGET, np.zeros(3), _IDENTITY, is_target=True)]
+        assets = [load_asset(name) for name in NAMED_ASSETS if rng.random() < 0.6]
+        assets += [self._random_asset(rng) for _ in range(_sample_count(rng, self.target_objects))]
+        for k, (asset, center, rotation) in enumerate(_arrange(rng, assets)):
             name = f"{TARGET}_thing_{k}"
-            target.append(ware.put(name, (*spot, _TOP), rotation, is_target=True))
+            target.append(asset.to_solid(name, (*center, _TABLE_HEIGHT), rotation, is_target=True))
         return target
 
-    def _add_table(self, rng: np.random.Generator, yard: Yard, name: str) -> None:
-        middle, turned = yard.spot(rng, _TABLE_RADIUS, _FROM, _TO), _any_yaw(rng)
+    def _add_table(self, rng: np.random.Generator, layout: SceneLayout, name: str) -> None:
+        middle, support_rotation = (
+            layout.sample_free_disc(rng, _TABLE_RADIUS, _MIN_DISTANCE, _MAX_DISTANCE),
+            _random_yaw(rng),
+        )
         if middle is None:
             return
         position = np.array([*middle, 0.0])
-        below = yard.add(table(name, position, turned, is_target=False))
-        wares = [self._draw(rng) for _ in range(_number(rng, self.loose))]
-        for k, (ware, spot, rotation) in enumerate(_lay(rng, wares)):
-            place = turned @ [*spot, _TOP] + position
-            thing = ware.put(f"{name}_thing_{k}", place, turned @ rotation, is_target=False)
-            yard.add(thing, below)
+        support = layout.add(table(name, position, support_rotation, is_target=False))
+        assets = [self._random_asset(rng) for _ in range(_sample_count(rng, self.loose_objects))]
+        for k, (asset, center, rotation) in enumerate(_arrange(rng, assets)):
+            place = support_rotation @ [*center, _TABLE_HEIGHT] + position
+            thing = asset.to_solid(
+                f"{name}_thing_{k}", place, support_rotation @ rotation, is_target=False
+            )
+            layout.add(thing, support)
 
-    def _add_shelf(self, rng: np.random.Generator, yard: Yard, name: str) -> None:
-        middle, turned = yard.spot(rng, _SHELF_RADIUS, _FROM, _TO), _any_yaw(rng)
+    def _add_shelf(self, rng: np.random.Generator, layout: SceneLayout, name: str) -> None:
+        middle, support_rotation = (
+            layout.sample_free_disc(rng, _SHELF_RADIUS, _MIN_DISTANCE, _MAX_DISTANCE),
+            _random_yaw(rng),
+        )
         if middle is None:
             return
         position = np.array([*middle, 0.0])
-        below = yard.add(shelf(name, position, turned))
+        support = layout.add(shelf(name, position, support_rotation))
         slots = rng.permutation(len(_SLOTS))
-        for slot in slots[: _number(rng, self.loose)]:
+        for slot in slots[: _sample_count(rng, self.loose_objects)]:
             x, floor, width, height = _SLOTS[slot]
-            number, y = RANDOM[rng.integers(len(RANDOM))], rng.uniform(-0.25, 0.25)
-            ware = random_ware(number, _ON_SHELVES)
-            if ware.size[0] < width and ware.size[2] < height:
-                place = turned @ [x, y, floor] + position
-                thing = ware.put(f"{name}_thing_{slot}", place, turned, is_target=False)
-                yard.add(thing, below)
+            number, y = RANDOM_ASSETS[rng.integers(len(RANDOM_ASSETS))], rng.uniform(-0.25, 0.25)
+            asset = load_random_asset(number, _SHELF_OBJECT_SCALE)
+            if asset.size[0] < width and asset.size[2] < height:
+                place = support_rotation @ [x, y, floor] + position
+                thing = asset.to_solid(
+                    f"{name}_thing_{slot}", place, support_rotation, is_target=False
+                )
+                layout.add(thing, support)
 
-    def _draw(self, rng: np.random.Generator) -> Ware:
-        return random_ware(RANDOM[rng.integers(len(RANDOM))], self.enlarged)
+    def _random_asset(self, rng: np.random.Generator) -> PyBulletAsset:
+        return load_random_asset(RANDOM_ASSETS[rng.integers(len(RANDOM_ASSETS))], self.object_scale)
 
 
-def _lay(
-    rng: np.random.Generator, wares: list[Ware]
-) -> list[tuple[Ware, NDArray[np.float64], NDArray[np.float64]]]:
+def _arrange(
+    rng: np.random.Generator, assets: list[PyBulletAsset]
+) -> list[tuple[PyBulletAsset, NDArray[np.float64], NDArray[np.float64]]]:
     """Lay things on a table: those that found room, with their spot (x, y) and rotation."""
-    laid: list[tuple[Ware, NDArray[np.float64], NDArray[np.float64]]] = []
-    for ware in wares:
-        radius, rotation = _outline(ware), _any_yaw(rng)
-        for _ in range(_TRIES):
-            spot = (rng.random(2) - 0.5) * np.maximum(_TOP_SIDES - 2 * radius, 0.0)
-            if all(math.dist(spot, other) >= radius + _outline(one) for one, other, _ in laid):
-                laid.append((ware, spot, rotation))
+    placed: list[tuple[PyBulletAsset, NDArray[np.float64], NDArray[np.float64]]] = []
+    for asset in assets:
+        radius, rotation = _disc_radius(asset), _random_yaw(rng)
+        for _ in range(_MAX_TRIES):
+            center = (rng.random(2) - 0.5) * np.maximum(_TABLE_SIZE - 2 * radius, 0.0)
+            if all(
+                math.dist(center, other) >= radius + _disc_radius(one) for one, other, _ in placed
+            ):
+                placed.append((asset, center, rotation))
                 break
-    return laid
+    return placed
 
 
-def _outline(ware: Ware) -> float:
+def _disc_radius(asset: PyBulletAsset) -> float:
     """Radius in metres of the circle about a thing's middle that holds it at any yaw."""
-    return 0.5 * math.hypot(ware.size[0], ware.size[1])
+    return 0.5 * math.hypot(asset.size[0], asset.size[1])
 
 
-def _any_yaw(rng: np.random.Generator) -> NDArray[np.float64]:
-    return turn_about_z(rng.uniform(-math.pi, math.pi))
+def _random_yaw(rng: np.random.Generator) -> NDArray[np.float64]:
+    return rotation_about_z(rng.uniform(-math.pi, math.pi))
 
 
-def _number(rng: np.random.Generator, bounds: tuple[int, int]) -> int:
+def _sample_count(rng: np.random.Generator, bounds: tuple[int, int]) -> int:
     return int(rng.integers(bounds[0], bounds[1] + 1))

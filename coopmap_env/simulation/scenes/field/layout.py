@@ -8,16 +8,19 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.simulation.scenes.field.base_poses import SIGHT, looks_at_target
-from coopmap_env.simulation.scenes.field.outlines import distance_to_outlines, outlines
+from coopmap_env.simulation.scenes.field.base_poses import (
+    MIN_VISIBLE_FRACTION,
+    first_hits_toward_target,
+)
+from coopmap_env.simulation.scenes.field.outlines import distance_to_triangles, project_to_ground
 from coopmap_env.simulation.scenes.field.solid import Solid
 
-_TRIES = 40
-_GAP = 0.05
+_MAX_TRIES = 40
+_DISC_GAP = 0.05
 """Metres between the circles around neighbours."""
 
 
-class Yard:
+class SceneLayout:
     """What stands around the target so far, each thing within a circle on the ground.
 
     Parameters
@@ -36,14 +39,14 @@ class Yard:
         self._low = np.array(grid.origin)[:2]
         self._high = self._low + np.array(grid.shape)[:2] * grid.resolution
         self._bases, self._footprint = bases, footprint
-        self._target, self._outlines = target, outlines(target)
+        self._target, self._target_triangles = target, project_to_ground(target)
         self._circles: list[tuple[NDArray[np.float64], float]] = []
         self.solids: list[Solid] = []
-        self.below: list[int] = []
+        self.support: list[int] = []
         """Index of the solid that each one stands on, -1 for the ground or the target."""
 
-    def spot(
-        self, rng: np.random.Generator, radius: float, nearest: float, farthest: float
+    def sample_free_disc(
+        self, rng: np.random.Generator, radius: float, min_distance: float, max_distance: float
     ) -> NDArray[np.float64] | None:
         """Draw a free circle between two distances from the origin and take it.
 
@@ -52,8 +55,11 @@ class Yard:
         (2,) float array or None
             Its middle, or None if none was found.
         """
-        for _ in range(_TRIES):
-            distance, angle = rng.uniform(nearest, farthest), rng.uniform(-math.pi, math.pi)
+        for _ in range(_MAX_TRIES):
+            distance, angle = (
+                rng.uniform(min_distance, max_distance),
+                rng.uniform(-math.pi, math.pi),
+            )
             middle = distance * np.array([math.cos(angle), math.sin(angle)])
             if self.is_free(middle, radius):
                 self._circles.append((middle, radius))
@@ -69,34 +75,36 @@ class Yard:
                 for base in self._bases
             )
             and all(
-                math.dist(middle, other) >= radius + size + _GAP for other, size in self._circles
+                math.dist(middle, other) >= radius + size + _DISC_GAP
+                for other, size in self._circles
             )
-            and distance_to_outlines(middle[0], middle[1], self._outlines) >= radius + _GAP
+            and distance_to_triangles(middle[0], middle[1], self._target_triangles)
+            >= radius + _DISC_GAP
         )
 
-    def add(self, solid: Solid, below: int = -1) -> int:
+    def add(self, solid: Solid, support: int = -1) -> int:
         """Put a solid down; returns its index."""
         self.solids.append(solid)
-        self.below.append(below)
+        self.support.append(support)
         return len(self.solids) - 1
 
-    def in_sight(self) -> list[Solid]:
+    def remove_occluders(self) -> list[Solid]:
         """Take away what hides the target from a base; return the solids that stay.
 
         As long as less than a quarter of a base's looks get through to the target, the solid that
         stops most of them goes, and with it what stands on it.
         """
-        staying = list(range(len(self.solids)))
+        remaining = list(range(len(self.solids)))
         for base in self._bases:
-            while staying:
-                standing = [*self._target, *(self.solids[k] for k in staying)]
-                met = looks_at_target(base.translation[:2], standing)
-                stopped = met[met >= len(self._target)] - len(self._target)
-                if len(stopped) <= (1.0 - SIGHT) * len(met):
+            while remaining:
+                occluders = [*self._target, *(self.solids[k] for k in remaining)]
+                hits = first_hits_toward_target(base.translation[:2], occluders)
+                blocked = hits[hits >= len(self._target)] - len(self._target)
+                if len(blocked) <= (1.0 - MIN_VISIBLE_FRACTION) * len(hits):
                     break
-                gone = {staying[int(np.bincount(stopped).argmax())]}
-                for k in staying:  # what stands on a solid comes after it
-                    if self.below[k] in gone:
-                        gone.add(k)
-                staying = [k for k in staying if k not in gone]
-        return [self.solids[k] for k in staying]
+                removed = {remaining[int(np.bincount(blocked).argmax())]}
+                for k in remaining:  # what stands on a solid comes after it
+                    if self.support[k] in removed:
+                        removed.add(k)
+                remaining = [k for k in remaining if k not in removed]
+        return [self.solids[k] for k in remaining]

@@ -2,7 +2,7 @@
 
 The pile is known by its height over a fine raster of columns. A block keeps its orientation and
 sinks until one column stops it; a pile that has settled by its own weight would lie a little
-flatter, and the blocks are pushed into each other by `SUNK` to look so.
+flatter, and the blocks are pushed into each other by `SINK_DEPTH` to look so.
 """
 
 import math
@@ -12,20 +12,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-COLUMN = 0.08
+COLUMN_SIZE = 0.08
 """Side of a column in metres: less than half of the smallest block."""
-SUNK = 0.04
+SINK_DEPTH = 0.04
 """Metres by which a block sinks into what it rests on."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class RestingBlock:
     """Where a block comes to rest."""
 
     centre: NDArray[np.float64]
     top: float
     """z of its highest point."""
-    below: int
+    support: int
     """Number of the block that stops it, -1 for the ground."""
     columns: tuple[slice, ...]
     """Columns around it."""
@@ -37,15 +37,15 @@ class Pile:
     """Heights of what lies within `reach` metres of the origin, along x and y."""
 
     def __init__(self, reach: float) -> None:
-        n = 2 * math.ceil(reach / COLUMN)
-        self._middles = (np.arange(n) + 0.5 - n / 2) * COLUMN
+        n = 2 * math.ceil(reach / COLUMN_SIZE)
+        self._middles = (np.arange(n) + 0.5 - n / 2) * COLUMN_SIZE
         self.heights = np.zeros((n, n))
-        self.owners = np.full((n, n), -1)
+        self.top_blocks = np.full((n, n), -1)
         """Number of the block on top of each column, -1 for the ground."""
 
-    def rest(
+    def find_rest(
         self, size: NDArray[np.float64], middle: NDArray[np.float64], rotation: NDArray[np.float64]
-    ) -> "Rest":
+    ) -> "RestingBlock":
         """Find where a block of sides `size` (3,) comes to rest.
 
         Its centre comes down at `middle` (2,); `rotation` (3, 3) is R_world_block.
@@ -56,25 +56,25 @@ class Pile:
             for at, by in zip(middle, reach[:2], strict=True)
         )
         x, y = (self._middles[span] - at for span, at in zip(columns, middle, strict=True))
-        lows, tops = chords(size, rotation, x, y)
+        lows, tops = vertical_extents(size, rotation, x, y)
         gaps = self.heights[columns] - lows
-        height, below = reach[2] - SUNK, -1  # on the ground
+        height, support = reach[2] - SINK_DEPTH, -1  # on the ground
         if gaps.size and gaps.max() > reach[2]:
             at = np.unravel_index(int(gaps.argmax()), gaps.shape)
-            height, below = gaps[at] - SUNK, int(self.owners[columns][at])
+            height, support = gaps[at] - SINK_DEPTH, int(self.top_blocks[columns][at])
         centre = np.array([*middle, height])
-        return Rest(centre, float(height + reach[2]), below, columns, tops + height)
+        return RestingBlock(centre, float(height + reach[2]), support, columns, tops + height)
 
-    def put(self, number: int, rest: "Rest") -> None:
-        """Let a block lie where `rest` found it."""
-        heights, owners = self.heights[rest.columns], self.owners[rest.columns]
+    def add(self, number: int, rest: "RestingBlock") -> None:
+        """Let a block lie where `find_rest` found it."""
+        heights, top_blocks = self.heights[rest.columns], self.top_blocks[rest.columns]
         higher = rest.tops > heights
         heights[higher] = rest.tops[higher]
-        owners[higher] = number
+        top_blocks[higher] = number
 
 
 @njit(cache=True, nogil=True)
-def chords(size, rotation, x, y):
+def vertical_extents(size, rotation, x, y):
     """Lowest and highest z (nx, ny) of a block about the origin over x (nx,) and y (ny,).
 
     Where a column misses the block: inf and -inf.

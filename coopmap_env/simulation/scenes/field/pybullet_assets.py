@@ -15,36 +15,36 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     convex_hull,
-    rotation_of_rpy,
-    solid_of_boxes,
-    turn,
+    rotation_about_axis,
+    rotation_from_rpy,
+    solid_from_boxes,
 )
 from coopmap_env.simulation.scenes.planar.recorded import SceneError
 
-RANDOM = tuple(sorted({*range(1000)} - {168, 295, 297, 602, 824}))
+RANDOM_ASSETS = tuple(sorted({*range(1000)} - {168, 295, 297, 602, 824}))
 """Objects of the folder random_urdfs: in one of the others vertices are not numbers, and four
 are less than 1 cm large."""
 
 _RANDOM_SCALE = 0.015
 """The scale in the description of each random object."""
 _MOST_FACES = 500
-_UPRIGHT = turn([1.0, 0.0, 0.0], np.pi / 2)
-_TOYS = {
+_UPRIGHT = rotation_about_axis([1.0, 0.0, 0.0], np.pi / 2)
+_NAMED_ASSET_FILES = {
     "duck": ("duck_vhacd.obj", 0.26, _UPRIGHT),
     "teddy": ("teddy2_VHACD_CHs.obj", 0.5, _UPRIGHT),
     "bunny": ("bunny.obj", 0.2, np.eye(3)),
 }
 """File, scale and rotation that puts it upright: each about 0.4 m tall, several voxels."""
-TOYS = tuple(_TOYS)
+NAMED_ASSETS = tuple(_NAMED_ASSET_FILES)
 
 
 @dataclass(frozen=True, eq=False)
-class Ware:
+class PyBulletAsset:
     """A thing in its own frame: middle of its outline at x = y = 0, lowest point at z = 0."""
 
     vertices: NDArray[np.float64]
@@ -57,7 +57,7 @@ class Ware:
         """Extent (3,) along its axes, metres."""
         return np.ptp(self.vertices, axis=0)
 
-    def put(
+    def to_solid(
         self, name: str, position: ArrayLike, rotation: NDArray[np.float64], *, is_target: bool
     ) -> Solid:
         """Make it a solid that is turned about its middle and has its origin at a position."""
@@ -68,25 +68,25 @@ class Ware:
         )
 
 
-@lru_cache(maxsize=2 * len(RANDOM))
-def random_ware(number: int, enlarged: float) -> Ware:
-    """Read one of `RANDOM` at so many times its size (about 0.1 m).
+@lru_cache(maxsize=2 * len(RANDOM_ASSETS))
+def load_random_asset(number: int, object_scale: float) -> PyBulletAsset:
+    """Read one of `RANDOM_ASSETS` at so many times its size (about 0.1 m).
 
     One in four has more than 500 faces and is replaced by its convex hull.
     """
     path = data_folder() / "random_urdfs" / f"{number:03d}" / f"{number:03d}.obj"
-    ware = _ware(path, _RANDOM_SCALE * enlarged, np.eye(3))
-    if len(ware.faces) <= _MOST_FACES:
-        return ware
-    vertices, faces = convex_hull(ware.vertices)
-    return Ware(vertices, faces, (slice(None),))
+    asset = _read_asset(path, _RANDOM_SCALE * object_scale, np.eye(3))
+    if len(asset.faces) <= _MOST_FACES:
+        return asset
+    vertices, faces = convex_hull(asset.vertices)
+    return PyBulletAsset(vertices, faces, (slice(None),))
 
 
 @lru_cache
-def toy(name: str) -> Ware:
-    """Read one of `TOYS`."""
-    file, scale, upright = _TOYS[name]
-    return _ware(data_folder() / file, scale, upright)
+def load_asset(name: str) -> PyBulletAsset:
+    """Read one of `NAMED_ASSETS`."""
+    file, scale, upright = _NAMED_ASSET_FILES[name]
+    return _read_asset(data_folder() / file, scale, upright)
 
 
 def table(
@@ -109,7 +109,7 @@ def data_folder() -> Path:
     ImportError
         With the pip command, if it is not installed.
     """
-    return Path(require("pybullet_data", "field").getDataPath())
+    return Path(import_optional("pybullet_data", "field").getDataPath())
 
 
 def _solid(
@@ -119,8 +119,8 @@ def _solid(
     rotation: NDArray[np.float64],
     is_target: bool,
 ) -> Solid:
-    moved = [box @ rotation.T + np.asarray(position) for box in boxes]
-    return solid_of_boxes(name, moved, is_target=is_target)
+    placed = [box @ rotation.T + np.asarray(position) for box in boxes]
+    return solid_from_boxes(name, placed, is_target=is_target)
 
 
 @lru_cache
@@ -146,7 +146,7 @@ def _shelf_boxes() -> tuple[NDArray[np.float64], ...]:
         if pose is None or size is None:
             raise SceneError(f"{path}: each collision shape must have a pose and a box")
         shapes[tuple(_numbers(pose)), tuple(_numbers(size))] = None
-    return tuple(box_corners(size, pose[:3], rotation_of_rpy(*pose[3:])) for pose, size in shapes)
+    return tuple(box_corners(size, pose[:3], rotation_from_rpy(*pose[3:])) for pose, size in shapes)
 
 
 def _xml(path: Path) -> ElementTree.Element:
@@ -160,7 +160,7 @@ def _numbers(text: str | None) -> list[float]:
     return [float(word) for word in (text or "").split()]
 
 
-def _ware(path: Path, scale: float, upright: NDArray[np.float64]) -> Ware:
+def _read_asset(path: Path, scale: float, upright: NDArray[np.float64]) -> PyBulletAsset:
     """Read an OBJ file of triangles; V-HACD calls its convex parts ``o convex_0`` and so on."""
     try:
         text = path.read_text(encoding="utf-8")
@@ -172,7 +172,7 @@ def _ware(path: Path, scale: float, upright: NDArray[np.float64]) -> Ware:
     points -= [*(low + high)[:2] / 2, low[2]]
     starts = [text.count("\nv ", 0, part.start()) for part in re.finditer("o convex_", text)]
     ends = [*starts[1:], len(points)]
-    return Ware(points, faces, tuple(map(slice, starts, ends)) if starts else ())
+    return PyBulletAsset(points, faces, tuple(map(slice, starts, ends)) if starts else ())
 
 
 def _rows(text: str, kind: str, number: type) -> NDArray[Any]:

@@ -11,31 +11,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.simulation.scenes.field.base_poses import Stand, draw_bases
-from coopmap_env.simulation.scenes.field.layout import Yard
+from coopmap_env.simulation.scenes.field.base_poses import BasePlacement, sample_base_poses
+from coopmap_env.simulation.scenes.field.layout import SceneLayout
 from coopmap_env.simulation.scenes.field.pile import Pile
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     random_rotation,
-    solid_of_boxes,
-    turn,
-    turn_about_z,
+    rotation_about_axis,
+    rotation_about_z,
+    solid_from_boxes,
 )
 from coopmap_env.simulation.scenes.field.world import (
-    CLEARANCE,
+    BASE_CLEARANCE,
     FIELD_GRID,
     FieldWorld,
     check_field_grid,
-    ground_of,
+    make_ground,
 )
 
 TARGET = "core"
 
-_STAND = Stand(nearest=3.2)
-_PLACES = 4
+_PLACEMENT = BasePlacement(min_distance=3.2)
+_N_DROPS = 4
 """Where a block may come down: it takes the lowest place of these, as if it rolled there."""
-_LYING = 0.7
+_FLAT_FRACTION = 0.7
 """Share of blocks that lie nearly flat; the others stand at any angle."""
 
 
@@ -58,7 +58,7 @@ class Rubble:
     """Longest side of a block in metres."""
     height_max: float = 1.9
     """Metres above the ground that no block exceeds: the pile stays below a mast."""
-    stand: Stand = _STAND
+    base_placement: BasePlacement = _PLACEMENT
     """Vehicles keep further away, so that blocks may lie on all sides of the core."""
 
     def __post_init__(self) -> None:
@@ -91,30 +91,30 @@ class Rubble:
         return "rubble"
 
     def world(
-        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+        self, rng: np.random.Generator, n_robots: int, footprint: float = BASE_CLEARANCE
     ) -> FieldWorld:
         """Draw vehicles, then let blocks come down where they leave them room."""
-        bases = draw_bases(rng, n_robots, self.stand, footprint, self.grid, ())
+        bases = sample_base_poses(rng, n_robots, self.base_placement, footprint, self.grid, ())
         pile = Pile(self.radius + self.side_max)
         core: list[Solid] = []
-        room = Yard(self.grid, bases, footprint, ())
-        yard = Yard(self.grid, bases, footprint, core)
+        clear_layout = SceneLayout(self.grid, bases, footprint, ())
+        layout = SceneLayout(self.grid, bases, footprint, core)
         for k in range(rng.integers(self.blocks[0], self.blocks[1] + 1)):
             is_core = k < self.core
             size = self.side_min * (self.side_max / self.side_min) ** rng.random(3)
-            rotation = _orientation(rng)
-            middles = self._middles(rng, self.core_radius if is_core else self.radius)
+            rotation = _random_orientation(rng)
+            drop_points = self._drop_points(rng, self.core_radius if is_core else self.radius)
             outline = 0.5 * float(np.linalg.norm(np.abs(rotation[:2]) @ size))
             rests = [
-                pile.rest(size, middle, rotation)
-                for middle in middles
-                if room.is_free(middle, outline)
+                pile.find_rest(size, middle, rotation)
+                for middle in drop_points
+                if clear_layout.is_free(middle, outline)
             ]
             rest = min(rests, key=lambda rest: rest.top, default=None)
             if rest is None or rest.top > self.height_max:
                 continue
-            pile.put(len(core) + len(yard.solids), rest)
-            solid = solid_of_boxes(
+            pile.add(len(core) + len(layout.solids), rest)
+            solid = solid_from_boxes(
                 f"core_{k}" if is_core else f"block_{k}",
                 [box_corners(size, rest.centre, rotation)],
                 is_target=is_core,
@@ -122,22 +122,22 @@ class Rubble:
             if is_core:
                 core.append(solid)
             else:
-                yard.add(solid, max(rest.below - len(core), -1))
-        solids = (ground_of(self.grid), *core, *yard.in_sight())
+                layout.add(solid, max(rest.support - len(core), -1))
+        solids = (make_ground(self.grid), *core, *layout.remove_occluders())
         return FieldWorld(self.name, solids, TARGET, self.grid, bases)
 
-    def _middles(self, rng: np.random.Generator, within: float) -> NDArray[np.float64]:
+    def _drop_points(self, rng: np.random.Generator, within: float) -> NDArray[np.float64]:
         """Draw places (n, 2) for a block to come down."""
-        distances = within * np.sqrt(rng.random(_PLACES))
-        angles = rng.uniform(-math.pi, math.pi, _PLACES)
+        distances = within * np.sqrt(rng.random(_N_DROPS))
+        angles = rng.uniform(-math.pi, math.pi, _N_DROPS)
         return distances[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def _orientation(rng: np.random.Generator) -> NDArray[np.float64]:
+def _random_orientation(rng: np.random.Generator) -> NDArray[np.float64]:
     """Draw an orientation: lying within a few degrees of flat, or any."""
-    if rng.random() >= _LYING:
+    if rng.random() >= _FLAT_FRACTION:
         return random_rotation(rng)
-    axis = turn_about_z(rng.uniform(-math.pi, math.pi))[0]
-    return turn(axis, rng.normal(0.0, math.radians(8.0))) @ turn_about_z(
+    axis = rotation_about_z(rng.uniform(-math.pi, math.pi))[0]
+    return rotation_about_axis(axis, rng.normal(0.0, math.radians(8.0))) @ rotation_about_z(
         rng.uniform(-math.pi, math.pi)
     )

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 
-_FULL = 1e-3
+_CONVEXITY_TOLERANCE = 1e-3
 """A part counts as convex if its hull has at most this share of volume more."""
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class MeshShape:
     """What a file describes, in its own frame."""
 
     vertices: NDArray[np.float64]
@@ -23,7 +23,7 @@ class Shape:
     """Points of the convex parts; none if a part of it is not convex."""
 
 
-def read_mesh(path: Path) -> Shape:
+def read_mesh(path: Path) -> MeshShape:
     """Read a mesh in any format of trimesh.
 
     Raises
@@ -31,7 +31,7 @@ def read_mesh(path: Path) -> Shape:
     ValueError
         If the file cannot be read or has no triangles.
     """
-    trimesh = require("trimesh", "field")
+    trimesh = import_optional("trimesh", "field")
     if not path.is_file():
         raise ValueError("there is no such file")
     try:
@@ -39,10 +39,10 @@ def read_mesh(path: Path) -> Shape:
         mesh = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # each format of trimesh has errors of its own
         raise ValueError(f"trimesh cannot read it: {error}") from error
-    return _shape([mesh])
+    return _join_meshes([mesh])
 
 
-def read_urdf(path: Path) -> Shape:
+def read_urdf(path: Path) -> MeshShape:
     """Read all links of a URDF with its joints at 0: what is seen, else what collides.
 
     Raises
@@ -50,7 +50,7 @@ def read_urdf(path: Path) -> Shape:
     ValueError
         If a file cannot be read or there are no triangles.
     """
-    yourdfpy = require("yourdfpy", "field")
+    yourdfpy = import_optional("yourdfpy", "field")
     if not path.is_file():
         raise ValueError("there is no such file")
     missing: list[str] = []
@@ -75,13 +75,13 @@ def read_urdf(path: Path) -> Shape:
     for scene in (urdf.scene, urdf.collision_scene):
         meshes = [] if scene is None else scene.dump(concatenate=False)
         if meshes:
-            return _shape(list(meshes))
+            return _join_meshes(list(meshes))
     raise ValueError("none of its links has a shape")
 
 
-def _shape(meshes: list[Any]) -> Shape:
+def _join_meshes(meshes: list[Any]) -> MeshShape:
     """Join meshes of trimesh."""
-    trimesh = require("trimesh", "field")
+    trimesh = import_optional("trimesh", "field")
     vertices, faces, parts, n = [], [], [], 0
     for surface in meshes:
         if len(getattr(surface, "faces", ())) == 0:
@@ -98,9 +98,11 @@ def _shape(meshes: list[Any]) -> Shape:
         raise ValueError("it has no triangles")
     is_convex = all(_is_convex(part) for part in parts)
     hulls = tuple(np.asarray(part.vertices) for part in parts) if is_convex else ()
-    return Shape(np.concatenate(vertices), np.concatenate(faces), hulls)
+    return MeshShape(np.concatenate(vertices), np.concatenate(faces), hulls)
 
 
 def _is_convex(mesh: Any) -> bool:
     """Whether a connected mesh is closed and fills its convex hull."""
-    return bool(mesh.is_watertight and mesh.volume >= (1.0 - _FULL) * mesh.convex_hull.volume)
+    return bool(
+        mesh.is_watertight and mesh.volume >= (1.0 - _CONVEXITY_TOLERANCE) * mesh.convex_hull.volume
+    )

@@ -58,7 +58,7 @@ class Solid:
     is_concave: bool = False
 
     def __post_init__(self) -> None:
-        vertices = _points(f"vertices of {self.name!r}", self.vertices, 3)
+        vertices = _checked_points(f"vertices of {self.name!r}", self.vertices, 3)
         faces = np.array(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
             raise ValueError(f"faces of {self.name!r} must have shape (f, 3), not {faces.shape}")
@@ -75,7 +75,7 @@ class Solid:
             raise ValueError(f"{self.name!r} must not be target and ground at once")
         if self.is_concave and self.hulls:
             raise ValueError(f"{self.name!r} is concave and has {len(self.hulls)} hulls: one only")
-        hulls = tuple(_points(f"a hull of {self.name!r}", hull, 4) for hull in self.hulls)
+        hulls = tuple(_checked_points(f"a hull of {self.name!r}", hull, 4) for hull in self.hulls)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "hulls", hulls)
@@ -99,11 +99,11 @@ class Solid:
         return np.stack([used.min(axis=(0, 1)), used.max(axis=(0, 1))])
 
 
-def _points(what: str, values: ArrayLike, least: int) -> NDArray[np.float64]:
+def _checked_points(what: str, values: ArrayLike, min_length: int) -> NDArray[np.float64]:
     """Read-only copy (n, 3) of finite points, at least so many."""
     points = np.array(values, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < least:
-        raise ValueError(f"{what} must have shape (n >= {least}, 3), not {points.shape}")
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < min_length:
+        raise ValueError(f"{what} must have shape (n >= {min_length}, 3), not {points.shape}")
     if not np.isfinite(points).all():
         raise ValueError(f"{what} must be finite, not {points[~np.isfinite(points)][0]}")
     points.setflags(write=False)
@@ -118,7 +118,7 @@ def box_corners(
     return (corners if rotation is None else corners @ rotation.T) + np.asarray(centre)
 
 
-def solid_of_boxes(
+def solid_from_boxes(
     name: str,
     boxes: Iterable[NDArray[np.float64]],
     *,
@@ -132,7 +132,7 @@ def solid_of_boxes(
     return Solid(name, vertices, faces, hulls, is_target=is_target, is_ground=is_ground)
 
 
-def solid_of_hull(name: str, points: ArrayLike, *, is_target: bool = False) -> Solid:
+def solid_from_hull(name: str, points: ArrayLike, *, is_target: bool = False) -> Solid:
     """Make the convex hull of points (n, 3) a solid.
 
     Raises
@@ -162,30 +162,34 @@ def convex_hull(points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int6
     return vertices, faces
 
 
-def ground(lower: ArrayLike, upper: ArrayLike, thickness: float = 1.0) -> Solid:
+def ground_slab(lower: ArrayLike, upper: ArrayLike, thickness: float = 1.0) -> Solid:
     """Make flat ground: a slab with its surface at z = 0 over a rectangle of the plane."""
     lower, upper = np.asarray(lower, dtype=np.float64)[:2], np.asarray(upper, dtype=np.float64)[:2]
     size, middle = upper - lower, (lower + upper) / 2
     slab = box_corners([*size, thickness], [*middle, -thickness / 2])
-    return solid_of_boxes("ground", [slab], is_ground=True)
+    return solid_from_boxes("ground", [slab], is_ground=True)
 
 
-def turn_about_z(angle: float) -> NDArray[np.float64]:
+def rotation_about_z(angle: float) -> NDArray[np.float64]:
     """Rotation (3, 3) by an angle about z, radians."""
-    return turn(np.array([0.0, 0.0, 1.0]), angle)
+    return rotation_about_axis(np.array([0.0, 0.0, 1.0]), angle)
 
 
-def turn(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
+def rotation_about_axis(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
     """Rotation (3, 3) by an angle about an axis (3,) of length 1 (Rodrigues)."""
     x, y, z = np.asarray(axis, dtype=np.float64)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
 
 
-def rotation_of_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
     """Rotation (3, 3) about the fixed axes x, y, z in this order, as URDF and SDF mean it."""
     about_x, about_y, about_z = np.eye(3)
-    return turn(about_z, yaw) @ turn(about_y, pitch) @ turn(about_x, roll)
+    return (
+        rotation_about_axis(about_z, yaw)
+        @ rotation_about_axis(about_y, pitch)
+        @ rotation_about_axis(about_x, roll)
+    )
 
 
 def random_rotation(rng: np.random.Generator) -> NDArray[np.float64]:

@@ -34,15 +34,15 @@ from typing import Any
 import numpy as np
 
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.simulation.scenes.field.shape_files import Shape, read_mesh, read_urdf
+from coopmap_env.simulation.scenes.field.shape_files import MeshShape, read_mesh, read_urdf
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
-    rotation_of_rpy,
-    solid_of_boxes,
+    rotation_from_rpy,
+    solid_from_boxes,
 )
 from coopmap_env.simulation.scenes.field.user_scene import UserScene
-from coopmap_env.simulation.scenes.field.world import FIELD_GRID, ground_of
+from coopmap_env.simulation.scenes.field.world import FIELD_GRID, make_ground
 from coopmap_env.simulation.scenes.planar.recorded import SceneError
 from coopmap_env.simulation.scenes.yaml_file import read_yaml
 
@@ -68,7 +68,7 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
     entries = top.content.get("objects")
     if not isinstance(entries, list) or not entries:
         raise top.wrong("objects", "a list of at least one object")
-    solids = [ground_of(grid)] if top.flag("ground", True) else []
+    solids = [make_ground(grid)] if top.flag("ground", True) else []
     for k, entry in enumerate(entries):
         where = f"{path}: objects[{k}]"
         if not isinstance(entry, Mapping):
@@ -169,14 +169,14 @@ def _solid(fields: _Fields, folder: Path, name: str) -> Solid:
         )
     name, is_target = fields.text("name", name), fields.flag("target", False)
     position = fields.three("position", default=0.0)
-    rotation = rotation_of_rpy(*np.radians(fields.three("rpy", default=0.0)))
+    rotation = rotation_from_rpy(*np.radians(fields.three("rpy", default=0.0)))
     scale = _scale(fields)
     if kinds == ["box"]:
         corners = box_corners(fields.three("box", least=0.0) * scale, position, rotation)
-        return solid_of_boxes(name, [corners], is_target=is_target)
+        return solid_from_boxes(name, [corners], is_target=is_target)
     file = folder / fields.text(kinds[0])
     try:
-        shape: Shape = read_mesh(file) if kinds == ["mesh"] else read_urdf(file)
+        shape: MeshShape = read_mesh(file) if kinds == ["mesh"] else read_urdf(file)
         return Solid(
             name,
             shape.vertices * scale @ rotation.T + position,

@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
-    DEFAULT_STAND,
-    Stand,
-    check_team,
-    draw_bases,
-    on_ground,
+    DEFAULT_PLACEMENT,
+    BasePlacement,
+    check_vehicles,
+    ground_pose,
+    sample_base_poses,
 )
-from coopmap_env.simulation.scenes.field.outlines import axis_distance
+from coopmap_env.simulation.scenes.field.outlines import distance_to_axis
 from coopmap_env.simulation.scenes.field.solid import Solid
 from coopmap_env.simulation.scenes.field.world import (
-    CLEARANCE,
+    BASE_CLEARANCE,
     FIELD_GRID,
     FieldWorld,
     check_field_grid,
@@ -69,7 +69,7 @@ class UserScene:
                 )
 
     def world(
-        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+        self, rng: np.random.Generator, n_robots: int, footprint: float = BASE_CLEARANCE
     ) -> FieldWorld:
         """Stand the first of the named bases, or drawn ones, among the solids.
 
@@ -78,18 +78,21 @@ class UserScene:
         ValueError
             If there are too few bases, if one is not clear, or if no place is found.
         """
-        check_team(n_robots, footprint)
+        check_vehicles(n_robots, footprint)
         if self.bases:
             self._check_bases(n_robots, footprint)
-            poses = tuple(on_ground(*base) for base in self.bases[:n_robots])
+            poses = tuple(ground_pose(*base) for base in self.bases[:n_robots])
         else:
             low, high = self._target_bounds()
             reach = float(np.linalg.norm(high[:2] - low[:2])) / 2
-            stand = Stand(
-                DEFAULT_STAND.nearest, max(DEFAULT_STAND.farthest, reach + DEFAULT_STAND.nearest)
+            base_placement = BasePlacement(
+                DEFAULT_PLACEMENT.min_distance,
+                max(DEFAULT_PLACEMENT.max_distance, reach + DEFAULT_PLACEMENT.min_distance),
             )
             middle = (low + high) / 2
-            poses = draw_bases(rng, n_robots, stand, footprint, self.grid, self.solids, middle)
+            poses = sample_base_poses(
+                rng, n_robots, base_placement, footprint, self.grid, self.solids, middle
+            )
         target = next(solid.name for solid in self.solids if solid.is_target)
         return FieldWorld(self.name, self.solids, target, self.grid, poses)
 
@@ -107,7 +110,7 @@ class UserScene:
                 f"more, or none to have them drawn"
             )
         for k, base in enumerate(self.bases[:n_robots]):
-            distance = axis_distance(base[:2], self.solids)
+            distance = distance_to_axis(base[:2], self.solids)
             if distance < footprint:
                 raise ValueError(
                     f"base {k} of {self.name} must keep {footprint:g} m clear of the solids, not "

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from coopmap_env.simulation.scenes.field.solid import Solid
 
 
-def first_met(
+def first_hit(
     eye: NDArray[np.float64], points: NDArray[np.float64], solids: Sequence[Solid]
 ) -> NDArray[np.int64]:
     """Index of the solid that each look from `eye` (3,) towards `points` (n, 3) meets first.
@@ -21,22 +21,22 @@ def first_met(
     bounds = np.array([solid.bounds for solid in solids])
     centres = bounds.mean(axis=1)
     radii = 0.5 * np.linalg.norm(bounds[:, 1] - bounds[:, 0], axis=1)
-    looks = points - eye
-    looks = looks / np.linalg.norm(looks, axis=1, keepdims=True)
-    met = np.empty(len(points), dtype=np.int64)
-    look_at_solids(eye, looks, triangles, starts, centres, radii, met)
-    return met
+    rays = points - eye
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    hits = np.empty(len(points), dtype=np.int64)
+    cast_rays(eye, rays, triangles, starts, centres, radii, hits)
+    return hits
 
 
 @njit(cache=True, nogil=True)
-def look_at_solids(eye, looks, triangles, starts, centres, radii, met):
+def cast_rays(eye, rays, triangles, starts, centres, radii, hits):
     """Write the first solid along each look (n, 3), of length 1; those off its line are skipped.
 
     Solid s has the triangles `starts[s]` to `starts[s + 1]` and lies in a ball.
     """
-    for n in range(len(looks)):
-        ux, uy, uz = looks[n, 0], looks[n, 1], looks[n, 2]
-        nearest, met[n] = np.inf, -1
+    for n in range(len(rays)):
+        ux, uy, uz = rays[n, 0], rays[n, 1], rays[n, 2]
+        nearest, hits[n] = np.inf, -1
         for s in range(len(centres)):
             px, py, pz = centres[s, 0] - eye[0], centres[s, 1] - eye[1], centres[s, 2] - eye[2]
             along = px * ux + py * uy + pz * uz
@@ -44,13 +44,13 @@ def look_at_solids(eye, looks, triangles, starts, centres, radii, met):
             if aside > radii[s] * radii[s] or not -radii[s] < along < nearest + radii[s]:
                 continue
             for m in range(starts[s], starts[s + 1]):
-                distance = distance_to_triangle(eye, ux, uy, uz, triangles[m])
+                distance = ray_triangle_distance(eye, ux, uy, uz, triangles[m])
                 if distance < nearest:
-                    nearest, met[n] = distance, s
+                    nearest, hits[n] = distance, s
 
 
 @njit(cache=True, nogil=True)
-def distance_to_triangle(eye, ux, uy, uz, triangle):
+def ray_triangle_distance(eye, ux, uy, uz, triangle):
     """Distance along a look to a triangle (3, 3), infinite if it misses (Moeller-Trumbore)."""
     ax, bx = triangle[1, 0] - triangle[0, 0], triangle[2, 0] - triangle[0, 0]
     ay, by = triangle[1, 1] - triangle[0, 1], triangle[2, 1] - triangle[0, 1]

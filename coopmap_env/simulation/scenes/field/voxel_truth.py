@@ -22,24 +22,26 @@ from coopmap_env.mapping.grid import VoxelGrid
 if TYPE_CHECKING:
     from coopmap_env.simulation.scenes.field.solid import Solid
 
-TOUCH = 1e-9
+TOUCH_TOLERANCE = 1e-9
 """Cells by which a voxel is thought larger, so that rounding does not part what touches."""
 
 
-def voxels_of_solids(solids: "Sequence[Solid]", grid: VoxelGrid) -> NDArray[np.bool_]:
+def voxelize_solids(solids: "Sequence[Solid]", grid: VoxelGrid) -> NDArray[np.bool_]:
     """Voxels (nx, ny, nz) that the solids take up."""
     occupied = np.zeros(grid.shape, dtype=np.bool_)
     for solid in solids:
-        low, high = grid.cells(solid.bounds)
-        first = np.maximum(np.ceil(low - 1.0 - TOUCH), 0).astype(np.int64)
-        last = np.minimum(np.floor(high + TOUCH).astype(np.int64), np.subtract(grid.shape, 1))
+        low, high = grid.to_cell_units(solid.bounds)
+        first = np.maximum(np.ceil(low - 1.0 - TOUCH_TOLERANCE), 0).astype(np.int64)
+        last = np.minimum(
+            np.floor(high + TOUCH_TOLERANCE).astype(np.int64), np.subtract(grid.shape, 1)
+        )
         if (first > last).any():
             continue
-        triangles = grid.cells(solid.triangles) - first
+        triangles = grid.to_cell_units(solid.triangles) - first
         own = np.zeros(tuple(last - first + 1), dtype=np.bool_)
-        mark_surface(np.ascontiguousarray(triangles), own)
+        mark_surface_voxels(np.ascontiguousarray(triangles), own)
         if is_closed(solid.faces):
-            _fill(triangles, own)
+            _fill_interior(triangles, own)
         occupied[tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))] |= own
     return occupied
 
@@ -47,7 +49,7 @@ def voxels_of_solids(solids: "Sequence[Solid]", grid: VoxelGrid) -> NDArray[np.b
 def surface_voxels(triangles: NDArray[np.float64], grid: VoxelGrid) -> NDArray[np.bool_]:
     """Voxels (nx, ny, nz) that triangles (m, 3, 3) in metres meet."""
     occupied = np.zeros(grid.shape, dtype=np.bool_)
-    mark_surface(np.ascontiguousarray(grid.cells(triangles)), occupied)
+    mark_surface_voxels(np.ascontiguousarray(grid.to_cell_units(triangles)), occupied)
     return occupied
 
 
@@ -80,7 +82,7 @@ def winding_numbers(
     return np.arctan2(volume, scale).sum(axis=1) / (2.0 * np.pi)
 
 
-def _fill(triangles: NDArray[np.float64], own: NDArray[np.bool_]) -> None:
+def _fill_interior(triangles: NDArray[np.float64], own: NDArray[np.bool_]) -> None:
     """Mark the regions inside of a closed surface, everything in cells."""
     from scipy import ndimage  # only where a solid has an inside
 
@@ -97,9 +99,9 @@ def _fill(triangles: NDArray[np.float64], own: NDArray[np.bool_]) -> None:
 
 
 @njit(cache=True, nogil=True)
-def mark_surface(triangles, occupied):
+def mark_surface_voxels(triangles, occupied):
     """Mark the cells of `occupied` (nx, ny, nz) that triangles (m, 3, 3) in cells meet."""
-    half = 0.5 + TOUCH
+    half = 0.5 + TOUCH_TOLERANCE
     size = occupied.shape
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     corners = np.empty((3, 3))
@@ -109,8 +111,8 @@ def mark_surface(triangles, occupied):
             least = min(triangle[0, k], triangle[1, k], triangle[2, k])
             most = max(triangle[0, k], triangle[1, k], triangle[2, k])
             # Clipped while still floats: a corner may lie further out than an int64 counts.
-            low[k] = int(np.ceil(min(max(least - 1.0 - TOUCH, 0.0), float(size[k]))))
-            high[k] = int(np.floor(max(min(most + TOUCH, size[k] - 1.0), -1.0)))
+            low[k] = int(np.ceil(min(max(least - 1.0 - TOUCH_TOLERANCE, 0.0), float(size[k]))))
+            high[k] = int(np.floor(max(min(most + TOUCH_TOLERANCE, size[k] - 1.0), -1.0)))
         for x in range(low[0], high[0] + 1):
             for y in range(low[1], high[1] + 1):
                 for z in range(low[2], high[2] + 1):
@@ -120,11 +122,11 @@ def mark_surface(triangles, occupied):
                         corners[k, 0] = triangle[k, 0] - x - 0.5
                         corners[k, 1] = triangle[k, 1] - y - 0.5
                         corners[k, 2] = triangle[k, 2] - z - 0.5
-                    occupied[x, y, z] = meets(corners, half)
+                    occupied[x, y, z] = overlaps_cube(corners, half)
 
 
 @njit(cache=True, nogil=True)
-def meets(corners, half):
+def overlaps_cube(corners, half):
     """Whether a triangle (3, 3) meets the cube of this half edge about 0.
 
     The cube's own three normals are left to the caller's bounds.
@@ -135,19 +137,21 @@ def meets(corners, half):
         ey = corners[after, 1] - corners[k, 1]
         ez = corners[after, 2] - corners[k, 2]
         if (
-            apart(corners, half, 0.0, -ez, ey)
-            or apart(corners, half, ez, 0.0, -ex)
-            or apart(corners, half, -ey, ex, 0.0)
+            is_separating_axis(corners, half, 0.0, -ez, ey)
+            or is_separating_axis(corners, half, ez, 0.0, -ex)
+            or is_separating_axis(corners, half, -ey, ex, 0.0)
         ):
             return False
     ux, vx = corners[1, 0] - corners[0, 0], corners[2, 0] - corners[0, 0]
     uy, vy = corners[1, 1] - corners[0, 1], corners[2, 1] - corners[0, 1]
     uz, vz = corners[1, 2] - corners[0, 2], corners[2, 2] - corners[0, 2]
-    return not apart(corners, half, uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
+    return not is_separating_axis(
+        corners, half, uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    )
 
 
 @njit(cache=True, nogil=True, inline="always")
-def apart(corners, half, x, y, z):
+def is_separating_axis(corners, half, x, y, z):
     """Whether the axis (x, y, z) separates the triangle from the cube; a zero axis never does."""
     a = corners[0, 0] * x + corners[0, 1] * y + corners[0, 2] * z
     b = corners[1, 0] * x + corners[1, 1] * y + corners[1, 2] * z

@@ -7,23 +7,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.simulation.scenes.field.base_poses import DEFAULT_STAND, Stand, draw_bases
-from coopmap_env.simulation.scenes.field.layout import Yard
+from coopmap_env.simulation.scenes.field.base_poses import (
+    DEFAULT_PLACEMENT,
+    BasePlacement,
+    sample_base_poses,
+)
+from coopmap_env.simulation.scenes.field.layout import SceneLayout
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     random_rotation,
-    solid_of_boxes,
-    solid_of_hull,
-    turn,
-    turn_about_z,
+    rotation_about_axis,
+    rotation_about_z,
+    solid_from_boxes,
+    solid_from_hull,
 )
 from coopmap_env.simulation.scenes.field.world import (
-    CLEARANCE,
+    BASE_CLEARANCE,
     FIELD_GRID,
     FieldWorld,
     check_field_grid,
-    ground_of,
+    make_ground,
 )
 
 TARGET = "solar_panel"
@@ -46,10 +50,10 @@ def target_solids() -> tuple[Solid, ...]:
     boxes += [_bar((-0.73, y, 0.04), (0.73, y, 0.04), 0.08) for y in (-0.97, 0.97)]
     boxes += [_bar((x, -1.13, top), (x, 1.13, top), 0.08) for x, top in legs]
     boxes.append(_bar((-0.53, -0.97, 0.13), (-0.53, 0.97, 1.63), 0.06))
-    lean = turn([0.0, 1.0, 0.0], _TILT)
+    lean = rotation_about_axis([0.0, 1.0, 0.0], _TILT)
     boxes += [box_corners(_PANEL, (0.0, y, 1.40), lean) for y in (-0.81, 0.0, 0.81)]
     boxes.append(box_corners((0.22, 0.36, 0.46), (-0.67, 0.97, 0.83)))
-    return (solid_of_boxes(TARGET, boxes, is_target=True),)
+    return (solid_from_boxes(TARGET, boxes, is_target=True),)
 
 
 def _bar(start: ArrayLike, end: ArrayLike, width: float) -> NDArray[np.float64]:
@@ -70,9 +74,9 @@ class Worksite:
     """Fewest and most rocks drawn; what finds no place or hides the panel is left out."""
     crates: tuple[int, int] = (4, 10)
     """Fewest and most crates drawn, those on top of another included."""
-    stacked_share: float = 0.3
+    stacked_fraction: float = 0.3
     """Chance that a crate goes on top of the one before it."""
-    stand: Stand = DEFAULT_STAND
+    base_placement: BasePlacement = DEFAULT_PLACEMENT
 
     def __post_init__(self) -> None:
         check_field_grid(self.grid)
@@ -80,8 +84,8 @@ class Worksite:
             fewest, most = getattr(self, name)
             if not 0 <= fewest <= most:
                 raise ValueError(f"{name} must be (fewest, most), not {getattr(self, name)!r}")
-        if not 0.0 <= self.stacked_share <= 1.0:
-            raise ValueError(f"stacked_share must lie in [0, 1], not {self.stacked_share!r}")
+        if not 0.0 <= self.stacked_fraction <= 1.0:
+            raise ValueError(f"stacked_fraction must lie in [0, 1], not {self.stacked_fraction!r}")
 
     @property
     def name(self) -> str:
@@ -89,47 +93,49 @@ class Worksite:
         return "worksite"
 
     def world(
-        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+        self, rng: np.random.Generator, n_robots: int, footprint: float = BASE_CLEARANCE
     ) -> FieldWorld:
         """Draw vehicles about the panel, then rocks and crates that leave them room and sight."""
         target = target_solids()
-        bases = draw_bases(rng, n_robots, self.stand, footprint, self.grid, target)
-        yard = Yard(self.grid, bases, footprint, target)
+        bases = sample_base_poses(rng, n_robots, self.base_placement, footprint, self.grid, target)
+        layout = SceneLayout(self.grid, bases, footprint, target)
         n_rocks = rng.integers(self.rocks[0], self.rocks[1] + 1)
         n_crates = rng.integers(self.crates[0], self.crates[1] + 1)
         for k in range(n_crates):
-            _add_crate(rng, yard, f"crate_{k}", self.stacked_share)
+            _add_crate(rng, layout, f"crate_{k}", self.stacked_fraction)
         for k in range(n_rocks):
-            _add_rock(rng, yard, f"rock_{k}")
-        solids = (ground_of(self.grid), *target, *yard.in_sight())
+            _add_rock(rng, layout, f"rock_{k}")
+        solids = (make_ground(self.grid), *target, *layout.remove_occluders())
         return FieldWorld(self.name, solids, TARGET, self.grid, bases)
 
 
-_FROM, _TO = 1.0, 6.0
+_MIN_DISTANCE, _MAX_DISTANCE = 1.0, 6.0
 """Distances in metres from the middle of the target between which things lie."""
 
 
-def _add_crate(rng: np.random.Generator, yard: Yard, name: str, stacked_share: float) -> None:
+def _add_crate(
+    rng: np.random.Generator, layout: SceneLayout, name: str, stacked_fraction: float
+) -> None:
     """Put a crate on the one before it, if that stands on the ground, or on a free spot."""
     size, yaw = rng.uniform(0.3, 0.8, 3), rng.uniform(-math.pi, math.pi)
-    on_top = rng.random() < stacked_share
-    if on_top and yard.solids and yard.below[-1] == -1:
-        lower = yard.solids[-1]
+    on_top = rng.random() < stacked_fraction
+    if on_top and layout.solids and layout.support[-1] == -1:
+        lower = layout.solids[-1]
         middle, floor = lower.bounds.mean(axis=0)[:2], lower.bounds[1, 2]
         reach = np.linalg.norm(lower.vertices[:, :2] - middle, axis=1).max()
         size[:2] *= min(1.0, 2.0 * reach / math.hypot(size[0], size[1]))  # stays in its circle
-        below = len(yard.solids) - 1
+        support = len(layout.solids) - 1
     else:
         radius = 0.5 * math.hypot(size[0], size[1])
-        spot = yard.spot(rng, radius, _FROM, _TO)
-        if spot is None:
+        center = layout.sample_free_disc(rng, radius, _MIN_DISTANCE, _MAX_DISTANCE)
+        if center is None:
             return
-        middle, floor, below = spot, 0.0, -1
-    corners = box_corners(size, (*middle, floor + size[2] / 2), turn_about_z(yaw))
-    yard.add(solid_of_boxes(name, [corners]), below)
+        middle, floor, support = center, 0.0, -1
+    corners = box_corners(size, (*middle, floor + size[2] / 2), rotation_about_z(yaw))
+    layout.add(solid_from_boxes(name, [corners]), support)
 
 
-def _add_rock(rng: np.random.Generator, yard: Yard, name: str) -> None:
+def _add_rock(rng: np.random.Generator, layout: SceneLayout, name: str) -> None:
     """Put a rock on a free spot, a sixth of its height in the ground."""
     points = rng.normal(size=(16, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -138,7 +144,7 @@ def _add_rock(rng: np.random.Generator, yard: Yard, name: str) -> None:
     points -= (points.min(axis=0) + points.max(axis=0)) / 2
     points *= rng.uniform(0.2, 0.9) / np.ptp(points, axis=0).max()
     radius = float(np.linalg.norm(points[:, :2], axis=1).max())
-    spot = yard.spot(rng, radius, _FROM, _TO)
-    if spot is not None:
+    center = layout.sample_free_disc(rng, radius, _MIN_DISTANCE, _MAX_DISTANCE)
+    if center is not None:
         height = float(np.ptp(points[:, 2]))
-        yard.add(solid_of_hull(name, points + np.array([*spot, height / 3])))
+        layout.add(solid_from_hull(name, points + np.array([*center, height / 3])))

@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.simulation.scenes.field.solid import Solid, ground, turn_about_z
-from coopmap_env.simulation.scenes.field.voxel_truth import voxels_of_solids
+from coopmap_env.simulation.scenes.field.solid import Solid, ground_slab, rotation_about_z
+from coopmap_env.simulation.scenes.field.voxel_truth import voxelize_solids
 
-CLEARANCE = 1.2
+BASE_CLEARANCE = 1.2
 """Metres around a base's axis that hold nothing but ground: a Husky's half diagonal is 0.6 m, and
 its arm needs room to begin."""
 
-GROUND_BEYOND = 10.0
+GROUND_MARGIN = 10.0
 """Metres of ground around the grid: further than a camera sees."""
 
 FIELD_GRID = VoxelGrid((128, 128, 40), 0.1, (-6.4, -6.4, -0.35))
@@ -69,10 +69,10 @@ class FieldWorld:
             if pose.translation.shape != (3,):
                 raise ValueError(f"base pose {k} must have 3 axes, not {pose.translation.shape}")
 
-    def turned(self, headings: ArrayLike) -> "FieldWorld":
+    def with_headings(self, headings: ArrayLike) -> "FieldWorld":
         """The same world with vehicles that head elsewhere: radians (n_robots,), from +x to +y."""
         bases = tuple(
-            Pose(base.translation, turn_about_z(float(heading)))
+            Pose(base.translation, rotation_about_z(float(heading)))
             for base, heading in zip(self.base_poses, np.asarray(headings), strict=True)
         )
         return replace(self, base_poses=bases)
@@ -85,22 +85,22 @@ class FieldWorld:
     @cached_property
     def triangles(self) -> NDArray[np.float64]:
         """Triangles (m, 3, 3) of all solids, in their order."""
-        return _joined(self.solids)
+        return _concatenate_triangles(self.solids)
 
     @cached_property
     def target_triangles(self) -> NDArray[np.float64]:
         """Triangles (m, 3, 3) of the target."""
-        return _joined(tuple(solid for solid in self.solids if solid.is_target))
+        return _concatenate_triangles(tuple(solid for solid in self.solids if solid.is_target))
 
     @cached_property
     def occupied(self) -> NDArray[np.bool_]:
         """Voxels (nx, ny, nz) that a surface meets or that lie inside of a closed solid."""
-        occupied = voxels_of_solids(self.solids, self.grid)
+        occupied = voxelize_solids(self.solids, self.grid)
         occupied.setflags(write=False)
         return occupied
 
 
-def _joined(solids: tuple[Solid, ...]) -> NDArray[np.float64]:
+def _concatenate_triangles(solids: tuple[Solid, ...]) -> NDArray[np.float64]:
     triangles = np.concatenate([solid.triangles for solid in solids])
     triangles.setflags(write=False)
     return triangles
@@ -118,11 +118,11 @@ def check_field_grid(grid: VoxelGrid) -> None:
         )
 
 
-def ground_of(grid: VoxelGrid) -> Solid:
-    """Make the ground under a grid and `GROUND_BEYOND` metres around it."""
+def make_ground(grid: VoxelGrid) -> Solid:
+    """Make the ground under a grid and `GROUND_MARGIN` metres around it."""
     low = np.array(grid.origin)
     high = low + np.array(grid.shape) * grid.resolution
-    return ground(low - GROUND_BEYOND, high + GROUND_BEYOND, thickness=1.0 - low[2])
+    return ground_slab(low - GROUND_MARGIN, high + GROUND_MARGIN, thickness=1.0 - low[2])
 
 
 @runtime_checkable
@@ -138,7 +138,7 @@ class FieldScene(Protocol):
         """The voxels that the robots map, the same for each world."""
 
     def world(
-        self, rng: np.random.Generator, n_robots: int, footprint: float = CLEARANCE
+        self, rng: np.random.Generator, n_robots: int, footprint: float = BASE_CLEARANCE
     ) -> FieldWorld:
         """Make one world.
 

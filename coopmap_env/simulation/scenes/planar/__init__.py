@@ -3,45 +3,49 @@
 =====================  ======================================================================
 ``"obstacles"``        `Obstacles`: random convex blocks in the open (Figure 7 of the paper)
 ``"rooms"``            `Rooms`: a random floor of rooms, corridors, doors and furniture
-``"house"``            `house`: a real floor plan, from rtb-data (extra ``data``)
+``"house"``            `load_house`: a real floor plan, from rtb-data (extra ``data``)
 ``"….yaml"``           `read_map_server`: a recorded ROS map (extra ``maps``)
 =====================  ======================================================================
 
-`make_scene` turns any of these names, or a `Scene` of one's own, into a `Scene`.
+`make_planar_scene` turns any of these names, or a `PlanarScene` of one's own, into a `PlanarScene`.
 """
 
 import os
 from collections.abc import Callable
 from pathlib import Path
 
-from coopmap_env.simulation.scenes.planar.house import house
+from coopmap_env.simulation.scenes.planar.house import load_house
 from coopmap_env.simulation.scenes.planar.map_server import read_map_server
 from coopmap_env.simulation.scenes.planar.map_server_writer import save_map_server
 from coopmap_env.simulation.scenes.planar.obstacles import Obstacles
 from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, SceneError, max_pool
 from coopmap_env.simulation.scenes.planar.regions import largest_free_region
 from coopmap_env.simulation.scenes.planar.rooms import Rooms
-from coopmap_env.simulation.scenes.planar.world import Scene, World
+from coopmap_env.simulation.scenes.planar.world import PlanarScene, PlanarWorld
 
 __all__ = [
     "Obstacles",
+    "PlanarScene",
+    "PlanarWorld",
     "RecordedMap",
     "Rooms",
-    "Scene",
     "SceneError",
-    "World",
-    "house",
     "largest_free_region",
-    "make_scene",
+    "load_house",
+    "make_planar_scene",
     "max_pool",
     "read_map_server",
     "save_map_server",
 ]
 
-_SCENES: dict[str, Callable[[], Scene]] = {"obstacles": Obstacles, "rooms": Rooms, "house": house}
+_SCENES: dict[str, Callable[[], PlanarScene]] = {
+    "obstacles": Obstacles,
+    "rooms": Rooms,
+    "house": load_house,
+}
 
 
-def make_scene(scene: str | os.PathLike[str] | Scene) -> Scene:
+def make_planar_scene(scene: str | os.PathLike[str] | PlanarScene) -> PlanarScene:
     """Make the scene of a name or a file; a scene is returned as it is.
 
     Parameters
@@ -58,7 +62,7 @@ def make_scene(scene: str | os.PathLike[str] | Scene) -> Scene:
     ImportError
         With the pip command, if an extra is missing.
     """
-    if isinstance(scene, Scene) and not isinstance(scene, type):
+    if isinstance(scene, PlanarScene) and not isinstance(scene, type):
         return scene
     if isinstance(scene, str | os.PathLike):
         if isinstance(scene, str) and scene in _SCENES:
@@ -67,5 +71,5 @@ def make_scene(scene: str | os.PathLike[str] | Scene) -> Scene:
             return read_map_server(scene)
     names = ", ".join(repr(name) for name in _SCENES)
     raise ValueError(
-        f"scene must be {names}, a path ending in .yaml or .yml, or a Scene, not {scene!r}"
+        f"scene must be {names}, a path ending in .yaml or .yml, or a PlanarScene, not {scene!r}"
     )

@@ -14,8 +14,8 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def strew_blocks(occupied, missing, centres, reaches, slopes):
-    """Occupy the cells of one block after the other until `missing` more cells are occupied.
+def scatter_blocks(occupied, n_missing, centres, reaches, slopes):
+    """Occupy the cells of one block after the other until `n_missing` more cells are occupied.
 
     The block that would overshoot is shrunk about its centre until it adds just the cells that
     are missing; of cells on the same edge the first in C order are taken.
@@ -42,7 +42,7 @@ def strew_blocks(occupied, missing, centres, reaches, slopes):
     flat = occupied.ravel()
     cells = np.empty(nx * ny, np.int64)
     for block in range(len(centres)):
-        if missing == 0:
+        if n_missing == 0:
             break
         cx, cy, reach = centres[block, 0], centres[block, 1], reaches[block]
         n = 0
@@ -53,16 +53,16 @@ def strew_blocks(occupied, missing, centres, reaches, slopes):
                 cells[n] = cell
                 n += not flat[cell]
         new = cells[:n]
-        if n > missing:
+        if n > n_missing:
             gauges = np.empty(n)
             for k in range(n):
                 x, y = divmod(new[k], ny)
                 gauges[k] = gauge(slopes[block], x + 0.5 - cx, y + 0.5 - cy)
-            new = new[np.argsort(gauges, kind="mergesort")[:missing]]
+            new = new[np.argsort(gauges, kind="mergesort")[:n_missing]]
         for cell in new:
             flat[cell] = True
-        missing -= len(new)
-    return missing
+        n_missing -= len(new)
+    return n_missing
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Cells:
+class CellRectangle:
     """A rectangle of cells: its lower corner (x, y) and its size (n_x, n_y)."""
 
     x: int
@@ -23,21 +23,21 @@ class Cells:
         """Index of these cells in an (nx, ny) array."""
         return slice(self.x, self.x + self.n_x), slice(self.y, self.y + self.n_y)
 
-    def grown(self, n: int) -> "Cells":
+    def expanded(self, n: int) -> "CellRectangle":
         """Return the rectangle with `n` cells more on each side, cut off at index 0."""
         x, y = max(0, self.x - n), max(0, self.y - n)
-        return Cells(x, y, self.x + self.n_x + n - x, self.y + self.n_y + n - y)
+        return CellRectangle(x, y, self.x + self.n_x + n - x, self.y + self.n_y + n - y)
 
 
 @dataclass(frozen=True)
-class Part(Cells):
+class FloorPart(CellRectangle):
     """A room or a corridor."""
 
     is_corridor: bool = False
 
 
 @dataclass(frozen=True)
-class Door(Cells):
+class Door(CellRectangle):
     """An opening in the wall between the parts `first` and `second` (indices)."""
 
     first: int = 0
@@ -45,7 +45,7 @@ class Door(Cells):
 
 
 @dataclass(frozen=True)
-class Measures:
+class FloorPlanSizes:
     """Lengths of a floor plan in cells; see `rooms.Rooms` for their meaning."""
 
     wall: int
@@ -56,7 +56,9 @@ class Measures:
     corridor_from: int
 
 
-def split_floor(rng: np.random.Generator, shape: tuple[int, int], measures: Measures) -> list[Part]:
+def split_floor(
+    rng: np.random.Generator, shape: tuple[int, int], sizes: FloorPlanSizes
+) -> list[FloorPart]:
     """Split the floor inside the outer wall until each part is a corridor or a room.
 
     Parameters
@@ -73,42 +75,42 @@ def split_floor(rng: np.random.Generator, shape: tuple[int, int], measures: Meas
     list of Part
         Disjoint, with walls in between.
     """
-    wall = measures.wall
-    floor = Part(wall, wall, shape[0] - 2 * wall, shape[1] - 2 * wall)
-    return list(_split(rng, floor, measures))
+    wall = sizes.wall
+    floor = FloorPart(wall, wall, shape[0] - 2 * wall, shape[1] - 2 * wall)
+    return list(_split(rng, floor, sizes))
 
 
-def _split(rng: np.random.Generator, part: Part, measures: Measures) -> Iterator[Part]:
+def _split(rng: np.random.Generator, part: FloorPart, sizes: FloorPlanSizes) -> Iterator[FloorPart]:
     """Cut across the longer side: with a corridor while the part is large, then with a wall."""
     longer, shorter = max(part.n_x, part.n_y), min(part.n_x, part.n_y)
-    gap_of_corridor = measures.corridor + 2 * measures.wall
-    if shorter > measures.corridor_from and longer >= 2 * measures.room_min + gap_of_corridor:
+    gap_of_corridor = sizes.corridor + 2 * sizes.wall
+    if shorter > sizes.corridor_from and longer >= 2 * sizes.room_min + gap_of_corridor:
         gap, spread = gap_of_corridor, 0.3  # corridors run near the middle
-    elif longer > measures.room_max:
-        gap, spread = measures.wall, 1.0
+    elif longer > sizes.room_max:
+        gap, spread = sizes.wall, 1.0
     else:
         yield part
         return
-    slack = longer - gap - 2 * measures.room_min
-    share = 0.5 + spread * (rng.random() - 0.5)
-    cut = measures.room_min + int(share * (slack + 1))
-    lower, upper = _cut_off(part, 0, cut), _cut_off(part, cut + gap, longer)
-    yield from _split(rng, lower, measures)
+    spare = longer - gap - 2 * sizes.room_min
+    fraction = 0.5 + spread * (rng.random() - 0.5)
+    cut = sizes.room_min + int(fraction * (spare + 1))
+    lower, upper = _sub_part(part, 0, cut), _sub_part(part, cut + gap, longer)
+    yield from _split(rng, lower, sizes)
     if gap == gap_of_corridor:
-        start = cut + measures.wall
-        yield _cut_off(part, start, start + measures.corridor, is_corridor=True)
-    yield from _split(rng, upper, measures)
+        start = cut + sizes.wall
+        yield _sub_part(part, start, start + sizes.corridor, is_corridor=True)
+    yield from _split(rng, upper, sizes)
 
 
-def _cut_off(part: Part, start: int, stop: int, *, is_corridor: bool = False) -> Part:
+def _sub_part(part: FloorPart, start: int, stop: int, *, is_corridor: bool = False) -> FloorPart:
     """Return the stretch from `start` to `stop` along the longer side of a part."""
     if part.n_x >= part.n_y:
-        return Part(part.x + start, part.y, stop - start, part.n_y, is_corridor)
-    return Part(part.x, part.y + start, part.n_x, stop - start, is_corridor)
+        return FloorPart(part.x + start, part.y, stop - start, part.n_y, is_corridor)
+    return FloorPart(part.x, part.y + start, part.n_x, stop - start, is_corridor)
 
 
 def choose_doors(
-    rng: np.random.Generator, parts: list[Part], measures: Measures, extra: float
+    rng: np.random.Generator, parts: list[FloorPart], sizes: FloorPlanSizes, extra: float
 ) -> list[Door]:
     """Join all parts by a spanning tree of openings, and some more by chance.
 
@@ -119,7 +121,7 @@ def choose_doors(
     """
     walls = sorted(
         (2 - parts[a].is_corridor - parts[b].is_corridor + rng.random(), a, b, opening)
-        for a, b, opening in _shared_walls(parts, measures)
+        for a, b, opening in _shared_walls(parts, sizes)
     )
     group = list(range(len(parts)))
     doors = []
@@ -130,17 +132,17 @@ def choose_doors(
         if needed:
             old, new = group[b], group[a]
             group = [new if label == old else label for label in group]
-        width = stop - start if cost < 1 else measures.door
+        width = stop - start if cost < 1 else sizes.door
         start += int(rng.random() * (stop - start - width + 1))
         if along_x:
-            doors.append(Door(start, at, width, measures.wall, a, b))
+            doors.append(Door(start, at, width, sizes.wall, a, b))
         else:
-            doors.append(Door(at, start, measures.wall, width, a, b))
+            doors.append(Door(at, start, sizes.wall, width, a, b))
     return doors
 
 
 def _shared_walls(
-    parts: list[Part], measures: Measures
+    parts: list[FloorPart], sizes: FloorPlanSizes
 ) -> Iterator[tuple[int, int, tuple[bool, int, int, int]]]:
     """Find pairs of parts with one wall between them that is wide enough for a door.
 
@@ -153,8 +155,8 @@ def _shared_walls(
     stop = np.minimum(upper[:, None], upper)
     for across in (0, 1):
         along = 1 - across
-        facing = upper[:, None, across] + measures.wall == lower[None, :, across]
-        wide = stop[:, :, along] - start[:, :, along] >= measures.door
+        facing = upper[:, None, across] + sizes.wall == lower[None, :, across]
+        wide = stop[:, :, along] - start[:, :, along] >= sizes.door
         for a, b in np.argwhere(facing & wide).tolist():
             wall = (along == 0, int(start[a, b, along]), int(stop[a, b, along]))
             yield a, b, (*wall, int(upper[a, across]))

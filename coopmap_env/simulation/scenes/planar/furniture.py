@@ -4,12 +4,12 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def place_furniture(occupied, kept_free, pieces, aisle):
+def place_furniture(occupied, reserved, pieces, aisle):
     """Occupy each piece that meets no cell kept free, and keep an aisle around it free.
 
     Parameters
     ----------
-    occupied, kept_free : (nx, ny) bool arrays
+    occupied, reserved : (nx, ny) bool arrays
         Changed in place.
     pieces : (k, 4) int array
         Rectangles [x, y, n_x, n_y] of cells, inside the world.
@@ -19,7 +19,7 @@ def place_furniture(occupied, kept_free, pieces, aisle):
     for k in range(len(pieces)):
         x, y = pieces[k, 0], pieces[k, 1]
         end_x, end_y = x + pieces[k, 2], y + pieces[k, 3]
-        if kept_free[x:end_x, y:end_y].any():
+        if reserved[x:end_x, y:end_y].any():
             continue
         occupied[x:end_x, y:end_y] = True
-        kept_free[max(x - aisle, 0) : end_x + aisle, max(y - aisle, 0) : end_y + aisle] = True
+        reserved[max(x - aisle, 0) : end_x + aisle, max(y - aisle, 0) : end_y + aisle] = True

@@ -9,15 +9,15 @@ from importlib import resources
 
 import numpy as np
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, SceneError, max_pool
-from coopmap_env.simulation.scenes.planar.world import World
+from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 
-CELL = 0.045
+CELL_SIZE = 0.045
 """Side of a cell of the drawing in metres, as the Robotics Toolbox states it."""
 
 
-def house(pool: int = 3) -> RecordedMap:
+def load_house(pool: int = 3) -> RecordedMap:
     """Read the house from the installed ``rtb-data``.
 
     Parameters
@@ -40,7 +40,7 @@ def house(pool: int = 3) -> RecordedMap:
     """
     from scipy.io import loadmat  # takes a tenth of a second, which only this scene needs
 
-    package = require("rtbdata", "data")
+    package = import_optional("rtbdata", "data")
     file = resources.files(package) / "data" / "house.mat"
     try:
         with resources.as_file(file) as path:
@@ -54,4 +54,4 @@ def house(pool: int = 3) -> RecordedMap:
         )
     # Rows are y, upwards: the places in the file ("garage" at x 500, y 150) read so.
     occupied = max_pool(np.ascontiguousarray(floorplan.T == 1), pool)
-    return RecordedMap(World(occupied, CELL * pool, (0.0, 0.0), "house"))
+    return RecordedMap(PlanarWorld(occupied, CELL_SIZE * pool, (0.0, 0.0), "house"))

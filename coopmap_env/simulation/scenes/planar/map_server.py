@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import require
+from coopmap_env.core.extras import import_optional
 from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, SceneError, max_pool
-from coopmap_env.simulation.scenes.planar.world import World
+from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 from coopmap_env.simulation.scenes.yaml_file import read_yaml
 
 MODES = ("trinary", "scale", "raw")
@@ -80,7 +80,7 @@ def read_map_server(path: str | os.PathLike[str], pool: int = 1) -> RecordedMap:
     fields = _read_fields(path)
     occupied = max_pool(~_free_cells(path, fields), pool)
     try:
-        world = World(occupied, fields.resolution * pool, fields.origin, path.stem)
+        world = PlanarWorld(occupied, fields.resolution * pool, fields.origin, path.stem)
     except ValueError as error:
         raise SceneError(f"{path}: image {str(fields.image)!r} makes no world: {error}") from error
     return RecordedMap(world)
@@ -89,7 +89,7 @@ def read_map_server(path: str | os.PathLike[str], pool: int = 1) -> RecordedMap:
 def _read_fields(path: Path) -> MapServerFields:
     content = read_yaml(path)
     fields = _Fields(path, content)
-    free, occupied = fields.share("free_thresh"), fields.share("occupied_thresh")
+    free, occupied = fields.fraction("free_thresh"), fields.fraction("occupied_thresh")
     if free > occupied:
         raise SceneError(
             f"{path}: free_thresh must not exceed occupied_thresh ({occupied}), not {free}"
@@ -145,11 +145,11 @@ class _Fields:
             raise self.wrong("origin", "without yaw (rotated maps are not read: rotate the image)")
         return numbers[0], numbers[1]
 
-    def share(self, field: str) -> float:
-        share = _number(self.value(field))
-        if not 0.0 <= share <= 1.0:
+    def fraction(self, field: str) -> float:
+        fraction = _number(self.value(field))
+        if not 0.0 <= fraction <= 1.0:
             raise self.wrong(field, "a number in [0, 1]")
-        return share
+        return fraction
 
     def negate(self) -> bool:
         value = self.value("negate")
@@ -195,7 +195,7 @@ def _free_cells(path: Path, fields: MapServerFields) -> NDArray[np.bool_]:
 
 def _read_image(path: Path, image: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Gray values (rows, columns) from 0 to 255, and which pixels are opaque."""
-    pillow = require("PIL.Image", "maps")
+    pillow = import_optional("PIL.Image", "maps")
     try:
         with pillow.open(image) as file:
             if file.mode.startswith("I"):  # 16 bits per pixel

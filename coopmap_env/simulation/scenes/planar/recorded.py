@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.simulation.scenes.planar.world import World
+from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 
 
 class SceneError(ValueError):
@@ -16,7 +16,7 @@ class SceneError(ValueError):
 class RecordedMap:
     """The scene of one recorded world.
 
-    Read one with `read_map_server` or `house`.
+    Read one with `read_map_server` or `load_house`.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class RecordedMap:
         The world that this scene makes, each time the same object.
     """
 
-    truth: World
+    truth: PlanarWorld
 
     @property
     def name(self) -> str:
@@ -46,7 +46,7 @@ class RecordedMap:
         """Position in metres of the lower corner of cell (0, 0)."""
         return self.truth.origin
 
-    def world(self, rng: np.random.Generator) -> World:
+    def world(self, rng: np.random.Generator) -> PlanarWorld:
         """Return the recorded world; `rng` is left as it is."""
         return self.truth
 

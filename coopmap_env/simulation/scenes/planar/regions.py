@@ -56,23 +56,23 @@ def mark_largest_free_region(occupied, region):
                 above += 1
             touching = above
             while touching < first and starts[touching] < y:
-                join(parents, touching, n)
+                union(parents, touching, n)
                 touching += 1
             n += 1
         above = first
     sizes = np.zeros(n, np.int32)
     for k in range(n):
-        sizes[root(parents, k)] += stops[k] - starts[k]
+        sizes[find_root(parents, k)] += stops[k] - starts[k]
     if n == 0:
         return
     largest = np.argmax(sizes)
     for k in range(n):
-        if root(parents, k) == largest:
+        if find_root(parents, k) == largest:
             region[rows[k], starts[k] : stops[k]] = True
 
 
 @njit(cache=True, nogil=True)
-def root(parents, k):
+def find_root(parents, k):
     """First stretch of the region of stretch `k`; shortens the way to it."""
     while parents[k] != k:
         parents[k] = parents[parents[k]]
@@ -81,7 +81,7 @@ def root(parents, k):
 
 
 @njit(cache=True, nogil=True)
-def join(parents, a, b):
+def union(parents, a, b):
     """Make one region of those of stretches `a` and `b`: the first stretch stays its root."""
-    a, b = root(parents, a), root(parents, b)
+    a, b = find_root(parents, a), find_root(parents, b)
     parents[max(a, b)] = min(a, b)

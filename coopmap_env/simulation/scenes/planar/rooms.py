@@ -15,9 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.simulation.scenes.planar.floor_plan import Measures, choose_doors, split_floor
+from coopmap_env.simulation.scenes.planar.floor_plan import (
+    FloorPlanSizes,
+    choose_doors,
+    split_floor,
+)
 from coopmap_env.simulation.scenes.planar.furniture import place_furniture
-from coopmap_env.simulation.scenes.planar.world import World, check_resolution, check_shape
+from coopmap_env.simulation.scenes.planar.world import PlanarWorld, check_resolution, check_shape
 
 
 @dataclass(frozen=True)
@@ -58,18 +62,18 @@ class Rooms:
         for name in ("wall", "corridor", "door", "room_min", "corridor_from", "aisle"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be above 0 m, not {getattr(self, name)!r}")
-        measures = self._measures
-        if measures.door > min(measures.room_min, measures.corridor):
+        sizes = self._sizes_in_cells
+        if sizes.door > min(sizes.room_min, sizes.corridor):
             raise ValueError(
                 f"door must fit into the smallest room and corridor, not {self.door!r} m "
                 f"(room_min {self.room_min!r} m, corridor {self.corridor!r} m)"
             )
-        if measures.room_max < 2 * measures.room_min + measures.wall:
+        if sizes.room_max < 2 * sizes.room_min + sizes.wall:
             raise ValueError(
                 "room_max must hold two rooms and a wall "
                 f"({2 * self.room_min + self.wall!r} m), not {self.room_max!r} m"
             )
-        if min(self.shape) < measures.room_min + 2 * measures.wall:
+        if min(self.shape) < sizes.room_min + 2 * sizes.wall:
             raise ValueError(
                 f"shape must hold a room of {self.room_min!r} m inside its walls "
                 f"at {self.resolution!r} m per cell, not {self.shape}"
@@ -86,26 +90,26 @@ class Rooms:
         """What the scene is called in reports."""
         return "rooms"
 
-    def world(self, rng: np.random.Generator) -> World:
+    def world(self, rng: np.random.Generator) -> PlanarWorld:
         """Split the floor, open doors, place furniture."""
-        measures = self._measures
-        parts = split_floor(rng, self.shape, measures)
-        doors = choose_doors(rng, parts, measures, self.extra_doors)
+        sizes = self._sizes_in_cells
+        parts = split_floor(rng, self.shape, sizes)
+        doors = choose_doors(rng, parts, sizes, self.extra_doors)
         occupied = np.ones(self.shape, dtype=np.bool_)
         for free in [*parts, *doors]:
             occupied[free.slices] = False
         aisle = self._cells(self.aisle)
-        kept_free = np.zeros(self.shape, dtype=np.bool_)
+        reserved = np.zeros(self.shape, dtype=np.bool_)
         for door in doors:
-            kept_free[door.grown(aisle).slices] = True
+            reserved[door.expanded(aisle).slices] = True
         rooms = [(room.x, room.y, room.n_x, room.n_y) for room in parts if not room.is_corridor]
         pieces = self._random_furniture(rng, np.array(rooms).reshape(-1, 4))
-        place_furniture(occupied, kept_free, pieces, aisle)
-        return World(occupied, self.resolution, self.origin, self.name)
+        place_furniture(occupied, reserved, pieces, aisle)
+        return PlanarWorld(occupied, self.resolution, self.origin, self.name)
 
     @property
-    def _measures(self) -> Measures:
-        return Measures(
+    def _sizes_in_cells(self) -> FloorPlanSizes:
+        return FloorPlanSizes(
             wall=self._cells(self.wall),
             corridor=self._cells(self.corridor),
             door=self._cells(self.door),

@@ -1,6 +1,6 @@
 """The planar truth that robots map, and the seam behind which scenes make it.
 
-A `World` is a grid of cells that are occupied or free. A `Scene` makes worlds: the same one
+A `PlanarWorld` is a grid of cells that are occupied or free. A `PlanarScene` makes worlds: the same one
 each time (a recorded map) or a new one for each state of the Generator that it is given.
 """
 
@@ -11,12 +11,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-SMALLEST_SIDE = 8
+MIN_CELLS_PER_SIDE = 8
 """Cells along a side: less than this leaves no room for a robot and something to look at."""
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class PlanarWorld:
     """One planar world: which cells are occupied, and where they lie in metres.
 
     The world ends at the border of the grid: there is nothing beyond, not even a wall.
@@ -71,7 +71,7 @@ class World:
 
 
 @runtime_checkable
-class Scene(Protocol):
+class PlanarScene(Protocol):
     """Whatever makes worlds of one shape, resolution and origin."""
 
     @property
@@ -90,15 +90,15 @@ class Scene(Protocol):
     def origin(self) -> tuple[float, float]:
         """Position in metres of the lower corner of cell (0, 0)."""
 
-    def world(self, rng: np.random.Generator) -> World:
+    def world(self, rng: np.random.Generator) -> PlanarWorld:
         """Make one world; every random choice comes from `rng`."""
 
 
 def check_shape(shape: tuple[int, ...]) -> None:
-    """Raise ValueError unless `shape` is two sides of at least `SMALLEST_SIDE` cells."""
-    if len(shape) != 2 or min(shape) < SMALLEST_SIDE:
+    """Raise ValueError unless `shape` is two sides of at least `MIN_CELLS_PER_SIDE` cells."""
+    if len(shape) != 2 or min(shape) < MIN_CELLS_PER_SIDE:
         raise ValueError(
-            f"shape must be at least {SMALLEST_SIDE} x {SMALLEST_SIDE} cells, not {tuple(shape)}"
+            f"shape must be at least {MIN_CELLS_PER_SIDE} x {MIN_CELLS_PER_SIDE} cells, not {tuple(shape)}"
         )
 
 

@@ -14,21 +14,25 @@ from coopmap_env.geometry import Pose
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes import world_seed
 from coopmap_env.simulation.scenes.field import (
-    CLEARANCE,
+    BASE_CLEARANCE,
     FIELD_GRID,
+    BasePlacement,
     Clutter,
     FieldScene,
     FieldWorld,
     Rubble,
-    Stand,
     Worksite,
     make_field_scene,
     target_solids,
 )
-from coopmap_env.simulation.scenes.field.base_poses import draw_bases, on_ground, seen_share
-from coopmap_env.simulation.scenes.field.layout import Yard
-from coopmap_env.simulation.scenes.field.outlines import axis_distance
-from coopmap_env.simulation.scenes.field.solid import box_corners, solid_of_boxes
+from coopmap_env.simulation.scenes.field.base_poses import (
+    ground_pose,
+    sample_base_poses,
+    visible_target_fraction,
+)
+from coopmap_env.simulation.scenes.field.layout import SceneLayout
+from coopmap_env.simulation.scenes.field.outlines import distance_to_axis
+from coopmap_env.simulation.scenes.field.solid import box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.voxel_truth import is_closed
 
 NAMES = ("worksite", "clutter", "rubble")
@@ -96,8 +100,8 @@ def test_vehicles_find_room_and_sight_in_every_world(name, n_robots):
         apart = np.linalg.norm(places[:, None] - places, axis=-1) + 9 * np.eye(n_robots)
         assert apart.min() >= 2.2
         for pose, place in zip(drawn.base_poses, places, strict=True):
-            assert axis_distance(place, drawn.solids) >= CLEARANCE - 1e-9
-            assert seen_share(place, drawn.solids) >= 0.25
+            assert distance_to_axis(place, drawn.solids) >= BASE_CLEARANCE - 1e-9
+            assert visible_target_fraction(place, drawn.solids) >= 0.25
             np.testing.assert_allclose(pose.rotation[:, 0], -place / np.linalg.norm(place))
             np.testing.assert_allclose(pose.rotation[:, 2], [0, 0, 1])
 
@@ -161,7 +165,7 @@ def test_ground_and_target_are_occupied_and_vehicles_stand_in_the_open(name):
     above = above[above[:, 2] > 0.1]
     for pose in drawn.base_poses:
         distances = np.linalg.norm((above - pose.translation)[:, :2], axis=1)
-        assert distances.min() >= CLEARANCE - 0.0708  # half the diagonal of a voxel's floor
+        assert distances.min() >= BASE_CLEARANCE - 0.0708  # half the diagonal of a voxel's floor
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -216,7 +220,7 @@ def test_things_around_the_panel_do_not_meet_it_or_each_other():
         for thing in things:
             middle = thing.bounds.mean(axis=0)[:2]
             radius = np.linalg.norm(thing.vertices[:, :2] - middle, axis=1).max()
-            assert axis_distance(middle, [panel]) >= radius
+            assert distance_to_axis(middle, [panel]) >= radius
             for other, place, reach in circles:
                 stacked = abs(thing.bounds[0, 2] - other.bounds[1, 2]) < 1e-9
                 assert stacked or np.linalg.norm(middle - place) >= radius + reach
@@ -225,9 +229,9 @@ def test_things_around_the_panel_do_not_meet_it_or_each_other():
 
 def test_clutter_lies_on_its_tables():
     drawn = world("clutter", 0, 3)
-    on_target = [s for s in drawn.solids if s.name.startswith("table_thing")]
-    assert len(on_target) >= 4
-    for thing in on_target:
+    target_objects = [s for s in drawn.solids if s.name.startswith("table_thing")]
+    assert len(target_objects) >= 4
+    for thing in target_objects:
         assert thing.is_target
         assert thing.bounds[0, 2] == pytest.approx(0.625)
         assert (np.abs(thing.bounds[:, :2]) <= [0.76, 0.51]).all()
@@ -241,35 +245,35 @@ def test_rubble_hides_its_core():
         assert 5 <= sum(solid.is_target for solid in blocks) <= 12
         assert len(blocks) >= 25
         for pose in drawn.base_poses:
-            shares.append(seen_share(pose.translation, drawn.solids))
+            shares.append(visible_target_fraction(pose.translation, drawn.solids))
     assert min(shares) >= 0.25
     assert np.mean(shares) < 0.7
 
 
 def test_what_hides_the_target_goes_and_what_stands_on_it_too():
     def box(name, size, centre, **kind):
-        return solid_of_boxes(name, [box_corners(size, centre)], **kind)
+        return solid_from_boxes(name, [box_corners(size, centre)], **kind)
 
     target = [box("target", (1, 1, 1), (0, 0, 0.5), is_target=True)]
-    yard = Yard(FIELD_GRID, [on_ground(4.0, 0.0, np.pi)], 1.2, target)
+    yard = SceneLayout(FIELD_GRID, [ground_pose(4.0, 0.0, np.pi)], 1.2, target)
     wall = yard.add(box("wall", (0.2, 3, 2), (1.5, 0, 1)))
-    yard.add(box("on the wall", (0.2, 0.2, 0.2), (1.5, 0, 2.1)), below=wall)
+    yard.add(box("on the wall", (0.2, 0.2, 0.2), (1.5, 0, 2.1)), support=wall)
     yard.add(box("aside", (0.2, 0.2, 0.2), (0, 3, 0.1)))
-    assert [solid.name for solid in yard.in_sight()] == ["aside"]
+    assert [solid.name for solid in yard.remove_occluders()] == ["aside"]
 
 
 def test_settings_that_make_no_sense_say_so():
     for make, message in [
         (lambda: Worksite(rocks=(5, 2)), r"rocks must be \(fewest, most\), not \(5, 2\)"),
-        (lambda: Worksite(stacked_share=1.5), "stacked_share must lie in"),
-        (lambda: Clutter(enlarged=0.0), "enlarged must be finite and above 0, not 0.0"),
+        (lambda: Worksite(stacked_fraction=1.5), "stacked_fraction must lie in"),
+        (lambda: Clutter(object_scale=0.0), "object_scale must be finite and above 0, not 0.0"),
         (lambda: Clutter(tables=(-1, 2)), "tables must be"),
         (lambda: Rubble(core=50), "core and blocks must satisfy"),
         (lambda: Rubble(core_radius=3.0), "radii must satisfy"),
         (lambda: Rubble(side_min=2.0), "sides must satisfy"),
         (lambda: Rubble(height_max=1.0), "height_max must hold the diagonal"),
-        (lambda: Stand(nearest=5.0), "0 < nearest < farthest"),
-        (lambda: Stand(spacing=-1.0), "spacing must be finite"),
+        (lambda: BasePlacement(min_distance=5.0), "0 < min_distance < max_distance"),
+        (lambda: BasePlacement(min_spacing=-1.0), "min_spacing must be finite"),
         (lambda: Worksite(VoxelGrid((4, 4))), "grid must have 3 axes"),
         (lambda: Worksite(VoxelGrid((40, 40, 4), 0.1, (0, 0, 1))), "below the ground"),
     ]:
@@ -279,7 +283,7 @@ def test_settings_that_make_no_sense_say_so():
 
 def test_too_many_vehicles_for_the_room_say_what_to_do():
     with pytest.raises(ValueError, match=r"no place for 40 vehicles.*fewer vehicles"):
-        draw_bases(np.random.default_rng(0), 40, Stand(), 1.2, FIELD_GRID, ())
+        sample_base_poses(np.random.default_rng(0), 40, BasePlacement(), 1.2, FIELD_GRID, ())
     with pytest.raises(ValueError, match="n_robots must be at least 1, not 0"):
         Worksite().world(np.random.default_rng(0), 0)
     with pytest.raises(ValueError, match="footprint must be finite"):
@@ -302,7 +306,7 @@ def test_a_broken_world_says_what_is_wrong(change, message):
         "solids": target_solids(),
         "target": "solar_panel",
         "grid": FIELD_GRID,
-        "base_poses": (on_ground(3, 0, 0),),
+        "base_poses": (ground_pose(3, 0, 0),),
     }
     with pytest.raises(ValueError, match=message):
         FieldWorld(**{**fields, **change})

@@ -6,12 +6,12 @@ from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     convex_hull,
-    ground,
+    ground_slab,
     random_rotation,
-    rotation_of_rpy,
-    solid_of_boxes,
-    solid_of_hull,
-    turn,
+    rotation_about_axis,
+    rotation_from_rpy,
+    solid_from_boxes,
+    solid_from_hull,
 )
 from coopmap_env.simulation.scenes.field.voxel_truth import is_closed
 
@@ -62,7 +62,7 @@ def test_a_broken_solid_says_what_is_wrong(change, message):
 
 def test_a_box_is_closed_and_its_faces_look_outwards():
     rotation = random_rotation(np.random.default_rng(0))
-    box = solid_of_boxes("b", [box_corners((1, 2, 3), (4, 5, 6), rotation)])
+    box = solid_from_boxes("b", [box_corners((1, 2, 3), (4, 5, 6), rotation)])
     assert len(box.faces) == 12
     assert is_closed(box.faces)
     assert volume(box) == pytest.approx(6.0)
@@ -71,7 +71,7 @@ def test_a_box_is_closed_and_its_faces_look_outwards():
 
 def test_a_hull_is_closed_and_its_faces_look_outwards():
     points = np.random.default_rng(0).normal(size=(40, 3))
-    solid = solid_of_hull("h", points)
+    solid = solid_from_hull("h", points)
     from scipy.spatial import ConvexHull
 
     assert is_closed(solid.faces)
@@ -85,17 +85,19 @@ def test_points_in_one_plane_span_no_hull():
 
 
 def test_ground_ends_at_z_0():
-    slab = ground((-1, -2), (3, 4), 0.5)
+    slab = ground_slab((-1, -2), (3, 4), 0.5)
     assert slab.is_ground
     np.testing.assert_allclose(slab.bounds, [[-1, -2, -0.5], [3, 4, 0]])
 
 
 def test_rotations_are_those_of_scipy():
     np.testing.assert_allclose(
-        rotation_of_rpy(0.1, -0.7, 2.0), Rotation.from_euler("xyz", [0.1, -0.7, 2.0]).as_matrix()
+        rotation_from_rpy(0.1, -0.7, 2.0), Rotation.from_euler("xyz", [0.1, -0.7, 2.0]).as_matrix()
     )
     axis = np.array([0.6, 0.0, 0.8])
-    np.testing.assert_allclose(turn(axis, 0.9), Rotation.from_rotvec(0.9 * axis).as_matrix())
+    np.testing.assert_allclose(
+        rotation_about_axis(axis, 0.9), Rotation.from_rotvec(0.9 * axis).as_matrix()
+    )
 
 
 def test_random_rotations_favour_no_direction():

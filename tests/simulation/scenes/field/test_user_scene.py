@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.simulation.scenes.field import FIELD_GRID, make_field_scene, read_user_scene
-from coopmap_env.simulation.scenes.field.outlines import axis_distance
+from coopmap_env.simulation.scenes.field.outlines import distance_to_axis
 from coopmap_env.simulation.scenes.planar import SceneError
 
 pytest.importorskip("yaml")
@@ -61,7 +61,7 @@ def test_drawn_bases_keep_clear_and_named_ones_stand_as_named(write):
     assert world.target == "object_0"
     assert world.occupied[64, 64, 6]
     for pose in world.base_poses:
-        assert axis_distance(pose.translation, world.solids) >= 1.2
+        assert distance_to_axis(pose.translation, world.solids) >= 1.2
     path = write(f"objects:\n{TARGET}bases: [[3, 0, 180], [0, 3, -9e1]]\n")
     poses = drawn(path).base_poses
     np.testing.assert_allclose(poses[0].translation, [3, 0, 0])

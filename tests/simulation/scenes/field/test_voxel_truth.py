@@ -7,13 +7,13 @@ from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     random_rotation,
-    solid_of_boxes,
-    solid_of_hull,
+    solid_from_boxes,
+    solid_from_hull,
 )
 from coopmap_env.simulation.scenes.field.voxel_truth import (
     is_closed,
     surface_voxels,
-    voxels_of_solids,
+    voxelize_solids,
     winding_numbers,
 )
 
@@ -22,7 +22,7 @@ UNIT = VoxelGrid((10, 10, 10), 1.0, (0.0, 0.0, 0.0))
 
 def box(low, high, name="box"):
     low, high = np.array(low, dtype=float), np.array(high, dtype=float)
-    return solid_of_boxes(name, [box_corners(high - low, (low + high) / 2)])
+    return solid_from_boxes(name, [box_corners(high - low, (low + high) / 2)])
 
 
 def test_the_kernel_agrees_with_cutting_triangles_by_the_planes_of_voxels():
@@ -40,7 +40,7 @@ def test_no_point_of_a_surface_lies_outside_of_the_marked_voxels():
     grid = VoxelGrid((40, 40, 40), 0.05, (-1.0, -1.0, -1.0))
     triangles = rng.uniform(-0.9, 0.9, (20, 3, 3))
     occupied = surface_voxels(triangles, grid)
-    index = grid.index(plain.points_on(triangles, 30_000, rng))
+    index = grid.index(plain.sample_triangles(triangles, 30_000, rng))
     assert occupied[tuple(index.T)].all()
     # points less than 0.01 m apart miss only voxels of which a triangle cuts a corner
     hit = np.zeros_like(occupied)
@@ -75,18 +75,18 @@ def test_triangles_far_outside_mark_nothing():
 
 def test_the_inside_of_a_closed_box_is_filled_and_an_open_one_is_not():
     closed = box((1.5, 1.5, 1.5), (7.5, 6.5, 5.5))
-    assert voxels_of_solids([closed], UNIT).sum() == 7 * 6 * 5
+    assert voxelize_solids([closed], UNIT).sum() == 7 * 6 * 5
     opened = Solid("open", closed.vertices, closed.faces[1:])
     assert not is_closed(opened.faces)
-    assert not voxels_of_solids([opened], UNIT)[4, 4, 3]
+    assert not voxelize_solids([opened], UNIT)[4, 4, 3]
 
 
 def test_a_box_that_sticks_out_of_the_grid_is_filled_up_to_its_border():
-    occupied = voxels_of_solids([box((-5, -5, -5), (20, 20, 3.5))], UNIT)
+    occupied = voxelize_solids([box((-5, -5, -5), (20, 20, 3.5))], UNIT)
     assert occupied[:, :, :4].all()
     assert not occupied[:, :, 4:].any()
-    assert voxels_of_solids([box((-5, -5, -5), (20, 20, 20))], UNIT).all()
-    assert not voxels_of_solids([box((20, 20, 20), (30, 30, 30))], UNIT).any()
+    assert voxelize_solids([box((-5, -5, -5), (20, 20, 20))], UNIT).all()
+    assert not voxelize_solids([box((20, 20, 20), (30, 30, 30))], UNIT).any()
 
 
 def test_a_hollow_between_boxes_stays_free():
@@ -98,14 +98,14 @@ def test_a_hollow_between_boxes_stays_free():
             size, middle = np.full(3, high - low + 0.2), np.full(3, 5.0)
             size[axis], middle[axis] = 0.2, at
             plates.append(box_corners(size, middle))
-    occupied = voxels_of_solids([solid_of_boxes("chamber", plates)], UNIT)
+    occupied = voxelize_solids([solid_from_boxes("chamber", plates)], UNIT)
     assert occupied[1:9, 1:9, 1:9].sum() == 8**3 - 6**3
     assert not occupied[2:8, 2:8, 2:8].any()
 
 
 def test_overlapping_boxes_of_one_solid_are_filled_together():
     corners = [box_corners((4.0, 4, 4), (4.5, 4.5, 4.5)), box_corners((4.0, 4, 4), (5.5, 5.5, 5.5))]
-    occupied = voxels_of_solids([solid_of_boxes("two", corners)], UNIT)
+    occupied = voxelize_solids([solid_from_boxes("two", corners)], UNIT)
     assert occupied[2:7, 2:7, 2:7].all()
     assert occupied[3:8, 3:8, 3:8].all()
 
@@ -116,17 +116,17 @@ def test_rotated_solids_hold_the_voxels_whose_centre_they_hold():
     centres = grid.center(np.stack(np.indices(grid.shape), axis=-1))
     for _ in range(5):
         rotation = random_rotation(rng)
-        solid = solid_of_boxes("b", [box_corners((1.7, 0.9, 1.3), (0.1, 0, 0), rotation)])
+        solid = solid_from_boxes("b", [box_corners((1.7, 0.9, 1.3), (0.1, 0, 0), rotation)])
         local = np.abs((centres - [0.1, 0, 0]) @ rotation)
         inside = (local <= np.array([1.7, 0.9, 1.3]) / 2).all(axis=-1)
         reached = (local <= np.array([1.7, 0.9, 1.3]) / 2 + 0.0867).all(axis=-1)
-        occupied = voxels_of_solids([solid], grid)
+        occupied = voxelize_solids([solid], grid)
         assert occupied[inside].all()
         assert not occupied[~reached].any()  # half the diagonal of a voxel is 0.0866 m
 
 
 def test_winding_numbers_by_hand():
-    two = solid_of_boxes(
+    two = solid_from_boxes(
         "t", [box_corners((2, 2, 2), (0, 0, 0)), box_corners((2, 2, 2), (1, 0, 0))]
     )
     points = np.array([[0.5, 0, 0], [-0.5, 0, 0], [1.5, 0.1, 0], [3.0, 0, 0]])
@@ -135,7 +135,7 @@ def test_winding_numbers_by_hand():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_closed_surface_is_closed_until_a_face_is_gone_or_turned(seed):
-    solid = solid_of_hull("h", np.random.default_rng(seed).normal(size=(20, 3)))
+    solid = solid_from_hull("h", np.random.default_rng(seed).normal(size=(20, 3)))
     assert is_closed(solid.faces)
     assert not is_closed(solid.faces[1:])
     turned = solid.faces.copy()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.simulation.scenes.planar import Obstacles
-from coopmap_env.simulation.scenes.planar.blocks import strew_blocks
+from coopmap_env.simulation.scenes.planar.blocks import scatter_blocks
 
 SQUARE = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Normals of a square's edges."""
@@ -12,7 +12,7 @@ def strew(occupied, missing, centres, half_sides):
     """Strew squares."""
     half_sides = np.array(half_sides)
     slopes = SQUARE / half_sides[:, None, None]
-    return strew_blocks(occupied, missing, np.array(centres), np.sqrt(2) * half_sides, slopes)
+    return scatter_blocks(occupied, missing, np.array(centres), np.sqrt(2) * half_sides, slopes)
 
 
 def plain_strew_blocks(occupied, missing, centres, slopes):
@@ -66,12 +66,12 @@ def test_occupied_cells_count_once_and_later_blocks_go_unused():
 
 
 @pytest.mark.parametrize("missing", [1, 50, 300, 1500, 10_000])
-@pytest.mark.parametrize("polygon_share", [0.0, 1.0])
-def test_the_kernel_strews_as_the_plain_gauge_of_all_cells(polygon_share, missing):
-    scene = Obstacles(shape=(60, 45), polygon_share=polygon_share)
+@pytest.mark.parametrize("polygon_fraction", [0.0, 1.0])
+def test_the_kernel_strews_as_the_plain_gauge_of_all_cells(polygon_fraction, missing):
+    scene = Obstacles(shape=(60, 45), polygon_fraction=polygon_fraction)
     for seed in range(10):
         centres, reaches, slopes = random_blocks(scene, seed, 20)
         expected, occupied = np.zeros((2, 60, 45), dtype=bool)
         still = plain_strew_blocks(expected, missing, centres, slopes)
-        assert strew_blocks(occupied, missing, centres, reaches, slopes) == still
+        assert scatter_blocks(occupied, missing, centres, reaches, slopes) == still
         np.testing.assert_array_equal(occupied, expected)

@@ -4,21 +4,21 @@ from coopmap_env.simulation.scenes.planar import Rooms
 from coopmap_env.simulation.scenes.planar.furniture import place_furniture
 
 
-def plain_place_furniture(occupied, kept_free, pieces, aisle):
+def plain_place_furniture(occupied, reserved, pieces, aisle):
     """Look at each cell of each piece."""
     cells = np.stack(np.indices(occupied.shape), axis=-1)
     for x, y, n_x, n_y in pieces:
         lower, upper = np.array([x, y]), np.array([x + n_x, y + n_y])
         piece = ((cells >= lower) & (cells < upper)).all(axis=-1)
-        if not (piece & kept_free).any():
+        if not (piece & reserved).any():
             occupied |= piece
-            kept_free |= ((cells >= lower - aisle) & (cells < upper + aisle)).all(axis=-1)
+            reserved |= ((cells >= lower - aisle) & (cells < upper + aisle)).all(axis=-1)
 
 
 def test_a_piece_that_reaches_into_an_aisle_is_left_out():
-    occupied, kept_free = np.zeros((2, 10, 12), dtype=bool)
+    occupied, reserved = np.zeros((2, 10, 12), dtype=bool)
     pieces = np.array([[0, 0, 2, 3], [3, 0, 1, 1], [4, 0, 1, 1]])
-    place_furniture(occupied, kept_free, pieces, 2)
+    place_furniture(occupied, reserved, pieces, 2)
     expected = np.zeros((10, 12), dtype=bool)
     expected[0:2, 0:3] = expected[4, 0] = True
     np.testing.assert_array_equal(occupied, expected)

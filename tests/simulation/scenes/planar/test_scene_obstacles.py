@@ -27,7 +27,7 @@ def test_a_world_carries_the_fields_of_its_scene():
 
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.12, 0.3, 0.5])
 def test_the_occupied_share_is_met_to_the_cell(share):
-    scene = Obstacles(shape=(100, 50), occupied_share=share)
+    scene = Obstacles(shape=(100, 50), occupied_fraction=share)
     for seed in range(5):
         world = scene.world(np.random.default_rng(seed))
         assert np.count_nonzero(world.occupied) == round(share * 5000)
@@ -59,7 +59,7 @@ def test_obstacles_are_as_likely_in_each_quarter_of_the_world():
 
 
 def test_a_rectangle_has_two_pairs_of_parallel_edges():
-    scene = Obstacles(polygon_share=0.0)
+    scene = Obstacles(polygon_fraction=0.0)
     turns, distances, _ = scene._random_blocks(np.random.default_rng(0), 50)
     np.testing.assert_allclose(np.diff(turns[:, :4]), 0.25)
     np.testing.assert_array_equal(distances[:, :2], distances[:, 2:4])
@@ -70,7 +70,9 @@ def test_a_rectangle_has_two_pairs_of_parallel_edges():
 
 
 def test_polygons_have_3_to_6_edges_around_them():
-    turns, distances, _ = Obstacles(polygon_share=1.0)._random_blocks(np.random.default_rng(0), 200)
+    turns, distances, _ = Obstacles(polygon_fraction=1.0)._random_blocks(
+        np.random.default_rng(0), 200
+    )
     n_edges = np.isfinite(distances).sum(axis=1)
     assert set(n_edges.tolist()) == {3, 4, 5, 6}
     for heading, n in zip(turns, n_edges, strict=True):
@@ -80,7 +82,7 @@ def test_polygons_have_3_to_6_edges_around_them():
 
 
 def test_the_polygon_share_is_the_share_of_polygons():
-    turns, _, _ = Obstacles(polygon_share=0.4)._random_blocks(np.random.default_rng(0), 2000)
+    turns, _, _ = Obstacles(polygon_fraction=0.4)._random_blocks(np.random.default_rng(0), 2000)
     is_rectangle = np.isclose(np.diff(turns[:, :4]), 0.25).all(axis=1)
     # Three standard errors of a share of 0.4 among 2000.
     assert np.mean(~is_rectangle) == pytest.approx(0.4, abs=0.033)
@@ -99,7 +101,7 @@ def test_no_corner_of_a_block_lies_beyond_its_reach():
 
 
 def test_a_crowded_world_takes_more_blocks_than_are_drawn_at_once():
-    scene = Obstacles(side_max=4.0, occupied_share=0.3)
+    scene = Obstacles(side_max=4.0, occupied_fraction=0.3)
     occupied = scene.world(np.random.default_rng(0)).occupied
     assert np.count_nonzero(occupied) == 12_000  # 750 blocks of 4 x 4 cells at least
 
@@ -122,12 +124,12 @@ def test_the_first_world_of_each_split_is_frozen(split):
     [
         ({"shape": (200, 4)}, r"8 x 8 cells, not \(200, 4\)"),
         ({"resolution": -1.0}, "above 0 m, not -1.0"),
-        ({"occupied_share": 0.51}, r"\[0, 0.5\], not 0.51"),
-        ({"occupied_share": float("nan")}, "nan"),
+        ({"occupied_fraction": 0.51}, r"\[0, 0.5\], not 0.51"),
+        ({"occupied_fraction": float("nan")}, "nan"),
         ({"side_min": 30.0}, "1.0, 30.0, 20.0"),
         ({"side_min": 0.5}, "1.0, 0.5, 20.0"),
         ({"side_max": float("inf")}, "inf"),
-        ({"polygon_share": 1.5}, r"\[0, 1\], not 1.5"),
+        ({"polygon_fraction": 1.5}, r"\[0, 1\], not 1.5"),
     ],
 )
 def test_a_wrong_setting_is_named_with_its_value(change, message):

@@ -8,10 +8,10 @@ from scipy import ndimage
 from coopmap_env.simulation.scenes import SPLITS, world_seed
 from coopmap_env.simulation.scenes.planar import Rooms
 from coopmap_env.simulation.scenes.planar.floor_plan import (
-    Cells,
+    CellRectangle,
     Door,
-    Measures,
-    Part,
+    FloorPart,
+    FloorPlanSizes,
     choose_doors,
     split_floor,
 )
@@ -19,7 +19,7 @@ from coopmap_env.simulation.scenes.planar.floor_plan import (
 GOLDEN = {"train": "747273c409ffe887", "validation": "eed50a79ba6ca53b", "test": "70f1ee3156539210"}
 """SHA-256 of the first world of each split: changing one changes every published result."""
 
-MEASURES = Measures(wall=1, corridor=4, door=2, room_min=5, room_max=12, corridor_from=20)
+MEASURES = FloorPlanSizes(wall=1, corridor=4, door=2, room_min=5, room_max=12, corridor_from=20)
 TIGHT = Rooms(
     shape=(77, 120),
     room_min=2.0,
@@ -77,7 +77,7 @@ def test_parts_are_disjoint_and_inside_the_outer_wall():
 
 
 def test_two_rooms_get_one_door_in_the_wall_between_them():
-    rooms = [Part(1, 1, 6, 6), Part(8, 3, 6, 6)]
+    rooms = [FloorPart(1, 1, 6, 6), FloorPart(8, 3, 6, 6)]
     for seed in range(10):
         (door,) = choose_doors(np.random.default_rng(seed), rooms, MEASURES, extra=1.0)
         assert (door.x, door.n_x, door.n_y) == (7, 1, 2)
@@ -86,12 +86,15 @@ def test_two_rooms_get_one_door_in_the_wall_between_them():
 
 
 def test_a_wall_narrower_than_a_door_gets_none():
-    rooms = [Part(1, 1, 6, 6), Part(8, 6, 6, 6)]  # they face each other at y = 6 only
+    rooms = [FloorPart(1, 1, 6, 6), FloorPart(8, 6, 6, 6)]  # they face each other at y = 6 only
     assert choose_doors(np.random.default_rng(0), rooms, MEASURES, extra=1.0) == []
 
 
 def test_corridors_open_into_each_other_over_their_full_width():
-    corridors = [Part(1, 1, 30, 4, is_corridor=True), Part(10, 6, 4, 20, is_corridor=True)]
+    corridors = [
+        FloorPart(1, 1, 30, 4, is_corridor=True),
+        FloorPart(10, 6, 4, 20, is_corridor=True),
+    ]
     doors = choose_doors(np.random.default_rng(0), corridors, MEASURES, extra=0.0)
     assert doors == [Door(10, 5, 4, 1, 0, 1)]
 
@@ -107,7 +110,7 @@ def test_without_extra_doors_the_openings_are_a_spanning_tree():
 
 
 def test_growing_cells_stops_at_index_0():
-    assert Cells(1, 5, 2, 3).grown(2) == Cells(0, 3, 5, 7)
+    assert CellRectangle(1, 5, 2, 3).expanded(2) == CellRectangle(0, 3, 5, 7)
 
 
 def test_furniture_takes_up_floor_and_more_tries_take_up_more():

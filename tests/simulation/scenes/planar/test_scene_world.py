@@ -3,7 +3,7 @@ import pickle
 import numpy as np
 import pytest
 
-from coopmap_env.simulation.scenes.planar import Scene, World
+from coopmap_env.simulation.scenes.planar import PlanarScene, PlanarWorld
 
 
 def free(*shape):
@@ -11,12 +11,12 @@ def free(*shape):
 
 
 def test_a_world_tells_its_shape_in_cells_along_x_then_y():
-    assert World(free(8, 12), 0.5, (0.0, 0.0), "field").shape == (8, 12)
+    assert PlanarWorld(free(8, 12), 0.5, (0.0, 0.0), "field").shape == (8, 12)
 
 
 def test_a_world_keeps_a_read_only_c_contiguous_copy():
     drawn = free(12, 8).T
-    world = World(drawn, 0.5, (0.0, 0.0), "field")
+    world = PlanarWorld(drawn, 0.5, (0.0, 0.0), "field")
     drawn[0, 0] = True
     assert not world.occupied.any()
     assert world.occupied.flags.c_contiguous
@@ -27,7 +27,7 @@ def test_a_world_keeps_a_read_only_c_contiguous_copy():
 def test_a_world_survives_pickling():
     occupied = free(8, 9)
     occupied[2, 3] = True
-    copy = pickle.loads(pickle.dumps(World(occupied, 0.5, (1.0, 2.0), "field")))
+    copy = pickle.loads(pickle.dumps(PlanarWorld(occupied, 0.5, (1.0, 2.0), "field")))
     np.testing.assert_array_equal(copy.occupied, occupied)
     assert (copy.resolution, copy.origin, copy.name) == (0.5, (1.0, 2.0), "field")
 
@@ -49,7 +49,7 @@ def test_a_world_survives_pickling():
 def test_a_world_names_the_value_that_is_wrong(change, message):
     fields = {"occupied": free(8, 8), "resolution": 1.0, "origin": (0.0, 0.0), "name": "field"}
     with pytest.raises(ValueError, match=message):
-        World(**(fields | change))
+        PlanarWorld(**(fields | change))
 
 
 def test_whatever_has_the_attributes_of_a_scene_is_one():
@@ -57,7 +57,7 @@ def test_whatever_has_the_attributes_of_a_scene_is_one():
         name, shape, resolution, origin = "field", (8, 8), 1.0, (0.0, 0.0)
 
         def world(self, rng):
-            return World(free(8, 8), 1.0, (0.0, 0.0), "field")
+            return PlanarWorld(free(8, 8), 1.0, (0.0, 0.0), "field")
 
-    assert isinstance(Field(), Scene)
-    assert not isinstance(object(), Scene)
+    assert isinstance(Field(), PlanarScene)
+    assert not isinstance(object(), PlanarScene)

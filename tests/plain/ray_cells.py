@@ -2,7 +2,7 @@
 
 import numpy as np
 
-SHORTEST = 1e-9
+MIN_LENGTH = 1e-9
 """Cells: a ray through a corner touches the cells around it over the length of rounding errors."""
 
 
@@ -20,6 +20,6 @@ def crossed_cells(origin, direction, length, shape):
         else:
             entry = np.maximum(entry, np.minimum(near / u, far / u))
             leave = np.minimum(leave, np.maximum(near / u, far / u))
-    crossed = np.flatnonzero(leave - entry > SHORTEST)
+    crossed = np.flatnonzero(leave - entry > MIN_LENGTH)
     crossed = crossed[np.argsort(entry[crossed])]
     return [(tuple(boxes[k].tolist()), float(entry[k]), float(leave[k])) for k in crossed]

@@ -7,7 +7,7 @@ import numpy as np
 from coopmap_env.geometry import to_camera_frame
 
 
-def within(lattice, cells, pose_id, reach):
+def cells_within_reach(lattice, cells, pose_id, reach):
     """Those of the cells at most `reach` metres ahead of a pose or back, and to a side."""
     here = lattice.pose(pose_id)
     kept = []
@@ -19,25 +19,25 @@ def within(lattice, cells, pose_id, reach):
     return kept
 
 
-def features(belief, robot, pose_id):
+def candidate_features(belief, robot, pose_id):
     """The nine features of one candidate; see `coopmap_env.envs.planar.observations`."""
     lattice, rating, grid = belief.lattice, belief.rating, belief.map.grid
     here = belief.pose_ids[robot]
     ahead, left, turn = to_camera_frame(lattice.pose(pose_id), lattice.pose(here)).tolist()
     rated = rating.rate(belief.map, [pose_id], here)
     diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
-    most = math.log(rating.settings.n_gray)
+    max_entropy = math.log(rating.settings.n_gray_bins)
     visible = rating.visible_cells(belief.map, pose_id)
-    unknown = int(np.count_nonzero(belief.map.sampled_cells[visible] == 0))
+    unknown = int(np.count_nonzero(belief.map.sampled_mask[visible] == 0))
     values = [
         ahead / diagonal,
         left / diagonal,
         math.cos(turn),
         math.sin(turn),
-        rated.new_information[0] / most,
-        min(rated.motion_cost[0] / most, 10.0),
+        rated.new_information[0] / max_entropy,
+        min(rated.motion_cost[0] / max_entropy, 10.0),
         rated.occupancy[0],
-        max(rated.rating[0] / most, -10.0),
-        unknown / rating.fan.n_visible,
+        max(rated.rating[0] / max_entropy, -10.0),
+        unknown / rating.fan.max_visible_cells,
     ]
     return np.array(values).astype(np.float32)

@@ -5,21 +5,21 @@ from typing import NamedTuple
 import numpy as np
 
 from coopmap_env.geometry import displacement_between
-from coopmap_env.localization import MotionCorrection, TargetModel
+from coopmap_env.localization import PoseCorrector, TargetModel
 from coopmap_env.mapping import BeamModel, OccupancyMap
-from coopmap_env.robots import Vehicle, make_mount, without_bodies
-from coopmap_env.sensing import DepthCamera, RangeNoise, place
+from coopmap_env.robots import Vehicle, filter_robot_points, make_mount
+from coopmap_env.sensing import DepthCamera, RangeNoise, transform_cloud
 
 CAMERA, NOISE = DepthCamera(), RangeNoise()
 
 
-class Looked(NamedTuple):
+class CorrectedScan(NamedTuple):
     """What came of one look, and the truth (6,): displacements that lead to it."""
 
     correction: object
-    off: np.ndarray
+    error: np.ndarray
     """Of the corrected pose."""
-    kinematic_off: np.ndarray
+    kinematic_error: np.ndarray
     """Of the pose by the encoders alone."""
     kinematic: object
     """`Vehicle.camera_estimate` of the reading."""
@@ -28,10 +28,10 @@ class Looked(NamedTuple):
 
     @property
     def nees(self):
-        return self.off @ np.linalg.solve(self.correction.estimate.covariance, self.off)
+        return self.error @ np.linalg.solve(self.correction.estimate.covariance, self.error)
 
 
-class Crew:
+class CorrectionTeam:
     """Vehicles with masts in a yard; `target` are the solids that are known, by name."""
 
     def __init__(self, world, targets=(), seed=0, **settings):
@@ -42,17 +42,17 @@ class Crew:
         self.seed, self.rng = seed, np.random.default_rng([seed, 1])
         self.mounts = [make_mount("mast")] * world.n_robots
         self.vehicles = tuple(
-            Vehicle.of(mount, base)
+            Vehicle.from_mount(mount, base)
             for mount, base in zip(self.mounts, world.base_poses, strict=True)
         )
         self.readings = [np.array(mount.home) for mount in self.mounts]
         known = [s.triangles for s in world.solids if s.name in targets]
         model = TargetModel(np.concatenate(known)) if known else None
-        self.correction = MotionCorrection(self.vehicles, CAMERA, NOISE, model, **settings)
+        self.correction = PoseCorrector(self.vehicles, CAMERA, NOISE, model, **settings)
         self.map = OccupancyMap(world.grid, BeamModel(0.02, 0.998, "partial"))
-        self.enter(world)
+        self.change_world(world)
 
-    def enter(self, world):
+    def change_world(self, world):
         """Change the world; encoders keep their offsets."""
         if self.simulator is not None:
             self.simulator.close()
@@ -64,7 +64,7 @@ class Crew:
         ):
             self.simulator.move(self.readings, self.rng)
 
-    def look(self, reading, robot=0):
+    def scan(self, reading, robot=0):
         targets = [None] * len(self.mounts)
         targets[robot] = np.asarray(reading, dtype=float)
         self.readings[robot] = self.simulator.move(targets, self.rng)[robot].reading
@@ -72,26 +72,26 @@ class Crew:
         kinematic = self.vehicles[robot].camera_estimate(reading)
         cloud = self.simulator.scan(robot, self.rng)
         balls = [v.spheres(q) for v, q in zip(self.vehicles, self.readings, strict=True)]
-        clean = without_bodies(
+        clean = filter_robot_points(
             cloud, kinematic.pose, np.concatenate([at for at, _ in balls]),
             np.concatenate([radii + 0.03 for _, radii in balls]), NOISE, kinematic.covariance,
         )  # fmt: skip
         correction = self.correction.correct(robot, reading, clean, self.map)
         pose, covariance = correction.estimate
-        self.map.integrate(place(clean, pose, NOISE, covariance))
+        self.map.integrate(transform_cloud(clean, pose, NOISE, covariance))
         true = self.simulator.true_camera_pose(robot)
-        return Looked(
+        return CorrectedScan(
             correction, displacement_between(pose, true),
             displacement_between(kinematic.pose, true), kinematic, true,
         )  # fmt: skip
 
 
-def aiming(vehicle, point, n, rng, off_axis=0.2):
+def readings_aimed_at(vehicle, point, n, rng, off_axis=0.2):
     """N readings (n, joints) by which a camera looks at a point, away from its own mast."""
     chain, found = vehicle.chain, []
-    room = 0.05 * (chain.upper - chain.lower)
+    margin = 0.05 * (chain.upper - chain.lower)
     while len(found) < n:
-        q = rng.uniform(chain.lower + room, chain.upper - room, (2000, chain.n_joints))
+        q = rng.uniform(chain.lower + margin, chain.upper - margin, (2000, chain.n_joints))
         R, t = vehicle.camera_poses(q)
         ray = point - t
         ray /= np.linalg.norm(ray, axis=1)[:, None]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.target import about_z
+from coopmap_env.localization.target import rotation_z
 from coopmap_env.sensing import PointCloud
 
 
@@ -12,11 +12,11 @@ def box(size, middle, yaw=0.0):
     faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)]
     faces += [(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
     units = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    corners = (units * size) @ about_z(yaw).T + middle
+    corners = (units * size) @ rotation_z(yaw).T + middle
     return corners[np.array(faces)]
 
 
-def distances(origin, directions, triangles):
+def ray_distances(origin, directions, triangles):
     """Distance (n,) along each direction (n, 3) to the first triangle; infinity without one."""
     nearest = np.full(len(directions), np.inf)
     for a, b, c in triangles:
@@ -29,22 +29,22 @@ def distances(origin, directions, triangles):
             q = np.cross(origin - a, u)
             t = directions @ q * inverse
             d = v @ q * inverse
-        met = (np.abs(det) > 1e-12) & (s >= 0) & (t >= 0) & (s + t <= 1) & (d > 0)
-        nearest[met] = np.minimum(nearest[met], d[met])
+        hits = (np.abs(det) > 1e-12) & (s >= 0) & (t >= 0) & (s + t <= 1) & (d > 0)
+        nearest[hits] = np.minimum(nearest[hits], d[hits])
     return nearest
 
 
-def look(triangles, T_world_camera, camera, noise, rng):
+def render_scan(triangles, T_world_camera, camera, noise, rng):
     """What a camera measures, with the noise of Eq. 1 on its range; rays end at its far limit."""
     directions = camera.directions
-    d = distances(T_world_camera.translation, directions @ T_world_camera.rotation.T, triangles)
+    d = ray_distances(T_world_camera.translation, directions @ T_world_camera.rotation.T, triangles)
     hit = (d >= camera.near) & (d <= camera.far)
     measured = np.where(hit, d, camera.far)
     measured = measured + hit * noise.intrinsic * measured**2 * rng.standard_normal(len(d))
     return PointCloud(directions * measured[:, None], hit)
 
 
-def aimed(eye, at):
+def look_at_pose(eye, at):
     """Pose of a camera at a point that looks at another one, upright."""
     x = np.asarray(at, dtype=float) - eye
     x /= np.linalg.norm(x)

@@ -5,10 +5,10 @@ import numpy as np
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 
-def random_space(rng, shape, n_boxes, n_balls, resolution=0.1, origin=(0.0, 0.0, 0.0)):
+def random_voxel_map(rng, shape, n_boxes, n_balls, resolution=0.1, origin=(0.0, 0.0, 0.0)):
     """Map of a ground and boxes, of which only what lies in some random balls was ever sampled."""
     map_ = OccupancyMap(VoxelGrid(shape, resolution, origin))
-    clamp = map_.range.clamp
+    clamp = map_.log_odds_range.clamp
     occupied = np.zeros(shape, dtype=bool)
     occupied[:, :, :2] = True
     for _ in range(n_boxes):
@@ -23,8 +23,8 @@ def random_space(rng, shape, n_boxes, n_balls, resolution=0.1, origin=(0.0, 0.0,
     free, hit = rng.integers(-clamp, -clamp // 2, shape), rng.integers(0, clamp + 1, shape)
     undecided = rng.random(shape) < 0.05
     free[undecided] = rng.integers(-clamp // 2, 0, undecided.sum())
-    map_.levels[:] = np.where(sampled, np.where(occupied, hit, free), 0).ravel()
-    map_.sampled_cells[:] = sampled.ravel()
+    map_.log_odds_fixed[:] = np.where(sampled, np.where(occupied, hit, free), 0).ravel()
+    map_.sampled_mask[:] = sampled.ravel()
     return map_
 
 
@@ -37,16 +37,16 @@ def rotation(yaw, pitch, roll):
     return turn @ nod @ tilt
 
 
-def random_poses(rng, map_, k, any_way_up=False):
+def random_poses(rng, map_, k, any_orientation=False):
     """Rotations and translations of cameras in cells that are not occupied."""
     shape = np.array(map_.grid.shape)
-    blocked = (map_.levels >= 0) & (map_.sampled_cells == 1)
+    blocked = (map_.log_odds_fixed >= 0) & (map_.sampled_mask == 1)
     rotations, translations = [], []
     while len(rotations) < k:
         cells = rng.uniform(0.05, 0.95, 3) * shape
-        if blocked[map_.grid.flat(cells.astype(int))]:
+        if blocked[map_.grid.flat_index(cells.astype(int))]:
             continue
-        spread = (np.pi, np.pi, np.pi) if any_way_up else (np.pi, 0.5, 0.2)
+        spread = (np.pi, np.pi, np.pi) if any_orientation else (np.pi, 0.5, 0.2)
         rotations.append(rotation(*rng.uniform(-1, 1, 3) * spread))
         translations.append(cells * map_.grid.resolution + map_.grid.origin)
     return np.array(rotations), np.array(translations)

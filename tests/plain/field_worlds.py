@@ -6,35 +6,37 @@ from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.solid import (
     box_corners,
-    ground,
-    solid_of_boxes,
-    solid_of_hull,
-    turn_about_z,
+    ground_slab,
+    rotation_about_z,
+    solid_from_boxes,
+    solid_from_hull,
 )
 from coopmap_env.simulation.scenes.field.world import FieldWorld
 
 GRID = VoxelGrid((128, 128, 40), 0.1, (-6.4, -6.4, -0.35))
 
 
-def base(x, y, heading=0.0):
-    return Pose(np.array([x, y, 0.0]), turn_about_z(heading))
+def base_pose(x, y, heading=0.0):
+    return Pose(np.array([x, y, 0.0]), rotation_about_z(heading))
 
 
 def crate(name, x, y, z, size):
-    return solid_of_boxes(name, [box_corners(np.broadcast_to(size, 3), (x, y, z))], is_target=True)
+    return solid_from_boxes(
+        name, [box_corners(np.broadcast_to(size, 3), (x, y, z))], is_target=True
+    )
 
 
-MIDDLE = (base(0.0, 0.0),)
+CENTRED_BASE = (base_pose(0.0, 0.0),)
 
 
-def yard(*solids, bases=MIDDLE):
+def flat_world(*solids, bases=CENTRED_BASE):
     """Ground, a target out of everybody's reach, and whatever else stands around."""
     far_away = crate("far_away", 5.5, 5.5, 0.25, 0.5)
-    solids = (ground((-6.4, -6.4), (6.4, 6.4)), *solids, far_away)
+    solids = (ground_slab((-6.4, -6.4), (6.4, 6.4)), *solids, far_away)
     return FieldWorld("yard", solids, "crates", GRID, tuple(bases))
 
 
-def cluttered_yard(seed, bases, n=25, nearest=0.8):
+def cluttered_world(seed, bases, n=25, nearest=0.8):
     """Boulders anywhere, some of them hanging in the air and in reach."""
     rng = np.random.default_rng(seed)
     boulders = []
@@ -42,5 +44,5 @@ def cluttered_yard(seed, bases, n=25, nearest=0.8):
         at = rng.uniform([-3, -3, 0.2], [3, 3, 2.5])
         if min(np.hypot(*(at - b.translation)[:2]) for b in bases) > nearest:
             points = at + 0.2 * rng.normal(size=(14, 3))
-            boulders.append(solid_of_hull(f"boulder_{len(boulders)}", points))
-    return yard(*boulders, bases=bases)
+            boulders.append(solid_from_hull(f"boulder_{len(boulders)}", points))
+    return flat_world(*boulders, bases=bases)

@@ -6,16 +6,16 @@ import numpy as np
 
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.sensing import RangeNoise
-from coopmap_env.simulation.scenes.planar import RecordedMap, World
+from coopmap_env.simulation.scenes.planar import PlanarWorld, RecordedMap
 
 NO_NOISE = RangeNoise(intrinsic=0.0)
 
 
-def world_of(text, resolution=1.0, origin=(0.0, 0.0)):
+def world_from_text(text, resolution=1.0, origin=(0.0, 0.0)):
     """A world from rows of '#' (occupied) and '.', as seen: x to the right, y up."""
     rows = [list(row.strip()) for row in text.strip().splitlines()]
     occupied = np.array(rows)[::-1].T == "#"
-    return World(occupied, resolution, origin, "drawn")
+    return PlanarWorld(occupied, resolution, origin, "drawn")
 
 
 def open_world(nx=40, ny=40, resolution=1.0, origin=(0.0, 0.0), walls=()):
@@ -23,10 +23,10 @@ def open_world(nx=40, ny=40, resolution=1.0, origin=(0.0, 0.0), walls=()):
     occupied = np.zeros((nx, ny), dtype=bool)
     for cell in walls:
         occupied[cell] = True
-    return World(occupied, resolution, origin, "drawn")
+    return PlanarWorld(occupied, resolution, origin, "drawn")
 
 
-def env_in(world, **arguments):
+def env_with_world(world, **arguments):
     """An environment in this world, reset."""
     env = PlanarEnv(scene=RecordedMap(world), **arguments)
     env.reset(seed=0)
@@ -39,18 +39,18 @@ def pose_id(env, ix, iy, heading=0):
     return (ix * lattice.grid.shape[1] + iy) * lattice.n_headings + heading
 
 
-def place(env, *poses, known=None):
+def set_poses(env, *poses, known=None):
     """Stand the team at (ix, iy, heading), and make the map blank but for free cells.
 
     Without `known` (flat cells or a mask of the grid), only the robots' own cells are.
     """
     ids = tuple(pose_id(env, *pose) for pose in poses)
-    env._belief = replace(env._belief, pose_ids=ids, offers=None)
+    env._belief = replace(env._belief, pose_ids=ids, candidates=None)
     map_ = env.belief().map
     map_.clear()
     if known is not None:
         known = np.asarray(known)
         map_.mark_free(np.flatnonzero(known) if known.dtype == bool else known)
     map_.mark_free([i // env.belief().lattice.n_headings for i in ids])
-    env._offer_candidates()
+    env._sample_candidates()
     return env.belief()
