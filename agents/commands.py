@@ -64,7 +64,7 @@ class Train(EnvironmentOptions):
         settings = self.settings()
         made = None if settings is None else settings_to_dict(settings)
         config = TrainingConfig(
-            EnvConfig(self.env, self.arguments(), made),
+            EnvConfig(self.env, self.env_kwargs(), made),
             self.ppo,
             self.seed,
             self.engine,

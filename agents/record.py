@@ -15,7 +15,7 @@ import numpy as np
 from coopmap_agents.plan import TrainingConfig
 
 from coopmap_env.core.version import __version__
-from coopmap_env.evaluation.comparison import contents_of
+from coopmap_env.evaluation.comparison import file_hashes
 
 if TYPE_CHECKING:
     from coopmap_agents.training.segments import SegmentReport
@@ -171,7 +171,7 @@ def _file_hashes(config: TrainingConfig) -> dict[str, str]:
     """Hashes of all files that a plan names: scenes, policies to begin with or to imitate."""
     env_config = config.env
     sources = f"{config.expert}:{config.init_from}"
-    return contents_of(sources, str(env_config.arguments.get("scene", "")), env_config.name)
+    return file_hashes(sources, str(env_config.arguments.get("scene", "")), env_config.name)
 
 
 def _recorded_workers(config: TrainingConfig, workers: int) -> int | None:

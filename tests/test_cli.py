@@ -29,11 +29,11 @@ def test_evaluate_writes_a_row_for_each_policy_and_world_and_a_summary(tmp_path,
         ("raster", "5"),
         ("raster", "6"),
     ]
-    wanted = "coverage coverage_auc reward entropy log_loss motion_cost planning_ms"
+    wanted = "coverage coverage_auc reward entropy log_loss motion_cost planning_time_ms"
     assert set(wanted.split()) < set(rows[0])
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["env"]["split"] == "validation"
-    assert "probability_of_improvement" in summary["policies"]["raster"]["against"]
+    assert "probability_of_improvement" in summary["policies"]["raster"]["comparison"]
     assert "raster" in capsys.readouterr().out
 
 
@@ -66,7 +66,7 @@ def test_help_shows_examples(command):
         (["--episodes", "0"], "--episodes must be at least 1, got 0"),
         (["--scene", "missing.yaml"], "missing.yaml"),
         (["--scene", "moon"], "'moon'"),
-        (["--robots", "0"], "n_robots must be a whole number of at least 1"),
+        (["--n-robots", "0"], "n_robots must be a whole number of at least 1"),
         (["--seed", "-3"], "seed"),
         (["--workers", "0"], "workers must be at least 1"),
         (["--policies", ","], "names no policy"),

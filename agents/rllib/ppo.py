@@ -1,10 +1,10 @@
 """Proximal policy optimisation with one policy for all robots, on RLlib and so on Ray.
 
 Environments, networks, hyper-parameters and files are those of `coopmap_agents.sb3.ppo`; roll-outs come
-from workers on this machine or a cluster, see `connected_ray`. `RLlibTrainer` is what
+from workers on this machine or a cluster, see `ray_session`. `RLlibTrainer` is what
 `coopmap_agents.training.loop` asks for; RLlib's own classes can be had as well::
 
-    with connected_ray(workers=2):
+    with ray_session(workers=2):
         algorithm = make_config(EnvConfig(), PPOSettings(), seed=0, workers=2).build_algo()
         algorithm.train()
 
@@ -42,7 +42,7 @@ from coopmap_agents.rllib.env import (
     suppress_rllib_warnings,
 )
 
-from coopmap_env.evaluation.jobs import connected_ray
+from coopmap_env.evaluation.jobs import ray_session
 
 try:
     from stable_baselines3.common.logger import configure
@@ -195,7 +195,7 @@ class RLlibTrainer:
         """Of the last segment."""
         with contextlib.ExitStack() as stack, suppress_rllib_warnings():
             config = make_config(env_factory, settings, seed, workers)
-            _check_processors(stack.enter_context(connected_ray(workers)), workers)
+            _check_processors(stack.enter_context(ray_session(workers)), workers)
             self.algorithm = config.build_algo()
             stack.callback(_stop, self.algorithm)
             self._logger = configure(str(logs), ["tensorboard"]) if logs is not None else None

@@ -14,12 +14,12 @@ from coopmap_env.cli.replay import Replay
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.progress import log
 
-GROUP = "coopmap.commands"
-OWN: dict[str, Any] = {
+ENTRY_POINT_GROUP = "coopmap.commands"
+BUILTIN_COMMANDS: dict[str, Any] = {
     "evaluate": Evaluate,
     "replay": Replay,
 }
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 """What shells expect of a command that ended by an interrupt."""
 
 
@@ -30,11 +30,17 @@ class Command(Protocol):
         """Do it."""
 
 
-def parse(arguments: list[str] | None = None) -> Command:
+def parse_command(arguments: list[str] | None = None) -> Command:
     """The command that the arguments (default: those of the process) ask for."""
     tyro = import_optional("tyro", "cli")
     command: Command = tyro.extras.subcommand_cli_from_dict(
-        {**OWN, **{point.name: point.load() for point in entry_points(group=GROUP)}},
+        {
+            **BUILTIN_COMMANDS,
+            **{
+                entry_point.name: entry_point.load()
+                for entry_point in entry_points(group=ENTRY_POINT_GROUP)
+            },
+        },
         prog="coopmap",
         description="Cooperative active mapping: environments, planners, evaluation.",
         args=arguments,
@@ -45,9 +51,9 @@ def parse(arguments: list[str] | None = None) -> Command:
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: one clear line and exit status 1 on bad input."""
     try:
-        parse(arguments).run()
+        parse_command(arguments).run()
     except KeyboardInterrupt:
         log("interrupted; what is finished is kept, the same command goes on with the rest")
-        raise SystemExit(INTERRUPTED) from None
+        raise SystemExit(EXIT_INTERRUPTED) from None
     except (ValueError, ImportError, OSError) as error:
         raise SystemExit(f"coopmap: {' '.join(str(error).split())}") from None

@@ -23,7 +23,7 @@ class EnvironmentOptions:
     """field: located (default), or search: robots have to find the target first."""
     motion_correction: Literal["", "kinematic", "fiducials", "exact"] = ""
     """field: where cameras are taken to be; kinematic (default)."""
-    robots: int = 2
+    n_robots: int = 2
     """Robots in the team."""
     max_scans: int = 16
     """Scans of each robot."""
@@ -36,7 +36,7 @@ class EnvironmentOptions:
     team_reward: Literal["individual", "shared"] = "individual"
     """Each robot its own, or all the mean of the team."""
 
-    def arguments(self) -> dict[str, Any]:
+    def env_kwargs(self) -> dict[str, Any]:
         """Arguments of the environment, but for the split and the settings.
 
         Raises
@@ -49,7 +49,7 @@ class EnvironmentOptions:
                 option = name.replace("_", "-")
                 raise ValueError(f"--{option} belongs to --env field, not to --env {self.env}")
         arguments: dict[str, Any] = {
-            "n_robots": self.robots,
+            "n_robots": self.n_robots,
             "max_scans": self.max_scans,
             "action_mode": self.action_mode,
             "n_candidates": self.n_candidates,
@@ -57,7 +57,7 @@ class EnvironmentOptions:
             "team_reward": self.team_reward,
         }
         if self.mount:
-            arguments["mount"] = mounts_of(self.mount)
+            arguments["mount"] = parse_mounts(self.mount)
         for name in ("scene", "initialization", "motion_correction"):
             if getattr(self, name):
                 arguments[name] = getattr(self, name)
@@ -65,13 +65,13 @@ class EnvironmentOptions:
 
     def settings(self) -> Any:
         """Settings of the environment, or None for its own."""
-        from coopmap_env.evaluation.worlds import kind_of
+        from coopmap_env.evaluation.worlds import get_env_spec
 
         if not self.physics:
             return None
-        return kind_of(self.env).settings(physics=self.physics)
+        return get_env_spec(self.env).settings_class(physics=self.physics)
 
 
-def mounts_of(text: str) -> str | list[str]:
+def parse_mounts(text: str) -> str | list[str]:
     """One mount for all robots, or one for each where there is a comma."""
     return text.split(",") if "," in text else text

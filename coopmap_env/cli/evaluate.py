@@ -38,7 +38,7 @@ class Evaluate(EnvironmentOptions):
     """Seed of the first world; the others follow."""
     workers: int = 1
     """Episodes at a time; the numbers do not depend on it, planning times apart."""
-    engine: Literal["processes", "ray"] = "processes"
+    backend: Literal["processes", "ray"] = "processes"
     """Where the workers are: processes of this machine, or tasks of Ray (extra ray) on the cluster
     that the environment variable RAY_ADDRESS names ("auto": the one this machine belongs to); its
     nodes need this package and the files named here. Without RAY_ADDRESS, Ray starts here alone."""
@@ -50,15 +50,15 @@ class Evaluate(EnvironmentOptions):
         from coopmap_env.core.serial import settings_to_dict
         from coopmap_env.core.version import __version__
         from coopmap_env.evaluation.comparison import write_episodes
-        from coopmap_env.evaluation.worlds import kind_of
+        from coopmap_env.evaluation.worlds import get_env_spec
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]
         if not names:
             raise ValueError("--policies names no policy")
         if self.episodes < 1:
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
-        arguments = {**self.arguments(), "split": self.split}
-        kind, settings = kind_of(self.env), self.settings()
+        arguments = {**self.env_kwargs(), "split": self.split}
+        env_spec, settings = get_env_spec(self.env), self.settings()
         results = evaluation.compare(
             names,
             range(self.seed, self.seed + self.episodes),
@@ -66,16 +66,16 @@ class Evaluate(EnvironmentOptions):
             self.out / "episodes",
             settings,
             self.workers,
-            world=self.env,
-            engine=self.engine,
+            env_name=self.env,
+            backend=self.backend,
         )
-        made = kind.env(**arguments, settings=settings)
+        env = env_spec.make(**arguments, settings=settings)
         summary = {
             "version": __version__,
             "env": {
-                "id": made.metadata["name"],
+                "id": env.metadata["name"],
                 **arguments,
-                "settings": settings_to_dict(made.settings),
+                "settings": settings_to_dict(env.settings),
             },
             "policies": evaluation.summarize(results, names[0]),
         }
@@ -92,9 +92,9 @@ def summary_line(table: dict[str, Any]) -> str:
         f"coverage {100 * table['coverage'].mean():6.2f} %",
         f"area under curve {100 * table['coverage_auc'].mean():6.2f} %",
         f"motion {table['motion_cost'].mean():7.1f}",
-        f"planning {table['planning_ms'].mean():7.3f} ms",
+        f"planning {table['planning_time_ms'].mean():7.3f} ms",
     ]
-    if "surface" in table:
+    if "surface_coverage" in table:
         parts[2:2] = [
             f"surface {100 * table['surface'].mean():6.2f} %",
             f"F {table['f_score'].mean():5.3f}",

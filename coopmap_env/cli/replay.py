@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from coopmap_env.cli.environment import mounts_of
+from coopmap_env.cli.environment import parse_mounts
 from coopmap_env.core.progress import log
 
 
@@ -16,7 +16,7 @@ class Replay:
 
     Such as:
       coopmap replay --out results/replay.html
-      coopmap replay --policy random --scene rubble --robots 3 --seed 7 --out results/rubble.html
+      coopmap replay --policy random --scene rubble --n-robots 3 --seed 7 --out results/rubble.html
     """
 
     out: Path
@@ -33,7 +33,7 @@ class Replay:
     """Whether robots know where they stand, or have to find the target first."""
     motion_correction: Literal["kinematic", "fiducials", "exact"] = "kinematic"
     """Where cameras are taken to be."""
-    robots: int = 2
+    n_robots: int = 2
     """Robots in the team."""
     max_scans: int = 16
     """Scans of each robot."""
@@ -46,12 +46,12 @@ class Replay:
         """Play the episode and write the file."""
         from coopmap_env import field_v0
         from coopmap_env.evaluation.policy import make_policy
-        from coopmap_env.evaluation.replay.recording import record, write_replay
+        from coopmap_env.evaluation.replay.recording import record_replay, write_replay
 
         policy = make_policy(self.policy)
         env = field_v0.parallel_env(
-            n_robots=self.robots,
-            mount=mounts_of(self.mount),
+            n_robots=self.n_robots,
+            mount=parse_mounts(self.mount),
             scene=self.scene,
             split=self.split,
             max_scans=self.max_scans,
@@ -60,7 +60,7 @@ class Replay:
             motion_correction=self.motion_correction,
         )
         try:
-            write_replay(record(env, policy, self.seed), self.out)
+            write_replay(record_replay(env, policy, self.seed), self.out)
         finally:
             env.close()
         log(f"replay: {self.out}")

@@ -13,14 +13,14 @@ def settings_to_dict(settings: Any) -> dict[str, Any]:
     return asdict(settings)
 
 
-def settings_from_dict(values: dict[str, Any], kind: type[Settings]) -> Settings:
+def settings_from_dict(values: dict[str, Any], target_type: type[Settings]) -> Settings:
     """The settings that `settings_to_dict` wrote.
 
     Parameters
     ----------
     values : dict
         JSON values.
-    kind : type
+    target_type : type
         The settings' class, such as `PlanarSettings`.
 
     Raises
@@ -28,19 +28,21 @@ def settings_from_dict(values: dict[str, Any], kind: type[Settings]) -> Settings
     ValueError
         If a name is unknown or a value is not accepted.
     """
-    assert is_dataclass(kind)
-    known = {field.name for field in fields(kind)}
-    if unknown := set(values) - known:
-        raise ValueError(f"unknown settings {sorted(unknown)}; known are {sorted(known)}")
-    hints = get_type_hints(kind)
+    assert is_dataclass(target_type)
+    field_names = {field.name for field in fields(target_type)}
+    if unknown := set(values) - field_names:
+        raise ValueError(f"unknown settings {sorted(unknown)}; known are {sorted(field_names)}")
+    hints = get_type_hints(target_type)
     try:
-        return kind(**{name: _value(value, hints[name]) for name, value in values.items()})
+        return target_type(
+            **{name: _from_json(value, hints[name]) for name, value in values.items()}
+        )
     except TypeError as error:
         raise ValueError(f"settings: {error}") from error
 
 
-def _value(value: Any, kind: Any) -> Any:
+def _from_json(value: Any, target_type: Any) -> Any:
     """One value; nested settings are dictionaries in JSON, and tuples are lists."""
-    if is_dataclass(kind) and isinstance(kind, type) and isinstance(value, dict):
-        return settings_from_dict(value, kind)
+    if is_dataclass(target_type) and isinstance(target_type, type) and isinstance(value, dict):
+        return settings_from_dict(value, target_type)
     return tuple(value) if isinstance(value, list) else value

@@ -21,7 +21,7 @@ from coopmap_env.core.files import write_atomically
 from coopmap_env.core.serial import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.evaluation.jobs import Engine, Job, Result, run_jobs
+from coopmap_env.evaluation.jobs import Backend, Job, Result, run_jobs
 from coopmap_env.evaluation.policy import Policy, make_policy
 from coopmap_env.evaluation.rollout import (
     SURFACE_SCORES,
@@ -36,7 +36,7 @@ from coopmap_env.evaluation.statistics.bootstrap import (
     bootstrap_paired_difference,
     probability_of_improvement,
 )
-from coopmap_env.evaluation.worlds import kind_of, make_env
+from coopmap_env.evaluation.worlds import get_env_spec, make_env
 from coopmap_env.simulation.scenes.field import read_user_scene
 
 SCORES = (
@@ -45,15 +45,15 @@ SCORES = (
     "reward",
     "entropy",
     "log_loss",
-    "brier",
+    "brier_score",
     "motion_cost",
-    "contacts",
-    "planning_ms",
+    "n_collisions",
+    "planning_time_ms",
     *SURFACE_SCORES,
 )
 """Columns that the summary gives with intervals, those of them that the world has."""
 BOOTSTRAP_SEED = 20_011
-OF_POLICY = ("policy", "fingerprint", "seed")
+POLICY_KEYS = ("policy", "fingerprint", "seed")
 """Entries of a job that do not decide its environment."""
 
 
@@ -73,11 +73,11 @@ class Evaluation:
     def curves(self) -> dict[str, NDArray[np.float64]]:
         """Curves by name, each of shape (n_episodes, n_scans + 1), beginning before a scan."""
         curves = {
-            "viewed": np.array([episode.viewed for episode in self.episodes]),
-            "entropy": np.array([episode.entropy for episode in self.episodes]),
+            "coverage": np.array([episode.coverage_curve for episode in self.episodes]),
+            "entropy": np.array([episode.entropy_curve for episode in self.episodes]),
         }
-        traces = [episode.surface.curve for episode in self.episodes if episode.surface]
-        return {**curves, "surface": np.array(traces)} if traces else curves
+        traces = [episode.surface.coverage_curve for episode in self.episodes if episode.surface]
+        return {**curves, "surface_coverage": np.array(traces)} if traces else curves
 
 
 def evaluate(env: MappingEnv[Any], policy: Policy, seeds: Iterable[int]) -> Evaluation:
@@ -106,7 +106,7 @@ def evaluate(env: MappingEnv[Any], policy: Policy, seeds: Iterable[int]) -> Eval
 
 
 def make_job(
-    policy: str, seed: int, env: dict[str, Any], settings: Any, world: str = "planar"
+    policy: str, seed: int, env_kwargs: dict[str, Any], settings: Any, env_name: str = "planar"
 ) -> Job:
     """One episode as JSON: all that decides it, so that equal jobs have equal results.
 
@@ -116,12 +116,12 @@ def make_job(
     """
     return {
         "version": __version__,
-        "files": contents_of(policy, str(env.get("scene", "")), world),
+        "files": file_hashes(policy, str(env_kwargs.get("scene", "")), env_name),
         "policy": policy,
         "fingerprint": _fingerprint(policy),
         "seed": seed,
-        "world": world,
-        "env": env,
+        "env_name": env_name,
+        "env_kwargs": env_kwargs,
         "settings": None if settings is None else settings_to_dict(settings),
     }
 
@@ -131,26 +131,26 @@ def _fingerprint(policy: str) -> str:
     return str(getattr(make_policy(policy), "fingerprint", ""))
 
 
-def contents_of(policy: str, scene: str, world: str) -> dict[str, str]:
+def file_hashes(policy: str, scene: str, env_name: str) -> dict[str, str]:
     """SHA-256 of the files that a policy's spec names, and of a scene's."""
     named = [Path(word) for word in re.split("[=+:]", policy) if word]
-    return _hashes(named) | _scene_contents(scene, world)
+    return _sha256_of_files(named) | _scene_hashes(scene, env_name)
 
 
-def _scene_contents(scene: str, world: str) -> dict[str, str]:
+def _scene_hashes(scene: str, env_name: str) -> dict[str, str]:
     """SHA-256 of a scene's YAML and image, or in the field of the solids that come of its files."""
     path = Path(scene)
     if path.suffix not in (".yaml", ".yml"):
         return {}
-    if world == "planar":
-        return _hashes([path, *path.parent.glob("*.p[gn][mg]")])
+    if env_name == "planar":
+        return _sha256_of_files([path, *path.parent.glob("*.p[gn][mg]")])
     sha = hashlib.sha256(path.read_bytes())
     for solid in read_user_scene(path).solids:
         sha.update(solid.vertices.tobytes() + solid.faces.tobytes())
     return {scene: sha.hexdigest()}
 
 
-def _hashes(paths: Sequence[Path]) -> dict[str, str]:
+def _sha256_of_files(paths: Sequence[Path]) -> dict[str, str]:
     return {
         str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()
     }
@@ -159,7 +159,7 @@ def _hashes(paths: Sequence[Path]) -> dict[str, str]:
 @lru_cache(maxsize=4)
 def _env(arguments: str) -> MappingEnv[Any]:
     values = json.loads(arguments)
-    return make_env(values["world"], values["env"], values["settings"])
+    return make_env(values["env_name"], values["env_kwargs"], values["settings"])
 
 
 @lru_cache(maxsize=16)
@@ -171,8 +171,8 @@ def _policy(spec: str, arguments: str) -> Policy:
 
 def run_job(job: Job) -> Result:
     """Play the episode of a job; environments and policies are kept from job to job."""
-    kept = {name: value for name, value in job.items() if name not in OF_POLICY}
-    arguments = json.dumps(kept, sort_keys=True)
+    env_values = {name: value for name, value in job.items() if name not in POLICY_KEYS}
+    arguments = json.dumps(env_values, sort_keys=True)
     return asdict(run_episode(_env(arguments), _policy(job["policy"], arguments), job["seed"]))
 
 
@@ -188,13 +188,13 @@ def _is_episode(result: Any) -> bool:
 def compare(
     policies: Sequence[str],
     seeds: Sequence[int],
-    env: dict[str, Any],
-    store: Path,
+    env_kwargs: dict[str, Any],
+    results_dir: Path,
     settings: Any = None,
     workers: int = 1,
     progress: bool = True,
-    world: str = "planar",
-    engine: Engine = "processes",
+    env_name: str = "planar",
+    backend: Backend = "processes",
 ) -> dict[str, Evaluation]:
     """Play every policy on the same worlds; resumable, and the same for any number of workers.
 
@@ -203,28 +203,36 @@ def compare(
     policies : sequence of str
         Specs, see `make_policy`.
     seeds : sequence of int
-    env : dict
+    env_kwargs : dict
         Arguments of the environment as JSON values, without the settings.
-    store : Path
+    results_dir : Path
         Folder for finished episodes.
     settings : optional
         `PlanarSettings` or `FieldSettings`.
-    world : {"planar", "field"}
-    engine : {"processes", "ray"}
+    env_name : {"planar", "field"}
+    backend : {"processes", "ray"}
         What the workers are; see `coopmap_env.evaluation.jobs.run_jobs`.
     """
-    made = [make_policy(policy) for policy in policies]  # refuses bad specs before any work
-    with closing(kind_of(world).env(**env, settings=settings)) as tried:  # and bad arguments
-        _try_out(made, tried)
-    jobs = [make_job(policy, seed, env, settings, world) for policy in policies for seed in seeds]
-    results = iter(run_jobs(run_job, jobs, store, workers, progress, _is_episode, engine))
+    policy_objects = [
+        make_policy(policy) for policy in policies
+    ]  # refuses bad specs before any work
+    with closing(
+        get_env_spec(env_name).make(**env_kwargs, settings=settings)
+    ) as trial_env:  # and bad arguments
+        _check_policies(policy_objects, trial_env)
+    jobs = [
+        make_job(policy, seed, env_kwargs, settings, env_name)
+        for policy in policies
+        for seed in seeds
+    ]
+    results = iter(run_jobs(run_job, jobs, results_dir, workers, progress, _is_episode, backend))
     return {
         policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
         for policy in policies
     }
 
 
-def _try_out(policies: Iterable[Policy], env: MappingEnv[Any]) -> None:
+def _check_policies(policies: Iterable[Policy], env: MappingEnv[Any]) -> None:
     """Let each decide once, so that one that does not fit is found out before others play."""
     observations, _ = env.reset(seed=0)
     for policy in policies:
@@ -255,7 +263,7 @@ def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict
                 }
             if reference is not None and name != reference:
                 ours, theirs = table["coverage_auc"], evaluations[reference].table["coverage_auc"]
-                entry["against"] = {
+                entry["comparison"] = {
                     "policy": reference,
                     "score": "coverage_auc",
                     "probability_of_improvement": probability_of_improvement(

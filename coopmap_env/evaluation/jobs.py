@@ -22,10 +22,10 @@ from typing import Any, Literal, get_args
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
 
-Engine = Literal["processes", "ray"]
+Backend = Literal["processes", "ray"]
 Job = dict[str, Any]
 Result = dict[str, Any]
-Numbered = Iterator[tuple[int, Result]]
+IndexedResults = Iterator[tuple[int, Result]]
 
 
 def job_key(job: Job) -> str:
@@ -36,11 +36,11 @@ def job_key(job: Job) -> str:
 def run_jobs(
     function: Callable[[Job], Result],
     jobs: Sequence[Job],
-    store: Path,
+    results_dir: Path,
     workers: int = 1,
     progress: bool = True,
-    usable: Callable[[Any], bool] = lambda result: True,
-    engine: Engine = "processes",
+    is_valid: Callable[[Any], bool] = lambda result: True,
+    backend: Backend = "processes",
 ) -> list[Result]:
     """Results of all jobs, in the order of the jobs.
 
@@ -50,35 +50,35 @@ def run_jobs(
         Importable, and a function of its job alone; its result is JSON.
     jobs : sequence of dict
         JSON values.
-    store : Path
+    results_dir : Path
         Folder of finished results.
     workers : int
-        Jobs at a time, each in a process; 1 works in this one unless the engine is Ray.
+        Jobs at a time, each in a process; 1 works in this one unless the backend is Ray.
     progress : bool
         Show a bar (extra ``cli``).
-    usable : callable
+    is_valid : callable
         Whether a stored result can be used; others count as missing.
-    engine : {"processes", "ray"}
-        Where the work is done: processes of this machine, or tasks of Ray, see `connected_ray`.
+    backend : {"processes", "ray"}
+        Where the work is done: processes of this machine, or tasks of Ray, see `ray_session`.
         Results are stored by this process either way.
 
     Raises
     ------
     ValueError
-        If `workers` is less than 1, or the engine is neither.
+        If `workers` is less than 1, or the backend is neither.
     ImportError
         If Ray is asked for and missing (extra ``ray``).
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
-    if engine not in get_args(Engine):
-        raise ValueError(f"engine must be one of {get_args(Engine)}, got {engine!r}")
-    run = _run_in_ray if engine == "ray" else _run
-    store.mkdir(parents=True, exist_ok=True)
-    paths = [store / f"{job_key(job)}.json" for job in jobs]
-    results = [_read(path, usable) for path in paths]
+    if backend not in get_args(Backend):
+        raise ValueError(f"backend must be one of {get_args(Backend)}, got {backend!r}")
+    run = _run_in_ray if backend == "ray" else _run_in_processes
+    results_dir.mkdir(parents=True, exist_ok=True)
+    paths = [results_dir / f"{job_key(job)}.json" for job in jobs]
+    results = [_read(path, is_valid) for path in paths]
     missing = [i for i, result in enumerate(results) if result is None]
-    for i, result in _bar(
+    for i, result in _progress_bar(
         run(function, [(i, jobs[i]) for i in missing], workers), len(jobs), len(missing), progress
     ):
         write_atomically(paths[i], json.dumps(result))
@@ -86,16 +86,18 @@ def run_jobs(
     return [result for result in results if result is not None]
 
 
-def _read(path: Path, usable: Callable[[Any], bool]) -> Result | None:
+def _read(path: Path, is_valid: Callable[[Any], bool]) -> Result | None:
     """A stored result, or None if there is none that can be read."""
     try:
         value: Result = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError):
         return None
-    return value if usable(value) else None
+    return value if is_valid(value) else None
 
 
-def _run(function: Callable[[Job], Result], jobs: list[tuple[int, Job]], workers: int) -> Numbered:
+def _run_in_processes(
+    function: Callable[[Job], Result], jobs: list[tuple[int, Job]], workers: int
+) -> IndexedResults:
     if workers == 1 or len(jobs) < 2:
         for i, job in jobs:
             yield i, function(job)
@@ -113,7 +115,7 @@ def _run(function: Callable[[Job], Result], jobs: list[tuple[int, Job]], workers
 
 
 @contextlib.contextmanager
-def connected_ray(workers: int) -> Iterator[ModuleType]:
+def ray_session(workers: int) -> Iterator[ModuleType]:
     """Ray, connected for as long as the context lasts, quietly and without its statistics of use.
 
     A connection that is there already is used and left open. Else the environment variable
@@ -149,10 +151,10 @@ def connected_ray(workers: int) -> Iterator[ModuleType]:
 
 def _run_in_ray(
     function: Callable[[Job], Result], jobs: list[tuple[int, Job]], workers: int
-) -> Numbered:
+) -> IndexedResults:
     if not jobs:  # Ray takes seconds to start
         return
-    with connected_ray(min(workers, len(jobs))) as ray:
+    with ray_session(min(workers, len(jobs))) as ray:
         task, waiting = ray.remote(function), iter(jobs)
         running: dict[Any, int] = {}
         try:
@@ -168,7 +170,7 @@ def _run_in_ray(
                 ray.cancel(left)
 
 
-def _bar(
+def _progress_bar(
     results: Iterable[tuple[int, Result]], total: int, missing: int, progress: bool
 ) -> Iterable[tuple[int, Result]]:
     if not progress:

@@ -15,7 +15,7 @@ import numpy as np
 
 from coopmap_env.envs.belief import Belief, Observation
 
-GROUP = "coopmap.policies"
+ENTRY_POINT_GROUP = "coopmap.policies"
 
 
 @runtime_checkable
@@ -31,7 +31,7 @@ class Policy(Protocol):
 
 def policy_names() -> list[str]:
     """Names of all installed policies."""
-    return sorted(point.name for point in entry_points(group=GROUP))
+    return sorted(entry_point.name for entry_point in entry_points(group=ENTRY_POINT_GROUP))
 
 
 def make_policy(spec: str) -> Policy:
@@ -46,7 +46,7 @@ def make_policy(spec: str) -> Policy:
         If the name or an option is unknown, or an option's value is not accepted.
     """
     name, _, text = spec.partition(":")
-    found = {point.name: point for point in entry_points(group=GROUP)}
+    found = {entry_point.name: entry_point for entry_point in entry_points(group=ENTRY_POINT_GROUP)}
     if name not in found:
         raise ValueError(f"unknown policy {name!r}; installed are {', '.join(sorted(found))}")
     options: dict[str, Any] = {}

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def told_by_scans(sampled: ArrayLike, known: ArrayLike) -> NDArray[np.bool_]:
+def observed_mask(sampled: ArrayLike, initially_sampled: ArrayLike) -> NDArray[np.bool_]:
     """Sampled voxels but for those known from the start, such as a vehicle's parking room.
 
     That room, two times 11 m³ by default, is certain and right whatever a policy does. Counted in,
@@ -17,7 +17,7 @@ def told_by_scans(sampled: ArrayLike, known: ArrayLike) -> NDArray[np.bool_]:
     ----------
     sampled : array_like of bool
         `OccupancyMap.sampled` at the time of scoring.
-    known : array_like of bool
+    initially_sampled : array_like of bool
         The same before the first scan.
 
     Raises
@@ -25,9 +25,13 @@ def told_by_scans(sampled: ArrayLike, known: ArrayLike) -> NDArray[np.bool_]:
     ValueError
         If the shapes differ, or the map has forgotten what it knew.
     """
-    now, before = np.asarray(sampled, dtype=bool), np.asarray(known, dtype=bool)
+    now, before = np.asarray(sampled, dtype=bool), np.asarray(initially_sampled, dtype=bool)
     if now.shape != before.shape:
-        raise ValueError(f"sampled and known must have one shape, got {now.shape}, {before.shape}")
+        raise ValueError(
+            f"sampled and initially_sampled must have one shape, got {now.shape}, {before.shape}"
+        )
     if (before & ~now).any():
-        raise ValueError("known must be of the same map before the first scan: it has more voxels")
+        raise ValueError(
+            "initially_sampled must be of the same map before the first scan: it has more voxels"
+        )
     return np.asarray(now & ~before)

@@ -13,15 +13,15 @@ from coopmap_env.simulation.scenes.field import Clutter, Rubble, Worksite
 from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 
 
-class Kind(NamedTuple):
+class EnvSpec(NamedTuple):
     """What makes a world's environments."""
 
     constructor: Callable[..., MappingEnv[Any]]
-    settings: type[Any]
-    scenes: dict[str, type[Any]]
+    settings_class: type[Any]
+    scene_classes: dict[str, type[Any]]
     """Those that can be given as JSON objects, by name."""
 
-    def env(self, **arguments: Any) -> MappingEnv[Any]:
+    def make(self, **arguments: Any) -> MappingEnv[Any]:
         """Make an environment.
 
         Parameters
@@ -37,31 +37,31 @@ class Kind(NamedTuple):
         """
         scene = arguments.get("scene")
         if isinstance(scene, Mapping):
-            arguments["scene"] = self._scene(dict(scene))
+            arguments["scene"] = self._make_scene(dict(scene))
         return self.constructor(**arguments)
 
-    def _scene(self, fields: dict[str, Any]) -> Any:
+    def _make_scene(self, fields: dict[str, Any]) -> Any:
         name = fields.pop("name", None)
-        if name not in self.scenes:
+        if name not in self.scene_classes:
             raise ValueError(
-                f"the name of a scene with fields must be one of {', '.join(self.scenes)}, "
+                f"the name of a scene with fields must be one of {', '.join(self.scene_classes)}, "
                 f"got {name!r}"
             )
         try:
-            return settings_from_dict(fields, self.scenes[name])
+            return settings_from_dict(fields, self.scene_classes[name])
         except ValueError as error:
             raise ValueError(f"scene {name!r}: {error}") from error
 
 
-WORLDS = {
-    "planar": Kind(PlanarEnv, PlanarSettings, {"obstacles": Obstacles, "rooms": Rooms}),
-    "field": Kind(
+ENV_SPECS = {
+    "planar": EnvSpec(PlanarEnv, PlanarSettings, {"obstacles": Obstacles, "rooms": Rooms}),
+    "field": EnvSpec(
         FieldEnv, FieldSettings, {"worksite": Worksite, "clutter": Clutter, "rubble": Rubble}
     ),
 }
 
 
-def kind_of(world: str) -> Kind:
+def get_env_spec(env_name: str) -> EnvSpec:
     """What makes the environments of a world.
 
     Raises
@@ -69,25 +69,27 @@ def kind_of(world: str) -> Kind:
     ValueError
         With the choices, if the name is unknown.
     """
-    if world not in WORLDS:
-        raise ValueError(f"world must be one of {', '.join(WORLDS)}, got {world!r}")
-    return WORLDS[world]
+    if env_name not in ENV_SPECS:
+        raise ValueError(f"env_name must be one of {', '.join(ENV_SPECS)}, got {env_name!r}")
+    return ENV_SPECS[env_name]
 
 
 def make_env(
-    world: str, arguments: dict[str, Any], settings: dict[str, Any] | None
+    env_name: str, arguments: dict[str, Any], settings: dict[str, Any] | None
 ) -> MappingEnv[Any]:
     """Make an environment from JSON values.
 
     Parameters
     ----------
-    world : str
+    env_name : str
         "planar" or "field".
     arguments : dict
-        Of its constructor, without the settings; see `Kind.env`.
+        Of its constructor, without the settings; see `EnvSpec.env`.
     settings : dict, optional
         As `settings_to_dict` writes them.
     """
-    kind = kind_of(world)
-    made = None if settings is None else settings_from_dict(settings, kind.settings)
-    return kind.env(**arguments, settings=made)
+    env_spec = get_env_spec(env_name)
+    typed_settings = (
+        None if settings is None else settings_from_dict(settings, env_spec.settings_class)
+    )
+    return env_spec.make(**arguments, settings=typed_settings)

@@ -61,7 +61,7 @@ def test_a_policy_learned_alone_is_not_for_teams():
 def test_a_learned_policy_never_asks_for_a_masked_candidate():
     policy = LearnedPolicy(train(masked_world, TINY, seed=0))
     evaluation = evaluate(masked_world(), policy, range(5))
-    assert evaluation.table["refused"].sum() == 0
+    assert evaluation.table["n_rejected_actions"].sum() == 0
 
 
 def test_a_policy_among_candidates_names_what_it_was_trained_on_but_for_their_number():

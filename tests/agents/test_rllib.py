@@ -26,7 +26,7 @@ from ray.rllib.core.columns import Columns
 from small_worlds import masked_world, small_world
 from toy_team import ConstantChoice, ConstantReward, HookedEnv, StatefulEnv
 
-from coopmap_env.evaluation.jobs import connected_ray
+from coopmap_env.evaluation.jobs import ray_session
 
 TINY = PPOSettings(
     total_steps=256, segment_steps=128, n_envs=4, rollout_steps=16, batch_size=64, n_epochs=2,
@@ -43,7 +43,7 @@ def ray():
     """Two processors for the workers of this file."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(Path(__file__).parent))  # toys are imported from here
-        with connected_ray(workers=2) as started:
+        with ray_session(workers=2) as started:
             yield started
 
 

@@ -41,7 +41,7 @@ def test_every_training_seed_of_a_policy_loads_and_plays(name):
     for seed in pretrained_record(name)["seeds"]:
         policy = make_policy(f"learned:model={name}+seed={seed}")
         table = evaluate(env, policy, [0]).table
-        assert table["refused"][0] < 3
+        assert table["n_rejected_actions"][0] < 3
         coverage.add(float(table["coverage"][0]))
     env.close()
     assert len(coverage) > 1  # they are policies of their own

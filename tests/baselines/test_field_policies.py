@@ -50,11 +50,11 @@ def belief(env):
 @pytest.mark.parametrize("name", POLICIES)
 def test_every_baseline_plays_the_same_episode_for_the_same_seed(env, name):
     policy = coopmap_baselines.make(name, **POLICIES[name])
-    one, two = (replace(run_episode(env, policy, seed=0), planning_ms=0.0) for _ in range(2))
+    one, two = (replace(run_episode(env, policy, seed=0), planning_time_ms=0.0) for _ in range(2))
     assert one == two
-    assert one.refused == 0
-    assert one.surface.curve[-1] > one.surface.curve[0] == 0.0
-    assert one.viewed[-1] > one.viewed[0]
+    assert one.n_rejected_actions == 0
+    assert one.surface.coverage_curve[-1] > one.surface.coverage_curve[0] == 0.0
+    assert one.coverage_curve[-1] > one.coverage_curve[0]
 
 
 @pytest.mark.parametrize("name", COORDINATED)

@@ -19,7 +19,7 @@ from coopmap_env.evaluation.comparison import (
     write_episodes,
 )
 from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
-from coopmap_env.evaluation.rollout import Episode, Extent, episode_from_dict, run_episode
+from coopmap_env.evaluation.rollout import Episode, MappedExtent, episode_from_dict, run_episode
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.scenes.planar import Obstacles, save_map_server
@@ -33,22 +33,22 @@ def small_env(**arguments):
 
 
 def timeless(episode):
-    return replace(episode, planning_ms=0.0)
+    return replace(episode, planning_time_ms=0.0)
 
 
-def episode(seed=0, viewed=(0.0, 0.1, 0.3), sigma=1.0, farthest=9.0):
+def episode(seed=0, coverage_curve=(0.0, 0.1, 0.3), radius_std=1.0, max_radius=9.0):
     return Episode(
         seed=seed,
-        viewed=list(viewed),
-        entropy=[3.0] * len(viewed),
+        coverage_curve=list(coverage_curve),
+        entropy_curve=[3.0] * len(coverage_curve),
         reward=1.0,
         motion_cost=2.0,
         log_loss=0.1,
-        brier=0.01,
-        extent=Extent(farthest, 3.0, sigma),
-        refused=0,
-        contacts=0,
-        planning_ms=0.5,
+        brier_score=0.01,
+        extent=MappedExtent(max_radius, 3.0, radius_std),
+        n_rejected_actions=0,
+        n_collisions=0,
+        planning_time_ms=0.5,
     )
 
 
@@ -61,19 +61,19 @@ def test_the_area_under_the_curve_is_the_mean_of_its_trapezoids():
 def test_the_extent_of_two_viewed_cells_by_hand():
     map_ = OccupancyMap(VoxelGrid((8, 8)))
     map_.mark_free([0 * 8 + 0, 3 * 8 + 4])  # centres (0.5, 0.5) and (3.5, 4.5)
-    extent = Extent.of(map_, np.array([0.5, 0.5]))
-    assert (extent.farthest, extent.mean_radius, extent.sigma) == (5.0, 2.5, 2.5)
+    extent = MappedExtent.from_map(map_, np.array([0.5, 0.5]))
+    assert (extent.max_radius, extent.mean_radius, extent.radius_std) == (5.0, 2.5, 2.5)
 
 
 def test_an_episode_measures_what_the_environment_did():
     env, policy = small_env(), make_policy("rating_function:search=10")
     result = run_episode(env, policy, seed=3)
     map_ = env.belief().map
-    assert len(result.viewed) == 5
+    assert len(result.coverage_curve) == 5
     assert result.coverage == map_.observed_fraction
-    assert result.entropy[-1] == map_.entropy
-    assert result.refused == 0
-    assert np.all(np.diff(result.viewed) >= 0)
+    assert result.entropy_curve[-1] == map_.entropy
+    assert result.n_rejected_actions == 0
+    assert np.all(np.diff(result.coverage_curve) >= 0)
 
 
 def test_the_same_seed_gives_the_same_episode_but_for_the_time():
@@ -86,8 +86,8 @@ def test_the_same_seed_gives_the_same_episode_but_for_the_time():
 def test_evaluate_takes_a_policy_object_and_returns_table_and_curves():
     result = evaluation.evaluate(small_env(), coopmap_baselines.make("random"), seeds=range(3))
     assert result.table["seed"].tolist() == [0, 1, 2]
-    assert result.curves["viewed"].shape == (3, 5)
-    assert np.array_equal(result.table["coverage"], result.curves["viewed"][:, -1])
+    assert result.curves["coverage"].shape == (3, 5)
+    assert np.array_equal(result.table["coverage"], result.curves["coverage"][:, -1])
 
 
 def test_evaluate_without_seeds_says_so():
@@ -185,8 +185,8 @@ def test_the_summary_compares_with_the_reference():
     better = Evaluation(tuple(episode(s, (0.0, 0.2, 0.4 + 0.01 * s)) for s in range(8)))
     worse = Evaluation(tuple(episode(s, (0.0, 0.1, 0.3 + 0.01 * s)) for s in range(8)))
     summary = summarize({"ref": worse, "new": better}, reference="ref")
-    assert "against" not in summary["ref"]
-    against = summary["new"]["against"]
+    assert "comparison" not in summary["ref"]
+    against = summary["new"]["comparison"]
     assert against["policy"] == "ref"
     assert against["probability_of_improvement"]["estimate"] == 1.0
     assert against["difference"]["estimate"] == pytest.approx(0.075)

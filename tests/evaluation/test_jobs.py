@@ -14,8 +14,8 @@ from coopmap_env.evaluation.comparison import compare
 from coopmap_env.evaluation.jobs import (
     _run,
     _run_in_ray,
-    connected_ray,
     job_key,
+    ray_session,
     run_jobs,
 )
 
@@ -27,7 +27,7 @@ def ray():
     """Two workers of Ray; what runs jobs in it finds it connected and leaves it so."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(Path(__file__).parent))  # workers import the jobs from here
-        with connected_ray(workers=2) as started:
+        with ray_session(workers=2) as started:
             yield started
             assert started.is_initialized()
     assert not started.is_initialized()
@@ -118,14 +118,14 @@ def test_an_interruption_stops_the_workers_too(tmp_path):
 def test_a_stored_result_of_no_use_is_made_again(tmp_path):
     run_jobs(square, JOBS, tmp_path, progress=False)
     (tmp_path / f"{job_key(JOBS[2])}.json").write_text("{}")
-    results = run_jobs(square, JOBS, tmp_path, progress=False, usable=lambda result: bool(result))
+    results = run_jobs(square, JOBS, tmp_path, progress=False, is_valid=lambda result: bool(result))
     assert squares(results) == [0, 1, 4, 9, 16]
 
 
 @pytest.mark.usefixtures("ray")
 def test_ray_s_workers_give_the_same_results_and_files_as_this_process(tmp_path):
     run_jobs(square, JOBS, tmp_path / "here", progress=False)
-    results = run_jobs(square, JOBS, tmp_path / "ray", 2, progress=False, engine="ray")
+    results = run_jobs(square, JOBS, tmp_path / "ray", 2, progress=False, backend="ray")
     assert squares(results) == [0, 1, 4, 9, 16]
     assert os.getpid() not in {result["process"] for result in results}
     here, there = ({path.name for path in tmp_path.glob(f"{of}/*")} for of in ("here", "ray"))
@@ -133,17 +133,17 @@ def test_ray_s_workers_give_the_same_results_and_files_as_this_process(tmp_path)
 
 
 def test_what_ray_has_finished_is_run_again_by_neither_engine(tmp_path, ray):
-    run_jobs(square, JOBS[:3], tmp_path, 2, progress=False, engine="ray")
+    run_jobs(square, JOBS[:3], tmp_path, 2, progress=False, backend="ray")
     assert squares(run_jobs(refuse, JOBS[:3], tmp_path, progress=False)) == [0, 1, 4]
-    assert squares(run_jobs(square, JOBS, tmp_path, 2, progress=False, engine="ray"))[4] == 16
-    results = run_jobs(refuse, JOBS, tmp_path, 2, progress=False, engine="ray")
+    assert squares(run_jobs(square, JOBS, tmp_path, 2, progress=False, backend="ray"))[4] == 16
+    results = run_jobs(refuse, JOBS, tmp_path, 2, progress=False, backend="ray")
     assert squares(results) == [0, 1, 4, 9, 16]
 
 
 def test_an_error_in_a_worker_of_ray_is_that_error_here_and_what_is_finished_stays(tmp_path, ray):
-    run_jobs(square, JOBS[:2], tmp_path, 1, progress=False, engine="ray")
+    run_jobs(square, JOBS[:2], tmp_path, 1, progress=False, backend="ray")
     with pytest.raises(RuntimeError, match=r"job \{'n': 2\} was run again"):
-        run_jobs(refuse, JOBS, tmp_path, 1, progress=False, engine="ray")
+        run_jobs(refuse, JOBS, tmp_path, 1, progress=False, backend="ray")
     assert len(list(tmp_path.iterdir())) == 2
 
 
@@ -162,16 +162,18 @@ def test_ray_is_given_as_many_jobs_at_a_time_as_there_are_workers(tmp_path):
 def test_episodes_do_not_depend_on_the_engine(tmp_path):
     policies, arguments = ["rating_function:search=10", "raster"], {"max_scans": 3, "split": "test"}
     here = compare(policies, [4], arguments, tmp_path / "here", progress=False)
-    there = compare(policies, [4], arguments, tmp_path / "ray", None, 2, False, engine="ray")
+    there = compare(policies, [4], arguments, tmp_path / "ray", None, 2, False, backend="ray")
     for name in policies:
-        one, two = (replace(result[name].episodes[0], planning_ms=0.0) for result in (here, there))
+        one, two = (
+            replace(result[name].episodes[0], planning_time_ms=0.0) for result in (here, there)
+        )
         assert one == two
 
 
 def test_the_environment_names_the_cluster_of_ray(ray):
     code = """
-from coopmap_env.evaluation.jobs import connected_ray
-with connected_ray(1) as ray:
+from coopmap_env.evaluation.jobs import ray_session
+with ray_session(1) as ray:
     print(ray.get_runtime_context().gcs_address)
 """
     address = ray.get_runtime_context().gcs_address
@@ -184,11 +186,11 @@ with connected_ray(1) as ray:
 
 
 def test_an_engine_that_is_none_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"engine must be one of .*'ray'.*, got 'dask'"):
-        run_jobs(square, JOBS, tmp_path, engine="dask")
+    with pytest.raises(ValueError, match=r"backend must be one of .*'ray'.*, got 'dask'"):
+        run_jobs(square, JOBS, tmp_path, backend="dask")
 
 
 def test_a_missing_ray_is_named_with_the_command_that_brings_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ImportError, match=r"ray is needed here.*pip install 'coopmap\[ray\]'"):
-        run_jobs(square, JOBS, tmp_path, progress=False, engine="ray")
+        run_jobs(square, JOBS, tmp_path, progress=False, backend="ray")

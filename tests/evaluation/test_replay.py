@@ -11,8 +11,13 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.evaluation.replay.page import page_of, scan_times, voxel_colors, voxel_lives
-from coopmap_env.evaluation.replay.recording import Frame, Replay, record, write_replay
+from coopmap_env.evaluation.replay.page import (
+    render_page,
+    scan_times,
+    voxel_colors,
+    voxel_lifetimes,
+)
+from coopmap_env.evaluation.replay.recording import Frame, Replay, record_replay, write_replay
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.rendering.panels import ROBOT_COLORS
@@ -30,9 +35,9 @@ def frame_with(occupied=(), robots=0, **changes):
     nothing = (np.zeros(1),) * robots
     parts = {
         "joints": nothing,
-        "cameras": (Pose(np.zeros(3), np.eye(3)),) * robots,
+        "camera_poses": (Pose(np.zeros(3), np.eye(3)),) * robots,
         "occupied": np.array(occupied, dtype=np.int64),
-        "viewed": 0.5,
+        "observed_fraction": 0.5,
         "rewards": (0.0,) * robots,
         "notes": ("",) * robots,
     }
@@ -55,9 +60,9 @@ def replay():
         frames.append(
             Frame(
                 joints=joints,
-                cameras=tuple(v.camera_pose(q) for v, q in zip(vehicles, joints, strict=True)),
+                camera_poses=tuple(v.camera_pose(q) for v, q in zip(vehicles, joints, strict=True)),
                 occupied=occupied,
-                viewed=0.2 * k,
+                observed_fraction=0.2 * k,
                 rewards=(0.5 * k, -0.25 * k),
                 notes=("", "bumped into </script> crate" if k == 2 else ""),
             )
@@ -67,17 +72,21 @@ def replay():
 
 def test_a_voxel_lives_from_the_frame_that_finds_it_to_the_one_that_loses_it():
     frames = tuple(map(frame_with, ([], [3, 5], [3, 5, 7], [3, 7], [3, 5, 7])))
-    lives = {life: cells.tolist() for life, cells in voxel_lives(frames).items()}
-    assert lives == {(1, 5): [3], (1, 3): [5], (2, 5): [7], (4, 5): [5]}
-    assert voxel_lives((frame_with([]), frame_with([]))) == {}
+    lifetimes = {lifetime: cells.tolist() for lifetime, cells in voxel_lifetimes(frames).items()}
+    assert lifetimes == {(1, 5): [3], (1, 3): [5], (2, 5): [7], (4, 5): [5]}
+    assert voxel_lifetimes((frame_with([]), frame_with([]))) == {}
 
 
 def test_lives_put_together_are_the_frames():
     rng = np.random.default_rng(0)
     frames = tuple(frame_with(np.flatnonzero(rng.random(60) < 0.4)) for _ in range(9))
-    lives = voxel_lives(frames)
+    lifetimes = voxel_lifetimes(frames)
     for k, frame in enumerate(frames):
-        alive = [cells for (born, gone), cells in lives.items() if born <= k < gone]
+        alive = [
+            cells
+            for (first_frame, end_frame), cells in lifetimes.items()
+            if first_frame <= k < end_frame
+        ]
         np.testing.assert_array_equal(np.sort(np.concatenate(alive)), frame.occupied)
 
 
@@ -95,7 +104,7 @@ def test_voxels_are_coloured_by_their_height():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"viewed": 1.5}, "share between 0 and 1, got 1.5"),
+        ({"observed_fraction": 1.5}, "fraction between 0 and 1, got 1.5"),
         ({"rewards": (1.0,)}, r"\[0, 0, 1, 0\]"),
         ({"occupied": np.array([4, 4])}, "each once"),
     ],
@@ -112,8 +121,8 @@ def test_a_replay_that_does_not_fit_is_refused(replay):
         replace(replay, frames=(replay.frames[0], frame_with([])))
     with pytest.raises(ValueError, match="target must have triangles"):
         replace(replay, target=NO_TRIANGLES)
-    with pytest.raises(ValueError, match=r"scenery must be triangles .* got \(3, 3\)"):
-        replace(replay, scenery=np.zeros((3, 3)))
+    with pytest.raises(ValueError, match=r"obstacles must be triangles .* got \(3, 3\)"):
+        replace(replay, obstacles=np.zeros((3, 3)))
     outside = replace(replay.frames[0], occupied=np.array([GRID.n_cells]))
     with pytest.raises(ValueError, match="is outside of"):
         replace(replay, frames=(replay.frames[0], outside))
@@ -136,22 +145,26 @@ def test_an_episode_is_recorded_as_it_went():
     pytest.importorskip("pybullet")
     pytest.importorskip("embreex")
     env = FieldEnv(max_scans=2, split="test")
-    played = record(env, Wanderer(), seed=3)
+    played = record_replay(env, Wanderer(), seed=3)
     belief = env.belief()
     assert played.title == "worksite, world 3 of test"
     assert [len(frame.occupied) > 0 for frame in played.frames] == [False, True, True]
-    assert played.frames[0].viewed < played.frames[1].viewed < played.frames[2].viewed
+    assert (
+        played.frames[0].observed_fraction
+        < played.frames[1].observed_fraction
+        < played.frames[2].observed_fraction
+    )
     last = played.frames[-1]
     np.testing.assert_array_equal(
         last.occupied, np.flatnonzero((belief.map.probability >= 0.5) & belief.map.sampled)
     )
-    assert last.viewed == belief.map.observed_fraction
+    assert last.observed_fraction == belief.map.observed_fraction
     for robot, q in enumerate(belief.joints):
         np.testing.assert_array_equal(last.joints[robot], q)
-        assert last.cameras[robot] is belief.estimates[robot].pose
+        assert last.camera_poses[robot] is belief.estimates[robot].pose
         stayed = np.array_equal(played.frames[1].joints[robot], q)
         assert stayed == last.notes[robot].startswith("stayed: ")
-    assert len(played.target) + len(played.scenery) + 12 == len(env.truth.triangles)
+    assert len(played.target) + len(played.obstacles) + 12 == len(env.truth.triangles)
     env.close()
 
 
@@ -180,7 +193,7 @@ def test_the_page_is_one_small_file_that_loads_nothing(page):
 
 def test_the_page_holds_the_numbers_of_each_frame(page):
     data = json.loads(re.search(r"const data = (\{.*\});", page.read_text("utf-8")).group(1))
-    assert data["viewed"] == [0.0, 0.2, 0.4]
+    assert data["observed_fraction"] == [0.0, 0.2, 0.4]
     assert data["voxels"] == [0, 1600, 1700]
     assert data["rewards"][2] == [1.0, -0.5]
     assert data["notes"][2] == ["", "bumped into </script> crate"]
@@ -189,7 +202,7 @@ def test_the_page_holds_the_numbers_of_each_frame(page):
 
 def test_writing_says_nothing(replay, capsys):
     pytest.importorskip("viser")
-    page_of(replay)
+    render_page(replay)
     assert capsys.readouterr().out == ""
 
 

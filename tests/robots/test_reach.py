@@ -4,8 +4,8 @@ from collections import deque
 
 import numpy as np
 import pytest
-from plain.ray_cells import crossed_cells
 from plain.random_maps import random_map, set_cells
+from plain.ray_cells import crossed_cells
 from scipy import ndimage
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from plain.sweeps import collides_with_boxes, points_in_boxes
 from plain.field_worlds import base_pose
+from plain.sweeps import collides_with_boxes, points_in_boxes
 
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.simulation.physics.joint_map import JointMap

@@ -33,7 +33,7 @@ def test_the_gaussian_beam_has_the_lower_log_loss_on_held_out_worlds(recorded):
     constant = calibration.calibration_scores(calibration.pool_cells(worlds, env, HitMissModel()))
     # on test worlds about half; a quarter less is asked for here
     assert ours["log_loss"] < 0.75 * constant["log_loss"]
-    assert ours["brier"] < constant["brier"]
+    assert ours["brier_score"] < constant["brier_score"]
 
 
 def test_scores_count_the_sampled_cells(recorded):

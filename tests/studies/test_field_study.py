@@ -32,7 +32,7 @@ def test_every_policy_is_scored_against_the_surface_on_every_world(study):
     assert set(study.evaluations) == set(SIZE.policies)
     for evaluation in study.evaluations.values():
         assert len(evaluation.episodes) == 2
-        assert evaluation.curves["surface"].shape == (2, 3)
+        assert evaluation.curves["surface_coverage"].shape == (2, 3)
         assert set(TABLE_SCORES) <= set(evaluation.table)
         assert ((evaluation.table["f_score"] > 0) & (evaluation.table["f_score"] < 1)).all()
 
@@ -45,7 +45,7 @@ def test_octomap_saw_the_scans_of_the_pictured_episode(study):
 
 def test_the_summary_is_json_and_the_table_names_every_policy(study):
     summary = json.loads(json.dumps(field_summary(study)))
-    assert summary["policies"][RANDOM]["against"]["policy"] == SIZE.policies[0]
+    assert summary["policies"][RANDOM]["comparison"]["policy"] == SIZE.policies[0]
     assert summary["octomap"]["n_scans"] == 4
     for policy in SIZE.policies:
         assert policy in field_text_table(study)

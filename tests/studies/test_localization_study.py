@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 from coopmap_env.cli import main
-from coopmap_env.evaluation.statistics.bootstrap import bootstrap_groups
+from coopmap_env.evaluation.statistics.bootstrap import bootstrap_clusters
 from coopmap_env.studies.localization import study as localization_study
 from coopmap_env.studies.localization.episodes import run_search_episode
 from coopmap_env.studies.localization.pose_estimators import (
@@ -84,11 +84,11 @@ def test_groups_are_resampled_as_a_whole():
     def mean(rows):
         return float(rows.mean())
 
-    found = bootstrap_groups(groups, mean, np.random.default_rng(0))
+    found = bootstrap_clusters(groups, mean, np.random.default_rng(0))
     assert found.estimate == 0.5
     assert (found.low, found.high) == (0.0, 1.0)  # a quarter of the resamples has one group alone
     with pytest.raises(ValueError, match="at least 2, got 1"):
-        bootstrap_groups(groups[:1], mean, np.random.default_rng(0))
+        bootstrap_clusters(groups[:1], mean, np.random.default_rng(0))
 
 
 def test_what_knows_more_identifies_better():

@@ -10,9 +10,9 @@ import pytest
 from coopmap_env.cli import main
 from coopmap_env.evaluation.comparison import Evaluation
 from coopmap_env.evaluation.policy import make_policy
-from coopmap_env.evaluation.rollout import Episode, Extent
+from coopmap_env.evaluation.rollout import Episode, MappedExtent
 from coopmap_env.evaluation.statistics.bootstrap import Interval
-from coopmap_env.evaluation.worlds import kind_of
+from coopmap_env.evaluation.worlds import get_env_spec
 from coopmap_env.studies.benchmark import methods as policy_entries
 from coopmap_env.studies.benchmark import study as policy_study
 from coopmap_env.studies.benchmark.methods import (
@@ -84,13 +84,13 @@ def test_every_environment_of_the_comparison_can_be_made(world):
     whole = make_plan(FULL, (world,))
     for condition in (*whole.main, *whole.generalization):
         for arguments in (POSE_MODE, with_n_candidates(3)):
-            kind_of(world).env(**{**condition.arguments, **arguments}).close()
+            get_env_spec(world).make(**{**condition.arguments, **arguments}).close()
 
 
 def test_the_seed_decides_world_and_starts_whatever_the_action_mode():
     starts = []
     for arguments in (POSE_MODE, with_n_candidates(32), with_n_candidates(300)):
-        env = kind_of("planar").env(**SHORT, **arguments)
+        env = get_env_spec("planar").make(**SHORT, **arguments)
         env.reset(seed=4)
         starts.append((env.truth.occupied, env.belief().positions))
     for occupied, positions in starts[1:]:
@@ -122,9 +122,9 @@ def test_everybody_is_held_against_the_rating_function_on_as_many_candidates():
 def episode(seed, area, reward=0.0):
     """An episode of one scan: from nothing to twice the area."""
     return Episode(
-        seed=seed, viewed=[0.0, 2 * area], entropy=[1.0, 0.5], reward=reward, motion_cost=1.0,
-        log_loss=0.1, brier=0.1, extent=Extent(1.0, 1.0, 1.0), refused=0, contacts=0,
-        planning_ms=1.0,
+        seed=seed, coverage_curve=[0.0, 2 * area], entropy_curve=[1.0, 0.5], reward=reward, motion_cost=1.0,
+        log_loss=0.1, brier_score=0.1, extent=MappedExtent(1.0, 1.0, 1.0), n_rejected_actions=0, n_collisions=0,
+        planning_time_ms=1.0,
     )  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def test_scores_are_summed_up_over_runs_and_worlds():
     assert area["mean"]["estimate"] == pytest.approx(0.45)
     assert area["interquartile_mean"]["estimate"] == pytest.approx(0.45)  # of 0.4 and 0.5
     assert found["curve"]["estimate"] == pytest.approx([0.0, 0.9])
-    assert "surface" not in found["scores"]
+    assert "surface_coverage" not in found["scores"]
 
 
 def test_the_verdict_follows_from_the_paired_difference():
@@ -207,7 +207,7 @@ def test_all_entries_play_on_the_same_worlds(study):
     for method_result in study.main[0].method_results:
         assert len(method_result.runs) == len(method_result.method.policy_specs)
         assert method_result.scores["coverage_auc"].shape == (len(method_result.runs), 3)
-        assert method_result.curves("viewed").shape == (len(method_result.runs), 3, 3)
+        assert method_result.curves("coverage").shape == (len(method_result.runs), 3, 3)
         for run in method_result.runs:
             assert run.table["seed"].tolist() == [0, 1, 2]
     learned, _, coverage, *_ = study.main[0].method_results
@@ -256,7 +256,7 @@ def test_the_command_compares_in_the_worlds_it_is_told(tmp_path, monkeypatch, ca
         return BenchmarkPlan((Condition("all policies", "planar", 2, SHORT, ENTRIES[1:4]),), ())
 
     monkeypatch.setattr(policy_entries, "make_plan", small_plan)
-    main(["compare", "--quick", "--worlds", "planar", "--out", str(tmp_path)])
+    main(["compare", "--quick", "--envs", "planar", "--out", str(tmp_path)])
     assert asked == [(QUICK, ("planar",))]
     assert "| rating function, m = 100 |" in capsys.readouterr().out
     assert (tmp_path / "report.html").is_file()
@@ -264,7 +264,7 @@ def test_the_command_compares_in_the_worlds_it_is_told(tmp_path, monkeypatch, ca
 
 def test_bad_input_is_named(tmp_path):
     with pytest.raises(SystemExit, match="worlds must be planar, field or both, got moon"):
-        main(["compare", "--worlds", "planar,moon", "--out", str(tmp_path)])
+        main(["compare", "--envs", "planar,moon", "--out", str(tmp_path)])
     with pytest.raises(ValueError, match="field or both, got none"):
         make_plan(FULL, ())
     with pytest.raises(ValueError, match="n_worlds must be at least 2 for an interval, got 1"):

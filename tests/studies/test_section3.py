@@ -48,8 +48,12 @@ def test_table_1_stands_beside_the_papers(out):
     ]
     for search, (farthest, _, sigma) in PAPER_TABLE_1.items():
         row = rows[f"m = {search}" if isinstance(search, int) else search]
-        assert (float(row["paper_farthest"]), float(row["paper_sigma"])) == (farthest, sigma)
-        assert float(row["sigma_low"]) <= float(row["sigma"]) <= float(row["sigma_high"])
+        assert (float(row["paper_max_radius"]), float(row["paper_radius_std"])) == (farthest, sigma)
+        assert (
+            float(row["radius_std_low"])
+            <= float(row["radius_std"])
+            <= float(row["radius_std_high"])
+        )
     assert "54.89" in (out / "table.txt").read_text()
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.evaluation.comparison import Evaluation
-from coopmap_env.evaluation.rollout import Episode, Extent
+from coopmap_env.evaluation.rollout import Episode, MappedExtent
 from coopmap_env.studies.section3.trends import (
     equal_coverage,
     extent_decreases,
@@ -21,16 +21,16 @@ def evaluation(coverage, sigma=5.0, worlds=24, seed=0):
         tuple(
             Episode(
                 seed=world,
-                viewed=[0.0, scatter(coverage)],
-                entropy=[1.0, 0.5],
+                coverage_curve=[0.0, scatter(coverage)],
+                entropy_curve=[1.0, 0.5],
                 reward=0.0,
                 motion_cost=0.0,
                 log_loss=0.0,
-                brier=0.0,
-                extent=Extent(4 * scatter(sigma), 2 * sigma, scatter(sigma)),
-                refused=0,
-                contacts=0,
-                planning_ms=0.0,
+                brier_score=0.0,
+                extent=MappedExtent(4 * scatter(sigma), 2 * sigma, scatter(sigma)),
+                n_rejected_actions=0,
+                n_collisions=0,
+                planning_time_ms=0.0,
             )
             for world in range(worlds)
         )

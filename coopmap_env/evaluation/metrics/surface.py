@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 
 from coopmap_env.evaluation.metrics.surface_samples import sample_surface
 from coopmap_env.evaluation.metrics.surface_scores import (
-    SampleCells,
+    SampleVoxels,
     SurfaceScores,
     distance_scores,
     surface_points,
 )
 from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
-from coopmap_env.evaluation.metrics.visible_surface import N_POSES, reachable
+from coopmap_env.evaluation.metrics.visible_surface import N_POSES, visible_points
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.scenes.field import FieldWorld
 
 
-class SurfaceJudge:
+class SurfaceEvaluator:
     """Scores maps of one world; see `evaluation.surface_scores` for what the scores mean.
 
     Parameters
@@ -50,7 +50,7 @@ class SurfaceJudge:
     ----------
     samples : SurfaceSamples
         All of them.
-    reachable : ndarray of bool, shape (n_samples,)
+    visible : ndarray of bool, shape (n_samples,)
         Which of them some pose sees.
     """
 
@@ -66,13 +66,13 @@ class SurfaceJudge:
     ) -> None:
         self.samples = sample_surface(world, rng, n_samples)
         points = self.samples.points
-        self.reachable = reachable(world, vehicles, camera, points, rng, n_poses)
+        self.visible = visible_points(world, vehicles, camera, points, rng, n_poses)
         self.tau = world.grid.resolution if tau is None else float(tau)
-        self._points: NDArray[np.float64] = points[self.reachable]
-        self._cells = SampleCells.of(self._points, world.grid)
-        on_target = points[self.reachable & self.samples.is_target]
-        self._target_cells = SampleCells.of(on_target, world.grid)
-        self._bins = TriangleBins.of(world.triangles, world.grid)
+        self._points: NDArray[np.float64] = points[self.visible]
+        self._cells = SampleVoxels.from_points(self._points, world.grid)
+        on_target = points[self.visible & self.samples.is_target]
+        self._target_cells = SampleVoxels.from_points(on_target, world.grid)
+        self._bins = TriangleBins.from_triangles(world.triangles, world.grid)
 
     def coverage(self, map_: OccupancyMap) -> float:
         """Covered share of the reachable surface; cheap enough to be asked after each scan."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field import FieldWorld
 
-SIDES = tuple((axis, sign) for axis in range(3) for sign in (1.0, -1.0))
+BOX_SIDES = tuple((axis, sign) for axis in range(3) for sign in (1.0, -1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class SurfaceSamples:
     """Shape (n, 3), metres, world frame."""
     normals: NDArray[np.float64]
     """Shape (n, 3), of length 1, outward if the solids' faces are."""
-    solid: NDArray[np.int64]
+    solid_index: NDArray[np.int64]
     """Shape (n,): whose surface it is, index in `FieldWorld.solids`."""
     is_target: NDArray[np.bool_]
     """Shape (n,): whether that solid belongs to the target."""
@@ -58,28 +58,34 @@ def sample_surface(world: FieldWorld, rng: np.random.Generator, n: int = 20_000)
     if n < 1:
         raise ValueError(f"n must be at least 1, got {n}")
     counts = [len(solid.faces) for solid in world.solids]
-    solid_of = np.repeat(np.arange(len(counts)), counts)
-    triangles, source = triangles_in_grid(world.triangles, world.grid)
+    solid_of_triangle = np.repeat(np.arange(len(counts)), counts)
+    triangles, source = clip_triangles(world.triangles, world.grid)
     a, b, c = np.moveaxis(triangles, 1, 0)
     normals = np.cross(b - a, c - a)
-    twice = np.linalg.norm(normals, axis=1)
-    ends = np.cumsum(twice)
-    if not (len(ends) and ends[-1] > 0):
+    double_area = np.linalg.norm(normals, axis=1)
+    cumulative_area = np.cumsum(double_area)
+    if not (len(cumulative_area) and cumulative_area[-1] > 0):
         raise ValueError(f"no surface of {world.name!r} lies inside of the grid {world.grid}")
-    at = (np.arange(n) + rng.random(n)) * (ends[-1] / n)
-    chosen = np.minimum(np.searchsorted(ends, at, side="right"), len(ends) - 1)
+    offsets = (np.arange(n) + rng.random(n)) * (cumulative_area[-1] / n)
+    chosen = np.minimum(
+        np.searchsorted(cumulative_area, offsets, side="right"), len(cumulative_area) - 1
+    )
     u, v = rng.random((2, n))
     root = np.sqrt(u)[:, None]  # uniform over the triangle, not over its two parameters
     side = a[chosen] + v[:, None] * (b[chosen] - a[chosen])
     points = c[chosen] + root * (side - c[chosen])
-    solid = solid_of[source[chosen]]
+    solid = solid_of_triangle[source[chosen]]
     is_target = np.array([one.is_target for one in world.solids])
     return SurfaceSamples(
-        points, normals[chosen] / twice[chosen, None], solid, is_target[solid], float(ends[-1]) / 2
+        points,
+        normals[chosen] / double_area[chosen, None],
+        solid,
+        is_target[solid],
+        float(cumulative_area[-1]) / 2,
     )
 
 
-def triangles_in_grid(
+def clip_triangles(
     triangles: ArrayLike, grid: VoxelGrid
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Cut triangles (m, 3, 3) off at the sides of a grid.
@@ -94,12 +100,12 @@ def triangles_in_grid(
     triangles = np.asarray(triangles, dtype=np.float64)
     lower = np.array(grid.origin)
     upper = lower + np.array(grid.shape) * grid.resolution
-    least, most = triangles.min(axis=1), triangles.max(axis=1)
-    outside = ((least > upper) | (most < lower)).any(axis=1)
-    inside = ((least >= lower) & (most <= upper)).all(axis=1)
+    lower_corner, upper_corner = triangles.min(axis=1), triangles.max(axis=1)
+    outside = ((lower_corner > upper) | (upper_corner < lower)).any(axis=1)
+    inside = ((lower_corner >= lower) & (upper_corner <= upper)).all(axis=1)
     pieces, source = [triangles[inside]], [np.flatnonzero(inside)]
     for m in np.flatnonzero(~inside & ~outside):
-        polygon = _clipped(triangles[m], lower, upper)
+        polygon = _clip_polygon(triangles[m], lower, upper)
         if len(polygon) < 3:
             continue
         fan = [[polygon[0], polygon[k], polygon[k + 1]] for k in range(1, len(polygon) - 1)]
@@ -108,23 +114,23 @@ def triangles_in_grid(
     return np.concatenate(pieces), np.concatenate(source)
 
 
-def _clipped(
+def _clip_polygon(
     polygon: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """What of a convex polygon (k, 3) lies inside of a box (Sutherland and Hodgman 1974)."""
-    for axis, sign in SIDES:
+    for axis, sign in BOX_SIDES:
         limit = lower[axis] if sign > 0 else -upper[axis]
         height = sign * polygon[:, axis] - limit
-        kept = []
+        clipped = []
         for k, (point, h) in enumerate(zip(polygon, height, strict=True)):
             before, g = polygon[k - 1], height[k - 1]
             if (h >= 0) != (g >= 0):
                 cut = before + (point - before) * (g / (g - h))
                 cut[axis] = sign * limit
-                kept.append(cut)
+                clipped.append(cut)
             if h >= 0:
-                kept.append(point)
-        polygon = np.array(kept).reshape(-1, 3)
+                clipped.append(point)
+        polygon = np.array(clipped).reshape(-1, 3)
         if not len(polygon):
             break
     return polygon

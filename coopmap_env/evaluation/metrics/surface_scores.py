@@ -55,7 +55,7 @@ class SurfaceScores:
 
 
 @dataclass(frozen=True, eq=False)
-class SampleCells:
+class SampleVoxels:
     """The voxels of surface samples, each once, for asking again and again which are covered."""
 
     cells: NDArray[np.int64]
@@ -65,7 +65,7 @@ class SampleCells:
     grid: VoxelGrid
 
     @classmethod
-    def of(cls, points: ArrayLike, grid: VoxelGrid) -> SampleCells:
+    def from_points(cls, points: ArrayLike, grid: VoxelGrid) -> SampleVoxels:
         """Sort points (n, 3) into the voxels of a grid that holds them."""
         at, size = grid.to_cell_units(np.reshape(points, (-1, 3))), np.array(grid.shape)
         if ((at < -1e-6) | (at > size + 1e-6)).any():
@@ -131,9 +131,9 @@ def distance_scores(
     if not (np.isfinite(tau) and tau > 0):
         raise ValueError(f"tau must be finite and > 0, got {tau}")
     if not len(samples):
-        nothing = float("nan")
+        undefined = float("nan")
         precision = float((bins.distances(map_points) <= tau).mean()) if len(map_points) else 0.0
-        return nothing, precision, nothing, nothing
+        return undefined, precision, undefined, undefined
     if not len(map_points):
         grid = bins.grid
         return 0.0, 0.0, 0.0, float(np.linalg.norm(grid.shape) * grid.resolution)
@@ -159,13 +159,13 @@ def count_covered(log_odds_fixed, sampled, shape, cells, counts):
             total += counts[n]
             continue
         x, rest = cell // (ny * nz), cell % (ny * nz)
-        if near_occupied(log_odds_fixed, sampled, shape, x, rest // nz, rest % nz):
+        if has_occupied_neighbor(log_odds_fixed, sampled, shape, x, rest // nz, rest % nz):
             total += counts[n]
     return total
 
 
 @njit(cache=True, nogil=True)
-def near_occupied(log_odds_fixed, sampled, shape, x, y, z):
+def has_occupied_neighbor(log_odds_fixed, sampled, shape, x, y, z):
     """Whether one of the 27 cells around a cell is occupied."""
     nx, ny, nz = shape[0], shape[1], shape[2]
     first, last = max(z - 1, 0), min(z + 2, nz)

@@ -30,27 +30,29 @@ from coopmap_env.rendering.meshes import cluster_vertices, simplified_links
 from coopmap_env.rendering.panels import Color, robot_color
 from coopmap_env.robots.mount_library import R_OPTICAL_CAMERA
 
-OVERLAY = Path(__file__).with_name("overlay.html")
+OVERLAY_TEMPLATE = Path(__file__).with_name("overlay.html")
 
-MOTION, PAUSE, END = 0.8, 0.5, 3.0
+MOTION_S, PAUSE_S, FINAL_PAUSE_S = 0.8, 0.5, 3.0
 """Seconds of the timeline: of a motion, after each scan, and after the last one."""
-STEPS = 16
+POSES_PER_MOTION = 16
 """Positions of a mount on its way from one pose to the next."""
-FRUSTUM = 0.3
+FRUSTUM_HEIGHT = 0.3
 """Metres, height of the drawn pyramid of a camera."""
-NEW: Color = (255, 196, 61)
+NEW_VOXEL_COLOR: Color = (255, 196, 61)
 """Of voxels that the last scans have found."""
-SCENERY: Color = (150, 146, 140)
-SAME = 1e-4
+OBSTACLE_COLOR: Color = (150, 146, 140)
+VERTEX_TOLERANCE = 1e-4
 """Metres: corners of triangles that are closer to each other are one vertex."""
-_CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-_SIDES = np.array([
+_CUBE_VERTICES = np.array(
+    [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+)
+_CUBE_FACES = np.array([
     [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
 ])  # fmt: skip
 
 
-def page_of(replay: Replay) -> str:
+def render_page(replay: Replay) -> str:
     """The whole page.
 
     Raises
@@ -62,7 +64,7 @@ def page_of(replay: Replay) -> str:
     with redirect_stdout(StringIO()):  # it greets, verbose or not
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
-        page = _recorded(server, replay)
+        page = _record_scene(server, replay)
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
@@ -74,11 +76,11 @@ def page_of(replay: Replay) -> str:
 
 def scan_times(n_frames: int) -> list[float]:
     """When on the timeline each frame's scans are in the map, seconds."""
-    return [0.0, *(k * MOTION + (k - 1) * PAUSE for k in range(1, n_frames))]
+    return [0.0, *(k * MOTION_S + (k - 1) * PAUSE_S for k in range(1, n_frames))]
 
 
-def voxel_lives(frames: tuple[Frame, ...]) -> dict[tuple[int, int], NDArray[np.int64]]:
-    """Voxels by their lives: occupied in the frames from `born` up to but without `gone`.
+def voxel_lifetimes(frames: tuple[Frame, ...]) -> dict[tuple[int, int], NDArray[np.int64]]:
+    """Voxels by their lives: occupied in the frames from `first_frame` up to but without `end_frame`.
 
     A voxel that is taken as free in between has several lives.
     """
@@ -88,16 +90,16 @@ def voxel_lives(frames: tuple[Frame, ...]) -> dict[tuple[int, int], NDArray[np.i
         filled[k + 1, np.searchsorted(cells, frame.occupied)] = 1
     change = np.diff(filled, axis=0)
     # both in order of the voxels, so that the k-th birth belongs to the k-th death
-    which, born = np.nonzero(change.T == 1)
-    _, gone = np.nonzero(change.T == -1)
-    lives = np.stack([born, gone], axis=1)
+    voxel_index, first_frame = np.nonzero(change.T == 1)
+    _, end_frame = np.nonzero(change.T == -1)
+    lifetimes = np.stack([first_frame, end_frame], axis=1)
     return {
-        (int(b), int(g)): cells[which[(lives == (b, g)).all(axis=1)]]
-        for b, g in np.unique(lives, axis=0)
+        (int(b), int(g)): cells[voxel_index[(lifetimes == (b, g)).all(axis=1)]]
+        for b, g in np.unique(lifetimes, axis=0)
     }
 
 
-def _recorded(server: Any, replay: Replay) -> str:
+def _record_scene(server: Any, replay: Replay) -> str:
     scene = server.scene
     view = overview_camera(replay.target, [vehicle.T_world_base for vehicle in replay.vehicles])
     server.initial_camera.position, server.initial_camera.look_at = view.eye, view.look_at
@@ -108,25 +110,27 @@ def _recorded(server: Any, replay: Replay) -> str:
     # the viewer's own surroundings are so bright that colours fade
     scene.configure_environment_map(None)
     scene.add_light_ambient("/light", intensity=0.8)
-    _add_scenery(scene, replay)
-    robots = [_Robot(scene, replay, robot) for robot in range(len(replay.vehicles))]
-    voxels = _Voxels(scene, replay)
+    _add_static_scene(scene, replay)
+    robots = [_RobotNodes(scene, replay, robot) for robot in range(len(replay.vehicles))]
+    voxels = _VoxelNodes(scene, replay)
     recording = server.get_scene_serializer()
     for k, frame in enumerate(replay.frames):
         if k:
-            for step in range(1, STEPS + 1):
-                recording.insert_sleep(MOTION / STEPS)
+            for step in range(1, POSES_PER_MOTION + 1):
+                recording.insert_sleep(MOTION_S / POSES_PER_MOTION)
                 for robot in robots:
-                    robot.move(k, step / STEPS)
+                    robot.interpolate(k, step / POSES_PER_MOTION)
         for robot in robots:
-            robot.arrive(k)
+            robot.draw_trail(k)
         voxels.show(k)
-        recording.insert_sleep(END if frame is replay.frames[-1] else PAUSE if k else 0.0)
+        recording.insert_sleep(
+            FINAL_PAUSE_S if frame is replay.frames[-1] else PAUSE_S if k else 0.0
+        )
     page: str = recording.as_html()
     return page
 
 
-def _add_scenery(scene: Any, replay: Replay) -> None:
+def _add_static_scene(scene: Any, replay: Replay) -> None:
     """The truth, faintly, and a grid of metres on the ground."""
     low = np.array(replay.grid.origin)
     size = np.array(replay.grid.shape) * replay.grid.resolution
@@ -138,17 +142,17 @@ def _add_scenery(scene: Any, replay: Replay) -> None:
     )  # fmt: skip
     for name, triangles, color, opacity in (
         ("/truth/target", replay.target, TARGET_COLOR, 0.2),
-        ("/truth/scenery", replay.scenery, SCENERY, 0.15),
+        ("/truth/obstacles", replay.obstacles, OBSTACLE_COLOR, 0.15),
     ):
         if len(triangles):
-            vertices, faces = cluster_vertices(triangles, SAME)
+            vertices, faces = cluster_vertices(triangles, VERTEX_TOLERANCE)
             scene.add_mesh_simple(
                 name, vertices, faces, color=color, opacity=opacity, flat_shading=True,
                 side="double", cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
 
 
-class _Robot:
+class _RobotNodes:
     """One robot in the recorded scene."""
 
     def __init__(self, scene: Any, replay: Replay, robot: int) -> None:
@@ -157,7 +161,7 @@ class _Robot:
         self._robot, self._color = robot, robot_color(robot)
         self._links, self._parts = [], []
         for link, triangles in simplified_links(self._vehicle.chain):
-            vertices, faces = cluster_vertices(triangles, SAME)
+            vertices, faces = cluster_vertices(triangles, VERTEX_TOLERANCE)
             name = f"{self._name}/{self._vehicle.chain.link_names[link]}"
             self._links.append(link)
             self._parts.append(
@@ -168,65 +172,65 @@ class _Robot:
         self._frustum = scene.add_camera_frustum(
             f"{self._name}/camera", fov=camera.vertical_field_of_view,
             aspect=np.tan(camera.horizontal_field_of_view / 2) / height,
-            scale=FRUSTUM, thickness=0.012, color=self._color, variant="filled",
+            scale=FRUSTUM_HEIGHT, thickness=0.012, color=self._color, variant="filled",
             cast_shadow=False,
         )  # fmt: skip
-        self._place(0, 1.0)
+        self._set_joints(0, 1.0)
 
-    def move(self, k: int, share: float) -> None:
+    def interpolate(self, k: int, fraction: float) -> None:
         """Put it at a share of its way to the pose of frame k; slow at both ends."""
-        self._place(k, share * share * (3 - 2 * share))
+        self._set_joints(k, fraction * fraction * (3 - 2 * fraction))
 
-    def _place(self, k: int, share: float) -> None:
-        here, there = (self._frames[max(j, 0)].joints[self._robot] for j in (k - 1, k))
-        if np.array_equal(here, there) and k > 0:
+    def _set_joints(self, k: int, fraction: float) -> None:
+        start, end = (self._frames[max(j, 0)].joints[self._robot] for j in (k - 1, k))
+        if np.array_equal(start, end) and k > 0:
             return
-        q = here + share * (there - here)
+        q = start + fraction * (end - start)
         rotations, translations = self._vehicle.link_poses(q)
         for link, part in zip(self._links, self._parts, strict=True):
             _set_pose(part, rotations[link], translations[link])
         pose = self._vehicle.camera_pose(q)
         _set_pose(self._frustum, pose.rotation @ R_OPTICAL_CAMERA.T, pose.translation)
 
-    def arrive(self, k: int) -> None:
+    def draw_trail(self, k: int) -> None:
         """Draw the camera's way to frame k."""
         if k == 0:
             return
-        here, there = (self._frames[j].cameras[self._robot].translation for j in (k - 1, k))
-        if not np.array_equal(here, there):
+        start, end = (self._frames[j].camera_poses[self._robot].translation for j in (k - 1, k))
+        if not np.array_equal(start, end):
             self._scene.add_line_segments(
                 f"{self._name}/trail/{k:03}",
-                np.array([[here, there]]),
+                np.array([[start, end]]),
                 self._color,
                 thickness=0.012,
             )
 
 
-class _Voxels:
+class _VoxelNodes:
     """The map's occupied voxels in the recorded scene, those of equal lives as one node."""
 
     def __init__(self, scene: Any, replay: Replay) -> None:
         self._scene, self._grid = scene, replay.grid
-        self._lives = voxel_lives(replay.frames)
+        self._lifetimes = voxel_lifetimes(replay.frames)
         self._nodes: dict[tuple[int, int], Any] = {}
 
     def show(self, k: int) -> None:
         """The map of frame k: what it has found just now stands out."""
-        for (born, gone), cells in self._lives.items():
-            life = (born, gone)
-            if gone == k:
-                self._nodes[life].visible = False
-            elif born == k:
-                self._nodes[life] = self._add(f"/map/{born:03}_{gone:03}", cells)
-            elif born == k - 1:
-                self._nodes[life].batched_colors = voxel_colors(cells, self._grid)
+        for (first_frame, end_frame), cells in self._lifetimes.items():
+            lifetime = (first_frame, end_frame)
+            if end_frame == k:
+                self._nodes[lifetime].visible = False
+            elif first_frame == k:
+                self._nodes[lifetime] = self._add(f"/map/{first_frame:03}_{end_frame:03}", cells)
+            elif first_frame == k - 1:
+                self._nodes[lifetime].batched_colors = voxel_colors(cells, self._grid)
 
     def _add(self, name: str, cells: NDArray[np.int64]) -> Any:
         centers = self._grid.center(np.stack(np.unravel_index(cells, self._grid.shape), axis=-1))
         return self._scene.add_batched_meshes_simple(
-            name, _CUBE * self._grid.resolution * 0.96, _SIDES,
+            name, _CUBE_VERTICES * self._grid.resolution * 0.96, _CUBE_FACES,
             np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(cells), 4)), centers,
-            batched_colors=np.broadcast_to(np.array(NEW, dtype=np.uint8), (len(cells), 3)),
+            batched_colors=np.broadcast_to(np.array(NEW_VOXEL_COLOR, dtype=np.uint8), (len(cells), 3)),
             lod="off", flat_shading=True,
         )  # fmt: skip
 
@@ -250,14 +254,14 @@ def _overlay(replay: Replay) -> str:
     data = {
         "title": replay.title,
         "times": scan_times(len(frames)),
-        "viewed": [round(frame.viewed, 5) for frame in frames],
+        "observed_fraction": [round(frame.observed_fraction, 5) for frame in frames],
         "voxels": [len(frame.occupied) for frame in frames],
         "rewards": [[round(value, 4) for value in frame.rewards] for frame in frames],
         "notes": [list(frame.notes) for frame in frames],
         "colors": [f"rgb{robot_color(k)}" for k in range(len(replay.vehicles))],
         "heights": [f"rgb{color}" for color in HEIGHT_COLORS],
-        "tall": MAX_COLOR_HEIGHT,
-        "new": f"rgb{NEW}",
+        "max_height": MAX_COLOR_HEIGHT,
+        "new": f"rgb{NEW_VOXEL_COLOR}",
     }
     text = json.dumps(data).replace("</", "<\\/")
-    return OVERLAY.read_text(encoding="utf-8").replace("/*DATA*/", text)
+    return OVERLAY_TEMPLATE.read_text(encoding="utf-8").replace("/*DATA*/", text)

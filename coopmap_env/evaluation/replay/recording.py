@@ -28,11 +28,11 @@ class Frame:
     ----------
     joints : tuple of (n,) float arrays
         Of each robot's mount, as its encoders say.
-    cameras : tuple of Pose
+    camera_poses : tuple of Pose
         T_world_camera of each robot, where it takes it to be.
     occupied : (k,) int array
         Flat numbers of the sampled voxels with P >= 1/2, ascending.
-    viewed : float
+    observed_fraction : float
         Share of the world's voxels that were ever sampled.
     rewards : tuple of float
         Of each robot, for this step.
@@ -46,20 +46,22 @@ class Frame:
     """
 
     joints: tuple[NDArray[np.float64], ...]
-    cameras: tuple[Pose, ...]
+    camera_poses: tuple[Pose, ...]
     occupied: NDArray[np.int64]
-    viewed: float
+    observed_fraction: float
     rewards: tuple[float, ...]
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        counts = [len(part) for part in (self.joints, self.cameras, self.rewards, self.notes)]
+        counts = [len(part) for part in (self.joints, self.camera_poses, self.rewards, self.notes)]
         if len(set(counts)) != 1:
             raise ValueError(
-                f"joints, cameras, rewards and notes are needed for each robot, got {counts}"
+                f"joints, camera_poses, rewards and notes are needed for each robot, got {counts}"
             )
-        if not 0 <= self.viewed <= 1:
-            raise ValueError(f"Frame.viewed must be a share between 0 and 1, got {self.viewed}")
+        if not 0 <= self.observed_fraction <= 1:
+            raise ValueError(
+                f"Frame.observed_fraction must be a fraction between 0 and 1, got {self.observed_fraction}"
+            )
         if self.occupied.ndim != 1 or not (np.diff(self.occupied) > 0).all():
             raise ValueError("Frame.occupied must be ascending numbers of voxels, each once")
 
@@ -75,7 +77,7 @@ class Replay:
         The voxels of the map.
     target : (m, 3, 3) float array
         Triangles of the true target, metres.
-    scenery : (m, 3, 3) float array
+    obstacles : (m, 3, 3) float array
         Triangles of all else that truly stands there, without the ground.
     vehicles : tuple of Vehicle
         One for each robot, where it truly stands.
@@ -93,13 +95,13 @@ class Replay:
     title: str
     grid: VoxelGrid
     target: NDArray[np.float64]
-    scenery: NDArray[np.float64]
+    obstacles: NDArray[np.float64]
     vehicles: tuple[Vehicle, ...]
     camera: DepthCamera
     frames: tuple[Frame, ...]
 
     def __post_init__(self) -> None:
-        for name in ("target", "scenery"):
+        for name in ("target", "obstacles"):
             shape = getattr(self, name).shape
             if len(shape) != 3 or shape[1:] != (3, 3):
                 raise ValueError(f"Replay.{name} must be triangles (m, 3, 3), got {shape}")
@@ -118,24 +120,24 @@ class Replay:
                 raise ValueError(f"frame {k}: voxel {frame.occupied[-1]} is outside of {self.grid}")
 
 
-def record(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> Replay:
+def record_replay(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> Replay:
     """Play one episode, as `run_episode` does, and keep what there is to see of it."""
     observations, _ = env.reset(seed=seed)
     policy.reset(policy_rng(seed))
     robots = len(env.possible_agents)
-    frames = [_frame(env, (0.0,) * robots, ("",) * robots)]
+    frames = [_make_frame(env, (0.0,) * robots, ("",) * robots)]
     while env.agents:
         observations, rewards, _, _, infos = env.step(policy.act(env.belief(), observations))
         notes = tuple(_note(infos[agent]) for agent in env.possible_agents)
-        paid = tuple(float(rewards[agent]) for agent in env.possible_agents)
-        frames.append(_frame(env, paid, notes))
+        step_rewards = tuple(float(rewards[agent]) for agent in env.possible_agents)
+        frames.append(_make_frame(env, step_rewards, notes))
     world = env.truth
-    others = [s.triangles for s in world.solids if not (s.is_ground or s.is_target)]
+    obstacles = [s.triangles for s in world.solids if not (s.is_ground or s.is_target)]
     return Replay(
         title=title or f"{env.scene.name}, world {seed} of {env.split}",
         grid=world.grid,
         target=world.target_triangles,
-        scenery=np.concatenate([np.empty((0, 3, 3)), *others]),
+        obstacles=np.concatenate([np.empty((0, 3, 3)), *obstacles]),
         vehicles=env.true_vehicles,
         camera=env.settings.camera,
         frames=tuple(frames),
@@ -150,20 +152,20 @@ def write_replay(replay: Replay, path: Path) -> None:
     ImportError
         If viser is not installed (extra "replay").
     """
-    from coopmap_env.evaluation.replay.page import page_of
+    from coopmap_env.evaluation.replay.page import render_page
 
-    write_atomically(Path(path), page_of(replay))
+    write_atomically(Path(path), render_page(replay))
 
 
-def _frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -> Frame:
+def _make_frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -> Frame:
     belief = env.belief()
     map_ = belief.map
     occupied = np.flatnonzero(map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed >= 0))
     return Frame(
         joints=tuple(np.array(q) for q in belief.joints),
-        cameras=tuple(env.estimated_camera_pose(robot) for robot in range(len(belief.agents))),
+        camera_poses=tuple(env.estimated_camera_pose(robot) for robot in range(len(belief.agents))),
         occupied=occupied,
-        viewed=map_.observed_fraction,
+        observed_fraction=map_.observed_fraction,
         rewards=tuple(rewards),
         notes=tuple(notes),
     )

@@ -43,7 +43,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class OrderedAlternative:
+class TrendTestResult:
     """Result of Page's trend test."""
 
     statistic: float
@@ -53,14 +53,14 @@ class OrderedAlternative:
 
 
 @dataclass(frozen=True)
-class Equivalence:
+class EquivalenceResult:
     """Whether the columns of a table have about the same mean."""
 
-    held: bool
+    equivalent: bool
     """Every column's ratio and its interval lie within 1 ± margin."""
     intervals: tuple[Interval, ...]
     """Column mean over grand mean, one for each column."""
-    worst: float
+    max_deviation: float
     """Largest distance from 1 of any ratio or interval end: the smallest margin that holds."""
 
 
@@ -88,7 +88,7 @@ def bootstrap_mean(
     ValueError
         If there are fewer than two worlds, or a value is not finite (its index is named).
     """
-    return _interval([_worlds(values, "values")], np.mean, rng, confidence, n_resamples)
+    return _interval([_check_per_world(values, "values")], np.mean, rng, confidence, n_resamples)
 
 
 def bootstrap_paired_difference(
@@ -115,12 +115,12 @@ def bootstrap_paired_difference(
     ValueError
         As in `bootstrap_mean`, or if the lengths differ.
     """
-    first, second = _paired(a, b)
+    first, second = _check_paired(a, b)
     return _interval([first - second], statistic, rng, confidence, n_resamples)
 
 
-def bootstrap_groups(
-    groups: Sequence[ArrayLike],
+def bootstrap_clusters(
+    clusters: Sequence[ArrayLike],
     statistic: Callable[[NDArray[np.float64]], float],
     rng: np.random.Generator,
     confidence: float = 0.95,
@@ -132,7 +132,7 @@ def bootstrap_groups(
 
     Parameters
     ----------
-    groups : sequence of array_like (rows, ...)
+    clusters : sequence of array_like (rows, ...)
         Two or more; groups without rows count too.
     statistic : callable
         Of all rows together; where it is NaN (a resample that holds nothing to measure) the
@@ -145,9 +145,9 @@ def bootstrap_groups(
     ValueError
         If there are fewer than two groups.
     """
-    arrays = [np.asarray(group, dtype=np.float64) for group in groups]
+    arrays = [np.asarray(group, dtype=np.float64) for group in clusters]
     if len(arrays) < 2:
-        raise ValueError(f"groups must be at least 2, got {len(arrays)}")
+        raise ValueError(f"clusters must be at least 2, got {len(arrays)}")
     draws = rng.integers(len(arrays), size=(n_resamples, len(arrays)))
     resampled = [statistic(np.concatenate([arrays[i] for i in draw])) for draw in draws]
     tail = 50.0 * (1.0 - confidence)
@@ -171,7 +171,7 @@ def interquartile_mean(values: ArrayLike) -> float:
     ValueError
         If there is no value, or one is not finite (its index is named).
     """
-    return float(stats.trim_mean(_worlds(values, "values", at_least=1), 0.25))
+    return float(stats.trim_mean(_check_per_world(values, "values", min_size=1), 0.25))
 
 
 def bootstrap_interquartile_mean(
@@ -197,7 +197,7 @@ def bootstrap_interquartile_mean(
     ValueError
         As in `bootstrap_mean` for any stratum, or if there is none.
     """
-    samples = [_worlds(stratum, f"strata[{i}]") for i, stratum in enumerate(strata)]
+    samples = [_check_per_world(stratum, f"strata[{i}]") for i, stratum in enumerate(strata)]
     if not samples:
         raise ValueError("strata must hold at least 1 array, got none")
     return _interval(samples, _pooled_interquartile_mean, rng, confidence, n_resamples)
@@ -228,14 +228,14 @@ def probability_of_improvement(
     ValueError
         As in `bootstrap_mean`, or if the lengths differ.
     """
-    first, second = _paired(a, b)
+    first, second = _check_paired(a, b)
     wins = (first > second) + 0.5 * (first == second)
     return _interval([wins], np.mean, rng, confidence, n_resamples)
 
 
-def ordered_alternative(
+def page_trend_test(
     data: ArrayLike, direction: Literal["increasing", "decreasing"] = "increasing"
-) -> OrderedAlternative:
+) -> TrendTestResult:
     """Test whether the columns rise (or fall) in the order given, by Page's trend test.
 
     Each world ranks the columns, so worlds need not share a scale; ties get their mean rank. The
@@ -258,23 +258,23 @@ def ordered_alternative(
     ----------
     Page (1963), "Ordered hypotheses for multiple treatments".
     """
-    table = _table(data, "data", min_columns=3)
+    table = _check_table(data, "data", min_columns=3)
     ranks = np.arange(1, table.shape[1] + 1)
     if direction == "decreasing":
         ranks = ranks[::-1]
     elif direction != "increasing":
         raise ValueError(f"direction must be 'increasing' or 'decreasing', got {direction!r}")
     result = stats.page_trend_test(table, predicted_ranks=ranks)
-    return OrderedAlternative(statistic=float(result.statistic), p_value=float(result.pvalue))
+    return TrendTestResult(statistic=float(result.statistic), p_value=float(result.pvalue))
 
 
-def equivalence(
+def equivalence_test(
     values: ArrayLike,
     margin: float,
     rng: np.random.Generator,
     confidence: float = 0.95,
     n_resamples: int = 2000,
-) -> Equivalence:
+) -> EquivalenceResult:
     """Test whether all columns have the same mean, give or take a relative margin.
 
     Failing to find a difference is no proof of sameness. This asks for proof: each column's mean
@@ -299,7 +299,7 @@ def equivalence(
     """
     if not 0 < margin < 1:
         raise ValueError(f"margin must lie in (0, 1), got {margin}")
-    table = _table(values, "values", min_columns=2)
+    table = _check_table(values, "values", min_columns=2)
     means = table.mean(axis=1)
     if np.any(means <= 0):
         world = int(np.argmax(means <= 0))
@@ -310,10 +310,10 @@ def equivalence(
         list(table.T), _ratios_to_grand_mean, rng, confidence, n_resamples, paired=True
     )
     ends = np.stack([estimates, lows, highs])
-    return Equivalence(
-        held=bool(np.all((ends >= 1 - margin) & (ends <= 1 + margin))),
+    return EquivalenceResult(
+        equivalent=bool(np.all((ends >= 1 - margin) & (ends <= 1 + margin))),
         intervals=tuple(Interval(*map(float, column)) for column in ends.T),
-        worst=float(np.abs(ends - 1).max()),
+        max_deviation=float(np.abs(ends - 1).max()),
     )
 
 
@@ -367,8 +367,8 @@ def _bootstrap(
     return estimate, interval.low, interval.high
 
 
-def _paired(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    first, second = _worlds(a, "a"), _worlds(b, "b")
+def _check_paired(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    first, second = _check_per_world(a, "a"), _check_per_world(b, "b")
     if first.shape != second.shape:
         raise ValueError(
             f"a and b must cover the same worlds, got {first.size} and {second.size} of them"
@@ -376,18 +376,18 @@ def _paired(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np
     return first, second
 
 
-def _worlds(values: ArrayLike, name: str, at_least: int = 2) -> NDArray[np.float64]:
+def _check_per_world(values: ArrayLike, name: str, min_size: int = 2) -> NDArray[np.float64]:
     """Check one finite number per world, as a (n_worlds,) array."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
         raise ValueError(f"{name} must have one axis (n_worlds,), got shape {array.shape}")
-    if array.size < at_least:
-        raise ValueError(f"{name} needs at least {at_least} worlds, got {array.size}")
-    require_finite(array, name)
+    if array.size < min_size:
+        raise ValueError(f"{name} needs at least {min_size} worlds, got {array.size}")
+    check_finite(array, name)
     return array
 
 
-def _table(values: ArrayLike, name: str, min_columns: int) -> NDArray[np.float64]:
+def _check_table(values: ArrayLike, name: str, min_columns: int) -> NDArray[np.float64]:
     """Check a finite table with a row per world, as a (n_worlds, k) array."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 2:
@@ -396,14 +396,14 @@ def _table(values: ArrayLike, name: str, min_columns: int) -> NDArray[np.float64
         raise ValueError(f"{name} needs at least 2 worlds (rows), got {array.shape[0]}")
     if array.shape[1] < min_columns:
         raise ValueError(f"{name} needs at least {min_columns} columns, got {array.shape[1]}")
-    require_finite(array, name)
+    check_finite(array, name)
     return array
 
 
-def require_finite(array: NDArray[np.float64], name: str) -> None:
+def check_finite(array: NDArray[np.float64], name: str) -> None:
     """ValueError with the index of the first value that is not finite, if there is one."""
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         index = tuple(int(i) for i in bad[0])
-        place = ", ".join(map(str, index))
-        raise ValueError(f"{name}[{place}] is {array[index]}, every value must be finite")
+        index_text = ", ".join(map(str, index))
+        raise ValueError(f"{name}[{index_text}] is {array[index]}, every value must be finite")

@@ -16,7 +16,7 @@ Resampling rows and columns is Owen's (2007) pigeonhole bootstrap, rather too wi
 as far as worlds go. About training, few runs tell little: where they differ more than worlds do,
 the interval of three runs is the range of their means, which holds the true mean in three of four
 cases. So reports give the mean of each run besides, and verdicts stand on t intervals, those of
-`difference`.
+`mean_difference`.
 
 Intervals are percentiles of the resamples. The same generator state draws the same worlds for every
 statistic over as many worlds.
@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from coopmap_env.evaluation.statistics.bootstrap import Interval, require_finite
+from coopmap_env.evaluation.statistics.bootstrap import Interval, check_finite
 
 Array = NDArray[Any]
 Statistic = Callable[..., Array]
@@ -44,7 +44,7 @@ N_BAND_RESAMPLES = 500
 
 
 @dataclass(frozen=True)
-class Band:
+class ConfidenceBand:
     """A curve and its pointwise confidence intervals, each of shape (n,)."""
 
     estimate: Array
@@ -73,17 +73,17 @@ def mean(scores: ArrayLike, rng: np.random.Generator, n_resamples: int = N_RESAM
     ValueError
         If the matrix is too small, or a value is not finite (its index is named).
     """
-    return _interval([_matrix(scores, "scores")], _mean, rng, n_resamples)
+    return _interval([_check_scores(scores, "scores")], _mean, rng, n_resamples)
 
 
 def interquartile_mean(
     scores: ArrayLike, rng: np.random.Generator, n_resamples: int = N_RESAMPLES
 ) -> Interval:
     """Mean of the middle half of all scores, runs and worlds together; as `mean` else."""
-    return _interval([_matrix(scores, "scores")], _interquartile_mean, rng, n_resamples)
+    return _interval([_check_scores(scores, "scores")], _interquartile_mean, rng, n_resamples)
 
 
-def difference(ours: ArrayLike, theirs: ArrayLike) -> Interval:
+def mean_difference(ours: ArrayLike, theirs: ArrayLike) -> Interval:
     """Mean of ours less mean of theirs, paired by world, with its 95 % t interval.
 
     Verdicts stand on this one, and with few runs the bootstrap is too sure of itself. The variance
@@ -101,26 +101,28 @@ def difference(ours: ArrayLike, theirs: ArrayLike) -> Interval:
     ValueError
         As in `mean`, or if the numbers of worlds differ.
     """
-    pair = _pair(ours, theirs)
+    pair = _check_paired(ours, theirs)
     by_world = pair[0].mean(axis=0) - pair[1].mean(axis=0)
     samples = [by_world, *(scores.mean(axis=1) for scores in pair if len(scores) > 1)]
     parts = np.array([sample.var(ddof=1) / len(sample) for sample in samples])
-    freedom = np.array([len(sample) - 1 for sample in samples])
+    degrees_of_freedom = np.array([len(sample) - 1 for sample in samples])
     estimate, variance = float(by_world.mean()), float(parts.sum())
     if variance == 0:
         return Interval(estimate, estimate, estimate)
-    half = stats.t.ppf(0.975, variance**2 / (parts**2 / freedom).sum()) * np.sqrt(variance)
-    return Interval(estimate, float(estimate - half), float(estimate + half))
+    half_width = stats.t.ppf(0.975, variance**2 / (parts**2 / degrees_of_freedom).sum()) * np.sqrt(
+        variance
+    )
+    return Interval(estimate, float(estimate - half_width), float(estimate + half_width))
 
 
-def ratio(
+def ratio_of_means(
     ours: ArrayLike,
     theirs: ArrayLike,
     rng: np.random.Generator,
     n_resamples: int = N_RESAMPLES,
 ) -> Interval:
     """Mean of ours over mean of theirs, paired by world; theirs must be positive."""
-    pair = _pair(ours, theirs)
+    pair = _check_paired(ours, theirs)
     if (pair[1] <= 0).any():
         raise ValueError(f"a ratio needs scores above 0 below it, got {pair[1].min()}")
     return _interval(pair, lambda a, b: _mean(a) / _mean(b), rng, n_resamples)
@@ -134,14 +136,14 @@ def probability_of_improvement(
 ) -> Interval:
     """Chance that a run of ours beats a run of theirs on a world, a tie counting as half.
 
-    Every run is compared with every run of the other, on the same world; as `difference` else.
+    Every run is compared with every run of the other, on the same world; as `mean_difference` else.
     """
-    return _interval(_pair(ours, theirs), _improvement, rng, n_resamples)
+    return _interval(_check_paired(ours, theirs), _improvement, rng, n_resamples)
 
 
 def mean_curve(
     curves: ArrayLike, rng: np.random.Generator, n_resamples: int = N_BAND_RESAMPLES
-) -> Band:
+) -> ConfidenceBand:
     """Mean of curves over runs and worlds with its pointwise 95 % band.
 
     Parameters
@@ -156,8 +158,8 @@ def mean_curve(
     ValueError
         As in `mean`.
     """
-    values = _matrix(curves, "curves", axes=3)
-    return Band(*_bootstrap([values], _mean, rng, n_resamples))
+    values = _check_scores(curves, "curves", n_axes=3)
+    return ConfidenceBand(*_bootstrap([values], _mean, rng, n_resamples))
 
 
 def performance_profile(
@@ -165,7 +167,7 @@ def performance_profile(
     thresholds: ArrayLike,
     rng: np.random.Generator,
     n_resamples: int = N_BAND_RESAMPLES,
-) -> Band:
+) -> ConfidenceBand:
     """Share of runs and worlds with a score above each threshold, with its pointwise 95 % band.
 
     Parameters
@@ -180,8 +182,8 @@ def performance_profile(
     ValueError
         As in `mean`.
     """
-    above = _matrix(scores, "scores")[..., None] > np.asarray(thresholds, dtype=np.float64)
-    return Band(*_bootstrap([above], _mean, rng, n_resamples))
+    above = _check_scores(scores, "scores")[..., None] > np.asarray(thresholds, dtype=np.float64)
+    return ConfidenceBand(*_bootstrap([above], _mean, rng, n_resamples))
 
 
 def resample(samples: Sequence[Array], rng: np.random.Generator, n_resamples: int) -> list[Array]:
@@ -199,12 +201,12 @@ def resample(samples: Sequence[Array], rng: np.random.Generator, n_resamples: in
     """
     n_worlds = samples[0].shape[1]
     worlds = rng.integers(n_worlds, size=(n_resamples, 1, n_worlds))
-    drawn = []
+    resampled = []
     for sample in samples:
         n_drawn = max(len(sample) - 1, 1)
         runs = rng.integers(len(sample), size=(n_resamples, n_drawn, 1))
-        drawn.append(sample[runs, worlds])
-    return drawn
+        resampled.append(sample[runs, worlds])
+    return resampled
 
 
 def _mean(values: Array) -> Array:
@@ -238,8 +240,8 @@ def _bootstrap(
     return estimate, low, high
 
 
-def _pair(ours: ArrayLike, theirs: ArrayLike) -> list[Array]:
-    a, b = _matrix(ours, "ours"), _matrix(theirs, "theirs")
+def _check_paired(ours: ArrayLike, theirs: ArrayLike) -> list[Array]:
+    a, b = _check_scores(ours, "ours"), _check_scores(theirs, "theirs")
     if a.shape[1] != b.shape[1]:
         raise ValueError(
             f"ours and theirs must cover the same worlds, got {a.shape[1]} and {b.shape[1]} of them"
@@ -247,15 +249,15 @@ def _pair(ours: ArrayLike, theirs: ArrayLike) -> list[Array]:
     return [a, b]
 
 
-def _matrix(values: ArrayLike, name: str, axes: int = 2) -> Array:
+def _check_scores(values: ArrayLike, name: str, n_axes: int = 2) -> Array:
     """Check finite scores of one run or more on two worlds or more."""
     array = np.asarray(values, dtype=np.float64)
-    if array.ndim != axes:
-        wanted = "(n_runs, n_worlds)" if axes == 2 else "(n_runs, n_worlds, n)"
+    if array.ndim != n_axes:
+        wanted = "(n_runs, n_worlds)" if n_axes == 2 else "(n_runs, n_worlds, n)"
         raise ValueError(f"{name} must have the axes {wanted}, got shape {array.shape}")
     if array.shape[0] < 1 or array.shape[1] < 2:
         raise ValueError(
             f"{name} needs at least 1 run and 2 worlds, got {array.shape[0]} and {array.shape[1]}"
         )
-    require_finite(array, name)
+    check_finite(array, name)
     return array

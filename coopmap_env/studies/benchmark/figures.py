@@ -12,7 +12,7 @@ from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figur
 
 AREA_LABELS = {
     "coverage_auc": "area under the curve of viewed share, %",
-    "surface_auc": "area under the curve of covered surface, %",
+    "surface_coverage_auc": "area under the curve of covered surface, %",
 }
 CURVE_LABELS = {"planar": "% of the world viewed", "field": "% of reachable surface covered"}
 STYLES = ("-", "--", ":", "-.")

@@ -23,7 +23,7 @@ Table = list[list[str]]
 """Rows of cells; the first one is the header."""
 VERDICT_SCORES = {
     "coverage_auc": ("area under viewed share", 100.0, "points"),
-    "surface_auc": ("area under covered surface", 100.0, "points"),
+    "surface_coverage_auc": ("area under covered surface", 100.0, "points"),
     "reward": ("reward", 1.0, "nats"),
 }
 """What verdicts call the scores that they are about, and their unit."""
@@ -67,7 +67,7 @@ def _area_columns(area: str) -> tuple[Column, ...]:
 _REWARD = Column("reward", "reward", digits=1, interval=False)
 _LOG_LOSS = Column("log-loss", "log_loss", digits=4, interval=False)
 _MOTION = Column("motion", "motion_cost", digits=0, interval=False)
-_TIME = Column("ms", "planning_ms", interval=False)
+_TIME = Column("ms", "planning_time_ms", interval=False)
 COLUMNS = {
     "planar": (
         Column("viewed, %", "coverage", 100),
@@ -78,8 +78,8 @@ COLUMNS = {
         _TIME,
     ),
     "field": (
-        Column("surface, %", "surface", 100, 1),
-        *_area_columns("surface_auc"),
+        Column("surface, %", "surface_coverage", 100, 1),
+        *_area_columns("surface_coverage_auc"),
         Column("viewed share, mean over the scans, %", "coverage_auc", 100),
         Column("less the rating function's", "coverage_auc", 100, statistic="difference"),
         Column("F-score", "f_score", digits=3, interval=False),
@@ -93,13 +93,13 @@ COLUMNS = {
 ALL_SCORES = (
     Column("viewed, %", "coverage", 100),
     Column("area under it, %", "coverage_auc", 100),
-    Column("surface, %", "surface", 100),
-    Column("area under it, %", "surface_auc", 100),
+    Column("surface, %", "surface_coverage", 100),
+    Column("area under it, %", "surface_coverage_auc", 100),
     Column("F-score", "f_score", digits=3),
     Column("reward", "reward"),
     Column("log-loss", "log_loss", digits=4),
     Column("motion", "motion_cost", digits=1),
-    Column("ms", "planning_ms", interval=False),
+    Column("ms", "planning_time_ms", interval=False),
 )
 
 

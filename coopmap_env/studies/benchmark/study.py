@@ -31,15 +31,15 @@ SCORES = (
     "reward",
     "log_loss",
     "motion_cost",
-    "surface",
-    "surface_auc",
+    "surface_coverage",
+    "surface_coverage_auc",
     "f_score",
-    "planning_ms",
+    "planning_time_ms",
 )
 """Columns that are summed up, those of them that the world has."""
-CURVES = {"planar": "viewed", "field": "surface"}
+CURVES = {"planar": "coverage", "field": "surface_coverage"}
 """What is drawn against scans."""
-AREAS = {"planar": ("coverage_auc",), "field": ("surface_auc", "coverage_auc")}
+AREAS = {"planar": ("coverage_auc",), "field": ("surface_coverage_auc", "coverage_auc")}
 """Areas under curves; the first is that of the drawn one."""
 REWARD = "reward"
 """The planner's own objective: verdicts are about it and about the areas."""
@@ -129,7 +129,7 @@ def run_condition(
             {**condition.arguments, **methods[0].arguments},
             store,
             workers=workers,
-            world=condition.world,
+            env_name=condition.world,
         )
         for method in methods:
             runs[method.label] = tuple(found[spec] for spec in method.policy_specs)
@@ -213,16 +213,18 @@ def comparison_summary(
     return {
         "same_arguments": ours.method.arguments == theirs.method.arguments,
         "difference": {
-            name: run_statistics.difference(scores, theirs.scores[name]).as_dict()
+            name: run_statistics.mean_difference(scores, theirs.scores[name]).as_dict()
             for name, scores in ours.scores.items()
-            if name != "planning_ms"
+            if name != "planning_time_ms"
         },
         "difference_by_run": {
             name: (ours.scores[name].mean(axis=1) - theirs.scores[name].mean()).tolist()
             for name in verdict_scores
         },
         "ratio": {
-            area: run_statistics.ratio(ours.scores[area], theirs.scores[area], _rng()).as_dict()
+            area: run_statistics.ratio_of_means(
+                ours.scores[area], theirs.scores[area], _rng()
+            ).as_dict()
             for area in areas
         },
         "probability_of_improvement": {

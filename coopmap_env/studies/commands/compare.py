@@ -19,7 +19,7 @@ class Compare:
     Such as:
       coopmap compare --out results/comparison --quick
       coopmap compare --out results/comparison --workers 2
-      coopmap compare --out results/comparison --worlds planar
+      coopmap compare --out results/comparison --envs planar
     """
 
     out: Path
@@ -28,7 +28,7 @@ class Compare:
     """A few worlds each, to see that all works."""
     workers: int = 1
     """Processes; the numbers do not depend on it, planning times apart."""
-    worlds: str = "planar,field"
+    envs: str = "planar,field"
     """Where to compare, separated by commas."""
 
     def run(self) -> None:
@@ -38,7 +38,7 @@ class Compare:
         from coopmap_env.studies.benchmark.report import text_summary, write_benchmark_report
 
         size = policy_entries.QUICK if self.quick else policy_entries.FULL
-        names = [name.strip() for name in self.worlds.split(",") if name.strip()]
+        names = [name.strip() for name in self.envs.split(",") if name.strip()]
         plan = policy_entries.make_plan(size, names)
         study = policy_study.run(self.out / "episodes", plan, self.workers, log)
         print(text_summary(write_benchmark_report(study, self.out)))

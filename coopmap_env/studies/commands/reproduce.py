@@ -39,7 +39,7 @@ class Reproduce:
         size = section3.QUICK if self.quick else section3.FULL
         study = section3.run(self.out / "episodes", size, self.workers, log)
         field = None
-        if missing := missing_extras():
+        if missing := missing_extras_hint():
             log(f"without the field, for which this is missing: {missing}")
         else:
             field_size = field_study.QUICK if self.quick else field_study.FULL
@@ -51,7 +51,7 @@ class Reproduce:
         log(f"report: {self.out / 'report.html'}")
 
 
-def missing_extras() -> str:
+def missing_extras_hint() -> str:
     """What to install for the field's part of the report; empty if all is there."""
     needed = {
         "field": ("pybullet", "trimesh", "embreex", "yourdfpy"),

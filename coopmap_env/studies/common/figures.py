@@ -68,7 +68,7 @@ def draw_coverage_curves(
     n_robots: int,
     path: Path,
     title: str,
-    curve: str = "viewed",
+    curve: str = "coverage",
     label: str = "% of world viewed",
 ) -> None:
     """A share against scans of the team, such as that viewed: means with 95 % intervals."""
@@ -108,7 +108,7 @@ def draw_sweep(sweep: Mapping[float, Mapping[Any, Evaluation]], path: Path) -> N
     searches = list(next(iter(sweep.values())))
     for axis, column, scale, label in (
         (axes[0], "coverage", 100.0, "% of world viewed"),
-        (axes[1], "sigma", 1.0, "sigma of viewed space, cells"),
+        (axes[1], "radius_std", 1.0, "sigma of viewed space, cells"),
     ):
         for k, search in enumerate(searches):
             rng = np.random.default_rng(BOOTSTRAP_SEED)

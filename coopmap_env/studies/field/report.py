@@ -13,17 +13,17 @@ from coopmap_env.studies.field import stereo
 from coopmap_env.studies.field.study import SCANS_EACH, FieldStudy
 
 TABLE_SCORES = (
-    "surface",
-    "surface_auc",
-    "target",
+    "surface_coverage",
+    "surface_coverage_auc",
+    "target_coverage",
     "f_score",
     "chamfer",
-    "missed",
+    "false_free_fraction",
     "log_loss",
-    "brier",
+    "brier_score",
     "motion_cost",
-    "contacts",
-    "planning_ms",
+    "n_collisions",
+    "planning_time_ms",
 )
 """Scores of the report's table, in its order."""
 
@@ -32,7 +32,7 @@ def write_field_figures(study: FieldStudy, out: Path) -> None:
     """Write the pictures and the replay into the folder `out`."""
     figures.draw_coverage_curves(
         study.evaluations, 2, out / "field_surface.png", "test worksites",
-        curve="surface", label="% of reachable surface covered",
+        curve="surface_coverage", label="% of reachable surface covered",
     )  # fmt: skip
     figures.save_frame(study.frame, out / "field_render.png")
     stereo.draw_stereo(study.stereo, out / "stereo.png")
@@ -65,7 +65,7 @@ def field_text_table(study: FieldStudy) -> str:
     for name, evaluation in study.evaluations.items():
         t = {score: values.mean() for score, values in evaluation.table.items()}
         lines.append(
-            f"{name:<50}{100 * t['surface']:>8.1f}%{100 * t['surface_auc']:>8.1f}%"
+            f"{name:<50}{100 * t['surface']:>8.1f}%{100 * t['surface_coverage_auc']:>8.1f}%"
             f"{t['f_score']:>9.3f}{t['chamfer']:>7.3f} m{t['log_loss']:>10.4f}"
             f"{t['motion_cost']:>9.1f}"
         )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, compare
 from coopmap_env.evaluation.policy import Policy, make_policy
-from coopmap_env.evaluation.replay.recording import Replay, record
+from coopmap_env.evaluation.replay.recording import Replay, record_replay
 from coopmap_env.evaluation.rollout import policy_rng
 from coopmap_env.sensing import Scan
 from coopmap_env.studies.field import stereo
@@ -75,13 +75,13 @@ def run(store: Path, size: FieldSize, workers: int, log: Callable[[str], None]) 
     arguments = {"max_scans": SCANS_EACH, "split": "test"}
     settings = FieldSettings()
     evaluations = compare(
-        size.policies, range(size.worlds), arguments, store, settings, workers, world="field"
+        size.policies, range(size.worlds), arguments, store, settings, workers, env_name="field"
     )
     log("an episode in the field, its replay, and OctoMap on the same scans")
     env = FieldEnv(split="test", max_scans=SCANS_EACH, settings=settings, render_mode="rgb_array")
     try:
         policy = make_policy(RATING)
-        replay = record(env, policy, RECORDED_SEED)
+        replay = record_replay(env, policy, RECORDED_SEED)
         frame = env.render()
         assert frame is not None
         octomap = compare_with_octomap(

@@ -15,7 +15,7 @@ from coopmap_env.envs.mapping_env import Infos
 from coopmap_env.evaluation.jobs import Job, Result
 from coopmap_env.evaluation.metrics.calibration import log_loss
 from coopmap_env.evaluation.policy import make_policy
-from coopmap_env.evaluation.rollout import judge_of, policy_rng, run_episode
+from coopmap_env.evaluation.rollout import make_surface_evaluator, policy_rng, run_episode
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.localization import (
     DegenerateGeometryError,
@@ -163,11 +163,11 @@ class PoseAblation:
 
     def scores(self, seed: int) -> dict[str, dict[str, float]]:
         """Map quality by each kind of pose."""
-        judge = judge_of(self._env, seed)
-        assert judge is not None
+        evaluator = make_surface_evaluator(self._env, seed)
+        assert evaluator is not None
         out = {}
         for name, map_ in self._maps.items():
-            scores = judge.scores(map_)
+            scores = evaluator.scores(map_)
             out[name] = {
                 "f_score": scores.f_score,
                 "chamfer": scores.chamfer,

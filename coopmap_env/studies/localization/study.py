@@ -24,7 +24,7 @@ from coopmap_env.evaluation.jobs import Job, Result, run_jobs
 from coopmap_env.evaluation.rollout import episode_from_dict
 from coopmap_env.evaluation.statistics.bootstrap import (
     Interval,
-    bootstrap_groups,
+    bootstrap_clusters,
     bootstrap_mean,
     bootstrap_paired_difference,
 )
@@ -164,7 +164,7 @@ def search_summary(searches: list[Result]) -> dict[str, Any]:
         return bootstrap_mean([float((group[:, 0] <= k).mean()) for group in groups], rng).as_dict()
 
     def percentile_of_located(column: int, percent: float) -> dict[str, float]:
-        return bootstrap_groups(
+        return bootstrap_clusters(
             groups, lambda rows: float(np.nanpercentile(rows[:, column], percent)), rng
         ).as_dict()
 
@@ -249,14 +249,14 @@ def errors_summary(groups: list[list[Result]], rng: np.random.Generator) -> dict
         out[name] = {
             "before": _percentiles(pairs, 0, rng),
             "after": _percentiles(pairs, 1, rng),
-            "error_ratio_median": bootstrap_groups(pairs, _ratio_of_medians, rng).as_dict(),
+            "error_ratio_median": bootstrap_clusters(pairs, _ratio_of_medians, rng).as_dict(),
         }
     return out
 
 
 def _percentiles(pairs: list[Array], column: int, rng: np.random.Generator) -> dict[str, Any]:
     return {
-        label: bootstrap_groups(
+        label: bootstrap_clusters(
             pairs,
             lambda rows, q=percent: _percentile(rows[:, column], q),  # type: ignore[misc]
             rng,
@@ -288,7 +288,7 @@ def nees_summary(groups: list[Array]) -> dict[str, Any]:
         return {"scans": 0}
     band = stats.chi2.ppf([0.025, 0.975], 6 * n) / n
     rng = np.random.default_rng(BOOTSTRAP_SEED)
-    mean = bootstrap_groups(
+    mean = bootstrap_clusters(
         groups, lambda rows: float(rows.mean()) if len(rows) else float("nan"), rng
     )
     return {

@@ -90,7 +90,7 @@ def calibration_scores(cells: ScoredCells) -> dict[str, Any]:
     """Brier score, log-loss, calibration error and the reliability curve, as JSON values."""
     curve = reliability_curve(*cells)
     return {
-        "brier": brier_score(*cells),
+        "brier_score": brier_score(*cells),
         "log_loss": log_loss(*cells),
         "calibration_error": expected_calibration_error(*cells),
         "cells": int(cells.sampled.sum()),

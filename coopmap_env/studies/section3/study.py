@@ -40,7 +40,7 @@ PAPER_TABLE_1 = {
     "exhaustive": (34.59, 19.23, 7.52),
 }
 """Farthest viewed point, mean radius and sigma as printed, in the paper's units."""
-TABLE_1_SCORES = ("farthest", "mean_radius", "sigma")
+TABLE_1_SCORES = ("max_radius", "mean_radius", "radius_std")
 SWEEP_SEARCHES = (10, 100, "exhaustive")
 K_SWEEP = (0.1, 0.15, 0.18, 0.2, 0.22, 0.25, 0.3, 0.4)
 HOUSE_SCANS_EACH = 48

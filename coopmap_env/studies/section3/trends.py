@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation
-from coopmap_env.evaluation.statistics.bootstrap import Interval, equivalence, ordered_alternative
+from coopmap_env.evaluation.statistics.bootstrap import Interval, equivalence_test, page_trend_test
 
 EQUIVALENCE_MARGIN = 0.15
 """T1: "about equal" is a mean within 15 % of the mean of all searches, its interval included. The
@@ -54,13 +54,13 @@ class Trend:
 def equal_coverage(searches: Mapping[Any, Evaluation]) -> Trend:
     """T1, as an equivalence: every search's mean within `EQUIVALENCE_MARGIN` of the mean of all."""
     coverage = _table(searches, "coverage")
-    test = equivalence(coverage, EQUIVALENCE_MARGIN, np.random.default_rng(BOOTSTRAP_SEED))
+    test = equivalence_test(coverage, EQUIVALENCE_MARGIN, np.random.default_rng(BOOTSTRAP_SEED))
     return Trend(
-        held=test.held,
+        held=test.equivalent,
         question="viewed area is about equal for every m and exhaustive",
         statistic="largest distance of a search's mean, its 95 % interval included, from the mean "
         f"of all, as a share of it; held if at most {EQUIVALENCE_MARGIN}",
-        value=test.worst,
+        value=test.max_deviation,
         p_value=None,
         details={
             "ratio_to_mean": {
@@ -92,8 +92,8 @@ def raster_coverage_is_lower(raster: Evaluation, searches: Mapping[Any, Evaluati
 def extent_decreases(searches: Mapping[Any, Evaluation]) -> Trend:
     """T3: sigma and the farthest viewed point fall from the smallest m to exhaustive (Page)."""
     tests = {
-        column: ordered_alternative(_table(searches, column), direction="decreasing")
-        for column in ("sigma", "farthest")
+        column: page_trend_test(_table(searches, column), direction="decreasing")
+        for column in ("radius_std", "max_radius")
     }
     worst = max(tests, key=lambda column: tests[column].p_value)
     return Trend(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plain import true_surfaces as plain
 
-from coopmap_env.evaluation.metrics.surface import SurfaceJudge
+from coopmap_env.evaluation.metrics.surface import SurfaceEvaluator
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
@@ -21,15 +21,15 @@ def world():
     return make_field_scene("worksite").world(np.random.default_rng(0), 2)
 
 
-def judge_of(world, n_poses=60, **settings):
+def evaluator_of(world, n_poses=60, **settings):
     vehicles = [Vehicle.from_mount("mast", base) for base in world.base_poses]
     rng = np.random.default_rng(5)
-    return SurfaceJudge(world, vehicles, DepthCamera(), rng, 3000, n_poses, **settings)
+    return SurfaceEvaluator(world, vehicles, DepthCamera(), rng, 3000, n_poses, **settings)
 
 
 @pytest.fixture(scope="module")
-def judge(world):
-    return judge_of(world)
+def evaluator(world):
+    return evaluator_of(world)
 
 
 def true_map(world):
@@ -38,52 +38,52 @@ def true_map(world):
     return map_
 
 
-def test_part_of_the_surface_and_of_the_target_can_be_reached(judge):
-    assert 0.5 < judge.reachable.mean() < 0.99
-    assert 0.3 < judge.reachable[judge.samples.is_target].mean() < 0.99
+def test_part_of_the_surface_and_of_the_target_can_be_reached(evaluator):
+    assert 0.5 < evaluator.visible.mean() < 0.99
+    assert 0.3 < evaluator.visible[evaluator.samples.is_target].mean() < 0.99
 
 
-def test_what_lies_under_the_ground_or_far_from_all_robots_cannot(world, judge):
-    points = judge.samples.points[judge.reachable]
+def test_what_lies_under_the_ground_or_far_from_all_robots_cannot(world, evaluator):
+    points = evaluator.samples.points[evaluator.visible]
     assert points[:, 2].min() > -1e-9
     bases = np.array([base.translation for base in world.base_poses])
     nearest = np.linalg.norm(points[:, None] - bases, axis=2).min(axis=1)
     assert nearest.max() < DepthCamera().far + 2.6  # a mast is that long
 
 
-def test_more_poses_and_more_robots_reach_more(world, judge):
-    more = judge_of(world, 200)
-    np.testing.assert_array_equal(more.samples.points, judge.samples.points)
-    assert more.reachable.mean() > judge.reachable.mean()
+def test_more_poses_and_more_robots_reach_more(world, evaluator):
+    more = evaluator_of(world, 200)
+    np.testing.assert_array_equal(more.samples.points, evaluator.samples.points)
+    assert more.visible.mean() > evaluator.visible.mean()
     one = dataclasses.replace(world, base_poses=world.base_poses[:1])
-    assert judge_of(one).reachable.mean() < judge.reachable.mean()
+    assert evaluator_of(one).visible.mean() < evaluator.visible.mean()
 
 
-def test_an_empty_map_covers_nothing_and_the_truth_everything(world, judge):
+def test_an_empty_map_covers_nothing_and_the_truth_everything(world, evaluator):
     empty, truth = OccupancyMap(world.grid), true_map(world)
-    assert judge.coverage(empty) == judge.target_coverage(empty) == 0
-    assert judge.coverage(truth) == judge.target_coverage(truth) == 1
-    scores = judge.scores(empty)
+    assert evaluator.coverage(empty) == evaluator.target_coverage(empty) == 0
+    assert evaluator.coverage(truth) == evaluator.target_coverage(truth) == 1
+    scores = evaluator.scores(empty)
     assert (scores.f_score, scores.precision, scores.recall) == (0, 0, 0)
     assert np.isfinite(scores.chamfer)
 
 
-def test_coverage_is_that_of_the_reachable_samples(world, judge):
+def test_coverage_is_that_of_the_reachable_samples(world, evaluator):
     map_ = OccupancyMap(world.grid)
     rng = np.random.default_rng(1)
     occupied = np.flatnonzero(world.occupied)
     map_.mark_occupied(rng.choice(occupied, len(occupied) // 20, replace=False))
-    covered = plain.covered_mask(map_, judge.samples.points)
-    assert judge.coverage(map_) == covered[judge.reachable].mean()
-    on_target = judge.reachable & judge.samples.is_target
-    assert judge.target_coverage(map_) == covered[on_target].mean()
-    assert judge.scores(map_).coverage == judge.coverage(map_)
+    covered = plain.covered_mask(map_, evaluator.samples.points)
+    assert evaluator.coverage(map_) == covered[evaluator.visible].mean()
+    on_target = evaluator.visible & evaluator.samples.is_target
+    assert evaluator.target_coverage(map_) == covered[on_target].mean()
+    assert evaluator.scores(map_).coverage == evaluator.coverage(map_)
 
 
-def test_the_same_generator_judges_the_same(world, judge):
-    np.testing.assert_array_equal(judge_of(world).reachable, judge.reachable)
+def test_the_same_generator_judges_the_same(world, evaluator):
+    np.testing.assert_array_equal(evaluator_of(world).visible, evaluator.visible)
 
 
-def test_tau_is_one_voxel_unless_given(world, judge):
-    assert judge.tau == world.grid.resolution
-    assert judge_of(world, 1, tau=0.25).tau == 0.25
+def test_tau_is_one_voxel_unless_given(world, evaluator):
+    assert evaluator.tau == world.grid.resolution
+    assert evaluator_of(world, 1, tau=0.25).tau == 0.25

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.evaluation.metrics.surface_samples import sample_surface, triangles_in_grid
+from coopmap_env.evaluation.metrics.surface_samples import clip_triangles, sample_surface
 from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping import VoxelGrid
@@ -33,7 +33,7 @@ def test_samples_lie_on_the_triangles_and_inside_of_the_grid():
     samples = sample_surface(made, np.random.default_rng(0), 500)
     assert len(samples) == 500
     assert GRID.contains(GRID.index(samples.points)).all()
-    bins = TriangleBins.of(made.triangles, GRID)
+    bins = TriangleBins.from_triangles(made.triangles, GRID)
     np.testing.assert_allclose(bins.distances(samples.points), 0, atol=1e-12)
 
 
@@ -42,9 +42,9 @@ def test_each_solid_has_its_share_of_the_samples():
     small = box("small", (0.5, 0.5, 0.5), (1.5, 1.5, 0.5), is_target=False)
     samples = sample_surface(world(make_ground(GRID), box(), small), np.random.default_rng(0), 2350)
     assert samples.area == pytest.approx(23.5)
-    counts = np.bincount(samples.solid)
+    counts = np.bincount(samples.solid_index)
     np.testing.assert_allclose(counts, [1600, 600, 150], atol=1.0)
-    np.testing.assert_array_equal(samples.is_target, samples.solid == 1)
+    np.testing.assert_array_equal(samples.is_target, samples.solid_index == 1)
 
 
 def test_samples_are_even_over_a_triangle():
@@ -84,9 +84,9 @@ def test_a_triangle_is_cut_off_at_the_grid():
     grid = VoxelGrid((10, 10, 10), 0.1, (0, 0, 0))
     # half of the square [-1, 1]^2 at z = 0.5; x + y <= 0 but for (0, 0) is outside
     below = np.array([[[-1.0, -1, 0.5], [1, -1, 0.5], [-1, 1, 0.5]]])
-    assert areas(triangles_in_grid(below, grid)[0]).sum() == pytest.approx(0)
+    assert areas(clip_triangles(below, grid)[0]).sum() == pytest.approx(0)
     above = np.array([[[1.0, 1, 0.5], [-1, 1, 0.5], [1, -1, 0.5]]])
-    pieces, source = triangles_in_grid(np.concatenate([below, above]), grid)
+    pieces, source = clip_triangles(np.concatenate([below, above]), grid)
     assert areas(pieces).sum() == pytest.approx(1)
     inside = areas(pieces) > 0
     np.testing.assert_array_equal(source[inside], 1)
@@ -97,7 +97,7 @@ def test_a_triangle_is_cut_off_at_the_grid():
 def test_the_parts_in_eight_grids_add_up_to_the_whole():
     triangles = np.random.default_rng(0).uniform(0, 2, (60, 3, 3))
     parts = [
-        triangles_in_grid(triangles, VoxelGrid((10, 10, 10), 0.1, (x, y, z)))[0]
+        clip_triangles(triangles, VoxelGrid((10, 10, 10), 0.1, (x, y, z)))[0]
         for x in (0, 1)
         for y in (0, 1)
         for z in (0, 1)

@@ -5,18 +5,18 @@ import pytest
 from plain import true_surfaces as plain
 
 from coopmap_env.evaluation.metrics.surface_scores import (
-    SampleCells,
+    SampleVoxels,
     distance_scores,
     surface_points,
 )
 from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
-from coopmap_env.evaluation.scored_voxels import told_by_scans
+from coopmap_env.evaluation.scored_voxels import observed_mask
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 GRID = VoxelGrid((20, 20, 10), 0.1, (0, 0, -0.55))
 SQUARE = np.array([[[0.0, 0, 0], [2, 0, 0], [2, 2, 0]], [[0, 0, 0], [2, 2, 0], [0, 2, 0]]])
 """Two triangles at z = 0, from side to side of the grid."""
-BINS = TriangleBins.of(SQUARE, GRID)
+BINS = TriangleBins.from_triangles(SQUARE, GRID)
 ON_IT = np.append(
     np.stack(np.meshgrid(*2 * [np.arange(0.05, 2, 0.1)]), -1), np.zeros((20, 20, 1)), 2
 )
@@ -90,7 +90,7 @@ def test_where_nothing_is_reachable_nothing_is_scored():
     f, precision, recall, chamfer = distance_scores(SAMPLES, np.empty((0, 3)), BINS, 0.1)
     assert precision == 1
     assert np.isnan([f, recall, chamfer]).all()
-    assert np.isnan(SampleCells.of(np.empty((0, 3)), GRID).coverage(OccupancyMap(GRID)))
+    assert np.isnan(SampleVoxels.from_points(np.empty((0, 3)), GRID).coverage(OccupancyMap(GRID)))
 
 
 @pytest.mark.parametrize("tau", [0.0, -1.0, np.nan, np.inf])
@@ -109,7 +109,7 @@ def test_points_of_a_map_are_the_means_of_its_occupied_voxels():
 
 
 def test_a_voxel_covers_samples_up_to_one_voxel_away():
-    cells = SampleCells.of(SAMPLES, GRID)
+    cells = SampleVoxels.from_points(SAMPLES, GRID)
     middle, up = np.array([[1.05, 1.05, 0.0]]), np.array([0, 0, 0.1])
     assert cells.coverage(map_of(middle)) == 9 / 400
     assert cells.coverage(map_of(middle + up)) == 9 / 400
@@ -129,24 +129,24 @@ def test_coverage_agrees_with_looking_at_every_voxel():
         map_.mark_occupied(np.flatnonzero(occupied))
         map_.mark_free(np.flatnonzero(~occupied & (rng.random(grid.n_cells) < 0.5)))
         points = low + rng.random((200, 3)) * size
-        found = SampleCells.of(points, grid).coverage(map_)
+        found = SampleVoxels.from_points(points, grid).coverage(map_)
         assert found == plain.covered_mask(map_, points).mean()
-        assert SampleCells.of(rng.permutation(points), grid).coverage(map_) == found
+        assert SampleVoxels.from_points(rng.permutation(points), grid).coverage(map_) == found
 
 
 def test_samples_belong_to_the_grid_of_the_map():
     edge = np.array([[2.0, 2.0, 0.45]])  # the grid's upper corner
-    assert SampleCells.of(edge, GRID).coverage(map_of(edge - 0.01)) == 1
+    assert SampleVoxels.from_points(edge, GRID).coverage(map_of(edge - 0.01)) == 1
     with pytest.raises(ValueError, match="must lie inside"):
-        SampleCells.of(edge + 0.2, GRID)
+        SampleVoxels.from_points(edge + 0.2, GRID)
     with pytest.raises(ValueError, match="the map in"):
-        SampleCells.of(edge, GRID).coverage(OccupancyMap(VoxelGrid((20, 20, 10), 0.1)))
+        SampleVoxels.from_points(edge, GRID).coverage(OccupancyMap(VoxelGrid((20, 20, 10), 0.1)))
 
 
 def test_voxels_known_from_the_start_are_not_scored():
     known, sampled = np.array([1, 0, 0], bool), np.array([1, 1, 0], bool)
-    np.testing.assert_array_equal(told_by_scans(sampled, known), [False, True, False])
+    np.testing.assert_array_equal(observed_mask(sampled, known), [False, True, False])
     with pytest.raises(ValueError, match="it has more voxels"):
-        told_by_scans(known, sampled)
+        observed_mask(known, sampled)
     with pytest.raises(ValueError, match="one shape"):
-        told_by_scans(known, sampled[:2])
+        observed_mask(known, sampled[:2])

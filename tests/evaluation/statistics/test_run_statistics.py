@@ -58,9 +58,9 @@ def test_the_interquartile_mean_of_two_runs_on_four_worlds_is_that_of_their_eigh
 
 def test_a_gain_on_every_world_is_certain_however_worlds_differ():
     theirs = np.array([[1.0, 50.0, 7.0, 90.0]])
-    found = run_statistics.difference(theirs + 0.5, theirs)
+    found = run_statistics.mean_difference(theirs + 0.5, theirs)
     assert (found.estimate, found.low, found.high) == pytest.approx((0.5, 0.5, 0.5))
-    found = run_statistics.ratio(2 * theirs, theirs, rng())
+    found = run_statistics.ratio_of_means(2 * theirs, theirs, rng())
     assert (found.estimate, found.low, found.high) == pytest.approx((2, 2, 2))
 
 
@@ -68,14 +68,14 @@ def test_the_difference_of_runs_and_a_planner_by_hand():
     # means of the runs 16 and 14, so their mean has the variance 2/2, with one degree of freedom
     theirs = np.array([[10.0, 20.0]])
     ours = np.concatenate([theirs + 1, theirs - 1])
-    found = run_statistics.difference(ours, theirs)
+    found = run_statistics.mean_difference(ours, theirs)
     assert found.estimate == 0
     assert (found.low, found.high) == pytest.approx((-12.7062, 12.7062), abs=1e-4)
 
 
 def test_the_difference_of_two_planners_is_that_of_a_paired_t_test():
     ours, theirs = GENERATED[:1], GENERATED[1:2]
-    found = run_statistics.difference(ours, theirs)
+    found = run_statistics.mean_difference(ours, theirs)
     plain = stats.ttest_rel(ours[0], theirs[0]).confidence_interval(0.95)
     assert (found.low, found.high) == pytest.approx((plain.low, plain.high))
 
@@ -86,7 +86,7 @@ def test_differences_hold_the_truth_as_often_as_they_say(of_runs, of_both):
     for _ in range(n):
         worlds = generator.normal(0, 3, 40)
         runs = generator.normal(0, of_runs, (3, 1)) + generator.normal(0, of_both, (3, 40))
-        found = run_statistics.difference(worlds + runs, [worlds + generator.normal(0, 1, 40)])
+        found = run_statistics.mean_difference(worlds + runs, [worlds + generator.normal(0, 1, 40)])
         held += found.low <= 0 <= found.high
     # 95 % of 500 is known to one percent; it may be more, see `difference`
     assert held / n > 0.92
@@ -178,8 +178,8 @@ def test_scores_that_are_no_matrix_of_runs_and_worlds_are_refused():
     with pytest.raises(ValueError, match=r"axes \(n_runs, n_worlds, n\), got shape \(1, 2\)"):
         run_statistics.mean_curve([[1.0, 2.0]], rng())
     with pytest.raises(ValueError, match="the same worlds, got 3 and 2 of them"):
-        run_statistics.difference([[1, 2, 3]], [[1, 2]])
+        run_statistics.mean_difference([[1, 2, 3]], [[1, 2]])
     with pytest.raises(ValueError, match=r"scores above 0 below it, got 0\.0"):
-        run_statistics.ratio([[1, 2]], [[1, 0]], rng())
+        run_statistics.ratio_of_means([[1, 2]], [[1, 0]], rng())
     with pytest.raises(ValueError, match="n_resamples must be at least 1, got 0"):
         run_statistics.mean([[1, 2]], rng(), n_resamples=0)

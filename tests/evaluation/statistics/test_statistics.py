@@ -6,9 +6,9 @@ from coopmap_env.evaluation.statistics.bootstrap import (
     bootstrap_interquartile_mean,
     bootstrap_mean,
     bootstrap_paired_difference,
-    equivalence,
+    equivalence_test,
     interquartile_mean,
-    ordered_alternative,
+    page_trend_test,
     probability_of_improvement,
 )
 
@@ -97,7 +97,7 @@ def test_strata_are_resampled_each_on_its_own():
 
 def test_page_statistic_of_two_perfect_rankings_by_hand():
     # rank sums 2, 4, 6 by predicted ranks 1, 2, 3; one of 36 pairs of rankings does as well
-    trend = ordered_alternative([[10, 20, 30], [1, 2, 3]])
+    trend = page_trend_test([[10, 20, 30], [1, 2, 3]])
     assert trend.statistic == 1 * 2 + 2 * 4 + 3 * 6
     assert trend.p_value == pytest.approx(1 / 36)
 
@@ -118,51 +118,51 @@ def test_page_statistic_of_a_published_table():
             [1, 3, 4],
         ]
     )
-    trend = ordered_alternative(ratings)
+    trend = page_trend_test(ratings)
     assert trend.statistic == 133.5
     assert trend.p_value == pytest.approx(0.00182, abs=5e-6)
 
 
 def test_a_decreasing_trend_is_an_increasing_one_read_backwards():
     falling = WORLDS + np.array([3.0, 2.0, 1.0, 0.0])
-    trend = ordered_alternative(falling, "decreasing")
-    assert trend == ordered_alternative(falling[:, ::-1])
+    trend = page_trend_test(falling, "decreasing")
+    assert trend == page_trend_test(falling[:, ::-1])
     assert trend.p_value < 0.01
-    assert ordered_alternative(falling).p_value > 0.99
+    assert page_trend_test(falling).p_value > 0.99
 
 
 def test_columns_that_never_differ_show_no_trend():
-    assert ordered_alternative(np.full((20, 4), 3.0)).p_value == pytest.approx(0.5)
+    assert page_trend_test(np.full((20, 4), 3.0)).p_value == pytest.approx(0.5)
 
 
 def test_columns_within_the_margin_are_equivalent():
     level = WORLDS[:, :1]
     table = level * np.array([1.0, 1.01, 0.99])
-    result = equivalence(table, 0.05, rng())
-    assert result.held
+    result = equivalence_test(table, 0.05, rng())
+    assert result.equivalent
     # the columns are proportional, so every resample has the same ratios
     np.testing.assert_allclose([i.low for i in result.intervals], [1.0, 1.01, 0.99])
-    assert result.worst == pytest.approx(0.01)
+    assert result.max_deviation == pytest.approx(0.01)
 
 
 def test_one_column_outside_the_margin_breaks_equivalence():
     table = WORLDS[:, :1] * np.array([1.0, 1.0, 1.3])
-    result = equivalence(table, 0.05, rng())
-    assert not result.held
-    assert result.worst == pytest.approx(1.3 / 1.1 - 1)
+    result = equivalence_test(table, 0.05, rng())
+    assert not result.equivalent
+    assert result.max_deviation == pytest.approx(1.3 / 1.1 - 1)
 
 
 def test_equal_means_over_too_few_noisy_worlds_do_not_prove_equivalence():
-    result = equivalence([[1.0, 3.0], [3.0, 1.0], [2.0, 2.0]], 0.1, rng())
+    result = equivalence_test([[1.0, 3.0], [3.0, 1.0], [2.0, 2.0]], 0.1, rng())
     assert [i.estimate for i in result.intervals] == [1.0, 1.0]
-    assert not result.held
+    assert not result.equivalent
 
 
 def test_equivalence_does_not_depend_on_the_unit():
-    metres = equivalence(WORLDS, 0.2, rng())
-    millimetres = equivalence(1000 * WORLDS, 0.2, rng())
-    assert metres.held == millimetres.held
-    assert metres.worst == pytest.approx(millimetres.worst)
+    metres = equivalence_test(WORLDS, 0.2, rng())
+    millimetres = equivalence_test(1000 * WORLDS, 0.2, rng())
+    assert metres.equivalent == millimetres.equivalent
+    assert metres.max_deviation == pytest.approx(millimetres.max_deviation)
 
 
 RANDOMISED = {
@@ -170,7 +170,7 @@ RANDOMISED = {
     "difference": lambda g: bootstrap_paired_difference(WORLDS[:, 0], WORLDS[:, 1], g),
     "interquartile mean": lambda g: bootstrap_interquartile_mean(list(WORLDS.T), g),
     "improvement": lambda g: probability_of_improvement(WORLDS[:, 0], WORLDS[:, 1], g),
-    "equivalence": lambda g: equivalence(WORLDS, 0.05, g),
+    "equivalence": lambda g: equivalence_test(WORLDS, 0.05, g),
 }
 
 
@@ -217,8 +217,8 @@ def test_constant_data_give_an_interval_of_zero_width(level):
 
 
 def test_constant_columns_are_equivalent_to_zero_width():
-    result = equivalence(np.full((3, 4), 0.1), 0.01, rng())
-    assert result.held
+    result = equivalence_test(np.full((3, 4), 0.1), 0.01, rng())
+    assert result.equivalent
     assert all(i.low == i.high for i in result.intervals)
 
 
@@ -228,9 +228,9 @@ def test_a_single_world_is_refused_with_the_number_needed():
     with pytest.raises(ValueError, match=r"strata\[1\] needs at least 2 worlds, got 1"):
         bootstrap_interquartile_mean([[1.0, 2.0], [3.0]], rng())
     with pytest.raises(ValueError, match=r"needs at least 2 worlds \(rows\), got 1"):
-        equivalence([[1.0, 2.0]], 0.1, rng())
+        equivalence_test([[1.0, 2.0]], 0.1, rng())
     with pytest.raises(ValueError, match=r"needs at least 2 worlds \(rows\), got 1"):
-        ordered_alternative([[1.0, 2.0, 3.0]])
+        page_trend_test([[1.0, 2.0, 3.0]])
 
 
 def test_nan_is_refused_with_its_index():
@@ -241,9 +241,9 @@ def test_nan_is_refused_with_its_index():
     with pytest.raises(ValueError, match=r"strata\[1\]\[1\] is nan"):
         bootstrap_interquartile_mean([[1.0, 2.0], [3.0, np.nan]], rng())
     with pytest.raises(ValueError, match=r"data\[1, 2\] is inf"):
-        ordered_alternative([[1.0, 2.0, 3.0], [1.0, 2.0, np.inf]])
+        page_trend_test([[1.0, 2.0, 3.0], [1.0, 2.0, np.inf]])
     with pytest.raises(ValueError, match=r"values\[0, 1\] is nan"):
-        equivalence([[1.0, np.nan], [1.0, 2.0]], 0.1, rng())
+        equivalence_test([[1.0, np.nan], [1.0, 2.0]], 0.1, rng())
 
 
 def test_pairs_must_cover_the_same_worlds():
@@ -257,13 +257,13 @@ def test_arguments_out_of_range_are_refused_with_their_value():
     with pytest.raises(ValueError, match="n_resamples must be at least 1, got 0"):
         bootstrap_mean([1.0, 2.0], rng(), n_resamples=0)
     with pytest.raises(ValueError, match=r"margin must lie in \(0, 1\), got 5"):
-        equivalence(WORLDS, 5, rng())
+        equivalence_test(WORLDS, 5, rng())
     with pytest.raises(ValueError, match=r"values\[1\] is -1.5"):
-        equivalence([[1.0, 2.0], [-1.0, -2.0]], 0.1, rng())
+        equivalence_test([[1.0, 2.0], [-1.0, -2.0]], 0.1, rng())
     with pytest.raises(ValueError, match="got 'down'"):
-        ordered_alternative(WORLDS, "down")
+        page_trend_test(WORLDS, "down")
     with pytest.raises(ValueError, match="needs at least 3 columns, got 2"):
-        ordered_alternative(WORLDS[:, :2])
+        page_trend_test(WORLDS[:, :2])
     with pytest.raises(ValueError, match=r"one axis \(n_worlds,\), got shape \(24, 4\)"):
         bootstrap_mean(WORLDS, rng())
     with pytest.raises(ValueError, match="at least 1 array, got none"):
