@@ -8,11 +8,18 @@ from coopmap_env.geometry.rotations import (
     rotvec_from_rotation,
     skew,
 )
-from coopmap_env.geometry.transforms import Pose, to_camera_frame, to_world_frame, wrap_angle
+from coopmap_env.geometry.transforms import (
+    Pose,
+    RigidTransform,
+    to_camera_frame,
+    to_world_frame,
+    wrap_angle,
+)
 from coopmap_env.geometry.traversal import Traversal, traverse
 
 __all__ = [
     "Pose",
+    "RigidTransform",
     "Traversal",
     "apply_displacement",
     "displacement_between",

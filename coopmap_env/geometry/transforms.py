@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 TWO_PI = 2.0 * math.pi
+
+
+class RigidTransform(NamedTuple):
+    """The arrays of a `Pose`, as kernels take them."""
+
+    rotation: NDArray[np.float64]
+    """Shape (D, D)."""
+    translation: NDArray[np.float64]
+    """Shape (D,), metres unless a kernel says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +60,13 @@ class Pose:
         """Pose of a planar frame from position (metres) and heading (radians, from +x to +y)."""
         c, s = math.cos(heading), math.sin(heading)
         return cls(np.array([x, y]), np.array([[c, -s], [s, c]]))
+
+    @property
+    def arrays(self) -> RigidTransform:
+        """Rotation and translation, contiguous, for kernels."""
+        return RigidTransform(
+            np.ascontiguousarray(self.rotation), np.ascontiguousarray(self.translation)
+        )
 
     def transform(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points (..., D) of the camera frame, in the world frame."""

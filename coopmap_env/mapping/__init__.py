@@ -1,18 +1,24 @@
-"""The probabilistic map: grid, beam model, Gaussian fusion, map quality."""
+"""The probabilistic map: grid, inverse sensor model, Gaussian fusion, occupancy."""
 
 from coopmap_env.mapping.beam import BeamModel, beam_occupancy
 from coopmap_env.mapping.gaussian import gaussian_density, merge_gaussians
-from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.mapping.log_odds import LogOddsRange
-from coopmap_env.mapping.occupancy_map import OccupancyMap, ScanGain
+from coopmap_env.mapping.grid import GridGeometry, VoxelGrid
+from coopmap_env.mapping.line_of_sight import has_line_of_sight
+from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange, to_log_odds_fixed
+from coopmap_env.mapping.occupancy_map import MapArrays, OccupancyMap, ScanGain
 
 __all__ = [
+    "STEPS_PER_NAT",
     "BeamModel",
+    "GridGeometry",
     "LogOddsRange",
+    "MapArrays",
     "OccupancyMap",
     "ScanGain",
     "VoxelGrid",
     "beam_occupancy",
     "gaussian_density",
+    "has_line_of_sight",
     "merge_gaussians",
+    "to_log_odds_fixed",
 ]

@@ -4,9 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+
+class GridGeometry(NamedTuple):
+    """A `VoxelGrid` as kernels take it."""
+
+    lower: NDArray[np.float64]
+    """Lower corner (D,), metres."""
+    resolution: float
+    """Edge of a cell, metres."""
+    shape: tuple[int, int, int]
+    """Cells along x, y, z; a planar grid is one layer."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +72,11 @@ class VoxelGrid:
         """The shape as kernels want it: a planar grid is one layer."""
         nx, ny, nz = (*self.shape, 1)[:3]
         return nx, ny, nz
+
+    @cached_property
+    def geometry(self) -> GridGeometry:
+        """Corner, resolution and shape, for kernels."""
+        return GridGeometry(np.array(self.origin), float(self.resolution), self.shape_3d)
 
     def to_cell_units(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points (..., D) in metres, in cells from the grid's lower corner (not rounded)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +30,19 @@ class ScanGain:
     """Cells sampled for the first time."""
     entropy_reduction: float
     """Nats, summed over the touched cells; negative where a scan contradicts the map."""
+
+
+class MapArrays(NamedTuple):
+    """Occupancy of a map's cells, as kernels take it; all arrays are flat (row-major)."""
+
+    log_odds_fixed: NDArray[np.int32]
+    """Log-odds in fixed point (n_cells,); see `log_odds`."""
+    sampled_mask: NDArray[np.uint8]
+    """1 where a scan observed the cell (n_cells,)."""
+    shape: tuple[int, int, int]
+    """Cells along x, y, z; a planar grid is one layer."""
+    clamp: int
+    """Highest log-odds in fixed point; the lowest is its negative."""
 
 
 class OccupancyMap:
@@ -69,8 +83,14 @@ class OccupancyMap:
         """Log-odds in fixed point, flat; see `log_odds`."""
         self.sampled_mask = np.zeros(n, dtype=np.uint8)
         """1 where a scan ever told something of the cell, flat; see `sampled`."""
-        self._precision = np.zeros((n, d, d))
-        self._information_vector = np.zeros((n, d))
+        self.arrays = MapArrays(
+            self.log_odds_fixed, self.sampled_mask, grid.shape_3d, self.log_odds_range.clamp
+        )
+        """Occupancy for kernels; its arrays are those of the map."""
+        self.precision = np.zeros((n, d, d))
+        """Sums of the inverse covariances of each cell's surface points; see `surfaces`."""
+        self.information_vector = np.zeros((n, d))
+        """Sums of inverse covariance times (point minus the cell's centre)."""
         self._pending = np.zeros(n, dtype=np.int32)
         self._updated_cells = np.empty(n + 1, dtype=np.int64)
 
@@ -80,8 +100,8 @@ class OccupancyMap:
         for array in (
             self.log_odds_fixed,
             self.sampled_mask,
-            self._precision,
-            self._information_vector,
+            self.precision,
+            self.information_vector,
         ):
             array[known] = 0
 
@@ -103,7 +123,7 @@ class OccupancyMap:
                 scan.origin, scan.points, scan.covariances, scan.hit,
                 self._lower, self.grid.resolution, self._shape3,
                 self._bounds, self._surface_at_entry, self._partial_surface,
-                self._precision, self._information_vector, self._pending, self._updated_cells,
+                self.precision, self.information_vector, self._pending, self._updated_cells,
                 self.log_odds_fixed, self.sampled_mask, self.log_odds_range.clamp, self.log_odds_range.entropy,
             )  # fmt: skip
             gains.append(ScanGain(new, drop))
@@ -204,8 +224,8 @@ class OccupancyMap:
         vectors : ndarray, shape (k, D)
             Sums of P times (point minus the cell's centre).
         """
-        cells = np.flatnonzero(self._precision[:, 0, 0]).astype(np.int64)
-        return cells, self._precision[cells], self._information_vector[cells]
+        cells = np.flatnonzero(self.precision[:, 0, 0]).astype(np.int64)
+        return cells, self.precision[cells], self.information_vector[cells]
 
     def set_state(
         self,
@@ -249,7 +269,7 @@ class OccupancyMap:
             raise ValueError("surface information must be finite")
         self.clear()
         self.log_odds_fixed[:], self.sampled_mask[:] = log_odds_fixed, sampled
-        self._precision[cells], self._information_vector[cells] = precisions, vectors
+        self.precision[cells], self.information_vector[cells] = precisions, vectors
 
     def copy(self) -> OccupancyMap:
         """An independent copy."""

@@ -5,9 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+
+class PinholeIntrinsics(NamedTuple):
+    """What kernels need to project a point into an image; see `DepthCamera`."""
+
+    width: int
+    """Pixels of a row."""
+    height: int
+    """Pixels of a column."""
+    tan_x: float
+    """Tangent of half the horizontal field of view."""
+    tan_y: float
+    """Tangent of half the vertical field of view."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +77,16 @@ class DepthCamera:
     def depth_of_field(self) -> float:
         """Metres: how far the camera sees; the name that all cameras share."""
         return self.far
+
+    @property
+    def intrinsics(self) -> PinholeIntrinsics:
+        """Size of the image and tangents of half the fields of view, for kernels."""
+        return PinholeIntrinsics(
+            int(self.width),
+            int(self.height),
+            math.tan(self.horizontal_field_of_view / 2),
+            math.tan(self.vertical_field_of_view / 2),
+        )
 
     @cached_property
     def directions(self) -> NDArray[np.float64]:

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+
+class NoiseParameters(NamedTuple):
+    """The constants of Eq. 1 as floats, as kernels take them; see `RangeNoise`."""
+
+    intrinsic: float
+    depth: float
+    lateral: float
+    exponent: float
 
 
 @dataclass(frozen=True)
@@ -41,6 +51,13 @@ class RangeNoise:
             raise ValueError(
                 f"the depth axis is the worst one: lateral {self.lateral} > depth {self.depth}"
             )
+
+    @property
+    def parameters(self) -> NoiseParameters:
+        """The constants, for kernels."""
+        return NoiseParameters(
+            float(self.intrinsic), float(self.depth), float(self.lateral), float(self.exponent)
+        )
 
     def standard_deviations(self, distance: ArrayLike, dimension: int) -> NDArray[np.float64]:
         """Eq. 1 for distances (...,) in metres: standard deviations (..., D), metres."""

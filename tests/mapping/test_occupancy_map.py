@@ -45,8 +45,8 @@ def state(map_):
         for array in (
             map_.log_odds_fixed,
             map_.sampled_mask,
-            map_._precision,
-            map_._information_vector,
+            map_.precision,
+            map_.information_vector,
             map_._pending,
         )
     )

@@ -16,7 +16,7 @@ def integrated(kernel, scan, model, grid):
     """State of a new map after one scan's walk: claims, listed cells, information."""
     m = OccupancyMap(grid, model)
     first = (scan.origin, scan.points, scan.covariances, scan.hit, m._lower, grid.resolution)
-    last = (m._precision, m._information_vector, m._pending, m._updated_cells)
+    last = (m.precision, m.information_vector, m._pending, m._updated_cells)
     if kernel is integrate_rays_simd:
         arguments = (
             *first,
@@ -36,7 +36,7 @@ def integrated(kernel, scan, model, grid):
             *last,
         )
     count = kernel(*arguments)
-    return m._pending, m._updated_cells[:count], m._precision, m._information_vector
+    return m._pending, m._updated_cells[:count], m.precision, m.information_vector
 
 
 @pytest.mark.parametrize("largest_sigma", [0.0, 0.1, 1.2, 6.0])
@@ -64,7 +64,7 @@ def test_a_cell_that_keeps_a_point_is_one_that_was_sampled():
     assert len(cells) > 100
     assert (map_.sampled_mask[cells] == 1).all()
     map_.clear()
-    assert not map_._precision.any()
+    assert not map_.precision.any()
 
 
 def test_the_order_of_the_beams_does_not_change_the_claims():

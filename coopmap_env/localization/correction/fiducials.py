@@ -173,7 +173,7 @@ def select_fiducials(
         )  # fmt: skip
         max_radius = settings.max_radius / scale
         n = select_peaks(
-            (map_.log_odds_fixed, map_.sampled_mask, map_._precision, map_._information_vector, grid.shape_3d, scale),
+            (map_.log_odds_fixed, map_.sampled_mask, map_.precision, map_.information_vector, grid.shape_3d, scale),
             (np.ascontiguousarray(T_world_camera.rotation), position, frustum),
             (map_.log_odds_range.probability, ball_offsets(max_radius), settings.min_rise, max_radius),
             to_log_odds_fixed(settings.min_peak_probability), settings.border_fraction,
