@@ -67,7 +67,7 @@ class CorrectionTeam:
     def scan(self, reading, robot=0):
         targets = [None] * len(self.mounts)
         targets[robot] = np.asarray(reading, dtype=float)
-        self.readings[robot] = self.simulator.move(targets, self.rng)[robot].reading
+        self.readings[robot] = self.simulator.move(targets, self.rng)[robot].measured_configuration
         reading = self.readings[robot]
         kinematic = self.vehicles[robot].camera_estimate(reading)
         cloud = self.simulator.scan(robot, self.rng)
