@@ -1,10 +1,15 @@
-"""Rigid transforms and exact voxel traversal."""
+"""Rigid transforms, rotations, and exact voxel traversal."""
 
 from coopmap_env.geometry.rotations import (
+    Z_AXIS,
     apply_displacement,
     displacement_between,
     nearest_rotation,
+    random_rotation,
+    rotation_about_axis,
+    rotation_about_z,
     rotation_from_rotvec,
+    rotation_from_rpy,
     rotvec_from_rotation,
     skew,
 )
@@ -18,13 +23,18 @@ from coopmap_env.geometry.transforms import (
 from coopmap_env.geometry.traversal import Traversal, traverse
 
 __all__ = [
+    "Z_AXIS",
     "Pose",
     "RigidTransform",
     "Traversal",
     "apply_displacement",
     "displacement_between",
     "nearest_rotation",
+    "random_rotation",
+    "rotation_about_axis",
+    "rotation_about_z",
     "rotation_from_rotvec",
+    "rotation_from_rpy",
     "rotvec_from_rotation",
     "skew",
     "to_camera_frame",

@@ -1,7 +1,7 @@
-"""Rotations in space as vectors, and small displacements of poses.
+"""Rotation matrices and rotation vectors, and small displacements of poses.
 
-A displacement is [dt, dw]: the frame stands dt further, turned by exp([dw]x), both along the axes
-of the frame in which the pose is given. Covariances of poses are those of such displacements.
+A displacement is [dt, dw]: the frame is translated by dt and rotated by exp([dw]x), both along the
+axes of the frame in which the pose is given. Covariances of poses are those of such displacements.
 """
 
 from __future__ import annotations
@@ -14,7 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.geometry.transforms import Pose
 
 SMALL_ANGLE = 1e-8
-"""Radians below which the sine is the angle."""
+"""Radians: below this, the sine of an angle equals the angle in double precision."""
+Z_AXIS = np.array([0.0, 0.0, 1.0])
+"""The vertical."""
+Z_AXIS.flags.writeable = False
 
 
 def skew(v: ArrayLike) -> NDArray[np.float64]:
@@ -26,8 +29,50 @@ def skew(v: ArrayLike) -> NDArray[np.float64]:
     return out
 
 
+def rotation_about_axis(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
+    """Rotation (3, 3) by `angle` radians about a unit vector `axis` (3,) (Rodrigues' formula).
+
+    ``I + sin(angle) [a]x + (1 - cos(angle)) [a]x^2``.
+    """
+    K = skew(axis)
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K))
+
+
+def rotation_about_z(angle: float) -> NDArray[np.float64]:
+    """Rotation (3, 3) about the z axis, radians.
+
+    Its entries are the sine and cosine themselves, which `rotation_about_axis` meets to within
+    rounding.
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+    """Rotation (3, 3) about the fixed axes x, y, z in this order, as in URDF and SDF, radians."""
+    x, y, z = np.eye(3)
+    R_x, R_y = rotation_about_axis(x, roll), rotation_about_axis(y, pitch)
+    return np.asarray(rotation_about_axis(z, yaw) @ R_y @ R_x)
+
+
+def random_rotation(rng: np.random.Generator) -> NDArray[np.float64]:
+    """Rotation (3, 3), uniform over all orientations (a normal quaternion, normalised)."""
+    w, x, y, z = (q := rng.normal(size=4)) / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 def rotation_from_rotvec(w: ArrayLike) -> NDArray[np.float64]:
-    """exp([w]x): the rotation (3, 3) about w by its length in radians (Rodrigues)."""
+    """exp([w]x): the rotation (3, 3) about `w` (3,) by its length in radians.
+
+    Rodrigues' formula with half angles, which stays accurate for the small rotations of pose
+    corrections.
+    """
     w = np.asarray(w, dtype=np.float64)
     angle = math.sqrt(float(w @ w))
     K = skew(w)
@@ -40,16 +85,16 @@ def rotation_from_rotvec(w: ArrayLike) -> NDArray[np.float64]:
 def rotvec_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
     """Rotation vector (3,) of a rotation (3, 3), of length 0 to pi."""
     R = np.asarray(R, dtype=np.float64)
-    # by its quaternion, which is well conditioned at every angle (Shepperd 1978)
-    four = np.array([R[0, 0], R[1, 1], R[2, 2], np.trace(R)])
-    i = int(four.argmax())
+    # through the quaternion, which is well conditioned at every angle (Shepperd 1978)
+    diagonal = np.array([R[0, 0], R[1, 1], R[2, 2], np.trace(R)])
+    i = int(diagonal.argmax())
     q = np.empty(4)
     if i == 3:
         q[:3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-        q[3] = 1.0 + four[3]
+        q[3] = 1.0 + diagonal[3]
     else:
         j, k = (i + 1) % 3, (i + 2) % 3
-        q[i] = 1.0 + four[i] - four[j] - four[k]
+        q[i] = 1.0 + diagonal[i] - diagonal[j] - diagonal[k]
         q[j], q[k] = R[j, i] + R[i, j], R[k, i] + R[i, k]
         q[3] = R[k, j] - R[j, k]
     q *= math.copysign(1.0, q[3])
@@ -60,7 +105,7 @@ def rotvec_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
 
 
 def nearest_rotation(M: ArrayLike) -> NDArray[np.float64]:
-    """The rotation that is nearest to a matrix (3, 3) in the Frobenius norm.
+    """Rotation nearest to a matrix (3, 3) in the Frobenius norm.
 
     U diag(1, 1, det(U V^T)) V^T of the singular value decomposition U S V^T (Umeyama 1991).
     """
@@ -70,13 +115,13 @@ def nearest_rotation(M: ArrayLike) -> NDArray[np.float64]:
 
 
 def apply_displacement(pose: Pose, displacement: ArrayLike) -> Pose:
-    """A pose that stands dt further, turned by exp([dw]x), of a displacement (6,) = [dt, dw]."""
+    """The pose translated by dt and rotated by exp([dw]x); `displacement` (6,) is [dt, dw]."""
     d = np.asarray(displacement, dtype=np.float64)
     return Pose(pose.translation + d[:3], rotation_from_rotvec(d[3:]) @ pose.rotation)
 
 
 def displacement_between(pose: Pose, other: Pose) -> NDArray[np.float64]:
-    """The displacement (6,) that leads from one pose to another: the inverse of `apply_displacement`."""
+    """Displacement (6,) from `pose` to `other`: the inverse of `apply_displacement`."""
     return np.concatenate(
         [
             other.translation - pose.translation,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose, rotation_about_z
 
 _R2_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 """Of the R2 sequence, which fills a square evenly (Roberts 2018): powers of the plastic number."""
@@ -132,7 +132,7 @@ class TargetModel:
         limit = self.symmetry_tolerance + self.spacing
         found = [Pose(np.zeros(3), np.eye(3))]
         for angle in _rotation_angles(_SYMMETRY_ORDERS):
-            R = rotation_z(angle)
+            R = rotation_about_z(angle)
             motion = Pose(centre - R @ centre, R)
             if all(
                 self._all_near_surface(motion.transform(candidate_points), limit)
@@ -145,12 +145,6 @@ class TargetModel:
         """Whether a sample lies within a limit of each point."""
         distances = self.kd_tree.query(points, distance_upper_bound=limit)[0]
         return bool(np.isfinite(distances).all())
-
-
-def rotation_z(angle: float) -> NDArray[np.float64]:
-    """Rotation (3, 3) about z by an angle in radians."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _rotation_angles(orders: Iterable[int]) -> list[float]:

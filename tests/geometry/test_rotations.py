@@ -2,12 +2,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from coopmap_env.geometry import Pose
-from coopmap_env.geometry.rotations import (
+from coopmap_env.geometry import (
+    Pose,
     apply_displacement,
     displacement_between,
     nearest_rotation,
+    random_rotation,
+    rotation_about_axis,
+    rotation_about_z,
     rotation_from_rotvec,
+    rotation_from_rpy,
     rotvec_from_rotation,
     skew,
 )
@@ -64,3 +68,30 @@ def test_displacement_leads_from_one_pose_to_the_other():
     other = apply_displacement(one, d)
     np.testing.assert_allclose(other.translation, [1.1, 1.8, 3.3])
     np.testing.assert_allclose(displacement_between(one, other), d, atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [-3.0, -0.4, 0.0, 1e-9, 1.5, 9.0])
+def test_rotation_about_z_is_that_about_the_z_axis(angle):
+    np.testing.assert_allclose(
+        rotation_about_z(angle), rotation_about_axis([0, 0, 1], angle), atol=1e-15
+    )
+    np.testing.assert_allclose(rotation_about_z(np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+
+
+def test_rotations_are_those_of_scipy():
+    np.testing.assert_allclose(
+        rotation_from_rpy(0.1, -0.7, 2.0), Rotation.from_euler("xyz", [0.1, -0.7, 2.0]).as_matrix()
+    )
+    axis = np.array([0.6, 0.0, 0.8])
+    np.testing.assert_allclose(
+        rotation_about_axis(axis, 0.9), Rotation.from_rotvec(0.9 * axis).as_matrix()
+    )
+
+
+def test_random_rotations_favour_no_direction():
+    rng = np.random.default_rng(0)
+    drawn = np.array([random_rotation(rng) for _ in range(4000)])
+    np.testing.assert_allclose(drawn[0] @ drawn[0].T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(drawn[0]) == pytest.approx(1.0)
+    # each entry has mean 0 and variance 1/3: four standard errors are 0.037
+    np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=0.037)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from plain.triangle_camera import box
 
-from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.localization.target import TargetModel
 
 
 def degrees(model):
@@ -72,7 +72,3 @@ def test_what_is_no_surface_is_refused(triangles):
 def test_a_spacing_that_is_no_length_is_refused_with_its_value():
     with pytest.raises(ValueError, match="spacing must be finite and > 0, got -1"):
         TargetModel(box((1, 1, 1), (0, 0, 0.5)), spacing=-1)
-
-
-def test_about_z_turns_x_into_y():
-    np.testing.assert_allclose(rotation_z(np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=1e-15)

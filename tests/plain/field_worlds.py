@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from coopmap_env.geometry import Z_AXIS, rotation_about_axis
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.solid import (
     box_corners,
     ground_slab,
-    rotation_about_z,
     solid_from_boxes,
     solid_from_hull,
 )
@@ -17,7 +17,7 @@ GRID = VoxelGrid((128, 128, 40), 0.1, (-6.4, -6.4, -0.35))
 
 
 def base_pose(x, y, heading=0.0):
-    return Pose(np.array([x, y, 0.0]), rotation_about_z(heading))
+    return Pose(np.array([x, y, 0.0]), rotation_about_axis(Z_AXIS, heading))
 
 
 def crate(name, x, y, z, size):

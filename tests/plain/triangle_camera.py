@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from coopmap_env.geometry import rotation_about_z
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.localization.target import rotation_z
 from coopmap_env.sensing import PointCloud
 
 
@@ -12,7 +12,7 @@ def box(size, middle, yaw=0.0):
     faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)]
     faces += [(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
     units = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    corners = (units * size) @ rotation_z(yaw).T + middle
+    corners = (units * size) @ rotation_about_z(yaw).T + middle
     return corners[np.array(faces)]
 
 

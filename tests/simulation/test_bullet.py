@@ -14,6 +14,7 @@ import pytest
 from plain.crane import ROLL_CENTRE_HEIGHT, crane
 from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
+from coopmap_env.geometry import random_rotation
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
@@ -26,7 +27,7 @@ from coopmap_env.simulation.physics.client import (
 from coopmap_env.simulation.physics.joint_map import JointMap
 from coopmap_env.simulation.physics.motion import SteppingSettings, move_kinematically, move_stepped
 from coopmap_env.simulation.physics.world import OWN_BODY, BulletWorld
-from coopmap_env.simulation.scenes.field.solid import Solid, random_rotation
+from coopmap_env.simulation.scenes.field.solid import Solid
 
 pybullet = pytest.importorskip("pybullet")
 

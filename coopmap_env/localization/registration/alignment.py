@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.geometry import rotation_about_z
 from coopmap_env.geometry.rotations import apply_displacement, displacement_between
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.depth_rendering import render_depth
@@ -26,7 +27,7 @@ from coopmap_env.localization.registration.shared_pose import (
     shared_pose,
 )
 from coopmap_env.localization.registration.views import ViewBatch
-from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.localization.target import TargetModel
 from coopmap_env.sensing.noise import RangeNoise
 
 Array = NDArray[np.float64]
@@ -187,7 +188,7 @@ def nearest_upright(pose: Pose) -> Pose:
     yaw = math.atan2(
         pose.rotation[1, 0] - pose.rotation[0, 1], pose.rotation[0, 0] + pose.rotation[1, 1]
     )
-    return Pose(pose.translation * [1.0, 1.0, 0.0], rotation_z(yaw))
+    return Pose(pose.translation * [1.0, 1.0, 0.0], rotation_about_z(yaw))
 
 
 def _prior(T: Pose, settings: AlignmentSettings) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.geometry import rotation_about_z
 from coopmap_env.geometry.rotations import apply_displacement, rotvec_from_rotation
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.registration.acceptance import (
@@ -35,7 +36,7 @@ from coopmap_env.localization.registration.alignment import (
 from coopmap_env.localization.registration.icp import Refiner, SmallGicp
 from coopmap_env.localization.registration.search import SearchSettings, search, voxel_centroids
 from coopmap_env.localization.registration.views import View, ViewBatch
-from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.localization.target import TargetModel
 from coopmap_env.sensing.depth_camera import DepthCamera
 from coopmap_env.sensing.noise import RangeNoise
 
@@ -213,7 +214,7 @@ def _challenge(
             break
     centre = np.array([*model.center_xy, 0.0])
     for half_turns in _HALF_TURNS:
-        R = rotation_z(np.pi * half_turns)
+        R = rotation_about_z(np.pi * half_turns)
         best = max(
             best, align_from(Pose(centre - R @ centre, R) @ best.T_target_base), key=evidence
         )

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.geometry import rotation_about_z
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.registration.branch_and_bound import (
     best_first_search,
@@ -30,7 +31,7 @@ from coopmap_env.localization.registration.branch_and_bound import (
 )
 from coopmap_env.localization.registration.likelihood_field import likelihood_field
 from coopmap_env.localization.registration.views import ViewBatch
-from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.localization.target import TargetModel
 
 _REFINEMENTS = ((0.5, 0.75), (0.25, 0.5))
 """Shares of a step and a yaw step by which found hypotheses are moved to the best pose near to
@@ -167,7 +168,7 @@ def search(model: TargetModel, batch: ViewBatch, settings: SearchSettings) -> li
     best = best[scores[best] >= settings.min_relative_score * scores.max(initial=0.0)]
     return [
         PoseHypothesis(
-            Pose(np.array([*found[k, :2], 0.0]), rotation_z(found[k, 2])), stride * scores[k]
+            Pose(np.array([*found[k, :2], 0.0]), rotation_about_z(found[k, 2])), stride * scores[k]
         )
         for k in _without_duplicates(found, best)
     ]

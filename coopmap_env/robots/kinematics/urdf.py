@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.geometry import rotation_about_axis
 
 MOVABLE_JOINT_TYPES = ("revolute", "continuous", "prismatic")
 
@@ -140,9 +141,7 @@ def joint_transform(
     if joint_type == "prismatic":
         T[:3, 3] = value * axis
     elif joint_type in MOVABLE_JOINT_TYPES:
-        x, y, z = axis
-        K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        T[:3, :3] += np.sin(value) * K + (1.0 - np.cos(value)) * K @ K
+        T[:3, :3] = rotation_about_axis(axis, value)
     return T
 
 

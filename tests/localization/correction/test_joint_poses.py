@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from plain.joint_gaussian import condition_gaussian
 
-from coopmap_env.geometry import Pose, apply_displacement, displacement_between
+from coopmap_env.geometry import Pose, apply_displacement, displacement_between, rotation_about_z
 from coopmap_env.localization.correction.pose_state import MIN_VARIANCE, PoseState
-from coopmap_env.localization.target import rotation_z
 from coopmap_env.robots import PoseEstimate, Vehicle, make_mount
 
 pytest.importorskip("yourdfpy")
@@ -23,7 +22,7 @@ BASE_COVARIANCE = np.diag([0.03, 0.02, 0.01, 0.004, 0.005, 0.01]) ** 2
 
 
 def standing(x, y, yaw):
-    return Pose(np.array([x, y, 0.0]), rotation_z(yaw))
+    return Pose(np.array([x, y, 0.0]), rotation_about_z(yaw))
 
 
 def vehicle(x=1.0, y=-0.5, yaw=0.7, **changes):
@@ -66,7 +65,7 @@ def test_the_first_prediction_is_that_of_the_vehicle(robot):
 def test_the_first_prediction_is_that_of_a_vehicle_whose_base_is_not_known_exactly(robot):
     poses = team()
     found = standing(0.3, 0.4, 2.0)
-    R = np.kron(np.eye(2), rotation_z(0.5))
+    R = np.kron(np.eye(2), rotation_about_z(0.5))
     covariance = R @ BASE_COVARIANCE @ R.T
     poses.set_base(robot, PoseEstimate(found, covariance))
     there = poses.vehicles[robot].with_base_pose(found, covariance)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plain.triangle_camera import box, look_at_pose, render_scan
 
-from coopmap_env.geometry import Pose
+from coopmap_env.geometry import Pose, rotation_about_z
 from coopmap_env.localization.registration.common_frame import (
     GROUND_HEIGHT,
     MAX_LOG_ODDS,
@@ -18,7 +18,7 @@ from coopmap_env.localization.registration.common_frame import (
 )
 from coopmap_env.localization.registration.register import Registration
 from coopmap_env.localization.registration.views import View
-from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.localization.target import TargetModel
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import DepthCamera, RangeNoise, transform_cloud
@@ -30,8 +30,8 @@ TARGET = box((1.6, 0.6, 1.0), (0, 0, 0.5))
 TALL, WIDE = box((0.4, 0.4, 1.4), (1.2, 1.6, 0.7)), box((0.8, 0.6, 0.5), (-1.3, -1.5, 0.25), 0.4)
 """Two things that stand about opposite to each other, but look different."""
 FLOOR = box((20, 20, 1), (0, 0, -0.5))
-HALF = Pose(np.zeros(3), rotation_z(np.pi))
-TRUE = Pose(np.array([0.3, -3.0, 0.0]), rotation_z(1.4))
+HALF = Pose(np.zeros(3), rotation_about_z(np.pi))
+TRUE = Pose(np.array([0.3, -3.0, 0.0]), rotation_about_z(1.4))
 """T_target_base of the robot that is to be located."""
 EYES = [(3.0, 0.5, 1.6), (0.5, 3.3, 1.5), (-3.0, 0.4, 1.7), (0.3, -3.2, 1.5), (2.2, -2.2, 1.6)]
 COVARIANCE = np.diag([0.01, 0.02, 0.003, 0.002, 0.004, 0.005]) ** 2
@@ -127,7 +127,7 @@ def test_by_hand_the_covariance_turns_with_the_frame():
     """By half a turn nothing changes, by a quarter x becomes y."""
     same = in_equivalent_frame(found(), HALF @ TRUE)
     np.testing.assert_allclose(same.covariance, COVARIANCE, atol=1e-18)
-    quarter = Pose(np.array([0.5, 0, 0]), rotation_z(np.pi / 2)) @ TRUE
+    quarter = Pose(np.array([0.5, 0, 0]), rotation_about_z(np.pi / 2)) @ TRUE
     turned = in_equivalent_frame(found(), quarter)
     assert turned.located
     assert turned.T_target_base is quarter
@@ -140,7 +140,7 @@ def test_the_covariance_is_that_of_turned_displacements():
     C = np.cov(rng.normal(size=(6, 20)))
     drawn = rng.multivariate_normal(np.zeros(6), C, 1000)
     C = np.cov(drawn.T)
-    R = rotation_z(0.7)
+    R = rotation_about_z(0.7)
     turned = in_equivalent_frame(
         dataclasses.replace(found(), covariance=C), Pose(np.zeros(3), R) @ TRUE
     ).covariance

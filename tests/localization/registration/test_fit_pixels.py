@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from plain.triangle_camera import box, look_at_pose, render_scan
 
+from coopmap_env.geometry import rotation_about_z
 from coopmap_env.geometry.rotations import apply_displacement
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.depth_rendering import render_depth
@@ -14,7 +15,7 @@ from coopmap_env.localization.registration.pixel_residuals import (
     pixel_residuals,
 )
 from coopmap_env.localization.registration.views import View, ViewBatch
-from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.localization.target import TargetModel
 from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import DepthCamera, RangeNoise
 from coopmap_env.sensing.noise import rotate_covariances
@@ -22,7 +23,7 @@ from coopmap_env.sensing.noise import rotate_covariances
 CAMERA, NOISE = DepthCamera(), RangeNoise()
 NUMBERS = (NOISE.intrinsic, NOISE.depth, NOISE.lateral, NOISE.exponent)
 MODEL = TargetModel(box((1.0, 1.6, 1.2), (0, 0, 0.6)))
-T = Pose(np.array([3.0, 0.4, 0.0]), rotation_z(np.pi - 0.2))
+T = Pose(np.array([3.0, 0.4, 0.0]), rotation_about_z(np.pi - 0.2))
 
 
 def seen(world, where=T, noise=NOISE, at=(0, 0, 0.7)):
@@ -107,7 +108,7 @@ def test_beams_that_say_nothing_are_no_evidence():
 
 def test_patches_are_those_of_the_faces_in_sight():
     """A front of 16 x 12 square decimetres; the top is seen at a slant, so beams skip some."""
-    straight = Pose(np.array([3.0, 0.0, 0.0]), rotation_z(np.pi))
+    straight = Pose(np.array([3.0, 0.0, 0.0]), rotation_about_z(np.pi))
     *_, patches = judged(seen(MODEL.triangles, straight, RangeNoise(intrinsic=0.0)), straight)
     assert patches[9].mean() > 0.9  # the front
     assert patches[:9, :, -1].any()  # the top

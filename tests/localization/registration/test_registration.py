@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from plain.triangle_camera import box, look_at_pose, render_scan
 
+from coopmap_env.geometry import rotation_about_z
 from coopmap_env.geometry.rotations import apply_displacement, displacement_between
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.registration.acceptance import AcceptanceSettings
@@ -21,7 +22,7 @@ from coopmap_env.localization.registration.register import (
     register,
 )
 from coopmap_env.localization.registration.views import ViewBatch
-from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.localization.target import TargetModel
 from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 from coopmap_env.simulation.scenes.field.worksite import target_solids
@@ -45,7 +46,7 @@ def panel():
 
 
 def standing(x, y, yaw):
-    return Pose(np.array([x, y, 0.0]), rotation_z(np.radians(yaw)))
+    return Pose(np.array([x, y, 0.0]), rotation_about_z(np.radians(yaw)))
 
 
 def looks_at(triangles, T_target_base, targets, seed=0, std=STD):

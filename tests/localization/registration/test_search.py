@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from plain.triangle_camera import box, look_at_pose, render_scan
 
+from coopmap_env.geometry import rotation_about_z
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.registration.branch_and_bound import (
     best_first_search,
@@ -15,7 +16,7 @@ from coopmap_env.localization.registration.branch_and_bound import (
 from coopmap_env.localization.registration.likelihood_field import distance_field, likelihood_field
 from coopmap_env.localization.registration.search import SearchSettings, search, voxel_centroids
 from coopmap_env.localization.registration.views import View, ViewBatch
-from coopmap_env.localization.target import TargetModel, rotation_z
+from coopmap_env.localization.target import TargetModel
 from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
@@ -81,7 +82,7 @@ def test_a_beam_that_passes_a_probe_sees_through_it_and_one_that_stops_before_do
 
 
 def test_best_first_finds_what_trying_all_leaves_finds(hook):
-    T = Pose(np.array([3.1, -0.8, 0.0]), rotation_z(2.6))
+    T = Pose(np.array([3.1, -0.8, 0.0]), rotation_about_z(2.6))
     views = [view_of(hook.triangles, T, (0.3, 0.2, 1.5), T.inverse().transform([0, 0, 0.6]))]
     batch = ViewBatch.from_views(views, CAMERA)
     points = voxel_centroids(batch.points_in_base(), 0.15, hook.bounds[1, 2], 0.1)
@@ -112,7 +113,7 @@ def test_best_first_finds_what_trying_all_leaves_finds(hook):
 def test_the_pose_is_among_the_hypotheses_within_a_step(hook, seed):
     rng = np.random.default_rng(seed)
     angle, far = rng.uniform(-np.pi, np.pi), rng.uniform(2.5, 4.5)
-    T = Pose(far * np.array([np.cos(angle), np.sin(angle), 0.0]), rotation_z(rng.uniform(-3, 3)))
+    T = Pose(far * np.array([np.cos(angle), np.sin(angle), 0.0]), rotation_about_z(rng.uniform(-3, 3)))
     clutter = box((0.8, 0.7, 0.6), (1.5, -1.6, 0.3), 0.4)
     world = np.concatenate([hook.triangles, clutter, box((20, 20, 1), (0, 0, -0.5))])
     at = T.inverse().transform([0, 0.3, 0.6])

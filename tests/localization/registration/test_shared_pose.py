@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from coopmap_env.geometry import rotation_about_z
 from coopmap_env.geometry.rotations import apply_displacement, displacement_between
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.localization.registration.shared_pose import (
@@ -8,7 +9,6 @@ from coopmap_env.localization.registration.shared_pose import (
     shared_pose,
     view_chi2,
 )
-from coopmap_env.localization.target import rotation_z
 
 NOTHING = np.zeros((6, 6)), np.zeros(6)
 
@@ -74,8 +74,8 @@ def test_a_look_that_sees_one_direction_only_adds_to_that_direction_only():
 def test_a_camera_that_errs_sees_what_it_would_see_from_a_base_displaced():
     """To first order: covariances of displacements drawn equal those carried over."""
     rng = np.random.default_rng(3)
-    T_target_base = Pose(np.array([3.0, 1.0, 0.0]), rotation_z(2.0))
-    T_base_camera = Pose(np.array([0.4, 0.1, 1.5]), rotation_z(0.5))
+    T_target_base = Pose(np.array([3.0, 1.0, 0.0]), rotation_about_z(2.0))
+    T_base_camera = Pose(np.array([0.4, 0.1, 1.5]), rotation_about_z(0.5))
     root = 1e-3 * rng.standard_normal((6, 6))
     moves = []
     for d in rng.standard_normal((4000, 6)) @ root.T:

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.geometry import Z_AXIS, rotation_about_axis
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.outlines import distance_to_triangles, project_to_ground
-from coopmap_env.simulation.scenes.field.solid import Solid, rotation_about_z
+from coopmap_env.simulation.scenes.field.solid import Solid
 from coopmap_env.simulation.scenes.field.visibility import first_hit
 
 EYE_HEIGHT = 1.5
@@ -117,7 +118,7 @@ def facing_pose(x: float, y: float, middle: NDArray[np.float64]) -> Pose:
 
 def ground_pose(x: float, y: float, yaw: float) -> Pose:
     """Pose of a frame on the ground, turned by `yaw` about z."""
-    return Pose(np.array([x, y, 0.0]), rotation_about_z(yaw))
+    return Pose(np.array([x, y, 0.0]), rotation_about_axis(Z_AXIS, yaw))
 
 
 def visible_target_fraction(base: ArrayLike, solids: Sequence[Solid]) -> float:

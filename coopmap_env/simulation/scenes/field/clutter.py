@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.geometry import Z_AXIS, rotation_about_axis
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
     DEFAULT_PLACEMENT,
@@ -26,7 +27,7 @@ from coopmap_env.simulation.scenes.field.pybullet_assets import (
     shelf,
     table,
 )
-from coopmap_env.simulation.scenes.field.solid import Solid, rotation_about_z
+from coopmap_env.simulation.scenes.field.solid import Solid
 from coopmap_env.simulation.scenes.field.world import (
     BASE_CLEARANCE,
     FIELD_GRID,
@@ -187,7 +188,7 @@ def _disc_radius(asset: PyBulletAsset) -> float:
 
 
 def _random_yaw(rng: np.random.Generator) -> NDArray[np.float64]:
-    return rotation_about_z(rng.uniform(-math.pi, math.pi))
+    return rotation_about_axis(Z_AXIS, rng.uniform(-math.pi, math.pi))
 
 
 def _sample_count(rng: np.random.Generator, bounds: tuple[int, int]) -> int:

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.geometry import rotation_about_axis, rotation_from_rpy
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     convex_hull,
-    rotation_about_axis,
-    rotation_from_rpy,
     solid_from_boxes,
 )
 from coopmap_env.simulation.scenes.planar.recorded import SceneError

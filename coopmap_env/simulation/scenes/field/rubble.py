@@ -10,18 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import BasePlacement, sample_base_poses
 from coopmap_env.simulation.scenes.field.layout import SceneLayout
 from coopmap_env.simulation.scenes.field.pile import Pile
-from coopmap_env.simulation.scenes.field.solid import (
-    Solid,
-    box_corners,
-    random_rotation,
-    rotation_about_axis,
-    rotation_about_z,
-    solid_from_boxes,
-)
+from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.world import (
     BASE_CLEARANCE,
     FIELD_GRID,
@@ -137,7 +131,7 @@ def _random_orientation(rng: np.random.Generator) -> NDArray[np.float64]:
     """Draw an orientation: lying within a few degrees of flat, or any."""
     if rng.random() >= _FLAT_FRACTION:
         return random_rotation(rng)
-    axis = rotation_about_z(rng.uniform(-math.pi, math.pi))[0]
-    return rotation_about_axis(axis, rng.normal(0.0, math.radians(8.0))) @ rotation_about_z(
-        rng.uniform(-math.pi, math.pi)
+    axis = rotation_about_axis(Z_AXIS, rng.uniform(-math.pi, math.pi))[0]
+    return rotation_about_axis(axis, rng.normal(0.0, math.radians(8.0))) @ rotation_about_axis(
+        Z_AXIS, rng.uniform(-math.pi, math.pi)
     )

@@ -168,37 +168,3 @@ def ground_slab(lower: ArrayLike, upper: ArrayLike, thickness: float = 1.0) -> S
     size, middle = upper - lower, (lower + upper) / 2
     slab = box_corners([*size, thickness], [*middle, -thickness / 2])
     return solid_from_boxes("ground", [slab], is_ground=True)
-
-
-def rotation_about_z(angle: float) -> NDArray[np.float64]:
-    """Rotation (3, 3) by an angle about z, radians."""
-    return rotation_about_axis(np.array([0.0, 0.0, 1.0]), angle)
-
-
-def rotation_about_axis(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
-    """Rotation (3, 3) by an angle about an axis (3,) of length 1 (Rodrigues)."""
-    x, y, z = np.asarray(axis, dtype=np.float64)
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
-
-
-def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
-    """Rotation (3, 3) about the fixed axes x, y, z in this order, as URDF and SDF mean it."""
-    about_x, about_y, about_z = np.eye(3)
-    return (
-        rotation_about_axis(about_z, yaw)
-        @ rotation_about_axis(about_y, pitch)
-        @ rotation_about_axis(about_x, roll)
-    )
-
-
-def random_rotation(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Rotation (3, 3), uniform over all orientations (a normal quaternion, normalised)."""
-    w, x, y, z = (q := rng.normal(size=4)) / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -33,14 +33,10 @@ from typing import Any
 
 import numpy as np
 
+from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.shape_files import MeshShape, read_mesh, read_urdf
-from coopmap_env.simulation.scenes.field.solid import (
-    Solid,
-    box_corners,
-    rotation_from_rpy,
-    solid_from_boxes,
-)
+from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.user_scene import UserScene
 from coopmap_env.simulation.scenes.field.world import FIELD_GRID, make_ground
 from coopmap_env.simulation.scenes.planar.recorded import SceneError

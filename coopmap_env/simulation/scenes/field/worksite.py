@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
     DEFAULT_PLACEMENT,
@@ -16,9 +17,6 @@ from coopmap_env.simulation.scenes.field.layout import SceneLayout
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
-    random_rotation,
-    rotation_about_axis,
-    rotation_about_z,
     solid_from_boxes,
     solid_from_hull,
 )
@@ -131,7 +129,7 @@ def _add_crate(
         if center is None:
             return
         middle, floor, support = center, 0.0, -1
-    corners = box_corners(size, (*middle, floor + size[2] / 2), rotation_about_z(yaw))
+    corners = box_corners(size, (*middle, floor + size[2] / 2), rotation_about_axis(Z_AXIS, yaw))
     layout.add(solid_from_boxes(name, [corners]), support)
 
 

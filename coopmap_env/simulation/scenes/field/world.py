@@ -7,9 +7,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.geometry import Z_AXIS, rotation_about_axis
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.simulation.scenes.field.solid import Solid, ground_slab, rotation_about_z
+from coopmap_env.simulation.scenes.field.solid import Solid, ground_slab
 from coopmap_env.simulation.scenes.field.voxel_truth import voxelize_solids
 
 BASE_CLEARANCE = 1.2
@@ -72,7 +73,7 @@ class FieldWorld:
     def with_headings(self, headings: ArrayLike) -> "FieldWorld":
         """The same world with vehicles that head elsewhere: radians (n_robots,), from +x to +y."""
         bases = tuple(
-            Pose(base.translation, rotation_about_z(float(heading)))
+            Pose(base.translation, rotation_about_axis(Z_AXIS, float(heading)))
             for base, heading in zip(self.base_poses, np.asarray(headings), strict=True)
         )
         return replace(self, base_poses=bases)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from plain.pile_columns import vertical_extent
 
+from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
 from coopmap_env.simulation.scenes.field.pile import SINK_DEPTH, Pile, vertical_extents
-from coopmap_env.simulation.scenes.field.solid import random_rotation, rotation_about_z
 
 NO_TURN = np.eye(3)
 
@@ -37,7 +37,7 @@ def test_blocks_rest_on_the_ground_and_then_on_each_other():
     assert first.support == -1
     assert first.centre.tolist() == [0.0, 0.0, pytest.approx(0.2 - SINK_DEPTH)]
     pile.add(7, first)
-    second = pile.find_rest(size, np.array([0.3, 0.0]), rotation_about_z(0.5))
+    second = pile.find_rest(size, np.array([0.3, 0.0]), rotation_about_axis(Z_AXIS, 0.5))
     assert second.support == 7
     assert second.centre[2] == pytest.approx(0.6 - 2 * SINK_DEPTH)
     assert second.top == pytest.approx(0.8 - 2 * SINK_DEPTH)

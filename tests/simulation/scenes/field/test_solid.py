@@ -1,15 +1,12 @@
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
+from coopmap_env.geometry import random_rotation
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     convex_hull,
     ground_slab,
-    random_rotation,
-    rotation_about_axis,
-    rotation_from_rpy,
     solid_from_boxes,
     solid_from_hull,
 )
@@ -88,22 +85,3 @@ def test_ground_ends_at_z_0():
     slab = ground_slab((-1, -2), (3, 4), 0.5)
     assert slab.is_ground
     np.testing.assert_allclose(slab.bounds, [[-1, -2, -0.5], [3, 4, 0]])
-
-
-def test_rotations_are_those_of_scipy():
-    np.testing.assert_allclose(
-        rotation_from_rpy(0.1, -0.7, 2.0), Rotation.from_euler("xyz", [0.1, -0.7, 2.0]).as_matrix()
-    )
-    axis = np.array([0.6, 0.0, 0.8])
-    np.testing.assert_allclose(
-        rotation_about_axis(axis, 0.9), Rotation.from_rotvec(0.9 * axis).as_matrix()
-    )
-
-
-def test_random_rotations_favour_no_direction():
-    rng = np.random.default_rng(0)
-    drawn = np.array([random_rotation(rng) for _ in range(4000)])
-    np.testing.assert_allclose(drawn[0] @ drawn[0].T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(drawn[0]) == pytest.approx(1.0)
-    # each entry has mean 0 and variance 1/3: four standard errors are 0.037
-    np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=0.037)

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from plain import solids as plain
 
+from coopmap_env.geometry import random_rotation
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
-    random_rotation,
     solid_from_boxes,
     solid_from_hull,
 )
