@@ -1,12 +1,15 @@
-"""Atomic file writing: a file is there whole or not at all."""
+"""Files: written whole or not at all; YAML read with errors that name the file."""
 
 from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+from coopmap_env.core.extras import import_optional
 
 
 @contextmanager
@@ -29,3 +32,25 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def read_yaml_mapping(path: Path, error_type: type[ValueError]) -> Mapping[str, Any]:
+    """Fields of a YAML file.
+
+    Raises
+    ------
+    error_type
+        With the file, if it cannot be read or holds no mapping.
+    ImportError
+        With the pip command, if PyYAML is not installed.
+    """
+    yaml = import_optional("yaml", "maps")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise error_type(f"{path}: cannot be read: {error}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no such date
+        raise error_type(f"{path}: expected YAML: {error}") from error
+    if not isinstance(content, Mapping):
+        raise error_type(f"{path}: expected a YAML mapping of fields, not {content!r:.80}")
+    return content

@@ -23,7 +23,7 @@ from safetensors.torch import load_file
 from toy_team import ConstantReward
 
 from coopmap_env.evaluation import evaluate
-from coopmap_env.simulation.scenes.planar import save_map_server
+from coopmap_env.mapping.files import write_map_server
 
 ENV_CONFIG = EnvConfig("planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4})
 SETTINGS = PPOSettings(
@@ -193,7 +193,7 @@ def test_a_scene_that_has_changed_is_another_training(tmp_path):
     scene = tmp_path / "map.yaml"
     walls = np.zeros((60, 60))
     walls[[0, -1], :] = walls[:, [0, -1]] = 1.0
-    save_map_server(scene, walls, resolution=0.2, origin=(0.0, 0.0))
+    write_map_server(scene, walls, resolution=0.2, origin=(0.0, 0.0))
     config = replace(
         CONFIG,
         env=EnvConfig("planar", {**ENV_CONFIG.arguments, "scene": str(scene)}),
@@ -201,7 +201,7 @@ def test_a_scene_that_has_changed_is_another_training(tmp_path):
     )
     run_training(config, tmp_path / "training")
     walls[20, 5:30] = 1.0
-    save_map_server(scene, walls, resolution=0.2, origin=(0.0, 0.0))
+    write_map_server(scene, walls, resolution=0.2, origin=(0.0, 0.0))
     with pytest.raises(ValueError, match=r"another training, with files\..*map\."):
         run_training(config, tmp_path / "training")
 

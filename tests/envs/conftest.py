@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.simulation.scenes.planar import save_map_server
+from coopmap_env.mapping.files import write_map_server
 
 
 @pytest.fixture(scope="session")
@@ -13,7 +13,7 @@ def map_file(tmp_path_factory):
     occupied = np.zeros((30, 24))
     occupied[[0, -1]] = occupied[:, [0, -1]] = 1
     occupied[12, :10] = occupied[12, 14:] = 1
-    save_map_server(path, occupied, 0.5, (-3.0, 2.0))
+    write_map_server(path, occupied, 0.5, (-3.0, 2.0))
     return path
 
 

@@ -21,6 +21,11 @@ from pathlib import Path
 
 from coopmap_env.mapping.files.base import MapFileError
 from coopmap_env.mapping.files.map_server import load_map_server, save_map_server, write_map_server
+from coopmap_env.mapping.files.map_server_image import (
+    MapServerFields,
+    MapServerImage,
+    read_map_server_image,
+)
 from coopmap_env.mapping.files.npz import load_npz, save_npz
 from coopmap_env.mapping.files.octomap import load_octomap, save_octomap
 from coopmap_env.mapping.files.ply import SurfaceEstimates, load_surfaces, save_surfaces
@@ -81,12 +86,15 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyMap:
 
 __all__ = [
     "MapFileError",
+    "MapServerFields",
+    "MapServerImage",
     "SurfaceEstimates",
     "load_map",
     "load_map_server",
     "load_npz",
     "load_octomap",
     "load_surfaces",
+    "read_map_server_image",
     "save_map",
     "save_map_server",
     "save_npz",

@@ -1,9 +1,10 @@
-"""The planar map in the form of ROS map_server: a YAML file and the image that it names.
+"""Planar maps in the form of ROS map_server: a YAML file and the image that it names.
 
 ``trinary`` (default): a PGM image of three gray values, as map_saver writes them: occupied 0, free
 254, unknown 205. With a ``free_thresh`` of 0.196 the 205 of unknown (p = 50/255 = 0.1961) is just
 not free. ``scale``: a PNG image whose gray value is 255 (1 - p) and whose unknown cells are
-transparent. Both lose: trinary all but the verdict, scale what 8 bits do not hold.
+transparent. Both lose information: trinary all but the verdict, scale what 8 bits do not hold.
+Reading is described in `map_server_image`.
 """
 
 from __future__ import annotations
@@ -12,14 +13,13 @@ import io
 import math
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
-from coopmap_env.mapping.files.base import MapFileError, read_bytes
+from coopmap_env.mapping.files.map_server_image import read_map_server_image
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.log_odds import to_log_odds_fixed
 from coopmap_env.mapping.occupancy_map import OccupancyMap
@@ -28,7 +28,7 @@ OCCUPIED_THRESH = 0.65
 """Default of map_saver: cells with a larger probability are written as occupied."""
 FREE_THRESH = 0.196
 """Default of map_saver: cells with a smaller probability are written as free."""
-MODES = ("trinary", "scale")
+WRITABLE_MODES = ("trinary", "scale")
 
 _OCCUPIED, _FREE, _UNKNOWN = 0, 254, 205
 
@@ -86,8 +86,8 @@ def write_map_server(
     path = Path(path_yaml)
     if path.suffix.lower() not in (".yaml", ".yml"):
         raise ValueError(f"path_yaml must end in .yaml or .yml, not {str(path)!r}")
-    if mode not in MODES:
-        raise ValueError(f"mode must be one of {', '.join(MODES)}, not {mode!r}")
+    if mode not in WRITABLE_MODES:
+        raise ValueError(f"mode must be one of {', '.join(WRITABLE_MODES)}, not {mode!r}")
     if not (math.isfinite(resolution) and resolution > 0):
         raise ValueError(f"resolution must be a finite length above 0 m, not {resolution!r}")
     if len(origin) != 2 or not all(math.isfinite(metres) for metres in origin):
@@ -140,75 +140,39 @@ def _png(probability: NDArray[np.float64]) -> bytes:
 
 
 def load_map_server(path: str | os.PathLike[str]) -> OccupancyMap:
-    """Read a map in mode trinary or scale, of ours or of map_saver's making.
+    """Read a planar map that this library, map_saver or another writer of map_server's form wrote.
 
-    Cells above ``occupied_thresh`` and below ``free_thresh`` are at the map's clamp; cells in
-    between are unknown in trinary, and at their probability in scale; transparent ones are unknown.
+    Cells above ``occupied_thresh`` and below ``free_thresh`` are at the map's clamp. Cells in
+    between are unknown in mode trinary and at their probability in scale; in raw, where thresholds
+    do not count, every known cell is at its probability.
 
     Raises
     ------
     MapFileError
         If a file is missing or broken, or a field is not as expected.
+    ImportError
+        With the pip command, if PyYAML or Pillow is not installed.
     """
-    fields = _read_fields(path)
-    gray, opaque = _read_image(Path(path), Path(path).parent / fields["image"])
-    p = gray / 255.0 if fields["negate"] else (255.0 - gray) / 255.0
-    occupied, free = p > fields["occupied_thresh"], p < fields["free_thresh"]
-    if fields["mode"] == "scale":
-        occupied, free = p >= fields["occupied_thresh"], p <= fields["free_thresh"]
-    map_ = OccupancyMap(VoxelGrid(p.shape, fields["resolution"], tuple(fields["origin"][:2])))
+    image = read_map_server_image(path)
+    fields, p = image.fields, image.occupancy
+    known = np.isfinite(p)
+    if fields.mode == "trinary":
+        occupied, free = p > fields.occupied_thresh, p < fields.free_thresh
+    elif fields.mode == "scale":
+        occupied, free = p >= fields.occupied_thresh, p <= fields.free_thresh
+    else:
+        occupied, free = p >= 1.0, p <= 0.0
+    map_ = OccupancyMap(VoxelGrid(p.shape, fields.resolution, fields.origin))
     clamp = map_.log_odds_range.clamp
     log_odds_fixed = np.zeros(p.shape, dtype=np.int32)
-    between = opaque & ~occupied & ~free
-    if fields["mode"] == "scale":
+    between = known & ~occupied & ~free
+    if fields.mode != "trinary":
         log_odds_fixed[between] = [
             min(max(to_log_odds_fixed(value), -clamp), clamp) for value in p[between]
         ]
         between = np.zeros_like(between)
     log_odds_fixed[occupied], log_odds_fixed[free] = clamp, -clamp
-    sampled = opaque & ~between
+    sampled = known & ~between
     map_.log_odds_fixed[:] = np.where(sampled, log_odds_fixed, 0).ravel()
     map_.sampled_mask[:] = sampled.ravel()
     return map_
-
-
-def _read_fields(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Content of the YAML file, checked."""
-    yaml = import_optional("yaml", "maps")
-    try:
-        fields = yaml.safe_load(read_bytes(path).decode())
-        fields = {"mode": "trinary", **fields}
-        numbers = ("resolution", "occupied_thresh", "free_thresh")
-        fields.update({name: float(fields[name]) for name in numbers})
-        fields["origin"] = [float(value) for value in fields["origin"]]
-        good = (
-            isinstance(fields["image"], str)
-            and fields["mode"] in MODES
-            and len(fields["origin"]) == 3
-            and fields["origin"][2] == 0.0
-            and fields["negate"] in (0, 1)
-            and 0.0 < fields["resolution"] < math.inf
-            and 0.0 <= fields["free_thresh"] <= fields["occupied_thresh"] <= 1.0
-        )
-    except MapFileError:
-        raise
-    except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise MapFileError(f"{path} is no YAML file of map_server: {error!r}") from error
-    if not good:
-        raise MapFileError(
-            f"{path}: expected image, mode {' or '.join(MODES)}, resolution > 0, origin "
-            f"[x, y, 0.0], negate 0 or 1 and free_thresh <= occupied_thresh, got {fields}"
-        )
-    return fields
-
-
-def _read_image(path: Path, image: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Gray values (nx, ny) from 0 to 255, and which pixels are opaque."""
-    pillow = import_optional("PIL.Image", "maps")
-    try:
-        with pillow.open(image) as file:
-            pixels = np.asarray(file.convert("LA"), dtype=np.float64)
-    except (OSError, ValueError, SyntaxError, EOFError, pillow.DecompressionBombError) as error:
-        raise MapFileError(f"{path}: its image {image} cannot be read: {error}") from error
-    transposed = np.ascontiguousarray(pixels[::-1].transpose(1, 0, 2))
-    return transposed[..., 0], transposed[..., 1] == 255

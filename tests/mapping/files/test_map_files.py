@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import yaml
+from PIL import Image
 from plain.random_scans import random_scan
 
 from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
@@ -119,6 +121,36 @@ def test_map_server_scale_keeps_probabilities_to_8_bits(tmp_path):
     back = load_map(tmp_path / "map.yml")
     np.testing.assert_array_equal(back.sampled, map_.sampled)
     np.testing.assert_allclose(back.probability, map_.probability, atol=0.51 / 255)
+
+
+def image_file(folder, pixels, **fields):
+    """A map_server file of an image whose rows run from the largest y down."""
+    Image.fromarray(np.array(pixels)).save(folder / "image.png")
+    content = {
+        "image": "image.png",
+        "resolution": 0.5,
+        "origin": [0.0, 0.0, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    }
+    (folder / "map.yaml").write_text(yaml.safe_dump(content | fields))
+    return folder / "map.yaml"
+
+
+def test_map_server_raw_keeps_percentages_and_not_what_lies_above_100(tmp_path):
+    rows = np.array([[0, 50, 100, 101, 255]], dtype=np.uint8)
+    map_ = load_map(image_file(tmp_path, rows, mode="raw"))
+    assert map_.sampled.ravel().tolist() == [True, True, True, False, False]
+    np.testing.assert_allclose(map_.probability.ravel(), [0.001, 0.5, 0.999, 0.5, 0.5], atol=1e-4)
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale"])
+def test_map_server_reads_8_and_16_bits_alike(tmp_path, mode):
+    rows = np.array([[0, 70, 205], [230, 254, 255]], dtype=np.uint8)
+    narrow = load_map(image_file(tmp_path, rows, mode=mode))
+    wide = load_map(image_file(tmp_path, rows.astype(np.uint16) * 257, mode=mode))
+    assert state(wide) == state(narrow)
 
 
 def test_unknown_suffixes_are_refused_with_the_list(tmp_path):

@@ -16,7 +16,6 @@ from pathlib import Path
 
 from coopmap_env.simulation.scenes.planar.house import load_house
 from coopmap_env.simulation.scenes.planar.map_server import read_map_server
-from coopmap_env.simulation.scenes.planar.map_server_writer import save_map_server
 from coopmap_env.simulation.scenes.planar.obstacles import Obstacles
 from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, SceneError, max_pool
 from coopmap_env.simulation.scenes.planar.regions import largest_free_region
@@ -35,7 +34,6 @@ __all__ = [
     "make_planar_scene",
     "max_pool",
     "read_map_server",
-    "save_map_server",
 ]
 
 _SCENES: dict[str, Callable[[], PlanarScene]] = {

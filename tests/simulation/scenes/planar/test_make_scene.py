@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
+from coopmap_env.mapping.files import write_map_server
 from coopmap_env.simulation.scenes import planar as scenes
 from coopmap_env.simulation.scenes.planar import (
     Obstacles,
     PlanarScene,
     Rooms,
     make_planar_scene,
-    save_map_server,
 )
 
 
@@ -29,7 +29,7 @@ def test_the_name_house_makes_the_house():
 def test_a_path_makes_the_recorded_map(tmp_path, name):
     pytest.importorskip("yaml")
     pytest.importorskip("PIL")
-    save_map_server(tmp_path / name, np.zeros((8, 9)), 0.1, (0.0, 0.0))
+    write_map_server(tmp_path / name, np.zeros((8, 9)), 0.1, (0.0, 0.0))
     assert make_planar_scene(tmp_path / name).shape == (8, 9)
     assert make_planar_scene(str(tmp_path / name)).shape == (8, 9)
 

@@ -3,7 +3,8 @@ import pytest
 import yaml
 from PIL import Image
 
-from coopmap_env.simulation.scenes.planar import SceneError, read_map_server, save_map_server
+from coopmap_env.mapping.files import write_map_server
+from coopmap_env.simulation.scenes.planar import SceneError, read_map_server
 
 FIELDS = {
     "image": "map.pgm",
@@ -218,7 +219,7 @@ def test_a_wrong_pool_is_named(tmp_path, pool):
 def test_what_was_saved_reads_back(tmp_path):
     probability = np.random.default_rng(0).random((12, 9))
     probability[0, 0], probability[3, 4] = np.nan, 0.5
-    save_map_server(tmp_path / "saved.yaml", probability, 0.1, (-3.0, 4.5))
+    write_map_server(tmp_path / "saved.yaml", probability, 0.1, (-3.0, 4.5))
     scene = read_map_server(tmp_path / "saved.yaml")
     np.testing.assert_array_equal(~scene.truth.occupied, probability < 0.196)
     assert (scene.resolution, scene.origin, scene.name) == (0.1, (-3.0, 4.5), "saved")

@@ -2,19 +2,19 @@ import numpy as np
 import pytest
 import yaml
 
-from coopmap_env.simulation.scenes.planar import save_map_server
+from coopmap_env.mapping.files import write_map_server
 
 MAP = np.array([[0.0, 1.0], [np.nan, 0.5], [0.195, 0.66]])
 
 
 def test_the_image_is_a_binary_pgm_with_the_largest_y_on_top(tmp_path):
-    save_map_server(tmp_path / "map.yaml", MAP, 0.1, (0.0, 0.0))
+    write_map_server(tmp_path / "map.yaml", MAP, 0.1, (0.0, 0.0))
     content = (tmp_path / "map.pgm").read_bytes()
     assert content == b"P5\n3 2\n255\n" + bytes([0, 205, 0, 254, 205, 254])
 
 
 def test_the_yaml_file_has_the_fields_that_map_server_asks_for(tmp_path):
-    save_map_server(tmp_path / "map.yaml", MAP, np.float32(0.5), (np.float64(1.5), -2))
+    write_map_server(tmp_path / "map.yaml", MAP, np.float32(0.5), (np.float64(1.5), -2))
     assert yaml.safe_load((tmp_path / "map.yaml").read_text()) == {
         "image": "map.pgm",
         "mode": "trinary",
@@ -27,14 +27,14 @@ def test_the_yaml_file_has_the_fields_that_map_server_asks_for(tmp_path):
 
 
 def test_nothing_but_the_two_files_is_left_and_an_old_map_is_replaced(tmp_path):
-    save_map_server(tmp_path / "map.yml", np.zeros((3, 2)), 0.1, (0.0, 0.0))
-    save_map_server(tmp_path / "map.yml", MAP, 0.2, (0.0, 0.0))
+    write_map_server(tmp_path / "map.yml", np.zeros((3, 2)), 0.1, (0.0, 0.0))
+    write_map_server(tmp_path / "map.yml", MAP, 0.2, (0.0, 0.0))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["map.pgm", "map.yml"]
     assert yaml.safe_load((tmp_path / "map.yml").read_text())["resolution"] == 0.2
 
 
 def test_a_failed_write_leaves_the_old_file_and_no_remains(tmp_path, monkeypatch):
-    save_map_server(tmp_path / "map.yaml", MAP, 0.1, (0.0, 0.0))
+    write_map_server(tmp_path / "map.yaml", MAP, 0.1, (0.0, 0.0))
     old = (tmp_path / "map.pgm").read_bytes()
 
     def fail(source, target):
@@ -42,7 +42,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_remains(tmp_path, monkeypatch
 
     monkeypatch.setattr("os.replace", fail)
     with pytest.raises(OSError, match="disk full"):
-        save_map_server(tmp_path / "map.yaml", MAP[:2], 0.1, (0.0, 0.0))
+        write_map_server(tmp_path / "map.yaml", MAP[:2], 0.1, (0.0, 0.0))
     assert (tmp_path / "map.pgm").read_bytes() == old
     assert sorted(file.name for file in tmp_path.iterdir()) == ["map.pgm", "map.yaml"]
 
@@ -68,5 +68,5 @@ def test_a_wrong_argument_is_named_and_nothing_is_written(tmp_path, monkeypatch,
         "origin": (0.0, 0.0),
     }
     with pytest.raises(ValueError, match=message):
-        save_map_server(**(arguments | change))
+        write_map_server(**(arguments | change))
     assert list(tmp_path.iterdir()) == []
