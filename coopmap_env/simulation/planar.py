@@ -1,23 +1,38 @@
-"""The planar simulator: a camera looks at the true world, beam by beam."""
+"""The planar simulator: a camera scans the true world, beam by beam."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import kernel
 from coopmap_env.geometry.traversal import init_axis, step_voxel
-from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
+from coopmap_env.mapping import GridGeometry, VoxelGrid
+from coopmap_env.sensing import NoiseParameters, PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 from coopmap_env.simulation.simulator import MoveResult
 
 
-@njit(cache=True, nogil=True)
-def cast_ray(occupied, px, py, ux, uy, reach):
-    """Distance (cells) at which a ray enters the first occupied cell; inf if it meets none."""
+class ScanArrays(NamedTuple):
+    """The arrays of a planar `Scan`, for a kernel to fill."""
+
+    points: NDArray[np.float64]
+    """Shape (n, 2)."""
+    covariances: NDArray[np.float64]
+    """Shape (n, 2, 2)."""
+    hit: NDArray[np.bool_]
+    """Shape (n,)."""
+
+
+@kernel
+def cast_ray(
+    occupied: NDArray[np.bool_], px: float, py: float, ux: float, uy: float, reach: float
+) -> float:
+    """Distance (cells) at which a ray enters the first occupied cell; inf if there is none."""
     nx, ny = occupied.shape
     cx, sx, tx, dx, end_x = init_axis(px, ux, nx, ny)
     cy, sy, ty, dy, end_y = init_axis(py, uy, ny, 1)
@@ -32,15 +47,24 @@ def cast_ray(occupied, px, py, ux, uy, reach):
     return math.inf
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def simulate_scan(
-    occupied, lower, resolution, pose, beams, reach, noise, draws, points, covariances, hit
-):
-    """Fill a scan: cast each beam, disturb the hits (Eq. 1), turn covariances to the world (Eq. 3).
+    occupied: NDArray[np.bool_],
+    grid: GridGeometry,
+    pose: NDArray[np.float64],
+    beams: NDArray[np.float64],
+    reach: float,
+    noise: NoiseParameters,
+    draws: NDArray[np.float64],
+    scan: ScanArrays,
+) -> None:
+    """Fill a scan: cast each beam, add noise to the hits (Eq. 1), rotate covariances (Eq. 3).
 
-    `beams` (n, 2) are unit directions in the camera frame; `noise` is (S, T depth, T lateral, n);
+    `beams` (n, 2) are unit directions in the camera frame, `reach` is their length in metres;
     `draws` (n, 2) are standard normal numbers.
     """
+    lower, resolution = grid.lower, grid.resolution
+    points, covariances, hit = scan
     px, py = (pose[0] - lower[0]) / resolution, (pose[1] - lower[1]) / resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
     intrinsic, depth_factor, lateral_factor, exponent = noise
@@ -62,7 +86,7 @@ def simulate_scan(
         ex, ey = depth * draws[beam, 0], lateral * draws[beam, 1]
         points[beam, 0] = pose[0] + d * ux + c * ex - s * ey
         points[beam, 1] = pose[1] + d * uy + s * ex + c * ey
-        # what the camera states is Eq. 1 at the distance that it measured, not at the true one
+        # the camera states Eq. 1 at the distance that it measured, not at the true one
         mx, my = points[beam, 0] - pose[0], points[beam, 1] - pose[1]
         scale = intrinsic * math.sqrt(mx * mx + my * my) ** exponent
         xx, yy = (scale * depth_factor) ** 2, (scale * lateral_factor) ** 2
@@ -73,29 +97,33 @@ def simulate_scan(
 
 
 class PlanarSimulator:
-    """A true planar world and the camera that looks at it (a `Simulator`)."""
+    """A true planar world and the cameras that scan it (a `Simulator`).
+
+    Parameters
+    ----------
+    world : PlanarWorld
+    camera : PlanarCamera
+        That of every robot.
+    noise : RangeNoise
+        Eq. 1.
+    """
 
     def __init__(self, world: PlanarWorld, camera: PlanarCamera, noise: RangeNoise) -> None:
         self.world = world
         self.camera = camera
-        self._lower = np.array(world.origin)
+        self._grid = VoxelGrid(world.shape, world.resolution, world.origin).geometry
         self._beams = np.column_stack([np.cos(camera.bearings), np.sin(camera.bearings)])
-        self._noise = (
-            float(noise.intrinsic),
-            float(noise.depth),
-            float(noise.lateral),
-            float(noise.exponent),
-        )
+        self._noise = noise.parameters
         self._poses: list[Sequence[float]] = []
 
     def set_poses(self, poses: Sequence[Sequence[float]]) -> None:
-        """Set the robots down at planar poses (x, y, heading)."""
+        """Set the robots to planar poses (x, y, heading): metres, radians."""
         self._poses = list(poses)
 
     def move(
         self, targets: Sequence[Sequence[float] | None], rng: np.random.Generator
     ) -> list[MoveResult]:
-        """Move every camera to its target pose; one that is truly occupied is bumped into."""
+        """Move every camera to its target pose; where the cell is occupied it does not move."""
         results = []
         for robot, target in enumerate(targets):
             collides = target is not None and self.collides(target)
@@ -105,11 +133,11 @@ class PlanarSimulator:
         return results
 
     def scan(self, robot: int, rng: np.random.Generator) -> Scan:
-        """Look with a robot's camera from where it is."""
+        """Scan with a robot's camera from its current pose."""
         return self.scan_from(self._poses[robot], rng)
 
     def scan_from(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
-        """Look from a planar pose (3,) [x, y, heading]: metres, radians.
+        """Scan from a planar pose (3,) [x, y, heading]: metres, radians.
 
         Raises
         ------
@@ -117,16 +145,20 @@ class PlanarSimulator:
             If the pose is not finite, or lies outside the world.
         """
         n = len(self._beams)
-        points, covariances = np.empty((n, 2)), np.empty((n, 2, 2))
-        hit = np.empty(n, dtype=np.bool_)
-        at: NDArray[np.float64] = np.array(pose, dtype=np.float64)
-        self._cell(*at.tolist())
+        arrays = ScanArrays(np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n, dtype=np.bool_))
+        camera_pose: NDArray[np.float64] = np.array(pose, dtype=np.float64)
+        self._cell(*camera_pose.tolist())
         simulate_scan(
-            self.world.occupied, self._lower, self.world.resolution, at, self._beams,
-            self.camera.depth_of_field, self._noise, rng.standard_normal((n, 2)),
-            points, covariances, hit,
-        )  # fmt: skip
-        return Scan(at[:2], points, covariances, hit)
+            self.world.occupied,
+            self._grid,
+            camera_pose,
+            self._beams,
+            self.camera.depth_of_field,
+            self._noise,
+            rng.standard_normal((n, 2)),
+            arrays,
+        )
+        return Scan(camera_pose[:2], *arrays)
 
     def collides(self, pose: Sequence[float]) -> bool:
         """Whether the cell of a planar pose (3,) is truly occupied.
@@ -144,6 +176,6 @@ class PlanarSimulator:
         i, j = (x - x0) / resolution, (y - y0) / resolution
         if not (0 <= i < nx and 0 <= j < ny and math.isfinite(heading)):
             raise ValueError(
-                f"a camera at {[x, y, heading]} looks from outside of the {nx} x {ny} cells"
+                f"the camera pose {[x, y, heading]} lies outside of the {nx} x {ny} cells"
             )
         return int(i), int(j)

@@ -1,4 +1,4 @@
-"""The one seam between the environment and the world."""
+"""The one seam between an environment and its true world."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ class MoveResult(NamedTuple):
     measured_configuration: Any
     """Where the robot's own sensors say that it is now: a planar pose, or mount joints."""
     collided_with: str
-    """What it bumped into and was stopped by; empty if nothing."""
+    """Name of the obstacle that stopped the robot; empty if there was none."""
 
 
 class Simulator(Protocol):
-    """Answers motions and looks; nothing else of the truth reaches a robot."""
+    """Moves robots and scans; a robot learns nothing else of the true world."""
 
     def move(self, targets: Sequence[Any], rng: np.random.Generator) -> Sequence[MoveResult]:
         """Move every robot to its target; `None` lets it stay. All noise comes from `rng`."""
 
     def scan(self, robot: int, rng: np.random.Generator) -> Any:
-        """What the camera of a robot measures where it is; all noise comes from `rng`."""
+        """What the camera of a robot measures at its current pose; all noise comes from `rng`."""

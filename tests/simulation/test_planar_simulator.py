@@ -208,5 +208,5 @@ def test_a_camera_within_an_obstacle_sees_it_at_no_distance():
 )
 def test_a_look_from_outside_the_world_is_refused(pose):
     simulator = PlanarSimulator(corridor(), PlanarCamera(), RangeNoise())
-    with pytest.raises(ValueError, match="looks from outside"):
+    with pytest.raises(ValueError, match="lies outside"):
         simulator.scan_from(pose, np.random.default_rng(0))

@@ -1,23 +1,58 @@
-"""Kernels that find the rays of a camera which may meet a body, before any is traced."""
+"""Kernels that select the rays of a camera that may meet a body, before any ray is traced."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.geometry import RigidTransform
 
 CULL_MARGIN = 1e-5
-"""Of a body's size: by how much the cull is generous, since rays are traced in single precision."""
+"""Of a body's size: the selection is this much too large, as rays are traced in single
+precision."""
 
 
-@njit(cache=True, nogil=True)
-def bounding_cone(directions, axis):
-    """Write the middle of directions (n, 3); return the largest angle to it.
+class Rays(NamedTuple):
+    """Rays to trace. The first n belong to the n pixels and go through the static scene."""
 
-    NaN if a direction is not of length 1.
-    """
-    axis[:] = 0.0
+    origins: NDArray[np.float32]
+    """Shape (m, 3), relative to the middle of the mesh that the ray goes through."""
+    directions: NDArray[np.float32]
+    """Shape (m, 3), of length 1."""
+    lengths: NDArray[np.float32]
+    """Shape (m,): metres to the first surface."""
+    pixels: NDArray[np.int32]
+    """Shape (m,): of which pixel each is a ray; not set for the first n."""
+
+
+class BodyBoxes(NamedTuple):
+    """Boxes around bodies, in the frames of the bodies."""
+
+    centers: NDArray[np.float64]
+    """Shape (b, 3)."""
+    half_sizes: NDArray[np.float64]
+    """Shape (b, 3)."""
+    radii: NDArray[np.float64]
+    """Shape (b,): of the balls about the centres that hold the bodies."""
+
+
+class ViewCone(NamedTuple):
+    """A cone about the rays of a camera, in the camera frame."""
+
+    axis: NDArray[np.float64]
+    """Shape (3,), of length 1."""
+    angle: float
+    """Radians between the axis and the outermost ray; NaN if a ray is not of length 1."""
+
+
+@kernel
+def bounding_cone(directions: NDArray[np.float64]) -> ViewCone:
+    """The cone about the mean of directions (n, 3)."""
+    axis = np.zeros(3)
     unit = True
     for k in range(len(directions)):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
@@ -26,32 +61,47 @@ def bounding_cone(directions, axis):
         axis[1] += y
         axis[2] += z
     if not unit:
-        return math.nan
+        return ViewCone(axis, math.nan)
     length = math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
     if length < 1e-9:
-        return math.pi
+        return ViewCone(axis, math.pi)
     for i in range(3):
         axis[i] /= length
     lowest = 1.0
     for k in range(len(directions)):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
         lowest = min(lowest, axis[0] * x + axis[1] * y + axis[2] * z)
-    return math.acos(max(lowest, -1.0))
+    return ViewCone(axis, math.acos(max(lowest, -1.0)))
 
 
-@njit(cache=True, nogil=True)
-def rotate_rays(directions, R, origin, origins, rotated):
-    """Turn directions (n, 3) by R and let all rays begin at `origin`."""
+@kernel
+def rotate_rays(
+    directions: NDArray[np.float64], R: NDArray[np.float64], origin: NDArray[np.float64], rays: Rays
+) -> None:
+    """Fill the first n rays: directions (n, 3) rotated by R, all from `origin` (3,)."""
     for k in range(len(directions)):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
         for i in range(3):
-            origins[k, i] = origin[i]
-            rotated[k, i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+            rays.origins[k, i] = origin[i]
+            rays.directions[k, i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
 
 
-@njit(cache=True, nogil=True, inline="always")
-def ray_hits_box(ox, oy, oz, ux, uy, uz, hx, hy, hz):
-    """Whether a ray from o along u meets the box [-h, h]: no axis or edge stands between them."""
+@kernel
+def is_in_cone(center: NDArray[np.float64], distance: float, radius: float, cone: ViewCone) -> bool:
+    """Whether a ball, its centre (3,) in the camera frame, may reach into a cone."""
+    axis = cone.axis
+    along = (center[0] * axis[0] + center[1] * axis[1] + center[2] * axis[2]) / distance
+    off_axis = math.acos(min(max(along, -1.0), 1.0))
+    return not off_axis > cone.angle + math.asin(min(radius / distance, 1.0)) + CULL_MARGIN
+
+
+@inlined_kernel
+def ray_hits_box(
+    o: NDArray[np.float64], ux: float, uy: float, uz: float, h: NDArray[np.float64]
+) -> bool:
+    """Whether a ray from o (3,) along u meets the box [-h, h]: no separating axis (3 and 3)."""
+    ox, oy, oz = o[0], o[1], o[2]
+    hx, hy, hz = h[0], h[1], h[2]
     return not (
         (abs(ox) > hx and ox * ux >= 0.0)
         or (abs(oy) > hy and oy * uy >= 0.0)
@@ -62,47 +112,73 @@ def ray_hits_box(ox, oy, oz, ux, uy, uz, hx, hy, hz):
     )
 
 
-@njit(cache=True, nogil=True)
-def cull_rays(
-    directions, axis, cone_angle, R, t, Rs, ts, boxes, visible,
-    first, ray_indices, origins, rotated, lengths,
-):  # fmt: skip
-    """Gather the rays that may meet each body, in the frame of the middle of its box.
+@kernel
+def camera_in_box(
+    T_world_camera: RigidTransform,
+    R: NDArray[np.float64],
+    t: NDArray[np.float64],
+    center: NDArray[np.float64],
+    out: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+) -> float:
+    """Write where a camera and the middle of a body's box see each other; squared distance.
 
-    The first n places of `lengths` hold how far each ray goes in the static scene. Rays are
-    appended behind: those of body b take places first[b] to first[b + 1], and `ray_indices` says
-    which of the n rays each of them is.
+    `R`, `t` are the body's pose in the world, `center` (3,) is the middle of its box in its own
+    frame. `out` receives the camera's position (3,) and rotation (3, 3) relative to that middle,
+    and the middle's position (3,) in the camera frame.
+    """
+    o, M, c = out
+    for i in range(3):
+        o[i] = -center[i]
+        for j in range(3):
+            o[i] += R[j, i] * (T_world_camera.translation[j] - t[j])
+    square = o[0] * o[0] + o[1] * o[1] + o[2] * o[2]
+    for i in range(3):
+        for j in range(3):
+            M[i, j] = (
+                R[0, i] * T_world_camera.rotation[0, j]
+                + R[1, i] * T_world_camera.rotation[1, j]
+                + R[2, i] * T_world_camera.rotation[2, j]
+            )
+    for j in range(3):
+        c[j] = -(M[0, j] * o[0] + M[1, j] * o[1] + M[2, j] * o[2])
+    return square
+
+
+@kernel
+def cull_rays(
+    directions: NDArray[np.float64],
+    cone: ViewCone,
+    T_world_camera: RigidTransform,
+    T_world_bodies: RigidTransform,
+    boxes: BodyBoxes,
+    visible: NDArray[np.bool_],
+    starts: NDArray[np.int64],
+    rays: Rays,
+) -> None:
+    """Append the rays that may meet each body, in the frame of the middle of its box.
+
+    `T_world_bodies` holds rotations (b, 3, 3) and translations (b, 3). The first n of
+    `rays.lengths` say how far each ray goes in the static scene. Those of body b take places
+    starts[b] to starts[b + 1].
     """
     n = len(directions)
+    lengths = rays.lengths
     count = n
-    c = np.zeros(3)
-    o = np.zeros(3)
-    M = np.zeros((3, 3))
-    for body in range(len(boxes)):
-        first[body] = count
+    o, M, c = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+    h = np.zeros(3)
+    for body in range(len(visible)):
+        starts[body] = count
         if not visible[body]:
             continue
-        center, radius = boxes[body, :3], boxes[body, 6] * (1.0 + CULL_MARGIN)
-        hx, hy, hz = boxes[body, 3:6] + radius * CULL_MARGIN
-        Rb = Rs[body]
-        # camera seen from the middle of the box, and that middle seen from the camera
+        radius = boxes.radii[body] * (1.0 + CULL_MARGIN)
         for i in range(3):
-            o[i] = -center[i]
-            for j in range(3):
-                o[i] += Rb[j, i] * (t[j] - ts[body, j])
-        square = o[0] * o[0] + o[1] * o[1] + o[2] * o[2]
-        for i in range(3):
-            for j in range(3):
-                M[i, j] = Rb[0, i] * R[0, j] + Rb[1, i] * R[1, j] + Rb[2, i] * R[2, j]
-        for j in range(3):
-            c[j] = -(M[0, j] * o[0] + M[1, j] * o[1] + M[2, j] * o[2])
+            h[i] = boxes.half_sizes[body, i] + radius * CULL_MARGIN
+        R, t = T_world_bodies.rotation[body], T_world_bodies.translation[body]
+        square = camera_in_box(T_world_camera, R, t, boxes.centers[body], (o, M, c))
         distance = math.sqrt(square)
         tangent = square - radius * radius
-        if tangent > 0.0:
-            along = (c[0] * axis[0] + c[1] * axis[1] + c[2] * axis[2]) / distance
-            off_axis = math.acos(min(max(along, -1.0), 1.0))
-            if off_axis > cone_angle + math.asin(min(radius / distance, 1.0)) + CULL_MARGIN:
-                continue
+        if tangent > 0.0 and not is_in_cone(c, distance, radius, cone):
+            continue
         for k in range(n):
             x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
             along = c[0] * x + c[1] * y + c[2] * z
@@ -113,21 +189,25 @@ def cull_rays(
             ux = M[0, 0] * x + M[0, 1] * y + M[0, 2] * z
             uy = M[1, 0] * x + M[1, 1] * y + M[1, 2] * z
             uz = M[2, 0] * x + M[2, 1] * y + M[2, 2] * z
-            if not ray_hits_box(o[0], o[1], o[2], ux, uy, uz, hx, hy, hz):
+            if not ray_hits_box(o, ux, uy, uz, h):
                 continue
-            ray_indices[count] = k
+            rays.pixels[count] = k
             lengths[count] = lengths[k]
-            rotated[count, 0], rotated[count, 1], rotated[count, 2] = ux, uy, uz
-            origins[count, 0], origins[count, 1], origins[count, 2] = o[0], o[1], o[2]
+            for i in range(3):
+                rays.origins[count, i] = o[i]
+            rays.directions[count, 0] = ux
+            rays.directions[count, 1] = uy
+            rays.directions[count, 2] = uz
             count += 1
-    first[len(boxes)] = count
+    starts[len(visible)] = count
 
 
-@njit(cache=True, nogil=True)
-def reduce_nearest(count, ray_indices, lengths, out):
-    """Of all that a ray met, the nearest: fills out (n,) from the first `count` lengths."""
+@kernel
+def nearest_hits(count: int, rays: Rays, out: NDArray[np.float64]) -> None:
+    """Fill out (n,) with the nearest hit of every pixel among the first `count` rays."""
     n = len(out)
     for k in range(n):
-        out[k] = lengths[k]
+        out[k] = rays.lengths[k]
     for k in range(n, count):
-        out[ray_indices[k]] = min(out[ray_indices[k]], lengths[k])
+        pixel = rays.pixels[k]
+        out[pixel] = min(out[pixel], rays.lengths[k])

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry import RigidTransform
+from coopmap_env.sensing import DepthCamera, NoiseParameters, PointCloud, RangeNoise
 from coopmap_env.simulation.depth.culling import (
+    BodyBoxes,
+    Rays,
     bounding_cone,
     cull_rays,
-    reduce_nearest,
+    nearest_hits,
     rotate_rays,
 )
 from coopmap_env.simulation.depth.traced_mesh import TracedMesh
@@ -21,8 +24,6 @@ MAX_RELATIVE_ERROR = 0.5
 """Of the depth: no error of a measurement is larger, so that a hit stays in front of the camera
 whatever the noise. The default noise would need 40 standard deviations to get there."""
 NO_ROTATIONS, NO_TRANSLATIONS = np.empty((0, 3, 3)), np.empty((0, 3))
-
-RayBuffers = tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]
 
 
 class DepthRenderer:
@@ -40,17 +41,15 @@ class DepthRenderer:
     """
 
     def __init__(self, triangles: ArrayLike | TracedMesh) -> None:
-        self.scene = _mesh(triangles)
+        self.scene = _to_mesh(triangles)
         self.bodies: list[TracedMesh] = []
-        self._boxes = np.empty((0, 7))
-        self._ray_buffers = _ray_buffers(0)
+        self._boxes = _boxes_of(self.bodies)
+        self._rays = _allocate_rays(0)
 
     def add_body(self, triangles: ArrayLike | TracedMesh) -> int:
         """Add a rigid body, its triangles (m, 3, 3) in a frame of its own; returns its number."""
-        body = _mesh(triangles)
-        self.bodies.append(body)
-        box = [*body.center, *body.half_size, body.radius]
-        self._boxes = np.vstack([self._boxes, box])
+        self.bodies.append(_to_mesh(triangles))
+        self._boxes = _boxes_of(self.bodies)
         return len(self.bodies) - 1
 
     def distances(
@@ -86,57 +85,76 @@ class DepthRenderer:
             If a shape is another one, or a value is not finite, or a direction not of length 1.
         """
         n_bodies = len(self.bodies)
-        R, t = _finite("rotation", rotation, (3, 3)), _finite("translation", translation, (3,))
-        rays = np.ascontiguousarray(directions, dtype=np.float64)
-        Rs = _finite("body_rotations", body_rotations, (n_bodies, 3, 3))
-        ts = _finite("body_translations", body_translations, (n_bodies, 3))
-        if rays.ndim != 2 or rays.shape[1] != 3:
-            raise ValueError(f"directions must be (n, 3), got {rays.shape}")
-        axis = np.empty(3)
-        cone_angle = bounding_cone(rays, axis)
-        if np.isnan(cone_angle):
-            raise ValueError("directions must be unit vectors: one is not of length 1")
+        T_world_camera = RigidTransform(
+            _check_array("rotation", rotation, (3, 3)),
+            _check_array("translation", translation, (3,)),
+        )
+        T_world_bodies = RigidTransform(
+            _check_array("body_rotations", body_rotations, (n_bodies, 3, 3)),
+            _check_array("body_translations", body_translations, (n_bodies, 3)),
+        )
+        pixel_rays = np.ascontiguousarray(directions, dtype=np.float64)
+        if pixel_rays.ndim != 2 or pixel_rays.shape[1] != 3:
+            raise ValueError(f"directions must be (n, 3), got {pixel_rays.shape}")
         visible = np.ones(n_bodies, dtype=np.bool_)
         for body in hidden:
             if not 0 <= body < n_bodies:
                 raise ValueError(f"hidden names body {body}, and there are {n_bodies}")
             visible[body] = False
+        return self._trace(pixel_rays, T_world_camera, T_world_bodies, visible)
 
-        n = len(rays)
-        if len(self._ray_buffers[0]) < n * (n_bodies + 1):
-            self._ray_buffers = _ray_buffers(n * (n_bodies + 1))
-        lengths, ray_indices, origins, rotated = self._ray_buffers
-        lengths[:n] = np.inf
-        rotate_rays(rays, R, t - self.scene.center, origins, rotated)
-        self.scene.intersect(origins[:n], rotated[:n], lengths[:n])
-        first = np.empty(n_bodies + 1, dtype=np.int64)
+    def _trace(
+        self,
+        directions: NDArray[np.float64],
+        T_world_camera: RigidTransform,
+        T_world_bodies: RigidTransform,
+        visible: NDArray[np.bool_],
+    ) -> NDArray[np.float64]:
+        n, n_bodies = len(directions), len(self.bodies)
+        cone = bounding_cone(directions)
+        if np.isnan(cone.angle):
+            raise ValueError("directions must be unit vectors: one is not of length 1")
+        if len(self._rays.lengths) < n * (n_bodies + 1):
+            self._rays = _allocate_rays(n * (n_bodies + 1))
+        rays = self._rays
+        rays.lengths[:n] = np.inf
+        origin = T_world_camera.translation - self.scene.center
+        rotate_rays(directions, T_world_camera.rotation, origin, rays)
+        self.scene.intersect(rays.origins[:n], rays.directions[:n], rays.lengths[:n])
+        starts = np.empty(n_bodies + 1, dtype=np.int64)
         cull_rays(
-            rays, axis, cone_angle, R, t, Rs, ts, self._boxes, visible,
-            first, ray_indices, origins, rotated, lengths,
-        )  # fmt: skip
-        ends = first.tolist()
+            directions, cone, T_world_camera, T_world_bodies, self._boxes, visible, starts, rays
+        )
+        ends = starts.tolist()
         for mesh, i, j in zip(self.bodies, ends[:-1], ends[1:], strict=True):
-            mesh.intersect(origins[i:j], rotated[i:j], lengths[i:j])
+            mesh.intersect(rays.origins[i:j], rays.directions[i:j], rays.lengths[i:j])
         out = np.empty(n)
-        reduce_nearest(ends[-1], ray_indices, lengths, out)
+        nearest_hits(ends[-1], rays, out)
         return out
 
 
-def _mesh(triangles: ArrayLike | TracedMesh) -> TracedMesh:
+def _to_mesh(triangles: ArrayLike | TracedMesh) -> TracedMesh:
     return triangles if isinstance(triangles, TracedMesh) else TracedMesh(triangles)
 
 
-def _ray_buffers(n: int) -> RayBuffers:
-    """Room for n rays: their lengths, what they are rays of, origins and directions."""
-    return (
-        np.empty(n, dtype=np.float32),
-        np.empty(n, dtype=np.int32),
-        np.empty((n, 3), dtype=np.float32),
-        np.empty((n, 3), dtype=np.float32),
+def _boxes_of(bodies: list[TracedMesh]) -> BodyBoxes:
+    return BodyBoxes(
+        np.array([body.center for body in bodies]).reshape(-1, 3),
+        np.array([body.half_size for body in bodies]).reshape(-1, 3),
+        np.array([body.radius for body in bodies]),
     )
 
 
-def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _allocate_rays(n: int) -> Rays:
+    return Rays(
+        origins=np.empty((n, 3), dtype=np.float32),
+        directions=np.empty((n, 3), dtype=np.float32),
+        lengths=np.empty(n, dtype=np.float32),
+        pixels=np.empty(n, dtype=np.int32),
+    )
+
+
+def _check_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.shape != shape:
         raise ValueError(f"{name} must be {shape}, got {array.shape}")
@@ -145,9 +163,18 @@ def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.
     return array
 
 
-@njit(cache=True, nogil=True)
-def add_range_noise(distances, directions, near, far, noise, draws, points, hit):
-    """Fill the points of a cloud: Eq. 1 at the true distance, `noise` (S, T depth, T lateral, n).
+@kernel
+def add_range_noise(
+    distances: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    near: float,
+    far: float,
+    noise: NoiseParameters,
+    draws: NDArray[np.float32],
+    points: NDArray[np.float64],
+    hit: NDArray[np.bool_],
+) -> None:
+    """Fill the points (n, 3) of a cloud and `hit` (n,): Eq. 1 at the true distances (n,).
 
     `draws` (n, 3) are standard normal numbers.
     """
@@ -170,23 +197,28 @@ def add_range_noise(distances, directions, near, far, noise, draws, points, hit)
 def simulate_point_cloud(
     distances: ArrayLike, camera: DepthCamera, noise: RangeNoise, rng: np.random.Generator
 ) -> PointCloud:
-    """What a camera measures of true distances: a point for each pixel, disturbed by Eq. 1.
+    """What a camera measures of true distances: a point for each pixel, with noise (Eq. 1).
 
     Errors are drawn at the true distance along the three axes of the camera. A surface between
-    `near` and `far` is a hit, however it is disturbed. A beam that meets nothing until `far` is
-    clear up to there; of a surface nearer than `near` nothing is said. All pixels take their
-    draws, whatever they see: a different world leaves the rest of the random numbers as it was.
+    `near` and `far` is a hit, whatever its noise. A beam without a surface up to `far` is free up
+    to there. A surface nearer than `near` gives a point at the camera, which says nothing. All
+    pixels take their draws, whatever they see: the random numbers that follow do not depend on
+    the world.
 
     Parameters
     ----------
     distances : array_like, shape (n_pixels,)
         Metres, inf where there is nothing: those of `DepthRenderer.distances`.
     camera : DepthCamera
-        Which camera looks.
     noise : RangeNoise
         Eq. 1.
     rng : numpy.random.Generator
         Draws 3 numbers for each pixel.
+
+    Returns
+    -------
+    PointCloud
+        In the camera frame.
 
     Raises
     ------
@@ -200,11 +232,17 @@ def simulate_point_cloud(
             f"a camera of {n} pixels needs distances ({n},), got {true_distances.shape}"
         )
     if not (true_distances >= 0).all():
-        raise ValueError(f"distances must be >= 0, got {true_distances[~(true_distances >= 0)][0]}")
+        wrong = true_distances[~(true_distances >= 0)][0]
+        raise ValueError(f"distances must be >= 0, got {wrong}")
     points, hit = np.empty((n, 3)), np.empty(n, dtype=np.bool_)
     add_range_noise(
-        true_distances, camera.directions, float(camera.near), float(camera.far),
-        (float(noise.intrinsic), float(noise.depth), float(noise.lateral), float(noise.exponent)),
-        rng.standard_normal((n, 3), dtype=np.float32), points, hit,
-    )  # fmt: skip
+        true_distances,
+        camera.directions,
+        float(camera.near),
+        float(camera.far),
+        noise.parameters,
+        rng.standard_normal((n, 3), dtype=np.float32),
+        points,
+        hit,
+    )
     return PointCloud(points, hit)
