@@ -55,7 +55,7 @@ $(POLICIES): setup
 	for seed in $(SEEDS); do \
 		OMP_NUM_THREADS=1 $(BIN)/coopmap train --out results/$@/$$seed --seed $$seed $($@) || exit 1; \
 	done
-	$(BIN)/python -m coopmap_agents.pretrained.shipping agents/pretrained/policies/$@ $(addprefix results/$@/,$(SEEDS))
+	$(BIN)/python -m coopmap_agents.pretrained.export agents/pretrained/policies/$@ $(addprefix results/$@/,$(SEEDS))
 
 # The pictures of the README, from the full runs.
 pictures: setup

@@ -1,24 +1,21 @@
-"""What training.json says of a training: its config, its machine, and one row for every segment."""
+"""The record of a training, training.json: configuration, machine, one row for each segment."""
 
 from __future__ import annotations
 
 import json
 import os
 import platform
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from coopmap_agents.plan import TrainingConfig
+from coopmap_agents.config import TrainingConfig
 
 from coopmap_env.core.version import __version__
-from coopmap_env.evaluation.comparison import file_hashes
-
-if TYPE_CHECKING:
-    from coopmap_agents.training.segments import SegmentReport
+from coopmap_env.evaluation import file_hashes
 
 RECORD_FILE = "training.json"
 POLICY_FILE = "policy.safetensors"
@@ -31,8 +28,22 @@ RECORD_KEYS = {
 }  # fmt: skip
 
 
+@dataclass(frozen=True)
+class SegmentReport:
+    """Wall-clock time of a segment, and the returns of its episodes."""
+
+    seconds: float = 0.0
+    """Duration of the segment."""
+    environment_seconds: float = 0.0
+    """Part of it in which the environments were stepped."""
+    collecting_seconds: float = 0.0
+    """Part of it in which roll-outs were collected, with the environments; the rest are updates."""
+    returns: Sequence[float] = ()
+    """Sum of rewards of each robot in each episode that ended."""
+
+
 def new_record(config: TrainingConfig, command: str, workers: int) -> Record:
-    """Begin a record."""
+    """Record of a training that has not started."""
     return {
         "version": __version__,
         "command": command,
@@ -48,21 +59,22 @@ def new_record(config: TrainingConfig, command: str, workers: int) -> Record:
 
 
 def machine_description() -> str:
-    """Processor, cores and versions: what the time depends on, and the last bits of the weights."""
+    """Processor, cores and versions: they decide the speed, and the last bits of the weights."""
     return (
         f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, "
         f"Python {platform.python_version()}, torch {version('torch')}"
     )
 
 
-def read_record(path: Path) -> Record | None:
-    """Read the record of a folder, if it has one.
+def read_record(folder: Path) -> Record | None:
+    """Read the record of a training's folder; None if it has none.
 
     Raises
     ------
     ValueError
-        If it is broken.
+        If the file is broken.
     """
+    path = folder / RECORD_FILE
     if not path.exists():
         return None
     try:
@@ -72,29 +84,29 @@ def read_record(path: Path) -> Record | None:
             raise KeyError(*missing)
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise ValueError(
-            f"{path} is broken ({error!r}): remove its folder to begin anew"
+            f"{path} is broken ({error!r}): remove its folder to start again"
         ) from error
     return record
 
 
 def check_same_training(record: Record, config: TrainingConfig, workers: int, out: Path) -> None:
-    """Refuse to go on with another training; only its length may differ.
+    """Check that a record is of this training; only the length may differ.
 
     Raises
     ------
     ValueError
-        With the first thing that differs, or if the last segment was cut short, so that a longer
-        training would have gone another way.
+        With the first difference, or if the last segment was shortened, so that a longer training
+        would have continued differently.
     """
-    was, now = (
-        _flatten({name: recorded[name] for name in ("version", "config", "files", "workers")})
-        for recorded in (record, new_record(config, "", workers))
+    recorded, requested = (
+        _flatten({name: values[name] for name in ("version", "config", "files", "workers")})
+        for values in (record, new_record(config, "", workers))
     )
-    for key in sorted(set(was) | set(now)):
-        if key != "config.ppo.total_steps" and was.get(key) != now.get(key):
+    for key in sorted(set(recorded) | set(requested)):
+        if key != "config.ppo.total_steps" and recorded.get(key) != requested.get(key):
             raise ValueError(
-                f"{out} holds another training, with {key} = {was.get(key)!r}, not "
-                f"{now.get(key)!r}: use another folder"
+                f"{out} holds another training, with {key} = {recorded.get(key)!r}, not "
+                f"{requested.get(key)!r}: use another folder"
             )
     _check_can_be_extended(record, config, out)
 
@@ -105,8 +117,8 @@ def _check_can_be_extended(record: Record, config: TrainingConfig, out: Path) ->
         return
     if steps[-1] - steps[-2] < config.ppo.segment_steps:
         raise ValueError(
-            f"{out} ended after {steps[-1]} steps with a segment that was cut short: it cannot be "
-            f"lengthened to {total_steps}; use another folder"
+            f"{out} ended after {steps[-1]} steps with a shortened segment: it cannot be extended "
+            f"to {total_steps}; use another folder"
         )
 
 
@@ -118,7 +130,7 @@ def add_row(
     scores: Mapping[str, float],
     validation_seconds: float,
 ) -> None:
-    """Add the row of a segment, or of what there is before the first."""
+    """Add the row of a segment, or of the initial network."""
     record["rows"].append(
         {
             "steps": steps,
@@ -133,7 +145,7 @@ def add_row(
 
 
 def progress_line(record: Record) -> str:
-    """What a training says after a segment."""
+    """Progress after a segment: steps, validation scores, remaining time."""
     total_steps = record["config"]["ppo"]["total_steps"]
     row, best = record["rows"][-1], record["rows"][record["best"]]
     elapsed = _column_sum(record, "seconds") + _column_sum(record, "validation_seconds")
@@ -148,7 +160,7 @@ def progress_line(record: Record) -> str:
 
 
 def throughput_line(record: Record) -> str:
-    """How fast a training was, and what its time went into; validation is not counted."""
+    """Speed of a training and the parts of its time, without validation."""
     seconds, environment, collecting = (
         _column_sum(record, name)
         for name in ("seconds", "environment_seconds", "collecting_seconds")
@@ -162,20 +174,19 @@ def throughput_line(record: Record) -> str:
 
 
 def config_to_dict(config: TrainingConfig) -> dict[str, Any]:
-    """All of a plan as JSON values."""
+    """All of a configuration as JSON values."""
     values: dict[str, Any] = json.loads(json.dumps(asdict(config)))
     return values
 
 
 def _file_hashes(config: TrainingConfig) -> dict[str, str]:
-    """Hashes of all files that a plan names: scenes, policies to begin with or to imitate."""
-    env_config = config.env
-    sources = f"{config.expert}:{config.init_from}"
-    return file_hashes(sources, str(env_config.arguments.get("scene", "")), env_config.name)
+    """Hashes of all files that a configuration names: scenes, and policies to start from."""
+    policies = f"{config.imitate}:{config.init_from}"
+    return file_hashes(policies, str(config.env.arguments.get("scene", "")), config.env.name)
 
 
 def _recorded_workers(config: TrainingConfig, workers: int) -> int | None:
-    """How many processes, where the result depends on it."""
+    """Number of processes, where the result depends on it."""
     return workers if config.engine == "rllib" else None
 
 
@@ -183,9 +194,9 @@ def _column_sum(record: Record, name: str) -> float:
     return float(sum(row[name] for row in record["rows"]))
 
 
-def _flatten(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+def _flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for key, value in values.items():
-        name = f"{before}{key}"
+        name = f"{prefix}{key}"
         flat.update(_flatten(value, f"{name}.") if isinstance(value, dict) else {name: value})
     return flat

@@ -1,17 +1,17 @@
-"""A policy among candidates: one network scores each of them, whatever their order and number.
+"""A policy among candidates: one network scores each of them, in any order and number.
 
 Candidate i of m has the logit ::
 
     score(candidate i, summary) + RATING_GAIN * w * rating of i
 
-with the summary of the situation (`ObservationFeatures`) and of all candidates on offer. The same
-weights score every candidate, and the summary is a mean and a maximum over them: permuting the
-candidates permutes the logits, and a policy that was trained with m = 32 decides among 300. The
-value is a function of the summary alone, and of the whole team's state where it is observed.
+The summary has the features of the observation (`ObservationFeatures`), and the mean and the
+maximum over all feasible candidates. All candidates are scored by the same weights: permuting the
+candidates permutes the logits, and a policy trained with m = 32 decides among 300. The value is a
+function of the summary, and of the team's state where it is observed.
 
-The second term is a direct path. With w = 1 and a score of zero (``initial_policy="rating"``) the best
-candidate is that of the rating-function planner: learning can begin at the planner and needs to
-find out only where to depart from it.
+The second term is a direct path. With w = 1 and a score of zero (``initial_policy="rating"``) the
+policy is the rating-function planner: training starts at the planner, and has to learn only where
+to deviate from it.
 """
 
 from __future__ import annotations
@@ -20,48 +20,45 @@ from collections.abc import Sequence
 from typing import Any, get_args
 
 import numpy as np
-from coopmap_agents import RL_EXTRA_HINT
-from gymnasium import spaces
-
-try:
-    import torch
-    from stable_baselines3.common.distributions import CategoricalDistribution, Distribution
-    from stable_baselines3.common.policies import ActorCriticPolicy
-    from stable_baselines3.common.type_aliases import Schedule
-    from torch import nn
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
+import torch
+from coopmap_agents.config import InitialPolicy
 from coopmap_agents.networks.features import ObservationFeatures, as_tensors
 from coopmap_agents.networks.pose_policy import mlp
-from coopmap_agents.settings import InitialPolicy
+from gymnasium import spaces
+from stable_baselines3.common.distributions import CategoricalDistribution, Distribution
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.type_aliases import Schedule
+from torch import nn
+
+from coopmap_env.core.arguments import check_choice
 
 MASKED_LOGIT = -1e8
 """Its probability is exactly 0 in float32, and 0 times it is 0: no NaN in the entropy."""
 RATING_FEATURE_INDEX = -2
-"""Place of the rating (Eq. 9) in a candidate's features, in the plane and in the field."""
+"""Index of the rating (Eq. 9) in a candidate's features, planar and field."""
 RATING_GAIN = 30.0
 """Logits per unit of the rating feature: on planar training worlds the best-rated of 32 candidates
 then has a probability of 0.77 on average, which leaves room to explore."""
 MIN_STANDARD_DEVIATION = 1e-3
-"""Of a feature over the candidates on offer; below it they do not differ in it."""
+"""Of a feature over the feasible candidates; smaller differences are suppressed."""
 
 Observations = dict[str, torch.Tensor]
 
 
 class ScoringNetwork(nn.Module):
-    """Scores of candidates and the value, from their features and those of the situation.
+    """Scores of candidates and the value, from their features and those of the observation.
 
     Parameters
     ----------
     n_features : int
         F, of each candidate.
     n_context : int
-        G, of the situation.
+        G, of the observation.
     n_state : int
-        S, of the team's state, which only the critic sees; 0 without one.
+        S, of the team's state, an input of the critic only; 0 without one.
     hidden : sequence of int
-        Layers of actor and critic, each; the first one is also the width of the encoder.
+        Widths of the hidden layers of the actor and of the critic; the first is also the width of
+        the encoder.
     """
 
     def __init__(
@@ -75,7 +72,7 @@ class ScoringNetwork(nn.Module):
         self.from_candidate = nn.Linear(width, width)
         self.from_summary = nn.Linear(n_summary, width, bias=False)
         self.mixed = nn.Sequential(nn.Tanh(), mlp(list(hidden)))
-        self.score = nn.Linear(hidden[-1], 1, bias=False)  # a softmax does not see a bias
+        self.score = nn.Linear(hidden[-1], 1, bias=False)  # a softmax is invariant to a bias
         self.value = nn.Sequential(
             mlp([n_summary + n_state, width, *hidden]), nn.Linear(hidden[-1], 1)
         )
@@ -89,8 +86,9 @@ class ScoringNetwork(nn.Module):
         Parameters
         ----------
         candidates : Tensor, shape (n, m, F)
-        offered : Tensor of bool, shape (n, m)
-        situation : Tensor, shape (n, G + S)
+        mask : Tensor of bool, shape (n, m)
+            True for feasible candidates.
+        context : Tensor, shape (n, G + S)
             The team's state comes last.
         """
         encoded, summary, critic_input = self._encode(candidates, mask, context)
@@ -108,23 +106,25 @@ class ScoringNetwork(nn.Module):
     def _encode(
         self, candidates: torch.Tensor, mask: torch.Tensor, context: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Each candidate (n, m, H), the summary (n, G + 2 H) and what the critic sees of all."""
+        """Encoded candidates (n, m, H), summary (n, G + 2 H), critic's input (n, G + 2 H + S)."""
         weights = mask.to(candidates.dtype).unsqueeze(-1)
-        relative = _standardised(candidates, weights)
+        relative = _standardized(candidates, weights)
         encoded = self.encoder(torch.cat([candidates, relative], dim=-1)) * weights
-        largest = encoded.amax(dim=1)  # none is negative, so those that are masked out do not count
+        largest = encoded.amax(
+            dim=1
+        )  # not negative, so masked candidates, which are 0, have no effect
         own, state = context.tensor_split([self.n_context], dim=1)
         summary = torch.cat([own, _mean(encoded, weights)[:, 0], largest], dim=1)
         return encoded, summary, torch.cat([summary, state], dim=1)
 
 
 def _mean(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
-    """Mean over the candidates on offer, shape (n, 1, k); 0 if there are none."""
+    """Mean over the feasible candidates, shape (n, 1, k); 0 if there are none."""
     return (values * weights).sum(1, keepdim=True) / weights.sum(1, keepdim=True).clamp(min=1)
 
 
-def _standardised(candidates: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
-    """Each feature as it stands among the candidates on offer, in standard deviations."""
+def _standardized(candidates: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+    """Features less their mean over the feasible candidates, in standard deviations."""
     centred = candidates - _mean(candidates, weights)
     return centred / (_mean(centred**2, weights) + MIN_STANDARD_DEVIATION**2).sqrt()
 
@@ -132,9 +132,9 @@ def _standardised(candidates: torch.Tensor, weights: torch.Tensor) -> torch.Tens
 class CandidateScorer(ActorCriticPolicy):
     """Policy for Stable-Baselines3 in "candidates" mode.
 
-    The observation holds the mask, so the network applies it wherever it makes a distribution:
-    while it collects, while it learns (the probabilities of what was done are those it was done
-    with), and when it decides. Plain PPO can then train it; nothing has to pass masks around.
+    The observation contains the action mask, and the network applies it to every distribution:
+    while collecting, while learning (so the probability ratios are correct), and when deciding. So
+    standard PPO can train it, without masks as arguments.
 
     Parameters
     ----------
@@ -142,17 +142,17 @@ class CandidateScorer(ActorCriticPolicy):
         With ``candidates`` (m, F) and ``action_mask`` (m,); see the environments' `observations`.
     action_space : gymnasium.spaces.Discrete
     lr_schedule : callable
-    initial : {"random", "rating"}
-        Where learning begins: nearly indifferent, or exactly at the rating-function planner.
+    initial_policy : {"random", "rating"}
+        Initial policy: nearly uniform, or exactly the rating-function planner.
     net_arch : sequence of int
         See `ScoringNetwork`.
-    features_extractor_class, **others
+    features_extractor_class, **kwargs
         As in `ActorCriticPolicy`; actor and critic share their features.
 
     Raises
     ------
     ValueError
-        If the observations carry no candidates or an argument is none of its choices.
+        If the observations have no candidates, or an argument is not one of its choices.
     """
 
     def __init__(
@@ -170,8 +170,7 @@ class CandidateScorer(ActorCriticPolicy):
                 "a CandidateScorer needs observations with candidates and their action_mask, as in "
                 f'action_mode="candidates", got {observation_space}'
             )
-        if initial_policy not in get_args(InitialPolicy):
-            raise ValueError(f"initial_policy is 'random' or 'rating', got {initial_policy!r}")
+        check_choice("initial_policy", initial_policy, get_args(InitialPolicy))
         if not net_arch:
             raise ValueError(f"net_arch needs at least one layer, got {net_arch!r}")
         self.initial_policy = initial_policy
@@ -218,7 +217,7 @@ class CandidateScorer(ActorCriticPolicy):
     def evaluate_actions(  # type: ignore[override]
         self, obs: Observations, actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
-        """Values (n, 1), log probabilities (n,) and entropies (n,) of actions that were done."""
+        """Values (n, 1), log probabilities (n,) and entropies (n,) of given actions."""
         distribution, values = self._distribution_and_values(obs)
         return values, distribution.log_prob(actions), distribution.entropy()
 

@@ -1,6 +1,6 @@
-"""Features extractor: what the networks see of one robot's observation.
+"""Features extractor: the input of the networks, from the observation of one robot.
 
-Stable-Baselines3 hands over the map with its 0 ... 255 scaled to 0 ... 1, and all else as float32.
+Stable-Baselines3 scales the map from 0 ... 255 to 0 ... 1 and converts all entries to float32.
 """
 
 from __future__ import annotations
@@ -9,29 +9,24 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from coopmap_agents import RL_EXTRA_HINT
+import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-
-try:
-    import torch
-    from stable_baselines3.common.preprocessing import get_flattened_obs_dim, is_image_space
-    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-    from torch import nn
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
+from stable_baselines3.common.preprocessing import get_flattened_obs_dim, is_image_space
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
 
 SPECIAL_KEYS = ("candidates", "action_mask", "teammates", "located", "state")
-"""Entries of an observation that are not simply appended."""
+"""Entries of an observation that are not simply concatenated."""
 
 
 def as_tensors(
     space: spaces.Space[Any], observation: Mapping[str, NDArray[Any]], device: torch.device
 ) -> tuple[dict[str, torch.Tensor], bool]:
-    """One observation or n of them as tensors of n rows, and whether they came as rows.
+    """Tensors of one observation, or of n stacked ones; and whether they were stacked.
 
-    Stable-Baselines3 does so for the very shapes of training only; here, candidates and teammates
-    may be of another number, and the state may be missing.
+    Stable-Baselines3 requires the shapes of training. Here the number of candidates and teammates
+    may differ, and the state may be missing.
     """
     assert isinstance(space, spaces.Dict)
     key, values = next(iter(observation.items()))
@@ -44,20 +39,20 @@ def as_tensors(
 
 
 class ObservationFeatures(BaseFeaturesExtractor):
-    """What is around a robot, whichever candidates are on offer and however teammates are ordered.
+    """Features of an observation, without the candidates; invariant to the order of teammates.
 
-    A small convolutional network for the map, and the robot's own numbers as they are. Each
-    teammate goes through one shared layer, and the mean and the maximum over them count: neither
-    their order nor their number is built in. Without teammates these features are zeros.
+    The map goes through a small convolutional network; the robot's own vectors are used as they
+    are. Each teammate goes through one shared layer, and the features are the mean and the maximum
+    over teammates, whose number may differ from training; they are zeros without teammates.
 
-    The state of the whole team, where it is observed, is for the critic alone: its features are the
-    last `state_dim`. Whoever only acts need not observe it.
+    The state of the team, where it is observed, is an input of the critic only: its features are
+    the last `state_dim`. For acting it may be missing.
 
     Parameters
     ----------
     observation_space : gymnasium.spaces.Dict
-        Image entries (channels first) and any others; see `coopmap_env.envs.planar.observations`
-        and those of the field.
+        Image entries (channels first) and any others; see the module `observations` of
+        `coopmap_env.envs.planar` and of `coopmap_env.envs.field`.
     image_features : int
         Length of the map's feature vector, and of the state's.
     teammate_features : int
@@ -87,8 +82,8 @@ class ObservationFeatures(BaseFeaturesExtractor):
         )
         self.teammate: nn.Module | None = None
         if "teammates" in parts:
-            told = _shape(parts["teammates"])[-1] + include_located
-            self.teammate = nn.Sequential(nn.Linear(told, teammate_features), nn.ReLU())
+            n_inputs = _shape(parts["teammates"])[-1] + include_located
+            self.teammate = nn.Sequential(nn.Linear(n_inputs, teammate_features), nn.ReLU())
             self._n_teammate_features = 2 * teammate_features
         self.state: nn.Module | None = None
         if "state" in parts:
@@ -97,16 +92,16 @@ class ObservationFeatures(BaseFeaturesExtractor):
             )
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        """Features (n, features_dim) of n observations, whatever the order of their entries."""
+        """Features (n, features_dim) of n observations, in any order of the entries."""
         parts = [part(observations[key]) for key, part in self.robot.items()]
-        if "located" in observations:  # the own flag, then one for each teammate
+        if "located" in observations:  # the flag of the robot, then one for each teammate
             parts.append(observations["located"][:, :1])
         if self.teammate is not None:
             parts.append(self._teammate_features(observations, len(parts[0])))
         if self.state is not None:
-            told = observations.get("state")
-            empty = parts[0].new_zeros(len(parts[0]), self.state_dim)
-            parts.append(empty if told is None else self.state(told))
+            state = observations.get("state")
+            zeros = parts[0].new_zeros(len(parts[0]), self.state_dim)
+            parts.append(zeros if state is None else self.state(state))
         return torch.cat(parts, dim=1)
 
     def _teammate_features(self, observations: dict[str, torch.Tensor], n: int) -> torch.Tensor:
@@ -127,18 +122,18 @@ def _shape(space: spaces.Space[Any]) -> tuple[int, ...]:
 
 
 class ChannelsLast(nn.Module):
-    """The same images in the order of memory in which CPUs convolve them twice as fast."""
+    """The same images in another memory layout, in which CPUs convolve twice as fast."""
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """Images (n, channels, height, width), as given."""
+        """Images (n, channels, height, width), unchanged in value."""
         return images.contiguous(memory_format=torch.channels_last)
 
 
 def _image_encoder(shape: tuple[int, ...], n_features: int) -> nn.Sequential:
-    """Two convolutions with a margin, so that any side will do.
+    """Two padded convolutions, for images of any size.
 
-    Stable-Baselines3's NatureCNN fails below 36 pixels; three finer ones take twice the time, and
-    learning is what takes time here, not the simulation.
+    Stable-Baselines3's NatureCNN fails below 36 pixels. Three convolutions with smaller strides
+    take twice the time, and the updates, not the simulation, dominate the time of a training.
     """
     channels, height, width = shape
     for stride in (4, 2):  # the convolutions below divide a side by this, rounded up

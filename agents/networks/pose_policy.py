@@ -1,7 +1,7 @@
-"""A policy among all poses: a Gaussian around what a network says, for each number of an action.
+"""A policy among all poses: a Gaussian with independent entries, whose mean is a network's output.
 
-That of Stable-Baselines3 but for what its critic may see: the state of the whole team, where the
-observations carry it (`ObservationFeatures`).
+It is the policy of Stable-Baselines3 except for the input of the critic, which includes the state
+of the team where that is observed (`ObservationFeatures`).
 """
 
 from __future__ import annotations
@@ -10,20 +10,14 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from coopmap_agents import RL_EXTRA_HINT
-
-try:
-    import torch
-    from stable_baselines3.common.policies import MultiInputActorCriticPolicy
-    from torch import nn
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
+import torch
 from coopmap_agents.networks.features import ObservationFeatures, as_tensors
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from torch import nn
 
 
 def mlp(widths: list[int]) -> nn.Sequential:
-    """Linear layers from each width to the next, with tanh."""
+    """Linear layers from each width to the next, each followed by tanh."""
     parts: list[nn.Module] = []
     for n_in, n_out in pairwise(widths):
         parts += [nn.Linear(n_in, n_out), nn.Tanh()]
@@ -31,9 +25,9 @@ def mlp(widths: list[int]) -> nn.Sequential:
 
 
 class ActorCriticExtractor(nn.Module):
-    """Layers of the actor, from a robot's own features, and of the critic, from all.
+    """Hidden layers of the actor, from the robot's features, and of the critic, from all features.
 
-    Stands where Stable-Baselines3 has its `MlpExtractor`, which gives both the same.
+    Replaces the `MlpExtractor` of Stable-Baselines3, which gives both the same input.
     """
 
     def __init__(self, features: ObservationFeatures, hidden: list[int]) -> None:
@@ -44,22 +38,22 @@ class ActorCriticExtractor(nn.Module):
         self.value_net = mlp([features.features_dim, *hidden])
 
     def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Both."""
+        """Latent vectors of the actor and of the critic."""
         return self.forward_actor(features), self.forward_critic(features)
 
     def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
-        """What the action comes of, shape (n, latent_dim_pi)."""
+        """Latent vectors of the actor, shape (n, latent_dim_pi)."""
         actor: torch.Tensor = self.policy_net(features[:, : self.actor_dim])
         return actor
 
     def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
-        """What the value comes of, shape (n, latent_dim_vf)."""
+        """Latent vectors of the critic, shape (n, latent_dim_vf)."""
         critic: torch.Tensor = self.value_net(features)
         return critic
 
 
 class PosePolicy(MultiInputActorCriticPolicy):
-    """Policy for Stable-Baselines3 in "pose" mode; arguments as there."""
+    """Policy for Stable-Baselines3 in "pose" mode; arguments as in its `MultiInputPolicy`."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         options.setdefault("features_extractor_class", ObservationFeatures)

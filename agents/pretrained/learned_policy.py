@@ -1,4 +1,4 @@
-"""Trained networks as policies that the evaluation takes."""
+"""Trained networks as policies of the evaluation."""
 
 from __future__ import annotations
 
@@ -9,49 +9,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents import RL_EXTRA_HINT
+from coopmap_agents.networks import CandidateScorer, actor_parameters
+from coopmap_agents.pretrained.library import pretrained_names, pretrained_path
+from coopmap_agents.pretrained.policy_file import load_policy, read_metadata
+from coopmap_agents.rollouts import stack
 from gymnasium import spaces
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_env.envs.belief import Belief, Observation
 
-try:
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.policies import ActorCriticPolicy
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
-from coopmap_agents.networks.candidate_scorer import CandidateScorer
-from coopmap_agents.networks.networks import actor_parameters
-from coopmap_agents.pretrained.policy_file import load_policy, read_metadata
-from coopmap_agents.pretrained.shipped import pretrained_names, pretrained_path
-from coopmap_agents.sb3.vec_env import stack
-
 VARIABLE_LENGTH_KEYS = ("candidates", "action_mask", "teammates", "located")
-"""Entries of an observation whose first axis may have another length than in training."""
+"""Entries of an observation whose first axis may differ in length from training."""
 
 Shapes = dict[str, tuple[int | str, ...]]
 
 
 class LearnedPolicy:
-    """A trained network as a `Policy`: each robot does what it holds to be best, without chance.
+    """A trained network as a `Policy`: each robot takes its most probable action.
 
-    It decides among any number of candidates and beside any number of teammates, none included, if
-    it was trained with some.
+    It decides among any number of candidates. If it was trained with teammates, their number may be
+    any, including none.
 
     Parameters
     ----------
     model : path, str, ActorCriticPolicy or PPO, optional
-        A file of `save_policy`, the name of a policy that ships with coopmap, a network, or a model
-        of Stable-Baselines3 that holds one. By default the first one that ships and fits the
-        observations.
+        A file of `save_policy`, the name of a pretrained policy, a network, or a model of
+        Stable-Baselines3. By default the first pretrained policy that fits the observations.
     seed : int, optional
-        Of the training, for a policy that ships; see `pretrained_path`.
+        Seed of the training, for a pretrained policy; see `pretrained_path`.
 
     Raises
     ------
     ValueError
-        If the file cannot be read, no such policy ships, or the model chooses among candidates and
-        is no `CandidateScorer`.
+        If the file cannot be read, there is no pretrained policy of this name, or the model chooses
+        among candidates and is not a `CandidateScorer`.
     """
 
     def __init__(
@@ -62,7 +54,7 @@ class LearnedPolicy:
         self._seed = seed
         self._network = None if model is None else resolve_network(model, seed)
         self._pretrained: dict[frozenset[Any], ActorCriticPolicy] = {}
-        """By the shapes of observations: files are looked through once for each kind of them."""
+        """Pretrained networks by the shapes of observations: files are searched once for each."""
 
     def _load_compatible(self, observed: Mapping[str, tuple[int, ...]]) -> ActorCriticPolicy:
         kind = frozenset(observed.items())
@@ -74,7 +66,7 @@ class LearnedPolicy:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the weights: of all that ship, where the observations decide among them."""
+        """Hash of the weights; of all pretrained policies, where the observations decide which."""
         if self._network is not None:
             weights = actor_parameters(self._network).values()
             return _sha256(values.detach().cpu().numpy().tobytes() for values in weights)
@@ -82,7 +74,7 @@ class LearnedPolicy:
         return _sha256(pretrained_path(name, self._seed).read_bytes() for name in names)
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Nothing to forget and nothing to draw."""
+        """Does nothing: the policy has no memory and is deterministic."""
 
     def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
         """One action for each robot, from its own observation.
@@ -90,8 +82,8 @@ class LearnedPolicy:
         Raises
         ------
         ValueError
-            If the observations are not of the shape that the network was trained on, or none that
-            ships fits them.
+            If the observations do not have the shapes of training, or no pretrained policy fits
+            them.
         """
         rows = stack(observations[agent] for agent in belief.agents)
         observed = {key: values.shape[1:] for key, values in rows.items()}
@@ -101,8 +93,8 @@ class LearnedPolicy:
         trained = {key: box.shape or () for key, box in trained_on.spaces.items()}
         if not _is_compatible(trained, observed):
             raise ValueError(
-                f"this policy was trained on observations {_without_lengths(trained)}, but is given "
-                f"{_without_lengths(observed)}: use the environment and the action mode that it was trained with"
+                f"this policy was trained on observations {_without_lengths(trained)}, but got "
+                f"{_without_lengths(observed)}: use the environment and action mode of its training"
             )
         actions, _ = network.predict(rows, deterministic=True)
         return dict(zip(belief.agents, actions, strict=True))
@@ -116,7 +108,7 @@ def _sha256(parts: Iterable[bytes]) -> str:
 
 
 def resolve_network(model: Any, seed: int | None = None) -> ActorCriticPolicy:
-    """The network of a model, of a file, or of a policy that ships; see `LearnedPolicy`."""
+    """The network of a model, of a file, or of a pretrained policy; see `LearnedPolicy`."""
     if isinstance(model, BaseAlgorithm):
         model = model.policy
     if isinstance(model, ActorCriticPolicy):
@@ -132,16 +124,18 @@ def resolve_network(model: Any, seed: int | None = None) -> ActorCriticPolicy:
         return load_policy(pretrained_path(str(model), seed))
     if not Path(model).is_file():
         raise ValueError(
-            f"model {str(model)!r} is neither a file nor one of the policies that ship: "
+            f"model {str(model)!r} is neither a file nor one of the pretrained policies: "
             f"{', '.join(pretrained_names()) or 'none'}"
         )
     if seed is not None:
-        raise ValueError(f"seed={seed} picks a training of a policy that ships; {model} is a file")
+        raise ValueError(
+            f"seed={seed} selects a training of a pretrained policy; {model} is a file"
+        )
     return load_policy(model)
 
 
 def _first_compatible(observed: Mapping[str, tuple[int, ...]]) -> str:
-    """Name of the first policy that ships and fits observations of these shapes."""
+    """Name of the first pretrained policy that fits observations of these shapes."""
     for name in pretrained_names():
         metadata = read_metadata(pretrained_path(name))
         if _is_compatible(
@@ -149,15 +143,15 @@ def _first_compatible(observed: Mapping[str, tuple[int, ...]]) -> str:
         ):
             return name
     raise ValueError(
-        f"no policy that ships fits observations {_without_lengths(observed)}; there are "
-        f"{', '.join(pretrained_names()) or 'none'}: name the file of your own with model="
+        f"no pretrained policy fits observations {_without_lengths(observed)}; there are "
+        f"{', '.join(pretrained_names()) or 'none'}: give the file of your own as model="
     )
 
 
 def _is_compatible(
     trained: Mapping[str, tuple[int, ...]], observed: Mapping[str, tuple[int, ...]]
 ) -> bool:
-    """Whether a network that learned on some shapes can decide on others."""
+    """Whether a network trained on some shapes can decide on others."""
     missing = set(trained) - set(observed)
     if not missing <= {"state", "teammates"}:
         return False
@@ -165,7 +159,7 @@ def _is_compatible(
 
 
 def _without_lengths(shapes: Mapping[str, tuple[int, ...]], without: Iterable[str] = ()) -> Shapes:
-    """Shapes, but for the lengths that do not matter."""
+    """Shapes, without the lengths that may differ from training."""
     return {
         key: ("any", *shape[1:]) if key in VARIABLE_LENGTH_KEYS else shape
         for key, shape in shapes.items()

@@ -1,7 +1,7 @@
-"""Policies in files: weights by name and a page of JSON, in safetensors' format; no code inside.
+"""Policies as files: weights by name and JSON metadata, in safetensors' format; no code inside.
 
-The page says how to make the network (kind of actions, what is observed, its settings) and where it
-comes from. The file holds what acting needs: without the critic.
+The metadata say how to make the network (actions, observations, settings) and how it was trained.
+The weights are those of the actor, without the critic.
 """
 
 from __future__ import annotations
@@ -14,45 +14,39 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents import RL_EXTRA_HINT
+import torch
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks import actor_parameters, make_network
 from gymnasium import spaces
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_env.core.files import atomic_path
 from coopmap_env.core.serial import settings_from_dict
 from coopmap_env.core.version import __version__
 
-try:
-    import torch
-    from safetensors import SafetensorError, safe_open
-    from safetensors.torch import save_file
-    from stable_baselines3.common.policies import ActorCriticPolicy
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
-from coopmap_agents.networks.networks import actor_parameters, make_network
-from coopmap_agents.settings import PPOSettings
-
-FORMAT = 1
-"""Raised when the networks, or what the environments' observations mean, change: older files then
-cannot be read any more."""
+FORMAT = 2
+"""Increased when the networks, the metadata or the meaning of observations change: older files can
+then no longer be read. Format 2 (0.2.0) has other keys of the metadata than format 1."""
 METADATA_KEY = "coopmap"
-"""Key of the JSON among the file's metadata."""
+"""Key of the JSON text in the file's header."""
 
 
 @dataclass(frozen=True)
 class PolicyMetadata:
-    """What a policy's file says about itself."""
+    """Metadata of a policy's file."""
 
     observations: Mapping[str, Any]
-    """Shape and type of each entry that the network sees, such as ["float32", 4]."""
+    """Type and shape of each entry of the observations, such as ["float32", 4]."""
     n_candidates: int | None
-    """m in training, in "candidates" mode."""
+    """Number of candidates in training, in "candidates" mode."""
     action_size: int | None
     """Length of an action, in "pose" mode."""
     ppo: Mapping[str, Any]
     """`PPOSettings` of the training."""
     training: Mapping[str, Any] = field(default_factory=dict)
-    """EnvConfig, seed and steps; whatever the training says."""
+    """Origin of the weights: configuration, steps and validation scores of the training."""
     version: str = __version__
     format: int = FORMAT
 
@@ -60,10 +54,10 @@ class PolicyMetadata:
     def from_network(
         cls, network: ActorCriticPolicy, settings: PPOSettings, training: Mapping[str, Any]
     ) -> PolicyMetadata:
-        """What is to be said of a network."""
+        """Metadata of a network."""
         observation_space, actions = network.observation_space, network.action_space
         assert isinstance(observation_space, spaces.Dict)
-        discrete = isinstance(actions, spaces.Discrete)
+        is_discrete = isinstance(actions, spaces.Discrete)
         return cls(
             {
                 key: [np.dtype(space.dtype).name, *(space.shape or ())]
@@ -71,13 +65,13 @@ class PolicyMetadata:
                 if key != "state"
             },
             int(actions.n) if isinstance(actions, spaces.Discrete) else None,
-            None if discrete else int(np.prod(actions.shape or ())),
+            None if is_discrete else int(np.prod(actions.shape or ())),
             asdict(settings),
             training,
         )
 
     def make(self) -> ActorCriticPolicy:
-        """The network with the weights that chance gives it, and a critic of its own."""
+        """Make the network, with random weights and a critic of the local observation."""
         actions: spaces.Space[Any]
         if self.n_candidates is not None:
             actions = spaces.Discrete(self.n_candidates)
@@ -96,48 +90,48 @@ def save_policy(
     path: str | os.PathLike[str],
     training: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write what acting needs of a network; the file is there whole or not at all.
+    """Write the actor of a network to a file, atomically.
 
     Parameters
     ----------
     network : ActorCriticPolicy
-        Of `make_network`, or the ``policy`` of a model that was trained.
+        From `make_network`, or the ``policy`` of a trained model.
     settings : PPOSettings
-        Those it was made with.
+        Settings of the network.
     path : path
         Ends in ``.safetensors``.
-    trained : mapping, optional
-        JSON values that say where it comes from.
+    training : mapping, optional
+        JSON values, the origin of the weights.
 
     Raises
     ------
     ValueError
-        If the path has another ending, or the network was made with other settings.
+        If the path has another suffix, or the network was made with other settings.
     """
     target = Path(path)
     if target.suffix != ".safetensors":
-        raise ValueError(f"a policy's file ends in .safetensors, got {target}")
+        raise ValueError(f"the suffix of a policy's file must be .safetensors, got {target}")
     metadata = PolicyMetadata.from_network(network, settings, training or {})
     weights = {
         name: values.detach().cpu().contiguous()
         for name, values in actor_parameters(network).items()
     }
     _check_shapes(
-        weights, _untrained_network(metadata), f"the network is not one of these settings, {target}"
+        weights, _untrained_network(metadata), f"the network was made with other settings, {target}"
     )
     target.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(target) as temporary:
         save_file(weights, temporary, {METADATA_KEY: json.dumps(asdict(metadata))})
-        temporary.chmod(0o644)  # the library's own mode would lock out everybody else
+        temporary.chmod(0o644)  # safetensors makes files that only their owner can read
 
 
 def read_metadata(path: str | os.PathLike[str]) -> PolicyMetadata:
-    """What a policy's file says about itself, without its weights.
+    """Read the metadata of a policy's file, without the weights.
 
     Raises
     ------
     ValueError
-        If it is no policy's file, or one of another format.
+        If it is not a policy's file, or one of another format.
     """
     try:
         with safe_open(path, "pt") as file:
@@ -146,27 +140,27 @@ def read_metadata(path: str | os.PathLike[str]) -> PolicyMetadata:
             return PolicyMetadata(**values)
     except (SafetensorError, json.JSONDecodeError, KeyError, TypeError) as error:
         raise ValueError(
-            f"{path} is no policy that `coopmap train` or `save_policy` wrote: {error}"
+            f"{path} was not written by `coopmap train` or `save_policy`: {error}"
         ) from error
     raise ValueError(
         f"{path} was written by coopmap {values.get('version')} in format {values['format']}, "
-        f"this is {__version__} and reads format {FORMAT}: train the policy anew, or "
-        "install the version that wrote it"
+        f"this is {__version__} and reads format {FORMAT}: train the policy again, "
+        "or install the version that wrote it"
     )
 
 
 def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
-    """Read a network that `save_policy` wrote; its critic has learned nothing.
+    """Read a network from a file of `save_policy`; its critic is untrained.
 
     Raises
     ------
     ValueError
-        As `read_metadata`, or if the weights are not those of the network that the page tells of.
+        As `read_metadata`, or if the weights do not belong to the network of the metadata.
     """
     network = _untrained_network(read_metadata(path))
     with safe_open(path, "pt") as file:
-        weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # no mapping
-    _check_shapes(weights, network, f"{path} does not hold the weights that it tells of")
+        weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a mapping
+    _check_shapes(weights, network, f"the weights in {path} do not belong to its metadata")
     for name, values in actor_parameters(network).items():
         values.data.copy_(weights[name])
     network.set_training_mode(False)
@@ -174,20 +168,20 @@ def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
 
 
 def _untrained_network(metadata: PolicyMetadata) -> ActorCriticPolicy:
-    with torch.random.fork_rng(devices=[]):  # leaves no trace in what is drawn later
+    with torch.random.fork_rng(devices=[]):  # keeps the state of the global generator
         return metadata.make()
 
 
 def _check_shapes(
     weights: Mapping[str, torch.Tensor], network: ActorCriticPolicy, what: str
 ) -> None:
-    own, needed = (
+    shapes, needed = (
         {name: tuple(values.shape) for name, values in part.items()}
         for part in (weights, actor_parameters(network))
     )
-    if own != needed:
-        other = min(name for name in own | needed if own.get(name) != needed.get(name))
-        raise ValueError(f"{what}: {other} has the shape {own.get(other)}, not {needed.get(other)}")
+    if shapes != needed:
+        name = min(key for key in shapes | needed if shapes.get(key) != needed.get(key))
+        raise ValueError(f"{what}: {name} has the shape {shapes.get(name)}, not {needed.get(name)}")
 
 
 def _box(dtype: str, *shape: int) -> spaces.Box:

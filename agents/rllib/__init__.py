@@ -1,1 +1,9 @@
-"""Training on Ray's RLlib."""
+"""Training on RLlib, and so on Ray; needs the extra ``ray``."""
+
+import coopmap_agents._require_ray
+import coopmap_agents._require_rl  # noqa: F401
+from coopmap_agents.rllib.env import RLlibTeamEnv
+from coopmap_agents.rllib.network import SharedNetworkModule
+from coopmap_agents.rllib.ppo import RLlibTrainer, make_config
+
+__all__ = ["RLlibTeamEnv", "RLlibTrainer", "SharedNetworkModule", "make_config"]

@@ -1,9 +1,9 @@
 """A team as an environment of RLlib.
 
-RLlib's own adapter of PettingZoo reports truncation robot by robot, where RLlib loses it and takes
-the end of the clock for the end of the task; here it is reported once, for the whole team. Robots
-go by their numbers: RLlib keeps them in sets, in which the order of names, and so of the rows of a
-batch, differs from process to process.
+RLlib's own adapter of PettingZoo reports truncation for each robot, which RLlib ignores: the time
+limit would count as termination. Here truncation is reported once, for the whole team. Robots are
+named by their numbers: RLlib keeps names in sets, and the order of strings in a set, and so of the
+rows of a batch, would differ from process to process.
 """
 
 from __future__ import annotations
@@ -16,21 +16,14 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 import numpy as np
+from ray.rllib.env.env_context import EnvContext
+from ray.rllib.env.multi_agent_env import MultiAgentEnv
+from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
 
 from coopmap_env.envs.belief import Observation
 
-RAY_EXTRA_HINT = "ray[rllib] is needed here: pip install 'coopmap[ray]'"
-"""What a module says whose import of Ray fails."""
-
-try:
-    from ray.rllib.env.env_context import EnvContext
-    from ray.rllib.env.multi_agent_env import MultiAgentEnv
-    from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
-except ImportError as error:
-    raise ImportError(RAY_EXTRA_HINT) from error
-
 Observations = dict[Any, Observation]
-"""By the number of the robot; Any, as RLlib allows for all kinds of names."""
+"""By the number of the robot; the key is Any, as in RLlib."""
 Flags = dict[Any, bool]
 Result = TypeVar("Result")
 
@@ -38,13 +31,13 @@ Result = TypeVar("Result")
 class RLlibTeamEnv(MultiAgentEnv):
     """A parallel environment whose robots end their episode together.
 
-    Infos are left out: RLlib needs none of them, and would send them all to the learner.
+    Infos are left out: RLlib does not need them, and would send them all to the learner.
 
     Parameters
     ----------
     context : EnvContext
-        With the entries ``env_factory``, ``layout`` (`TeamSpaces`) and ``seed``; those that
-        `coopmap_agents.rllib.ppo.make_config` puts there.
+        With the entries ``env_factory``, ``team_spaces`` (`TeamSpaces`) and ``seed``, from
+        `coopmap_agents.rllib.make_config`.
     """
 
     def __init__(self, context: EnvContext) -> None:
@@ -60,18 +53,17 @@ class RLlibTeamEnv(MultiAgentEnv):
         self.action_spaces = dict.fromkeys(self.agents, team_spaces.action_space)
         self._returns = [0.0] * len(team_spaces.robots)
         self.returns: list[float] = []
-        """Summed rewards of each robot in each episode that ended."""
+        """Sum of rewards of each robot in each episode that ended."""
         self.seconds = 0.0
-        """In the environment's own code."""
+        """Time spent in the environment."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[Any, Any]]:
         """Start an episode.
 
-        RLlib counts its seeds up, from worker to worker and from environment to environment: some
-        would play the same worlds. So they are mixed with the training's seed and the worker's
-        number.
+        RLlib's seeds are consecutive, over workers and over environments, so some would be equal.
+        Therefore they are mixed with the training's seed and the worker's number.
         """
         if seed is not None:
             mixed = np.random.SeedSequence((*self._entropy, seed))
@@ -101,13 +93,13 @@ class RLlibTeamEnv(MultiAgentEnv):
                 f"truncated {truncated}"
             )
         is_terminated, is_truncated = ends.pop()
-        own = [float(rewards[robot]) for robot in self._robots]
-        self._returns = [sum_ + reward for sum_, reward in zip(self._returns, own, strict=True)]
+        row = [float(rewards[robot]) for robot in self._robots]
+        self._returns = [total + reward for total, reward in zip(self._returns, row, strict=True)]
         if is_terminated or is_truncated:
             self.returns += self._returns
         return (
             self._by_number(observations),
-            dict(enumerate(own)),
+            dict(enumerate(row)),
             {"__all__": is_terminated},
             {"__all__": is_truncated and not is_terminated},
             {},
@@ -118,14 +110,14 @@ class RLlibTeamEnv(MultiAgentEnv):
         self._env.close()
 
     def _by_number(self, observations: dict[str, Observation]) -> Observations:
-        """By the robots' numbers, with the state of the team if the critic sees it."""
+        """Observations by the robots' numbers, with the state if the critic uses it."""
         state = {"state": self._env.state()} if self._with_state else {}
         return {i: {**observations[robot], **state} for i, robot in enumerate(self._robots)}
 
     def _timed(self, function: Callable[[], Result]) -> Result:
-        before = time.perf_counter()
+        start = time.perf_counter()
         result = function()
-        self.seconds += time.perf_counter() - before
+        self.seconds += time.perf_counter() - start
         return result
 
 
@@ -133,19 +125,19 @@ class TeamEnvRunner(MultiAgentEnvRunner):
     """RLlib's runner of environments, whose errors reach the main process."""
 
     def apply(self, func: Callable[..., Result], *arguments: Any, **options: Any) -> Result:
-        """Call a function with this runner; RLlib ends the process if it fails, and says no why."""
+        """Call a function with this runner; its errors are raised, not the end of the process."""
         return func(self, *arguments, **options)
 
 
 def collect_statistics(runner: Any) -> tuple[float, list[float]]:
-    """Seconds and returns of all environments that one of RLlib's runners has."""
+    """Seconds and returns of all environments of a runner."""
     envs = [env.unwrapped for env in runner.env.envs]
-    return sum(env.seconds for env in envs), [one for env in envs for one in env.returns]
+    return sum(env.seconds for env in envs), [value for env in envs for value in env.returns]
 
 
 @contextlib.contextmanager
 def suppress_rllib_warnings() -> Iterator[None]:
-    """Without two warnings: RLlib says that it is new, and registers one name again and again."""
+    """Suppress two warnings: about RLlib's new API, and about a name registered twice."""
     logger = logging.getLogger("ray.rllib")
     level = logger.level
     logger.setLevel(logging.ERROR)

@@ -7,38 +7,28 @@ from dataclasses import replace
 from typing import Any
 
 import gymnasium
-from coopmap_agents import RL_EXTRA_HINT
-from coopmap_agents.rllib.env import RAY_EXTRA_HINT, suppress_rllib_warnings
-
-try:
-    import torch
-    from stable_baselines3.common.policies import ActorCriticPolicy
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
-try:
-    from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
-    from ray.rllib.core.columns import Columns
-    from ray.rllib.core.rl_module import RLModuleSpec
-    from ray.rllib.core.rl_module.apis import ValueFunctionAPI
-    from ray.rllib.core.rl_module.torch import TorchRLModule
-    from ray.rllib.utils.debug import update_global_seed_if_necessary
-except ImportError as error:
-    raise ImportError(RAY_EXTRA_HINT) from error
-
-from coopmap_agents.networks.networks import make_network
+import torch
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks import make_network
+from coopmap_agents.rllib.env import suppress_rllib_warnings
 from coopmap_agents.rollouts.team_block import TeamSpaces
-from coopmap_agents.settings import PPOSettings
+from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
+from ray.rllib.core.columns import Columns
+from ray.rllib.core.rl_module import RLModuleSpec
+from ray.rllib.core.rl_module.apis import ValueFunctionAPI
+from ray.rllib.core.rl_module.torch import TorchRLModule
+from ray.rllib.utils.debug import update_global_seed_if_necessary
+from stable_baselines3.common.policies import ActorCriticPolicy
 
 SHARED_POLICY_ID = "shared"
-"""Name of the one policy of all robots."""
+"""RLlib's name of the policy that all robots share."""
 
 
 class SharedNetworkModule(TorchRLModule, ValueFunctionAPI):
     """A network of `make_network` as a module of RLlib.
 
-    The observation holds the mask, and the network applies it wherever it makes a distribution.
-    Observations are scaled in the network too: what it is given here is what it is given there.
+    The network applies the mask in the observation to every distribution. It also scales the
+    observations, which have the same values as with Stable-Baselines3.
     """
 
     observation_space: gymnasium.Space[Any]
@@ -47,14 +37,14 @@ class SharedNetworkModule(TorchRLModule, ValueFunctionAPI):
     network: ActorCriticPolicy
 
     def setup(self) -> None:
-        """Make the network; its seed alone decides the weights, wherever it is made."""
+        """Make the network; its weights depend on the seed only, in every process."""
         settings = replace(self.model_config["settings"], device="cpu")  # RLlib moves it
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.model_config["seed"])
             self.network = make_network(self.observation_space, self.action_space, settings)
 
     def _forward(self, batch: dict[str, Any], **_: Any) -> dict[str, Any]:
-        """Masked logits (n, m), or means and logarithms of standard deviations (n, 2 k)."""
+        """Masked logits (n, m), or means and log standard deviations (n, 2 k)."""
         distribution: Any = self.network.get_distribution(batch[Columns.OBS]).distribution
         if isinstance(distribution, torch.distributions.Categorical):
             return {Columns.ACTION_DIST_INPUTS: distribution.logits}
@@ -67,7 +57,7 @@ class SharedNetworkModule(TorchRLModule, ValueFunctionAPI):
 
 
 def shared_network_spec(team_spaces: TeamSpaces, settings: PPOSettings, seed: int) -> RLModuleSpec:
-    """What RLlib makes the network from, in every process."""
+    """Specification from which RLlib makes the network in every process."""
     return RLModuleSpec(
         module_class=SharedNetworkModule,
         observation_space=team_spaces.observation_space,
@@ -77,13 +67,13 @@ def shared_network_spec(team_spaces: TeamSpaces, settings: PPOSettings, seed: in
 
 
 def get_network(owner: Any) -> ActorCriticPolicy:
-    """The network that a learner or a runner of environments has."""
+    """The network of a learner or of a runner."""
     network: ActorCriticPolicy = owner.module[SHARED_POLICY_ID].network
     return network
 
 
 def reset_runner(runner: Any, seed: int, weights: dict[str, torch.Tensor]) -> None:
-    """Give a runner new environments, these weights, and random numbers of its own of this seed."""
+    """Give a runner new environments, weights, and its own random numbers from a seed."""
     runner.config.environment(env_config={**runner.config.env_config, "seed": seed})
     with suppress_rllib_warnings():
         runner.make_env()
@@ -92,13 +82,13 @@ def reset_runner(runner: Any, seed: int, weights: dict[str, torch.Tensor]) -> No
 
 
 class SharedNetworkLearner(PPOTorchLearner):
-    """RLlib's PPO, some parameters of which may be held still."""
+    """RLlib's PPO, in which some parameters may be frozen."""
 
     seconds = 0.0
-    """Spent in updates so far."""
+    """Time spent in updates so far."""
 
     def configure_optimizers_for_module(self, module_id: str, config: Any = None) -> None:
-        """Take over the network's own: an Adam whose epsilon is a thousand times RLlib's."""
+        """Register the network's own optimiser: its epsilon is a thousand times RLlib's."""
         self.register_optimizer(
             module_id=module_id,
             optimizer=get_network(self).optimizer,
@@ -107,13 +97,13 @@ class SharedNetworkLearner(PPOTorchLearner):
         )
 
     def compute_gradients(self, loss_per_module: dict[str, Any], **options: Any) -> dict[Any, Any]:
-        """Gradients of what learns; RLlib stumbles over those that are None."""
+        """Gradients of the parameters that are trained; RLlib fails on those that are None."""
         gradients = super().compute_gradients(loss_per_module, **options)
         return {key: gradient for key, gradient in gradients.items() if gradient is not None}
 
     def update(self, *arguments: Any, **options: Any) -> Any:
-        """Learn from a roll-out, and note how long it took."""
-        before = time.perf_counter()
+        """Learn from a roll-out, and measure the time."""
+        start = time.perf_counter()
         result = super().update(*arguments, **options)
-        self.seconds += time.perf_counter() - before
+        self.seconds += time.perf_counter() - start
         return result

@@ -1,25 +1,25 @@
 """Proximal policy optimisation with one policy for all robots, on RLlib and so on Ray.
 
-Environments, networks, hyper-parameters and files are those of `coopmap_agents.sb3.ppo`; roll-outs come
-from workers on this machine or a cluster, see `ray_session`. `RLlibTrainer` is what
-`coopmap_agents.training.loop` asks for; RLlib's own classes can be had as well::
+Environments, networks, hyper-parameters and files are those of `coopmap_agents.sb3`; roll-outs are
+collected by workers on this machine or on a cluster, see `ray_session`. `RLlibTrainer` serves
+`coopmap_agents.training`; RLlib's own classes can be used as well::
 
     with ray_session(workers=2):
         algorithm = make_config(EnvConfig(), PPOSettings(), seed=0, workers=2).build_algo()
         algorithm.train()
 
-Where RLlib goes other ways than Stable-Baselines3:
+Differences between RLlib and Stable-Baselines3:
 
 ==========  =================================================  ===============================
             RLlib                                              Stable-Baselines3
 ==========  =================================================  ===============================
 advantages  standardised over a roll-out                       over a batch
 batches     in the order of the roll-out in the first epoch    shuffled in every epoch
-            with a row after each episode, left out of losses  of rows to learn from alone
+            one row after each episode, masked in the losses   only rows that are learned from
 ==========  =================================================  ===============================
 
 The same seed, settings and number of workers give the same weights, to the last bit, interrupted
-between segments or not. Another number of workers gives other worlds, and so other weights.
+between segments or not. With another number of workers, worlds and so weights differ.
 """
 
 from __future__ import annotations
@@ -33,37 +33,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from coopmap_agents import RL_EXTRA_HINT
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks import set_actor_trainable
+from coopmap_agents.record import SegmentReport
 from coopmap_agents.rllib.env import (
-    RAY_EXTRA_HINT,
     RLlibTeamEnv,
     TeamEnvRunner,
     collect_statistics,
     suppress_rllib_warnings,
 )
-
-from coopmap_env.evaluation.jobs import ray_session
-
-try:
-    from stable_baselines3.common.logger import configure
-    from stable_baselines3.common.policies import ActorCriticPolicy
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
-try:
-    from ray.rllib.algorithms import Algorithm
-    from ray.rllib.algorithms.ppo import PPOConfig
-    from ray.rllib.core.rl_module import MultiRLModuleSpec
-    from ray.rllib.utils.debug import update_global_seed_if_necessary
-    from ray.rllib.utils.metrics import (
-        ENV_RUNNER_RESULTS,
-        LEARNER_RESULTS,
-        NUM_MODULE_STEPS_SAMPLED,
-    )
-except ImportError as error:
-    raise ImportError(RAY_EXTRA_HINT) from error
-
-from coopmap_agents.networks.networks import set_actor_trainable
 from coopmap_agents.rllib.network import (
     SHARED_POLICY_ID,
     SharedNetworkLearner,
@@ -71,9 +49,20 @@ from coopmap_agents.rllib.network import (
     reset_runner,
     shared_network_spec,
 )
-from coopmap_agents.rollouts.team_block import EnvFactory, TeamBlock
-from coopmap_agents.settings import PPOSettings
-from coopmap_agents.training.segments import SegmentReport, segment_seed, segment_steps
+from coopmap_agents.rollouts import EnvFactory, TeamBlock
+from coopmap_agents.trainer import Trainer
+from ray.rllib.algorithms import Algorithm
+from ray.rllib.algorithms.ppo import PPOConfig
+from ray.rllib.core.rl_module import MultiRLModuleSpec
+from ray.rllib.utils.debug import update_global_seed_if_necessary
+from ray.rllib.utils.metrics import (
+    ENV_RUNNER_RESULTS,
+    LEARNER_RESULTS,
+    NUM_MODULE_STEPS_SAMPLED,
+)
+from stable_baselines3.common.policies import ActorCriticPolicy
+
+from coopmap_env.evaluation.jobs import ray_session
 
 LOGGED_METRICS = {
     "train/policy_gradient_loss": "policy_loss",
@@ -81,28 +70,29 @@ LOGGED_METRICS = {
     "train/entropy": "entropy",
     "train/explained_variance": "vf_explained_var",
 }
-"""What TensorBoard gets of each update, and RLlib's names for it."""
+"""Metrics of each update in TensorBoard's logs, and RLlib's names of them."""
 
 
 def make_config(
     env_factory: EnvFactory, settings: PPOSettings, seed: int, workers: int = 0
 ) -> PPOConfig:
-    """Say the settings in RLlib's words; `build_algo` then makes the algorithm.
+    """Translate the settings for RLlib; `build_algo` then makes the algorithm.
 
     Parameters
     ----------
     env_factory : callable
-        Makes a new parallel environment, such as a `EnvConfig`; cloudpickle takes it to the workers.
+        Makes a new parallel environment, such as an `EnvConfig`; workers get it by cloudpickle.
     settings : PPOSettings
     seed : int
-        Decides everything. RLlib seeds the global generators of random, numpy and torch with it.
+        Seed of everything. RLlib seeds the global generators of random, numpy and torch with it.
     workers : int
-        Processes for the environments, each with the same number of them; 0 steps them in this one.
+        Processes for the environments, each with the same number of them; 0 steps them in this
+        process.
 
     Raises
     ------
     ValueError
-        If `workers` does not divide the number of environments, or robots differ in their spaces.
+        If `workers` does not divide the number of environments, or robots have different spaces.
     """
     if workers < 0 or settings.n_envs % max(workers, 1):
         raise ValueError(
@@ -119,7 +109,7 @@ def make_config(
             env_config={"env_factory": env_factory, "team_spaces": team_spaces, "seed": seed},
             normalize_actions=False,
             clip_actions=True,
-            disable_env_checking=True,  # the check takes random actions, masked ones too
+            disable_env_checking=True,  # the check takes random actions, even masked ones
         )
         .multi_agent(
             policies={SHARED_POLICY_ID},
@@ -132,7 +122,7 @@ def make_config(
             num_env_runners=workers,
             num_envs_per_env_runner=settings.n_envs // max(workers, 1),
             rollout_fragment_length=team_fragment_length,
-            sample_timeout_s=None,  # RLlib drops what comes later
+            sample_timeout_s=None,  # RLlib discards roll-outs that arrive later
         )
         .learners(
             learner_class=SharedNetworkLearner,
@@ -154,14 +144,14 @@ def make_config(
             grad_clip_by="global_norm",
             use_kl_loss=False,
         )
-        .fault_tolerance(restart_failed_env_runners=False)  # errors are to be seen
+        .fault_tolerance(restart_failed_env_runners=False)  # errors must be visible
         .debugging(seed=seed, log_level="ERROR")
     )
     assert isinstance(config, PPOConfig)
     return config
 
 
-class RLlibTrainer:
+class RLlibTrainer(Trainer):
     """A training by RLlib, segment by segment.
 
     Parameters
@@ -174,9 +164,12 @@ class RLlibTrainer:
     Raises
     ------
     ValueError
-        As `make_config`, or if robots choose among candidates that they do not observe, or Ray was
-        started with fewer processors than there are workers.
+        As `make_config`, or if robots choose among candidates that they do not observe, or Ray has
+        fewer processors than there are workers.
     """
+
+    steps = 0
+    """Number of steps learned from."""
 
     def __init__(
         self,
@@ -186,19 +179,13 @@ class RLlibTrainer:
         workers: int = 0,
         logs: Path | None = None,
     ) -> None:
-        self._settings = settings
-        self._seed = seed
         self._workers = workers
-        self.steps = 0
-        """Steps that were learned from."""
-        self.report = SegmentReport()
-        """Of the last segment."""
         with contextlib.ExitStack() as stack, suppress_rllib_warnings():
             config = make_config(env_factory, settings, seed, workers)
             _check_processors(stack.enter_context(ray_session(workers)), workers)
             self.algorithm = config.build_algo()
             stack.callback(_stop, self.algorithm)
-            self._logger = configure(str(logs), ["tensorboard"]) if logs is not None else None
+            super().__init__(settings, seed, logs)
             self._resources = stack.pop_all()
         learners: Any = self.algorithm.learner_group
         self._learner: SharedNetworkLearner = next(
@@ -207,14 +194,14 @@ class RLlibTrainer:
 
     @property
     def network(self) -> ActorCriticPolicy:
-        """Actor and critic as they are now."""
+        """Actor and critic that are trained, no copy."""
         return get_network(self._learner)
 
     def learn(self, segment: int) -> bool:
-        """Learn for one segment; its result depends on the weights before it and its number."""
-        before, updating = time.perf_counter(), self._learner.seconds
-        self._reset_runners(segment_seed(self._seed, segment))
-        target = self.steps + segment_steps(self._settings, self.steps)
+        """Learn for one segment."""
+        start, update_start = time.perf_counter(), self._learner.seconds
+        self._reset_runners(self._segment_seed(segment))
+        target = self.steps + self._segment_steps()
         while self.steps < target:
             set_actor_trainable(self.network, self.steps >= self._settings.critic_warmup_steps)
             result = self.algorithm.train()
@@ -223,33 +210,24 @@ class RLlibTrainer:
             )
             metrics = result[LEARNER_RESULTS][SHARED_POLICY_ID]
             self.log({name: float(metrics[key]) for name, key in LOGGED_METRICS.items()})
-        runner_statistics = self._on_runners(collect_statistics)
-        seconds = time.perf_counter() - before
+        statistics = self._on_runners(collect_statistics)
+        seconds = time.perf_counter() - start
         self.report = SegmentReport(
             seconds=seconds,
-            environment_seconds=max(
-                spent for spent, _ in runner_statistics
-            ),  # workers work side by side
-            collecting_seconds=seconds - (self._learner.seconds - updating),
-            returns=[one for _, returns in runner_statistics for one in returns],
+            # workers step their environments in parallel
+            environment_seconds=max(env_seconds for env_seconds, _ in statistics),
+            collecting_seconds=seconds - (self._learner.seconds - update_start),
+            returns=[value for _, returns in statistics for value in returns],
         )
         return True
-
-    def log(self, scores: dict[str, float]) -> None:
-        """Write scores to TensorBoard."""
-        if self._logger is not None:
-            for name, value in scores.items():
-                self._logger.record(name, value)
-            self._logger.dump(self.steps)
 
     def close(self) -> None:
         """Close environments and logs, and Ray if it was started here."""
         self._resources.close()
-        if self._logger is not None:
-            self._logger.close()
+        super().close()
 
     def _reset_runners(self, seed: int) -> None:
-        """Give all workers new environments, these weights, and random numbers of this seed."""
+        """Give all runners new environments, the weights, and random numbers of this seed."""
         update_global_seed_if_necessary("torch", seed)
         weights = {name: values.cpu() for name, values in self.network.state_dict().items()}
         self._on_runners(partial(reset_runner, seed=seed, weights=weights))
@@ -262,14 +240,14 @@ class RLlibTrainer:
 
 
 def _stop(algorithm: Algorithm) -> None:
-    """End the workers, and remove the folder that RLlib has made in the home for nothing."""
+    """End the workers, and remove the unused folder that RLlib has made in the home folder."""
     algorithm.stop()
-    with contextlib.suppress(OSError):  # there is something in it after all
+    with contextlib.suppress(OSError):  # it is not empty
         os.rmdir(algorithm.logdir)
 
 
 def _check_processors(ray: Any, workers: int) -> None:
-    """Refuse what RLlib would wait for without a word."""
+    """Check the number of processors: RLlib would wait for more silently."""
     processors = int(ray.cluster_resources().get("CPU", 0))
     if processors < workers:
         raise ValueError(

@@ -1,7 +1,6 @@
-"""Some environments of a team, stepped together: the same code in the main process and in a worker.
+"""A block of environments, stepped together: the same code in the main process and in a worker.
 
-Nothing here needs torch or Stable-Baselines3, so that worker processes start without them: they
-load this module and what the environments need.
+Nothing here needs torch or Stable-Baselines3, so worker processes do not load them.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-if TYPE_CHECKING:  # environments of others do without ours
+if TYPE_CHECKING:  # workers with other environments need not load coopmap_env
     from coopmap_env.envs.belief import Observation
 
 Team: TypeAlias = "ParallelEnv[str, Observation, Any]"
@@ -23,13 +22,13 @@ Info = dict[str, Any]
 
 
 def stack(observations: Iterable[Observation]) -> Observation:
-    """Observations of n robots as one, each entry with a new first axis of length n."""
+    """Stack the observations of n robots: each entry gets a first axis of length n."""
     rows = list(observations)
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
 
 class TeamSpaces(NamedTuple):
-    """What all environments of a block have in common."""
+    """Names and spaces, which all environments of a block have in common."""
 
     robots: tuple[str, ...]
     observation_space: spaces.Dict
@@ -37,38 +36,38 @@ class TeamSpaces(NamedTuple):
 
 
 class TeamObservation(NamedTuple):
-    """What one environment shows."""
+    """Observation of one environment."""
 
     rows: list[Observation]
-    """One for each robot."""
+    """One observation for each robot."""
     shared: Observation
-    """The entry "state" of all of them if it is wanted, else empty. It can be far larger than all
-    others, so that it goes through pipes once, and not once for each robot."""
+    """The entry "state", which all robots share, if it was requested; else empty. It can be far
+    larger than the others, so it goes through a pipe once, not once for each robot."""
 
 
 class StackedTeamObservation(NamedTuple):
-    """The same of several environments, stacked."""
+    """Observations of several environments, stacked."""
 
     rows: Observation
-    """Entries (n_envs * n_robots, ...)."""
+    """Entries of shape (n_envs * n_robots, ...)."""
     shared: Observation
-    """Entries (n_envs, ...)."""
+    """Entries of shape (n_envs, ...)."""
 
 
 class EnvStep(NamedTuple):
-    """What a step of one environment gives."""
+    """Result of a step of one environment."""
 
     observation: TeamObservation
-    """Of the next episode if this one has ended."""
+    """The first one of the next episode if this one has ended."""
     rewards: list[float]
     ended: bool
     infos: list[Info]
     reset_infos: list[Info | None]
-    """None if the episode goes on."""
+    """None if the episode has not ended."""
 
 
 class BlockStep(NamedTuple):
-    """The same of a block, robot after robot, environment after environment."""
+    """Result of a step of a block; row ``i * n_robots + r`` is robot r of environment i."""
 
     observation: StackedTeamObservation
     rewards: NDArray[np.float32]
@@ -78,18 +77,18 @@ class BlockStep(NamedTuple):
 
 
 class TeamBlock:
-    """`n_envs` parallel environments that are stepped one after the other.
+    """`n_envs` parallel environments, stepped one after the other.
 
     Parameters
     ----------
     env_factory, n_envs, with_state
-        As of `coopmap_agents.sb3.vec_env.SharedPolicyVecEnv`; all rows of the block.
+        As in `coopmap_agents.sb3.SharedPolicyVecEnv`, for this block.
 
     Raises
     ------
     ValueError
-        If the factory gives an environment twice, robots differ in their spaces, or `with_state` is
-        asked of an environment that has none. The environments made so far are closed.
+        If the factory returns the same environment twice, robots have different spaces, or
+        `with_state` is set for an environment without state. The environments are closed then.
     """
 
     def __init__(self, env_factory: EnvFactory, n_envs: int, with_state: bool = False) -> None:
@@ -106,13 +105,13 @@ class TeamBlock:
             raise
 
     def team_spaces(self) -> TeamSpaces:
-        """Names and spaces, those of the first environment."""
+        """Names and spaces of the first environment."""
         return self._team_spaces
 
     def reset(
         self, seeds: Sequence[int | None], options: Sequence[dict[str, Any] | None]
     ) -> tuple[StackedTeamObservation, list[Info]]:
-        """Start an episode in each environment, with a seed and options of its own."""
+        """Start an episode in each environment, each with its own seed and options."""
         resets = [
             self._reset_env(env, seed=seed, options=own)
             for env, seed, own in zip(self._envs, seeds, options, strict=True)
@@ -146,7 +145,7 @@ class TeamBlock:
         return [function(self._envs[i], *arguments) for i in numbers]
 
     def close(self) -> None:
-        """Close all environments, once."""
+        """Close all environments; repeated calls do nothing."""
         while self._envs:
             self._envs.pop(0).close()
 
@@ -182,23 +181,18 @@ class TeamBlock:
 
 
 def stack_team_observations(envs: Iterable[TeamObservation]) -> StackedTeamObservation:
-    """What several environments show, as one."""
-    observation = list(envs)
-    rows = stack(row for env in observation for row in env.rows)
-    return StackedTeamObservation(rows, stack(env.shared for env in observation))
+    """Stack the observations of several environments."""
+    observations = list(envs)
+    rows = stack(row for env in observations for row in env.rows)
+    return StackedTeamObservation(rows, stack(env.shared for env in observations))
 
 
 def concatenate_blocks(blocks: Iterable[StackedTeamObservation], n_robots: int) -> Observation:
-    """What several blocks show, as one observation with all entries in all rows."""
-    observation = list(blocks)
-    rows = {
-        key: np.concatenate([block.rows[key] for block in observation])
-        for key in observation[0].rows
-    }
-    for key in observation[0].shared:
-        rows[key] = np.concatenate([block.shared[key] for block in observation]).repeat(
-            n_robots, axis=0
-        )
+    """Concatenate the observations of several blocks; shared entries are repeated in all rows."""
+    parts = list(blocks)
+    rows = {key: np.concatenate([part.rows[key] for part in parts]) for key in parts[0].rows}
+    for key in parts[0].shared:
+        rows[key] = np.concatenate([part.shared[key] for part in parts]).repeat(n_robots, axis=0)
     return rows
 
 

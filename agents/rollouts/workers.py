@@ -1,11 +1,12 @@
 """Blocks of environments: one in this process, or each in a worker process of its own.
 
-Both sides of a pipe. `LocalBlock` and `WorkerPool` are asked in the same way: `request` says what each
-block is to do, `replies` waits for what they return. A worker answers until the pipe ends, be it
-because it was closed or because the main process is gone; so no worker outlives the main process.
+`LocalBlock` and `WorkerPool` have the same interface: `request` sends a method call to each block,
+`replies` waits for the results. A worker serves requests until its pipe is closed, by `close` or by
+the end of the main process, so no worker outlives the main process.
 
-What goes through a pipe is pickled by cloudpickle, which also takes what is defined in a notebook
-or a function. What it writes, pickle reads: workers need neither Stable-Baselines3 nor torch.
+Messages are pickled by cloudpickle, which also handles classes and functions that are defined in a
+notebook or in a function. They are read by pickle: workers need neither torch nor
+Stable-Baselines3.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ import cloudpickle  # type: ignore[import-untyped]
 from coopmap_agents.rollouts.team_block import EnvFactory, TeamBlock
 
 SHUTDOWN_TIMEOUT = 10.0
-"""Seconds in which a worker has to end its step and close its environments, before it is killed."""
+"""Seconds that a worker has to finish its step and close its environments before it is killed."""
 
 Requests = Mapping[int, tuple[Any, ...]]
-"""Arguments of a method, by the number of the block that is to call it."""
+"""Arguments of a method, by the number of the block that calls it."""
 
 
 class LocalBlock:
-    """One block in this process, which does its work when the reply is awaited."""
+    """One block in this process, which does its work in `replies`."""
 
     def __init__(self, env_factory: EnvFactory, n_envs: int, with_state: bool) -> None:
         self._block = TeamBlock(env_factory, n_envs, with_state)
@@ -39,29 +40,29 @@ class LocalBlock:
         self.closed = False
 
     def request(self, method: str, arguments: Requests) -> None:
-        """Keep for `replies` what the block is to do."""
+        """Store a method call for `replies`."""
         self._request = method, arguments
 
     def replies(self) -> dict[int, Any]:
-        """Do it, once; what the method returned, under the block's number."""
+        """Call the method, once; its result, by the number of the block."""
         method, arguments = self._request
         self._request = "", {}
         return {i: getattr(self._block, method)(*own) for i, own in arguments.items()}
 
     def close(self) -> None:
-        """Close the environments, once."""
+        """Close the environments; repeated calls do nothing."""
         self.closed = True
         self._block.close()
 
 
 class WorkerPool:
-    """Blocks in spawned processes, which work at the same time.
+    """Blocks in spawned processes, which work in parallel.
 
     Parameters
     ----------
     env_factory : callable
-        Can be pickled by cloudpickle; each worker gets its own copy.
-    shares : sequence of int
+        Must be picklable by cloudpickle; each worker gets a copy.
+    envs_per_worker : sequence of int
         Number of environments of each worker.
     with_state : bool
     """
@@ -81,17 +82,17 @@ class WorkerPool:
             raise
 
     def request(self, method: str, arguments: Requests) -> None:
-        """Let the workers with these numbers begin."""
+        """Start a method call in the workers with these numbers."""
         self._pending = list(arguments)
         with self._closed_if_interrupted():
             for i, own in arguments.items():
                 self._workers[i].request(method, *own)
 
     def replies(self) -> dict[int, Any]:
-        """Wait for all of them; what the method returned, by the number of the worker.
+        """Wait for all of them; results by the number of the worker.
 
-        All are heard before an exception is raised, so that the next replies are to the next
-        request.
+        All replies are received before an exception is raised, so that the next replies belong to
+        the next request.
         """
         pending, self._pending = self._pending, []
         replies, errors = {}, []
@@ -106,7 +107,7 @@ class WorkerPool:
         return replies
 
     def close(self) -> None:
-        """Close all environments and end the processes, once."""
+        """Close all environments and end the processes; repeated calls do nothing."""
         self.closed = True
         for worker in self._workers:
             worker.close_pipe()
@@ -115,7 +116,7 @@ class WorkerPool:
 
     @contextlib.contextmanager
     def _closed_if_interrupted(self) -> Iterator[None]:
-        """Ctrl-C may come in the middle of a message: what follows it could not be understood."""
+        """Close after Ctrl-C: it may have interrupted a message, and the pipe is then unusable."""
         try:
             yield
         except Exception:
@@ -126,13 +127,13 @@ class WorkerPool:
 
 
 class Worker:
-    """The main process's end of a worker."""
+    """A worker process, as the main process sees it."""
 
     def __init__(self, name: str, factory: bytes, n_envs: int, with_state: bool) -> None:
         # spawn: a forked child would inherit locks and library threads in an undefined state
         context = multiprocessing.get_context("spawn")
         self._pipe, other_end = context.Pipe()
-        # daemon: if the main process ends without `close`, it does not wait for its workers
+        # daemon: a main process that ends without `close` does not wait for its workers
         self._process = context.Process(
             target=run_worker, args=(other_end, factory, n_envs, with_state), name=name, daemon=True
         )
@@ -141,17 +142,17 @@ class Worker:
         other_end.close()  # else the pipe would not end with the worker
 
     def request(self, method: str, *arguments: Any) -> None:
-        """Begin; a reply that nobody has waited for is dropped."""
+        """Start a method call; a reply that was not received is discarded."""
         if self._reply_pending:
             with contextlib.suppress(Exception):
                 self.reply()
         message = cloudpickle.dumps((method, arguments))
-        with contextlib.suppress(ConnectionError):  # `reply` tells that the worker has ended
+        with contextlib.suppress(ConnectionError):  # `reply` reports that the worker has ended
             self._pipe.send_bytes(message)
         self._reply_pending = True
 
     def reply(self) -> Any:
-        """Wait for what the method returned, or raise what it raised.
+        """Wait for the result of the method, or raise its exception.
 
         Raises
         ------
@@ -176,11 +177,11 @@ class Worker:
         return result
 
     def close_pipe(self) -> None:
-        """Let the worker close its environments and end, after what it is doing."""
+        """Ask the worker to close its environments and end, after its current request."""
         self._pipe.close()
 
     def join(self) -> None:
-        """Wait until the process has ended, and end it if that takes too long."""
+        """Wait until the process has ended; kill it after `SHUTDOWN_TIMEOUT`."""
         self._process.join(SHUTDOWN_TIMEOUT)
         if self._process.is_alive():
             self._process.kill()
@@ -189,44 +190,44 @@ class Worker:
 
 @dataclass(frozen=True)
 class RemoteError:
-    """An exception on its way out of a worker."""
+    """An exception of a worker, as a message."""
 
     pickled: bytes
     """Empty if the exception cannot be pickled."""
     summary: str
     """Type and message."""
     report: str
-    """Traceback in the worker."""
+    """The worker's traceback."""
 
     @classmethod
     def from_exception(cls, error: Exception) -> RemoteError:
-        """Pack what was raised."""
+        """Pack an exception."""
         try:
             pickled = cloudpickle.dumps(error)
-        except Exception:  # whatever an exception's attributes raise when they are pickled
+        except Exception:  # pickling an exception's attributes may raise anything
             pickled = b""
         summary = "".join(traceback.format_exception_only(error)).strip()
         return cls(pickled, summary, "".join(traceback.format_exception(error)))
 
     def to_error(self, worker: str) -> Exception:
-        """Unpack it, or a RuntimeError in its place; the worker's traceback is a note."""
+        """Unpack the exception, or make a RuntimeError; a note has the worker's traceback."""
         try:
             error = pickle.loads(self.pickled)
-        except Exception:  # exceptions that do not pass `args` on pickle, but do not unpickle
+        except Exception:  # a constructor that does not forward `args` pickles, but fails here
             error = RuntimeError(self.summary)
         error.add_note(f"in {worker}:\n{self.report}")
         return error
 
 
 def run_worker(pipe: Connection, factory: bytes, n_envs: int, with_state: bool) -> None:
-    """Be a worker: make a block and do what the pipe asks for, until it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which closes us
+    """Body of a worker: make a block, and serve requests until the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles Ctrl-C and closes us
     with contextlib.suppress(EOFError, ConnectionError):
         try:
             block = TeamBlock(pickle.loads(factory), n_envs, with_state)
         except Exception as error:
             failure = cloudpickle.dumps(RemoteError.from_exception(error))
-            pipe.recv_bytes()  # whatever is asked first
+            pipe.recv_bytes()  # the first request, whatever it is
             pipe.send_bytes(failure)
             return
         with contextlib.closing(block):

@@ -1,15 +1,15 @@
 """Proximal policy optimisation with one policy for all robots, on Stable-Baselines3.
 
-`train` trains in memory; `coopmap_agents.training.loop` adds files, validation and resuming::
+`train` trains in memory; `coopmap_agents.training` adds files, validation and resuming::
 
     model = train(lambda: planar_v0.parallel_env(reward="coverage"), PPOSettings(), seed=0)
     save_policy(model.policy, PPOSettings(), "policy.safetensors")
     env = planar_v0.parallel_env(reward="coverage", split="test")
     evaluation = evaluate(env, LearnedPolicy("policy.safetensors"), seeds=range(100))
 
-In "candidates" mode the network is a `CandidateScorer`, which masks what is not on offer by itself,
-in "pose" mode a `PosePolicy`. `coopmap_agents.training.imitation` makes a network that has learned from a
-planner, to go on from.
+In "candidates" mode the network is a `CandidateScorer`, which applies the action mask itself; in
+"pose" mode it is a `PosePolicy`. `coopmap_agents.training.behavior_clone` fits a network to a
+planner, as a warm start.
 """
 
 from __future__ import annotations
@@ -19,22 +19,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents import RL_EXTRA_HINT
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks import copy_weights, network_class, set_actor_trainable
+from coopmap_agents.record import SegmentReport
+from coopmap_agents.rollouts import EnvFactory
+from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
+from coopmap_agents.trainer import Trainer
 from gymnasium import spaces
-
-try:
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ConvertCallback
-    from stable_baselines3.common.logger import configure
-    from stable_baselines3.common.policies import ActorCriticPolicy
-    from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
-from coopmap_agents.networks.networks import copy_weights, network_class, set_actor_trainable
-from coopmap_agents.sb3.vec_env import EnvFactory, SharedPolicyVecEnv
-from coopmap_agents.settings import PPOSettings
-from coopmap_agents.training.segments import SegmentReport, segment_seed, segment_steps
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ConvertCallback
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 
 
 def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, workers: int = 0) -> PPO:
@@ -46,7 +41,7 @@ def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, worker
         Makes a new parallel environment; see `SharedPolicyVecEnv`.
     settings : PPOSettings
     seed : int
-        Decides the weights. Stable-Baselines3 seeds the global generators of random, numpy and
+        Seed of the weights. Stable-Baselines3 seeds the global generators of random, numpy and
         torch with it.
     workers : int
         Processes for the environments; 0 steps them in this one. The result does not depend on it.
@@ -100,35 +95,35 @@ def train(
     env_factory, settings, workers
         As in `make_model`.
     seed : int
-        Decides everything: worlds, exploration and networks.
+        Seed of everything: worlds, exploration and networks.
     callback : BaseCallback or callable, optional
-        Of Stable-Baselines3, for logs; may end the training.
+        Callback of Stable-Baselines3, for logs; may end the training.
     warm_start : ActorCriticPolicy, optional
-        A network to begin with, made with the same settings; it stays as it is.
+        Initial network, made with the same settings; it is copied.
 
     Returns
     -------
     stable_baselines3.PPO
-        Its network is ``policy``.
+        The network is its ``policy``.
 
     Raises
     ------
     ValueError
-        As `make_model`, or if `warm_start` is another network.
+        As `make_model`, or if `warm_start` has weights of other shapes.
     """
-    training = SB3Trainer(env_factory, settings, seed, workers)
+    trainer = SB3Trainer(env_factory, settings, seed, workers)
     try:
         if warm_start is not None:
-            copy_weights(warm_start, training.network)
+            copy_weights(warm_start, trainer.network)
         segment = 0
-        while training.steps < settings.total_steps and training.learn(segment, callback):
+        while trainer.steps < settings.total_steps and trainer.learn(segment, callback):
             segment += 1
-        return training.model
+        return trainer.model
     finally:
-        training.close()
+        trainer.close()
 
 
-class SB3Trainer:
+class SB3Trainer(Trainer):
     """A training by Stable-Baselines3, segment by segment.
 
     Parameters
@@ -147,23 +142,19 @@ class SB3Trainer:
         workers: int = 0,
         logs: Path | None = None,
     ) -> None:
-        self._settings = settings
-        self._seed = seed
         self.model = make_model(env_factory, settings, seed, workers)
-        self._logger = configure(str(logs), ["tensorboard"]) if logs else None
-        if self._logger:
+        super().__init__(settings, seed, logs)
+        if self._logger is not None:
             self.model.set_logger(self._logger)
-        self.report = SegmentReport()
-        """Of the last segment."""
 
     @property
     def network(self) -> ActorCriticPolicy:
-        """Actor and critic as they are now."""
+        """Actor and critic that are trained, no copy."""
         return self.model.policy
 
     @property
     def steps(self) -> int:
-        """Steps that were learned from."""
+        """Number of steps learned from."""
         return self.model.num_timesteps
 
     @steps.setter
@@ -174,61 +165,54 @@ class SB3Trainer:
         """Learn for one segment; false if the callback has ended the training."""
         model, env = self.model, self.model.get_env()
         assert env is not None
-        model.set_random_seed(segment_seed(self._seed, segment))
+        model.set_random_seed(self._segment_seed(segment))
         model.set_env(env, force_reset=True)
-        rollout_callback = _RolloutCallback(self._settings.critic_warmup_steps)
-        callbacks: list[BaseCallback] = [rollout_callback]
+        recorder = _RolloutRecorder(self._settings.critic_warmup_steps)
+        callbacks: list[BaseCallback] = [recorder]
         if callback is not None:
-            own = callback if isinstance(callback, BaseCallback) else ConvertCallback(callback)
-            callbacks.append(own)
-        n_steps = segment_steps(self._settings, self.steps)
+            is_object = isinstance(callback, BaseCallback)
+            callbacks.append(callback if is_object else ConvertCallback(callback))
+        n_steps = self._segment_steps()
         target = self.steps + n_steps
-        timed_env: Any = env  # wrappers hand on what is asked of those inside
-        before, in_environments = time.perf_counter(), timed_env.seconds
+        timed_env: Any = env  # wrappers forward attributes of the environments inside
+        start, environment_start = time.perf_counter(), timed_env.seconds
         model.learn(n_steps, CallbackList(callbacks), reset_num_timesteps=False)
         self.report = SegmentReport(
-            seconds=time.perf_counter() - before,
-            environment_seconds=timed_env.seconds - in_environments,
-            collecting_seconds=rollout_callback.collecting_seconds,
-            returns=rollout_callback.returns,
+            seconds=time.perf_counter() - start,
+            environment_seconds=timed_env.seconds - environment_start,
+            collecting_seconds=recorder.collecting_seconds,
+            returns=recorder.returns,
         )
         return self.steps >= target
-
-    def log(self, scores: dict[str, float]) -> None:
-        """Write scores to TensorBoard, if there are logs."""
-        if self._logger:
-            for name, value in scores.items():
-                self._logger.record(name, value)
-            self._logger.dump(self.steps)
 
     def close(self) -> None:
         """Close environments and logs."""
         env = self.model.get_env()
         assert env is not None
         env.close()
-        if self._logger:
-            self._logger.close()
+        super().close()
 
 
 def _check_channels_first(space: spaces.Space[Any]) -> None:
-    """Stable-Baselines3 takes the shortest axis of an image for its channels, and swaps axes."""
+    """Stable-Baselines3 assumes that the shortest axis of an image is its channels."""
     assert isinstance(space, spaces.Dict)
     for name, box in space.spaces.items():
         shape = box.shape or ()
         if len(shape) == 3 and shape[0] > min(shape[1:]):
             raise ValueError(
                 f"the observation {name} has the shape {shape}, with more channels than cells "
-                "across, which Stable-Baselines3 takes for channels last: use larger crop_cells"
+                "across, which Stable-Baselines3 assumes to be channels last: use larger crop_cells"
             )
 
 
 class TimedVecEnv(VecEnvWrapper):
-    """Sums up how long its environments take to step, with the resets of those that end."""
+    """Measures the time in which environments step, including resets at ends of episodes."""
 
     seconds = 0.0
+    """Sum over all steps."""
 
     def reset(self) -> Any:
-        """Reset all."""
+        """Reset all environments."""
         return self.venv.reset()
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -245,8 +229,8 @@ class TimedVecEnv(VecEnvWrapper):
         return result
 
 
-class _RolloutCallback(BaseCallback):
-    """Lets only the critic learn at first, notes returns and how long roll-outs take."""
+class _RolloutRecorder(BaseCallback):
+    """Freezes the actor during the warm-up; records returns and the duration of roll-outs."""
 
     def __init__(self, critic_warmup_steps: int) -> None:
         super().__init__()

@@ -5,14 +5,14 @@ done, it is reset in the same step:
 
 ==============================  ==================================================================
 returned observation            the first of the next episode
-info "terminal_observation"     the last of the ended one
-info "TimeLimit.truncated"      whether it ended by truncation: then the robot could have gone on,
-                                and PPO adds the value of "terminal_observation"
+info "terminal_observation"     the last of the episode that ended
+info "TimeLimit.truncated"      whether it ended by truncation: then PPO bootstraps with the value
+                                of "terminal_observation"
 observation "state"             only ``with_state``: the environment's ``state()``, the same for all
                                 of its robots, for a centralised critic
 ==============================  ==================================================================
 
-With worker processes, rows, order and numbers are the same as without.
+Worker processes change neither the rows nor their order nor any value.
 """
 
 from __future__ import annotations
@@ -23,25 +23,19 @@ from operator import methodcaller
 from typing import Any
 
 import numpy as np
-from coopmap_agents import RL_EXTRA_HINT
-from coopmap_agents.rollouts.team_block import (
+from coopmap_agents.rollouts import (
     BlockStep,
     EnvFactory,
     Info,
+    LocalBlock,
+    Requests,
+    WorkerPool,
     concatenate_blocks,
-    stack,
 )
-from coopmap_agents.rollouts.workers import LocalBlock, Requests, WorkerPool
 from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
 
 from coopmap_env.envs.belief import Observation
-
-try:
-    from stable_baselines3.common.vec_env import VecEnv
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
-__all__ = ["EnvFactory", "SharedPolicyVecEnv", "stack"]
 
 Indices = int | Iterable[int] | None
 
@@ -53,13 +47,13 @@ class SharedPolicyVecEnv(VecEnv):
     ----------
     env_factory : callable
         Makes a new parallel environment, such as ``lambda: planar_v0.parallel_env(n_robots=3)``.
-        Its robots must have the same spaces and end their episode together. Workers get copies of
-        it, by cloudpickle: it should not count its calls.
+        Its robots must have the same spaces and end their episode together. Each worker gets a
+        copy of the factory, by cloudpickle: it must not depend on the number of its calls.
     n_envs : int
         Number of parallel environments; ``num_envs``, the number of rows, is n_robots times that.
     workers : int
-        Processes over which they are spread evenly; 0 steps all of them in this process. Workers
-        are spawned and import the main script: what it runs belongs under
+        Number of processes, which share the environments evenly; 0 steps all of them in this
+        process. Workers are spawned and import the main script: protect its body by
         ``if __name__ == "__main__":``.
     with_state : bool
         Adds the environment's state to the observations of its robots, as entry "state".
@@ -67,14 +61,14 @@ class SharedPolicyVecEnv(VecEnv):
     Raises
     ------
     ValueError
-        If `n_envs` or `workers` is out of its range, the factory gives an environment twice, robots
-        differ in their spaces, or there is no state.
+        If `n_envs` or `workers` is out of range, the factory returns the same environment twice,
+        robots have different spaces, or there is no state.
 
     Notes
     -----
-    What an environment raises in a worker is raised here, with the worker's traceback as a note; a
-    RuntimeError tells of a worker that has ended. Call `reset` after the former, `close` after the
-    latter. An interruption (Ctrl-C) while workers are awaited closes them.
+    An exception of an environment in a worker is raised here, with the worker's traceback as a
+    note: call `reset` afterwards. A RuntimeError reports that a worker has ended: call `close`.
+    Ctrl-C while the main process waits for workers closes them.
     """
 
     def __init__(
@@ -88,7 +82,9 @@ class SharedPolicyVecEnv(VecEnv):
         bounds = [n_envs * i // n_blocks for i in range(n_blocks + 1)]
         self._envs_of_block = [range(*pair) for pair in pairwise(bounds)]
         self._blocks: LocalBlock | WorkerPool = (
-            WorkerPool(env_factory, [len(members) for members in self._envs_of_block], with_state)
+            WorkerPool(
+                env_factory, [len(env_range) for env_range in self._envs_of_block], with_state
+            )
             if workers
             else LocalBlock(env_factory, n_envs, with_state)
         )
@@ -102,22 +98,22 @@ class SharedPolicyVecEnv(VecEnv):
             raise
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Give every environment its own seed at the next reset; None draws a fresh one.
+        """Seed all environments at the next reset, each differently; None for random seeds.
 
-        The seeds are drawn from `seed`, not counted up from it: trainings with seeds 0 and 1 would
-        otherwise share all worlds but one.
+        The seeds are drawn from `seed`. Consecutive seeds would not do: trainings with seeds 0 and
+        1 would share all worlds but one.
 
         Returns
         -------
         list of int
-            One for each row; the robots of an environment share it.
+            One seed for each row; the robots of an environment have the same.
         """
         drawn = np.random.SeedSequence(seed).generate_state(self._envs_of_block[-1].stop)
         self._seeds = [int(number) for number in drawn for _ in self.robots]
         return self._seeds
 
     def reset(self) -> Observation:
-        """Start an episode in each environment; seeds and options count once."""
+        """Start an episode in each environment; seeds and options are used once."""
         n_robots = len(self.robots)  # which share the seed and options of their environment
         seeds, options = self._seeds[::n_robots], self._options[::n_robots]
         replies = self._call(
@@ -136,7 +132,7 @@ class SharedPolicyVecEnv(VecEnv):
         return self._observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Send the actions, one for each row; without workers, keep them for `step_wait`."""
+        """Send the actions, one for each row; without workers, `step_wait` uses them."""
         self._request("step", {i: (actions[rows],) for i, rows in enumerate(self._rows)})
 
     def step_wait(
@@ -165,9 +161,9 @@ class SharedPolicyVecEnv(VecEnv):
         return self._observations, rewards, dones, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which candidates each robot can take now, shape (num_envs, m).
+        """Mask of the candidates that each robot can take now, shape (num_envs, m).
 
-        Also there as ``env_method("action_masks")``, where sb3-contrib's MaskablePPO looks.
+        Also available as ``env_method("action_masks")``, which sb3-contrib's MaskablePPO calls.
 
         Raises
         ------
@@ -183,7 +179,7 @@ class SharedPolicyVecEnv(VecEnv):
         return self._observations["action_mask"].astype(bool)
 
     def has_attr(self, attr_name: str) -> bool:
-        """Whether all environments have an attribute, be it one that no worker can send."""
+        """Whether all environments have an attribute, which need not be picklable."""
         if attr_name == "action_masks" and self._is_masked:
             return True
         return all(self._apply(None, hasattr, attr_name))
@@ -195,27 +191,27 @@ class SharedPolicyVecEnv(VecEnv):
         return self._apply(indices, getattr, attr_name)
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Set an attribute of the environment of each row, which other rows share."""
+        """Set an attribute of the environment of each row; rows of one environment share it."""
         self._apply(indices, setattr, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of the environments, once for each; its rows share the result."""
+        """Call a method of each environment once; its rows share the result."""
         if method_name == "action_masks":
             return list(self.action_masks()[list(self._get_indices(indices))])
         return self._apply(indices, methodcaller(method_name, *method_args, **method_kwargs))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:
-        """Never: Gymnasium's wrappers do not fit parallel environments."""
+        """False: Gymnasium's wrappers do not apply to parallel environments."""
         return [False for _ in self._get_indices(indices)]
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
-        """One picture of each environment, not of each row; `render` tiles them."""
+        """One image of each environment, not of each row; `render` tiles them."""
         return self.env_method("render")[:: len(self.robots)]
 
     def close(self) -> None:
-        """Close all environments and end their workers; more calls do nothing."""
+        """Close all environments and end their workers; repeated calls do nothing."""
         self._blocks.close()
 
     @property
@@ -224,12 +220,12 @@ class SharedPolicyVecEnv(VecEnv):
 
     @property
     def _rows(self) -> list[slice]:
-        """Of each block."""
+        """Rows of each block."""
         n = len(self.robots)
-        return [slice(n * members.start, n * members.stop) for members in self._envs_of_block]
+        return [slice(n * env_range.start, n * env_range.stop) for env_range in self._envs_of_block]
 
     def _apply(self, indices: Indices, function: Callable[..., Any], *arguments: Any) -> list[Any]:
-        """Results of ``function(env, *arguments)``, computed once for all rows of an env."""
+        """Results of ``function(env, *arguments)`` for rows, computed once for each environment."""
         rows = [range(self.num_envs)[index] for index in self._get_indices(indices)]
         numbers = [row // len(self.robots) for row in rows]
         wanted = {i: sorted(set(own) & set(numbers)) for i, own in enumerate(self._envs_of_block)}
@@ -247,7 +243,7 @@ class SharedPolicyVecEnv(VecEnv):
         return [results[number] for number in numbers]
 
     def _call(self, method: str, arguments: Requests) -> list[Any]:
-        """Replies of the blocks that are asked, in order."""
+        """Results of a method of some blocks, in order."""
         self._request(method, arguments)
         return list(self._blocks.replies().values())
 

@@ -1,68 +1,63 @@
-"""Learning by imitation: a network does what a planner does, before it learns from rewards.
+"""Imitation: a network learns to decide as a planner, before it learns from rewards.
 
-Any `Policy` can be the teacher. It plays training worlds, and a network is fitted to its decisions
-(behaviour cloning); in further rounds the network plays, and the teacher says what it would have
-done there (DAgger, Ross et al. 2011)::
+Any `Policy` can be the expert. It plays training worlds, and the network is fitted to its decisions
+(behaviour cloning). In further rounds the network plays, and the expert gives the labels: what it
+would have done (DAgger, Ross et al. 2011)::
 
     settings, env = PPOSettings(critic_warmup_steps=20_000), factory()
     network = make_network(
         env.observation_space("robot_0"), env.action_space("robot_0"), settings
     )
-    report = clone(network, factory, make("rating_function"), ImitationSettings(), seed=0)
+    expert = make("rating_function")
+    report = behavior_clone(network, factory, expert, ImitationSettings(), seed=0)
     model = train(factory, settings, seed=0, warm_start=network)
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from coopmap_agents import RL_EXTRA_HINT
+import torch
+from coopmap_agents.config import ImitationSettings
+from coopmap_agents.pretrained import LearnedPolicy
+from coopmap_agents.rollouts import EnvFactory, stack
 from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy
 
-from coopmap_env.evaluation.policy import Policy
-
-try:
-    import torch
-    from stable_baselines3.common.policies import ActorCriticPolicy
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.sb3.vec_env import EnvFactory, stack
-from coopmap_agents.settings import ImitationSettings
+from coopmap_env.envs.belief import Belief, Observation
+from coopmap_env.evaluation import Policy, rollout
 
 POSE_TOLERANCE = 0.1
-"""A pose agrees with the teacher's if no number of the action differs by more, of 2 in all."""
+"""Two poses agree if no entry of the action, of range 2, differs by more; for the report only."""
 EVALUATION_BATCH_SIZE = 1024
-"""When held-out decisions are judged; bounds the memory."""
+"""Held-out decisions evaluated at a time; bounds the memory."""
 
 
 @dataclass(frozen=True)
 class ImitationReport:
-    """How well a network does as its teacher, on worlds that it was not fitted to."""
+    """Agreement of a network with its expert, on worlds that it was not fitted to."""
 
     n_train: int
-    """Decisions that it was fitted to."""
+    """Number of decisions that it was fitted to."""
     n_held_out: int
-    """Decisions that it is judged by here."""
+    """Number of held-out decisions, of which the following are means."""
     agreement: float
-    """Share of them in which it does the same: takes the same candidate, or a pose that is the
-    teacher's within `POSE_TOLERANCE`."""
+    """Fraction of equal actions: the same candidate, or the same pose within `POSE_TOLERANCE`."""
     log_likelihood: float
-    """Of the teacher's actions under the model's distribution, mean, nats."""
+    """Log-likelihood of the expert's actions under the network's distribution, nats."""
 
 
 @dataclass
 class Demonstrations:
-    """What a teacher does: n observations, and its actions."""
+    """Observations and the actions of an expert, n of each."""
 
     observations: dict[str, torch.Tensor]
-    """Entries (n, ...) as observed."""
+    """Entries of shape (n, ...)."""
     actions: torch.Tensor
-    """Shape (n,) of candidates, (n, k) of poses."""
+    """Shape (n,) of candidates, (n, k) of poses with k entries."""
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -72,13 +67,13 @@ class Demonstrations:
         return Demonstrations(picked, self.actions[rows])
 
     def to(self, device: torch.device) -> Demonstrations:
-        """The same on a device."""
+        """Copy on a device."""
         on_device = {key: values.to(device) for key, values in self.observations.items()}
         return Demonstrations(on_device, self.actions.to(device))
 
     @classmethod
     def concatenate(cls, parts: Iterable[Demonstrations]) -> Demonstrations:
-        """All decisions in one."""
+        """All demonstrations in one, in order."""
         parts = list(parts)
         keys = parts[0].observations
         return cls(
@@ -94,24 +89,23 @@ def behavior_clone(
     settings: ImitationSettings,
     seed: int,
 ) -> ImitationReport:
-    """Fit a network to a teacher's decisions, in place; its critic learns nothing.
+    """Fit a network to an expert's decisions, in place; the critic learns nothing.
 
-    The loss is minus the log-likelihood of the teacher's actions: cross-entropy among candidates,
-    that of a Gaussian for poses, whose spread becomes that of the deviations.
+    The loss is the negative log-likelihood of the expert's actions: cross-entropy among candidates;
+    for poses that of a Gaussian, which fits its standard deviation too.
 
     Parameters
     ----------
     network : ActorCriticPolicy
-        Of `make_network`, or the ``policy`` of a model.
+        From `make_network`, or the ``policy`` of a model.
     env_factory : callable
-        Makes a new parallel environment of the training split; one is made.
-    teacher : Policy
-        Whose actions fit the environment, such as a planner, which chooses among the candidates on
-        offer where there are some.
+        Makes a parallel environment of the training split; called once.
+    expert : Policy
+        For example a planner. Its actions must be in the action space of the environment.
     settings : ImitationSettings
     seed : int
-        Decides the worlds, what the teacher draws, and the order of the decisions. With the
-        network's weights it decides the result.
+        Seed of the worlds, of the expert and of the order of the decisions. The result depends on
+        it and on the initial weights only.
     """
     world_seeds, policy_draws, order = np.random.SeedSequence(seed).spawn(3)
     env = env_factory()
@@ -143,31 +137,42 @@ def behavior_clone(
 def collect_demonstrations(
     env: Any, behavior_policy: Policy, expert: Policy, seed: int, rng: np.random.Generator
 ) -> Demonstrations:
-    """Let a policy play the world of a seed, and note what the teacher does at each step.
+    """Let a policy play the world of a seed; the expert gives the action of each step as label.
 
     Returns
     -------
-    Decisions
+    Demonstrations
         One for each robot and step.
     """
-    observations, _ = env.reset(seed=seed)
-    policies = [expert] if behavior_policy is expert else [expert, behavior_policy]
-    for policy in policies:
-        policy.reset(rng)
-    rows, actions = [], []
-    while env.agents:
-        agents, belief = list(env.agents), env.belief()
-        expert_actions = expert.act(belief, observations)
-        rows += [observations[agent] for agent in agents]
-        actions += [expert_actions[agent] for agent in agents]
-        actions_taken = (
-            expert_actions
-            if behavior_policy is expert
-            else behavior_policy.act(belief, observations)
-        )
-        observations, *_ = env.step(actions_taken)
-    stacked = {key: torch.as_tensor(values) for key, values in stack(rows).items()}
-    return Demonstrations(stacked, torch.as_tensor(np.stack(actions)))
+    labelled = _LabelledPolicy(behavior_policy, expert)
+    for _ in rollout(env, labelled, seed, rng):
+        pass
+    stacked = {key: torch.as_tensor(values) for key, values in stack(labelled.rows).items()}
+    return Demonstrations(stacked, torch.as_tensor(np.stack(labelled.actions)))
+
+
+class _LabelledPolicy:
+    """Acts as one policy; records observations with the actions of an expert."""
+
+    def __init__(self, behavior_policy: Policy, expert: Policy) -> None:
+        self._behavior_policy, self._expert = behavior_policy, expert
+        self.rows: list[Observation] = []
+        self.actions: list[Any] = []
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Both policies draw from one generator, the expert first."""
+        self._expert.reset(rng)
+        if self._behavior_policy is not self._expert:
+            self._behavior_policy.reset(rng)
+
+    def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
+        """The actions of the policy; those of the expert are recorded."""
+        expert_actions = self._expert.act(belief, observations)
+        self.rows += [observations[agent] for agent in belief.agents]
+        self.actions += [expert_actions[agent] for agent in belief.agents]
+        if self._behavior_policy is self._expert:
+            return expert_actions
+        return self._behavior_policy.act(belief, observations)
 
 
 def fit(
@@ -177,7 +182,7 @@ def fit(
     optimizer: torch.optim.Optimizer,
     generator: torch.Generator,
 ) -> None:
-    """Raise the likelihood of decisions, `settings.epochs` times through them."""
+    """Maximise the likelihood of the demonstrations, for `settings.epochs` passes."""
     network.set_training_mode(True)
     for _ in range(settings.epochs):
         for rows in torch.randperm(len(demonstrations), generator=generator).split(
@@ -195,7 +200,7 @@ def fit(
 def evaluate_agreement(
     network: ActorCriticPolicy, demonstrations: Demonstrations, n_train: int
 ) -> ImitationReport:
-    """Compare what the network does with what the teacher did."""
+    """Compare the actions of a network with held-out demonstrations."""
     network.set_training_mode(False)
     n_agreeing = likelihood = 0.0
     for start in range(0, len(demonstrations), EVALUATION_BATCH_SIZE):

@@ -1,14 +1,15 @@
-"""A training with files: progress, checkpoints, validation, and going on after an interruption.
+"""A training in a folder: checkpoints, validation, and resuming after an interruption.
 
 ::
 
-    out/training.json        all about it: task, settings, seed, and one row for every segment
-    out/checkpoint-*.pt      what the next segment depends on, of the last one
-    out/policy.safetensors   the policy that did best on validation worlds
+    out/training.json        the record: configuration, and one row for every segment
+    out/checkpoint-*.pt      what the next segment depends on, after the last one
+    out/policy.safetensors   the policy with the largest reward on validation worlds
     out/tensorboard/         logs
 
-After each segment the checkpoint is written first and training.json last, so that what it says is
-always there. Who does the learning is an `Trainer`: Stable-Baselines3, or RLlib on Ray.
+A training is a chain of segments. Each depends only on the weights before it and on its number, so
+a resumed training has the same result as an uninterrupted one. After each segment the checkpoint is
+written first and training.json last: every file that training.json names exists.
 """
 
 from __future__ import annotations
@@ -17,27 +18,14 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from coopmap_agents import RL_EXTRA_HINT
-
-from coopmap_env.core.files import write_atomically
-from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.evaluation import evaluate
-from coopmap_env.evaluation.policy import make_policy
-
-try:
-    import torch
-    from stable_baselines3.common.policies import ActorCriticPolicy
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
-from coopmap_agents.networks.networks import copy_weights
-from coopmap_agents.plan import TrainingConfig
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy, resolve_network
-from coopmap_agents.pretrained.policy_file import save_policy
+import torch
+from coopmap_agents.config import TrainingConfig
+from coopmap_agents.networks import copy_weights
+from coopmap_agents.pretrained import LearnedPolicy, resolve_network, save_policy
 from coopmap_agents.record import (
     POLICY_FILE,
     RECORD_FILE,
@@ -49,33 +37,17 @@ from coopmap_agents.record import (
     progress_line,
     read_record,
 )
+from coopmap_agents.sb3 import SB3Trainer
+from coopmap_agents.trainer import Trainer
+from coopmap_agents.training.checkpoints import load_checkpoint, save_checkpoint
 from coopmap_agents.training.imitation import behavior_clone
-from coopmap_agents.training.segments import SegmentReport, load_checkpoint, save_checkpoint
+
+from coopmap_env.core.files import write_atomically
+from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.evaluation import evaluate, make_policy
 
 SCORES = ("coverage_auc", "coverage", "reward", "log_loss", "motion_cost")
-"""Of `Episode.row`, averaged over the validation worlds."""
-
-
-class Trainer(Protocol):
-    """Who learns, segment by segment."""
-
-    report: SegmentReport
-    """Of the last one."""
-    steps: int
-    """That were learned from."""
-
-    @property
-    def network(self) -> ActorCriticPolicy:
-        """Actor and critic themselves: who changes their weights changes what is learned on."""
-
-    def learn(self, segment: int) -> bool:
-        """Learn for one segment."""
-
-    def log(self, scores: dict[str, float]) -> None:
-        """Write scores to TensorBoard."""
-
-    def close(self) -> None:
-        """Close everything."""
+"""Columns of an evaluation's table; the record has their means over the validation worlds."""
 
 
 def run_training(
@@ -84,51 +56,52 @@ def run_training(
     workers: int = 0,
     log: Callable[[str], None] = lambda line: None,
     command: str = "",
-) -> dict[str, Any]:
-    """Train, or go on with the training of a folder; gives what is in training.json.
+) -> Record:
+    """Train, or resume the training of a folder; gives the content of training.json.
 
     Parameters
     ----------
     config : TrainingConfig
     out : Path
-        Folder; one that holds the same training, finished or not, is gone on with.
+        Folder. If it holds this training, that is resumed.
     workers : int
         Processes for the environments. With Stable-Baselines3 the result does not depend on it;
-        with RLlib it does, and the folder can be gone on with by as many only.
-    say : callable, optional
-        Gets a line before the first and after each segment.
+        with RLlib it does, and a training must be resumed with the same number.
+    log : callable, optional
+        Called with a line of progress before the first and after each segment.
     command : str, optional
-        What asked for the training, for the record.
+        Command line of the training, for the record.
 
     Raises
     ------
     ValueError
-        If the folder holds another training or broken files, or the plan names a device that is not
-        there or weights of another network.
+        If the folder holds another training or broken files, or the configuration names a missing
+        device or weights of another network.
     """
-    record = read_record(out / RECORD_FILE) or new_record(config, command, workers)
+    record = read_record(out) or new_record(config, command, workers)
     check_same_training(record, config, workers, out)
     if record["rows"] and record["rows"][-1]["steps"] >= config.ppo.total_steps:
         log(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
         return record
-    record["config"] = config_to_dict(config)  # total_steps may have grown
-    with _single_thread(), _trainer(config, workers, out / "tensorboard") as trainer:
+    record["config"] = config_to_dict(config)  # total_steps may be larger than before
+    with _single_thread(), closing(_make_trainer(config, workers, out / "tensorboard")) as trainer:
         if record["rows"]:
             trainer.steps = load_checkpoint(out / record["checkpoint"], trainer.network)
         else:
-            _initialize_weights(config, trainer, record)
+            record["imitation"] = _initialize_network(trainer, config)
         with closing(config.env.make("validation")) as validation:
+            run = _Run(config, out, record, validation, log)
             if not record["rows"]:
-                _validate(config, trainer, record, validation, out, log)
+                run.finish_segment(trainer)
             while trainer.steps < config.ppo.total_steps:
                 trainer.learn(len(record["rows"]) - 1)
-                _validate(config, trainer, record, validation, out, log)
+                run.finish_segment(trainer)
     return record
 
 
 @contextmanager
 def _single_thread() -> Iterator[None]:
-    """One thread of torch: more of them round sums otherwise, and small networks gain little."""
+    """One thread of torch: with more, sums round differently, and small networks gain little."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -137,82 +110,77 @@ def _single_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-@contextmanager
-def _trainer(config: TrainingConfig, workers: int, logs: Path) -> Iterator[Trainer]:
-    _check_device(config.ppo.device)
-    trainer: Trainer
-    if config.engine == "rllib":
-        from coopmap_agents.rllib.ppo import RLlibTrainer
-
-        trainer = RLlibTrainer(config.env, config.ppo, config.seed, workers, logs)
-    else:
-        from coopmap_agents.sb3.ppo import SB3Trainer
-
-        trainer = SB3Trainer(config.env, config.ppo, config.seed, workers, logs)
+def _make_trainer(config: TrainingConfig, workers: int, logs: Path) -> Trainer:
     try:
-        yield trainer
-    finally:
-        trainer.close()
-
-
-def _check_device(device: str) -> None:
-    try:
-        torch.zeros(1, device=device)
+        torch.zeros(1, device=config.ppo.device)
     except (RuntimeError, AssertionError) as error:  # torch asserts that it was built with CUDA
-        raise ValueError(f"PPOSettings.device {device!r} is not there: {error}") from error
+        raise ValueError(
+            f"PPOSettings.device {config.ppo.device!r} is not available: {error}"
+        ) from error
+    if config.engine == "rllib":
+        from coopmap_agents.rllib import RLlibTrainer
+
+        return RLlibTrainer(config.env, config.ppo, config.seed, workers, logs)
+    return SB3Trainer(config.env, config.ppo, config.seed, workers, logs)
 
 
-def _initialize_weights(config: TrainingConfig, trainer: Trainer, record: Record) -> None:
-    """Take over the weights that the plan names, and imitate its teacher."""
+def _initialize_network(trainer: Trainer, config: TrainingConfig) -> dict[str, float] | None:
+    """Copy the weights of `init_from`, imitate the policy `imitate`; the report of the latter."""
     if config.init_from:
         copy_weights(resolve_network(config.init_from), trainer.network)
-    if config.expert:
-        started_at = time.perf_counter()
-        expert = make_policy(config.expert)
-        report = behavior_clone(trainer.network, config.env, expert, config.imitation, config.seed)
-        record["imitation"] = {**asdict(report), "seconds": time.perf_counter() - started_at}
+    if not config.imitate:
+        return None
+    start = time.perf_counter()
+    expert = make_policy(config.imitate)
+    report = behavior_clone(trainer.network, config.env, expert, config.imitation, config.seed)
+    return {**asdict(report), "seconds": time.perf_counter() - start}
 
 
-def _validate(
-    config: TrainingConfig,
-    trainer: Trainer,
-    record: Record,
-    validation: MappingEnv[Any],
-    out: Path,
-    log: Callable[[str], None],
-) -> None:
-    """Let the policy play validation worlds, and write all files."""
-    started_at = time.perf_counter()
-    evaluation = evaluate(
-        validation, LearnedPolicy(trainer.network), range(config.validation_episodes)
-    )
-    scores = {name: float(evaluation.table[name].mean()) for name in SCORES}
-    n_robots = len(validation.possible_agents)
-    seconds = time.perf_counter() - started_at
-    report = trainer.report
-    add_row(record, trainer.steps, n_robots, report, scores, seconds)
-    trainer.log({f"validation/{name}": value for name, value in scores.items()})
-    if report.returns:
-        trainer.log({"train/team_return": record["rows"][-1]["team_return"]})
-    _write(record, trainer, config, out)
-    log(progress_line(record))
+@dataclass(frozen=True)
+class _Run:
+    """What happens after each segment, and before the first one."""
 
+    config: TrainingConfig
+    out: Path
+    record: Record
+    validation: MappingEnv[Any]
+    log: Callable[[str], None]
 
-def _write(record: Record, trainer: Trainer, config: TrainingConfig, out: Path) -> None:
-    """Write the checkpoint, the policy if it is the best one so far, and then the record."""
-    out.mkdir(parents=True, exist_ok=True)
-    rows, before = record["rows"], record["checkpoint"]
-    record["checkpoint"] = f"checkpoint-{len(rows)}.pt"
-    save_checkpoint(out / record["checkpoint"], trainer.network, trainer.steps)
-    rewards = [row["validation"]["reward"] for row in rows]
-    if rewards[-1] == max(rewards):
-        record["best"] = len(rows) - 1
-        origin = {
-            "config": record["config"],
-            "steps": trainer.steps,
-            "validation": rows[-1]["validation"],
-        }
-        save_policy(trainer.network, config.ppo, out / POLICY_FILE, origin)
-    write_atomically(out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
-    if before and before != record["checkpoint"]:
-        (out / before).unlink(missing_ok=True)
+    def finish_segment(self, trainer: Trainer) -> None:
+        """Evaluate the network on the validation worlds, and write all files."""
+        self._validate(trainer)
+        self._write(trainer)
+        self.log(progress_line(self.record))
+
+    def _validate(self, trainer: Trainer) -> None:
+        """Add the scores of the network to the record and to the logs."""
+        start = time.perf_counter()
+        seeds = range(self.config.validation_episodes)
+        table = evaluate(self.validation, LearnedPolicy(trainer.network), seeds).table
+        scores = {name: float(table[name].mean()) for name in SCORES}
+        seconds = time.perf_counter() - start
+        n_robots = len(self.validation.possible_agents)
+        add_row(self.record, trainer.steps, n_robots, trainer.report, scores, seconds)
+        trainer.log({f"validation/{name}": value for name, value in scores.items()})
+        if trainer.report.returns:
+            trainer.log({"train/team_return": self.record["rows"][-1]["team_return"]})
+
+    def _write(self, trainer: Trainer) -> None:
+        """Write the checkpoint, the policy if it is the best so far, and last the record."""
+        record, rows = self.record, self.record["rows"]
+        self.out.mkdir(parents=True, exist_ok=True)
+        previous_checkpoint = record["checkpoint"]
+        record["checkpoint"] = f"checkpoint-{len(rows)}.pt"
+        save_checkpoint(self.out / record["checkpoint"], trainer.network, trainer.steps)
+        rewards = [row["validation"]["reward"] for row in rows]
+        if rewards[-1] == max(rewards):
+            record["best"] = len(rows) - 1
+            origin = {
+                "config": record["config"],
+                "steps": trainer.steps,
+                "validation": rows[-1]["validation"],
+            }
+            save_policy(trainer.network, self.config.ppo, self.out / POLICY_FILE, origin)
+        write_atomically(self.out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
+        if previous_checkpoint and previous_checkpoint != record["checkpoint"]:
+            (self.out / previous_checkpoint).unlink(missing_ok=True)

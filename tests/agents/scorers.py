@@ -2,8 +2,8 @@
 
 import numpy as np
 import torch
-from coopmap_agents.networks.candidate_scorer import CandidateScorer
-from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
+from coopmap_agents.networks import CandidateScorer
+from coopmap_agents.sb3 import SharedPolicyVecEnv
 from gymnasium import spaces
 
 

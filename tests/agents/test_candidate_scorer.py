@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.networks.candidate_scorer import RATING_FEATURE_INDEX, CandidateScorer
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.sb3.ppo import make_model
-from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
-from coopmap_agents.settings import PPOSettings
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks import CandidateScorer
+from coopmap_agents.networks.candidate_scorer import RATING_FEATURE_INDEX
+from coopmap_agents.pretrained import LearnedPolicy
+from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model
 from coopmap_baselines import make
 from gymnasium import spaces
 from scorers import logits, other_sizes, played_rows, sampled_rows, scorer_of

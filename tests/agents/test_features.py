@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.networks.features import ObservationFeatures
+from coopmap_agents.networks import ObservationFeatures
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 

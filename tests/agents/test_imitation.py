@@ -3,10 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.sb3.ppo import make_model
-from coopmap_agents.settings import ImitationSettings, PPOSettings
-from coopmap_agents.training.imitation import behavior_clone, collect_demonstrations
+from coopmap_agents.config import ImitationSettings, PPOSettings
+from coopmap_agents.pretrained import LearnedPolicy
+from coopmap_agents.sb3 import make_model
+from coopmap_agents.training import behavior_clone
+from coopmap_agents.training.imitation import collect_demonstrations
 from coopmap_baselines import make
 from small_worlds import small_world
 

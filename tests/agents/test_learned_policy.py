@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coopmap_agents.networks.features import ObservationFeatures
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.pretrained.policy_file import save_policy
-from coopmap_agents.sb3.ppo import make_model, train
-from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
-from coopmap_agents.settings import PPOSettings
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks import ObservationFeatures
+from coopmap_agents.pretrained import LearnedPolicy, save_policy
+from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model, train
 from small_worlds import SETTINGS, masked_world, small_world
 from stable_baselines3 import PPO
 
@@ -38,7 +36,7 @@ def test_a_learned_policy_on_other_observations_names_both_shapes():
     policy = LearnedPolicy(make_model(small_world, TINY, seed=0))
     env = small_world(settings=replace(SETTINGS, crop_cells=12))
     observations, _ = env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"trained on .*\(4, 8, 8\).* is given .*\(4, 12, 12\)"):
+    with pytest.raises(ValueError, match=r"trained on .*\(4, 8, 8\).* but got .*\(4, 12, 12\)"):
         policy.act(env.belief(), observations)
 
 
@@ -54,7 +52,7 @@ def test_a_policy_learned_by_two_robots_plays_in_any_team(make_env, n_robots):
 def test_a_policy_learned_alone_is_not_for_teams():
     policy = LearnedPolicy(make_model(lambda: small_world(n_robots=1), TINY, seed=0))
     assert evaluate(small_world(n_robots=1), policy, [0]).table["coverage"][0] > 0
-    with pytest.raises(ValueError, match=r"is given .*teammates"):
+    with pytest.raises(ValueError, match=r"but got .*teammates"):
         evaluate(small_world(), policy, [0])
 
 
@@ -68,7 +66,7 @@ def test_a_policy_among_candidates_names_what_it_was_trained_on_but_for_their_nu
     policy = LearnedPolicy(make_model(masked_world, TINY, seed=0))
     env = small_world()
     observations, _ = env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"trained on .*candidates': \('any', 9\).* is given"):
+    with pytest.raises(ValueError, match=r"trained on .*candidates': \('any', 9\).* but got"):
         policy.act(env.belief(), observations)
 
 
@@ -90,7 +88,7 @@ def test_the_fingerprint_tells_weights_apart_and_is_the_same_in_every_process(tm
     path = tmp_path / "0.safetensors"
     ours = LearnedPolicy(path).fingerprint
     code = (
-        "from coopmap_agents.pretrained.learned_policy import LearnedPolicy\n"
+        "from coopmap_agents.pretrained import LearnedPolicy\n"
         f"print(LearnedPolicy({str(path)!r}).fingerprint)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

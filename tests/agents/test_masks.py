@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.sb3 import ppo
-from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
-from coopmap_agents.settings import PPOSettings
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.sb3 import SharedPolicyVecEnv, ppo
 from scorers import as_tensors, played_rows, scorer_of
 from small_worlds import masked_world
 from stable_baselines3.common.vec_env import VecEnvWrapper

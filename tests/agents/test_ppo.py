@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.sb3.ppo import make_model, train
-from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
-from coopmap_agents.settings import PPOSettings
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model, train
 from small_worlds import masked_world, small_world
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor
@@ -172,19 +171,17 @@ class Missing:
             raise ModuleNotFoundError(name)
 
 sys.meta_path.insert(0, Missing)
-import coopmap_agents
+import coopmap_agents.commands, coopmap_agents.record, coopmap_agents.rollouts  # need neither
 for module in (
-    "vec_env",
-    "features",
-    "pose_policy",
-    "candidate_scorer",
+    "trainer",
     "networks",
-    "policy_file",
-    "learned_policy",
-    "segments",
-    "ppo",
-    "imitation",
+    "networks.features",
+    "pretrained",
+    "pretrained.policy_file",
+    "sb3",
+    "sb3.vec_env",
     "training",
+    "training.checkpoints",
 ):
     try:
         __import__("coopmap_agents." + module)
@@ -193,5 +190,5 @@ for module in (
 """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     lines = run.stdout.splitlines()
-    assert len(lines) == 11
+    assert len(lines) == 9
     assert all("pip install 'coopmap[rl]'" in line for line in lines)

@@ -1,14 +1,13 @@
 import numpy as np
 import pytest
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.pretrained.policy_file import save_policy
-from coopmap_agents.sb3.ppo import train
-from coopmap_agents.settings import PPOSettings
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.pretrained import LearnedPolicy, save_policy
+from coopmap_agents.sb3 import train
 from coopmap_baselines import make
 
 from coopmap_env import planar_v0
 from coopmap_env.evaluation import evaluate
-from coopmap_env.evaluation.statistics.bootstrap import bootstrap_paired_difference
+from coopmap_env.evaluation.statistics import bootstrap_paired_difference
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes.planar import Obstacles
 

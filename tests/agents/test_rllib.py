@@ -10,23 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.networks.networks import copy_weights
-from coopmap_agents.plan import EnvConfig, TrainingConfig
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy
+from coopmap_agents.config import EnvConfig, PPOSettings, TrainingConfig
+from coopmap_agents.networks import copy_weights
+from coopmap_agents.pretrained import LearnedPolicy
+from coopmap_agents.rllib import RLlibTrainer, make_config
 from coopmap_agents.rllib.env import suppress_rllib_warnings
 from coopmap_agents.rllib.network import SHARED_POLICY_ID, shared_network_spec
-from coopmap_agents.rllib.ppo import RLlibTrainer, make_config
-from coopmap_agents.rollouts.team_block import TeamBlock, stack
-from coopmap_agents.sb3.ppo import SB3Trainer
-from coopmap_agents.settings import PPOSettings
-from coopmap_agents.training.loop import run_training
-from coopmap_agents.training.segments import load_checkpoint, save_checkpoint
+from coopmap_agents.rollouts import TeamBlock, stack
+from coopmap_agents.sb3 import SB3Trainer
+from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
 from pettingzoo.utils import BaseParallelWrapper
 from ray.rllib.core.columns import Columns
 from small_worlds import masked_world, small_world
 from toy_team import ConstantChoice, ConstantReward, HookedEnv, StatefulEnv
 
-from coopmap_env.evaluation.jobs import ray_session
+from coopmap_env.evaluation import ray_session
 
 TINY = PPOSettings(
     total_steps=256, segment_steps=128, n_envs=4, rollout_steps=16, batch_size=64, n_epochs=2,
@@ -256,7 +254,7 @@ def test_a_training_with_files_is_of_the_same_files(tmp_path):
     env_config = EnvConfig(
         "planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4}
     )
-    config = TrainingConfig(env_config, TINY, seed=3, engine="rllib", validation_episodes=2)
+    config = TrainingConfig(env=env_config, ppo=TINY, seed=3, engine="rllib", validation_episodes=2)
     record = run_training(config, tmp_path)
     assert [row["steps"] for row in record["rows"]] == [0, 128, 256]
     LearnedPolicy(tmp_path / "policy.safetensors")
@@ -310,7 +308,7 @@ def test_what_is_missing_is_named_with_the_command_that_brings_it(missing):
     code = f"""
 import sys
 sys.modules[{missing!r}] = None
-for module in ("rllib_env", "rllib_network", "rllib"):
+for module in ("rllib", "rllib.env", "rllib.network", "rllib.ppo"):
     try:
         __import__("coopmap_agents." + module)
     except ImportError as error:

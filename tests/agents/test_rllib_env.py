@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from coopmap_agents.rllib.env import RLlibTeamEnv
-from coopmap_agents.rollouts.team_block import TeamBlock
+from coopmap_agents.rllib import RLlibTeamEnv
+from coopmap_agents.rollouts import TeamBlock
 from ray.rllib.env.env_context import EnvContext
 from toy_team import ConstantReward, StatefulEnv
 

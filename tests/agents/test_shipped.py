@@ -5,16 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coopmap_agents.plan import EnvConfig
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.pretrained.policy_file import FORMAT, read_metadata
-from coopmap_agents.pretrained.shipped import pretrained_names, pretrained_path, pretrained_record
-from coopmap_agents.pretrained.shipping import export
-from coopmap_agents.settings import PPOSettings
-from coopmap_agents.training.loop import TrainingConfig, run_training
+from coopmap_agents.config import EnvConfig, PPOSettings, TrainingConfig
+from coopmap_agents.pretrained import (
+    LearnedPolicy,
+    pretrained_names,
+    pretrained_path,
+    pretrained_record,
+    read_metadata,
+)
+from coopmap_agents.pretrained.export import export
+from coopmap_agents.pretrained.policy_file import FORMAT
+from coopmap_agents.training import run_training
 
-from coopmap_env.evaluation import evaluate
-from coopmap_env.evaluation.policy import make_policy
+from coopmap_env.evaluation import evaluate, make_policy
 from coopmap_env.studies.benchmark.learning_curves import draw_learning_curves
 
 NAMES = ("field-candidates", "planar-candidates", "planar-candidates-rating", "planar-pose")
@@ -82,12 +85,14 @@ def test_what_does_not_fit_anything_that_ships_is_refused_with_what_there_is():
     observations, _ = env.reset(seed=0)
     for own in observations.values():
         own["thermometer"] = np.zeros(1, np.float32)
-    with pytest.raises(ValueError, match=r"no policy that ships fits .*thermometer.*planar-pose"):
+    with pytest.raises(ValueError, match=r"no pretrained policy fits .*thermometer.*planar-pose"):
         LearnedPolicy().act(env.belief(), observations)
 
 
 def test_unknown_names_and_seeds_are_refused_with_the_choices():
-    with pytest.raises(ValueError, match=r"no policy 'best' ships; there are .*planar-candidates"):
+    with pytest.raises(
+        ValueError, match=r"no pretrained policy 'best'; there are .*planar-candidates"
+    ):
         pretrained_record("best")
     with pytest.raises(ValueError, match=r"trained with the seeds \[0, 1, 2\], got 7"):
         make_policy("learned:model=planar-candidates+seed=7")
@@ -102,7 +107,7 @@ def trainings(tmp_path_factory):
     settings = PPOSettings(
         total_steps=32, n_envs=1, rollout_steps=16, batch_size=16, hidden=(8,), image_features=8
     )
-    config = TrainingConfig(env_config, settings, seed=0, validation_episodes=1)
+    config = TrainingConfig(env=env_config, ppo=settings, seed=0, validation_episodes=1)
     folder = tmp_path_factory.mktemp("trainings")
     for name, one in {
         "0": config,
@@ -124,9 +129,9 @@ def test_trainings_of_several_seeds_become_a_policy_that_ships(trainings, tmp_pa
 
 
 def test_trainings_that_differ_by_more_than_their_seeds_do_not_ship(trainings, tmp_path):
-    with pytest.raises(ValueError, match="differ by more than their seeds"):
+    with pytest.raises(ValueError, match="differ in more than their seeds"):
         export(tmp_path / "small", [trainings / "0", trainings / "other"])
-    with pytest.raises(ValueError, match=r"needs a seed of its own, got \[0, 0\]"):
+    with pytest.raises(ValueError, match=r"seeds of trainings must differ, got \[0, 0\]"):
         export(tmp_path / "small", [trainings / "0", trainings / "0"])
     assert not list(tmp_path.iterdir())
 

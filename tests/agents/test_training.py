@@ -9,14 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.plan import EnvConfig, TrainingConfig
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy
-from coopmap_agents.pretrained.policy_file import read_metadata
-from coopmap_agents.sb3.ppo import make_model
-from coopmap_agents.settings import ImitationSettings, PPOSettings
+from coopmap_agents.config import EnvConfig, ImitationSettings, PPOSettings, TrainingConfig
+from coopmap_agents.pretrained import LearnedPolicy, read_metadata
+from coopmap_agents.sb3 import make_model
+from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
 from coopmap_agents.training import loop as training
-from coopmap_agents.training.loop import run_training
-from coopmap_agents.training.segments import load_checkpoint, save_checkpoint
 from coopmap_baselines import make
 from gymnasium import spaces
 from safetensors.torch import load_file
@@ -30,7 +27,7 @@ SETTINGS = PPOSettings(
     total_steps=192, segment_steps=64, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2,
     hidden=(16,), image_features=8,
 )  # fmt: skip
-CONFIG = TrainingConfig(ENV_CONFIG, SETTINGS, seed=3, validation_episodes=2)
+CONFIG = TrainingConfig(env=ENV_CONFIG, ppo=SETTINGS, seed=3, validation_episodes=2)
 
 
 class Interrupted(Exception):  # noqa: N818  # no error
@@ -168,7 +165,7 @@ def test_a_training_whose_last_segment_was_cut_short_is_not_lengthened(tmp_path)
         for total in (192, 256)
     )
     assert [row["steps"] for row in run_training(short, tmp_path)["rows"]] == [0, 128, 192]
-    with pytest.raises(ValueError, match=r"ended after 192 steps .* cannot be lengthened to 256"):
+    with pytest.raises(ValueError, match=r"ended after 192 steps .* cannot be extended to 256"):
         run_training(longer, tmp_path)
 
 
@@ -208,7 +205,7 @@ def test_a_scene_that_has_changed_is_another_training(tmp_path):
 
 def test_a_device_that_is_not_there_is_refused(tmp_path):
     config = replace(CONFIG, ppo=replace(SETTINGS, device="mainframe"))
-    with pytest.raises(ValueError, match=r"PPOSettings\.device 'mainframe' is not there"):
+    with pytest.raises(ValueError, match=r"PPOSettings\.device 'mainframe' is not available"):
         run_training(config, tmp_path)
 
 
@@ -224,9 +221,7 @@ def test_a_map_that_would_be_taken_for_channels_last_is_refused():
 
 
 def test_the_rating_is_no_beginning_for_poses():
-    with pytest.raises(
-        ValueError, match='initial_policy="rating" is for choosing among candidates'
-    ):
+    with pytest.raises(ValueError, match='initial_policy="rating" needs candidates as actions'):
         make_model(EnvConfig("planar"), replace(SETTINGS, initial_policy="rating"), seed=0)
 
 
@@ -260,7 +255,7 @@ def test_a_training_can_begin_with_a_planner(tmp_path):
     config = replace(
         CONFIG,
         ppo=replace(SETTINGS, total_steps=64, learning_rate=1e-12),
-        expert="rating_function",
+        imitate="rating_function",
         imitation=ImitationSettings(episodes=6, rounds=2, epochs=8, batch_size=16),
     )
     record = run_training(config, tmp_path)
@@ -299,10 +294,10 @@ def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
 
 def test_plans_out_of_range_are_refused():
     with pytest.raises(
-        ValueError, match=r"TrainingConfig\.engine must be sb3 or rllib, got 'torchrl'"
+        ValueError, match=r"TrainingConfig\.engine must be one of 'sb3', 'rllib', got 'torchrl'"
     ):
         replace(CONFIG, engine="torchrl")
     with pytest.raises(
-        ValueError, match=r"TrainingConfig\.validation_episodes must be at least 1, got 0"
+        ValueError, match=r"TrainingConfig\.validation_episodes must be .* >= 1, got 0"
     ):
         replace(CONFIG, validation_episodes=0)

@@ -3,8 +3,7 @@ import subprocess
 import sys
 
 import pytest
-from coopmap_agents.plan import EnvConfig
-from coopmap_agents.settings import PPOSettings
+from coopmap_agents.config import EnvConfig, PPOSettings
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
+from coopmap_agents.sb3 import SharedPolicyVecEnv
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 from stable_baselines3.common.vec_env import VecCheckNan

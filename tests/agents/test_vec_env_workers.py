@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 from coopmap_agents.rollouts import workers
-from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
+from coopmap_agents.sb3 import SharedPolicyVecEnv
 from small_worlds import masked_world, small_world
 from toy_team import ConstantReward, FailingFactory, HookedEnv
 

@@ -1,25 +1,15 @@
-"""Networks for every kind of actions, the same for every engine that trains them.
-
-A network is a policy object of Stable-Baselines3: it holds actor and critic, knows its spaces and
-can act. `CandidateScorer` chooses among candidates, `PosePolicy` among all poses.
-"""
+"""The network for an action space, and its weights: of the actor, of the critic, copied, frozen."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from coopmap_agents import RL_EXTRA_HINT
-from gymnasium import spaces
-
-try:
-    from stable_baselines3.common.policies import ActorCriticPolicy
-    from torch import nn
-except ImportError as error:
-    raise ImportError(RL_EXTRA_HINT) from error
-
+from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks.candidate_scorer import CandidateScorer
 from coopmap_agents.networks.pose_policy import PosePolicy
-from coopmap_agents.settings import PPOSettings
+from gymnasium import spaces
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import nn
 
 CRITIC_PREFIXES = (
     "network.value.",
@@ -27,11 +17,11 @@ CRITIC_PREFIXES = (
     "value_net.",
     "features_extractor.state.",
 )
-"""Beginnings of the names of the critic's own parameters: what acting does not need."""
+"""Prefixes of the names of parameters that only the critic uses."""
 
 
 def actor_parameters(network: nn.Module) -> dict[str, nn.Parameter]:
-    """All weights by name but for the critic's own."""
+    """Parameters that acting needs, by name: all but those of the critic."""
     return {
         name: values
         for name, values in network.named_parameters()
@@ -42,7 +32,7 @@ def actor_parameters(network: nn.Module) -> dict[str, nn.Parameter]:
 def network_class(
     action_space: spaces.Space[Any], settings: PPOSettings
 ) -> tuple[type[ActorCriticPolicy], dict[str, Any]]:
-    """Class of the network for these actions, and its options."""
+    """Class of the network for an action space, and its keyword arguments."""
     options: dict[str, Any] = {
         "net_arch": list(settings.hidden),
         "features_extractor_kwargs": {"image_features": settings.image_features},
@@ -51,7 +41,7 @@ def network_class(
         return CandidateScorer, {**options, "initial_policy": settings.initial_policy}
     if settings.initial_policy == "rating":
         raise ValueError(
-            'initial_policy="rating" is for choosing among candidates, these actions are poses'
+            'initial_policy="rating" needs candidates as actions, these actions are poses'
         )
     return PosePolicy, {**options, "log_std_init": settings.log_std}
 
@@ -59,7 +49,7 @@ def network_class(
 def make_network(
     observation_space: spaces.Space[Any], action_space: spaces.Space[Any], settings: PPOSettings
 ) -> ActorCriticPolicy:
-    """Make an untrained network; its weights come from torch's global generator.
+    """Make an untrained network; torch's global generator draws its weights.
 
     Raises
     ------
@@ -72,27 +62,27 @@ def make_network(
 
 
 def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
-    """Copy what both networks have; all that acts must be there, the critic may differ.
+    """Copy the weights of a network; the critics may have different shapes, and are left out then.
 
     Raises
     ------
     ValueError
-        With the first weight that has another shape.
+        With the first weight of the actor that has another shape.
     """
-    given, own = dict(source.named_parameters()), dict(target.named_parameters())
-    shapes, needed = ({k: tuple(v.shape) for k, v in part.items()} for part in (given, own))
+    sources, targets = dict(source.named_parameters()), dict(target.named_parameters())
+    shapes, needed = ({k: tuple(v.shape) for k, v in part.items()} for part in (sources, targets))
     differing = {k for k in shapes | needed if shapes.get(k) != needed.get(k)}
     for name in sorted(differing):
         if not name.startswith(CRITIC_PREFIXES):
             raise ValueError(
-                f"the network to begin with is another than these settings make here: {name} "
+                f"the initial network is not of the same settings: {name} "
                 f"has the shape {shapes.get(name)}, not {needed.get(name)}"
             )
-    for name in set(own) - differing:
-        own[name].data.copy_(given[name])
+    for name in set(targets) - differing:
+        targets[name].data.copy_(sources[name])
 
 
-def set_actor_trainable(network: nn.Module, learns: bool) -> None:
-    """Let all of it learn, or the critic alone."""
+def set_actor_trainable(network: nn.Module, trainable: bool) -> None:
+    """Train all parameters, or those of the critic alone."""
     for weights in actor_parameters(network).values():
-        weights.requires_grad_(learns)
+        weights.requires_grad_(trainable)

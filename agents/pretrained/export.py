@@ -1,8 +1,8 @@
-"""Collect trainings of several seeds as a policy that ships: for maintainers, see `make policies`.
+"""Export trainings of several seeds as a pretrained policy: for maintainers, see `make policies`.
 
 ::
 
-    python -m coopmap_agents.pretrained.shipping agents/pretrained/policies/planar-candidates results/train/seed_*
+    python -m coopmap_agents.pretrained.export agents/pretrained/policies/NAME results/train/*
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from coopmap_agents.record import POLICY_FILE, RECORD_FILE
+from coopmap_agents.record import POLICY_FILE, RECORD_FILE, Record, read_record
 
 from coopmap_env.core.files import write_atomically
 
 
 def export(folder: Path, trainings: Sequence[Path]) -> None:
-    """Copy each training's policy, and write what tells of them all.
+    """Copy the policy of each training, and write the record of all of them.
 
     Parameters
     ----------
     folder : Path
-        Of the policy; its name is the policy's name.
+        Folder of the policy; its name is the policy's name.
     trainings : sequence of Path
-        Folders of `run_training`, of the same plan but for the seed.
+        Folders of `run_training`; their configurations differ in the seed only.
 
     Raises
     ------
     ValueError
-        If the trainings differ by more than their seeds, or in nothing, or one is unfinished.
+        If the trainings differ in more than their seeds, have equal seeds, or one is unfinished.
     """
-    records = [_load_record(training) for training in trainings]
+    records = [_read_record(training) for training in trainings]
     _check_same_config(trainings, records)
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("*.safetensors"):
@@ -49,23 +49,25 @@ def export(folder: Path, trainings: Sequence[Path]) -> None:
 def _check_same_config(trainings: Sequence[Path], records: Sequence[Mapping[str, Any]]) -> None:
     seeds = [record["config"]["seed"] for record in records]
     if len(set(seeds)) < len(seeds):
-        raise ValueError(f"each training needs a seed of its own, got {seeds}")
+        raise ValueError(f"the seeds of trainings must differ, got {seeds}")
     configs = [{**record["config"], "seed": None} for record in records]
     for training, record, config in zip(trainings, records, configs, strict=True):
         if config != configs[0]:
-            raise ValueError(f"{training} and {trainings[0]} differ by more than their seeds")
+            raise ValueError(f"{training} and {trainings[0]} differ in more than their seeds")
         total_steps = config["ppo"]["total_steps"]
         if record["rows"][-1]["steps"] < total_steps:
-            raise ValueError(f"{training} has not come to its {total_steps} steps yet")
+            raise ValueError(f"{training} is unfinished: it has not reached {total_steps} steps")
 
 
-def _load_record(training: Path) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads((training / RECORD_FILE).read_text(encoding="utf-8"))
+def _read_record(training: Path) -> Record:
+    record = read_record(training)
+    if record is None:
+        raise ValueError(f"{training} has no {RECORD_FILE}")
     return record
 
 
 def _summary(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What is the same in all trainings, and each one's curve."""
+    """Values that are the same in all trainings, and the learning curve of each."""
     first = records[0]
     best = max(records, key=_best_reward)
     return {

@@ -1,7 +1,7 @@
-"""The policies that ship with coopmap: which there are, and where their files lie.
+"""The pretrained policies, which ship with coopmap: their names, files and records.
 
-Each is a folder of `policies/`: one file for every training seed, and ``training.json`` with the
-command, the hardware, the time and the learning curves.
+Each is a folder of ``policies/``: one file for each training seed, and ``training.json`` with the
+commands, the hardware, the time and the learning curves.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from coopmap_agents.record import RECORD_FILE
 
 
 def pretrained_names() -> list[str]:
-    """Names of all policies that ship."""
+    """Names of all pretrained policies."""
     return sorted(path.parent.name for path in _folder().glob(f"*/{RECORD_FILE}"))
 
 
 def pretrained_record(name: str) -> dict[str, Any]:
-    """How a policy was made, and its learning curves.
+    """Record of the trainings of a pretrained policy, with their learning curves.
 
     Raises
     ------
     ValueError
-        With the choices, if there is none of that name.
+        With the choices, if the name is unknown.
     """
     if name not in pretrained_names():
         raise ValueError(
-            f"no policy {name!r} ships; there are {', '.join(pretrained_names()) or 'none'}"
+            f"no pretrained policy {name!r}; there are {', '.join(pretrained_names()) or 'none'}"
         )
     record: dict[str, Any] = json.loads(
         (_folder() / name / RECORD_FILE).read_text(encoding="utf-8")
@@ -38,14 +38,14 @@ def pretrained_record(name: str) -> dict[str, Any]:
 
 
 def pretrained_path(name: str, seed: int | None = None) -> Path:
-    """File of a policy that ships.
+    """File of a pretrained policy.
 
     Parameters
     ----------
     name : str
         One of `pretrained_names`.
     seed : int, optional
-        Of the training; by default the one that did best on validation worlds.
+        Seed of the training; by default the one with the largest reward on validation worlds.
 
     Raises
     ------
@@ -61,4 +61,4 @@ def pretrained_path(name: str, seed: int | None = None) -> Path:
 
 
 def _folder() -> Path:
-    return Path(str(files(__package__ or "coopmap_agents") / "policies"))
+    return Path(str(files("coopmap_agents.pretrained") / "policies"))

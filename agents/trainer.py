@@ -1,0 +1,76 @@
+"""What the training loop asks of a library: learn one segment, give the network, write logs."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+
+import coopmap_agents._require_rl  # noqa: F401
+import numpy as np
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.record import SegmentReport
+from stable_baselines3.common.logger import Logger, configure
+from stable_baselines3.common.policies import ActorCriticPolicy
+
+
+class Trainer(ABC):
+    """A training, segment by segment.
+
+    What a segment gives depends only on the network before it (weights and optimiser), the seed and
+    the segment's number.
+
+    Parameters
+    ----------
+    settings : PPOSettings
+    seed : int
+        Seed of everything.
+    logs : Path, optional
+        Folder of TensorBoard's logs.
+    """
+
+    def __init__(self, settings: PPOSettings, seed: int, logs: Path | None) -> None:
+        self._settings = settings
+        self._seed = seed
+        self._logger: Logger | None = configure(str(logs), ["tensorboard"]) if logs else None
+        self.report = SegmentReport()
+        """Report of the last segment."""
+
+    @property
+    @abstractmethod
+    def network(self) -> ActorCriticPolicy:
+        """Actor and critic that are trained, no copy."""
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """Number of steps learned from; set it after loading a checkpoint."""
+
+    @steps.setter
+    @abstractmethod
+    def steps(self, steps: int) -> None: ...
+
+    @abstractmethod
+    def learn(self, segment: int) -> bool:
+        """Learn for one segment; false if a callback has ended the training."""
+
+    def log(self, scores: dict[str, float]) -> None:
+        """Write scores to TensorBoard, if there are logs."""
+        if self._logger is not None:
+            for name, value in scores.items():
+                self._logger.record(name, value)
+            self._logger.dump(self.steps)
+
+    def close(self) -> None:
+        """Close environments and logs."""
+        if self._logger is not None:
+            self._logger.close()
+
+    def _segment_seed(self, segment: int) -> int:
+        """Seed of a segment's random numbers."""
+        entropy = np.random.SeedSequence(self._seed, spawn_key=(segment,))
+        return int(entropy.generate_state(1)[0])
+
+    def _segment_steps(self) -> int:
+        """Length of the next segment."""
+        settings = self._settings
+        return min(settings.segment_steps, settings.total_steps - self.steps)
