@@ -1,4 +1,4 @@
-"""What can be offered to a planar robot and what it is told of it, one pose at a time."""
+"""Candidates of a planar robot and their features, one pose at a time."""
 
 import math
 
@@ -8,7 +8,7 @@ from coopmap_env.geometry import to_camera_frame
 
 
 def cells_within_reach(lattice, cells, pose_id, reach):
-    """Those of the cells at most `reach` metres ahead of a pose or back, and to a side."""
+    """Cells at most `reach` metres from a pose, along its heading and across."""
     here = lattice.pose(pose_id)
     kept = []
     for cell in cells:

@@ -1,4 +1,4 @@
-"""A team that looks around in a small yard, corrects its poses, and maps what it sees."""
+"""A team that scans a small world, corrects its poses, and maps its scans."""
 
 from typing import NamedTuple
 
@@ -14,13 +14,13 @@ CAMERA, NOISE = DepthCamera(), RangeNoise()
 
 
 class CorrectedScan(NamedTuple):
-    """What came of one look, and the truth (6,): displacements that lead to it."""
+    """Result of one scan, and its errors (6,): displacements to the true pose."""
 
     correction: object
     error: np.ndarray
     """Of the corrected pose."""
     kinematic_error: np.ndarray
-    """Of the pose by the encoders alone."""
+    """Of the pose from the encoders alone."""
     kinematic: object
     """`Vehicle.camera_estimate` of the reading."""
     true: object
@@ -32,10 +32,10 @@ class CorrectedScan(NamedTuple):
 
 
 class CorrectionTeam:
-    """Vehicles with masts in a yard; `target` are the solids that are known, by name."""
+    """Vehicles with masts in a world; `targets` are the names of the known solids."""
 
     def __init__(self, world, targets=(), seed=0, **settings):
-        # skipped where the extra is missing, which is asked where this is used
+        # imported here: tests that use this are skipped without the extra
         from coopmap_env.simulation.field import FieldSimulator
 
         self._simulator, self.simulator = FieldSimulator, None
@@ -87,7 +87,7 @@ class CorrectionTeam:
 
 
 def readings_aimed_at(vehicle, point, n, rng, off_axis=0.2):
-    """N readings (n, joints) by which a camera looks at a point, away from its own mast."""
+    """N readings (n, joints) with the camera towards a point, away from its own mast."""
     chain, found = vehicle.chain, []
     margin = 0.05 * (chain.upper - chain.lower)
     while len(found) < n:

@@ -1,4 +1,4 @@
-"""A robot so simple that its rest can be told by hand: a mass that slides out on a level beam."""
+"""A robot whose equilibrium is known by hand: a mass that slides out on a level beam."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ JOINT = """<joint name="{name}" type="{kind}"><origin xyz="0 0 {up}"/><parent li
 
 
 def crane(folder, along="1 0 0", roll_axis="1 0 0", suspension=None, **settings):
-    """A mount (mass 80 kg on springs) that pushes a mass of 10 kg out `along` its body's frame."""
+    """A mount (80 kg on springs) that moves a mass of 10 kg `along` an axis of its body's frame."""
     links = [("base", 1.0, ""), ("heave", 0.001, ""), ("roll", 0.001, "")]
     links += [("body", BODY_MASS, SHAPE.format(0.2)), ("slider", SLIDER_MASS, SHAPE.format(0.1))]
     joints = [
@@ -46,7 +46,7 @@ def crane(folder, along="1 0 0", roll_axis="1 0 0", suspension=None, **settings)
 
 
 def potential_energy(chain, springs, gravity, s, joints):
-    """Of springs and weight, from the poses of all links: what is least where the body rests."""
+    """Of springs and weight, from the poses of all links; minimal in equilibrium."""
     R, t = chain.link_poses(np.concatenate([s, joints]))
     carried = chain.link_body > 0
     at = t[carried] + np.einsum("lij,lj->li", R[carried], chain.centers_of_mass[carried])

@@ -1,4 +1,4 @@
-"""What a depth camera would see: the depth buffer voxel by voxel, and rays without any buffer."""
+"""Views of a depth camera: the depth buffer voxel by voxel, and rays without a buffer."""
 
 import math
 
@@ -16,7 +16,7 @@ def all_cells(shape):
 
 
 def in_frustum(cells, position, R, frustum):
-    """X, pixel and distance of voxels (n, 3), and which of them are in view in empty space."""
+    """X, pixel and distance of voxels (n, 3), and which of them are in the frustum."""
     centers = cells + 0.5
     X, Y, Z = R.T @ (centers - position).T
     (a, b), (w, h) = frustum.tangents, frustum.pixels
@@ -30,7 +30,7 @@ def in_frustum(cells, position, R, frustum):
 
 
 def ray(u, v, R, frustum):
-    """Unit vector through the middle of a pixel, in the world, and its share along the axis."""
+    """Unit vector through the middle of a pixel, in the world, and its component along the axis."""
     (a, b), (w, h) = frustum.tangents, frustum.pixels
     direction = np.array([1.0, a * (2 * (u + 0.5) / w - 1), b * (2 * (v + 0.5) / h - 1)])
     direction /= np.linalg.norm(direction)
@@ -38,7 +38,7 @@ def ray(u, v, R, frustum):
 
 
 def sphere_distance(position, direction, occluder_spheres):
-    """Distance at which a ray enters the nearest sphere that does not hold its origin."""
+    """Distance at which a ray enters the nearest sphere that does not contain its origin."""
     nearest = math.inf
     for center, radius in occluder_spheres:
         to_center = center - position
@@ -50,7 +50,7 @@ def sphere_distance(position, direction, occluder_spheres):
 
 
 def visible_mask(blocked, position, R, frustum, occluder_spheres=()):
-    """Mask of the visible voxels, flat, and their distances; `occluder_spheres` are (centre, radius)."""
+    """Flat mask of the visible voxels, and their distances; spheres are (centre, radius)."""
     X, u, v, distance, inside = in_frustum(all_cells(blocked.shape), position, R, frustum)
     if (position < 0).any() or (position >= blocked.shape).any():
         return np.zeros_like(inside), distance
@@ -60,14 +60,14 @@ def visible_mask(blocked, position, R, frustum, occluder_spheres=()):
         path = traverse(position, direction, frustum.far, blocked.shape)
         stops = np.flatnonzero(blocked[tuple(path.cells[1:].T)])
         first = path.entries[1:][stops[0]] if len(stops) else math.inf
-        # a body beyond the far end hides nothing that could be seen
+        # a sphere beyond the far plane occludes nothing
         first = min(first, sphere_distance(position, direction, occluder_spheres))
         limits[pixel] = (first + DEPTH_TOLERANCE) * forward
     return inside & (limits[u, v] >= X), distance
 
 
 def round_to_table(distance):
-    """Distances as the tables hold them: squares rounded down to quarters of a cell."""
+    """Distances as in the tables: squares rounded down to quarters of a cell."""
     return np.sqrt(np.floor(4 * distance**2)) / 2
 
 
@@ -123,7 +123,7 @@ def _march(blocked, position, R, a, b, w, h, near, far, step, seen):
 
 
 def voxels_hit_by_rays(blocked, position, R, frustum, rays_per_cell=4, step=0.5):
-    """Flat numbers of the voxels of the frustum that any of many rays meets before it is stopped.
+    """Flat indices of the voxels of the frustum that any of many rays hits before it is blocked.
 
     `rays_per_cell` of them pass between the centres of neighbours at the far end.
     """
@@ -131,6 +131,6 @@ def voxels_hit_by_rays(blocked, position, R, frustum, rays_per_cell=4, step=0.5)
     w, h = (math.ceil(2 * tangent * far * rays_per_cell) for tangent in (a, b))
     seen = np.zeros(blocked.shape, dtype=np.bool_)
     _march(blocked, position, R, a, b, w, h, frustum.near, far, step, seen)
-    met = np.argwhere(seen)
-    met = met[in_frustum(met, position, R, frustum)[4]]
-    return np.ravel_multi_index(tuple(met.T), blocked.shape)
+    hits = np.argwhere(seen)
+    hits = hits[in_frustum(hits, position, R, frustum)[4]]
+    return np.ravel_multi_index(tuple(hits.T), blocked.shape)

@@ -8,14 +8,14 @@ from coopmap_env.geometry.traversal import traverse
 
 
 def neighbours(grid, cell):
-    """The up to 26 voxels around one, as flat numbers."""
+    """The up to 26 voxels around one, as flat indices."""
     index = np.array(np.unravel_index(cell, grid.shape))
     around = [index + np.array(d) - 1 for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]
     return [int(grid.flat_index(i)) for i in around if grid.contains(i)]
 
 
 def is_peak(map_, information, cell, strict=True):
-    """Above all neighbours by level, then by how well it is known, then by its number."""
+    """Above all neighbours by log-odds, then by information, then by index."""
     key = (map_.log_odds_fixed[cell], information.get(cell, 0.0), -cell)
     for other in neighbours(map_.grid, cell):
         if map_.log_odds_fixed[other] > key[0]:
@@ -26,7 +26,7 @@ def is_peak(map_, information, cell, strict=True):
 
 
 def ball_radius(map_, p, cell, largest, least_rise):
-    """Metres to the nearest voxel that is more likely than its neighbour towards the peak."""
+    """Metres to the nearest voxel with a larger probability than its neighbour towards the peak."""
     grid = map_.grid
     peak = np.array(np.unravel_index(cell, grid.shape))
     reach = int(largest / grid.resolution) + 1
@@ -46,7 +46,7 @@ def ball_radius(map_, p, cell, largest, least_rise):
 
 
 def is_visible(map_, point, pose, camera, settings, border):
-    """Whether a point lies in the field of view, within range, and nothing occupied before it."""
+    """Whether a point is in the field of view, within range, and not occluded."""
     d = point - pose.translation
     x, y, z = pose.rotation.T @ d
     a = (1 - border) * math.tan(camera.horizontal_field_of_view / 2)
@@ -70,7 +70,7 @@ def is_visible(map_, point, pose, camera, settings, border):
 
 
 def select_fiducials(map_, pose, camera, settings, kept=()):
-    """The chosen voxels, and position, radius and score of each."""
+    """Selected voxels, with position, radius and score of each."""
     cells, means, _ = map_.surfaces()
     means = dict(zip(cells.tolist(), means, strict=True))
     precisions = map_.information_form()[1]

@@ -1,4 +1,4 @@
-"""Small worlds for vehicles: flat ground, and what is put in their way."""
+"""Small worlds for vehicles: flat ground and obstacles."""
 
 import numpy as np
 
@@ -30,14 +30,14 @@ CENTRED_BASE = (base_pose(0.0, 0.0),)
 
 
 def flat_world(*solids, bases=CENTRED_BASE):
-    """Ground, a target out of everybody's reach, and whatever else stands around."""
+    """Ground, a target out of reach of all robots, and further solids."""
     far_away = crate("far_away", 5.5, 5.5, 0.25, 0.5)
     solids = (ground_slab((-6.4, -6.4), (6.4, 6.4)), *solids, far_away)
     return FieldWorld("yard", solids, "crates", GRID, tuple(bases))
 
 
 def cluttered_world(seed, bases, n=25, nearest=0.8):
-    """Boulders anywhere, some of them hanging in the air and in reach."""
+    """Random boulders, some of them in the air and in reach."""
     rng = np.random.default_rng(seed)
     boulders = []
     while len(boulders) < n:

@@ -1,4 +1,4 @@
-"""A probabilistic map with a dictionary of cells, one Python loop after the other."""
+"""A probabilistic map with a dictionary of cells, in plain Python loops."""
 
 import math
 
@@ -23,7 +23,7 @@ def level(p, lowest, highest):
 
 
 def likelihood(entry, leave, z, sigma, surface):
-    """Of the distance z, if the beam ends in this cell; up to a constant."""
+    """Likelihood of the distance z if the beam ends in this cell, up to a constant."""
     if surface == "entry":
         return math.exp(-0.5 * ((z - entry) / sigma) ** 2)
     scale = sigma * math.sqrt(2)
@@ -33,7 +33,7 @@ def likelihood(entry, leave, z, sigma, surface):
 def end_probabilities(intervals, z, sigma, surface):
     """w_k of each (entry, exit): prior (1/2)**k times likelihood, normalised."""
     w = [0.5**k * likelihood(a, b, z, sigma, surface) for k, (a, b) in enumerate(intervals)]
-    if sum(w) == 0:  # nothing explains z: the cell that holds it does
+    if sum(w) == 0:  # all likelihoods vanish: the cell that contains z
         holder = next((k for k, (_, b) in enumerate(intervals) if z < b), len(intervals) - 1)
         return [float(k == holder) for k in range(len(intervals))]
     return [x / sum(w) for x in w]
@@ -51,7 +51,7 @@ def binary_entropy(level_):
 
 
 class PlainMap:
-    """What `OccupancyMap` must be equal to."""
+    """Reference of `OccupancyMap`: all values must be equal."""
 
     def __init__(self, grid, lowest, highest, clamp, surface):
         self.grid, self.bounds, self.clamp, self.surface = grid, (lowest, highest), clamp, surface
@@ -64,7 +64,7 @@ class PlainMap:
         updates = {}
         for point, covariance, hit in zip(scan.points, scan.covariances, scan.hit, strict=True):
             for cell, value in self.beam(scan.origin, point, covariance, hit):
-                updates[cell] = updates.get(cell, 0) + value or 1  # a touched cell is kept off zero
+                updates[cell] = updates.get(cell, 0) + value or 1  # an observed cell is never zero
         drop, new = 0.0, 0
         for cell, value in updates.items():
             update = min(max(value, self.bounds[0]), self.bounds[1])
@@ -75,7 +75,7 @@ class PlainMap:
         return new, drop
 
     def beam(self, origin, point, covariance, hit):
-        """List (cell, level) of what one beam says; keep the point with the cell it ended in."""
+        """Updates (cell, log-odds) of one beam; stores the point in the cell of its end."""
         grid, (lowest, highest) = self.grid, self.bounds
         ray = (point - origin) / grid.resolution
         z = float(np.linalg.norm(ray))

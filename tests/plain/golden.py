@@ -38,7 +38,7 @@ def digest(value) -> bytes:
     """SHA-256 of the values in nested containers, to the last bit.
 
     Of a dict only the set of its values counts, of a text only whether it is empty: keys and
-    messages may be worded anew without a change of what happens.
+    messages may be reworded without a change of what happens.
     """
     sha = hashlib.sha256()
     if isinstance(value, dict):
@@ -59,7 +59,7 @@ def digest(value) -> bytes:
 
 
 def episode_digest(env, seed, act) -> bytes:
-    """Everything that one episode shows: observations, rewards, ends, infos, states, the map."""
+    """Everything that one episode returns: observations, rewards, ends, infos, states, the map."""
     shown = [env.reset(seed=seed), env.state()]
     while env.agents:
         shown += [env.step(act(env)), env.state()]

@@ -1,4 +1,4 @@
-"""Poses from pairs of points, as the formulas are written: one pair after the other."""
+"""Poses from pairs of points, as the formulas are written: pair by pair."""
 
 from itertools import combinations
 

@@ -1,4 +1,4 @@
-"""Looks held against each other, one pixel after the other, with poses instead of loops."""
+"""Scans compared with each other, pixel by pixel, with poses instead of loops."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ class PlainScan(NamedTuple):
 
 
 def pixel_of(point, camera):
-    """Number of the pixel through which a point (3,) of the camera frame is seen, or None."""
+    """Number of the pixel through which a point (3,) of the camera frame is visible, or None."""
     if point[0] < 0.1:
         return None
     left, top = (
@@ -32,7 +32,7 @@ def pixel_of(point, camera):
 
 
 def associated_pixel(point, normal, scan, camera, gate, facing):
-    """The pixel of an earlier look that saw the surface at a point of the world, or None."""
+    """Pixel of an earlier scan that measured the surface at a point of the world, or None."""
     there = scan.pose.inverse()
     m = pixel_of(there.transform(point), camera)
     if m is None or not scan.planar[m]:
@@ -43,7 +43,7 @@ def associated_pixel(point, normal, scan, camera, gate, facing):
 
 
 def variance_along(n, axis, deviation, lateral):
-    """n^T C n of Eq. 1: standard deviation along the optical axis, and a share of it across."""
+    """n^T C n of Eq. 1: standard deviation along the optical axis, and a fraction of it across."""
     C = deviation**2 * (lateral**2 * np.eye(3) + (1 - lateral**2) * np.outer(axis, axis))
     return n @ C @ n
 

@@ -1,4 +1,4 @@
-"""Eqs. 1 and 3 and the camera pose's share, one point after the other."""
+"""Eqs. 1 and 3 and the contribution of the camera pose, point by point."""
 
 import numpy as np
 

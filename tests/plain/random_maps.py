@@ -1,11 +1,11 @@
-"""Maps of random knowledge, written down cell by cell rather than scanned."""
+"""Random maps, written cell by cell rather than scanned."""
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.mapping.log_odds import to_log_odds_fixed
 
 
 def set_cells(map_, cells, probability):
-    """Say that cells (flat numbers) were sampled and have this probability."""
+    """Mark cells (flat indices) as sampled, with this probability."""
     map_.log_odds_fixed[cells] = to_log_odds_fixed(probability)
     map_.sampled_mask[cells] = 1
 

@@ -1,4 +1,4 @@
-"""Scans that a bad day might bring: any direction, beyond the grid, flat or no uncertainty."""
+"""Scans with extreme values: any direction, beyond the grid, singular or no uncertainty."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Random maps in space, written down: boxes on a ground, seen in part, and places to look from."""
+"""Random partly observed 3-D maps of boxes on a ground, and random camera poses."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 
 def random_voxel_map(rng, shape, n_boxes, n_balls, resolution=0.1, origin=(0.0, 0.0, 0.0)):
-    """Map of a ground and boxes, of which only what lies in some random balls was ever sampled."""
+    """Map of a ground and boxes, sampled only inside random balls."""
     map_ = OccupancyMap(VoxelGrid(shape, resolution, origin))
     clamp = map_.log_odds_range.clamp
     occupied = np.zeros(shape, dtype=bool)
@@ -29,7 +29,7 @@ def random_voxel_map(rng, shape, n_boxes, n_balls, resolution=0.1, origin=(0.0, 
 
 
 def rotation(yaw, pitch, roll):
-    """R_world_camera; a positive pitch looks down."""
+    """R_world_camera; a positive pitch turns the camera down."""
     (cy, cp, cr), (sy, sp, sr) = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
     turn = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     nod = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])

@@ -1,4 +1,4 @@
-"""Which cells a ray crosses, by clipping it against the box of every cell there is."""
+"""Cells that a ray crosses, by clipping it with the box of every cell."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Whole episodes of random actions, and everything that they show in one hash."""
+"""Episodes of random actions, and one hash of everything that they return."""
 
 import hashlib
 
@@ -10,7 +10,7 @@ MODES = ("pose", "candidates")
 
 
 def random_actions(env, rng):
-    """Any action in every second place; in "pose" mode the others lead to feasible poses."""
+    """Random actions; in "pose" mode every second one leads to a feasible pose."""
     belief, actions = env.belief(), {}
     for robot, agent in enumerate(env.agents):
         space = env.action_space(agent)
@@ -29,7 +29,7 @@ def sample_action(space, rng):
 
 
 def random_rollout(env, seed, rng, before_step=None):
-    """Everything that one episode shows, step by step; `before_step` is called before every action."""
+    """Everything that an episode returns, step by step; `before_step` is called before each step."""
     yield *env.reset(seed=seed), env.state()
     while env.agents:
         actions = random_actions(env, rng)
@@ -47,7 +47,7 @@ def trajectory_hash(env, seed, before_step=None):
 
 
 def update_hash(sha, value):
-    """Add a value with its types to a hash, down to the last bit."""
+    """Add a value and its types to a hash, to the last bit."""
     if isinstance(value, dict):
         for key in sorted(value):
             sha.update(key.encode())
@@ -63,7 +63,7 @@ def update_hash(sha, value):
 
 
 def env_trajectory_hash(arguments, seed, make=PlanarEnv):
-    """`trajectory_hash` of a new environment; what a second process runs."""
+    """`trajectory_hash` of a new environment; run in a second process."""
     env = make(**arguments)
     try:
         return trajectory_hash(env, seed)

@@ -1,10 +1,10 @@
-"""Slow references for what is known about solids: plain loops, other formulas than the kernels'."""
+"""Slow references for the geometry of solids: plain loops, with other formulas than the kernels."""
 
 import numpy as np
 
 
 def intersects_box(triangle, low, high):
-    """Whether a triangle (3, 3) meets a box: something is left of it between the box's planes."""
+    """Whether a triangle (3, 3) meets a box: it is not empty after clipping by the box's planes."""
     polygon = [np.asarray(corner, dtype=float) for corner in triangle]
     for axis in range(3):
         for sign, limit in ((1.0, low[axis]), (-1.0, -high[axis])):
@@ -24,7 +24,7 @@ def intersects_box(triangle, low, high):
 
 
 def surface_voxels(triangles, shape):
-    """Cells (nx, ny, nz) that triangles (m, 3, 3) in cells meet, one by one."""
+    """Cells (nx, ny, nz) that intersect triangles (m, 3, 3), in units of cells."""
     occupied = np.zeros(shape, dtype=bool)
     for cell in np.ndindex(*shape):
         low = np.array(cell, dtype=float)
@@ -41,7 +41,7 @@ def sample_triangles(triangles, n, rng):
 
 
 def ray_triangle_distance(eye, direction, triangle):
-    """Distance along a look to a triangle by solving for its three unknowns; inf if it misses."""
+    """Distance along a ray to a triangle, by solving for three unknowns; inf if it misses."""
     a, b, c = triangle
     try:
         u, v, distance = np.linalg.solve(np.stack([b - a, c - a, -direction], axis=1), eye - a)
@@ -51,7 +51,7 @@ def ray_triangle_distance(eye, direction, triangle):
 
 
 def first_hit(eye, points, solids):
-    """Index of the solid that each look meets first, -1 if none; no ball is asked beforehand."""
+    """Index of the solid that each ray hits first, -1 if none; without bounding spheres."""
     hits = []
     for point in points:
         direction = (point - eye) / np.linalg.norm(point - eye)

@@ -1,4 +1,4 @@
-"""Slow reference for sweeps: shapes sampled densely, moved finely."""
+"""Slow reference for sweeps: shapes sampled densely, moved in small steps."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A camera in a world of triangles, without any of the fast code: one ray against each triangle."""
+"""A camera in a world of triangles, without fast code: each ray is tested with each triangle."""
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def ray_distances(origin, directions, triangles):
 
 
 def render_scan(triangles, T_world_camera, camera, noise, rng):
-    """What a camera measures, with the noise of Eq. 1 on its range; rays end at its far limit."""
+    """Depth scan with the range noise of Eq. 1; rays without a hit end at the far limit."""
     directions = camera.directions
     d = ray_distances(T_world_camera.translation, directions @ T_world_camera.rotation.T, triangles)
     hit = (d >= camera.near) & (d <= camera.far)
@@ -45,7 +45,7 @@ def render_scan(triangles, T_world_camera, camera, noise, rng):
 
 
 def look_at_pose(eye, at):
-    """Pose of a camera at a point that looks at another one, upright."""
+    """Upright camera pose at `eye`, towards a point."""
     x = np.asarray(at, dtype=float) - eye
     x /= np.linalg.norm(x)
     y = np.cross([0.0, 0.0, 1.0], x)

@@ -1,10 +1,10 @@
-"""How far rays go until they meet triangles: Moeller and Trumbore, every ray with every one."""
+"""Distances of rays to triangles: Moeller and Trumbore, each ray with each triangle."""
 
 import numpy as np
 
 
 def ray_distances(origin, directions, triangles):
-    """Distances (n,) along unit directions (n, 3) from one origin; inf where nothing is met."""
+    """Distances (n,) along unit directions (n, 3) from one origin; inf without a hit."""
     nearest = np.full(len(directions), np.inf)
     for a, b, c in triangles:
         normal_u = np.cross(directions, c - a)

@@ -1,4 +1,4 @@
-"""Distances to triangles, covered points and points in sight, one by one."""
+"""Distances to triangles, covered points and visible points, one by one."""
 
 import itertools
 import math
@@ -43,7 +43,7 @@ def covered_mask(map_, points):
 
 
 def is_visible(pose, camera, triangles, point):
-    """Whether a camera has a point in its image, in range, with nothing before it."""
+    """Whether a point is in a camera's image, in range, and not occluded."""
     x, y, z = pose.inverse().transform(point)
     if x <= 0:
         return False

@@ -1,4 +1,4 @@
-"""What a pose would see and tell: every beam walked, every voxel counted by hand."""
+"""View of a pose and its information: every beam traversed, every voxel counted."""
 
 import math
 
