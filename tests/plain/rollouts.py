@@ -29,7 +29,7 @@ def sample_action(space, rng):
 
 
 def random_rollout(env, seed, rng, before_step=None):
-    """Everything that an episode returns, step by step; `before_step` is called before each step."""
+    """Everything that an episode returns, step by step; `before_step` is called before steps."""
     yield *env.reset(seed=seed), env.state()
     while env.agents:
         actions = random_actions(env, rng)
