@@ -21,7 +21,7 @@ from coopmap_baselines.random_poses import RandomPolicy
 from coopmap_baselines.raster import RasterPolicy
 from coopmap_baselines.rating_function import RatingFunctionPolicy
 
-from coopmap_env.evaluation.policy import Policy
+from coopmap_env.evaluation import Policy
 
 __all__ = [
     "POLICIES",

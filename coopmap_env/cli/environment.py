@@ -65,7 +65,7 @@ class EnvironmentOptions:
 
     def settings(self) -> Any:
         """Settings of the environment, or None for its own."""
-        from coopmap_env.evaluation.worlds import get_env_spec
+        from coopmap_env.evaluation import get_env_spec
 
         if not self.physics:
             return None

@@ -49,8 +49,7 @@ class Evaluate(EnvironmentOptions):
         from coopmap_env.core.files import write_atomically
         from coopmap_env.core.serial import settings_to_dict
         from coopmap_env.core.version import __version__
-        from coopmap_env.evaluation.comparison import write_episodes
-        from coopmap_env.evaluation.worlds import get_env_spec
+        from coopmap_env.evaluation import get_env_spec, write_episodes
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]
         if not names:
@@ -96,7 +95,7 @@ def summary_line(table: dict[str, Any]) -> str:
     ]
     if "surface_coverage" in table:
         parts[2:2] = [
-            f"surface {100 * table['surface'].mean():6.2f} %",
+            f"surface {100 * table['surface_coverage'].mean():6.2f} %",
             f"F {table['f_score'].mean():5.3f}",
         ]
     return "   ".join(parts)

@@ -45,8 +45,8 @@ class Replay:
     def run(self) -> None:
         """Play the episode and write the file."""
         from coopmap_env import field_v0
-        from coopmap_env.evaluation.policy import make_policy
-        from coopmap_env.evaluation.replay.recording import record_replay, write_replay
+        from coopmap_env.evaluation import make_policy
+        from coopmap_env.evaluation.replay import record_replay, write_replay
 
         policy = make_policy(self.policy)
         env = field_v0.parallel_env(

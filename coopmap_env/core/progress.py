@@ -1,8 +1,50 @@
-"""What the commands say while they work."""
+"""Progress of long work: lines and bars on the standard error stream, apart from results."""
+
+from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
+from typing import TypeVar
+
+from coopmap_env.core.extras import import_optional
+
+Item = TypeVar("Item")
 
 
 def log(text: str) -> None:
-    """Print a line where progress belongs, apart from results."""
+    """Print a line of progress."""
     print(text, file=sys.stderr, flush=True)
+
+
+def progress_bar(
+    items: Iterable[Item],
+    unit: str,
+    total: int | None = None,
+    done: int = 0,
+    show: bool = True,
+) -> Iterable[Item]:
+    """The items, with a progress bar while they are iterated.
+
+    Parameters
+    ----------
+    items : iterable
+    unit : str
+        What an item is, such as "job".
+    total : int, optional
+        Number of items, those done before included; the length of the items, if not given.
+    done : int
+        Items done before.
+    show : bool
+        Whether to show the bar; the items are returned as they are otherwise.
+
+    Raises
+    ------
+    ImportError
+        If tqdm is not installed (extra ``cli``).
+    """
+    if not show:
+        return items
+    bar: Iterable[Item] = import_optional("tqdm", "cli").tqdm(
+        items, total=total, initial=done, unit=unit, smoothing=0.1
+    )
+    return bar

@@ -1,30 +1,75 @@
-"""One honest evaluation for planners and learned policies alike.
+"""Evaluation of planners and learned policies, by the same code.
 
-``evaluate`` plays one policy, ``compare`` many on the same worlds; ``summarize`` gives intervals.
+``rollout`` plays an episode, ``evaluate`` plays a policy on many worlds, ``compare`` plays many
+policies on the same worlds, and ``summarize`` gives their scores with confidence intervals.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
+from coopmap_env.evaluation.rollout import Step, policy_rng, rollout
 
 if TYPE_CHECKING:
-    from coopmap_env.evaluation.comparison import Evaluation, compare, evaluate, summarize
+    from coopmap_env.evaluation.comparison import (
+        BOOTSTRAP_SEED,
+        Evaluation,
+        compare,
+        evaluate,
+        file_hashes,
+        summarize,
+        write_episodes,
+    )
+    from coopmap_env.evaluation.env_specs import EnvSpec, get_env_spec, make_env
+    from coopmap_env.evaluation.episode import (
+        Episode,
+        EpisodeRecorder,
+        MappedExtent,
+        SurfaceResult,
+        episode_from_dict,
+        make_surface_evaluator,
+        run_episode,
+    )
+    from coopmap_env.evaluation.jobs import Job, Result, ray_session, run_jobs
 
 __all__ = [
+    "BOOTSTRAP_SEED",
+    "EnvSpec",
+    "Episode",
+    "EpisodeRecorder",
     "Evaluation",
+    "Job",
+    "MappedExtent",
     "Policy",
+    "Result",
+    "Step",
+    "SurfaceResult",
     "compare",
+    "episode_from_dict",
     "evaluate",
+    "file_hashes",
+    "get_env_spec",
+    "make_env",
     "make_policy",
+    "make_surface_evaluator",
     "policy_names",
+    "policy_rng",
+    "ray_session",
+    "rollout",
+    "run_episode",
+    "run_jobs",
     "summarize",
+    "write_episodes",
 ]
+
+_SUBMODULES = ("env_specs", "episode", "jobs", "comparison")
+"""Loaded on first use: planners import this package and need no statistics."""
 
 
 def __getattr__(name: str) -> Any:
-    # loaded on first use, as in `coopmap_env`: policies need no statistics
     if name in __all__:
-        from coopmap_env.evaluation import comparison
-
-        return getattr(comparison, name)
+        for submodule in _SUBMODULES:
+            module = import_module(f"coopmap_env.evaluation.{submodule}")
+            if hasattr(module, name):
+                return getattr(module, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

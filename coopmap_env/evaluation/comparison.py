@@ -1,4 +1,4 @@
-"""Evaluate one policy in process, or compare many on the same worlds in worker processes."""
+"""Evaluate one policy in this process, or compare many on the same worlds in worker processes."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from coopmap_env.core.files import write_atomically
 from coopmap_env.core.serial import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.evaluation.jobs import Backend, Job, Result, run_jobs
-from coopmap_env.evaluation.policy import Policy, make_policy
-from coopmap_env.evaluation.rollout import (
+from coopmap_env.evaluation.env_specs import get_env_spec, make_env
+from coopmap_env.evaluation.episode import (
     SURFACE_SCORES,
     Episode,
     episode_from_dict,
     run_episode,
-    warm_up,
 )
-from coopmap_env.evaluation.statistics.bootstrap import (
+from coopmap_env.evaluation.jobs import Backend, Job, Result, run_jobs
+from coopmap_env.evaluation.policy import Policy, make_policy
+from coopmap_env.evaluation.rollout import warm_up
+from coopmap_env.evaluation.statistics import (
     bootstrap_interquartile_mean,
     bootstrap_mean,
     bootstrap_paired_difference,
     probability_of_improvement,
 )
-from coopmap_env.evaluation.worlds import get_env_spec, make_env
 from coopmap_env.simulation.scenes.field import read_user_scene
 
 SCORES = (
@@ -51,10 +51,10 @@ SCORES = (
     "planning_time_ms",
     *SURFACE_SCORES,
 )
-"""Columns that the summary gives with intervals, those of them that the world has."""
+"""Columns that the summary gives with intervals, if the environment has them."""
 BOOTSTRAP_SEED = 20_011
 POLICY_KEYS = ("policy", "fingerprint", "seed")
-"""Entries of a job that do not decide its environment."""
+"""Entries of a job that its environment does not depend on."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Evaluation:
 
     @property
     def curves(self) -> dict[str, NDArray[np.float64]]:
-        """Curves by name, each of shape (n_episodes, n_scans + 1), beginning before a scan."""
+        """Curves by name, each of shape (n_episodes, n_scans + 1), from before the first scan."""
         curves = {
             "coverage": np.array([episode.coverage_curve for episode in self.episodes]),
             "entropy": np.array([episode.entropy_curve for episode in self.episodes]),
@@ -88,7 +88,7 @@ def evaluate(env: MappingEnv[Any], policy: Policy, seeds: Iterable[int]) -> Eval
     env : MappingEnv
         Made by `coopmap_env.planar_v0.parallel_env` or `coopmap_env.field_v0.parallel_env`.
     policy : Policy
-        A baseline, a learned policy, or one's own.
+        A baseline, a learned policy or any other.
     seeds : iterable of int
 
     Raises
@@ -108,11 +108,21 @@ def evaluate(env: MappingEnv[Any], policy: Policy, seeds: Iterable[int]) -> Eval
 def make_job(
     policy: str, seed: int, env_kwargs: dict[str, Any], settings: Any, env_name: str = "planar"
 ) -> Job:
-    """One episode as JSON: all that decides it, so that equal jobs have equal results.
+    """One episode as JSON values. They determine its result: equal jobs have equal results.
 
-    Files that an option of the policy names count by their content, and so does a scene's file with
-    all that it names: images, meshes, URDFs. A policy with a `fingerprint` counts by it too: what
-    it has learned can be another under the same name.
+    Files that are named by the policy's options or by the scene (its YAML file, images, meshes and
+    URDFs) enter by the hash of their content. So does the `fingerprint` of a policy that has one:
+    learned weights can change under the same name.
+
+    Parameters
+    ----------
+    policy : str
+        Spec, see `make_policy`.
+    seed : int
+    env_kwargs : dict
+        Arguments of the environment as JSON values, without the settings.
+    settings : PlanarSettings or FieldSettings, optional
+    env_name : {"planar", "field"}
     """
     return {
         "version": __version__,
@@ -132,13 +142,13 @@ def _fingerprint(policy: str) -> str:
 
 
 def file_hashes(policy: str, scene: str, env_name: str) -> dict[str, str]:
-    """SHA-256 of the files that a policy's spec names, and of a scene's."""
+    """SHA-256 of the files that a policy's spec and a scene name, by path."""
     named = [Path(word) for word in re.split("[=+:]", policy) if word]
     return _sha256_of_files(named) | _scene_hashes(scene, env_name)
 
 
 def _scene_hashes(scene: str, env_name: str) -> dict[str, str]:
-    """SHA-256 of a scene's YAML and image, or in the field of the solids that come of its files."""
+    """SHA-256 of a planar scene's YAML and image files, or of a field scene's solids."""
     path = Path(scene)
     if path.suffix not in (".yaml", ".yml"):
         return {}
@@ -170,14 +180,14 @@ def _policy(spec: str, arguments: str) -> Policy:
 
 
 def run_job(job: Job) -> Result:
-    """Play the episode of a job; environments and policies are kept from job to job."""
+    """Play the episode of a job; environments and policies are reused by later jobs."""
     env_values = {name: value for name, value in job.items() if name not in POLICY_KEYS}
     arguments = json.dumps(env_values, sort_keys=True)
     return asdict(run_episode(_env(arguments), _policy(job["policy"], arguments), job["seed"]))
 
 
 def _is_episode(result: Any) -> bool:
-    """Whether a stored result is an episode of this version."""
+    """Whether a stored result has the fields of an episode of this version."""
     try:
         episode_from_dict(result)
     except (TypeError, KeyError):
@@ -196,7 +206,10 @@ def compare(
     env_name: str = "planar",
     backend: Backend = "processes",
 ) -> dict[str, Evaluation]:
-    """Play every policy on the same worlds; resumable, and the same for any number of workers.
+    """Play every policy on the same worlds.
+
+    An interrupted comparison can be resumed. Results do not depend on the number of workers, except
+    for planning times.
 
     Parameters
     ----------
@@ -211,11 +224,9 @@ def compare(
         `PlanarSettings` or `FieldSettings`.
     env_name : {"planar", "field"}
     backend : {"processes", "ray"}
-        What the workers are; see `coopmap_env.evaluation.jobs.run_jobs`.
+        Kind of the workers; see `run_jobs`.
     """
-    policy_objects = [
-        make_policy(policy) for policy in policies
-    ]  # refuses bad specs before any work
+    policy_objects = [make_policy(policy) for policy in policies]  # rejects bad specs at once
     with closing(
         get_env_spec(env_name).make(**env_kwargs, settings=settings)
     ) as trial_env:  # and bad arguments
@@ -233,7 +244,7 @@ def compare(
 
 
 def _check_policies(policies: Iterable[Policy], env: MappingEnv[Any]) -> None:
-    """Let each decide once, so that one that does not fit is found out before others play."""
+    """Let each policy decide once: one that does not fit fails before any episode is played."""
     observations, _ = env.reset(seed=0)
     for policy in policies:
         policy.reset(np.random.default_rng(0))
@@ -241,12 +252,19 @@ def _check_policies(policies: Iterable[Policy], env: MappingEnv[Any]) -> None:
 
 
 def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict[str, Any]:
-    """Scores of each policy with 95 % intervals, and how it fares against a reference policy.
+    """Scores of each policy with 95 % intervals, and its comparison with a reference policy.
 
     For every score: the mean, and the interquartile mean with its stratified bootstrap interval
     (the worlds of a policy are one stratum).
-    Against the reference, over the paired worlds: the probability of improvement and the mean
-    difference in the area under the coverage curve.
+    The comparison is over the paired worlds: the probability of improvement over the reference, and
+    the mean difference in the area under the coverage curve.
+
+    Parameters
+    ----------
+    evaluations : dict
+        By policy.
+    reference : str, optional
+        Name of the reference policy.
     """
     summary: dict[str, Any] = {}
     for name, evaluation in evaluations.items():

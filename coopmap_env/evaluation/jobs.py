@@ -1,7 +1,7 @@
-"""Many independent jobs: in worker processes or on a Ray cluster, resumable, in any order the same.
+"""Run many independent jobs, in worker processes or on a Ray cluster; runs can be resumed.
 
-Each finished job is one JSON file, written at once (a temporary file, then renamed), named by a
-hash of what the job is. A run that was interrupted finds them and does the rest.
+The result of each finished job is one JSON file, written atomically and named by a hash of the job.
+An interrupted run finds these files and does the rest. Results do not depend on the order.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 import logging
 import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from itertools import islice
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Any, Literal, get_args
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
+from coopmap_env.core.progress import progress_bar
 
 Backend = Literal["processes", "ray"]
 Job = dict[str, Any]
@@ -29,7 +30,7 @@ IndexedResults = Iterator[tuple[int, Result]]
 
 
 def job_key(job: Job) -> str:
-    """Name of a job: a hash of its JSON, so equal jobs have equal names."""
+    """Name of a job: a hash of its JSON. Equal jobs have equal names."""
     return hashlib.sha256(json.dumps(job, sort_keys=True).encode()).hexdigest()[:24]
 
 
@@ -47,27 +48,28 @@ def run_jobs(
     Parameters
     ----------
     function : callable
-        Importable, and a function of its job alone; its result is JSON.
+        Importable; its result depends on the job alone and is JSON.
     jobs : sequence of dict
         JSON values.
     results_dir : Path
         Folder of finished results.
     workers : int
-        Jobs at a time, each in a process; 1 works in this one unless the backend is Ray.
+        Jobs at a time, each in a process of its own; 1 runs them in this process unless the backend
+        is Ray.
     progress : bool
         Show a bar (extra ``cli``).
     is_valid : callable
-        Whether a stored result can be used; others count as missing.
+        Whether a stored result can be used; the other ones count as missing.
     backend : {"processes", "ray"}
-        Where the work is done: processes of this machine, or tasks of Ray, see `ray_session`.
+        Where jobs run: processes of this machine, or tasks of Ray; see `ray_session`.
         Results are stored by this process either way.
 
     Raises
     ------
     ValueError
-        If `workers` is less than 1, or the backend is neither.
+        If `workers` is less than 1, or the backend is unknown.
     ImportError
-        If Ray is asked for and missing (extra ``ray``).
+        If the backend is Ray and it is not installed (extra ``ray``).
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
@@ -78,9 +80,9 @@ def run_jobs(
     paths = [results_dir / f"{job_key(job)}.json" for job in jobs]
     results = [_read(path, is_valid) for path in paths]
     missing = [i for i, result in enumerate(results) if result is None]
-    for i, result in _progress_bar(
-        run(function, [(i, jobs[i]) for i in missing], workers), len(jobs), len(missing), progress
-    ):
+    indexed = run(function, [(i, jobs[i]) for i in missing], workers)
+    n_done = len(jobs) - len(missing)
+    for i, result in progress_bar(indexed, "job", len(jobs), n_done, progress):
         write_atomically(paths[i], json.dumps(result))
         results[i] = result
     return [result for result in results if result is not None]
@@ -102,7 +104,7 @@ def _run_in_processes(
         for i, job in jobs:
             yield i, function(job)
         return
-    # spawn: a forked child would inherit locks and library threads in an undefined state
+    # spawn: a forked child inherits locks and library threads in an undefined state
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context)
     try:
@@ -110,18 +112,18 @@ def _run_in_processes(
         while futures:
             for future in wait(futures, return_when=FIRST_COMPLETED).done:
                 yield futures.pop(future), future.result()
-    finally:  # an interruption leaves at most the jobs that run already
+    finally:  # after an interruption only the jobs that run already are finished
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 @contextlib.contextmanager
 def ray_session(workers: int) -> Iterator[ModuleType]:
-    """Ray, connected for as long as the context lasts, quietly and without its statistics of use.
+    """Ray, connected for the duration of the context, quietly and without usage statistics.
 
-    A connection that is there already is used and left open. Else the environment variable
-    ``RAY_ADDRESS`` names the cluster ("auto": the one that runs on this machine), all nodes of
-    which have this package and the files that the work names; without it, Ray runs on this
-    machine alone, with `workers` processes.
+    An existing connection is used and left open. Otherwise the environment variable ``RAY_ADDRESS``
+    names the cluster ("auto": the one that runs on this machine). All its nodes need this package
+    and the files that the jobs name. Without the variable, Ray runs on this machine alone, with
+    `workers` processes.
 
     Raises
     ------
@@ -165,18 +167,6 @@ def _run_in_ray(
                     return
                 for done in ray.wait(list(running))[0]:
                     yield running.pop(done), ray.get(done)
-        finally:  # of an interruption: a cluster would go on
-            for left in running:
-                ray.cancel(left)
-
-
-def _progress_bar(
-    results: Iterable[tuple[int, Result]], total: int, missing: int, progress: bool
-) -> Iterable[tuple[int, Result]]:
-    if not progress:
-        return results
-    tqdm = import_optional("tqdm", "cli").tqdm
-    bar: Iterable[tuple[int, Result]] = tqdm(
-        results, total=total, initial=total - missing, unit="job", smoothing=0.1
-    )
-    return bar
+        finally:  # after an interruption a cluster would continue
+            for remaining in running:
+                ray.cancel(remaining)

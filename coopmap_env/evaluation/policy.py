@@ -1,7 +1,7 @@
-"""The Policy protocol, and how policies are found by name.
+"""The Policy protocol, and the registry of policies by name.
 
-A distribution offers policies under the entry-point group ``coopmap.policies``; this one offers its
-baselines so. A policy of one's own, registered the same way, is then known to `coopmap evaluate`.
+Distributions register policies under the entry-point group ``coopmap.policies``, as this one does
+with its baselines. `coopmap evaluate` knows every registered policy.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ ENTRY_POINT_GROUP = "coopmap.policies"
 
 @runtime_checkable
 class Policy(Protocol):
-    """Chooses the team's actions from what the robots know; planner and learned policy alike."""
+    """Chooses the team's actions from the robots' belief; a planner or a learned policy."""
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Forget the last episode; all randomness of the next one comes from `rng`."""
+        """Start a new episode; all its randomness comes from `rng`."""
 
     def act(self, belief: Belief, observations: Mapping[str, Observation]) -> dict[str, Any]:
         """One action for each robot."""
@@ -35,7 +35,7 @@ def policy_names() -> list[str]:
 
 
 def make_policy(spec: str) -> Policy:
-    """Make a policy from its name and options, such as ``"rating_function:search=100"``.
+    """Make a policy from its spec: name and options, such as ``"rating_function:search=100"``.
 
     Several options are separated by ``+``: ``"rating_function:search=100+coordination=sequential"``
     (a comma separates policies on the command line).

@@ -6,7 +6,7 @@ import coopmap_baselines
 import pytest
 from coopmap_baselines import POLICIES, make
 
-from coopmap_env.evaluation.policy import Policy
+from coopmap_env.evaluation import Policy
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

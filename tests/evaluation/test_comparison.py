@@ -10,7 +10,16 @@ from coopmap_env import evaluation, planar_v0
 from coopmap_env.core.serial import settings_from_dict, settings_to_dict
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
-from coopmap_env.evaluation import comparison
+from coopmap_env.evaluation import (
+    Episode,
+    MappedExtent,
+    Policy,
+    comparison,
+    episode_from_dict,
+    make_policy,
+    policy_names,
+    run_episode,
+)
 from coopmap_env.evaluation.comparison import (
     Evaluation,
     compare,
@@ -18,11 +27,10 @@ from coopmap_env.evaluation.comparison import (
     summarize,
     write_episodes,
 )
-from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
-from coopmap_env.evaluation.rollout import Episode, MappedExtent, episode_from_dict, run_episode
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping.files import write_map_server
 from coopmap_env.sensing import DepthCamera
-from coopmap_env.simulation.scenes.planar import Obstacles, save_map_server
+from coopmap_env.simulation.scenes.planar import Obstacles
 
 POLICIES = ["rating_function:search=10", "raster"]
 
@@ -214,7 +222,7 @@ def test_the_table_has_one_row_for_each_policy_and_world(tmp_path):
 def write_map(path, wall):
     occupied = np.zeros((30, 24))
     occupied[wall, 2:] = 1.0
-    save_map_server(path, occupied, resolution=0.1, origin=(0.0, 0.0))
+    write_map_server(path, occupied, resolution=0.1, origin=(0.0, 0.0))
 
 
 def test_a_changed_map_is_played_anew(tmp_path):

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from coopmap_env.core.files import write_atomically
-from coopmap_env.evaluation.comparison import compare
+from coopmap_env.evaluation import compare
 from coopmap_env.evaluation.jobs import (
-    _run,
+    _run_in_processes,
     _run_in_ray,
     job_key,
     ray_session,
@@ -107,7 +107,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path):
 
 def test_an_interruption_stops_the_workers_too(tmp_path):
     jobs = [(n, {"n": n, "folder": str(tmp_path)}) for n in range(40)]
-    running = _run(slow, jobs, workers=2)
+    running = _run_in_processes(slow, jobs, workers=2)
     list(islice(running, 2))
     running.close()  # as an exception in the loop over it does
     begun = len(list(tmp_path.iterdir()))
@@ -172,7 +172,7 @@ def test_episodes_do_not_depend_on_the_engine(tmp_path):
 
 def test_the_environment_names_the_cluster_of_ray(ray):
     code = """
-from coopmap_env.evaluation.jobs import ray_session
+from coopmap_env.evaluation import ray_session
 with ray_session(1) as ray:
     print(ray.get_runtime_context().gcs_address)
 """

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.field import FieldEnv
+from coopmap_env.evaluation.replay import Frame, Replay, record_replay, write_replay
 from coopmap_env.evaluation.replay.page import (
     render_page,
     scan_times,
     voxel_colors,
     voxel_lifetimes,
 )
-from coopmap_env.evaluation.replay.recording import Frame, Replay, record_replay, write_replay
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.rendering.panels import ROBOT_COLORS

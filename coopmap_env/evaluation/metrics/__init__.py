@@ -1,1 +1,23 @@
-"""Scores of maps against the true world."""
+"""Scores of maps against the true world: calibration, and the true surface."""
+
+from coopmap_env.evaluation.metrics.calibration import (
+    ReliabilityCurve,
+    binary_log_loss,
+    brier_score,
+    expected_calibration_error,
+    log_loss,
+    reliability_curve,
+)
+from coopmap_env.evaluation.metrics.surface import SurfaceEvaluator
+from coopmap_env.evaluation.metrics.surface_scores import SurfaceScores
+
+__all__ = [
+    "ReliabilityCurve",
+    "SurfaceEvaluator",
+    "SurfaceScores",
+    "binary_log_loss",
+    "brier_score",
+    "expected_calibration_error",
+    "log_loss",
+    "reliability_curve",
+]

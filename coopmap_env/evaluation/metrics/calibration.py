@@ -1,14 +1,13 @@
-"""How good a probability the map is: proper scores and calibration against the truth.
+"""Quality of a map's probabilities: proper scores and calibration against the truth.
 
-A map is scored over the cells that the team sampled. What it never saw it does not claim to know;
-how much it saw is coverage, another number.
+A map is scored over the sampled cells. How much of the world they are is another score: coverage.
 
 ===========================  ============  ======================================================
-score                        unit          best, know-nothing (p = ½)
+score                        unit          best, uninformed (p = ½)
 ===========================  ============  ======================================================
 Brier score                  probability²  0, ¼
 log loss                     nats          0, ln 2
-expected calibration error   probability   0, distance of ½ from the share of occupied cells
+expected calibration error   probability   0, distance of ½ from the fraction of occupied cells
 ===========================  ============  ======================================================
 """
 
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True)
 class ReliabilityCurve:
-    """What the map said against what was there, bin by bin; empty bins hold NaN.
+    """Predicted probability and observed frequency by bin; empty bins hold NaN.
 
     Bin ``b`` holds ``edges[b] <= p < edges[b + 1]``; the last one holds p = 1 as well.
     """
@@ -31,7 +30,7 @@ class ReliabilityCurve:
     mean_predicted: NDArray[np.float64]
     """Mean probability of the bin's cells (n_bins,)."""
     occupied_fraction: NDArray[np.float64]
-    """Share of the bin's cells that are occupied (n_bins,)."""
+    """Fraction of the bin's cells that are occupied (n_bins,)."""
     counts: NDArray[np.int64]
     """Cells in the bin (n_bins,)."""
 
@@ -67,7 +66,7 @@ def brier_score(probability: ArrayLike, occupied: ArrayLike, sampled: ArrayLike)
 
 
 def log_loss(probability: ArrayLike, occupied: ArrayLike, sampled: ArrayLike) -> float:
-    """Mean surprise at the truth, in nats: -Σ (o ln p + (1 - o) ln(1 - p)) / N.
+    """Mean negative log-likelihood of the truth, in nats: -Σ (o ln p + (1 - o) ln(1 - p)) / N.
 
     Parameters, errors and the NaN of an unsampled map are those of `brier_score`.
 
@@ -75,21 +74,21 @@ def log_loss(probability: ArrayLike, occupied: ArrayLike, sampled: ArrayLike) ->
     -------
     float
         In [0, ∞]. One cell that is certain and wrong (p exactly 0 where occupied, exactly 1 where
-        free) makes it infinite: nothing is clipped here, the map's own clamp prevents it.
+        free) makes it infinite. Nothing is clipped here: the map's own clamp prevents it.
     """
     p, o = _sampled_cells(probability, occupied, sampled)
     return _mean(binary_log_loss(p, o))
 
 
 def binary_log_loss(probability: ArrayLike, outcome: ArrayLike) -> NDArray[np.float64]:
-    """Surprise at each yes-or-no outcome, in nats: -ln p if it happened, else -ln(1 - p).
+    """Negative log-likelihood of binary outcomes, in nats: -ln p if it happened, else -ln(1 - p).
 
     Parameters
     ----------
     probability : array_like of float
-        Probability that was given to "yes", in [0, 1].
+        Predicted probability of the outcome, in [0, 1].
     outcome : array_like of bool
-        What happened; broadcast against `probability`.
+        Whether it happened; broadcast against `probability`.
 
     Returns
     -------
@@ -105,9 +104,9 @@ def binary_log_loss(probability: ArrayLike, outcome: ArrayLike) -> NDArray[np.fl
 def reliability_curve(
     probability: ArrayLike, occupied: ArrayLike, sampled: ArrayLike, n_bins: int = 10
 ) -> ReliabilityCurve:
-    """Group sampled cells by their probability and look how many of each group are occupied.
+    """Group sampled cells by their probability, and count the occupied ones of each group.
 
-    A calibrated map lies on the diagonal: of the cells that it calls 0.3, three in ten are
+    The curve of a calibrated map is the diagonal: of the cells with p = 0.3, three in ten are
     occupied.
 
     Parameters
@@ -144,8 +143,8 @@ def expected_calibration_error(
 
     Σ_b n_b/N ``abs(observed_b - predicted_b)`` over the bins b of `reliability_curve`.
 
-    Here the probability is P(occupied) over [0, 1], where the source takes the confidence of the
-    winning class: a map that is wrong about free cells shows it too.
+    Here the probability is P(occupied) over [0, 1]; the source uses the confidence of the winning
+    class. So errors about free cells count as well.
 
     Parameters and errors are those of `reliability_curve`.
 

@@ -1,7 +1,7 @@
-"""The judge of a field world: its true surface, what of it can be seen, and maps against it.
+"""Evaluation of maps against the true surface of a field world.
 
-Made once a world from the truth, and asked after each scan. Only scores and pictures may know it:
-no planner does.
+The evaluator is made once for a world, from the truth. Only scores and figures may use it, never a
+planner.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ from coopmap_env.simulation.scenes.field import FieldWorld
 
 
 class SurfaceEvaluator:
-    """Scores maps of one world; see `evaluation.surface_scores` for what the scores mean.
+    """Scores maps of one world; `metrics.surface_scores` defines the scores.
 
     Parameters
     ----------
     world : FieldWorld
         The truth.
     vehicles : sequence of Vehicle
-        Who could see what is to be covered.
+        The robots; what they can see is the visible surface.
     camera : DepthCamera
-        What they see it with.
+        The camera of each of them.
     rng : numpy.random.Generator
-        Draws the samples of the surface and the poses that tell what can be reached.
+        Draws the samples of the surface and the poses that define the visible surface.
     n_samples : int
-        Points on the surface, of which those that can be reached are scored.
+        Points on the surface; the visible ones are scored.
     n_poses : int
-        Feasible poses of each vehicle that are looked from.
+        Feasible poses of each vehicle that define the visible surface.
     tau : float, optional
-        Metres within which a point counts as right; one voxel of the world's grid, if not given.
+        Metres within which a point counts as correct; one voxel of the world's grid by default.
 
     Attributes
     ----------
     samples : SurfaceSamples
         All of them.
     visible : ndarray of bool, shape (n_samples,)
-        Which of them some pose sees.
+        Which of them some pose can see.
     """
 
     def __init__(
@@ -75,15 +75,15 @@ class SurfaceEvaluator:
         self._bins = TriangleBins.from_triangles(world.triangles, world.grid)
 
     def coverage(self, map_: OccupancyMap) -> float:
-        """Covered share of the reachable surface; cheap enough to be asked after each scan."""
+        """Covered fraction of the visible surface; cheap enough to be computed after each scan."""
         return self._cells.coverage(map_)
 
     def target_coverage(self, map_: OccupancyMap) -> float:
-        """Covered share of the target's reachable surface."""
+        """Covered fraction of the target's visible surface."""
         return self._target_cells.coverage(map_)
 
     def scores(self, map_: OccupancyMap) -> SurfaceScores:
-        """All scores; some ten milliseconds."""
+        """All scores; takes about ten milliseconds."""
         f_score, precision, recall, chamfer = distance_scores(
             surface_points(map_), self._points, self._bins, self.tau
         )

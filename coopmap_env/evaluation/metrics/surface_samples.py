@@ -1,4 +1,4 @@
-"""Points spread evenly over the true surface of a field world."""
+"""Points sampled evenly over the true surface of a field world."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ BOX_SIDES = tuple((axis, sign) for axis in range(3) for sign in (1.0, -1.0))
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
-    """Points on the surface inside of a grid, each for an equal share of its area.
+    """Points on the surface inside a grid, each for an equal part of its area.
 
-    Faces that touch or lie inside of other solids have points too: no camera ever sees them, so
-    they drop out with what cannot be reached.
+    Faces that touch other solids or lie inside them have points too. No camera sees these, so they
+    are not part of the visible surface.
     """
 
     points: NDArray[np.float64]
     """Shape (n, 3), metres, world frame."""
     normals: NDArray[np.float64]
-    """Shape (n, 3), of length 1, outward if the solids' faces are."""
+    """Shape (n, 3), unit vectors, outward if the solids' faces are."""
     solid_index: NDArray[np.int64]
-    """Shape (n,): whose surface it is, index in `FieldWorld.solids`."""
+    """Shape (n,): the solid of the surface, index in `FieldWorld.solids`."""
     is_target: NDArray[np.bool_]
     """Shape (n,): whether that solid belongs to the target."""
     area: float
-    """Square metres of the whole surface inside of the grid."""
+    """Square metres of the whole surface inside the grid."""
 
     def __len__(self) -> int:
         return len(self.points)
 
 
 def sample_surface(world: FieldWorld, rng: np.random.Generator, n: int = 20_000) -> SurfaceSamples:
-    """Draw points on the surface of a world, inside of its grid.
+    """Draw points on the surface of a world, inside its grid (stratified by area).
 
-    The area is laid out as one interval and cut into n equal parts, each of which gets one point
-    at random: a triangle gets its share of the points to within two, which counts shares with less
-    error than independent points.
+    The area is laid out as one interval and divided into n equal parts, each with one random point.
+    The number of points on a triangle is proportional to its area to within two, so fractions of
+    the surface have a smaller error than with independent points.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def sample_surface(world: FieldWorld, rng: np.random.Generator, n: int = 20_000)
     Raises
     ------
     ValueError
-        If n is below 1, or no surface lies inside of the grid.
+        If n is below 1, or no surface lies inside the grid.
     """
     if n < 1:
         raise ValueError(f"n must be at least 1, got {n}")
@@ -65,7 +65,7 @@ def sample_surface(world: FieldWorld, rng: np.random.Generator, n: int = 20_000)
     double_area = np.linalg.norm(normals, axis=1)
     cumulative_area = np.cumsum(double_area)
     if not (len(cumulative_area) and cumulative_area[-1] > 0):
-        raise ValueError(f"no surface of {world.name!r} lies inside of the grid {world.grid}")
+        raise ValueError(f"no surface of {world.name!r} lies inside the grid {world.grid}")
     offsets = (np.arange(n) + rng.random(n)) * (cumulative_area[-1] / n)
     chosen = np.minimum(
         np.searchsorted(cumulative_area, offsets, side="right"), len(cumulative_area) - 1
@@ -88,14 +88,14 @@ def sample_surface(world: FieldWorld, rng: np.random.Generator, n: int = 20_000)
 def clip_triangles(
     triangles: ArrayLike, grid: VoxelGrid
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Cut triangles (m, 3, 3) off at the sides of a grid.
+    """Clip triangles (m, 3, 3) at the sides of a grid.
 
     Returns
     -------
     triangles : ndarray, shape (k, 3, 3)
-        What lies inside, turned as before.
+        The parts inside, with the orientation of their triangles.
     source : ndarray, shape (k,)
-        Which of the m triangles each of them is a part of.
+        The triangle of the m that each of them is a part of.
     """
     triangles = np.asarray(triangles, dtype=np.float64)
     lower = np.array(grid.origin)
@@ -117,7 +117,7 @@ def clip_triangles(
 def _clip_polygon(
     polygon: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """What of a convex polygon (k, 3) lies inside of a box (Sutherland and Hodgman 1974)."""
+    """The part of a convex polygon (k, 3) inside a box (Sutherland and Hodgman 1974)."""
     for axis, sign in BOX_SIDES:
         limit = lower[axis] if sign > 0 else -upper[axis]
         height = sign * polygon[:, axis] - limit

@@ -1,28 +1,27 @@
-"""How well a map shows the true surface.
+"""Scores of a map's surface against the true surface.
 
-=================  =====================================================================
-score              meaning, 1 is best unless a unit is given
-=================  =====================================================================
-coverage           share of the reachable surface with an occupied voxel next to it
-target coverage    the same of the target alone
-precision          share of the map's points that lie within tau of the true surface
-recall             share of the reachable surface that lies within tau of a map point
-F-score            their harmonic mean
-Chamfer distance   metres, best 0: mean of both mean distances, uncapped
-=================  =====================================================================
+=================  ========================================================================
+score              meaning; 1 is best unless a unit is given
+=================  ========================================================================
+coverage           fraction of the visible surface with an occupied voxel next to it
+target coverage    the same for the target alone
+precision          fraction of the map's points that lie within tau of the true surface
+recall             fraction of the visible surface that lies within tau of a map point
+F-score            harmonic mean of precision and recall
+Chamfer distance   metres, best 0: mean of the two mean distances, without an upper bound
+=================  ========================================================================
 
-A map point is the merged surface mean (Eqs. 2 and 4) of a voxel with P > ½. Precision asks for the
-exact distance to all true triangles inside of the grid, reachable or not. Recall and coverage ask
-at samples of the reachable surface (`evaluation.surface_reach`), and so tell what the policy
-missed, not what nobody could have seen. A sample counts as covered within one voxel, so that one
-side of a plate thinner than that covers the other.
+A map point is the merged surface mean (Eqs. 2 and 4) of a voxel with P > ½. Precision uses the
+exact distance to all true triangles inside the grid, visible or not. Recall and coverage are over
+samples of the visible surface (`coopmap_env.evaluation.metrics.visible_surface`): they measure what
+the policy missed, and not what no pose can see. A sample is covered by an occupied voxel within one
+voxel of its own. So the two sides of a plate thinner than a voxel cover each other.
 
-tau is one voxel: the map claims no finer detail than that a surface runs through a voxel, whose
-next point is at most that far away in a flat piece; and it is what coverage allows as well.
+tau is one voxel. The finest detail of a map is that a surface runs through a voxel, and in a flat
+piece the next point is at most one voxel away. Coverage has the same tolerance.
 
-An empty map has precision, recall and F-score 0, and the worst Chamfer distance that there is: the
-diagonal of the grid. Where nothing is reachable, coverage, recall, F-score and Chamfer distance are
-NaN: there is nothing to be scored.
+An empty map has precision, recall and F-score 0, and the largest possible Chamfer distance: the
+diagonal of the grid. If nothing is visible, coverage, recall, F-score and Chamfer distance are NaN.
 """
 
 from __future__ import annotations
@@ -30,55 +29,61 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import kernel
 from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping import MapArrays, OccupancyMap, VoxelGrid
 
 
 @dataclass(frozen=True)
 class SurfaceScores:
-    """A map against the true surface; see the module."""
+    """Scores of a map's surface; see the module."""
 
     coverage: float
-    """Share of the reachable surface."""
+    """Fraction of the visible surface."""
     target_coverage: float
-    """Share of the target's reachable surface."""
+    """Fraction of the target's visible surface."""
     f_score: float
     precision: float
-    """Share of the map's points."""
+    """Fraction of the map's points."""
     recall: float
-    """Share of the reachable surface."""
+    """Fraction of the visible surface."""
     chamfer: float
     """Metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampleVoxels:
-    """The voxels of surface samples, each once, for asking again and again which are covered."""
+    """The voxels of surface samples, each once: coverage of one map after the other is cheap."""
 
     cells: NDArray[np.int64]
-    """Shape (u,): flat numbers."""
+    """Shape (u,): flat indices."""
     counts: NDArray[np.int64]
     """Shape (u,): samples in each."""
     grid: VoxelGrid
 
     @classmethod
     def from_points(cls, points: ArrayLike, grid: VoxelGrid) -> SampleVoxels:
-        """Sort points (n, 3) into the voxels of a grid that holds them."""
-        at, size = grid.to_cell_units(np.reshape(points, (-1, 3))), np.array(grid.shape)
-        if ((at < -1e-6) | (at > size + 1e-6)).any():
-            raise ValueError(f"surface samples must lie inside of the grid {grid}")
-        # a sample on the upper end of the grid is in its last voxel
-        index = np.clip(at.astype(np.int64), 0, size - 1)
+        """Sort points (n, 3) into the voxels of a grid that contains them.
+
+        Raises
+        ------
+        ValueError
+            If a point lies outside the grid.
+        """
+        position, size = grid.to_cell_units(np.reshape(points, (-1, 3))), np.array(grid.shape)
+        if ((position < -1e-6) | (position > size + 1e-6)).any():
+            raise ValueError(f"surface samples must lie inside the grid {grid}")
+        # a sample on the upper border of the grid is in its last voxel
+        index = np.clip(position.astype(np.int64), 0, size - 1)
         cells, counts = np.unique(grid.flat_index(index), return_counts=True)
         return cls(cells, counts.astype(np.int64), grid)
 
     def coverage(self, map_: OccupancyMap) -> float:
-        """Share of the samples with an occupied voxel (sampled, P > ½) within one voxel.
+        """Fraction of the samples with an occupied voxel (sampled, P > ½) within one voxel.
 
-        That is one of the 27 voxels around the sample's own. NaN if there are no samples.
+        That is among the 27 voxels around the sample's own. NaN if there are no samples.
 
         Raises
         ------
@@ -89,15 +94,12 @@ class SampleVoxels:
             raise ValueError(f"the samples lie in {self.grid}, the map in {map_.grid}")
         if not len(self.cells):
             return float("nan")
-        shape = np.array(self.grid.shape)
-        covered = count_covered(
-            map_.log_odds_fixed, map_.sampled_mask, shape, self.cells, self.counts
-        )
+        covered = count_covered(map_.arrays, self.cells, self.counts)
         return float(covered / self.counts.sum())
 
 
 def surface_points(map_: OccupancyMap) -> NDArray[np.float64]:
-    """What a map says the surface is: merged means (k, 3) of its voxels with P > ½, metres."""
+    """The map's estimate of the surface: merged means (k, 3) of voxels with P > ½, metres."""
     cells, means, _ = map_.surfaces()
     return means[map_.log_odds_fixed[cells] > 0]
 
@@ -117,7 +119,7 @@ def distance_scores(
     ----------
     map_points : ndarray, shape (k, 3)
     samples : ndarray, shape (n, 3)
-        On the part of the true surface that is asked for.
+        Points on the part of the true surface that recall is over.
     bins : TriangleBins
         All of the true surface.
     tau : float
@@ -146,33 +148,34 @@ def distance_scores(
     return f_score, precision, recall, float(to_surface.mean() + to_map.mean()) / 2
 
 
-@njit(cache=True, nogil=True)
-def count_covered(log_odds_fixed, sampled, shape, cells, counts):
-    """Sum of the counts (u,) of cells (u,) with an occupied one among the 27 around them."""
-    ny, nz = shape[1], shape[2]
+@kernel
+def count_covered(
+    map_arrays: MapArrays, cells: NDArray[np.int64], counts: NDArray[np.int64]
+) -> int:
+    """Sum of the counts (u,) of those cells (u,) with an occupied one among the 27 around them."""
+    ny, nz = map_arrays.shape[1], map_arrays.shape[2]
     total = 0
     for n in range(len(cells)):
         cell = cells[n]
-        if (
-            log_odds_fixed[cell] > 0 and sampled[cell]
-        ):  # where anything is covered, mostly the own one
+        # most covered samples lie in an occupied voxel themselves
+        if map_arrays.log_odds_fixed[cell] > 0 and map_arrays.sampled_mask[cell]:
             total += counts[n]
             continue
         x, rest = cell // (ny * nz), cell % (ny * nz)
-        if has_occupied_neighbor(log_odds_fixed, sampled, shape, x, rest // nz, rest % nz):
+        if has_occupied_neighbor(map_arrays, x, rest // nz, rest % nz):
             total += counts[n]
     return total
 
 
-@njit(cache=True, nogil=True)
-def has_occupied_neighbor(log_odds_fixed, sampled, shape, x, y, z):
+@kernel
+def has_occupied_neighbor(map_arrays: MapArrays, x: int, y: int, z: int) -> bool:
     """Whether one of the 27 cells around a cell is occupied."""
-    nx, ny, nz = shape[0], shape[1], shape[2]
+    nx, ny, nz = map_arrays.shape
     first, last = max(z - 1, 0), min(z + 2, nz)
     for i in range(max(x - 1, 0), min(x + 2, nx)):
         for j in range(max(y - 1, 0), min(y + 2, ny)):
             row = (i * ny + j) * nz
             for cell in range(row + first, row + last):
-                if log_odds_fixed[cell] > 0 and sampled[cell]:
+                if map_arrays.log_odds_fixed[cell] > 0 and map_arrays.sampled_mask[cell]:
                     return True
     return False

@@ -1,25 +1,27 @@
-"""Which part of the true surface some mount pose could see: what coverage is a share of.
+"""The part of the true surface that some mount pose can see: the reference of coverage.
 
-A point can be reached if a camera at some feasible pose has it in its image, between near and far,
-with nothing of the scene in between. All poses are stood for by a fixed number of random ones for
-each vehicle, uniform over the joints' limits; see `N_POSES`.
+A point is visible if a camera at some feasible pose has it in its image, between near and far range
+and without an occluder. A fixed number of random poses of each vehicle, uniform within the joint
+limits, stands for all poses; see `N_POSES`.
 
-A pose is feasible if constraint i holds on a map that knows the truth: the mount's links keep clear
-of each truly occupied voxel, of each other, and of the grid's end. The way there is not asked
-about, and no robot hides anything or stands in the way, neither the teammates nor the own vehicle.
-So there may be more in reach than a team can cover; and what only poses between the drawn ones see
-is missing, and is not scored.
+A pose is feasible if it is free of collisions (constraint i) on a map of the true occupancy: the
+links keep clear of each occupied voxel, of each other, and of the grid's border. Whether a
+collision-free path leads to the pose is not checked. Robots, the own one included, neither occlude
+nor obstruct. So a team may be unable to cover all visible points. Points that only poses between
+the drawn ones can see are not scored.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry import RigidTransform
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import CollisionChecker, CollisionSettings, Vehicle
 from coopmap_env.sensing import DepthCamera
@@ -27,13 +29,37 @@ from coopmap_env.simulation.depth.traced_mesh import TracedMesh
 from coopmap_env.simulation.scenes.field import FieldWorld
 
 N_POSES = 1600
-"""Of each vehicle. Two masts see 86, 87, 88, 89, 89 and 90 % of a worksite's surface from 100, 200,
-400, 800, 1600 and 3200 poses, and 74, 77, 79, 81, 82 and 83 % of a pile of rubble's."""
+"""Poses of each vehicle. Two masts see 86, 87, 88, 89, 89 and 90 % of a worksite's surface from
+100, 200, 400, 800, 1600 and 3200 poses, and 74, 77, 79, 81, 82 and 83 % of a pile of rubble's."""
 MAX_SAMPLING_ROUNDS = 20
-"""Poses are drawn this many times as many as asked for before it is settled for fewer."""
+"""Times that `n_poses` poses are drawn before fewer collision-free ones are accepted."""
 RAY_END_MARGIN = 1e-3
-"""Metres by which a ray ends before its point, so that the point's own surface does not hide it:
+"""Metres by which a ray ends before its point, so that the point's own surface does not occlude it:
 rays are traced in single precision."""
+
+
+class ViewFrustum(NamedTuple):
+    """What a camera can see, for kernels."""
+
+    tan_x: float
+    """Tangent of half the horizontal field of view."""
+    tan_y: float
+    """Tangent of half the vertical field of view."""
+    near: float
+    """Least range, metres."""
+    far: float
+    """Greatest range, metres."""
+
+
+class PointRays(NamedTuple):
+    """Rays from one camera to points, with room for n of them."""
+
+    point_index: NDArray[np.int64]
+    """The point of each ray (n,)."""
+    directions: NDArray[np.float32]
+    """Unit vectors (n, 3), world frame."""
+    lengths: NDArray[np.float32]
+    """Metres (n,)."""
 
 
 def visible_points(
@@ -45,7 +71,7 @@ def visible_points(
     n_poses: int = N_POSES,
     motion: CollisionSettings | None = None,
 ) -> NDArray[np.bool_]:
-    """Which points (n, 3) of the surface some pose of some vehicle sees, shape (n,)."""
+    """Which points (n, 3) of the surface some pose of some vehicle can see, shape (n,)."""
     scene = TracedMesh(world.triangles)
     ground_truth_map = _ground_truth_map(world)
     visible = np.zeros(len(points), dtype=np.bool_)
@@ -62,7 +88,13 @@ def sample_collision_free_poses(
     n_poses: int,
     motion: CollisionSettings | None = None,
 ) -> NDArray[np.float64]:
-    """Random mount poses (k, n) that touch nothing on a map, k = n_poses if there are so many."""
+    """Random collision-free mount poses (k, n) on a map; k = n_poses if that many are found.
+
+    Raises
+    ------
+    ValueError
+        If `n_poses` is less than 1.
+    """
     if n_poses < 1:
         raise ValueError(f"n_poses must be at least 1, got {n_poses}")
     chain = vehicle.chain
@@ -86,31 +118,38 @@ def mark_visible_points(
     points: NDArray[np.float64],
     visible: NDArray[np.bool_],
 ) -> None:
-    """Mark in `visible` (n,) the points (n, 3) that any camera sees, T_world_camera (k, 3, 3), (k, 3).
+    """Mark the points that any of the cameras sees; rays go only to points not seen before.
 
-    Rays are traced only to points that no camera before has seen.
+    Parameters
+    ----------
+    rotations, translations : ndarray, shapes (k, 3, 3) and (k, 3)
+        T_world_camera.
+    camera : DepthCamera
+    scene : TracedMesh
+        The occluders.
+    points : ndarray, shape (n, 3)
+        Metres, world frame.
+    visible : ndarray of bool, shape (n,)
+        Set to true in place.
     """
     n = len(points)
     points = np.ascontiguousarray(points, dtype=np.float64)
-    point_index = np.empty(n, dtype=np.int64)
-    origins = np.empty((n, 3), dtype=np.float32)
-    directions, lengths = np.empty((n, 3), dtype=np.float32), np.empty(n, dtype=np.float32)
-    frustum = (
-        math.tan(camera.horizontal_field_of_view / 2),
-        math.tan(camera.vertical_field_of_view / 2),
-        camera.near,
-        camera.far,
+    rays = PointRays(
+        np.empty(n, dtype=np.int64), np.empty((n, 3), np.float32), np.empty(n, np.float32)
     )
+    origins = np.empty((n, 3), dtype=np.float32)
+    intrinsics = camera.intrinsics
+    frustum = ViewFrustum(intrinsics.tan_x, intrinsics.tan_y, camera.near, camera.far)
     for R, t in zip(rotations, translations, strict=True):
-        count = rays_to_points(points, visible, R, t, frustum, point_index, directions, lengths)
+        count = rays_to_points(points, visible, RigidTransform(R, t), frustum, rays)
         origins[:count] = t - scene.center
-        traced = lengths[:count].copy()
-        scene.intersect(origins[:count], directions[:count], traced)
-        visible[point_index[:count][traced == lengths[:count]]] = True
+        traced = rays.lengths[:count].copy()
+        scene.intersect(origins[:count], rays.directions[:count], traced)
+        visible[rays.point_index[:count][traced == rays.lengths[:count]]] = True
 
 
 def _ground_truth_map(world: FieldWorld) -> OccupancyMap:
-    """The map of somebody who knows it all."""
+    """A map of the true occupancy of every voxel."""
     ground_truth_map = OccupancyMap(world.grid)
     occupied = world.occupied.ravel()
     ground_truth_map.mark_free(np.flatnonzero(~occupied))
@@ -118,32 +157,38 @@ def _ground_truth_map(world: FieldWorld) -> OccupancyMap:
     return ground_truth_map
 
 
-@njit(cache=True, nogil=True)
-def rays_to_points(points, visible, R, t, frustum, point_index, directions, lengths):
-    """Rays to the points in a camera's frustum that are not seen yet; returns their number.
+@kernel
+def rays_to_points(
+    points: NDArray[np.float64],
+    visible: NDArray[np.bool_],
+    T_world_camera: RigidTransform,
+    frustum: ViewFrustum,
+    rays: PointRays,
+) -> int:
+    """Write rays to the points in the frustum that are not visible yet; return their number.
 
-    Writes which point each ray goes to, its direction in the world, and its length less `RAY_END_MARGIN`.
+    Each ray ends `RAY_END_MARGIN` before its point.
     """
-    tan_horizontal, tan_vertical, near, far = frustum
+    R, t = T_world_camera.rotation, T_world_camera.translation
     count = 0
     for k in range(len(points)):
         if visible[k]:
             continue
         dx, dy, dz = points[k, 0] - t[0], points[k, 1] - t[1], points[k, 2] - t[2]
         x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-        if x <= 0.0 or x > far:
+        if x <= 0.0 or x > frustum.far:
             continue
         y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
         z = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-        if abs(y) > tan_horizontal * x or abs(z) > tan_vertical * x:
+        if abs(y) > frustum.tan_x * x or abs(z) > frustum.tan_y * x:
             continue
         distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if not near <= distance <= far:
+        if not frustum.near <= distance <= frustum.far:
             continue
-        point_index[count] = k
-        directions[count, 0] = dx / distance
-        directions[count, 1] = dy / distance
-        directions[count, 2] = dz / distance
-        lengths[count] = max(distance - RAY_END_MARGIN, 0.0)
+        rays.point_index[count] = k
+        rays.directions[count, 0] = dx / distance
+        rays.directions[count, 1] = dy / distance
+        rays.directions[count, 2] = dz / distance
+        rays.lengths[count] = max(distance - RAY_END_MARGIN, 0.0)
         count += 1
     return count

@@ -1,1 +1,6 @@
-"""Episodes as offline pages."""
+"""Replays: episodes of the field environment as offline HTML pages with a timeline."""
+
+from coopmap_env.evaluation.replay.page import write_replay
+from coopmap_env.evaluation.replay.recording import Frame, Replay, record_replay
+
+__all__ = ["Frame", "Replay", "record_replay", "write_replay"]

@@ -1,7 +1,7 @@
-"""A replay as one HTML page with a timeline: the 3-D part by viser, the numbers laid over it.
+"""A replay as one HTML page with a timeline: the 3-D scene by viser, the numbers as an overlay.
 
-viser records what a server would send to its viewers; the page holds that recording and the viewer.
-The overlay reads where the timeline stands and shows the numbers of that moment.
+viser records what a server would send to its viewers. The page holds that recording and the viewer.
+The overlay reads the time of the timeline and shows the numbers at that time.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.files import write_atomically
 from coopmap_env.evaluation.replay.recording import Frame, Replay
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.rendering.field import (
@@ -33,16 +34,16 @@ from coopmap_env.robots.mount_library import R_OPTICAL_CAMERA
 OVERLAY_TEMPLATE = Path(__file__).with_name("overlay.html")
 
 MOTION_S, PAUSE_S, FINAL_PAUSE_S = 0.8, 0.5, 3.0
-"""Seconds of the timeline: of a motion, after each scan, and after the last one."""
+"""Seconds on the timeline: of a motion, after each scan, and after the last scan."""
 POSES_PER_MOTION = 16
-"""Positions of a mount on its way from one pose to the next."""
+"""Drawn positions of a mount between one pose and the next."""
 FRUSTUM_HEIGHT = 0.3
-"""Metres, height of the drawn pyramid of a camera."""
+"""Height of a camera's drawn frustum, metres."""
 NEW_VOXEL_COLOR: Color = (255, 196, 61)
-"""Of voxels that the last scans have found."""
+"""Of voxels that became occupied with the last scans."""
 OBSTACLE_COLOR: Color = (150, 146, 140)
 VERTEX_TOLERANCE = 1e-4
-"""Metres: corners of triangles that are closer to each other are one vertex."""
+"""Metres; corners of triangles that are closer to each other become one vertex."""
 _CUBE_VERTICES = np.array(
     [[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
 )
@@ -52,8 +53,19 @@ _CUBE_FACES = np.array([
 ])  # fmt: skip
 
 
+def write_replay(replay: Replay, path: Path) -> None:
+    """Write one HTML page that works offline.
+
+    Raises
+    ------
+    ImportError
+        If viser is not installed (extra "replay").
+    """
+    write_atomically(Path(path), render_page(replay))
+
+
 def render_page(replay: Replay) -> str:
-    """The whole page.
+    """The whole page as HTML.
 
     Raises
     ------
@@ -61,7 +73,7 @@ def render_page(replay: Replay) -> str:
         If viser is not installed (extra "replay").
     """
     viser = import_optional("viser", "replay")
-    with redirect_stdout(StringIO()):  # it greets, verbose or not
+    with redirect_stdout(StringIO()):  # viser prints a greeting in any case
         server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
         page = _record_scene(server, replay)
@@ -70,26 +82,26 @@ def render_page(replay: Replay) -> str:
             server.stop()
     head, body, tail = page.rpartition("</body>")
     if not body:
-        raise RuntimeError("viser's page has no end to put the overlay in: another version of it?")
+        raise RuntimeError("viser's page has no </body> for the overlay: is it another version?")
     return head + _overlay(replay) + body + tail
 
 
 def scan_times(n_frames: int) -> list[float]:
-    """When on the timeline each frame's scans are in the map, seconds."""
+    """Times at which each frame's scans are in the map, seconds."""
     return [0.0, *(k * MOTION_S + (k - 1) * PAUSE_S for k in range(1, n_frames))]
 
 
 def voxel_lifetimes(frames: tuple[Frame, ...]) -> dict[tuple[int, int], NDArray[np.int64]]:
-    """Voxels by their lives: occupied in the frames from `first_frame` up to but without `end_frame`.
+    """Voxels by lifetime (first_frame, end_frame): occupied in first_frame <= k < end_frame.
 
-    A voxel that is taken as free in between has several lives.
+    A voxel that is free in between has several lifetimes.
     """
     cells = np.unique(np.concatenate([frame.occupied for frame in frames]))
     filled = np.zeros((len(frames) + 2, len(cells)), dtype=np.int8)
     for k, frame in enumerate(frames):
         filled[k + 1, np.searchsorted(cells, frame.occupied)] = 1
     change = np.diff(filled, axis=0)
-    # both in order of the voxels, so that the k-th birth belongs to the k-th death
+    # both are ordered by voxel: the k-th start belongs to the k-th end
     voxel_index, first_frame = np.nonzero(change.T == 1)
     _, end_frame = np.nonzero(change.T == -1)
     lifetimes = np.stack([first_frame, end_frame], axis=1)
@@ -107,7 +119,7 @@ def _record_scene(server: Any, replay: Replay) -> str:
         np.arctan(np.tan(view.field_of_view / 2) * view.height / view.width)
     )
     scene.set_up_direction("+z")
-    # the viewer's own surroundings are so bright that colours fade
+    # colours fade under the viewer's bright default environment
     scene.configure_environment_map(None)
     scene.add_light_ambient("/light", intensity=0.8)
     _add_static_scene(scene, replay)
@@ -131,7 +143,7 @@ def _record_scene(server: Any, replay: Replay) -> str:
 
 
 def _add_static_scene(scene: Any, replay: Replay) -> None:
-    """The truth, faintly, and a grid of metres on the ground."""
+    """Draw the true solids, almost transparent, and a metric grid on the ground."""
     low = np.array(replay.grid.origin)
     size = np.array(replay.grid.shape) * replay.grid.resolution
     scene.add_grid(
@@ -153,7 +165,7 @@ def _add_static_scene(scene: Any, replay: Replay) -> None:
 
 
 class _RobotNodes:
-    """One robot in the recorded scene."""
+    """The scene nodes of one robot."""
 
     def __init__(self, scene: Any, replay: Replay, robot: int) -> None:
         self._scene, self._name = scene, f"/robot_{robot}"
@@ -178,7 +190,7 @@ class _RobotNodes:
         self._set_joints(0, 1.0)
 
     def interpolate(self, k: int, fraction: float) -> None:
-        """Put it at a share of its way to the pose of frame k; slow at both ends."""
+        """Move to a fraction of the motion to frame k; slow at both ends."""
         self._set_joints(k, fraction * fraction * (3 - 2 * fraction))
 
     def _set_joints(self, k: int, fraction: float) -> None:
@@ -193,7 +205,7 @@ class _RobotNodes:
         _set_pose(self._frustum, pose.rotation @ R_OPTICAL_CAMERA.T, pose.translation)
 
     def draw_trail(self, k: int) -> None:
-        """Draw the camera's way to frame k."""
+        """Draw the camera's path to frame k."""
         if k == 0:
             return
         start, end = (self._frames[j].camera_poses[self._robot].translation for j in (k - 1, k))
@@ -207,7 +219,7 @@ class _RobotNodes:
 
 
 class _VoxelNodes:
-    """The map's occupied voxels in the recorded scene, those of equal lives as one node."""
+    """The scene nodes of the map's occupied voxels: one node for each lifetime."""
 
     def __init__(self, scene: Any, replay: Replay) -> None:
         self._scene, self._grid = scene, replay.grid
@@ -215,7 +227,7 @@ class _VoxelNodes:
         self._nodes: dict[tuple[int, int], Any] = {}
 
     def show(self, k: int) -> None:
-        """The map of frame k: what it has found just now stands out."""
+        """Show the map of frame k, its new voxels in a colour of their own."""
         for (first_frame, end_frame), cells in self._lifetimes.items():
             lifetime = (first_frame, end_frame)
             if end_frame == k:
@@ -230,7 +242,7 @@ class _VoxelNodes:
         return self._scene.add_batched_meshes_simple(
             name, _CUBE_VERTICES * self._grid.resolution * 0.96, _CUBE_FACES,
             np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(cells), 4)), centers,
-            batched_colors=np.broadcast_to(np.array(NEW_VOXEL_COLOR, dtype=np.uint8), (len(cells), 3)),
+            batched_colors=np.tile(np.array(NEW_VOXEL_COLOR, dtype=np.uint8), (len(cells), 1)),
             lod="off", flat_shading=True,
         )  # fmt: skip
 
@@ -249,7 +261,7 @@ def _set_pose(node: Any, rotation: NDArray[np.float64], translation: NDArray[np.
 
 
 def _overlay(replay: Replay) -> str:
-    """The numbers laid over the scene, with the script that follows the timeline."""
+    """The overlay's HTML with the numbers, and the script that follows the timeline."""
     frames = replay.frames
     data = {
         "title": replay.title,

@@ -1,19 +1,17 @@
-"""Episodes in the field, recorded frame by frame, and written as a page to look at."""
+"""Episodes of the field environment, recorded frame by frame."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import write_atomically
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation.policy import Policy
-from coopmap_env.evaluation.rollout import policy_rng
+from coopmap_env.evaluation.rollout import rollout
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import Vehicle
@@ -22,22 +20,22 @@ from coopmap_env.sensing import DepthCamera
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What a team knew after a scan of each robot, and what happened on the way there.
+    """What a team knew after a scan of each robot, and what happened before it.
 
     Attributes
     ----------
     joints : tuple of (n,) float arrays
-        Of each robot's mount, as its encoders say.
+        Measured joint positions of each robot's mount, radians or metres.
     camera_poses : tuple of Pose
-        T_world_camera of each robot, where it takes it to be.
+        Estimated T_world_camera of each robot.
     occupied : (k,) int array
-        Flat numbers of the sampled voxels with P >= 1/2, ascending.
+        Flat indices of the sampled voxels with P >= 1/2, ascending.
     observed_fraction : float
-        Share of the world's voxels that were ever sampled.
+        Fraction of the world's voxels that were ever sampled.
     rewards : tuple of float
-        Of each robot, for this step.
+        Reward of each robot for this step.
     notes : tuple of str
-        Of each robot: why it stayed or what it bumped into; empty if nothing.
+        Why a robot stayed, or what it collided with; empty if neither.
 
     Raises
     ------
@@ -60,15 +58,16 @@ class Frame:
             )
         if not 0 <= self.observed_fraction <= 1:
             raise ValueError(
-                f"Frame.observed_fraction must be a fraction between 0 and 1, got {self.observed_fraction}"
+                "Frame.observed_fraction must be a fraction between 0 and 1, "
+                f"got {self.observed_fraction}"
             )
         if self.occupied.ndim != 1 or not (np.diff(self.occupied) > 0).all():
-            raise ValueError("Frame.occupied must be ascending numbers of voxels, each once")
+            raise ValueError("Frame.occupied must be ascending indices of voxels, each once")
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """An episode as it can be looked at.
+    """An episode as it is drawn.
 
     Attributes
     ----------
@@ -78,11 +77,11 @@ class Replay:
     target : (m, 3, 3) float array
         Triangles of the true target, metres.
     obstacles : (m, 3, 3) float array
-        Triangles of all else that truly stands there, without the ground.
+        Triangles of all other true solids, without the ground, metres.
     vehicles : tuple of Vehicle
-        One for each robot, where it truly stands.
+        One for each robot, at its true base pose.
     camera : DepthCamera
-        What each of them carries.
+        The camera of each robot.
     frames : tuple of Frame
         The first one is the start, before any scan.
 
@@ -106,7 +105,7 @@ class Replay:
             if len(shape) != 3 or shape[1:] != (3, 3):
                 raise ValueError(f"Replay.{name} must be triangles (m, 3, 3), got {shape}")
         if len(self.target) == 0:
-            raise ValueError("Replay.target must have triangles: the view is turned to it")
+            raise ValueError("Replay.target must have triangles: the view is centred on it")
         if len(self.frames) < 2:
             raise ValueError(
                 f"a replay needs a start and at least one scan, got {len(self.frames)}"
@@ -121,16 +120,24 @@ class Replay:
 
 
 def record_replay(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> Replay:
-    """Play one episode, as `run_episode` does, and keep what there is to see of it."""
-    observations, _ = env.reset(seed=seed)
-    policy.reset(policy_rng(seed))
+    """Play one episode, as `run_episode` does, and record what can be drawn of it.
+
+    Parameters
+    ----------
+    env : FieldEnv
+    policy : Policy
+    seed : int
+        Seed of the world.
+    title : str
+        By default the scene, the seed and the split.
+    """
+    steps = rollout(env, policy, seed)
     robots = len(env.possible_agents)
     frames = [_make_frame(env, (0.0,) * robots, ("",) * robots)]
-    while env.agents:
-        observations, rewards, _, _, infos = env.step(policy.act(env.belief(), observations))
-        notes = tuple(_note(infos[agent]) for agent in env.possible_agents)
-        step_rewards = tuple(float(rewards[agent]) for agent in env.possible_agents)
-        frames.append(_make_frame(env, step_rewards, notes))
+    for step in steps:
+        notes = tuple(_note(step.infos[agent]) for agent in env.possible_agents)
+        rewards = tuple(float(step.rewards[agent]) for agent in env.possible_agents)
+        frames.append(_make_frame(env, rewards, notes))
     world = env.truth
     obstacles = [s.triangles for s in world.solids if not (s.is_ground or s.is_target)]
     return Replay(
@@ -138,23 +145,10 @@ def record_replay(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> 
         grid=world.grid,
         target=world.target_triangles,
         obstacles=np.concatenate([np.empty((0, 3, 3)), *obstacles]),
-        vehicles=env.true_vehicles,
+        vehicles=env.diagnostics.true_vehicles,
         camera=env.settings.camera,
         frames=tuple(frames),
     )
-
-
-def write_replay(replay: Replay, path: Path) -> None:
-    """Write one HTML page that needs nothing else, not even a network.
-
-    Raises
-    ------
-    ImportError
-        If viser is not installed (extra "replay").
-    """
-    from coopmap_env.evaluation.replay.page import render_page
-
-    write_atomically(Path(path), render_page(replay))
 
 
 def _make_frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -> Frame:
@@ -163,7 +157,7 @@ def _make_frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -
     occupied = np.flatnonzero(map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed >= 0))
     return Frame(
         joints=tuple(np.array(q) for q in belief.joints),
-        camera_poses=tuple(env.estimated_camera_pose(robot) for robot in range(len(belief.agents))),
+        camera_poses=tuple(env.diagnostics.estimated_camera_pose(robot) for robot in range(len(belief.agents))),
         occupied=occupied,
         observed_fraction=map_.observed_fraction,
         rewards=tuple(rewards),
@@ -172,9 +166,9 @@ def _make_frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -
 
 
 def _note(info: dict[str, Any]) -> str:
-    """What went otherwise than the robot wanted."""
+    """What kept the robot from doing what its action asked for."""
     if info["rejected_reason"]:
         return f"stayed: {info['rejected_reason']}"
     if info["contact"]:
-        return f"bumped into {info.get('touched') or 'something'}"
-    return "" if info["located"] else "has not found the target yet"
+        return f"collided with {info.get('collided_with') or 'something'}"
+    return "" if info["located"] else "not located yet"

@@ -1,25 +1,25 @@
-"""Statistics of learned policies and planners on the same worlds, over worlds and training runs.
+"""Statistics over worlds and training runs, of learned policies and planners on the same worlds.
 
-The scores of an algorithm are a matrix (n_runs, n_worlds): a row for each training run, and one row
-for a planner, which is not trained. A resample of the bootstrap
+The scores of an algorithm are a matrix (n_runs, n_worlds) with a row for each training run. A
+planner is not trained and has one row. A bootstrap resample
 
-- draws worlds with replacement, once for all algorithms: a comparison stays paired, and a planner's
-  interval tells how much its score hangs on the worlds;
+- draws worlds with replacement, once for all algorithms. So a comparison stays paired, and a
+  planner's interval is the uncertainty due to the worlds;
 - draws training runs of each algorithm with replacement, once for all worlds. Agarwal et al. (2021)
-  draw runs anew for each task, as each of theirs was trained on that task alone. A run of ours
-  meets all worlds; drawn anew for each, the luck of its training would average out;
-- draws n - 1 of n runs, as Rao and Wu (1988) do: a mean of n draws from n runs has (n - 1)/n of the
-  variance that it should have, a third too little with three runs. Worlds are many, and all n of
-  them are drawn.
+  draw other runs for each task, because each of their runs was trained on one task. Here every run
+  is evaluated on all worlds; with other runs for each world, the variance of training would average
+  out;
+- draws n - 1 of n runs (Rao and Wu 1988): a mean of n draws from n runs has only (n - 1)/n of the
+  true variance, a third too little with three runs. All n worlds are drawn, as they are many.
 
-Resampling rows and columns is Owen's (2007) pigeonhole bootstrap, rather too wide than too narrow
-as far as worlds go. About training, few runs tell little: where they differ more than worlds do,
-the interval of three runs is the range of their means, which holds the true mean in three of four
-cases. So reports give the mean of each run besides, and verdicts stand on t intervals, those of
+Resampling rows and columns is Owen's (2007) pigeonhole bootstrap. Its intervals over worlds are
+conservative. Few training runs carry little information: where runs differ more than worlds, the
+interval of three runs is the range of their means, which contains the true mean in three of four
+cases. So reports also give the mean of each run, and verdicts use t intervals, those of
 `mean_difference`.
 
 Intervals are percentiles of the resamples. The same generator state draws the same worlds for every
-statistic over as many worlds.
+statistic over equally many worlds.
 """
 
 from __future__ import annotations
@@ -32,15 +32,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from coopmap_env.evaluation.statistics.bootstrap import Interval, check_finite
+from coopmap_env.evaluation.statistics.interval import Interval
+from coopmap_env.evaluation.statistics.samples import check_finite
 
 Array = NDArray[Any]
 Statistic = Callable[..., Array]
 """Reduces arrays (n_resamples, n_runs, n_worlds, ...) to (n_resamples, ...)."""
 N_RESAMPLES = 2000
-"""Of a number: the ends of a 95 % interval stand on 50 resamples each."""
+"""Resamples for a number: 50 of them lie beyond each end of a 95 % interval."""
 N_BAND_RESAMPLES = 500
-"""Of a curve, whose bands are looked at and not quoted."""
+"""Resamples for a curve, whose bands are drawn and not quoted."""
 
 
 @dataclass(frozen=True)
@@ -79,17 +80,17 @@ def mean(scores: ArrayLike, rng: np.random.Generator, n_resamples: int = N_RESAM
 def interquartile_mean(
     scores: ArrayLike, rng: np.random.Generator, n_resamples: int = N_RESAMPLES
 ) -> Interval:
-    """Mean of the middle half of all scores, runs and worlds together; as `mean` else."""
+    """Mean of the middle half of all scores, runs and worlds together; otherwise as `mean`."""
     return _interval([_check_scores(scores, "scores")], _interquartile_mean, rng, n_resamples)
 
 
 def mean_difference(ours: ArrayLike, theirs: ArrayLike) -> Interval:
-    """Mean of ours less mean of theirs, paired by world, with its 95 % t interval.
+    """Mean of ours minus mean of theirs, paired by world, with its 95 % t interval.
 
-    Verdicts stand on this one, and with few runs the bootstrap is too sure of itself. The variance
-    is that of the mean over worlds of the difference of both (all runs together), plus for each
-    algorithm that of its mean over runs; the degrees of freedom are Welch's and Satterthwaite's.
-    What runs and worlds do together counts in both, so the interval is rather too wide.
+    Verdicts use this interval, as the bootstrap's is too narrow with few runs. The variance has two
+    parts: that of the mean difference over worlds (all runs together), and for each algorithm that
+    of its mean over runs. The degrees of freedom are Welch-Satterthwaite's. The interaction of runs
+    and worlds counts in both parts, so the interval is conservative.
 
     Parameters
     ----------
@@ -121,10 +122,10 @@ def ratio_of_means(
     rng: np.random.Generator,
     n_resamples: int = N_RESAMPLES,
 ) -> Interval:
-    """Mean of ours over mean of theirs, paired by world; theirs must be positive."""
+    """Mean of ours divided by mean of theirs, paired by world; theirs must be positive."""
     pair = _check_paired(ours, theirs)
     if (pair[1] <= 0).any():
-        raise ValueError(f"a ratio needs scores above 0 below it, got {pair[1].min()}")
+        raise ValueError(f"the denominators of a ratio must be positive, got {pair[1].min()}")
     return _interval(pair, lambda a, b: _mean(a) / _mean(b), rng, n_resamples)
 
 
@@ -134,9 +135,9 @@ def probability_of_improvement(
     rng: np.random.Generator,
     n_resamples: int = N_RESAMPLES,
 ) -> Interval:
-    """Chance that a run of ours beats a run of theirs on a world, a tie counting as half.
+    """Probability that a run of ours beats a run of theirs on a world; a tie counts as half.
 
-    Every run is compared with every run of the other, on the same world; as `mean_difference` else.
+    Every run is compared with every run of the other algorithm, on the same world.
     """
     return _interval(_check_paired(ours, theirs), _improvement, rng, n_resamples)
 
@@ -168,7 +169,7 @@ def performance_profile(
     rng: np.random.Generator,
     n_resamples: int = N_BAND_RESAMPLES,
 ) -> ConfidenceBand:
-    """Share of runs and worlds with a score above each threshold, with its pointwise 95 % band.
+    """Fraction of runs and worlds with a score above each threshold, with its pointwise 95 % band.
 
     Parameters
     ----------
@@ -187,7 +188,7 @@ def performance_profile(
 
 
 def resample(samples: Sequence[Array], rng: np.random.Generator, n_resamples: int) -> list[Array]:
-    """Resamples of the scores of algorithms that met the same worlds, as the module says.
+    """Resamples of the scores of algorithms on the same worlds; see the module.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The worlds that can be evaluated, by their names on the command line."""
+"""Environments by name, made from JSON values: for the command line, jobs and training."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 
 
 class EnvSpec(NamedTuple):
-    """What makes a world's environments."""
+    """What makes the environments of a name."""
 
     constructor: Callable[..., MappingEnv[Any]]
     settings_class: type[Any]
     scene_classes: dict[str, type[Any]]
-    """Those that can be given as JSON objects, by name."""
+    """Scenes that can be given as JSON objects, by name."""
 
     def make(self, **arguments: Any) -> MappingEnv[Any]:
         """Make an environment.
@@ -27,8 +27,8 @@ class EnvSpec(NamedTuple):
         Parameters
         ----------
         **arguments
-            Of its constructor. A scene may be a JSON object too, such as
-            ``{"name": "obstacles", "shape": [150, 150]}``: the fields of the scene of that name.
+            Of its constructor. A scene may also be a JSON object with the fields of the scene of
+            that name, such as ``{"name": "obstacles", "shape": [150, 150]}``.
 
         Raises
         ------
@@ -62,7 +62,7 @@ ENV_SPECS = {
 
 
 def get_env_spec(env_name: str) -> EnvSpec:
-    """What makes the environments of a world.
+    """What makes the environments of a name.
 
     Raises
     ------
@@ -81,15 +81,12 @@ def make_env(
 
     Parameters
     ----------
-    env_name : str
-        "planar" or "field".
+    env_name : {"planar", "field"}
     arguments : dict
-        Of its constructor, without the settings; see `EnvSpec.env`.
+        Of its constructor, without the settings; see `EnvSpec.make`.
     settings : dict, optional
         As `settings_to_dict` writes them.
     """
-    env_spec = get_env_spec(env_name)
-    typed_settings = (
-        None if settings is None else settings_from_dict(settings, env_spec.settings_class)
-    )
-    return env_spec.make(**arguments, settings=typed_settings)
+    spec = get_env_spec(env_name)
+    typed_settings = None if settings is None else settings_from_dict(settings, spec.settings_class)
+    return spec.make(**arguments, settings=typed_settings)

@@ -7,7 +7,7 @@ import pytest
 from plain import triangles as rays
 from plain import true_surfaces as plain
 
-from coopmap_env.evaluation.metrics import visible_surface as surface_reach
+from coopmap_env.evaluation.metrics import visible_surface
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import Vehicle
@@ -22,7 +22,7 @@ WALL = np.array([[[2.0, -3, -3], [2, 3, -3], [2, 0, 5]]])
 
 def seen_from(poses, points, triangles, camera=CAMERA):
     seen = np.zeros(len(points), dtype=bool)
-    surface_reach.mark_visible_points(
+    visible_surface.mark_visible_points(
         np.array([pose.rotation for pose in poses]),
         np.array([pose.translation for pose in poses]),
         camera, TracedMesh(triangles), np.array(points, dtype=float), seen,
@@ -99,18 +99,18 @@ def free_map(vehicle):
 
 
 def test_poses_are_within_limits_and_as_many_as_asked_for(vehicle, free_map):
-    poses = surface_reach.sample_collision_free_poses(
+    poses = visible_surface.sample_collision_free_poses(
         vehicle, free_map, np.random.default_rng(0), 50
     )
     assert poses.shape == (50, 5)
     assert (poses >= vehicle.chain.lower).all()
     assert (poses <= vehicle.chain.upper).all()
-    again = surface_reach.sample_collision_free_poses(
+    again = visible_surface.sample_collision_free_poses(
         vehicle, free_map, np.random.default_rng(0), 50
     )
     np.testing.assert_array_equal(poses, again)
     with pytest.raises(ValueError, match="n_poses must be at least 1, got 0"):
-        surface_reach.sample_collision_free_poses(vehicle, free_map, np.random.default_rng(0), 0)
+        visible_surface.sample_collision_free_poses(vehicle, free_map, np.random.default_rng(0), 0)
 
 
 def test_no_pose_reaches_into_an_obstacle(vehicle, free_map):
@@ -118,7 +118,9 @@ def test_no_pose_reaches_into_an_obstacle(vehicle, free_map):
     index = np.stack(np.unravel_index(np.arange(grid.n_cells), grid.shape), axis=-1)
     left = grid.center(index)[:, 1] > 0.3
     known.mark_occupied(np.flatnonzero(left))
-    poses = surface_reach.sample_collision_free_poses(vehicle, known, np.random.default_rng(0), 50)
+    poses = visible_surface.sample_collision_free_poses(
+        vehicle, known, np.random.default_rng(0), 50
+    )
     moving = ~vehicle.body.is_static
     centers, radii = vehicle.spheres(poses)
     assert len(poses) == 50
@@ -127,6 +129,6 @@ def test_no_pose_reaches_into_an_obstacle(vehicle, free_map):
 
 def test_a_buried_mount_has_no_pose(vehicle, free_map):
     known = OccupancyMap(free_map.grid)
-    assert surface_reach.sample_collision_free_poses(
+    assert visible_surface.sample_collision_free_poses(
         vehicle, known, np.random.default_rng(0), 5
     ).shape == (0, 5)

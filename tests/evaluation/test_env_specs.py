@@ -2,8 +2,7 @@ import json
 
 import pytest
 
-from coopmap_env.evaluation.comparison import compare
-from coopmap_env.evaluation.worlds import make_env
+from coopmap_env.evaluation import compare, make_env
 from coopmap_env.simulation.scenes.field import Rubble
 from coopmap_env.simulation.scenes.planar import Obstacles
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.evaluation.statistics.bootstrap import (
+from coopmap_env.evaluation.statistics import (
     Interval,
     bootstrap_interquartile_mean,
     bootstrap_mean,
