@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from coopmap_env import planar_v0
-from coopmap_env.studies.section3.study import settings
+from coopmap_env.studies.section3.study import section3_settings
 
 
 @pytest.fixture
 def half_done_env():
-    env = planar_v0.parallel_env(settings=settings(), split="train")
+    env = planar_v0.parallel_env(settings=section3_settings(), split="train")
     policy = coopmap_baselines.make("rating_function", search=50)
     observations, _ = env.reset(seed=0)
     policy.reset(np.random.default_rng(0))
@@ -47,7 +47,7 @@ def test_rating_a_thousand_poses(benchmark, half_done_env):
     belief = half_done_env.belief()
     cells = belief.feasible_cells(0).astype(np.int64)
     ids = np.random.default_rng(0).choice(cells, 1000) * belief.lattice.n_headings
-    rated = benchmark(belief.rating.rate, belief.map, ids, belief.pose_ids[0])
+    rated = benchmark(belief.rate, 0, ids)
     assert np.isfinite(rated.rating).all()
 
 

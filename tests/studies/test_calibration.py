@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.evaluation.policy import make_policy
+from coopmap_env.evaluation import make_policy
 from coopmap_env.simulation.scenes.planar import Obstacles
-from coopmap_env.studies.recorded import calibration
-from coopmap_env.studies.recorded.hit_miss import HitMissModel
+from coopmap_env.studies.common.hit_miss import HitMissModel
+from coopmap_env.studies.section3 import calibration
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from plain.ray_cells import crossed_cells
 
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import Scan
-from coopmap_env.studies.recorded.hit_miss import HitMissMap, HitMissModel
+from coopmap_env.studies.common.hit_miss import HitMissMap, HitMissModel
 
 
 def scan(origin, points, hit):
@@ -59,7 +59,15 @@ def test_it_equals_plain_loops_on_random_scans():
     assert odds == pytest.approx(plain, abs=10 / 1024)
 
 
-@pytest.mark.parametrize("values", [(0.5, 0.3), (0.8, 0.5), (0.8, 0.0), (1.0, 0.1)])
-def test_constants_out_of_range_are_named(values):
-    with pytest.raises(ValueError, match=r"need 0 < miss < 0\.5 < hit < 1"):
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((0.5, 0.3), r"needs miss < 0\.5 < hit, got miss 0\.3 and hit 0\.5"),
+        ((0.8, 0.5), r"needs miss < 0\.5 < hit, got miss 0\.5 and hit 0\.8"),
+        ((0.8, 0.0), r"HitMissModel\.miss must be .* got 0\.0"),
+        ((1.0, 0.1), r"HitMissModel\.hit must be .* got 1\.0"),
+    ],
+)
+def test_constants_out_of_range_are_named(values, message):
+    with pytest.raises(ValueError, match=message):
         HitMissModel(*values)

@@ -275,7 +275,7 @@ def test_the_poses_close_their_loops():
 
 
 @NEEDS_DATA
-def test_the_beam_model_foretells_held_out_scans_better_than_constants_do():
+def test_the_beam_model_predicts_held_out_scans_better_than_constants():
     result = killian.run(stride=6)
     ours, constant = result.scores["gaussian_beam"], result.scores["hit_miss"]
     assert result.scores["scans_fused"] == 582

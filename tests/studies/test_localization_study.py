@@ -6,16 +6,16 @@ import pytest
 from scipy import stats
 
 from coopmap_env.cli import main
-from coopmap_env.evaluation.statistics.bootstrap import bootstrap_clusters
+from coopmap_env.evaluation.statistics import bootstrap_clusters
 from coopmap_env.studies.localization import study as localization_study
 from coopmap_env.studies.localization.episodes import run_search_episode
-from coopmap_env.studies.localization.pose_estimators import (
+from coopmap_env.studies.localization.estimator_comparison import (
     ESTIMATORS,
     NOISE_FACTORS,
     compare_pose_estimators,
 )
-from coopmap_env.studies.localization.study import (
-    LocalizationSize,
+from coopmap_env.studies.localization.study import LocalizationSize
+from coopmap_env.studies.localization.summary import (
     errors_summary,
     nees_summary,
     search_summary,
@@ -63,12 +63,12 @@ def test_the_error_ratio_is_that_of_the_medians():
     found = errors_summary(groups, np.random.default_rng(0))
     assert found["scans"] == 4
     ratio = found["position"]["error_ratio_median"]
-    assert ratio["estimate"] == 5.0  # 10 over 2, the look that saw nothing left out
+    assert ratio["estimate"] == 5.0  # 10 over 2, without the scan that has no points
     assert ratio["low"] <= 5.0 <= ratio["high"]
     assert found["point_displacement"]["before"]["median"]["estimate"] == 10.0
 
 
-def test_honest_errors_lie_in_the_band_and_boasting_ones_do_not():
+def test_consistent_errors_lie_in_the_band_and_overconfident_ones_do_not():
     rng = np.random.default_rng(0)
     groups = [stats.chi2.rvs(6, size=20, random_state=rng) for _ in range(20)]
     found = nees_summary(groups)
@@ -91,7 +91,7 @@ def test_groups_are_resampled_as_a_whole():
         bootstrap_clusters(groups[:1], mean, np.random.default_rng(0))
 
 
-def test_what_knows_more_identifies_better():
+def test_an_estimator_that_uses_more_information_has_smaller_errors():
     """At the default noise: Eq. 12 < Umeyama < the Gaussian solution, and outliers matter."""
     clean = compare_pose_estimators(np.random.default_rng(0), 80, 0.0)
     moved = compare_pose_estimators(np.random.default_rng(0), 80, 0.2)
@@ -133,7 +133,12 @@ def test_the_command_writes_report_and_summary(tmp_path, monkeypatch, capsys):
     for part in ("all_scans", "corrected_scans"):
         assert "error_ratio_median" in summary["correction"][part]["position"]
     for setting in ("kinematic", "fiducials", "exact"):
-        assert set(summary["map_quality"][setting]) == {"f_score", "chamfer", "log_loss", "surface"}
+        assert set(summary["map_quality"][setting]) == {
+            "f_score",
+            "chamfer",
+            "log_loss",
+            "surface_coverage",
+        }
     page = (tmp_path / "report.html").read_text()
     assert page.count("data:image/png;base64") == 4
     assert "False matches" in page

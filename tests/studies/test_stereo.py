@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from coopmap_env.sensing import RangeNoise
-from coopmap_env.studies.field import stereo
+from coopmap_env.studies.field import stereo, stereo_matching
 
 
 def textured(rng, shape):
@@ -21,7 +21,7 @@ def test_the_matcher_finds_a_shift_to_a_tenth_of_a_pixel(shift):
     left = textured(np.random.default_rng(0), (40, 120))
     columns = np.arange(120)
     right = np.array([np.interp(columns + shift, columns, row) for row in left])
-    found = stereo.match_blocks(left, right, 16)
+    found = stereo_matching.match_blocks(left, right, 16)
     inner = found[10:-10, 25:-25]
     assert np.isfinite(inner).mean() > 0.95
     assert np.nanmedian(inner) == pytest.approx(shift, abs=0.1)
@@ -31,14 +31,14 @@ def test_images_without_anything_in_common_mostly_have_no_disparity():
     rng = np.random.default_rng(1)
     left, right = textured(rng, (60, 160)), textured(rng, (60, 160))
     # the left-right check keeps what is best by chance in both directions
-    assert np.isfinite(stereo.match_blocks(left, right, 40)).mean() < 0.45
+    assert np.isfinite(stereo_matching.match_blocks(left, right, 40)).mean() < 0.45
 
 
 def test_images_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match=r"one shape, got \(4, 9\), \(4, 8\)"):
-        stereo.match_blocks(np.zeros((4, 9)), np.zeros((4, 8)), 5)
+        stereo_matching.match_blocks(np.zeros((4, 9)), np.zeros((4, 8)), 5)
     with pytest.raises(ValueError, match=r"\[3, 9\], got 2"):
-        stereo.match_blocks(np.zeros((4, 9)), np.zeros((4, 9)), 2)
+        stereo_matching.match_blocks(np.zeros((4, 9)), np.zeros((4, 9)), 2)
 
 
 @pytest.mark.parametrize("n", [1.0, 2.0])
@@ -66,10 +66,10 @@ def test_pixels_become_points_forward_left_and_up_of_the_camera():
     disparity = np.full((400, 700), np.nan)
     disparity[300, 600] = 20.0
     scan = stereo.to_scan(disparity, RangeNoise())
-    z = stereo.FOCAL_LENGTH * stereo.BASELINE / (20 + stereo.DOFFS)
+    z = stereo_matching.FOCAL_LENGTH * stereo_matching.BASELINE / (20 + stereo_matching.DOFFS)
     right, down = (
-        (600 - stereo.CENTER_X) / stereo.FOCAL_LENGTH,
-        (300 - stereo.CENTER_Y) / stereo.FOCAL_LENGTH,
+        (600 - stereo_matching.CENTER_X) / stereo_matching.FOCAL_LENGTH,
+        (300 - stereo_matching.CENTER_Y) / stereo_matching.FOCAL_LENGTH,
     )
     np.testing.assert_allclose(scan.points, [[z, -right * z, -down * z]])
     sigma = 0.0015 * z**2
@@ -86,7 +86,7 @@ def result():
 
 def test_the_true_disparity_is_that_of_the_left_image():
     pytest.importorskip("skimage")
-    pair = stereo.load_motorcycle()
+    pair = stereo_matching.load_motorcycle()
     rows, columns = np.nonzero(np.isfinite(pair.disparity))
     there = np.rint(columns - pair.disparity[rows, columns]).astype(int)
     inside = there >= 0
@@ -110,9 +110,13 @@ def test_most_occupied_voxels_of_the_fused_map_are_near_a_true_point(result):
     means = means[result.map.probability.ravel()[cells] > 0.5]
     assert len(means) > 3000
     pair = result.pair
-    columns = np.rint(stereo.CENTER_X - means[:, 1] / means[:, 0] * stereo.FOCAL_LENGTH).astype(int)
-    rows = np.rint(stereo.CENTER_Y - means[:, 2] / means[:, 0] * stereo.FOCAL_LENGTH).astype(int)
-    error = means[:, 0] - stereo.depth_from_disparity(pair.disparity)[rows, columns]
+    columns = np.rint(
+        stereo_matching.CENTER_X - means[:, 1] / means[:, 0] * stereo_matching.FOCAL_LENGTH
+    ).astype(int)
+    rows = np.rint(
+        stereo_matching.CENTER_Y - means[:, 2] / means[:, 0] * stereo_matching.FOCAL_LENGTH
+    ).astype(int)
+    error = means[:, 0] - stereo_matching.depth_from_disparity(pair.disparity)[rows, columns]
     error = np.abs(error[np.isfinite(error)])
     assert np.median(error) < 0.02
     assert (error < 0.2).mean() > 0.8

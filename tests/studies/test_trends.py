@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.evaluation.comparison import Evaluation
-from coopmap_env.evaluation.rollout import Episode, MappedExtent
+from coopmap_env.evaluation import Episode, Evaluation, MappedExtent
 from coopmap_env.studies.section3.trends import (
     equal_coverage,
     extent_decreases,

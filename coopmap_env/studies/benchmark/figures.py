@@ -1,4 +1,4 @@
-"""Figures of the comparison of learned policies and planners, as PNG files (extra ``report``)."""
+"""Figures of the benchmark study, as PNG files (extra ``report``)."""
 
 from __future__ import annotations
 
@@ -11,51 +11,51 @@ from coopmap_env.studies.benchmark.methods import FAMILIES, RATING
 from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figure
 
 AREA_LABELS = {
-    "coverage_auc": "area under the curve of viewed share, %",
-    "surface_coverage_auc": "area under the curve of covered surface, %",
+    "coverage_auc": "area under the coverage curve, %",
+    "surface_coverage_auc": "area under the surface coverage curve, %",
 }
-CURVE_LABELS = {"planar": "% of the world viewed", "field": "% of reachable surface covered"}
+CURVE_LABELS = {"planar": "% of the world observed", "field": "% of visible surface covered"}
 STYLES = ("-", "--", ":", "-.")
-"""Lines of the entries of one family, in their order."""
+"""Line styles of the methods of one family, in order."""
 MARKERS = ("o", "s", "^", "D")
-"""Dots of them, likewise."""
+"""Markers of the methods of one family, in order."""
 FAMILY_COLORS = dict(
     zip(FAMILIES, (COLORS[1], COLORS[0], COLORS[3], COLORS[2], "#666666"), strict=True)
 )
 
 
-def draw_condition(found: dict[str, Any], path: Path) -> None:
-    """Curves and performance profiles of the main entries, areas under the curve of all."""
+def draw_condition(condition: dict[str, Any], path: Path) -> None:
+    """Draw curves and performance profiles of the plotted methods, and the AUC of all methods."""
     plt = import_pyplot()
     figure = plt.figure(figsize=(10.5, 7.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1))
     curves = figure.add_subplot(grid[0, 0])
     profiles = figure.add_subplot(grid[1, 0])
     areas = figure.add_subplot(grid[:, 1])
-    _draw_curves(curves, found)
-    _draw_profiles(profiles, found)
-    _draw_areas(areas, found)
+    _draw_curves(curves, condition)
+    _draw_profiles(profiles, condition)
+    _draw_areas(areas, condition)
     figure.legend(*curves.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     save_figure(figure, path)
 
 
-def _draw_curves(axis: Any, found: dict[str, Any]) -> None:
-    n_robots = found["arguments"]["n_robots"]
-    for label, method, style in _plotted_methods(found):
+def _draw_curves(axis: Any, condition: dict[str, Any]) -> None:
+    n_robots = condition["env_kwargs"]["n_robots"]
+    for label, method, style in _plotted_methods(condition):
         scans = n_robots * np.arange(len(method["curve"]["estimate"]))
         _draw_band(axis, scans, method["curve"], style, label)
-    axis.set(xlabel="scans of the team", ylabel=CURVE_LABELS[found["world"]])
+    axis.set(xlabel="scans of the team", ylabel=CURVE_LABELS[condition["env_name"]])
     axis.set_xlim(left=0)
     axis.set_ylim(bottom=0)
     axis.grid(alpha=0.3)
 
 
-def _draw_profiles(axis: Any, found: dict[str, Any]) -> None:
-    thresholds = 100 * np.array(found["thresholds"])
-    for label, method, style in _plotted_methods(found):
+def _draw_profiles(axis: Any, condition: dict[str, Any]) -> None:
+    thresholds = 100 * np.array(condition["thresholds"])
+    for label, method, style in _plotted_methods(condition):
         _draw_band(axis, thresholds, method["profile"], style, label)
     axis.set(
-        xlabel=f"tau: {AREA_LABELS[found['areas'][0]]}",
+        xlabel=f"tau: {AREA_LABELS[condition['areas'][0]]}",
         ylabel="% of worlds above tau",
         xlim=(thresholds[0], thresholds[-1]),
         ylim=(0, 101),
@@ -69,13 +69,13 @@ def _draw_band(axis: Any, at: Any, band: dict[str, Any], style: dict[str, Any], 
     axis.fill_between(at, low, high, color=style["color"], alpha=0.13, linewidth=0)
 
 
-def _draw_areas(axis: Any, found: dict[str, Any]) -> None:
-    """Means with intervals, and means of single training runs, from the best entry down."""
-    area = found["areas"][0]
-    scores = {label: method["scores"][area] for label, method in found["methods"].items()}
+def _draw_areas(axis: Any, condition: dict[str, Any]) -> None:
+    """Means with intervals, and means of single training runs, from the best method down."""
+    area = condition["areas"][0]
+    scores = {label: method["scores"][area] for label, method in condition["methods"].items()}
     order = sorted(scores, key=lambda label: scores[label]["mean"]["estimate"])
     for row, label in enumerate(order):
-        color = FAMILY_COLORS[found["methods"][label]["family"]]
+        color = FAMILY_COLORS[condition["methods"][label]["family"]]
         _draw_interval(axis, row, scores[label]["mean"], color, scale=100)
         runs = scores[label]["runs"]
         if len(runs) > 1:
@@ -86,31 +86,35 @@ def _draw_areas(axis: Any, found: dict[str, Any]) -> None:
 
 
 def draw_generalization(conditions: list[dict[str, Any]], path: Path) -> None:
-    """Areas under the curve over the rating function's on as many candidates, by condition."""
+    """Draw ratios of AUC to that of the rating function on the same candidates, by condition."""
     plt = import_pyplot()
-    worlds = list(dict.fromkeys(found["world"] for found in conditions))
-    figure, axes = plt.subplots(1, len(worlds), figsize=(5.6 * len(worlds), 4.4), squeeze=False)
-    for axis, world in zip(axes[0], worlds, strict=True):
-        _draw_ratios(axis, [found for found in conditions if found["world"] == world])
-        axis.set_title("in the plane" if world == "planar" else "in the field", fontsize=10)
+    env_names = list(dict.fromkeys(condition["env_name"] for condition in conditions))
+    figure, axes = plt.subplots(
+        1, len(env_names), figsize=(5.6 * len(env_names), 4.4), squeeze=False
+    )
+    for axis, env_name in zip(axes[0], env_names, strict=True):
+        _draw_ratios(
+            axis, [condition for condition in conditions if condition["env_name"] == env_name]
+        )
+        axis.set_title("Planar-v0" if env_name == "planar" else "Field-v0", fontsize=10)
     axes[0, 0].legend(fontsize=8)
     figure.tight_layout()
     save_figure(figure, path)
 
 
-def methods_with_baseline(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Entries of a condition that are held against the rating function, by label."""
+def methods_with_baseline(condition: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Methods of a condition that are compared with the rating function, by label."""
     return {
         label: method
-        for label, method in found["methods"].items()
+        for label, method in condition["methods"].items()
         if method["family"] != RATING and method["baseline"]
     }
 
 
 def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
     axis.axvline(1.0, color=FAMILY_COLORS[RATING], linewidth=1)
-    for row, found in enumerate(reversed(conditions)):
-        area, compared = found["areas"][0], methods_with_baseline(found)
+    for row, condition in enumerate(reversed(conditions)):
+        area, compared = condition["areas"][0], methods_with_baseline(condition)
         n_drawn = dict.fromkeys(FAMILIES, 0)
         for number, (label, method) in enumerate(compared.items()):
             family = method["family"]
@@ -120,8 +124,10 @@ def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
             n_drawn[family] += 1
             name = label if row == 0 else None
             _draw_interval(axis, y, ratio, FAMILY_COLORS[family], label=name, marker=marker)
-    axis.set_yticks(range(len(conditions)), [found["label"] for found in reversed(conditions)])
-    axis.set_xlabel("area under the curve over the rating function's")
+    axis.set_yticks(
+        range(len(conditions)), [condition["label"] for condition in reversed(conditions)]
+    )
+    axis.set_xlabel("ratio of AUC to the rating function")
     axis.grid(axis="x", alpha=0.3)
 
 
@@ -139,11 +145,11 @@ def _draw_interval(
     axis.plot(at, row, marker, color=color, markersize=5, label=label)
 
 
-def _plotted_methods(found: dict[str, Any]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
-    """Label, entry and line of the main entries."""
+def _plotted_methods(condition: dict[str, Any]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Label, results and line style of the plotted methods."""
     n_drawn = dict.fromkeys(FAMILIES, 0)
     out = []
-    for label, method in found["methods"].items():
+    for label, method in condition["methods"].items():
         if method["plotted"]:
             family = method["family"]
             style = STYLES[n_drawn[family] % len(STYLES)]

@@ -1,7 +1,8 @@
-"""What the comparison of learned policies and planners is made of, as data.
+"""The methods and conditions of the comparison of learned policies and planners, as data.
 
-An `Method` is an algorithm: a planner, or a learned policy with its training runs. A `Condition` is
-a set of worlds that entries meet. Learned policies are found by entry point, like any other.
+A `Method` is an algorithm: a planner, or a learned policy with its training runs. A `Condition` is
+a set of worlds on which methods are compared. Learned policies are found by entry point, like
+planners.
 """
 
 from __future__ import annotations
@@ -10,69 +11,69 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-EnvArguments = Mapping[str, Any]
-"""Of an environment's constructor, as JSON values."""
+EnvKwargs = Mapping[str, Any]
+"""Arguments of an environment's constructor, as JSON values."""
 
 LEARNED = "learned"
 RATING = "rating function"
 COVERAGE = "coverage"
 FAMILIES = (LEARNED, RATING, "information gain", COVERAGE, "other")
-"""Kinds of entries, which share a colour."""
+"""Families of methods; methods of a family share a colour."""
 TRAINING_SEEDS = (0, 1, 2)
-"""Of the models that are shipped: the runs of one algorithm."""
+"""Training runs of each pretrained policy."""
 N_CANDIDATES = 32
-"""On offer when the models were trained, and to planners beside them."""
-STANDARD_TEAM: EnvArguments = {"n_robots": 2, "max_scans": 16, "split": "test", "reward": "rating"}
-"""Two robots of 16 scans each. The reward sums up the planner's own objective, whoever plays."""
-POSE_MODE: EnvArguments = {"action_mode": "pose"}
-"""Any pose: planners search by themselves."""
+"""Number of candidates with which the policies were trained, and of the planners beside them."""
+STANDARD_TEAM: EnvKwargs = {"n_robots": 2, "max_scans": 16, "split": "test", "reward": "rating"}
+"""Two robots of 16 scans each. The reward is the planner's own objective, for every method."""
+POSE_MODE: EnvKwargs = {"action_mode": "pose"}
+"""Actions are any pose; planners search by themselves."""
 REFERENCE = "rating function, m = 100"
-"""The paper's planner with its search of 100 random poses, m of the field's default as well."""
+"""The paper's planner with a search over 100 random poses."""
 
 
-def with_n_candidates(n_candidates: int) -> EnvArguments:
-    """Arguments of an environment that offers so many candidates."""
+def with_n_candidates(n_candidates: int) -> EnvKwargs:
+    """Arguments of an environment whose actions are candidates."""
     return {"action_mode": "candidates", "n_candidates": n_candidates}
 
 
 @dataclass(frozen=True)
 class Method:
-    """One algorithm of a comparison."""
+    """One algorithm of the comparison."""
 
     label: str
     policy_specs: tuple[str, ...]
-    """Policies as `make_policy` takes them: one for each training run, one of a planner."""
-    arguments: EnvArguments
-    """Of the environment, besides those of the condition."""
+    """Specs for `make_policy`: one for each training run; a planner has one."""
+    env_kwargs: EnvKwargs
+    """Arguments of the environment, in addition to those of the condition."""
     family: str
     """One of `FAMILIES`."""
     plotted: bool = False
-    """Whether its curves are drawn; the table has all."""
+    """Whether its curves are drawn; tables have all methods."""
 
     def __post_init__(self) -> None:
         if self.family not in FAMILIES:
             raise ValueError(f"family must be one of {', '.join(FAMILIES)}, got {self.family!r}")
         if not self.policy_specs:
-            raise ValueError(f"entry {self.label!r} needs at least one policy")
+            raise ValueError(f"method {self.label!r} needs at least one policy")
 
     @property
     def uses_candidates(self) -> bool:
-        """Whether it chooses among poses on offer."""
-        return self.arguments.get("action_mode") == "candidates"
+        """Whether its actions are candidates."""
+        return self.env_kwargs.get("action_mode") == "candidates"
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A set of worlds, and who meets them."""
+    """A set of worlds, and the methods that are compared on them."""
 
     label: str
-    """What is special about it."""
-    world: str
+    """What distinguishes it from the others."""
+    env_name: str
     """"planar" or "field"."""
     n_worlds: int
-    """Worlds of the split, from seed 0 on."""
-    arguments: EnvArguments
-    """Of the environment, for all entries."""
+    """Worlds of the split, with seeds from 0."""
+    env_kwargs: EnvKwargs
+    """Arguments of the environment, for all methods."""
     methods: tuple[Method, ...]
 
     def __post_init__(self) -> None:
@@ -80,14 +81,14 @@ class Condition:
             raise ValueError(f"n_worlds must be at least 2 for an interval, got {self.n_worlds}")
         labels = [method.label for method in self.methods]
         if repeated := {label for label in labels if labels.count(label) > 1}:
-            raise ValueError(f"labels must differ, {sorted(repeated)} are there more than once")
+            raise ValueError(f"labels must differ, {sorted(repeated)} occur more than once")
 
     def baseline_for(self, method: Method) -> Method | None:
-        """The rating function on as many candidates; else, and for it itself, `REFERENCE`."""
+        """The rating function on the same candidates if there is one, otherwise `REFERENCE`."""
         same = (
             other
             for other in self.methods
-            if other.policy_specs == ("rating_function",) and other.arguments == method.arguments
+            if other.policy_specs == ("rating_function",) and other.env_kwargs == method.env_kwargs
         )
         found = next(same, None) if method.uses_candidates else None
         if found is None or found == method:
@@ -95,15 +96,15 @@ class Condition:
         return None if found == method else found
 
     def compared_methods(self, method: Method) -> list[Method]:
-        """Whom an entry is compared with: baseline, planners that choose as it does, `REFERENCE`.
+        """Methods to compare with: baseline, planners with the same actions, and `REFERENCE`.
 
-        Planners on any pose are compared with the baseline only; there are many of them.
+        Planners with any pose are compared with the baseline only, because there are many.
         """
         baseline = self.baseline_for(method)
         compared = [baseline] if baseline else []
         for other in self.methods:
             chooses = method.uses_candidates or method.family == LEARNED
-            same = chooses and other.arguments == method.arguments
+            same = chooses and other.env_kwargs == method.env_kwargs
             other_is_compared = (same and other.family != LEARNED) or other.label == REFERENCE
             if other_is_compared and other != method and other not in compared:
                 compared.append(other)
@@ -115,9 +116,11 @@ class BenchmarkSize:
     """Numbers of worlds."""
 
     planar: int
+    """Worlds of the main condition in the planar environment."""
     field: int
+    """Worlds of the main condition in the field environment."""
     generalization_planar: int
-    """Of each condition that the policies were not trained for."""
+    """Worlds of each condition that differs from the training."""
     generalization_field: int
 
 
@@ -130,36 +133,36 @@ class BenchmarkPlan:
     """All conditions of the comparison."""
 
     main: tuple[Condition, ...]
-    """At most one of each world."""
+    """At most one of each environment."""
     generalization: tuple[Condition, ...]
-    """Generalisation: what policies were not trained for, and what they were, to compare with."""
+    """Conditions that differ from the training, and the training condition for comparison."""
 
 
-def make_plan(size: BenchmarkSize, worlds: Sequence[str]) -> BenchmarkPlan:
-    """The comparison in these worlds, "planar", "field" or both.
+def make_plan(size: BenchmarkSize, env_names: Sequence[str]) -> BenchmarkPlan:
+    """Conditions of the comparison in these environments, "planar", "field" or both.
 
     Raises
     ------
     ValueError
-        If there is no world, or one is neither of the two.
+        If there is no environment, or one is neither of the two.
     """
-    if not worlds or (unknown := set(worlds) - {"planar", "field"}):
-        named = ", ".join(sorted(unknown)) if worlds else "none"
-        raise ValueError(f"worlds must be planar, field or both, got {named}")
+    if not env_names or (unknown := set(env_names) - {"planar", "field"}):
+        named = ", ".join(sorted(unknown)) if env_names else "none"
+        raise ValueError(f"environments must be planar, field or both, got {named}")
     main, generalization = [], []
-    if "planar" in worlds:
+    if "planar" in env_names:
         main.append(
             Condition("all policies", "planar", size.planar, STANDARD_TEAM, planar_methods())
         )
         generalization += planar_generalization(size.generalization_planar)
-    if "field" in worlds:
+    if "field" in env_names:
         main.append(Condition("all policies", "field", size.field, STANDARD_TEAM, field_methods()))
         generalization += field_generalization(size.generalization_field)
     return BenchmarkPlan(tuple(main), tuple(generalization))
 
 
 def planar_methods() -> tuple[Method, ...]:
-    """Everybody in the plane."""
+    """Methods of the main condition in the planar environment."""
     model = "planar-candidates"
     candidate_mode = with_n_candidates(N_CANDIDATES)
     return (
@@ -198,7 +201,7 @@ def planar_methods() -> tuple[Method, ...]:
 
 
 def field_methods() -> tuple[Method, ...]:
-    """Everybody in the field."""
+    """Methods of the main condition in the field environment."""
     candidate_mode = with_n_candidates(N_CANDIDATES)
     return (
         learned_method(
@@ -218,12 +221,12 @@ def field_methods() -> tuple[Method, ...]:
 
 
 def planar_generalization(n_worlds: int) -> list[Condition]:
-    """Other teams, worlds and lengths of an episode in the plane."""
+    """Other teams, scenes and episode lengths in the planar environment."""
 
-    def blocks(**fields: Any) -> EnvArguments:
+    def blocks(**fields: Any) -> EnvKwargs:
         return {"scene": {"name": "obstacles", **fields}}
 
-    cases: dict[str, EnvArguments] = {
+    cases: dict[str, EnvKwargs] = {
         "as trained": {},
         **{team_label(n): {"n_robots": n} for n in (1, 3, 4, 5)},
         "150 x 150 cells": blocks(shape=[150, 150]),
@@ -241,8 +244,8 @@ def planar_generalization(n_worlds: int) -> list[Condition]:
 
 
 def field_generalization(n_worlds: int) -> list[Condition]:
-    """Other teams and worlds in the field."""
-    cases: dict[str, EnvArguments] = {
+    """Other teams and scenes in the field environment."""
+    cases: dict[str, EnvKwargs] = {
         "as trained": {},
         **{team_label(n): {"n_robots": n} for n in (1, 3)},
         "clutter": {"scene": "clutter"},
@@ -252,35 +255,33 @@ def field_generalization(n_worlds: int) -> list[Condition]:
 
 
 def team_label(n_robots: int) -> str:
-    """What a condition with so many robots is called."""
+    """Label of a condition with this number of robots."""
     return f"{n_robots} robot{'s' if n_robots > 1 else ''}"
 
 
-def learned_method(
-    model: str, label: str, arguments: EnvArguments, plotted: bool = False
-) -> Method:
-    """A shipped model, with all of its training runs."""
+def learned_method(model: str, label: str, env_kwargs: EnvKwargs, plotted: bool = False) -> Method:
+    """A pretrained policy, with all of its training runs."""
     policy_specs = tuple(f"learned:model={model}+seed={seed}" for seed in TRAINING_SEEDS)
-    return Method(label, policy_specs, arguments, LEARNED, plotted)
+    return Method(label, policy_specs, env_kwargs, LEARNED, plotted)
 
 
-def planner_method(spec: str, arguments: EnvArguments, plotted: bool = False) -> Method:
-    """A planner, labelled by what its spec and the candidates on offer say."""
+def planner_method(spec: str, env_kwargs: EnvKwargs, plotted: bool = False) -> Method:
+    """A planner, labelled by its spec and the number of candidates."""
     name, _, options = spec.partition(":")
     words = [name.replace("_", " ")]
     family = words[0] if words[0] in FAMILIES else "other"
-    if "n_candidates" in arguments:
-        words.append(f"{arguments['n_candidates']} candidates")
+    if "n_candidates" in env_kwargs:
+        words.append(f"{env_kwargs['n_candidates']} candidates")
     for option in filter(None, options.split("+")):
         value = option.partition("=")[2]
         words.append(f"m = {value}" if value.isdigit() else value)
-    return Method(", ".join(words), (spec,), arguments, family, plotted)
+    return Method(", ".join(words), (spec,), env_kwargs, family, plotted)
 
 
 def _generalization(
-    world: str,
+    env_name: str,
     model: str,
-    cases: Mapping[str, EnvArguments],
+    cases: Mapping[str, EnvKwargs],
     n_worlds: int,
     others: tuple[Method, ...] = (),
 ) -> list[Condition]:
@@ -292,6 +293,6 @@ def _generalization(
         *others,
     )
     return [
-        Condition(label, world, n_worlds, {**STANDARD_TEAM, **case}, methods)
+        Condition(label, env_name, n_worlds, {**STANDARD_TEAM, **case}, methods)
         for label, case in cases.items()
     ]

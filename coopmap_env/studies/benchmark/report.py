@@ -1,4 +1,4 @@
-"""Files of the comparison of learned policies and planners: report, summary, figures, table."""
+"""Files of the benchmark study: report.html, summary.json, table.md, episodes, figures."""
 
 from __future__ import annotations
 
@@ -8,43 +8,44 @@ from pathlib import Path
 from typing import Any
 
 from coopmap_env.core.files import write_atomically
-from coopmap_env.evaluation.comparison import write_episodes
-from coopmap_env.evaluation.statistics.bootstrap import Interval
+from coopmap_env.evaluation import write_episodes
 from coopmap_env.studies.benchmark.figures import (
     draw_condition,
     draw_generalization,
     methods_with_baseline,
 )
 from coopmap_env.studies.benchmark.methods import REFERENCE
-from coopmap_env.studies.benchmark.study import BenchmarkStudy, ConditionResult, summary
-from coopmap_env.studies.common.pages import render_template
+from coopmap_env.studies.benchmark.study import BenchmarkStudy, ConditionResult
+from coopmap_env.studies.benchmark.summary import study_summary
+from coopmap_env.studies.common.pages import format_interval, render_template
 
 Table = list[list[str]]
 """Rows of cells; the first one is the header."""
 VERDICT_SCORES = {
-    "coverage_auc": ("area under viewed share", 100.0, "points"),
-    "surface_coverage_auc": ("area under covered surface", 100.0, "points"),
+    "coverage_auc": ("area under coverage curve", 100.0, "points"),
+    "surface_coverage_auc": ("area under surface coverage curve", 100.0, "points"),
     "reward": ("reward", 1.0, "nats"),
 }
-"""What verdicts call the scores that they are about, and their unit."""
-WORLD_LABELS = {"planar": "in the plane", "field": "in the field"}
+"""Name, factor and unit of the scores in verdicts."""
+ENV_LABELS = {"planar": "Planar-v0", "field": "Field-v0"}
 
 
 @dataclass(frozen=True)
 class Column:
-    """One score of a table."""
+    """One column of a table of methods."""
 
     title: str
     score: str
     scale: float = 1.0
     digits: int = 2
     statistic: str = "mean"
-    """"mean", "interquartile_mean", or "difference" and "probability_of_improvement": against the
-    entry's baseline."""
-    interval: bool = True
+    """"mean" or "interquartile_mean"; or "difference" or "probability_of_improvement", which
+    compare with the method's baseline."""
+    bounds: bool = True
+    """Whether the cells have the bounds of the interval."""
 
     def cell(self, method: dict[str, Any]) -> str:
-        """What an entry has there."""
+        """Text of a method's cell; "-" if it has no baseline."""
         if self.statistic in ("mean", "interquartile_mean"):
             values = method["scores"][self.score][self.statistic]
         elif method["baseline"]:
@@ -52,25 +53,25 @@ class Column:
         else:
             return "-"
         sign = "+" if self.statistic == "difference" else ""
-        return format_interval(values, self.scale, self.digits, self.interval, sign)
+        return format_interval(values, self.scale, self.digits, self.bounds, sign)
 
 
 def _area_columns(area: str) -> tuple[Column, ...]:
     return (
-        Column("its mean over the scans, %", area, 100),
-        Column("interquartile mean, %", area, 100, statistic="interquartile_mean"),
-        Column("less the rating function's", area, 100, statistic="difference"),
-        Column("chance of more", area, statistic="probability_of_improvement"),
+        Column("AUC, %", area, 100),
+        Column("AUC, interquartile mean, %", area, 100, statistic="interquartile_mean"),
+        Column("AUC minus rating function", area, 100, statistic="difference"),
+        Column("P(improvement)", area, statistic="probability_of_improvement"),
     )
 
 
-_REWARD = Column("reward", "reward", digits=1, interval=False)
-_LOG_LOSS = Column("log-loss", "log_loss", digits=4, interval=False)
-_MOTION = Column("motion", "motion_cost", digits=0, interval=False)
-_TIME = Column("ms", "planning_time_ms", interval=False)
+_REWARD = Column("reward", "reward", digits=1, bounds=False)
+_LOG_LOSS = Column("log-loss", "log_loss", digits=4, bounds=False)
+_MOTION = Column("motion cost", "motion_cost", digits=0, bounds=False)
+_TIME = Column("planning, ms", "planning_time_ms", bounds=False)
 COLUMNS = {
     "planar": (
-        Column("viewed, %", "coverage", 100),
+        Column("coverage, %", "coverage", 100),
         *_area_columns("coverage_auc"),
         _REWARD,
         _LOG_LOSS,
@@ -78,97 +79,100 @@ COLUMNS = {
         _TIME,
     ),
     "field": (
-        Column("surface, %", "surface_coverage", 100, 1),
+        Column("surface coverage, %", "surface_coverage", 100, 1),
         *_area_columns("surface_coverage_auc"),
-        Column("viewed share, mean over the scans, %", "coverage_auc", 100),
-        Column("less the rating function's", "coverage_auc", 100, statistic="difference"),
-        Column("F-score", "f_score", digits=3, interval=False),
+        Column("coverage AUC, %", "coverage_auc", 100),
+        Column("AUC minus rating function", "coverage_auc", 100, statistic="difference"),
+        Column("F-score", "f_score", digits=3, bounds=False),
         _REWARD,
         _LOG_LOSS,
         _MOTION,
         _TIME,
     ),
 }
-"""Of the table that is printed. The report has all scores with their intervals."""
+"""Columns of the main table by environment; the report also has all scores with intervals."""
 ALL_SCORES = (
-    Column("viewed, %", "coverage", 100),
-    Column("area under it, %", "coverage_auc", 100),
-    Column("surface, %", "surface_coverage", 100),
-    Column("area under it, %", "surface_coverage_auc", 100),
+    Column("coverage, %", "coverage", 100),
+    Column("AUC, %", "coverage_auc", 100),
+    Column("surface coverage, %", "surface_coverage", 100),
+    Column("AUC, %", "surface_coverage_auc", 100),
     Column("F-score", "f_score", digits=3),
     Column("reward", "reward"),
     Column("log-loss", "log_loss", digits=4),
-    Column("motion", "motion_cost", digits=1),
-    Column("ms", "planning_time_ms", interval=False),
+    Column("motion cost", "motion_cost", digits=1),
+    Column("planning, ms", "planning_time_ms", bounds=False),
 )
 
 
 def write_benchmark_report(study: BenchmarkStudy, out: Path) -> dict[str, Any]:
-    """Write everything into the folder `out`; the summary is returned too."""
+    """Write all files into the folder `out`; return the summary."""
     out.mkdir(parents=True, exist_ok=True)
-    found = summary(study)
-    for part in found["main"]:
-        draw_condition(part, out / f"{part['world']}.png")
-    if found["generalization"]:
-        draw_generalization(found["generalization"], out / "generalization.png")
+    summary = study_summary(study)
+    for part in summary["main"]:
+        draw_condition(part, out / f"{part['env_name']}.png")
+    if summary["generalization"]:
+        draw_generalization(summary["generalization"], out / "generalization.png")
     for result in study.main:
-        _write_csv(result, out / f"{result.condition.world}_episodes.csv")
-    write_atomically(out / "summary.json", json.dumps(found, indent=2) + "\n")
-    write_atomically(out / "table.md", text_summary(found))
+        _write_csv(result, out / f"{result.condition.env_name}_episodes.csv")
+    write_atomically(out / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_atomically(out / "table.md", text_summary(summary))
     page = render_template(
         "benchmark/report.html",
         out,
-        {},
-        found=found,
-        verdicts=verdict_table(found["verdicts"]),
-        headlines=headlines(found),
-        worlds=WORLD_LABELS,
+        summary=summary,
+        verdicts=verdict_table(summary["verdicts"]),
+        headlines=headlines(summary),
+        env_labels=ENV_LABELS,
         table=main_table,
         scores=all_scores,
         comparisons=comparison_table,
-        generalization=generalization_table(found["generalization"]),
+        generalization=generalization_table(summary["generalization"]),
     )
     write_atomically(out / "report.html", page)
-    return found
+    return summary
 
 
-def text_summary(found: dict[str, Any]) -> str:
+def text_summary(summary: dict[str, Any]) -> str:
     """Tables and verdicts in Markdown, for the terminal and the README."""
-    parts = [caption(part) + "\n\n" + _markdown(main_table(part)) for part in found["main"]]
-    if found["verdicts"]:
-        parts.append("\n".join(f"- {line}" for line in headlines(found)))
-        parts.append(_markdown(verdict_table(found["verdicts"])))
-    if found["generalization"]:
+    parts = [caption(part) + "\n\n" + _markdown(main_table(part)) for part in summary["main"]]
+    if summary["verdicts"]:
+        parts.append("\n".join(f"- {line}" for line in headlines(summary)))
+        parts.append(_markdown(verdict_table(summary["verdicts"])))
+    if summary["generalization"]:
         parts.append(
-            "Area under the curve over the rating function's on as many candidates:\n\n"
-            + _markdown(generalization_table(found["generalization"]))
+            "Ratio of the area under the coverage curve to that of the rating function on the same "
+            "candidates:\n\n" + _markdown(generalization_table(summary["generalization"]))
         )
     return "\n\n".join(parts) + "\n"
 
 
 def caption(part: dict[str, Any]) -> str:
-    """What a table stands on."""
-    robots, scans = part["arguments"]["n_robots"], part["arguments"]["max_scans"]
+    """Explanation of the main table."""
+    robots, scans = part["env_kwargs"]["n_robots"], part["env_kwargs"]["max_scans"]
     return (
-        f"After {robots * scans} scans of {robots} robots {WORLD_LABELS[part['world']]}, "
+        f"After {robots * scans} scans of {robots} robots in {ENV_LABELS[part['env_name']]}, "
         f"{part['worlds']} worlds of the test split: means [95 % intervals over worlds and "
-        "training runs]. Less the rating function's: paired by world with that on as many "
-        f"candidates, and of all others with the {REFERENCE}. The ms of a decision leave out what "
-        "the environment computes to offer candidates, their features included."
+        "training runs]. AUC: area under the curve over the scans. Differences are paired by "
+        "world: methods with candidates are compared with the rating function on the same "
+        "candidates, the "
+        f"others with the {REFERENCE}. The planning time excludes the environment's computation of "
+        "candidates and their features."
     )
 
 
-def headlines(found: dict[str, Any]) -> list[str]:
-    """The first learned entry of each world less planners, by the areas under curves."""
+def headlines(summary: dict[str, Any]) -> list[str]:
+    """Differences of the first learned method of each environment from planners, by AUC."""
     lines = []
-    for part in found["main"]:
-        here = [verdict for verdict in found["verdicts"] if verdict["world"] == part["world"]]
+    for part in summary["main"]:
+        here = [
+            verdict for verdict in summary["verdicts"] if verdict["env_name"] == part["env_name"]
+        ]
         for verdict in here:
             first = verdict["learned"] == here[0]["learned"]
             if first and verdict["score"] in part["areas"]:
                 name, scale, unit = VERDICT_SCORES[verdict["score"]]
                 lines.append(
-                    f"{WORLD_LABELS[part['world']].capitalize()}, {verdict['learned']} - "
+                    f"{ENV_LABELS[part['env_name']]}, {verdict['learned']} - "
                     f"{verdict['planner']}, {name}: "
                     f"{format_interval(verdict['difference'], scale, sign='+')} {unit} per world, "
                     f"{verdict['verdict']}."
@@ -177,14 +181,14 @@ def headlines(found: dict[str, Any]) -> list[str]:
 
 
 def verdict_table(verdicts: list[dict[str, Any]]) -> Table:
-    """Learned policies less planners, and where the intervals lie."""
-    rows = [["learned", "less", "in", "difference", "", "each training run"]]
+    """Differences of learned policies from planners, with verdicts."""
+    rows = [["learned", "minus", "score", "difference", "verdict", "each training run"]]
     for verdict in verdicts:
         name, scale, _ = VERDICT_SCORES[verdict["score"]]
         runs = verdict["runs"] if len(verdict["runs"]) > 1 else []
         rows.append(
             [
-                f"{WORLD_LABELS[verdict['world']]}: {verdict['learned']}",
+                f"{ENV_LABELS[verdict['env_name']]}: {verdict['learned']}",
                 verdict["planner"],
                 name,
                 format_interval(verdict["difference"], scale, sign="+"),
@@ -196,8 +200,8 @@ def verdict_table(verdicts: list[dict[str, Any]]) -> Table:
 
 
 def main_table(part: dict[str, Any]) -> Table:
-    """The printed table of one condition."""
-    return _table(part, COLUMNS[part["world"]])
+    """Main table of one condition."""
+    return _table(part, COLUMNS[part["env_name"]])
 
 
 def all_scores(part: dict[str, Any]) -> Table:
@@ -207,18 +211,18 @@ def all_scores(part: dict[str, Any]) -> Table:
 
 
 def comparison_table(part: dict[str, Any]) -> Table:
-    """All comparisons of one condition, by its first area under a curve."""
+    """All comparisons of one condition, by the AUC of its drawn curve."""
     area = part["areas"][0]
-    rows = [["", "less", "area, points", "chance of more", "reward", "motion"]]
+    rows = [["method", "minus", "AUC, points", "P(improvement)", "reward", "motion cost"]]
     for label, method in part["methods"].items():
-        for other, against in method["comparisons"].items():
-            change = against["difference"]
+        for other, comparison in method["comparisons"].items():
+            change = comparison["difference"]
             rows.append(
                 [
                     label,
                     other,
                     format_interval(change[area], 100, sign="+"),
-                    format_interval(against["probability_of_improvement"][area]),
+                    format_interval(comparison["probability_of_improvement"][area]),
                     format_interval(change["reward"], sign="+"),
                     format_interval(change["motion_cost"], digits=1, sign="+"),
                 ]
@@ -227,11 +231,11 @@ def comparison_table(part: dict[str, Any]) -> Table:
 
 
 def generalization_table(conditions: list[dict[str, Any]]) -> Table:
-    """Ratios of areas under the curve to the rating function's, a row a condition."""
+    """Ratios of AUC to that of the rating function, one row for each condition."""
     labels = list(
         dict.fromkeys(label for part in conditions for label in methods_with_baseline(part))
     )
-    rows = [["worlds and teams", "number", *labels]]
+    rows = [["condition", "worlds", *labels]]
     for part in conditions:
         area, compared = part["areas"][0], methods_with_baseline(part)
         ratios = [
@@ -243,26 +247,13 @@ def generalization_table(conditions: list[dict[str, Any]]) -> Table:
             for label in labels
         ]
         rows.append(
-            [f"{WORLD_LABELS[part['world']]}: {part['label']}", str(part["worlds"]), *ratios]
+            [f"{ENV_LABELS[part['env_name']]}: {part['label']}", str(part["worlds"]), *ratios]
         )
     return rows
 
 
-def format_interval(
-    values: dict[str, float],
-    unit: float = 1.0,
-    digits: int = 2,
-    interval: bool = True,
-    sign: str = "",
-) -> str:
-    """An interval in another unit, or its estimate alone."""
-    in_unit = Interval(**{name: unit * value for name, value in values.items()})
-    spec = f"{sign}.{digits}f"
-    return format(in_unit, spec) if interval else format(in_unit.estimate, spec)
-
-
 def _table(part: dict[str, Any], columns: tuple[Column, ...]) -> Table:
-    rows = [["policy", *(column.title for column in columns)]]
+    rows = [["method", *(column.title for column in columns)]]
     for label, method in part["methods"].items():
         runs = len(method["policies"])
         name = f"{label} ({runs} training runs)" if runs > 1 else label

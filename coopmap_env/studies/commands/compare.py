@@ -33,13 +33,12 @@ class Compare:
 
     def run(self) -> None:
         """Run the comparison, write its files, print table and verdicts."""
-        from coopmap_env.studies.benchmark import methods as policy_entries
-        from coopmap_env.studies.benchmark import study as policy_study
+        from coopmap_env.studies.benchmark import methods, study
         from coopmap_env.studies.benchmark.report import text_summary, write_benchmark_report
 
-        size = policy_entries.QUICK if self.quick else policy_entries.FULL
+        size = methods.QUICK if self.quick else methods.FULL
         names = [name.strip() for name in self.envs.split(",") if name.strip()]
-        plan = policy_entries.make_plan(size, names)
-        study = policy_study.run(self.out / "episodes", plan, self.workers, log)
-        print(text_summary(write_benchmark_report(study, self.out)))
+        plan = methods.make_plan(size, names)
+        results = study.run(self.out / "episodes", plan, self.workers, log)
+        print(text_summary(write_benchmark_report(results, self.out)))
         log(f"report: {self.out / 'report.html'}")

@@ -1,33 +1,66 @@
-"""Report pages: templates filled in, with their pictures inside (extra ``report``)."""
+"""Report pages: HTML templates with their pictures inside, and intervals as text."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.evaluation.statistics import Interval
 
 STUDIES = Path(__file__).parents[1]
 """Folder of the templates."""
 
 
-def render_template(
-    template: str, image_folder: Path, filters: dict[str, Callable[..., str]], **values: Any
+def format_interval(
+    values: Interval | Mapping[str, float],
+    scale: float = 1.0,
+    digits: int = 2,
+    bounds: bool = True,
+    sign: str = "",
 ) -> str:
-    """Fill in the template of a study.
+    """An interval as text, such as "9.12 [8.90, 9.33]".
+
+    Parameters
+    ----------
+    values : Interval or mapping
+        An interval, or its JSON values "estimate", "low" and "high".
+    scale : float
+        Factor to the unit of the text, such as 100 for percent.
+    digits : int
+        After the decimal point.
+    bounds : bool
+        Whether to write the bounds after the estimate.
+    sign : str
+        "+" writes the sign of positive numbers too.
+    """
+    numbers = values.as_dict() if isinstance(values, Interval) else values
+    scaled = Interval(**{name: scale * number for name, number in numbers.items()})
+    spec = f"{sign}.{digits}f"
+    return format(scaled, spec) if bounds else format(scaled.estimate, spec)
+
+
+def render_template(template: str, image_folder: Path, **values: Any) -> str:
+    """Fill in the template of a study (extra ``report``).
+
+    Templates have the filter ``interval`` (`format_interval`) and the function ``image(name)``,
+    which puts a PNG file into the page.
 
     Parameters
     ----------
     template : str
         Path below the folder of the studies, such as ``section3/report.html``.
-    pictures : Path
-        Folder of the PNG files that ``image(name)`` puts into the page.
-    filters : dict of callables
-        Besides Jinja's own.
+    image_folder : Path
+        Folder of the PNG files.
     **values
-        What the template names; a missing one is an error.
+        Variables of the template; a missing one is an error.
+
+    Raises
+    ------
+    ImportError
+        With the pip command, if Jinja is not installed.
     """
     jinja2 = import_optional("jinja2", "report")
     environment = jinja2.Environment(
@@ -35,6 +68,7 @@ def render_template(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
     )
+    filters: dict[str, Callable[..., str]] = {"interval": format_interval}
     environment.filters.update(filters)
 
     def image(name: str) -> str:

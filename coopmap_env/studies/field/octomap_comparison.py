@@ -1,9 +1,9 @@
-"""The same scans fused by OctoMap and by us: agreement, log-loss and time side by side.
+"""The same scans fused by OctoMap and by `OccupancyMap`: agreement, log-loss and time.
 
 OctoMap (Hornung et al. 2013, extra ``octomap``) updates each voxel once per scan by one of two
-constants, hit 0.7 and miss 0.4, and clamps at 0.12 and 0.97: what its users have by default. It
-knows no uncertainty of the range. Its time is that of one `insertPointCloud` call of a scan, ours
-that of one `OccupancyMap.integrate` call; both of the process, the median over the scans.
+constants, hit 0.7 and miss 0.4, and clamps at 0.12 and 0.97; these are its defaults. It does not
+model the uncertainty of the range. The times are process times of one `insertPointCloud` and of one
+`OccupancyMap.integrate` call, medians over the scans.
 """
 
 from __future__ import annotations
@@ -17,41 +17,41 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.evaluation.metrics.calibration import log_loss
+from coopmap_env.evaluation.metrics import log_loss
 from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files.octomap import octomap_shift, sample_octree
 from coopmap_env.sensing import Scan
 
 FREE_BEAM_EXTENSION = 2.0
-"""Metres that beams without return are lengthened by: OctoMap takes a point for a surface unless
-it lies beyond the largest range, up to which the beam is then free."""
+"""Metres by which beams without return are lengthened. OctoMap enters a point as a surface unless
+it lies beyond the maximum range; then the beam is free up to that range."""
 
 
 @dataclass(frozen=True)
 class MapScores:
-    """One map of the two."""
+    """Scores of one of the two maps."""
 
     cells: int
-    """Voxels of which it knows something."""
+    """Voxels that it sampled."""
     log_loss: float
-    """Nats, over those."""
+    """Nats, over these voxels."""
     log_loss_common: float
-    """Nats, over the voxels that both know."""
+    """Nats, over the voxels that both maps sampled."""
     accuracy: float
-    """Share of the voxels that both know on whose side of one half it is right."""
+    """Fraction of the common voxels whose state it predicts right (occupied if P >= 1/2)."""
     milliseconds: float
-    """Median time of a scan."""
+    """Median time to fuse a scan."""
 
 
 @dataclass(frozen=True)
 class OctomapComparison:
-    """Both maps of the same scans, against the truth and each other."""
+    """Both maps of the same scans, compared with the truth and with each other."""
 
     n_scans: int
     common_cells: int
-    """Voxels that both know."""
+    """Voxels that both maps sampled."""
     agreement: float
-    """Share of them that both call occupied, or both free (P = 1/2 counts as occupied)."""
+    """Fraction of these that both maps predict occupied (P >= 1/2), or both free."""
     ours: MapScores
     octomap: MapScores
 
@@ -67,7 +67,7 @@ def compare_with_octomap(
     model: BeamModel | None = None,
     log_odds_range: LogOddsRange | None = None,
 ) -> OctomapComparison:
-    """Fuse scans one after the other in both maps, and score both.
+    """Fuse scans one after the other into both maps, and score both.
 
     Parameters
     ----------
@@ -76,8 +76,10 @@ def compare_with_octomap(
     occupied : array_like of bool, shape of the grid
         The truth.
     grid : VoxelGrid
-    model, log_odds_range : optional
-        Ours.
+    model : BeamModel, optional
+        Sensor model of the `OccupancyMap`.
+    log_odds_range : LogOddsRange, optional
+        Clamp of the `OccupancyMap`.
 
     Raises
     ------
@@ -121,7 +123,7 @@ def fuse_coopmap(
     model: BeamModel | None = None,
     log_odds_range: LogOddsRange | None = None,
 ) -> tuple[OccupancyMap, float]:
-    """Our map of the scans, and the median seconds of one."""
+    """The `OccupancyMap` of the scans, and the median time of one scan, seconds."""
     map_ = OccupancyMap(grid, model, log_odds_range)
     map_.integrate(scans[0])  # compiles
     map_.clear()
@@ -134,10 +136,11 @@ def fuse_coopmap(
 
 
 def fuse_octomap(scans: Sequence[Scan], grid: VoxelGrid) -> tuple[Any, float]:
-    """OctoMap's tree of the scans, in `to_octree`'s coordinates, and the median seconds of one.
+    """OctoMap's tree of the scans, in the coordinates of `to_octree`, and the median time, seconds.
 
-    Beams without return that end before the furthest one (cut off by a robot's body, say) take a
-    call for each length, in steps of a voxel: the largest range holds for a whole call.
+    The maximum range is an argument of a whole call. Therefore beams without return that end
+    before the longest one (at the body of a robot, for instance) take one call for each length, in
+    steps of a voxel.
     """
     tree = import_optional("pyoctomap", "octomap").OcTree(grid.resolution)
     shift = octomap_shift(grid)
@@ -155,7 +158,7 @@ def fuse_octomap(scans: Sequence[Scan], grid: VoxelGrid) -> tuple[Any, float]:
 
 
 def _insertion_batches(scan: Scan, resolution: float) -> list[tuple[NDArray[np.float64], float]]:
-    """Points and largest range of each call: hits and the longest free beams, then shorter ones."""
+    """Points and maximum range of each call: hits and the longest free beams, then shorter ones."""
     rays = scan.points - scan.origin
     lengths = np.linalg.norm(rays, axis=1)
     beams = lengths > 0

@@ -1,4 +1,4 @@
-"""The field's part of the report: pictures, replay, tables."""
+"""The 3-D part of the Section 3 report: figures, replay, tables."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from coopmap_env.core.serial import settings_to_dict
-from coopmap_env.evaluation.comparison import summarize
-from coopmap_env.evaluation.replay.recording import write_replay
-from coopmap_env.studies.common import figures
+from coopmap_env.evaluation import summarize
+from coopmap_env.evaluation.replay import write_replay
+from coopmap_env.studies.common.figures import draw_coverage_curves, save_frame
 from coopmap_env.studies.field import stereo
 from coopmap_env.studies.field.study import SCANS_EACH, FieldStudy
 
@@ -25,22 +25,22 @@ TABLE_SCORES = (
     "n_collisions",
     "planning_time_ms",
 )
-"""Scores of the report's table, in its order."""
+"""Columns of the report's table, in its order."""
 
 
 def write_field_figures(study: FieldStudy, out: Path) -> None:
-    """Write the pictures and the replay into the folder `out`."""
-    figures.draw_coverage_curves(
+    """Write the figures and the replay page into the folder `out`."""
+    draw_coverage_curves(
         study.evaluations, 2, out / "field_surface.png", "test worksites",
-        curve="surface_coverage", label="% of reachable surface covered",
+        curve="surface_coverage", label="% of visible surface covered",
     )  # fmt: skip
-    figures.save_frame(study.frame, out / "field_render.png")
+    save_frame(study.frame, out / "field_render.png")
     stereo.draw_stereo(study.stereo, out / "stereo.png")
     write_replay(study.replay, out / "field_replay.html")
 
 
 def field_summary(study: FieldStudy) -> dict[str, Any]:
-    """Everything that was found, as JSON values."""
+    """All results as JSON values."""
     reference = next(iter(study.evaluations))
     return {
         "settings": settings_to_dict(study.settings),
@@ -56,16 +56,17 @@ def field_summary(study: FieldStudy) -> dict[str, Any]:
 
 
 def field_text_table(study: FieldStudy) -> str:
-    """The main scores, for the terminal."""
+    """The main scores as text for the terminal."""
     lines = [
-        f"In the field after {2 * SCANS_EACH} scans, {study.size.worlds} test worksites: means",
+        f"Field-v0 after {2 * SCANS_EACH} scans, {study.size.worlds} test worksites: means",
         f"{'policy':<50}{'surface':>9}{'its AUC':>9}{'F-score':>9}{'Chamfer':>9}{'log-loss':>10}"
         f"{'motion':>9}",
     ]
     for name, evaluation in study.evaluations.items():
         t = {score: values.mean() for score, values in evaluation.table.items()}
         lines.append(
-            f"{name:<50}{100 * t['surface']:>8.1f}%{100 * t['surface_coverage_auc']:>8.1f}%"
+            f"{name:<50}{100 * t['surface_coverage']:>8.1f}%"
+            f"{100 * t['surface_coverage_auc']:>8.1f}%"
             f"{t['f_score']:>9.3f}{t['chamfer']:>7.3f} m{t['log_loss']:>10.4f}"
             f"{t['motion_cost']:>9.1f}"
         )

@@ -1,19 +1,15 @@
-"""Eq. 1 on a real stereo pair: how the depth error grows with the distance.
+"""Eq. 1 on a real stereo pair: how the depth error grows with distance.
 
-The pair is `stereo_motorcycle` of scikit-image (extra ``data``), of the Middlebury 2014 benchmark:
-two rectified photographs, their calibration and the true disparity measured by structured light.
-The files lie inside the wheel, no download is needed. A plain block matcher (sums of absolute
-differences, sub-pixel minimum, left-right check) makes the observations, as a robot's stereo camera
-would. Depth is Z = f B / (disparity + doffs), so an error of the disparity that does not depend on
-the distance is an error of Z that grows with Z squared. Whether the matcher's does is measured.
+The observations come from the block matcher of `stereo_matching`, as those of a robot's stereo
+camera would. Depth is Z = f B / (disparity + doffs). So an error of the disparity that does not
+depend on the distance is an error of Z that grows with Z squared. This module measures whether the
+matcher's error does.
 
-One photograph confounds distance with what stands there: most of its bare floor lies at 3 m, and
-blocks without texture match anything. The law is therefore fitted to textured blocks, as any
-stereo camera reports no others (n = 1.9), and given for all of them beside it (n = 1.5). Filters by
-matching error and by depth edges gave 1.1 to 1.6. So this is consistent with n = 2 where there is
-texture, and no more than that.
-
-D. Scharstein et al. 2014, "High-resolution stereo datasets with subpixel-accurate ground truth".
+In one photograph, distance and objects are confounded: most of its bare floor lies at 3 m, and
+blocks without texture match anything. Therefore the law is fitted to textured blocks, the only ones
+that a stereo camera reports (n = 1.9); the fit to all blocks is given beside it (n = 1.5). Filters
+by matching error and by depth edges gave 1.1 to 1.6. The result is consistent with n = 2 where
+there is texture; it is no proof.
 """
 
 from __future__ import annotations
@@ -24,39 +20,34 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
-from coopmap_env.core.extras import import_optional
-from coopmap_env.evaluation.statistics.bootstrap import Interval
+from coopmap_env.evaluation.statistics import Interval
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import RangeNoise, Scan
+from coopmap_env.studies.common.figures import import_pyplot
+from coopmap_env.studies.field.stereo_matching import (
+    CENTER_X,
+    CENTER_Y,
+    FOCAL_LENGTH,
+    StereoPair,
+    depth_from_disparity,
+    load_motorcycle,
+    match_blocks,
+    texture,
+)
 
-FOCAL_LENGTH, CENTER_X, CENTER_Y, DOFFS, BASELINE = 994.978, 311.193, 254.877, 31.086, 0.193001
-"""Calibration as documented by scikit-image: pixels, and the baseline in metres."""
 TILE = 50
-"""Pixels: errors of neighbouring pixels go together, so the bootstrap draws whole tiles."""
-BLOCK = 9
-"""Pixels: edge of the compared squares."""
+"""Pixels: errors of neighbouring pixels are correlated, so the bootstrap draws whole tiles."""
 N_DISPARITIES = 70
 """Pixels: the true ones reach 60."""
 MIN_TEXTURE = 0.01
-"""Least mean gradient along the row over a block, of full scale per pixel. Without it the fit gives
-n = 1.54 [1.15, 2.05]; with 0.005 1.51, 0.01 1.89, 0.02 1.91, 0.03 1.93."""
+"""Minimum of the mean gradient along the row over a block, in full scale per pixel. Without it the
+fit gives n = 1.54 [1.15, 2.05]; with 0.005 1.51, 0.01 1.89, 0.02 1.91, 0.03 1.93."""
 STRIDE = 3
-"""Pixels between those that the law is fitted to: blocks of neighbours are mostly the same."""
+"""Pixels between two that the law is fitted to: blocks of neighbours are mostly the same."""
 MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation: a block matcher's
-few gross errors, which Eq. 1 does not speak of, hardly move a median."""
-
-
-@dataclass(frozen=True)
-class StereoPair:
-    """A rectified pair in gray values [0, 1] and the true disparity of the left image."""
-
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
-    disparity: NDArray[np.float64]
-    """Pixels, NaN where unknown; left (row, x) is right (row, x - disparity)."""
+"""Ratio of the standard deviation to the median absolute deviation of a normal distribution. Gross
+errors of the block matcher, which Eq. 1 does not describe, hardly change a median."""
 
 
 @dataclass(frozen=True)
@@ -79,20 +70,20 @@ class ErrorLaw:
 
 @dataclass(frozen=True)
 class StereoResult:
-    """All that the report and the picture show."""
+    """Results for the report and the figure."""
 
     pair: StereoPair
     matched: NDArray[np.float64]
-    """The matcher's disparity, NaN where it has none or the block has no texture."""
+    """The matcher's disparity, NaN where there is none or the block has no texture."""
     bad_fraction: float
-    """Share of its disparities that are off by more than two pixels."""
+    """Fraction of its disparities with an error of more than two pixels."""
     law: ErrorLaw
     law_all_blocks: ErrorLaw
-    """The same with blocks that have no texture."""
+    """The law fitted to all blocks, those without texture included."""
     map: OccupancyMap
 
     def summary(self) -> dict[str, Any]:
-        """The figures, as JSON values."""
+        """The numbers, as JSON values."""
         return {
             "matched_fraction": float(np.isfinite(self.matched).mean()),
             "bad_fraction": self.bad_fraction,
@@ -103,79 +94,6 @@ class StereoResult:
         }  # fmt: skip
 
 
-def load_motorcycle() -> StereoPair:
-    """The pair of scikit-image.
-
-    Raises
-    ------
-    ImportError
-        With the pip command, if scikit-image is not installed.
-    """
-    left, right, disparity = import_optional("skimage.data", "data").stereo_motorcycle()
-    disparity = np.where(np.isfinite(disparity), disparity, np.nan).astype(np.float64)
-    return StereoPair(_gray(left), _gray(right), disparity)
-
-
-def _gray(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    return image @ np.array([0.299, 0.587, 0.114]) / 255.0
-
-
-def match_blocks(
-    left: NDArray[np.float64], right: NDArray[np.float64], n_disparities: int, block: int = BLOCK
-) -> NDArray[np.float64]:
-    """Disparity of the left image by block matching, NaN where it is not consistent.
-
-    Parameters
-    ----------
-    left, right : ndarray, shape (rows, columns)
-        Rectified gray images.
-    n_disparities : int
-        Disparities 0 ... n - 1 are searched, at least 3.
-    block : int
-        Edge of the compared squares, pixels.
-
-    Raises
-    ------
-    ValueError
-        If the images differ in shape or there is too little to search.
-    """
-    if left.ndim != 2 or left.shape != right.shape:
-        raise ValueError(f"expected two gray images of one shape, got {left.shape}, {right.shape}")
-    if not 3 <= n_disparities <= left.shape[1]:
-        raise ValueError(f"n_disparities must lie in [3, {left.shape[1]}], got {n_disparities}")
-    costs = np.full((n_disparities, *left.shape), np.inf, dtype=np.float32)
-    best_of_right, lowest = np.zeros(left.shape, dtype=np.int64), np.full(left.shape, np.inf)
-    for d in range(n_disparities):
-        width = left.shape[1] - d
-        difference = np.abs(left[:, d:] - right[:, :width]).astype(np.float32)
-        costs[d, :, d:] = uniform_filter(difference, block)
-        # column x of the left image is column x - d of the right one
-        better = costs[d, :, d:] < lowest[:, :width]
-        best_of_right[:, :width][better] = d
-        lowest[:, :width][better] = costs[d, :, d:][better]
-    best = costs.argmin(axis=0)
-    rows, columns = np.indices(left.shape)
-    best_back = best_of_right[rows, np.maximum(columns - best, 0)]
-    inside = (best > 0) & (best < n_disparities - 1)
-    middle = np.clip(best, 1, n_disparities - 2)
-    a, b, c = (costs[middle + step, rows, columns] for step in (-1, 0, 1))
-    # minimum of the two equally steep lines through three sums of absolute differences
-    with np.errstate(invalid="ignore", divide="ignore"):
-        offset = 0.5 * (a - c) / (np.maximum(a, c) - b)
-    good = inside & (np.abs(best_back - best) <= 1) & np.isfinite(offset) & (np.abs(offset) <= 0.5)
-    return np.where(good, middle + np.where(good, offset, 0.0), np.nan)
-
-
-def texture(image: NDArray[np.float64], block: int = BLOCK) -> NDArray[np.float64]:
-    """Mean absolute gradient along the row over the block around each pixel."""
-    return np.asarray(uniform_filter(np.abs(np.gradient(image, axis=1)), block))
-
-
-def depth_from_disparity(disparity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depth along the optical axis, metres."""
-    return FOCAL_LENGTH * BASELINE / (disparity + DOFFS)
-
-
 def fit_error_law(
     depth: NDArray[np.float64],
     error: NDArray[np.float64],
@@ -183,7 +101,7 @@ def fit_error_law(
     n_bins: int = 8,
     n_resamples: int = 200,
 ) -> ErrorLaw:
-    """Fit sigma = S d**n: a straight line through the logarithms, each distance bin one point.
+    """Fit sigma = S d**n by a line through the logarithms, one point for each distance bin.
 
     Parameters
     ----------
@@ -239,8 +157,8 @@ def _fit_line(distances: NDArray[np.float64], sigmas: NDArray[np.float64]) -> tu
 def to_scan(disparity: NDArray[np.float64], noise: RangeNoise, step: int = 3) -> Scan:
     """Every `step`-th pixel as a beam of a camera at the world's origin, x forward, z up.
 
-    The covariance is Eq. 1 at the point's depth: along x that of the disparity, across it the
-    lateral share.
+    The covariance is Eq. 1 at the point's depth: along x from the disparity, across it with the
+    lateral factor.
     """
     keep = np.zeros(disparity.shape, dtype=np.bool_)
     keep[::step, ::step] = np.isfinite(disparity[::step, ::step])
@@ -269,16 +187,15 @@ def run(rng: np.random.Generator, resolution: float = 0.04) -> StereoResult:
         tuple(round(length / resolution) for length in (5.6, 4.4, 3.0)), resolution,
         (-0.2, -2.4, -1.5),
     )  # fmt: skip
-    # surfaces lie inside of cells, and half of a frame's own gross errors may be taken back
+    # surfaces lie inside of cells; the model corrects half of the frame's own gross errors
     map_ = OccupancyMap(grid, BeamModel(0.1, 0.9, "partial"))
     map_.integrate(to_scan(matched, RangeNoise(intrinsic=laws[0].intrinsic_at_2)))
     return StereoResult(pair, matched, bad, laws[0], laws[1], map_)
 
 
 def draw_stereo(result: StereoResult, path: Path) -> None:
-    """Photograph, matched depth, the law of the errors, and the map (extra ``report``)."""
-    import_optional("matplotlib", "report").use("Agg")
-    plt = import_optional("matplotlib.pyplot", "report")
+    """Draw the photograph, the matched depth, the error law and the map (extra ``report``)."""
+    plt = import_pyplot()
     figure, axes = plt.subplots(2, 2, figsize=(12, 9))
     axes[0, 0].imshow(result.pair.left, cmap="gray")
     axes[0, 0].set_title("left image")
@@ -314,7 +231,7 @@ def _draw_law(axis: Any, law: ErrorLaw) -> None:
 
 
 def _draw_map(axis: Any, map_: OccupancyMap) -> None:
-    """Surface means of the occupied voxels as the camera sees them, the nearest on top."""
+    """Surface means of the occupied voxels from the camera, the nearest on top."""
     cells, means, _ = map_.surfaces()
     x, y, z = means[map_.probability.ravel()[cells] > 0.5].T
     order = np.argsort(-x)

@@ -1,6 +1,6 @@
-"""The field in the report: policies on test worksites, OctoMap beside us, a real stereo pair.
+"""The 3-D study: policies on test worksites, a comparison with OctoMap, a real stereo pair.
 
-`run` plays the policies on worlds of the test split; one episode of the rating function is kept for
+`run` plays the policies on worlds of the test split. One episode of the rating function is kept for
 the picture, the replay and the comparison with OctoMap.
 """
 
@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
-from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, compare
-from coopmap_env.evaluation.policy import Policy, make_policy
-from coopmap_env.evaluation.replay.recording import Replay, record_replay
-from coopmap_env.evaluation.rollout import policy_rng
+from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, Policy, compare, make_policy, rollout
+from coopmap_env.evaluation.replay import Replay, record_replay
 from coopmap_env.sensing import Scan
 from coopmap_env.studies.field import stereo
 from coopmap_env.studies.field.octomap_comparison import OctomapComparison, compare_with_octomap
@@ -25,14 +23,14 @@ from coopmap_env.studies.field.octomap_comparison import OctomapComparison, comp
 RATING = "rating_function:search=100"
 RANDOM = "random"
 SCANS_EACH = 16
-"""Two robots: 32 scans together, as in the plane."""
+"""Two robots: 32 scans together, as in Section 3."""
 RECORDED_SEED = 0
-"""Seed of the episode that is kept."""
+"""Seed of the episode that is kept for the picture, the replay and OctoMap."""
 
 
 @dataclass(frozen=True)
 class FieldSize:
-    """How much is run."""
+    """Number of worlds, and the policies."""
 
     worlds: int
     policies: tuple[str, ...]
@@ -56,28 +54,39 @@ QUICK = FieldSize(2, (RATING, RANDOM))
 
 @dataclass(frozen=True)
 class FieldStudy:
-    """All results."""
+    """Results of the study."""
 
     size: FieldSize
     settings: FieldSettings
     evaluations: dict[str, Evaluation]
     octomap: OctomapComparison
-    """On the scans of the recorded episode, in the order in which they were fused."""
+    """On the scans of the recorded episode, in the order of their fusion."""
     frame: NDArray[np.uint8]
-    """The recorded episode's last picture, (H, W, 3)."""
+    """Last picture of the recorded episode (H, W, 3)."""
     replay: Replay
     stereo: stereo.StereoResult
 
 
 def run(store: Path, size: FieldSize, workers: int, log: Callable[[str], None]) -> FieldStudy:
-    """Run everything; finished episodes are kept in `store` and not run again."""
-    log(f"in the field: {size.worlds} test worksites, {len(size.policies)} policies")
+    """Run the study.
+
+    Parameters
+    ----------
+    store : Path
+        Folder of finished episodes, which are not run again.
+    size : FieldSize
+    workers : int
+        Processes; the results do not depend on it.
+    log : callable
+        Receives a line of progress.
+    """
+    log(f"field environment: {size.worlds} test worksites, {len(size.policies)} policies")
     arguments = {"max_scans": SCANS_EACH, "split": "test"}
     settings = FieldSettings()
     evaluations = compare(
         size.policies, range(size.worlds), arguments, store, settings, workers, env_name="field"
     )
-    log("an episode in the field, its replay, and OctoMap on the same scans")
+    log("one episode: its replay, and OctoMap on its scans")
     env = FieldEnv(split="test", max_scans=SCANS_EACH, settings=settings, render_mode="rgb_array")
     try:
         policy = make_policy(RATING)
@@ -85,9 +94,12 @@ def run(store: Path, size: FieldSize, workers: int, log: Callable[[str], None]) 
         frame = env.render()
         assert frame is not None
         octomap = compare_with_octomap(
-            collect_scans(env, policy, RECORDED_SEED), env.truth.occupied, env.scene.grid, settings.beam,
+            collect_scans(env, policy, RECORDED_SEED),
+            env.truth.occupied,
+            env.scene.grid,
+            settings.beam,
             settings.log_odds_range,
-        )  # fmt: skip
+        )
     finally:
         env.close()
     log("a real stereo pair")
@@ -103,11 +115,8 @@ def run(store: Path, size: FieldSize, workers: int, log: Callable[[str], None]) 
 
 
 def collect_scans(env: FieldEnv, policy: Policy, seed: int) -> list[Scan]:
-    """The scans of an episode, as they were fused."""
-    observations, _ = env.reset(seed=seed)
-    policy.reset(policy_rng(seed))
+    """The scans of an episode, in the order of their fusion."""
     scans: list[Scan] = []
-    while env.agents:
-        observations, *_ = env.step(policy.act(env.belief(), observations))
+    for _ in rollout(env, policy, seed):
         scans += env.scans
     return scans

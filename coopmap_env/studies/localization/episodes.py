@@ -1,4 +1,4 @@
-"""Episodes of the localization study, as jobs: the search for the target, and corrected motions."""
+"""Episodes of the localization study as jobs: search for the target, and motion correction."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.envs.mapping_env import Infos
-from coopmap_env.evaluation.jobs import Job, Result
-from coopmap_env.evaluation.metrics.calibration import log_loss
-from coopmap_env.evaluation.policy import make_policy
-from coopmap_env.evaluation.rollout import make_surface_evaluator, policy_rng, run_episode
+from coopmap_env.evaluation import (
+    EpisodeRecorder,
+    Job,
+    Result,
+    make_policy,
+    make_surface_evaluator,
+    rollout,
+)
+from coopmap_env.evaluation.metrics import log_loss
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.localization import (
     DegenerateGeometryError,
@@ -28,9 +32,9 @@ from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import PointCloud, transform_cloud
 
 MIN_POINTS = 50
-"""Points of a look that the displacement of what was seen is averaged over."""
+"""Points that a scan needs for the mean displacement of its points."""
 MIN_TRACKED_FIDUCIALS = 6
-"""Fiducials of the map that were found in an image, to identify a pose from their mean points."""
+"""Tracked fiducials that are needed to estimate a pose from their mean points."""
 
 
 def run_localization_job(job: Job) -> Result:
@@ -50,49 +54,49 @@ def _env(split: str, scans: int, scene: str, initialization: str, correction: st
 
 
 def render_search(seed: int, split: str, scans: int, policy: str) -> NDArray[np.uint8]:
-    """Pictures of a search, one below the other.
+    """Pictures of a search, one below the other, (H, W, 3).
 
-    At the start, when the first robot is located, and when all are or the last look was made.
+    They show the start, the step at which the first robot is located, and the last step: all robots
+    are located, or the scans are used up.
     """
     env = FieldEnv(
         split=split, max_scans=scans, render_mode="rgb_array",
         initialization="search", motion_correction="fiducials",
     )  # fmt: skip
-    chosen = make_policy(policy)
-    observations, _ = env.reset(seed=seed)
-    chosen.reset(policy_rng(seed))
+    steps = rollout(env, make_policy(policy), seed)
     frames = [env.render()]
-    while env.agents and not all(env.belief().located):
-        before = any(env.belief().located)
-        observations, *_ = env.step(chosen.act(env.belief(), observations))
-        if any(env.belief().located) and not before and not all(env.belief().located):
+    any_located = any(env.belief().located)
+    for _ in steps:
+        located = env.belief().located
+        if all(located):
+            break
+        if any(located) and not any_located:
             frames.append(env.render())
+        any_located = any(located)
     frames.append(env.render())
     env.close()
     return np.concatenate([frame for frame in frames if frame is not None])
 
 
 def run_search_episode(job: Job) -> Result:
-    """Let a team look for the target; when and how well each of its robots found it.
+    """Let a team search for the target; record when each robot is located, and its errors.
 
-    A job names its "seed", "split", "scans" of each robot, "scene" and "policy".
+    A job has "seed", "split", "max_scans", "scene" and "policy".
     """
     env = _env(job["split"], job["max_scans"], job["scene"], "search", "kinematic")
-    policy = make_policy(job["policy"])
-    observations, _ = env.reset(seed=job["seed"])
-    policy.reset(policy_rng(job["seed"]))
     robots: dict[str, dict[str, Any]] = {}
     times: list[float] = []
-    while env.agents:
-        actions = policy.act(env.belief(), observations)
-        observations, _, _, _, infos = env.step(actions)
+    for step in rollout(env, make_policy(job["policy"]), job["seed"]):
         for robot, agent in enumerate(env.possible_agents):
-            if infos[agent]["located"] and agent not in robots:
+            if step.infos[agent]["located"] and agent not in robots:
                 estimate = PoseEstimate(
                     env.belief().vehicles[robot].T_world_base, _covariance(env, robot)
                 )
                 true = env.truth.base_poses[robot]
-                robots[agent] = {"n_scans": infos[agent]["scans"], **_pose_errors(estimate, true)}
+                robots[agent] = {
+                    "n_scans": step.infos[agent]["scans"],
+                    **_pose_errors(estimate, true),
+                }
         times.extend(env.localizer.registration_times)
         if len(robots) == len(env.possible_agents):
             break
@@ -106,9 +110,9 @@ def _covariance(env: FieldEnv, robot: int) -> NDArray[np.float64]:
 
 
 def run_correction_episode(job: Job) -> Result:
-    """Play an episode and hold every look's pose against the truth.
+    """Play an episode and compare the camera pose of every scan with the true pose.
 
-    A job names its "seed", "split", "scans" of each robot, "scene", "policy", "initialization" and
+    A job has "seed", "split", "max_scans", "scene", "policy", "initialization" and
     "motion_correction".
     """
     env = _env(
@@ -118,25 +122,29 @@ def run_correction_episode(job: Job) -> Result:
         job["initialization"],
         job["motion_correction"],
     )
-    policy = make_policy(job["policy"])
     scans: list[dict[str, Any]] = []
     ablation = PoseAblation(env)
-
-    def record_scans(infos: Infos) -> None:
+    steps = rollout(env, make_policy(job["policy"]), job["seed"])
+    recorder = EpisodeRecorder(env, job["seed"])
+    for step in steps:
         for robot, agent in enumerate(env.possible_agents):
-            if infos[agent]["located"]:
-                scans.append(_scan_record(env, robot, infos[agent]))
+            if step.infos[agent]["located"]:
+                scans.append(_scan_record(env, robot, step.infos[agent]))
                 ablation.add(robot)
-
-    episode = run_episode(env, policy, job["seed"], record_scans)
-    return {"episode": asdict(episode), "scans": scans, "same_scans": ablation.scores(job["seed"])}
+        recorder.add(step)
+    return {
+        "episode": asdict(recorder.episode()),
+        "scans": scans,
+        "same_scans": ablation.scores(job["seed"]),
+    }
 
 
 class PoseAblation:
-    """The same looks fused by the encoders alone, as they were taken to be, and by the truth.
+    """The scans of one episode, fused with three kinds of camera poses.
 
-    Policies look elsewhere with another map. Here the views are those of one episode, so that
-    nothing but the camera poses differs.
+    The poses are those of the encoders ("kinematic"), the estimated ones, and the true ones
+    ("exact"). Episodes with different camera poses have different maps, and so different views.
+    Here the views are the same, and only the poses differ.
     """
 
     def __init__(self, env: FieldEnv) -> None:
@@ -148,7 +156,7 @@ class PoseAblation:
         }
 
     def add(self, robot: int) -> None:
-        """Fuse a robot's last look into each map."""
+        """Fuse a robot's last scan into each map."""
         env, scan = self._env, self._env.scans[robot]
         belief = env.belief()
         estimated = belief.estimates[robot]
@@ -156,13 +164,13 @@ class PoseAblation:
         estimates = {
             "kinematic": belief.vehicles[robot].camera_estimate(belief.joints[robot]),
             "estimated": estimated,
-            "exact": PoseEstimate(env.true_cameras[robot], np.zeros((6, 6))),
+            "exact": PoseEstimate(env.diagnostics.true_cameras[robot], np.zeros((6, 6))),
         }
         for name, (pose, covariance) in estimates.items():
             self._maps[name].integrate(transform_cloud(cloud, pose, env.settings.noise, covariance))
 
     def scores(self, seed: int) -> dict[str, dict[str, float]]:
-        """Map quality by each kind of pose."""
+        """Map quality by kind of camera pose."""
         evaluator = make_surface_evaluator(self._env, seed)
         assert evaluator is not None
         out = {}
@@ -177,8 +185,8 @@ class PoseAblation:
 
 
 def _scan_record(env: FieldEnv, robot: int, info: dict[str, Any]) -> dict[str, Any]:
-    """One look's errors: by the encoders alone, and as it was fused."""
-    belief, true = env.belief(), env.true_cameras[robot]
+    """Errors of the camera pose of one scan: by the encoders alone, and as it was fused."""
+    belief, true = env.belief(), env.diagnostics.true_cameras[robot]
     estimated = belief.estimates[robot]
     kinematic = belief.vehicles[robot].camera_estimate(belief.joints[robot])
     scan = env.scans[robot]
@@ -206,7 +214,7 @@ def _scan_record(env: FieldEnv, robot: int, info: dict[str, Any]) -> dict[str, A
 
 
 def _pose_errors(estimate: PoseEstimate, true: Pose) -> dict[str, float]:
-    """Position (m) and angle (rad) of an error, and its square in units of what is claimed."""
+    """Position error (m), angle error (rad) and normalised estimation error squared (NEES)."""
     error = displacement_between(estimate.pose, true)
     covariance = estimate.covariance
     is_exact = not covariance.any()
@@ -218,7 +226,7 @@ def _pose_errors(estimate: PoseEstimate, true: Pose) -> dict[str, float]:
 
 
 def _mean_point_displacement(points: NDArray[np.float64], pose: Pose, true: Pose) -> float:
-    """Mean displacement in metres of what a look saw, by the error of its pose; NaN for little."""
+    """Mean displacement of a scan's points by its pose error, metres; NaN for too few points."""
     if len(points) < MIN_POINTS:
         return math.nan
     return float(np.linalg.norm(pose.transform(points) - true.transform(points), axis=1).mean())
@@ -227,10 +235,10 @@ def _mean_point_displacement(points: NDArray[np.float64], pose: Pose, true: Pose
 def _errors_from_mean_points(
     base: NDArray[np.float64], measured_points: NDArray[np.float64], true: Pose
 ) -> dict[str, Any] | None:
-    """Errors of poses that are identified from the regions' mean points; None if too few."""
+    """Errors of poses that are estimated from the regions' mean points; None if too few."""
     if len(base) < MIN_TRACKED_FIDUCIALS:
         return None
-    # a region's mean lies anywhere in its ball, which is some centimetres
+    # the mean of a region lies anywhere in its ball of some centimetres
     kept = consistent_subset(base, measured_points, np.full(len(base), 0.05))
     out = {}
     try:

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figure
-from coopmap_env.studies.localization.pose_estimators import ESTIMATORS, NOISE_FACTORS
+from coopmap_env.studies.localization.estimator_comparison import ESTIMATORS, NOISE_FACTORS
 from coopmap_env.studies.localization.study import LocalizationStudy
 
 
-def draw_localization(found: dict[str, Any], study: LocalizationStudy, path: Path) -> None:
-    """Share of robots that are located against scans, and how far off their bases are."""
+def draw_localization(search: dict[str, Any], study: LocalizationStudy, path: Path) -> None:
+    """Draw the fraction of located robots against scans, and the errors of their bases."""
     plt = import_pyplot()
     figure, axes = plt.subplots(1, 2, figsize=(10, 3.8))
-    located_fractions = found["located_fraction"]
+    located_fractions = search["located_fraction"]
     scans = [int(k) for k in located_fractions]
     estimates = np.array([[100 * v for v in located_fractions[str(k)].values()] for k in scans])
     axes[0].plot(scans, estimates[:, 0], "o-", color=COLORS[0])
@@ -35,22 +35,22 @@ def draw_localization(found: dict[str, Any], study: LocalizationStudy, path: Pat
 
 
 def draw_pose_errors(study: LocalizationStudy, path: Path) -> None:
-    """Errors of camera poses before and after: cumulative shares of looks."""
+    """Draw the cumulative errors of camera poses before and after correction."""
     plt = import_pyplot()
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), sharey=True)
     scans = [scan for run in study.runs["fiducials"] for scan in run["scans"]]
     corrected = [scan for scan in scans if scan["corrected_directions"] > 0]
     lines = (
-        ("encoders, all looks", scans, "kinematic", COLORS[6], "-"),
-        ("fiducials, all looks", scans, "estimated", COLORS[0], "-"),
-        ("fiducials, looks that they tell of", corrected, "estimated", COLORS[1], "-"),
+        ("encoders, all scans", scans, "kinematic", COLORS[6], "-"),
+        ("fiducials, all scans", scans, "estimated", COLORS[0], "-"),
+        ("fiducials, corrected scans", corrected, "estimated", COLORS[1], "-"),
     )
     for axis, (name, label, scale) in zip(
         axes,
         (
             ("position", "camera position error, mm", 1e3),
             ("angle", "camera angle error, degrees", 180.0 / np.pi),
-            ("point_displacement", "mean displacement of what is seen, mm", 1e3),
+            ("point_displacement", "mean displacement of points, mm", 1e3),
         ),
         strict=True,
     ):
@@ -62,13 +62,13 @@ def draw_pose_errors(study: LocalizationStudy, path: Path) -> None:
                 axis.plot(values, percentages, style, color=color, label=text)
         axis.set_xlabel(label)
         axis.set_xscale("log")
-    axes[0].set_ylabel("% of looks below")
+    axes[0].set_ylabel("% of scans below")
     axes[0].legend(fontsize=8)
     save_figure(figure, path)
 
 
 def draw_pose_estimators(study: LocalizationStudy, path: Path) -> None:
-    """Median position errors by each identification against the noise."""
+    """Draw the median position error of each pose estimator against the noise."""
     plt = import_pyplot()
     figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
     for axis, (title, results) in zip(axes, study.pose_estimators.items(), strict=True):
@@ -76,8 +76,8 @@ def draw_pose_estimators(study: LocalizationStudy, path: Path) -> None:
             style = "--" if name == "prediction" else "o-"
             errors = 1e3 * np.array(results[name]["position"])
             axis.plot(NOISE_FACTORS, errors, style, color=color, label=name, markersize=4)
-        axis.set(xscale="log", yscale="log", title=title, xlabel="noise, times the default")
-        axis.set_xticks(NOISE_FACTORS, [f"{level:g}" for level in NOISE_FACTORS], minor=False)
+        axis.set(xscale="log", yscale="log", title=title, xlabel="noise, factor of the default")
+        axis.set_xticks(NOISE_FACTORS, [f"{factor:g}" for factor in NOISE_FACTORS], minor=False)
         axis.minorticks_off()
     axes[0].set_ylabel("median position error, mm")
     axes[1].legend(fontsize=8)

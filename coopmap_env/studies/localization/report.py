@@ -1,4 +1,4 @@
-"""The localization study's files: report.html, summary.json, figures, and text to print."""
+"""Files of the localization study: report.html, summary.json, figures; and its text."""
 
 from __future__ import annotations
 
@@ -11,107 +11,108 @@ from coopmap_env.core.files import write_atomically
 from coopmap_env.core.serial import settings_to_dict
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.studies.common.figures import save_frame
-from coopmap_env.studies.common.pages import render_template
+from coopmap_env.studies.common.pages import format_interval, render_template
 from coopmap_env.studies.localization.episodes import render_search
+from coopmap_env.studies.localization.estimator_comparison import N_FIDUCIALS
 from coopmap_env.studies.localization.figures import (
     draw_localization,
     draw_pose_errors,
     draw_pose_estimators,
 )
-from coopmap_env.studies.localization.pose_estimators import N_FIDUCIALS
 from coopmap_env.studies.localization.study import (
     CORRECTION_MODES,
     POLICY,
     SCANS_EACH,
     SEARCH_SCANS,
     LocalizationStudy,
-    interval_from_dict,
-    summary,
 )
+from coopmap_env.studies.localization.summary import study_summary
 
 DEGREES = 180.0 / math.pi
 RENDERED_SEED = 0
-"""Seed of the search that is shown."""
+"""Seed of the search in the report's picture."""
 
 
 def write_localization_report(study: LocalizationStudy, out: Path) -> dict[str, Any]:
-    """Write everything into the folder `out`; the summary is returned too."""
+    """Write all files into the folder `out`; return the summary."""
     out.mkdir(parents=True, exist_ok=True)
-    found = summary(study)
-    draw_localization(found["search"], study, out / "search.png")
+    summary = study_summary(study)
+    draw_localization(summary["search"], study, out / "search.png")
     draw_pose_errors(study, out / "errors.png")
-    draw_pose_estimators(study, out / "identifications.png")
+    draw_pose_estimators(study, out / "pose_estimators.png")
     save_frame(render_search(RENDERED_SEED, "test", SEARCH_SCANS, POLICY), out / "episode.png")
-    write_atomically(out / "summary.json", json.dumps(found, indent=2) + "\n")
+    write_atomically(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     page = render_template(
         "localization/report.html",
         out,
-        {"scaled": format_interval, "percent": lambda values: format_interval(values, 100, 0)},
-        found=found,
-        s=found["search"],
-        c=found["correction"],
-        q=found["map_quality"],
-        same_scans_quality=found["map_quality_same_scans"],
+        summary=summary,
+        search=summary["search"],
+        correction=summary["correction"],
+        quality=summary["map_quality"],
+        same_scans_quality=summary["map_quality_same_scans"],
         nees=_nees,
         pair=_pair,
         degrees=DEGREES,
-        scans=SCANS_EACH,
+        scans_each=SCANS_EACH,
         search_scans=SEARCH_SCANS,
         correction_modes=CORRECTION_MODES,
         n_fiducials=N_FIDUCIALS,
         settings=json.dumps(settings_to_dict(FieldSettings()), indent=2),
     )
     write_atomically(out / "report.html", page)
-    return found
+    return summary
 
 
-def text_summary(found: dict[str, Any]) -> str:
-    """The main figures, for the terminal."""
-    s, c, q = found["search"], found["correction"], found["map_quality"]
+def text_summary(summary: dict[str, Any]) -> str:
+    """The main results as text for the terminal."""
+    search, correction = summary["search"], summary["correction"]
+    located = format_interval(search["located_fraction"]["6"], 100, 0)
+    position = format_interval(search["position_error"]["median"], 100)
+    angle = format_interval(search["angle_error"]["median"], DEGREES)
     lines = [
-        f"search: {s['robots']} robots, located within 6 scans "
-        f"{format_interval(s['located_fraction']['6'], 100, 0)} %, false matches {s['false_matches']}",
-        f"  base error, median: {format_interval(s['position_error']['median'], 100)} cm, "
-        f"{format_interval(s['angle_error']['median'], DEGREES)} degrees",
+        f"search: {search['robots']} robots, located within 6 scans {located} %, "
+        f"false matches {search['false_matches']}",
+        f"  base error, median: {position} cm, {angle} degrees",
     ]
     for title in ("all_scans", "corrected_scans", "well_corrected_scans"):
-        part = c[title]
+        part = correction[title]
         ratios = ", ".join(
-            f"{name} {format_interval(part[name]['error_ratio_median'], 1)}"
+            f"{name.replace('_', ' ')} {format_interval(part[name]['error_ratio_median'])}"
             for name in ("position", "angle", "point_displacement")
         )
         lines.append(f"{title.replace('_', ' ')} ({part['scans']}), error ratios: {ratios}")
     lines.append(f"{'camera poses':<14}{'F-score':>26}{'Chamfer, cm':>22}{'log-loss':>28}")
-    lines += [
-        f"{name:<14}{format_interval(q[name]['f_score'], 1, 4):>26}{format_interval(q[name]['chamfer'], 100):>22}"
-        f"{format_interval(q[name]['log_loss'], 1, 4):>28}"
-        for name in CORRECTION_MODES
-    ]
-    same_scans_quality = found["map_quality_same_scans"]["estimated_minus"]["kinematic"]
+    for name in CORRECTION_MODES:
+        f_score, chamfer, log_loss = _quality(summary["map_quality"][name])
+        lines.append(f"{name:<14}{f_score:>26}{chamfer:>22}{log_loss:>28}")
+    difference = summary["map_quality_same_scans"]["estimated_minus"]["kinematic"]
+    f_score, chamfer, log_loss = _quality(difference)
     lines.append(
-        f"the same looks, fiducials less kinematic: F {format_interval(same_scans_quality['f_score'], 1, 4)}, Chamfer "
-        f"{format_interval(same_scans_quality['chamfer'], 100)} cm, log-loss {format_interval(same_scans_quality['log_loss'], 1, 4)}"
+        f"the same scans, fiducials minus kinematic: F {f_score}, Chamfer {chamfer} cm, "
+        f"log-loss {log_loss}"
     )
     return "\n".join(lines)
 
 
-def format_interval(values: dict[str, float], unit: float, digits: int = 2) -> str:
-    """An interval in another unit."""
-    low_high = interval_from_dict(values)
-    parts = [unit * v for v in (low_high.estimate, low_high.low, low_high.high)]
-    return "{} [{}, {}]".format(*(f"{part:.{digits}f}" for part in parts))
+def _quality(scores: dict[str, dict[str, float]]) -> tuple[str, str, str]:
+    """F-score, Chamfer distance (cm) and log-loss as text."""
+    return (
+        format_interval(scores["f_score"], digits=4),
+        format_interval(scores["chamfer"], 100),
+        format_interval(scores["log_loss"], digits=4),
+    )
 
 
 def _nees(what: str, values: dict[str, Any]) -> str:
-    """A sentence on normalised estimation errors squared."""
+    """A sentence on a normalised estimation error squared (NEES)."""
     if not values["scans"]:
         return ""
     low, high = values["band"]
-    verdict = "within" if values["in_band"] else "outside of"
+    verdict = "within" if values["in_band"] else "outside"
     return (
-        f"{what} is {format_interval(values['mean'], 1)} on average, {verdict} the 95 % band "
+        f"{what} is {format_interval(values['mean'])} on average, {verdict} the 95 % band "
         f"{low:.2f} to {high:.2f} of {values['scans']} independent normal errors of six numbers; "
-        f"{100 * values['within_95_quantile']:.0f} % lie below the 95 % quantile of one."
+        f"{100 * values['within_95_quantile']:.0f} % are below the 95 % quantile of a single error."
     )
 
 

@@ -1,29 +1,29 @@
-"""Real laser scans: MIT Killian Court fused into one map and scored on scans that it never saw.
+"""Real laser scans: MIT Killian Court, fused into one map and scored on held-out scans.
 
-The log (MIT Killian Court and the corridors around it; 3,873 scans of 180
-beams along 2 km of corridors, loops of 200 m) comes with the extra ``data``. Its poses are good as
-they are: they equal the vertices of its pose graph, loop closures included, and Gauss-Newton on
-that graph moves them by 3 mm (median) and takes its error from 1034 to 1032, while the held-out
-loss gets no better. So no graph is optimised here.
+The log covers MIT Killian Court and the corridors around it: 3,873 scans of 180 beams along 2 km of
+corridors, with loops of 200 m. It comes with the extra ``data``. Its poses need no optimisation:
+they equal the vertices of the log's pose graph, loop closures included. Gauss-Newton on that graph
+moves them by 3 mm (median) and reduces its error from 1034 to 1032, and the held-out loss does not
+improve.
 
-Every tenth scan is held out of the map. For a held-out beam that returned after z metres (within
-the usable range), each cell that it left a cell's length or more before z was seen free, the cell
-that holds z was seen occupied; those between are left out, as an error of centimetres may exchange
-them. A map is scored by the binary log-loss of these observations, over the cells that both maps
-sampled. The constants of both maps are those of `tune_sensor_models`, which sees the other nine tenths only and
-minimises the loss over all observations, of which one in twenty is of an occupied cell.
+Every tenth scan is held out of the map. A held-out beam that returned after z metres (within the
+usable range) observes cells: each cell that it left at least one cell length before z is free, and
+the cell that contains z is occupied. The cells between are ignored, because an error of centimetres
+may exchange them. A map is scored by the binary log-loss of these observations, over the cells that
+both maps sampled. The constants of both maps come from `tune_sensor_models`, which uses the other
+nine tenths only. It minimises the loss over all observations, of which one in twenty is of an
+occupied cell.
 
 An observation is not the state of a cell: beams pass beside the walls in their cells, and people
-walk. So no map reaches zero. At cells four times the noise it is not the width of the Gaussian that
-tells the two maps apart (0.02 m or 0.1 m serve alike), but how a beam speaks of cells that it
-crosses in part. With surfaces "anywhere", where beams that pass beside a wall are added up against
-those that end at it, the beam model does worse than the constant one (0.103 to 0.093).
+walk. So no map reaches zero. Cells are four times as large as the noise here. Therefore the width
+of the Gaussian hardly matters (0.02 m and 0.1 m score alike). What matters is how a beam updates
+cells that it crosses in part. With surfaces "anywhere", beams that pass beside a wall are added to
+those that end at it, and the beam model scores worse than the constant one (0.103 to 0.093).
 """
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -34,40 +34,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.evaluation.metrics.calibration import binary_log_loss
+from coopmap_env.evaluation.metrics import binary_log_loss
 from coopmap_env.geometry import traverse
 from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import RangeNoise, Scan
-from coopmap_env.studies.recorded.hit_miss import HitMissMap, HitMissModel
+from coopmap_env.studies.common.hit_miss import HitMissMap, HitMissModel
 from coopmap_env.studies.recorded.laser_log import LaserLog, read_laser_log
 
 RESOLUTION = 0.2
-"""Metres: a corridor is ten cells wide and the court 2.6 million cells."""
+"""Metres: a corridor is ten cells wide, and the court has 2.6 million cells."""
 USABLE_RANGE = 30.0
-"""Metres: longer readings and no returns are skipped, not taken for free space. Many a beam between
-neighbours that see a wall at 2 m has no return; freeing the first 15 m along such beams made the
-validation scans less likely under both maps. Of walls beyond 30 m the maps learn nothing (0.1 % of
-the loss, ours better, the constant one worse): a heading's error is worth a cell there."""
+"""Metres: longer readings and beams without return are skipped instead of counted as free space.
+Many beams between neighbours that measure a wall at 2 m have no return; freeing the first 15 m
+along them made the validation scans less likely under both maps. Walls beyond 30 m hardly change
+the loss (0.1 %: better for the beam model, worse for the constants), as an error of the heading
+moves them by a cell."""
 NOISE = RangeNoise(intrinsic=0.05, lateral=1.0, exponent=0)
-"""Of the laser (ranges are multiples of 5 cm or finer) and of the poses (median residual of a loop
-closure: 1 cm, 95 % of them below 5 cm) together, which are alike in all directions."""
+"""Noise of the laser (ranges are multiples of 5 cm or finer) and of the poses (median residual of a
+loop closure 1 cm, 95 % below 5 cm) together, equal in all directions."""
 BEAM_MODEL = BeamModel(free=0.2, occupied=0.63, surface="partial")
 BEAM_LOG_ODDS_RANGE = LogOddsRange(0.99)
 HIT_MISS_MODEL = HitMissModel(hit=0.63, miss=0.35, hit_offset=0)
 HIT_MISS_LOG_ODDS_RANGE = LogOddsRange(0.985)
-"""Models and clamps: the best of `tune_sensor_models` (500 and 196 choices, seven minutes), 0.0923 and 0.0948 on
-the validation scans."""
+"""Models and clamps: the best of `tune_sensor_models` (500 and 196 choices, seven minutes), with
+losses of 0.0923 and 0.0948 on the validation scans."""
 HELD_OUT_EVERY = 10
-"""One scan in so many is held out of the map."""
+"""Every tenth scan is held out of the map."""
 VALIDATION_EVERY = 9
-"""One of so many of the others is held out again while tuning."""
+"""Every ninth of the others is held out for validation while tuning."""
 
 ComparedMap = OccupancyMap | HitMissMap
 
 
 @dataclass(frozen=True, eq=False)
 class CellObservations:
-    """What scans say of the cells that their beams cross, one entry per beam and cell."""
+    """Observations of cells by the beams of scans, one entry per beam and cell."""
 
     cells: NDArray[np.int64]
     """Shape (n,): flat cell numbers."""
@@ -77,22 +78,20 @@ class CellObservations:
 
 @dataclass(frozen=True, eq=False)
 class KillianResult:
-    """The map of the fused scans and how well it foretells the others."""
+    """The map of the fused scans, and how well it predicts the held-out scans."""
 
     probability: NDArray[np.float64]
     """P(occupied), shape of the grid."""
     sampled: NDArray[np.bool_]
-    """Where a scan ever told something, shape of the grid."""
+    """Cells that at least one scan observed, shape of the grid."""
     resolution: float
     """Metres."""
     extent: tuple[float, float, float, float]
-    """Of the grid: least and greatest x, least and greatest y, metres."""
+    """Of the grid: minimum and maximum x, minimum and maximum y, metres."""
     scores: dict[str, Any]
     """JSON values: counts of scans and observations, and per map (``gaussian_beam``, ``hit_miss``)
     the mean held-out log-loss in nats over ``all`` observations, those of ``free`` and those of
     occupied cells (``hit``), and the mean of these two (``balanced``)."""
-    elapsed_s: float
-    """What the whole run took."""
 
 
 def run(stride: int = 1, progress: bool = False) -> KillianResult:
@@ -101,10 +100,10 @@ def run(stride: int = 1, progress: bool = False) -> KillianResult:
     Parameters
     ----------
     stride : int
-        Take every so many-th scan only; 6 is quick and leaves no gap in a corridor. The constants
-        are those for all scans: the scores of a stride do not compare the maps fairly.
+        Use every `stride`-th scan; 6 is quick and leaves no gap in a corridor. The constants are
+        tuned for stride 1: scores of another stride do not compare the maps fairly.
     progress : bool
-        Show a bar (extra ``cli``).
+        Show a progress bar (extra ``cli``).
 
     Raises
     ------
@@ -115,7 +114,6 @@ def run(stride: int = 1, progress: bool = False) -> KillianResult:
     """
     if stride < 1:
         raise ValueError(f"stride must be at least 1, got {stride}")
-    start = time.perf_counter()
     log = read_killian()
     grid = grid_for_log(log)
     fused, held_out = hold_out(range(0, len(log.ranges), stride), HELD_OUT_EVERY)
@@ -142,8 +140,7 @@ def run(stride: int = 1, progress: bool = False) -> KillianResult:
     }
     (x, y), (nx, ny) = grid.origin, grid.shape
     extent = (x, x + nx * RESOLUTION, y, y + ny * RESOLUTION)
-    elapsed_s = time.perf_counter() - start
-    return KillianResult(probability, sampled, RESOLUTION, extent, scores, elapsed_s)
+    return KillianResult(probability, sampled, RESOLUTION, extent, scores)
 
 
 def read_killian() -> LaserLog:
@@ -156,10 +153,19 @@ def read_killian() -> LaserLog:
 def scan_from_log(
     log: LaserLog, i: int, noise: RangeNoise = NOISE, usable_range: float = USABLE_RANGE
 ) -> Scan:
-    """Scan i as the map takes it: only the beams that returned within the usable range.
+    """Scan `i` in the world frame, with only the beams that returned within the usable range.
 
-    To the noise across a beam comes the beam's own width: it was reflected anywhere in the `angle_increment`
-    between its neighbours, a standard deviation of step * range / sqrt(12).
+    The variance across a beam includes the beam's own width: it was reflected anywhere within one
+    `angle_increment`, which is a standard deviation of angle_increment * range / sqrt(12).
+
+    Parameters
+    ----------
+    log : LaserLog
+    i : int
+        Number of the scan.
+    noise : RangeNoise
+    usable_range : float
+        Metres.
 
     Raises
     ------
@@ -186,7 +192,7 @@ def scan_from_log(
 
 
 def grid_for_log(log: LaserLog, resolution: float = RESOLUTION) -> VoxelGrid:
-    """A grid that holds all that the laser can have used from where it stood."""
+    """The grid that contains every point within the usable range of the laser's poses."""
     margin = USABLE_RANGE + resolution
     lower = np.floor(log.poses[:, :2].min(axis=0) - margin)
     upper = log.poses[:, :2].max(axis=0) + margin
@@ -195,13 +201,13 @@ def grid_for_log(log: LaserLog, resolution: float = RESOLUTION) -> VoxelGrid:
 
 
 def hold_out(scans: Sequence[int], every: int) -> tuple[list[int], list[int]]:
-    """Most scans, and one in so many of them (the last of each such group) apart."""
+    """Split scans into kept ones and held-out ones, the last of each group of `every`."""
     kept = [i for k, i in enumerate(scans) if k % every != every - 1]
     return kept, list(scans[every - 1 :: every])
 
 
 def observe_cells(log: LaserLog, scans: Sequence[int], grid: VoxelGrid) -> CellObservations:
-    """What the beams of these scans say of the cells, as the module's text defines it."""
+    """Cells that the beams of these scans observe, as the module docstring defines it."""
     cells: list[NDArray[np.int64]] = []
     free: list[int] = []
     for i in scans:
@@ -222,9 +228,9 @@ def observe_cells(log: LaserLog, scans: Sequence[int], grid: VoxelGrid) -> CellO
 def held_out_loss(
     probability: NDArray[np.float64], observations: CellObservations
 ) -> dict[str, float]:
-    """Mean log-loss of observations in nats: over all, free and hit ones, and balanced.
+    """Mean log-loss of observations, nats: over all, free and hit ones, and balanced.
 
-    Balanced is the mean of free and hit. NaN where there is no such observation.
+    Balanced is the mean of free and hit. A value is NaN if there is no such observation.
     """
     loss = binary_log_loss(probability.ravel()[observations.cells], observations.occupied)
     free, hit = (
@@ -237,16 +243,16 @@ def held_out_loss(
 def tune_sensor_models(
     log: LaserLog, stride: int = 1, progress: bool = False
 ) -> dict[str, dict[tuple[float, ...], float]]:
-    """Losses of both maps' constants on validation scans; no held-out scan is touched.
+    """Losses of both maps' constants on validation scans; held-out scans are not used.
 
-    The defaults of this module are the best of each. What a map did not sample counts as one half
-    here, so that seeing less is no advantage.
+    The constants of this module are the best of each. Cells that a map did not sample count as 1/2,
+    so that sampling fewer cells is no advantage.
 
     Returns
     -------
     dict
         ``gaussian_beam`` by (noise in metres, free, occupied, clamp) and ``hit_miss`` by (miss,
-        hit, clamp), each in order, best first: mean log-loss over all observations.
+        hit, clamp): mean log-loss over all observations, the best first.
     """
     grid = grid_for_log(log)
     training, _ = hold_out(range(0, len(log.ranges), stride), HELD_OUT_EVERY)

@@ -1,6 +1,6 @@
-"""Planar laser logs in g2o files, zipped as `rtb-data` brings them.
+"""Planar laser logs in zipped g2o files, as `rtb-data` distributes them.
 
-A g2o file is text, one record a line. Three kinds occur:
+A g2o file is text with one record per line. Three kinds occur:
 
 ===========  ====================================================================================
 VERTEX_SE2   id x y heading: a pose of the robot
@@ -22,19 +22,19 @@ from numpy.typing import NDArray
 
 LASER_RECORD = "ROBOTLASER1"
 N_HEADER_WORDS = 9
-"""Words of a record before the ranges, its name included."""
+"""Words of a record before the ranges, including its name."""
 
 
 class LaserLogError(ValueError):
-    """A file holds no usable log; the message names the file, and the line if it is to blame."""
+    """A file contains no usable log; the message names the file, and the line where it applies."""
 
 
 @dataclass(frozen=True, eq=False)
 class LaserLog:
-    """What a planar laser recorded along its way, with the poses of the laser."""
+    """Scans of a planar laser along its path, with the poses of the laser."""
 
     ranges: NDArray[np.float64]
-    """Shape (n, n_beams), metres; `max_range` or more is no return."""
+    """Shape (n, n_beams), metres; `max_range` or more means no return."""
     bearings: NDArray[np.float64]
     """Shape (n_beams,), radians from the laser's heading, from +x to +y."""
     poses: NDArray[np.float64]
@@ -51,8 +51,8 @@ class LaserLog:
 def read_laser_log(path: Path) -> LaserLog:
     """Read the laser records of a zipped g2o file.
 
-    The poses are those of the laser in its own records, as they are: no graph is optimised. Those
-    of Killian Court are the optimum of its graph already (see `killian`).
+    The poses are those of the laser records; no pose graph is optimised. The poses of Killian Court
+    are the optimum of its graph already (see `killian`).
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ def read_laser_log(path: Path) -> LaserLog:
     Raises
     ------
     LaserLogError
-        If the file is no zip or lacks its member, a record is cut short or not finite, records
-        differ in their beams, or there is none.
+        If the file is no zip archive or lacks its member, a record is cut short or not finite,
+        records differ in their beams, or there is no record.
     """
     ranges, poses, headers = [], [], set()
     for number, line in _read_lines(path):

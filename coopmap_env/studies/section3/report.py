@@ -1,4 +1,4 @@
-"""The reproduction's files: report.html, table1.csv, figures, summary.json, and text to print."""
+"""Files of the Section 3 study: report.html, table1.csv, summary.json, figures; and its text."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ import numpy as np
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.serial import settings_to_dict
 from coopmap_env.core.version import __version__
-from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation, summarize
-from coopmap_env.evaluation.statistics.bootstrap import Interval, bootstrap_mean
-from coopmap_env.studies.common import figures
-from coopmap_env.studies.common.pages import render_template
+from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, summarize
+from coopmap_env.evaluation.statistics import bootstrap_mean
+from coopmap_env.studies.common.figures import draw_coverage_curves, save_frame
+from coopmap_env.studies.common.pages import format_interval, render_template
 from coopmap_env.studies.field.report import TABLE_SCORES, field_summary, write_field_figures
 from coopmap_env.studies.field.study import FieldStudy
+from coopmap_env.studies.section3 import figures
 from coopmap_env.studies.section3.study import (
     PAPER_TABLE_1,
     RASTER,
@@ -32,20 +33,29 @@ from coopmap_env.studies.section3.trends import equal_coverage, extent_decreases
 
 
 def write_report(study: Section3, out: Path, field: FieldStudy | None = None) -> None:
-    """Write everything into the folder `out`; without `field`, the plane alone."""
+    """Write all files.
+
+    Parameters
+    ----------
+    study : Section3
+    out : Path
+        Folder of the files; it is made if needed.
+    field : FieldStudy, optional
+        Without it, the report covers the planar environment only.
+    """
     out.mkdir(parents=True, exist_ok=True)
     _draw_figures(study, out)
-    found = summary(study)
+    summary = study_summary(study)
     if field is not None:
         write_field_figures(field, out)
-        found["field"] = field_summary(field)
+        summary["field"] = field_summary(field)
     write_atomically(out / "table1.csv", _table_1_csv(study))
-    write_atomically(out / "summary.json", json.dumps(found, indent=2) + "\n")
-    write_atomically(out / "report.html", _render_html(study, found, out))
+    write_atomically(out / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_atomically(out / "report.html", _render_html(study, summary, out))
 
 
-def summary(study: Section3) -> dict[str, Any]:
-    """Everything that was found, as JSON values."""
+def study_summary(study: Section3) -> dict[str, Any]:
+    """All results as JSON values."""
     return {
         "version": __version__,
         "settings": {
@@ -77,24 +87,22 @@ def summary(study: Section3) -> dict[str, Any]:
 
 
 def text_table_1(study: Section3) -> str:
-    """Table 1 beside the paper's, and the verdicts, for the terminal."""
+    """Table 1 beside the paper's, and the verdicts, as text for the terminal."""
     lines = [
         f"Table 1 after {2 * SCANS_EACH} scans, {study.size.worlds} test worlds: mean "
-        "[95 % interval], the paper's value behind",
-        f"{'search':<12}{'farthest point':>30}{'mean radius':>30}{'sigma':>30}{'% viewed':>22}",
+        "[95 % interval], followed by the paper's value",
+        f"{'search':<12}{'farthest point':>30}{'mean radius':>30}{'sigma':>30}{'% observed':>22}",
     ]
     for search, row in study.table_1().items():
         cells = []
         for k, column in enumerate(TABLE_1_SCORES):
             paper = PAPER_TABLE_1.get(search)
             paper_value = f" {paper[k]:>6.2f}" if paper else " " * 7
-            cells.append(f"{_format_interval(row[column])}{paper_value}")
-        viewed = row["coverage"]
-        percent = Interval(100 * viewed.estimate, 100 * viewed.low, 100 * viewed.high)
+            cells.append(f"{row[column]:.2f}{paper_value}")
         lines.append(
             f"{_search_label(search):<12}"
             + "".join(f"{cell:>30}" for cell in cells)
-            + f"{_format_interval(percent):>22}"
+            + f"{format_interval(row['coverage'], 100):>22}"
         )
     for name, trend in study.trends.items():
         p = "" if trend.p_value is None else f", p = {trend.p_value:.2g}"
@@ -110,33 +118,32 @@ def _draw_figures(study: Section3, out: Path) -> None:
     figures.draw_world_and_map(
         study.figure_7, out / "figure7.png", "probabilistic map after 400 scans"
     )
-    figures.draw_coverage_curves(
+    draw_coverage_curves(
         {RASTER: study.raster, **evaluations_by_label},
         2,
         out / "figure8.png",
-        "% of environment viewed",
+        "% of environment observed",
     )
     figures.draw_sweep(study.sweep, out / "sensitivity.png")
     figures.draw_reliability(study.calibration, out / "reliability.png")
     figures.draw_world_and_map(
-        study.house_picture, out / "house_map.png", "map by rating function, m = 100"
+        study.house_snapshot, out / "house_map.png", "map by rating function, m = 100"
     )
-    figures.draw_coverage_curves(study.house, 2, out / "house_coverage.png", "real floor plan")
-    figures.save_frame(study.episode.frame, out / "render.png")
+    draw_coverage_curves(study.house, 2, out / "house_coverage.png", "real floor plan")
+    save_frame(study.episode.frame, out / "render.png")
     killian = study.killian
     figures.draw_map(
         killian.probability, killian.sampled, killian.resolution, out / "killian_court.png"
     )
 
 
-def _render_html(study: Section3, found: dict[str, Any], out: Path) -> str:
+def _render_html(study: Section3, summary: dict[str, Any], out: Path) -> str:
     return render_template(
         "section3/report.html",
         out,
-        {"short": _format_interval},
         study=study,
-        summary=found,
-        field=found.get("field"),
+        summary=summary,
+        field=summary.get("field"),
         field_columns=TABLE_SCORES,
         table_1=study.table_1(),
         paper=PAPER_TABLE_1,
@@ -173,7 +180,3 @@ def _mean_scores(results: Mapping[Any, Evaluation]) -> dict[str, Any]:
 
 def _search_label(search: int | str) -> str:
     return f"m = {search}" if isinstance(search, int) else str(search)
-
-
-def _format_interval(interval: Interval) -> str:
-    return f"{interval.estimate:.2f} [{interval.low:.2f}, {interval.high:.2f}]"

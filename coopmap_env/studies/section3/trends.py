@@ -1,8 +1,8 @@
 """The trends of the paper's Section 3, each a question with a statistical answer.
 
-T1  Viewed area after 32 scans is about equal for every m and for the exhaustive search.
-T2  A raster scan views far less.
-T3  The spread of the viewed space (sigma) and its farthest point fall as m grows.
+T1  The observed area after 32 scans is about equal for every m and for the exhaustive search.
+T2  A raster scan observes far less.
+T3  The spread of the observed space (sigma) and its farthest point decrease as m grows.
 
 All three compare searches on the same worlds. They are reported as held or not held.
 """
@@ -16,25 +16,26 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from coopmap_env.evaluation.comparison import BOOTSTRAP_SEED, Evaluation
-from coopmap_env.evaluation.statistics.bootstrap import Interval, equivalence_test, page_trend_test
+from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation
+from coopmap_env.evaluation.statistics import Interval, equivalence_test, page_trend_test
 
 EQUIVALENCE_MARGIN = 0.15
-"""T1: "about equal" is a mean within 15 % of the mean of all searches, its interval included. The
-curves of the paper's Figure 8 lie about so far apart."""
+"""T1: "about equal" means that the interval of a search's mean lies within 15 % of the mean of all
+searches. The curves of the paper's Figure 8 differ by about as much."""
 MAX_RASTER_RATIO = 0.75
-"""T2: "far less" is less than three quarters of the least that any other search views."""
+"""T2: "far less" means less than three quarters of the smallest coverage of the other searches."""
 SIGNIFICANCE_LEVEL = 0.05
+"""Of T2 and T3."""
 
 
 @dataclass(frozen=True)
 class Trend:
-    """A verdict and what it stands on."""
+    """A verdict and its evidence."""
 
     held: bool
     question: str
     statistic: str
-    """What the value is."""
+    """What the value means."""
     value: float
     p_value: float | None
     details: dict[str, Any]
@@ -52,14 +53,14 @@ class Trend:
 
 
 def equal_coverage(searches: Mapping[Any, Evaluation]) -> Trend:
-    """T1, as an equivalence: every search's mean within `EQUIVALENCE_MARGIN` of the mean of all."""
+    """T1 as an equivalence test: every mean within `EQUIVALENCE_MARGIN` of the mean of all."""
     coverage = _table(searches, "coverage")
     test = equivalence_test(coverage, EQUIVALENCE_MARGIN, np.random.default_rng(BOOTSTRAP_SEED))
     return Trend(
         held=test.equivalent,
-        question="viewed area is about equal for every m and exhaustive",
+        question="the observed area is about equal for every m and exhaustive",
         statistic="largest distance of a search's mean, its 95 % interval included, from the mean "
-        f"of all, as a share of it; held if at most {EQUIVALENCE_MARGIN}",
+        f"of all, as a fraction of it; held if at most {EQUIVALENCE_MARGIN}",
         value=test.max_deviation,
         p_value=None,
         details={
@@ -72,7 +73,7 @@ def equal_coverage(searches: Mapping[Any, Evaluation]) -> Trend:
 
 
 def raster_coverage_is_lower(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> Trend:
-    """T2: the ratio of what a raster scan views to the least of the searches."""
+    """T2: the ratio of a raster scan's coverage to the smallest of the searches."""
     ours, theirs = raster.table["coverage"], _table(searches, "coverage")
     ratio = _ratio_to_minimum(ours, theirs)
     p_values = [
@@ -80,8 +81,8 @@ def raster_coverage_is_lower(raster: Evaluation, searches: Mapping[Any, Evaluati
     ]
     return Trend(
         held=ratio.high < MAX_RASTER_RATIO and max(p_values) < SIGNIFICANCE_LEVEL,
-        question="a raster scan views far less than any search",
-        statistic="viewed area of the raster scan over the least of the searches; held if its "
+        question="a raster scan observes far less than any search",
+        statistic="observed area of the raster scan over the smallest of the searches; held if its "
         f"interval lies below {MAX_RASTER_RATIO} and every paired test is significant",
         value=ratio.estimate,
         p_value=max(p_values),
@@ -90,7 +91,7 @@ def raster_coverage_is_lower(raster: Evaluation, searches: Mapping[Any, Evaluati
 
 
 def extent_decreases(searches: Mapping[Any, Evaluation]) -> Trend:
-    """T3: sigma and the farthest viewed point fall from the smallest m to exhaustive (Page)."""
+    """T3: sigma and farthest observed point decrease from the smallest m to exhaustive (Page)."""
     tests = {
         column: page_trend_test(_table(searches, column), direction="decreasing")
         for column in ("radius_std", "max_radius")
@@ -98,7 +99,7 @@ def extent_decreases(searches: Mapping[Any, Evaluation]) -> Trend:
     worst = max(tests, key=lambda column: tests[column].p_value)
     return Trend(
         held=all(test.p_value < SIGNIFICANCE_LEVEL for test in tests.values()),
-        question="sigma and the farthest viewed point fall as m grows",
+        question="sigma and the farthest observed point decrease as m grows",
         statistic=f"Page's L of {worst}, the less certain of the two; held if both are significant",
         value=float(tests[worst].statistic),
         p_value=float(tests[worst].p_value),
@@ -110,7 +111,7 @@ def extent_decreases(searches: Mapping[Any, Evaluation]) -> Trend:
 
 
 def all_trends(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> dict[str, Trend]:
-    """T1 to T3; `searches` from the smallest m to exhaustive."""
+    """T1 to T3; `searches` are ordered from the smallest m to exhaustive."""
     return {
         "T1": equal_coverage(searches),
         "T2": raster_coverage_is_lower(raster, searches),
@@ -125,7 +126,7 @@ def _table(searches: Mapping[Any, Evaluation], column: str) -> np.ndarray[Any, A
 
 
 def _ratio_to_minimum(ours: np.ndarray[Any, Any], theirs: np.ndarray[Any, Any]) -> Interval:
-    """Mean of `ours` (n,) over the least column mean of `theirs` (n, k), worlds resampled."""
+    """Mean of `ours` (n,) over the smallest column mean of `theirs` (n, k), worlds resampled."""
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     worlds = rng.integers(len(ours), size=(2000, len(ours)))
     ratios = ours[worlds].mean(axis=1) / theirs[worlds].mean(axis=1).min(axis=1)

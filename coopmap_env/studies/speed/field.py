@@ -1,40 +1,40 @@
-"""Speed in the field, each beside what one would otherwise use, in the same run.
+"""Speed of the field environment: steps, scans, ratings, localization, memory.
 
-The reference of a look is PyBullet's `rayTestBatch` and OctoMap's `insertPointCloud` (extra
-``octomap``) for the same camera pose; everything runs on one core.
+The reference of a scan is PyBullet's `rayTestBatch` followed by OctoMap's `insertPointCloud` (extra
+``octomap``) at the same camera pose. Everything runs on one core.
 """
 
 from __future__ import annotations
 
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.envs.field import FieldEnv, FieldSettings
-from coopmap_env.evaluation.policy import make_policy
-from coopmap_env.evaluation.rollout import policy_rng
+from coopmap_env.evaluation import make_policy, rollout
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.sensing import Scan, transform_cloud
 from coopmap_env.simulation.depth.renderer import DepthRenderer, simulate_point_cloud
 from coopmap_env.simulation.physics.world import BulletWorld
 from coopmap_env.studies.field.octomap_comparison import fuse_octomap
-from coopmap_env.studies.speed.planar import step_profile
+from coopmap_env.studies.speed.common import resident_memory_mb, step_profile
 
 N_SCAN_POSES = 20
-"""Poses of one round of the look's comparison."""
+"""Camera poses per round at which a scan is measured."""
 N_CANDIDATES = 300
+"""Poses that are rated at once."""
 N_EPISODES = 4
+"""Random episodes per round, of each kind of physics."""
 
 
 def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
-    """All figures, as JSON values; medians of interleaved rounds, process time."""
+    """All measurements as JSON values: process times, medians over interleaved rounds."""
     import_optional("pyoctomap", "octomap")
     settings = FieldSettings()
     envs = {
@@ -58,7 +58,7 @@ def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
             samples.setdefault(name, []).append(value)
     figures: dict[str, Any] = {name: statistics.median(v) for name, v in samples.items()}
     figures["scan_speedup"] = figures["scan_reference_ms"] / figures["scan_ms"]
-    figures["resident_memory_mb"] = fresh_process_memory_mb()
+    figures["resident_memory_mb"] = resident_memory_mb("field", episodes=3)
     figures["step_profile_us"] = step_profile(envs["kinematic"], steps=32)
     for env in envs.values():
         env.close()
@@ -69,7 +69,7 @@ def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
 
 
 def agent_steps_per_second(env: FieldEnv, episodes: int) -> float:
-    """Agent-steps per second of `step` with random feasible poses, which all mean a motion."""
+    """Agent-steps per second of `step` with random feasible poses, so that every robot moves."""
     rng = np.random.default_rng(0)
     elapsed, count = 0.0, 0
     for seed in range(episodes):
@@ -88,7 +88,7 @@ def agent_steps_per_second(env: FieldEnv, episodes: int) -> float:
 
 
 def scan_ms(env: FieldEnv) -> dict[str, float]:
-    """Milliseconds of sensing and fusing one image: ours, and PyBullet's rays with OctoMap."""
+    """Milliseconds to simulate and fuse one depth image, and the same of the reference."""
     env.reset(seed=0)
     world, s, rng = env.truth, env.settings, np.random.default_rng(0)
     renderer = DepthRenderer(world.triangles)
@@ -114,7 +114,7 @@ def scan_ms(env: FieldEnv) -> dict[str, float]:
 
 
 def reference_scan_seconds(physics: BulletWorld, scan: Scan, far: float, grid: Any) -> float:
-    """Seconds of `rayTestBatch` over the same beams and one `insertPointCloud` of the scan."""
+    """Seconds of `rayTestBatch` with the same beams and one `insertPointCloud` of the scan."""
     rays = scan.points - scan.origin
     ends = scan.origin + far * rays / np.linalg.norm(rays, axis=1, keepdims=True)
     start = time.process_time()
@@ -127,17 +127,15 @@ def reference_scan_seconds(physics: BulletWorld, scan: Scan, far: float, grid: A
 def rating_ms(env: FieldEnv) -> dict[str, float]:
     """Milliseconds to rate 300 candidates half-way through an episode.
 
-    As a decision does it (roughly, then the best 30 exactly), and all of them exactly.
+    First as a decision does it (all on a coarse map, then the best 30 exactly), then all exactly.
     """
     policy = make_policy("rating_function:search=50")
-    observations, _ = env.reset(seed=0)
-    policy.reset(policy_rng(0))
-    for _ in range(env.max_scans // 2):
-        observations, *_ = env.step(policy.act(env.belief(), observations))
+    for _ in islice(rollout(env, policy, seed=0), env.max_scans // 2):
+        pass
     belief = env.belief()
     poses = belief.random_poses(0, N_CANDIDATES, np.random.default_rng(0))
     start = time.process_time()
-    short = belief.prescreen(poses, lambda rough, some: rough.rate(0, some).rating)
+    short = belief.planning.prescreen(belief, poses, lambda rough, some: rough.rate(0, some).rating)
     belief.rate(0, short)
     prescreened = time.process_time()
     belief.rate(0, poses)
@@ -148,18 +146,16 @@ def rating_ms(env: FieldEnv) -> dict[str, float]:
 
 
 def localization_ms() -> dict[str, float]:
-    """Milliseconds of a motion correction and of a registration, over an episode of the search."""
+    """Milliseconds of a motion correction and of a registration, over a search episode."""
     env = FieldEnv(initialization="search", motion_correction="fiducials")
     policy = make_policy("rating_function:search=50")
     corrections: list[float] = []
     registrations: list[float] = []
     for seed in range(2):  # the first one loads compiled code
-        observations, _ = env.reset(seed=seed)
-        policy.reset(policy_rng(seed))
+        steps = rollout(env, policy, seed)
         corrections.clear()
         registrations.clear()
-        while env.agents:
-            observations, *_ = env.step(policy.act(env.belief(), observations))
+        for _ in steps:
             registrations += env.localizer.registration_times
             if all(env.belief().located):
                 corrections += env.localizer.correction_times
@@ -170,18 +166,3 @@ def localization_ms() -> dict[str, float]:
         "registration_ms": 1e3 * statistics.median(registrations),
         "registration_max_ms": 1e3 * max(registrations),
     }
-
-
-def fresh_process_memory_mb() -> float:
-    """Resident memory of a fresh process after some episodes in the field."""
-    import_optional("psutil", "bench")
-    code = (
-        "import psutil; from coopmap_env import field_v0;"
-        "env = field_v0.parallel_env()\n"
-        "for seed in range(3):\n"
-        "    env.reset(seed=seed)\n"
-        "    while env.agents: env.step({a: env.action_space(a).sample() for a in env.agents})\n"
-        "print(psutil.Process().memory_info().rss / 2**20)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return float(done.stdout.split()[-1])

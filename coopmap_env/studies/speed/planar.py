@@ -1,7 +1,8 @@
-"""Speed: steps, ratings, decisions, memory, beside a well-known environment in the same run.
+"""Speed of the planar environment: steps, ratings, decisions, memory.
 
-The machines that this runs on are shared; so figures are medians over interleaved rounds, and the
-ratio to mpe2's simple_spread (extra ``bench``) is what to compare between machines.
+The measurements are medians over interleaved rounds, because the machine may be shared. Between
+machines, compare the ratio to simple_spread of mpe2 (extra ``bench``), which runs in the same
+rounds.
 """
 
 from __future__ import annotations
@@ -9,19 +10,20 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.evaluation.policy import Policy, make_policy
-from coopmap_env.evaluation.rollout import policy_rng
-from coopmap_env.studies.section3.study import SCANS_EACH, settings
+from coopmap_env.evaluation import Policy, make_policy, rollout
+from coopmap_env.studies.section3.study import SCANS_EACH, section3_settings
+from coopmap_env.studies.speed.common import resident_memory_mb, step_profile
 
 
 def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
-    """All figures, as JSON values."""
+    """All measurements as JSON values, medians over the rounds."""
     spread = import_optional("mpe2.simple_spread_v3", "bench").parallel_env()
     planar = PlanarEnv(max_scans=SCANS_EACH)
     candidates_env = PlanarEnv(max_scans=SCANS_EACH, action_mode="candidates")
@@ -30,7 +32,7 @@ def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     step_rates(candidates_env, 2)
     names = ("exhaustive", "exhaustive+coordination=sequential", "100")
     policies = {name: make_policy(f"rating_function:search={name}") for name in names}
-    long_reach_env = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=settings())
+    long_reach_env = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=section3_settings())
     for policy in policies.values():
         decision_ms(long_reach_env, policy, seed=0)
     samples: dict[str, list[float]] = {}
@@ -63,16 +65,19 @@ def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
             )
         add_sample("decision_ms_brute_force", brute_force_ms(long_reach_env, seed=round_index + 1))
     figures: dict[str, Any] = {name: statistics.median(values) for name, values in samples.items()}
-    figures["resident_memory_mb"] = fresh_process_memory_mb()
+    figures["resident_memory_mb"] = resident_memory_mb("planar", episodes=5)
     figures["step_profile_us"] = step_profile(planar)
     return figures
 
 
 def step_rates(env: Any, episodes: int) -> tuple[float, float, float]:
-    """Agent-steps per second of random roll-outs.
+    """Agent-steps per second of random episodes.
 
-    Of `step` alone; with the resets between episodes; and with the sampling of actions too, which
-    is how PettingZoo's own benchmark counts.
+    Returns
+    -------
+    tuple of float
+        Of `step` alone; with the resets between episodes; and with the sampling of actions, as
+        PettingZoo's own benchmark counts.
     """
     agents = env.possible_agents
     env.reset(seed=0)
@@ -103,7 +108,7 @@ def step_rates(env: Any, episodes: int) -> tuple[float, float, float]:
 def rating_us(env: PlanarEnv, size: int, n_poses: int = 1000) -> float:
     """Microseconds to rate one random pose (Eq. 9) half-way through an episode.
 
-    `size` poses are rated in one call, as a decision does.
+    One call rates `size` poses, as a decision does.
     """
     _mean_decision_seconds(
         env, make_policy("rating_function:search=100"), seed=0, scans=SCANS_EACH // 2
@@ -114,30 +119,30 @@ def rating_us(env: PlanarEnv, size: int, n_poses: int = 1000) -> float:
     ids = rng.choice(cells, n_poses) * n + rng.integers(n, size=n_poses)
     start = time.perf_counter()
     for batch in ids.reshape(-1, size):
-        belief.rating.rate(belief.map, batch, belief.pose_ids[0])
+        belief.rate(0, batch)
     return 1e6 * (time.perf_counter() - start) / n_poses
 
 
 def decision_ms(env: PlanarEnv, policy: Policy, seed: int) -> float:
-    """Milliseconds of one robot's decision, in the mean over an episode of 32 scans."""
+    """Milliseconds of one robot's decision, the mean over an episode of 32 scans."""
     return 1e3 * _mean_decision_seconds(env, policy, seed, SCANS_EACH)
 
 
 def brute_force_ms(env: PlanarEnv, seed: int) -> float:
-    """The same for rating every feasible pose anew."""
+    """The same for a planner that rates every feasible pose at each decision."""
 
     class BruteForce:
-        """Exhaustive search without memory."""
+        """Exhaustive search without a cache."""
 
         def reset(self, rng: np.random.Generator) -> None:
-            """Nothing to forget."""
+            """It has no state."""
 
         def act(self, belief: Any, observations: Any) -> dict[str, Any]:
             """The pose of the highest rating."""
             actions = {}
             for robot, agent in enumerate(belief.agents):
                 ids = belief.feasible_poses(robot)
-                rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot])
+                rated = belief.rate(robot, ids)
                 actions[agent] = belief.action_for(robot, int(ids[np.argmax(rated.rating)]))
             return actions
 
@@ -145,56 +150,6 @@ def brute_force_ms(env: PlanarEnv, seed: int) -> float:
 
 
 def _mean_decision_seconds(env: PlanarEnv, policy: Policy, seed: int, scans: int) -> float:
-    """Play some scans; return the mean seconds of one robot's decision."""
-    observations, _ = env.reset(seed=seed)
-    policy.reset(policy_rng(seed))
-    elapsed = 0.0
-    for _ in range(scans):
-        start = time.perf_counter()
-        actions = policy.act(env.belief(), observations)
-        elapsed += time.perf_counter() - start
-        observations, *_ = env.step(actions)
+    """Play some scans; return the mean time of one robot's decision, seconds."""
+    elapsed = sum(step.decision_s for step in islice(rollout(env, policy, seed), scans))
     return elapsed / (scans * len(env.possible_agents))
-
-
-def fresh_process_memory_mb() -> float:
-    """Resident memory of a fresh process after some episodes, without the bench's own imports."""
-    import subprocess
-    import sys
-
-    import_optional("psutil", "bench")
-    code = (
-        "import psutil; from coopmap_env import planar_v0;"
-        "env = planar_v0.parallel_env()\n"
-        "for seed in range(5):\n"
-        "    env.reset(seed=seed)\n"
-        "    while env.agents: env.step({a: env.action_space(a).sample() for a in env.agents})\n"
-        "print(psutil.Process().memory_info().rss / 2**20)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return float(done.stdout)
-
-
-def step_profile(env: PlanarEnv, steps: int = 400) -> dict[str, float]:
-    """Microseconds of a team step by the function that spends them (own time, ten largest)."""
-    import cProfile
-    import pstats
-
-    env.reset(seed=0)
-    for k, agent in enumerate(env.possible_agents):
-        env.action_space(agent).seed(k)
-    profile = cProfile.Profile()
-    for _ in range(steps):
-        if not env.agents:
-            env.reset()
-        actions = {agent: env.action_space(agent).sample() for agent in env.agents}
-        profile.enable()
-        env.step(actions)
-        profile.disable()
-    stats: Any = pstats.Stats(profile)
-    own = {
-        f"{path.rsplit('/', 1)[-1]}:{name}": 1e6 * values[2] / steps
-        for (path, _, name), values in stats.stats.items()
-    }
-    top = sorted(own, key=own.__getitem__, reverse=True)[:10]
-    return {name: round(own[name], 2) for name in top}

@@ -1,4 +1,4 @@
-"""The comparison of learned policies and planners, with planners in place of the learned ones."""
+"""The comparison of learned policies and planners; planners stand in for learned policies."""
 
 import csv
 import json
@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from coopmap_env.cli import main
-from coopmap_env.evaluation.comparison import Evaluation
-from coopmap_env.evaluation.policy import make_policy
-from coopmap_env.evaluation.rollout import Episode, MappedExtent
-from coopmap_env.evaluation.statistics.bootstrap import Interval
-from coopmap_env.evaluation.worlds import get_env_spec
-from coopmap_env.studies.benchmark import methods as policy_entries
-from coopmap_env.studies.benchmark import study as policy_study
+from coopmap_env.evaluation import Episode, Evaluation, MappedExtent, get_env_spec, make_policy
+from coopmap_env.evaluation.statistics import Interval
+from coopmap_env.studies.benchmark import methods as benchmark_methods
+from coopmap_env.studies.benchmark import study as benchmark_study
 from coopmap_env.studies.benchmark.methods import (
     FULL,
     LEARNED,
@@ -29,22 +26,21 @@ from coopmap_env.studies.benchmark.methods import (
     with_n_candidates,
 )
 from coopmap_env.studies.benchmark.report import text_summary, verdict_table, write_benchmark_report
-from coopmap_env.studies.benchmark.study import (
-    ConditionResult,
-    MethodResult,
+from coopmap_env.studies.benchmark.study import ConditionResult, MethodResult
+from coopmap_env.studies.benchmark.summary import (
     condition_summary,
     interval_verdict,
-    summary,
+    study_summary,
     verdicts,
 )
 
 SHORT = {"n_robots": 2, "max_scans": 2, "split": "test", "reward": "rating"}
-STANDS_IN = Method(
+STAND_IN = Method(
     "learned", ("coverage", "information_gain"), with_n_candidates(8), LEARNED, plotted=True
 )
 """Two planners as two training runs."""
-ENTRIES = (
-    STANDS_IN,
+METHODS = (
+    STAND_IN,
     planner_method("rating_function", with_n_candidates(8), plotted=True),
     planner_method("coverage", with_n_candidates(8)),
     planner_method("rating_function:search=100", POSE_MODE),
@@ -52,7 +48,7 @@ ENTRIES = (
 )
 
 
-def test_the_comparison_is_what_it_says():
+def test_the_plan_has_the_documented_methods_and_conditions():
     whole = make_plan(FULL, ("planar", "field"))
     planar, field = whole.main
     assert (planar.n_worlds, field.n_worlds) == (100, 100)
@@ -61,10 +57,10 @@ def test_the_comparison_is_what_it_says():
     assert first.policy_specs == tuple(
         f"learned:model=planar-candidates+seed={k}" for k in (0, 1, 2)
     )
-    assert first.arguments == {"action_mode": "candidates", "n_candidates": 32}
-    assert {c.arguments["n_robots"] for c in whole.generalization if c.world == "planar"} == set(
-        range(1, 6)
-    )
+    assert first.env_kwargs == {"action_mode": "candidates", "n_candidates": 32}
+    assert {
+        c.env_kwargs["n_robots"] for c in whole.generalization if c.env_name == "planar"
+    } == set(range(1, 6))
     assert [condition.n_worlds for condition in make_plan(QUICK, ("planar",)).main] == [4]
 
 
@@ -84,7 +80,7 @@ def test_every_environment_of_the_comparison_can_be_made(world):
     whole = make_plan(FULL, (world,))
     for condition in (*whole.main, *whole.generalization):
         for arguments in (POSE_MODE, with_n_candidates(3)):
-            get_env_spec(world).make(**{**condition.arguments, **arguments}).close()
+            get_env_spec(world).make(**{**condition.env_kwargs, **arguments}).close()
 
 
 def test_the_seed_decides_world_and_starts_whatever_the_action_mode():
@@ -106,9 +102,9 @@ def test_labels_say_what_a_spec_does():
     assert planner_method("frontier", POSE_MODE).family == "other"
 
 
-def test_everybody_is_held_against_the_rating_function_on_as_many_candidates():
-    condition = Condition("here", "planar", 2, SHORT, ENTRIES)
-    learned, rating, coverage, reference, random = ENTRIES
+def test_every_method_is_compared_with_the_rating_function_on_the_same_candidates():
+    condition = Condition("here", "planar", 2, SHORT, METHODS)
+    learned, rating, coverage, reference, random = METHODS
     assert condition.baseline_for(learned) is rating
     assert condition.baseline_for(rating) is reference
     assert condition.baseline_for(random) is reference
@@ -120,34 +116,42 @@ def test_everybody_is_held_against_the_rating_function_on_as_many_candidates():
 
 
 def episode(seed, area, reward=0.0):
-    """An episode of one scan: from nothing to twice the area."""
+    """An episode of one scan with this area under the coverage curve."""
     return Episode(
-        seed=seed, coverage_curve=[0.0, 2 * area], entropy_curve=[1.0, 0.5], reward=reward, motion_cost=1.0,
-        log_loss=0.1, brier_score=0.1, extent=MappedExtent(1.0, 1.0, 1.0), n_rejected_actions=0, n_collisions=0,
+        seed=seed,
+        coverage_curve=[0.0, 2 * area],
+        entropy_curve=[1.0, 0.5],
+        reward=reward,
+        motion_cost=1.0,
+        log_loss=0.1,
+        brier_score=0.1,
+        extent=MappedExtent(1.0, 1.0, 1.0),
+        n_rejected_actions=0,
+        n_collisions=0,
         planning_time_ms=1.0,
-    )  # fmt: skip
+    )
 
 
 def method_result(method, *runs):
-    """What an entry did: rows of areas under the curve, a world each."""
+    """Result of a method: one row of areas under the curve for each run, one area per world."""
     return MethodResult(
         method, tuple(Evaluation(tuple(episode(k, a) for k, a in enumerate(row))) for row in runs)
     )
 
 
-def made_up():
+def example_condition():
     method_results = (
-        method_result(ENTRIES[0], [0.3, 0.5], [0.4, 0.6]),
-        method_result(ENTRIES[1], [0.2, 0.4]),
-        method_result(ENTRIES[2], [0.4, 0.6]),
-        method_result(ENTRIES[3], [0.2, 0.2]),
-        method_result(ENTRIES[4], [0.1, 0.1]),
+        method_result(METHODS[0], [0.3, 0.5], [0.4, 0.6]),
+        method_result(METHODS[1], [0.2, 0.4]),
+        method_result(METHODS[2], [0.4, 0.6]),
+        method_result(METHODS[3], [0.2, 0.2]),
+        method_result(METHODS[4], [0.1, 0.1]),
     )
-    return ConditionResult(Condition("here", "planar", 2, SHORT, ENTRIES), method_results)
+    return ConditionResult(Condition("here", "planar", 2, SHORT, METHODS), method_results)
 
 
-def test_scores_are_summed_up_over_runs_and_worlds():
-    found = condition_summary(made_up())["methods"]["learned"]
+def test_scores_are_summarised_over_runs_and_worlds():
+    found = condition_summary(example_condition())["methods"]["learned"]
     area = found["scores"]["coverage_auc"]
     assert area["runs"] == pytest.approx([0.4, 0.5])
     assert area["mean"]["estimate"] == pytest.approx(0.45)
@@ -157,7 +161,7 @@ def test_scores_are_summed_up_over_runs_and_worlds():
 
 
 def test_the_verdict_follows_from_the_paired_difference():
-    found = verdicts(condition_summary(made_up()))
+    found = verdicts(condition_summary(example_condition()))
     areas = {v["planner"]: v for v in found if v["score"] == "coverage_auc"}
     # runs lead the rating function by 0.1 and 0.2 on both worlds; the best planner is coverage
     over_rating = areas["rating function, 8 candidates"]
@@ -168,9 +172,11 @@ def test_the_verdict_follows_from_the_paired_difference():
     assert over_rating["runs"] == pytest.approx([0.1, 0.2])
     assert over_rating["verdict"] == "contains zero"
     assert areas["coverage, 8 candidates"]["difference"]["estimate"] == pytest.approx(-0.05)
-    assert set(areas) == {*(method.label for method in ENTRIES[1:4])}
+    assert set(areas) == {*(method.label for method in METHODS[1:4])}
     rewards = [v for v in found if v["score"] == "reward"]
-    assert {v["verdict"] for v in rewards} == {"contains zero"}  # all made up to be zero
+    assert {v["verdict"] for v in rewards} == {
+        "contains zero"
+    }  # all rewards of the example are zero
     assert verdict_table(found)[1][3:] == [
         "+15.00 [-48.53, +78.53]",
         "contains zero",
@@ -185,25 +191,25 @@ def test_an_interval_that_touches_zero_is_no_verdict():
 
 
 def test_improvement_and_ratio_are_against_the_same_worlds():
-    against = condition_summary(made_up())["methods"]["learned"]["comparisons"]
+    against = condition_summary(example_condition())["methods"]["learned"]["comparisons"]
     rating = against["rating function, 8 candidates"]
     assert rating["probability_of_improvement"]["coverage_auc"]["estimate"] == 1.0
     assert rating["ratio"]["coverage_auc"]["estimate"] == pytest.approx(1.5)
-    assert rating["same_arguments"]
-    assert not against[REFERENCE]["same_arguments"]
+    assert rating["same_env_kwargs"]
+    assert not against[REFERENCE]["same_env_kwargs"]
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     store = tmp_path_factory.mktemp("store")
-    generalization = Condition("3 robots", "planar", 2, {**SHORT, "n_robots": 3}, ENTRIES[:3])
+    generalization = Condition("3 robots", "planar", 2, {**SHORT, "n_robots": 3}, METHODS[:3])
     small = BenchmarkPlan(
-        (Condition("all policies", "planar", 3, SHORT, ENTRIES),), (generalization,)
+        (Condition("all policies", "planar", 3, SHORT, METHODS),), (generalization,)
     )
-    return policy_study.run(store, small, 1, print)
+    return benchmark_study.run(store, small, 1, print)
 
 
-def test_all_entries_play_on_the_same_worlds(study):
+def test_all_methods_play_on_the_same_worlds(study):
     for method_result in study.main[0].method_results:
         assert len(method_result.runs) == len(method_result.method.policy_specs)
         assert method_result.scores["coverage_auc"].shape == (len(method_result.runs), 3)
@@ -214,26 +220,26 @@ def test_all_entries_play_on_the_same_worlds(study):
     np.testing.assert_array_equal(learned.scores["reward"][:1], coverage.scores["reward"])
 
 
-def test_a_policy_that_is_missing_is_named_before_anybody_plays(tmp_path):
-    first = Condition("all policies", "planar", 2, SHORT, ENTRIES[1:])
+def test_a_missing_policy_is_named_before_any_episode(tmp_path):
+    first = Condition("all policies", "planar", 2, SHORT, METHODS[1:])
     last = replace(first, methods=(Method("late", ("nobody",), POSE_MODE, LEARNED),))
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
-        policy_study.run(tmp_path / "store", BenchmarkPlan((first,), (last,)), 1, print)
+        benchmark_study.run(tmp_path / "store", BenchmarkPlan((first,), (last,)), 1, print)
     assert not (tmp_path / "store").exists()
 
 
-def test_the_table_has_a_row_for_each_entry_and_condition(study):
-    text = text_summary(summary(study))
-    for method in ENTRIES:
+def test_the_table_has_a_row_for_each_method_and_condition(study):
+    text = text_summary(study_summary(study))
+    for method in METHODS:
         assert f"| {method.label} " in text
     assert "| learned (2 training runs) |" in text
-    assert "In the plane, learned - rating function, 8 candidates, area under viewed" in text
-    assert "| in the plane: 3 robots | 2 |" in text
-    widths = {line.count(" | ") for line in text.splitlines() if line.startswith("| policy")}
+    assert "Planar-v0, learned - rating function, 8 candidates, area under coverage curve" in text
+    assert "| Planar-v0: 3 robots | 2 |" in text
+    widths = {line.count(" | ") for line in text.splitlines() if line.startswith("| method")}
     assert widths == {9}
 
 
-def test_the_report_is_written_whole(study, tmp_path):
+def test_all_files_of_the_report_are_written(study, tmp_path):
     for module in ("matplotlib", "jinja2"):
         pytest.importorskip(module)
     found = write_benchmark_report(study, tmp_path)
@@ -246,32 +252,32 @@ def test_the_report_is_written_whole(study, tmp_path):
     assert {row["policy"] for row in rows} >= {"learned; coverage", "learned; information_gain"}
 
 
-def test_the_command_compares_in_the_worlds_it_is_told(tmp_path, monkeypatch, capsys):
+def test_the_command_compares_in_the_named_environments(tmp_path, monkeypatch, capsys):
     for module in ("matplotlib", "jinja2", "tyro"):
         pytest.importorskip(module)
-    asked = []
+    calls = []
 
-    def small_plan(size, worlds):
-        asked.append((size, tuple(worlds)))
-        return BenchmarkPlan((Condition("all policies", "planar", 2, SHORT, ENTRIES[1:4]),), ())
+    def small_plan(size, env_names):
+        calls.append((size, tuple(env_names)))
+        return BenchmarkPlan((Condition("all policies", "planar", 2, SHORT, METHODS[1:4]),), ())
 
-    monkeypatch.setattr(policy_entries, "make_plan", small_plan)
+    monkeypatch.setattr(benchmark_methods, "make_plan", small_plan)
     main(["compare", "--quick", "--envs", "planar", "--out", str(tmp_path)])
-    assert asked == [(QUICK, ("planar",))]
+    assert calls == [(QUICK, ("planar",))]
     assert "| rating function, m = 100 |" in capsys.readouterr().out
     assert (tmp_path / "report.html").is_file()
 
 
 def test_bad_input_is_named(tmp_path):
-    with pytest.raises(SystemExit, match="worlds must be planar, field or both, got moon"):
+    with pytest.raises(SystemExit, match="environments must be planar, field or both, got moon"):
         main(["compare", "--envs", "planar,moon", "--out", str(tmp_path)])
     with pytest.raises(ValueError, match="field or both, got none"):
         make_plan(FULL, ())
     with pytest.raises(ValueError, match="n_worlds must be at least 2 for an interval, got 1"):
-        Condition("here", "planar", 1, SHORT, ENTRIES)
-    with pytest.raises(ValueError, match=r"\['learned'\] are there more than once"):
-        Condition("here", "planar", 2, SHORT, (STANDS_IN, STANDS_IN))
+        Condition("here", "planar", 1, SHORT, METHODS)
+    with pytest.raises(ValueError, match=r"\['learned'\] occur more than once"):
+        Condition("here", "planar", 2, SHORT, (STAND_IN, STAND_IN))
     with pytest.raises(ValueError, match=r"one of learned, rating function, .* got 'magic'"):
         Method("label", ("random",), POSE_MODE, "magic")
-    with pytest.raises(ValueError, match="entry 'label' needs at least one policy"):
+    with pytest.raises(ValueError, match="method 'label' needs at least one policy"):
         Method("label", (), POSE_MODE, LEARNED)

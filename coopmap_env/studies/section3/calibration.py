@@ -1,7 +1,7 @@
-"""Is the map a probability? Brier score, log-loss and reliability against the truth.
+"""Calibration of the map: Brier score, log-loss and reliability against the truth.
 
-The scans of whole episodes are fused by the Gaussian beam model and by a constant hit/miss model,
-and both maps are scored on the cells that either knows. The constants of both models were tuned by
+The scans of whole episodes are fused by the Gaussian beam model and by a constant hit/miss model.
+Both maps are scored on the cells that they sampled. The constants of both models were tuned by
 `tune_sensor_models` on training worlds; reports use test worlds.
 """
 
@@ -15,21 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.evaluation.metrics.calibration import (
+from coopmap_env.evaluation import Policy, rollout
+from coopmap_env.evaluation.metrics import (
     brier_score,
     expected_calibration_error,
     log_loss,
     reliability_curve,
 )
-from coopmap_env.evaluation.policy import Policy
-from coopmap_env.evaluation.rollout import policy_rng
 from coopmap_env.mapping import BeamModel, OccupancyMap
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.studies.recorded.hit_miss import HitMissMap, HitMissModel
+from coopmap_env.studies.common.hit_miss import HitMissMap, HitMissModel
 
-NOISE_STREAM = 0x5CA9
-"""Spawn key of the scans' noise: drawn apart from the episode's own."""
+NOISE_SPAWN_KEY = 0x5CA9
+"""Spawn key of the noise of these scans, which is independent of the episode's own."""
 
 
 @dataclass(frozen=True)
@@ -41,21 +40,32 @@ class RecordedWorld:
 
 
 def record_scans(env: PlanarEnv, policy: Policy, seeds: Sequence[int]) -> Iterator[RecordedWorld]:
-    """Play an episode in each world and scan anew from all poses that were visited."""
+    """Play an episode in each world and take new scans from all visited poses.
+
+    Parameters
+    ----------
+    env : PlanarEnv
+    policy : Policy
+    seeds : sequence of int
+        One for each world.
+
+    Yields
+    ------
+    RecordedWorld
+        For each seed.
+    """
     for seed in seeds:
-        observations, _ = env.reset(seed=seed)
-        policy.reset(policy_rng(seed))
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(NOISE_STREAM,)))
+        steps = rollout(env, policy, seed)
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(NOISE_SPAWN_KEY,)))
         simulator = PlanarSimulator(env.truth, env.settings.camera, env.settings.noise)
-        scans = []
-        while env.agents:
-            observations, *_ = env.step(policy.act(env.belief(), observations))
+        scans: list[Scan] = []
+        for _ in steps:
             scans += [simulator.scan_from(pose, rng) for pose in env.belief().poses]
         yield RecordedWorld(tuple(scans), env.truth.occupied)
 
 
 class ScoredCells(NamedTuple):
-    """What quality scores take, flat."""
+    """Cells of one or more maps as calibration scores take them, flat (n,)."""
 
     probability: NDArray[np.float64]
     occupied: NDArray[np.bool_]
@@ -63,7 +73,7 @@ class ScoredCells(NamedTuple):
 
 
 def fuse_scans(world: RecordedWorld, map_: OccupancyMap | HitMissMap) -> ScoredCells:
-    """Fuse a world's scans; return its cells."""
+    """Fuse the scans of a world into an empty map; return its cells."""
     for scan in world.scans:
         map_.integrate(scan)
     return ScoredCells(map_.probability.ravel(), world.occupied.ravel(), map_.sampled.ravel())
@@ -72,7 +82,7 @@ def fuse_scans(world: RecordedWorld, map_: OccupancyMap | HitMissMap) -> ScoredC
 def pool_cells(
     worlds: Sequence[RecordedWorld], env: PlanarEnv, model: BeamModel | HitMissModel
 ) -> ScoredCells:
-    """All cells of all worlds under one model."""
+    """All cells of all worlds, each fused with the same model."""
     grid, clamp = env.belief().map.grid, env.settings.log_odds_range
     parts = [
         fuse_scans(
@@ -105,14 +115,16 @@ def calibration_scores(cells: ScoredCells) -> dict[str, Any]:
 def tune_sensor_models(
     worlds: Sequence[RecordedWorld], env: PlanarEnv
 ) -> tuple[BeamModel, HitMissModel, dict[str, float]]:
-    """The constants of least log-loss on these (training) worlds, from a grid of choices.
+    """Find the constants of both models that minimise the log-loss on training worlds.
+
+    The defaults of `BeamModel` and `HitMissModel` come from this search. It takes some minutes.
 
     Returns
     -------
     beam : BeamModel
-    constant : HitMissModel
+    hit_miss : HitMissModel
     losses : dict
-        Log-loss by choice, for looking.
+        Log-loss of every choice, by its description.
     """
     losses: dict[str, float] = {}
     free_values = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02)

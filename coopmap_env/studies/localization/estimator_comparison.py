@@ -1,7 +1,7 @@
-"""Identifications side by side: Eq. 12, Eq. 13 and rigid solutions over levels of range noise.
+"""Comparison of pose estimators: Eq. 12, Eq. 13 and rigid solutions at levels of range noise.
 
-Fiducials are drawn in the field of view, and both of their points with the noise of Eq. 1: what
-was seen before the motion, from elsewhere, and what is seen after it.
+Fiducials are drawn in the field of view. Each has two points with the noise of Eq. 1: one measured
+before the motion from an earlier pose, and one measured after it.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from coopmap_env.sensing import DepthCamera, RangeNoise, rotate_covariances
 Array = NDArray[np.float64]
 
 NOISE_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Times the default noise."""
+"""Factors of the default noise."""
 N_FIDUCIALS = 24
 PREDICTION_STD = np.array([0.005, 0.005, 0.005, 0.004, 0.004, 0.004])
-"""Standard deviations of the prediction by the mast's encoders: metres, radians."""
+"""Standard deviations of the prediction from the mast's encoders: metres, radians."""
 OUTLIER_STD = 0.15
-"""Metres by which outliers have moved."""
+"""Standard deviation of the displacement of outliers, metres."""
 ESTIMATORS = (
     "linear (Eq. 12)",
     "recursive (Eq. 13)",
@@ -48,21 +48,21 @@ ESTIMATORS = (
 def compare_pose_estimators(
     rng: np.random.Generator, n_draws: int, outlier_fraction: float
 ) -> dict[str, dict[str, list[float]]]:
-    """Median errors of the camera's pose by each method, for each level of noise.
+    """Median errors of the camera pose by each estimator, for each level of noise.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     draws : int
-        Of camera poses and fiducials, the same for all methods.
+        Number of random camera poses and fiducials, the same for all estimators.
     outlier_fraction : float
-        Of the fiducials, which have moved by `OUTLIER_STD`.
+        Fraction of fiducials that moved, by `OUTLIER_STD`.
 
     Returns
     -------
     dict
-        By method: "position" (metres) and "angle" (radians), a median for each of `NOISE_FACTORS`, and
-        the same of the prediction.
+        By estimator, and for the prediction: "position" (metres) and "angle" (radians), one median
+        for each of `NOISE_FACTORS`.
     """
     camera = DepthCamera()
     errors: dict[str, Any] = {name: [] for name in ("prediction", *ESTIMATORS)}
@@ -94,12 +94,12 @@ def compare_pose_estimators(
 def _sample_problem(
     rng: np.random.Generator, camera: DepthCamera, noise: RangeNoise, outlier_fraction: float
 ) -> tuple[Pose, Pose, Array, Array, Array, Array]:
-    """True and predicted pose, both points, the information of their difference, deviations."""
+    """True and predicted pose, both points, information and largest sigma of their difference."""
     true = Pose(rng.normal(size=3), rotation_from_rotvec(rng.normal(size=3)))
     predicted = apply_displacement(true, PREDICTION_STD * rng.normal(size=6))
     pixels = rng.choice(camera.n_pixels, N_FIDUCIALS, replace=False)
     points = camera.directions[pixels] * rng.uniform(1.5, 5.0, N_FIDUCIALS)[:, None]
-    # before the motion the camera stood up to half a metre away, turned by up to half a radian
+    # the earlier pose differs by up to half a metre and half a radian along each axis
     earlier_camera = apply_displacement(
         true, np.concatenate([rng.uniform(-0.5, 0.5, 3), rng.uniform(-0.5, 0.5, 3)])
     )
@@ -122,7 +122,7 @@ def _sample_problem(
 def _add_noise(
     rng: np.random.Generator, points: Array, camera: Pose, noise: RangeNoise
 ) -> tuple[Array, Array]:
-    """Points (m, 3) of the camera frame with the noise of Eq. 1; covariances in the world frame."""
+    """Points (m, 3) in the camera frame with the noise of Eq. 1; covariances in the world frame."""
     sigmas = noise.standard_deviations(np.linalg.norm(points, axis=1), 3)
     covariances = rotate_covariances(sigmas[:, :, None] ** 2 * np.eye(3), camera.rotation)
     noisy: Array = points + sigmas * rng.normal(size=points.shape)

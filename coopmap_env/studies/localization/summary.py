@@ -1,0 +1,278 @@
+"""Results of the localization study as JSON values; intervals are 95 % bootstraps over worlds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from coopmap_env.core.version import __version__
+from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, Result
+from coopmap_env.evaluation.statistics import (
+    bootstrap_clusters,
+    bootstrap_mean,
+    bootstrap_paired_difference,
+)
+from coopmap_env.studies.localization.episodes import MIN_POINTS
+from coopmap_env.studies.localization.estimator_comparison import NOISE_FACTORS
+from coopmap_env.studies.localization.study import POLICY, LocalizationStudy
+
+Array = NDArray[np.float64]
+
+SCAN_LIMITS = (1, 2, 3, 4, 5, 6, 8, 10)
+"""Numbers of scans at which the located robots are counted."""
+FALSE_MATCH_POSITION, FALSE_MATCH_ANGLE = 0.2, np.radians(5.0)
+"""Metres, radians: a base with a larger error of either kind is a false match."""
+QUALITY_SCORES = ("f_score", "chamfer", "log_loss", "surface_coverage")
+ERROR_NAMES = ("position", "angle", "point_displacement")
+"""Errors of a camera pose: metres, radians, and the mean displacement of its points, metres."""
+
+
+def study_summary(study: LocalizationStudy) -> dict[str, Any]:
+    """All results as JSON values."""
+    return {
+        "version": __version__,
+        "policy": POLICY,
+        "search": search_summary(study.searches),
+        "correction": correction_summary(study.runs["fiducials"]),
+        "map_quality": quality_summary(study.evaluations),
+        "map_quality_same_scans": same_scans_summary(study.runs["fiducials"]),
+        "pose_estimators": {"noise_factors": NOISE_FACTORS, **study.pose_estimators},
+    }
+
+
+def search_summary(searches: list[Result]) -> dict[str, Any]:
+    """Fractions located within k scans, errors of the bases, false matches, times."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    n_robots = len(searches[0]["robots"])
+    # one row per robot: scans until located (infinite if never), position, angle, nees
+    groups = [
+        np.array(
+            [
+                [found["n_scans"], found["position"], found["angle"], found["nees"]]
+                if found
+                else [np.inf, np.nan, np.nan, np.nan]
+                for found in result["robots"]
+            ]
+        )
+        for result in searches
+    ]
+    rows = np.concatenate(groups)
+    located = np.isfinite(rows[:, 0])
+    is_false_match = (rows[:, 1] > FALSE_MATCH_POSITION) | (rows[:, 2] > FALSE_MATCH_ANGLE)
+    times = np.concatenate([result["registration_ms"] for result in searches])
+
+    def located_fraction_within(k: int) -> dict[str, float]:
+        return bootstrap_mean([float((group[:, 0] <= k).mean()) for group in groups], rng).as_dict()
+
+    def percentile_of_located(column: int, percent: float) -> dict[str, float]:
+        return bootstrap_clusters(
+            groups, lambda rows: float(np.nanpercentile(rows[:, column], percent)), rng
+        ).as_dict()
+
+    return {
+        "worlds": len(searches),
+        "robots": n_robots * len(searches),
+        "located_fraction": {str(k): located_fraction_within(k) for k in SCAN_LIMITS},
+        "never_located": int((~located).sum()),
+        "false_matches": int(is_false_match.sum()),
+        "position_error": {
+            "median": percentile_of_located(1, 50.0),
+            "p95": percentile_of_located(1, 95.0),
+        },
+        "angle_error": {
+            "median": percentile_of_located(2, 50.0),
+            "p95": percentile_of_located(2, 95.0),
+        },
+        "largest_errors": [float(np.nanmax(rows[:, 1])), float(np.nanmax(rows[:, 2]))],
+        "nees": nees_summary([group[np.isfinite(group[:, 3]), 3] for group in groups]),
+        "registration_ms": {
+            "median": float(np.median(times)),
+            "p95": float(np.percentile(times, 95.0)),
+        },
+    }
+
+
+def correction_summary(corrected: list[Result]) -> dict[str, Any]:
+    """Errors of camera poses before and after correction, by the number of corrected directions."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    all_scans = [_scan_records(run) for run in corrected]
+    corrected_scans = [
+        [scan for scan in scans if scan["corrected_directions"] > 0] for scans in all_scans
+    ]
+    well_corrected_scans = [
+        [scan for scan in scans if scan["corrected_directions"] > 2] for scans in all_scans
+    ]
+    count = sum(map(len, all_scans))
+    times = np.array([scan["correction_ms"] for scans in all_scans for scan in scans])
+    reasons = [
+        scan["correction_failure"]
+        for scans in all_scans
+        for scan in scans
+        if scan["correction_failure"]
+    ]
+    return {
+        "worlds": len(corrected),
+        "scans": count,
+        "corrected_fraction": sum(map(len, corrected_scans)) / count,
+        "well_corrected_fraction": sum(map(len, well_corrected_scans)) / count,
+        "nothing_in_view_fraction": float(
+            np.mean([scan["n_hits"] < MIN_POINTS for scans in all_scans for scan in scans])
+        ),
+        "too_few_fiducials": len(reasons),
+        "outliers": sum(scan["n_outliers"] for scans in all_scans for scan in scans),
+        "all_scans": errors_summary(all_scans, rng),
+        "corrected_scans": errors_summary(corrected_scans, rng),
+        "well_corrected_scans": errors_summary(well_corrected_scans, rng),
+        "nees": {
+            "kinematic": nees_summary(_error_columns(all_scans, "kinematic", "nees")),
+            "all_scans": nees_summary(_error_columns(all_scans, "estimated", "nees")),
+            "corrected_scans": nees_summary(_error_columns(corrected_scans, "estimated", "nees")),
+        },
+        "mean_points": _mean_points_summary(all_scans),
+        "correction_ms": {
+            "median": float(np.median(times)),
+            "p95": float(np.percentile(times, 95.0)),
+        },
+    }
+
+
+def errors_summary(groups: list[list[Result]], rng: np.random.Generator) -> dict[str, Any]:
+    """Errors before and after correction and the ratio of their medians, for each kind of error."""
+    out: dict[str, Any] = {"scans": sum(map(len, groups))}
+    for name in ERROR_NAMES:
+        pairs = [
+            np.array(
+                [[scan["kinematic"][name], scan["estimated"][name]] for scan in scans]
+            ).reshape(-1, 2)
+            for scans in groups
+        ]
+        pairs = [rows[np.isfinite(rows).all(axis=1)] for rows in pairs]
+        out[name] = {
+            "before": _percentiles(pairs, 0, rng),
+            "after": _percentiles(pairs, 1, rng),
+            "error_ratio_median": bootstrap_clusters(pairs, _ratio_of_medians, rng).as_dict(),
+        }
+    return out
+
+
+def _percentiles(pairs: list[Array], column: int, rng: np.random.Generator) -> dict[str, Any]:
+    return {
+        label: bootstrap_clusters(
+            pairs,
+            lambda rows, q=percent: _percentile(rows[:, column], q),  # type: ignore[misc]
+            rng,
+        ).as_dict()
+        for label, percent in (("median", 50.0), ("p95", 95.0))
+    }
+
+
+def _percentile(values: Array, percent: float) -> float:
+    return float(np.percentile(values, percent)) if len(values) else float("nan")
+
+
+def _ratio_of_medians(rows: Array) -> float:
+    if not len(rows):
+        return float("nan")
+    before, after = np.median(rows, axis=0)
+    return float(before / after)
+
+
+def nees_summary(groups: list[Array]) -> dict[str, Any]:
+    """Mean normalised estimation error squared (NEES) of six numbers, and its expected band.
+
+    The band is the 95 % band of as many independent normal errors. The interval is bootstrapped
+    over worlds, because errors of one world are not independent.
+    """
+    values = np.concatenate(groups)
+    n = len(values)
+    if not n:
+        return {"scans": 0}
+    band = stats.chi2.ppf([0.025, 0.975], 6 * n) / n
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    mean = bootstrap_clusters(
+        groups, lambda rows: float(rows.mean()) if len(rows) else float("nan"), rng
+    )
+    return {
+        "scans": n,
+        "mean": mean.as_dict(),
+        "band": band.tolist(),
+        "in_band": bool(band[0] <= mean.estimate <= band[1]),
+        "within_95_quantile": float((values <= stats.chi2.ppf(0.95, 6)).mean()),
+    }
+
+
+def quality_summary(evaluations: dict[str, Evaluation]) -> dict[str, Any]:
+    """Map quality of each correction mode, and paired differences of fiducials from the others."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    tables = {name: evaluation.table for name, evaluation in evaluations.items()}
+    out: dict[str, Any] = {
+        name: {score: bootstrap_mean(table[score], rng).as_dict() for score in QUALITY_SCORES}
+        for name, table in tables.items()
+    }
+    ours = tables["fiducials"]
+    out["fiducials_minus"] = {
+        other: {
+            score: bootstrap_paired_difference(ours[score], tables[other][score], rng).as_dict()
+            for score in QUALITY_SCORES
+        }
+        for other in ("kinematic", "exact")
+    }
+    out["fiducials_over_exact"] = {
+        score: float(ours[score].mean() / tables["exact"][score].mean()) for score in QUALITY_SCORES
+    }
+    return out
+
+
+def same_scans_summary(runs: list[Result]) -> dict[str, Any]:
+    """Map quality of the same scans by each kind of pose, and paired differences."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+
+    def column(name: str, score: str) -> Array:
+        return np.array([run["same_scans"][name][score] for run in runs])
+
+    names, scores = ("kinematic", "estimated", "exact"), ("f_score", "chamfer", "log_loss")
+    out: dict[str, Any] = {
+        name: {score: bootstrap_mean(column(name, score), rng).as_dict() for score in scores}
+        for name in names
+    }
+    out["estimated_minus"] = {
+        other: {
+            score: bootstrap_paired_difference(
+                column("estimated", score), column(other, score), rng
+            ).as_dict()
+            for score in scores
+        }
+        for other in ("kinematic", "exact")
+    }
+    return out
+
+
+def _scan_records(run: Result) -> list[Result]:
+    scans: list[Result] = run["scans"]
+    return scans
+
+
+def _error_columns(groups: list[list[Result]], part: str, name: str) -> list[Array]:
+    return [np.array([scan[part][name] for scan in scans], dtype=np.float64) for scans in groups]
+
+
+def _mean_points_summary(groups: list[list[Result]]) -> dict[str, Any]:
+    """Errors of poses from the mean points of regions, the literal interpretation of Eq. 10."""
+    scans = [scan for scans in groups for scan in scans if scan.get("mean_points")]
+    if not scans:
+        return {"scans": 0}
+    out: dict[str, Any] = {"scans": len(scans)}
+    for name in ("linear", "rigid"):
+        out[name] = {
+            part: float(np.median([scan["mean_points"][name][part] for scan in scans]))
+            for part in ("position", "angle")
+        }
+    for name in ("kinematic", "estimated"):
+        out[name] = {
+            part: float(np.median([scan[name][part] for scan in scans]))
+            for part in ("position", "angle")
+        }
+    return out
