@@ -37,7 +37,7 @@ def test_evaluate_writes_a_row_for_each_policy_and_world_and_a_summary(tmp_path,
     assert "raster" in capsys.readouterr().out
 
 
-def test_evaluate_scores_robots_that_have_not_found_the_target(tmp_path):
+def test_evaluate_scores_robots_that_are_not_located(tmp_path):
     for module in ("pybullet", "small_gicp"):
         pytest.importorskip(module)
     main([
@@ -92,7 +92,7 @@ def test_a_failure_exits_with_status_one(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_unknown_options_are_refused(tmp_path):
+def test_unknown_options_are_rejected(tmp_path):
     assert run("evaluate", "--colour", "red", "--out", tmp_path).returncode != 0
 
 

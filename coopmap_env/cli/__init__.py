@@ -1,7 +1,7 @@
-"""The command `coopmap`: one file for each of its commands.
+"""The command `coopmap`, with one file for each of its own commands.
 
-The commands of studies and of `coopmap_agents`, and those of other distributions, register
-themselves under the entry-point group ``coopmap.commands``: dataclasses with a method `run`.
+More commands are registered under the entry-point group ``coopmap.commands``, as those of the
+studies and of `coopmap_agents` are. A command is a dataclass with a method `run`.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ BUILTIN_COMMANDS: dict[str, Any] = {
     "replay": Replay,
 }
 EXIT_INTERRUPTED = 130
-"""What shells expect of a command that ended by an interrupt."""
+"""Exit status of a command that was interrupted, by the convention of shells."""
 
 
 class Command(Protocol):
-    """What a command is, once its options are known."""
+    """A command with its options."""
 
     def run(self) -> None:
-        """Do it."""
+        """Run the command."""
 
 
 def parse_command(arguments: list[str] | None = None) -> Command:
-    """The command that the arguments (default: those of the process) ask for."""
+    """Parse the arguments (default: those of the process) into a command."""
     tyro = import_optional("tyro", "cli")
     command: Command = tyro.extras.subcommand_cli_from_dict(
         {
@@ -49,11 +49,11 @@ def parse_command(arguments: list[str] | None = None) -> Command:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: one clear line and exit status 1 on bad input."""
+    """Entry point; bad input prints one line and exits with status 1."""
     try:
         parse_command(arguments).run()
     except KeyboardInterrupt:
-        log("interrupted; what is finished is kept, the same command goes on with the rest")
+        log("interrupted; finished results are kept, and the same command resumes the run")
         raise SystemExit(EXIT_INTERRUPTED) from None
     except (ValueError, ImportError, OSError) as error:
         raise SystemExit(f"coopmap: {' '.join(str(error).split())}") from None

@@ -1,4 +1,4 @@
-"""Options of commands that play in an environment."""
+"""Options of the commands that make an environment."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any, Literal
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentOptions:
-    """Which environment; an empty text leaves the environment's own default."""
+    """Which environment, and its arguments; empty texts leave its own defaults."""
 
     env: Literal["planar", "field"] = "planar"
-    """Environment; "field" needs the extra of that name."""
+    """2-D (planar) or 3-D (field); "field" needs the extra of that name."""
     scene: str = ""
     """planar: obstacles (default), rooms, house, or a ROS map_server YAML file; field: worksite
     (default), clutter, rubble, or a YAML file of meshes."""
@@ -20,29 +20,29 @@ class EnvironmentOptions:
     physics: Literal["", "kinematic", "stepped"] = ""
     """field: kinematic (default) or stepped; see FieldSettings.physics."""
     initialization: Literal["", "located", "search"] = ""
-    """field: located (default), or search: robots have to find the target first."""
+    """field: located (default), or search: robots localize themselves on the target first."""
     motion_correction: Literal["", "kinematic", "fiducials", "exact"] = ""
-    """field: where cameras are taken to be; kinematic (default)."""
+    """field: how camera poses are estimated; kinematic (default)."""
     n_robots: int = 2
     """Robots in the team."""
     max_scans: int = 16
     """Scans of each robot."""
     action_mode: Literal["pose", "candidates"] = "pose"
-    """Any pose (in the field: joints of the mount), or a choice among random candidates."""
+    """Any pose (field: mount joints), or a choice among random candidates."""
     n_candidates: int = 32
-    """m, in candidates mode."""
+    """Candidates of each robot (m), in candidates mode."""
     reward: Literal["rating", "information", "coverage"] = "rating"
-    """The reward that is paid."""
+    """The reward."""
     team_reward: Literal["individual", "shared"] = "individual"
-    """Each robot its own, or all the mean of the team."""
+    """Each robot gets its own reward, or all get the mean of the team."""
 
     def env_kwargs(self) -> dict[str, Any]:
-        """Arguments of the environment, but for the split and the settings.
+        """Arguments of the environment, without the split and the settings.
 
         Raises
         ------
         ValueError
-            If an option of the field is given for the plane.
+            If an option of the field environment is given for the planar one.
         """
         for name in ("mount", "physics", "initialization", "motion_correction"):
             if self.env != "field" and getattr(self, name):
@@ -64,7 +64,7 @@ class EnvironmentOptions:
         return arguments
 
     def settings(self) -> Any:
-        """Settings of the environment, or None for its own."""
+        """Settings of the environment, or None for the defaults."""
         from coopmap_env.evaluation import get_env_spec
 
         if not self.physics:
@@ -73,5 +73,5 @@ class EnvironmentOptions:
 
 
 def parse_mounts(text: str) -> str | list[str]:
-    """One mount for all robots, or one for each where there is a comma."""
+    """One mount for all robots, or a list with one for each if there is a comma."""
     return text.split(",") if "," in text else text

@@ -33,15 +33,15 @@ class Evaluate(EnvironmentOptions):
     episodes: int = 50
     """Worlds for each policy."""
     split: Literal["train", "validation", "test"] = "test"
-    """Where the worlds come from."""
+    """Split of the worlds."""
     seed: int = 0
-    """Seed of the first world; the others follow."""
+    """Seed of the first world; the other worlds have the following seeds."""
     workers: int = 1
-    """Episodes at a time; the numbers do not depend on it, planning times apart."""
+    """Episodes at a time; only planning times depend on it."""
     backend: Literal["processes", "ray"] = "processes"
-    """Where the workers are: processes of this machine, or tasks of Ray (extra ray) on the cluster
-    that the environment variable RAY_ADDRESS names ("auto": the one this machine belongs to); its
-    nodes need this package and the files named here. Without RAY_ADDRESS, Ray starts here alone."""
+    """Kind of the workers: processes of this machine, or tasks of Ray (extra ray) on the cluster
+    that the environment variable RAY_ADDRESS names ("auto": the one of this machine). Its nodes
+    need this package and the files named here. Without RAY_ADDRESS, Ray runs on this machine."""
 
     def run(self) -> None:
         """Play all episodes, write the files, print a summary."""
@@ -86,7 +86,7 @@ class Evaluate(EnvironmentOptions):
 
 
 def summary_line(table: dict[str, Any]) -> str:
-    """The main scores of one policy, averaged over its worlds."""
+    """Means of one policy's main scores over its worlds."""
     parts = [
         f"coverage {100 * table['coverage'].mean():6.2f} %",
         f"area under curve {100 * table['coverage_auc'].mean():6.2f} %",

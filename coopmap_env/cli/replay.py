@@ -12,7 +12,7 @@ from coopmap_env.core.progress import log
 
 @dataclass(frozen=True)
 class Replay:
-    """Play one episode in the field and write it as one offline HTML page with a timeline.
+    """Play one field episode and write it as one offline HTML page with a timeline.
 
     Such as:
       coopmap replay --out results/replay.html
@@ -30,15 +30,15 @@ class Replay:
     physics: Literal["kinematic", "stepped"] = "kinematic"
     """See FieldSettings.physics."""
     initialization: Literal["located", "search"] = "located"
-    """Whether robots know where they stand, or have to find the target first."""
+    """Whether robots know their base poses, or localize themselves on the target first."""
     motion_correction: Literal["kinematic", "fiducials", "exact"] = "kinematic"
-    """Where cameras are taken to be."""
+    """How camera poses are estimated."""
     n_robots: int = 2
     """Robots in the team."""
     max_scans: int = 16
     """Scans of each robot."""
     split: Literal["train", "validation", "test"] = "test"
-    """Where the world comes from."""
+    """Split of the world."""
     seed: int = 0
     """Seed of the world."""
 

@@ -66,7 +66,7 @@ def test_the_area_under_the_curve_is_the_mean_of_its_trapezoids():
     assert episode().coverage == 0.3
 
 
-def test_the_extent_of_two_viewed_cells_by_hand():
+def test_the_extent_of_two_observed_cells_by_hand():
     map_ = OccupancyMap(VoxelGrid((8, 8)))
     map_.mark_free([0 * 8 + 0, 3 * 8 + 4])  # centres (0.5, 0.5) and (3.5, 4.5)
     extent = MappedExtent.from_map(map_, np.array([0.5, 0.5]))
@@ -128,7 +128,7 @@ def test_splits_give_different_worlds_for_the_same_seed(tmp_path):
     assert len(set(coverage.values())) == 3
 
 
-def test_a_bad_policy_is_refused_before_any_work(tmp_path):
+def test_a_bad_policy_is_rejected_before_any_episode(tmp_path):
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
         compare(["raster", "nobody"], range(2), {}, tmp_path / "new", progress=False)
     assert not (tmp_path / "new").exists()
@@ -178,7 +178,7 @@ def test_unknown_settings_are_named():
         settings_from_dict({"camera": {"zoom": 2}}, PlanarSettings)
 
 
-def test_a_mesh_that_changes_makes_other_jobs_of_the_scene_that_names_it(tmp_path):
+def test_a_changed_mesh_changes_the_jobs_of_its_scene(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     scene = tmp_path / "scene.yaml"
     scene.write_text("objects:\n  - {mesh: part.stl, position: [0, 0, 0.5], target: true}\n")
@@ -225,7 +225,7 @@ def write_map(path, wall):
     write_map_server(path, occupied, resolution=0.1, origin=(0.0, 0.0))
 
 
-def test_a_changed_map_is_played_anew(tmp_path):
+def test_a_changed_map_is_played_again(tmp_path):
     path = tmp_path / "map.yaml"
     arguments = {"scene": str(path), "max_scans": 3, "split": "test"}
 
@@ -253,7 +253,7 @@ class Reader:
         return {}
 
 
-def test_a_file_named_in_a_spec_counts_by_its_content(tmp_path, monkeypatch):
+def test_the_content_of_a_file_in_a_spec_enters_the_job(tmp_path, monkeypatch):
     monkeypatch.setattr(comparison, "make_policy", lambda spec: Reader())
     notes = tmp_path / "notes.txt"
     notes.write_bytes(b"one")
@@ -263,7 +263,7 @@ def test_a_file_named_in_a_spec_counts_by_its_content(tmp_path, monkeypatch):
     assert make_job(f"reader:notes={notes}", 0, {}, None) != before
 
 
-def test_what_a_policy_has_learned_counts_too(monkeypatch):
+def test_a_policy_fingerprint_enters_the_job(monkeypatch):
     jobs = []
     for fingerprint in ("one", "two"):
         comparison._fingerprint.cache_clear()
@@ -283,11 +283,11 @@ class Cheat:
         return {agent: np.zeros(3, dtype=np.float32) for agent in belief.agents}
 
 
-def test_a_policy_that_writes_into_the_map_is_found_out():
+def test_a_policy_that_changes_the_map_raises_an_error():
     with pytest.raises(RuntimeError, match="changed the map"):
         run_episode(small_env(), Cheat(), seed=0)
 
 
-def test_an_object_that_is_no_policy_is_refused():
+def test_an_object_that_is_no_policy_is_rejected():
     with pytest.raises(ValueError, match="needs the methods reset and act"):
         evaluation.evaluate(small_env(), object(), seeds=[0])

@@ -16,7 +16,7 @@ def test_a_scene_may_be_a_json_object_of_its_fields():
     assert env.truth.occupied.mean() == pytest.approx(0.24)
 
 
-def test_a_scene_of_the_field_may_be_a_json_object_too():
+def test_a_field_scene_may_be_a_json_object_too():
     pytest.importorskip("pybullet")
     env = make_env("field", {"scene": {"name": "rubble", "blocks": [15, 20]}}, None)
     assert env.scene == Rubble(blocks=(15, 20))
@@ -40,6 +40,6 @@ def test_a_comparison_takes_a_scene_of_json(tmp_path):
         ),
     ],
 )
-def test_a_bad_scene_is_named_with_what_is_known(scene, message):
+def test_an_error_names_the_scene_and_the_choices(scene, message):
     with pytest.raises(ValueError, match=message):
         make_env("planar", {"scene": scene}, None)

@@ -37,7 +37,7 @@ def square(job):
     return {"square": job["n"] ** 2, "process": os.getpid()}
 
 
-def refuse(job):
+def fail(job):
     raise RuntimeError(f"job {job} was run again")
 
 
@@ -69,17 +69,17 @@ def test_worker_processes_give_the_same_results_in_the_same_order(tmp_path):
 
 def test_finished_jobs_are_not_run_again(tmp_path):
     run_jobs(square, JOBS, tmp_path, progress=False)
-    assert squares(run_jobs(refuse, JOBS, tmp_path, progress=False)) == [0, 1, 4, 9, 16]
+    assert squares(run_jobs(fail, JOBS, tmp_path, progress=False)) == [0, 1, 4, 9, 16]
 
 
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
+def test_an_interrupted_run_resumes(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run_jobs(fail_at_three, JOBS, tmp_path, progress=False)
     assert len(list(tmp_path.glob("*.json"))) == 3
     assert squares(run_jobs(square, JOBS, tmp_path, progress=False)) == [0, 1, 4, 9, 16]
 
 
-def test_a_damaged_result_is_made_again(tmp_path):
+def test_a_damaged_result_is_computed_again(tmp_path):
     run_jobs(square, JOBS, tmp_path, progress=False)
     (tmp_path / f"{job_key(JOBS[2])}.json").write_text('{"squ')
     assert squares(run_jobs(square, JOBS, tmp_path, progress=False)) == [0, 1, 4, 9, 16]
@@ -91,12 +91,12 @@ def test_the_progress_bar_counts_all_jobs(tmp_path, capsys):
     assert "5/5" in capsys.readouterr().err
 
 
-def test_fewer_than_one_worker_is_refused(tmp_path):
+def test_fewer_than_one_worker_is_rejected(tmp_path):
     with pytest.raises(ValueError, match="workers must be at least 1, got 0"):
         run_jobs(square, JOBS, tmp_path, workers=0)
 
 
-def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path):
+def test_a_failed_write_leaves_the_old_file_and_no_temporary_file(tmp_path):
     path = tmp_path / "file.json"
     write_atomically(path, "old")
     with pytest.raises(TypeError):
@@ -115,7 +115,7 @@ def test_an_interruption_stops_the_workers_too(tmp_path):
     assert len(list(tmp_path.iterdir())) == begun < 12
 
 
-def test_a_stored_result_of_no_use_is_made_again(tmp_path):
+def test_an_invalid_stored_result_is_computed_again(tmp_path):
     run_jobs(square, JOBS, tmp_path, progress=False)
     (tmp_path / f"{job_key(JOBS[2])}.json").write_text("{}")
     results = run_jobs(square, JOBS, tmp_path, progress=False, is_valid=lambda result: bool(result))
@@ -132,18 +132,18 @@ def test_ray_s_workers_give_the_same_results_and_files_as_this_process(tmp_path)
     assert here == there
 
 
-def test_what_ray_has_finished_is_run_again_by_neither_engine(tmp_path, ray):
+def test_finished_ray_jobs_are_run_again_by_neither_backend(tmp_path, ray):
     run_jobs(square, JOBS[:3], tmp_path, 2, progress=False, backend="ray")
-    assert squares(run_jobs(refuse, JOBS[:3], tmp_path, progress=False)) == [0, 1, 4]
+    assert squares(run_jobs(fail, JOBS[:3], tmp_path, progress=False)) == [0, 1, 4]
     assert squares(run_jobs(square, JOBS, tmp_path, 2, progress=False, backend="ray"))[4] == 16
-    results = run_jobs(refuse, JOBS, tmp_path, 2, progress=False, backend="ray")
+    results = run_jobs(fail, JOBS, tmp_path, 2, progress=False, backend="ray")
     assert squares(results) == [0, 1, 4, 9, 16]
 
 
-def test_an_error_in_a_worker_of_ray_is_that_error_here_and_what_is_finished_stays(tmp_path, ray):
+def test_an_error_in_a_ray_worker_is_raised_here_and_finished_results_stay(tmp_path, ray):
     run_jobs(square, JOBS[:2], tmp_path, 1, progress=False, backend="ray")
     with pytest.raises(RuntimeError, match=r"job \{'n': 2\} was run again"):
-        run_jobs(refuse, JOBS, tmp_path, 1, progress=False, backend="ray")
+        run_jobs(fail, JOBS, tmp_path, 1, progress=False, backend="ray")
     assert len(list(tmp_path.iterdir())) == 2
 
 
@@ -159,7 +159,7 @@ def test_ray_is_given_as_many_jobs_at_a_time_as_there_are_workers(tmp_path):
 
 
 @pytest.mark.usefixtures("ray")
-def test_episodes_do_not_depend_on_the_engine(tmp_path):
+def test_episodes_do_not_depend_on_the_backend(tmp_path):
     policies, arguments = ["rating_function:search=10", "raster"], {"max_scans": 3, "split": "test"}
     here = compare(policies, [4], arguments, tmp_path / "here", progress=False)
     there = compare(policies, [4], arguments, tmp_path / "ray", None, 2, False, backend="ray")
@@ -185,7 +185,7 @@ with ray_session(1) as ray:
     assert run.stderr == ""
 
 
-def test_an_engine_that_is_none_is_refused(tmp_path):
+def test_an_unknown_backend_is_rejected(tmp_path):
     with pytest.raises(ValueError, match=r"backend must be one of .*'ray'.*, got 'dask'"):
         run_jobs(square, JOBS, tmp_path, backend="dask")
 

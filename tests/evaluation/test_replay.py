@@ -64,20 +64,20 @@ def replay():
                 occupied=occupied,
                 observed_fraction=0.2 * k,
                 rewards=(0.5 * k, -0.25 * k),
-                notes=("", "bumped into </script> crate" if k == 2 else ""),
+                notes=("", "collided with </script> crate" if k == 2 else ""),
             )
         )
     return Replay("a wall", GRID, TARGET, NO_TRIANGLES, vehicles, DepthCamera(), tuple(frames))
 
 
-def test_a_voxel_lives_from_the_frame_that_finds_it_to_the_one_that_loses_it():
+def test_a_lifetime_is_from_the_frame_that_adds_a_voxel_to_the_one_that_removes_it():
     frames = tuple(map(frame_with, ([], [3, 5], [3, 5, 7], [3, 7], [3, 5, 7])))
     lifetimes = {lifetime: cells.tolist() for lifetime, cells in voxel_lifetimes(frames).items()}
     assert lifetimes == {(1, 5): [3], (1, 3): [5], (2, 5): [7], (4, 5): [5]}
     assert voxel_lifetimes((frame_with([]), frame_with([]))) == {}
 
 
-def test_lives_put_together_are_the_frames():
+def test_lifetimes_together_are_the_frames():
     rng = np.random.default_rng(0)
     frames = tuple(frame_with(np.flatnonzero(rng.random(60) < 0.4)) for _ in range(9))
     lifetimes = voxel_lifetimes(frames)
@@ -109,12 +109,12 @@ def test_voxels_are_coloured_by_their_height():
         ({"occupied": np.array([4, 4])}, "each once"),
     ],
 )
-def test_a_frame_that_does_not_fit_is_refused(change, words):
+def test_an_inconsistent_frame_is_rejected(change, words):
     with pytest.raises(ValueError, match=words):
         frame_with(**change)
 
 
-def test_a_replay_that_does_not_fit_is_refused(replay):
+def test_an_inconsistent_replay_is_rejected(replay):
     with pytest.raises(ValueError, match="at least one scan, got 1"):
         replace(replay, frames=replay.frames[:1])
     with pytest.raises(ValueError, match="frame 1 has 0 robots and not 2"):
@@ -196,11 +196,11 @@ def test_the_page_holds_the_numbers_of_each_frame(page):
     assert data["observed_fraction"] == [0.0, 0.2, 0.4]
     assert data["voxels"] == [0, 1600, 1700]
     assert data["rewards"][2] == [1.0, -0.5]
-    assert data["notes"][2] == ["", "bumped into </script> crate"]
+    assert data["notes"][2] == ["", "collided with </script> crate"]
     assert data["times"] == pytest.approx([0.0, 0.8, 2.1])
 
 
-def test_writing_says_nothing(replay, capsys):
+def test_writing_prints_nothing(replay, capsys):
     pytest.importorskip("viser")
     render_page(replay)
     assert capsys.readouterr().out == ""

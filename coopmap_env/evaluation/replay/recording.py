@@ -157,7 +157,9 @@ def _make_frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -
     occupied = np.flatnonzero(map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed >= 0))
     return Frame(
         joints=tuple(np.array(q) for q in belief.joints),
-        camera_poses=tuple(env.diagnostics.estimated_camera_pose(robot) for robot in range(len(belief.agents))),
+        camera_poses=tuple(
+            env.diagnostics.estimated_camera_pose(robot) for robot in range(len(belief.agents))
+        ),
         occupied=occupied,
         observed_fraction=map_.observed_fraction,
         rewards=tuple(rewards),

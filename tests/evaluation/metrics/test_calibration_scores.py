@@ -38,7 +38,7 @@ def test_expected_calibration_error_weighs_the_gap_of_each_bin_by_its_cells():
     assert error == pytest.approx((4 * 0.3 + 1 * 0.1) / 5)
 
 
-def test_the_reliability_curve_holds_means_shares_and_counts_of_its_bins():
+def test_the_reliability_curve_holds_means_fractions_and_counts_of_its_bins():
     curve = reliability_curve(
         [0.1, 0.3, 0.6, 0.9], [False, True, True, True], np.ones(4, dtype=bool), n_bins=2
     )
@@ -96,13 +96,13 @@ def test_the_reliability_curve_of_an_unsampled_map_counts_nothing():
 
 
 @pytest.mark.parametrize("score", [*ALL_SCORES, reliability_curve])
-def test_shapes_that_differ_are_refused(score):
+def test_shapes_that_differ_are_rejected(score):
     with pytest.raises(ValueError, match=r"\(3,\), \(2,\) and \(3,\)"):
         score(np.full(3, 0.5), np.zeros(2, dtype=bool), np.ones(3, dtype=bool))
 
 
 @pytest.mark.parametrize("bad", [-0.1, 1.1, np.nan])
-def test_a_sampled_cell_outside_the_unit_interval_is_refused_with_its_value(bad):
+def test_a_sampled_cell_outside_the_unit_interval_is_rejected_with_its_value(bad):
     with pytest.raises(ValueError, match=str(bad)):
         brier_score([0.5, bad], [True, True], [True, True])
 
@@ -127,6 +127,6 @@ def test_outcomes_drawn_with_the_stated_probability_are_calibrated():
     probability = rng.uniform(size=(200, 200))
     occupied = rng.uniform(size=(200, 200)) < probability
     sampled = np.ones((200, 200), dtype=bool)
-    # about 4000 cells a bin, so the share of each has a standard deviation below 0.008
+    # about 4000 cells a bin, so the fraction of each has a standard deviation below 0.008
     assert expected_calibration_error(probability, occupied, sampled) < 0.02
     assert expected_calibration_error(probability**3, occupied, sampled) > 0.2

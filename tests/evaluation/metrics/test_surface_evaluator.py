@@ -1,4 +1,4 @@
-"""The judge of a worksite, as the evaluation asks it."""
+"""The surface evaluator of a worksite."""
 
 import dataclasses
 
@@ -38,12 +38,12 @@ def true_map(world):
     return map_
 
 
-def test_part_of_the_surface_and_of_the_target_can_be_reached(evaluator):
+def test_part_of_the_surface_and_of_the_target_is_visible(evaluator):
     assert 0.5 < evaluator.visible.mean() < 0.99
     assert 0.3 < evaluator.visible[evaluator.samples.is_target].mean() < 0.99
 
 
-def test_what_lies_under_the_ground_or_far_from_all_robots_cannot(world, evaluator):
+def test_points_under_the_ground_or_far_from_all_robots_are_not_visible(world, evaluator):
     points = evaluator.samples.points[evaluator.visible]
     assert points[:, 2].min() > -1e-9
     bases = np.array([base.translation for base in world.base_poses])
@@ -51,7 +51,7 @@ def test_what_lies_under_the_ground_or_far_from_all_robots_cannot(world, evaluat
     assert nearest.max() < DepthCamera().far + 2.6  # a mast is that long
 
 
-def test_more_poses_and_more_robots_reach_more(world, evaluator):
+def test_more_poses_and_more_robots_see_more(world, evaluator):
     more = evaluator_of(world, 200)
     np.testing.assert_array_equal(more.samples.points, evaluator.samples.points)
     assert more.visible.mean() > evaluator.visible.mean()
@@ -68,7 +68,7 @@ def test_an_empty_map_covers_nothing_and_the_truth_everything(world, evaluator):
     assert np.isfinite(scores.chamfer)
 
 
-def test_coverage_is_that_of_the_reachable_samples(world, evaluator):
+def test_coverage_is_that_of_the_visible_samples(world, evaluator):
     map_ = OccupancyMap(world.grid)
     rng = np.random.default_rng(1)
     occupied = np.flatnonzero(world.occupied)
@@ -80,7 +80,7 @@ def test_coverage_is_that_of_the_reachable_samples(world, evaluator):
     assert evaluator.scores(map_).coverage == evaluator.coverage(map_)
 
 
-def test_the_same_generator_judges_the_same(world, evaluator):
+def test_the_same_generator_gives_the_same_evaluator(world, evaluator):
     np.testing.assert_array_equal(evaluator_of(world).visible, evaluator.visible)
 
 

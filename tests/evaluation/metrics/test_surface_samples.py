@@ -37,7 +37,7 @@ def test_samples_lie_on_the_triangles_and_inside_of_the_grid():
     np.testing.assert_allclose(bins.distances(samples.points), 0, atol=1e-12)
 
 
-def test_each_solid_has_its_share_of_the_samples():
+def test_samples_of_each_solid_are_proportional_to_its_area():
     # 16 m2 of ground in the grid, two boxes with 6 m2 and 1.5 m2
     small = box("small", (0.5, 0.5, 0.5), (1.5, 1.5, 0.5), is_target=False)
     samples = sample_surface(world(make_ground(GRID), box(), small), np.random.default_rng(0), 2350)
@@ -105,7 +105,7 @@ def test_the_parts_in_eight_grids_add_up_to_the_whole():
     assert areas(np.concatenate(parts)).sum() == pytest.approx(areas(triangles).sum())
 
 
-def test_a_world_without_a_surface_in_its_grid_is_refused():
+def test_a_world_without_a_surface_in_its_grid_is_rejected():
     outside = box(centre=(9, 9, 0.5))
     with pytest.raises(ValueError, match="no surface of 'test' lies inside"):
         sample_surface(world(outside), np.random.default_rng(0))

@@ -119,13 +119,13 @@ def test_a_voxel_covers_samples_up_to_one_voxel_away():
     assert cells.coverage(map_of(SAMPLES, level=0)) == 0
 
 
-def test_coverage_agrees_with_looking_at_every_voxel():
+def test_coverage_agrees_with_a_check_of_every_voxel():
     rng = np.random.default_rng(2)
     grid = VoxelGrid((7, 5, 6), 0.2, (-1, 0, -0.5))
     low, size = np.array(grid.origin), np.array(grid.shape) * grid.resolution
-    for share in (0.0, 0.01, 0.1):
+    for fraction in (0.0, 0.01, 0.1):
         map_ = OccupancyMap(grid)
-        occupied = rng.random(grid.n_cells) < share
+        occupied = rng.random(grid.n_cells) < fraction
         map_.mark_occupied(np.flatnonzero(occupied))
         map_.mark_free(np.flatnonzero(~occupied & (rng.random(grid.n_cells) < 0.5)))
         points = low + rng.random((200, 3)) * size

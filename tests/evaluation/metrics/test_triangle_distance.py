@@ -76,7 +76,7 @@ def test_nothing_is_infinitely_far():
     assert bins.distances(np.empty((0, 3))).shape == (0,)
 
 
-def test_wrong_arguments_are_refused():
+def test_wrong_arguments_are_rejected():
     bins = TriangleBins.from_triangles(RIGHT[None], GRID)
     with pytest.raises(ValueError, match=r"\(n, 3\) and finite"):
         bins.distances([[0, np.nan, 0]])

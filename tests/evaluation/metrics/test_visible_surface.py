@@ -1,4 +1,4 @@
-"""What some pose could see, against cameras that look at every point by themselves."""
+"""The visible surface, compared with a ray to every point from every camera."""
 
 import math
 
@@ -61,7 +61,7 @@ def random_rotation(rng):
     return Q if np.linalg.det(Q) > 0 else -Q
 
 
-def test_looks_agree_with_rays_to_every_point():
+def test_visible_points_agree_with_rays_to_every_point():
     rng = np.random.default_rng(0)
     boxes = [rays.box(rng.uniform(-1, 1, 3), rng.uniform(0.1, 0.4, 3)) for _ in range(6)]
     triangles = np.concatenate(boxes)

@@ -89,7 +89,7 @@ def test_the_pooled_interquartile_mean_is_that_of_all_strata_together():
     assert interval.low < 4.5 < interval.high
 
 
-def test_strata_are_resampled_each_on_its_own():
+def test_strata_are_resampled_separately():
     # strata that do not vary leave nothing to resample, though the pooled values differ
     interval = bootstrap_interquartile_mean([[1.0, 1.0, 1.0, 1.0], [5.0, 5.0, 5.0, 5.0]], rng())
     assert interval == Interval(3.0, 3.0, 3.0)
@@ -123,7 +123,7 @@ def test_page_statistic_of_a_published_table():
     assert trend.p_value == pytest.approx(0.00182, abs=5e-6)
 
 
-def test_a_decreasing_trend_is_an_increasing_one_read_backwards():
+def test_a_decreasing_trend_is_an_increasing_one_reversed():
     falling = WORLDS + np.array([3.0, 2.0, 1.0, 0.0])
     trend = page_trend_test(falling, "decreasing")
     assert trend == page_trend_test(falling[:, ::-1])
@@ -180,7 +180,7 @@ def test_the_same_generator_gives_the_same_interval(compute):
 
 
 @pytest.mark.parametrize("compute", RANDOMISED.values(), ids=RANDOMISED.keys())
-def test_the_generator_handed_in_is_the_one_that_draws(compute):
+def test_all_draws_are_from_the_given_generator(compute):
     generator = rng(3)
     before = generator.bit_generator.state
     compute(generator)
@@ -222,7 +222,7 @@ def test_constant_columns_are_equivalent_to_zero_width():
     assert all(i.low == i.high for i in result.intervals)
 
 
-def test_a_single_world_is_refused_with_the_number_needed():
+def test_a_single_world_is_rejected_with_the_number_needed():
     with pytest.raises(ValueError, match="values needs at least 2 worlds, got 1"):
         bootstrap_mean([1.0], rng())
     with pytest.raises(ValueError, match=r"strata\[1\] needs at least 2 worlds, got 1"):
@@ -233,7 +233,7 @@ def test_a_single_world_is_refused_with_the_number_needed():
         page_trend_test([[1.0, 2.0, 3.0]])
 
 
-def test_nan_is_refused_with_its_index():
+def test_nan_is_rejected_with_its_index():
     with pytest.raises(ValueError, match=r"values\[2\] is nan"):
         bootstrap_mean([1.0, 2.0, np.nan], rng())
     with pytest.raises(ValueError, match=r"b\[0\] is nan"):
@@ -251,7 +251,7 @@ def test_pairs_must_cover_the_same_worlds():
         bootstrap_paired_difference([1, 2, 3], [1, 2], rng())
 
 
-def test_arguments_out_of_range_are_refused_with_their_value():
+def test_arguments_out_of_range_are_rejected_with_their_value():
     with pytest.raises(ValueError, match=r"confidence must lie in \(0, 1\), got 95"):
         bootstrap_mean([1.0, 2.0], rng(), confidence=95)
     with pytest.raises(ValueError, match="n_resamples must be at least 1, got 0"):

@@ -80,7 +80,7 @@ def test_the_difference_of_two_planners_is_that_of_a_paired_t_test():
 
 
 @pytest.mark.parametrize(("of_runs", "of_both"), [(0.0, 1.0), (0.5, 1.0), (1.0, 0.1)])
-def test_differences_hold_the_truth_as_often_as_they_say(of_runs, of_both):
+def test_intervals_of_differences_contain_the_truth_at_their_level(of_runs, of_both):
     generator, held, n = rng(), 0, 500
     for _ in range(n):
         worlds = generator.normal(0, 3, 40)
@@ -107,7 +107,7 @@ def test_improvement_both_ways_adds_to_one():
     assert forth.estimate + back.estimate == pytest.approx(1.0)
 
 
-def test_the_profile_is_the_share_of_scores_above_each_threshold():
+def test_the_profile_is_the_fraction_of_scores_above_each_threshold():
     found = training_runs.performance_profile([[1, 2], [3, 4]], [0, 1, 2.5, 4], rng())
     np.testing.assert_array_equal(found.estimate, [1.0, 0.75, 0.5, 0.0])
     assert (found.low <= found.estimate).all()
@@ -167,7 +167,7 @@ def test_the_generator_decides_the_interval():
     assert training_runs.mean(GENERATED, rng(3)) != training_runs.mean(GENERATED, rng(4))
 
 
-def test_scores_that_are_no_matrix_of_runs_and_worlds_are_refused():
+def test_scores_that_are_no_matrix_of_runs_and_worlds_are_rejected():
     with pytest.raises(ValueError, match=r"axes \(n_runs, n_worlds\), got shape \(2,\)"):
         training_runs.mean([1.0, 2.0], rng())
     with pytest.raises(ValueError, match="at least 1 run and 2 worlds, got 3 and 1"):
