@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
-from coopmap_baselines.planner import Coordination, Planner, Search
-from coopmap_baselines.utility import check_motion_weight, subtract_motion_cost
+from coopmap_baselines.planner import (
+    Coordination,
+    Planner,
+    Search,
+    check_motion_weight,
+    subtract_motion_cost,
+)
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Poses, ReservedMask
+from coopmap_env.envs import Belief, Poses, ReservedMask
 
 
 class CoveragePolicy(Planner):
-    """Never-sampled cells in view, as a share of the most that the camera sees, minus motion.
+    """Never-sampled cells in view, as a fraction of the most a camera can see, minus motion.
 
     Parameters
     ----------
     search, coordination
         See `Planner`.
     motion_weight : float
-        Share of a full view that a motion by one unit of d (Eq. 5) must bring. On training
+        Fraction of a full view that a motion by one unit of d (Eq. 5) must bring. On training
         worlds the default has the best area under the coverage curve within a hundredth, with
         less motion than smaller weights.
     """
@@ -35,6 +40,6 @@ class CoveragePolicy(Planner):
     def score(
         self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
-        """Share of a full view that is new, minus the weighted distance."""
+        """Fraction of a full view that is never sampled, minus the weighted distance."""
         gain = belief.unknown_fraction(robot, poses, reserved_mask)
         return subtract_motion_cost(gain, belief, robot, poses, self.motion_weight)

@@ -1,4 +1,4 @@
-"""Nearest frontier: go where known free space meets the unknown, and look at it."""
+"""Nearest frontier: go where known free space borders on the unknown."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import numpy as np
 from coopmap_baselines.planner import Coordination, Planner
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Poses, ReservedMask
+from coopmap_env.envs import Belief, Poses, ReservedMask
 
 
 class FrontierPolicy(Planner):
     """The nearest frontier, and of the poses there the one that shows the most unknown.
 
     A frontier cell is a free cell with a never-sampled face neighbour (Yamauchi 1997, "A
-    frontier-based approach for autonomous exploration"). In the plane the camera goes there, by the
-    shortest path; in the field it turns there, to the frontier nearest to it. Frontiers from which
-    no pose shows a never-sampled cell are passed over.
+    frontier-based approach for autonomous exploration"). A planar camera moves there, by the
+    shortest path; a field camera turns to the frontier nearest to it. Frontiers at which no pose
+    shows a never-sampled cell are skipped.
 
     Parameters
     ----------
     coordination : {"independent", "sequential"}
-        See `Planner`; claimed cells count as seen.
+        See `Planner`; reserved cells count as seen.
     """
 
     def __init__(self, coordination: Coordination = "independent") -> None:
@@ -29,7 +29,7 @@ class FrontierPolicy(Planner):
     def score(
         self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
-        """Unknown cells in view (a share) at the nearest frontier; -1 elsewhere."""
+        """Fraction of never-sampled cells in view at the nearest frontier; -1 elsewhere."""
         unknown = belief.unknown_fraction(robot, poses, reserved_mask)
-        at_frontier = belief.nearest_frontier_mask(robot, poses, unknown > 0)
+        at_frontier = belief.planning.nearest_frontier_mask(belief, robot, poses, unknown > 0)
         return np.where(at_frontier, unknown, -1.0) if at_frontier.any() else unknown

@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import numpy as np
-from coopmap_baselines.planner import Coordination, Planner, Search
-from coopmap_baselines.utility import check_motion_weight, subtract_motion_cost
+from coopmap_baselines.planner import (
+    Coordination,
+    Planner,
+    Search,
+    check_motion_weight,
+    subtract_motion_cost,
+)
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Poses, ReservedMask
+from coopmap_env.envs import Belief, Poses, ReservedMask
 
 
 class InformationGainPolicy(Planner):
-    """Mutual information as a share of a wholly unknown, unobstructed view's, minus motion.
+    """Mutual information minus motion, as a fraction of a wholly unknown, unobstructed view's.
 
     Parameters
     ----------
     search, coordination
         See `Planner`.
     motion_weight : float
-        Share of such a view that a motion by one unit of d (Eq. 5) must bring. On training
+        Fraction of such a view that a motion by one unit of d (Eq. 5) must bring. On training
         worlds the default has the best area under the coverage curve within a hundredth, with
         less motion than smaller weights.
     prior : float, optional
-        Occupancy expected of cells that were never sampled; by default that of the world's training
-        worlds, 0.12 in the plane and, around the target, 0.02 in the field.
+        Occupancy expected of cells that were never sampled. By default the mean of training worlds:
+        0.12 in the planar environment and 0.02, around the target, in the field environment.
     """
 
     def __init__(
@@ -42,7 +47,7 @@ class InformationGainPolicy(Planner):
     def score(
         self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
-        """Share of a full view's information, minus the weighted distance."""
-        prior = belief.prior if self.prior is None else self.prior
-        gain = belief.information_fraction(robot, poses, prior, reserved_mask)
+        """Fraction of a full view's information, minus the weighted distance."""
+        prior = belief.planning.unknown_prior if self.prior is None else self.prior
+        gain = belief.planning.information_fraction(belief, robot, poses, prior, reserved_mask)
         return subtract_motion_cost(gain, belief, robot, poses, self.motion_weight)

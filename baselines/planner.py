@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from functools import partial
 from typing import Any, Literal
@@ -9,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Observations, Poses, ReservedMask
+from coopmap_env.envs import Belief, Observations, Poses, ReservedMask
 
 Search = int | Literal["exhaustive"]
 Coordination = Literal["independent", "sequential"]
@@ -54,7 +55,7 @@ class Planner(ABC):
     def score(
         self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
-        """Score of each pose, higher is better; `reserved_mask` cells are left out."""
+        """Score of each pose (k,), higher is better; reserved cells do not count."""
 
     def act(self, belief: Belief, observations: Observations) -> dict[str, Any]:
         """Choose the best pose of each robot, as actions."""
@@ -63,7 +64,7 @@ class Planner(ABC):
         actions = {}
         for robot, agent in enumerate(belief.agents):
             score = partial(self._score_on, robot, reserved_mask)
-            poses = belief.prescreen(self.candidate_poses(belief, robot), score)
+            poses = belief.planning.prescreen(belief, self.candidate_poses(belief, robot), score)
             best = poses[np.argmax(self.score(belief, robot, poses, reserved_mask))]
             actions[agent] = belief.action_for(robot, best)
             if reserved_mask is not None:
@@ -76,9 +77,23 @@ class Planner(ABC):
         return self.score(belief, robot, poses, reserved_mask)
 
     def candidate_poses(self, belief: Belief, robot: int) -> Poses:
-        """List the poses to choose from."""
+        """The poses to choose from."""
         if belief.candidates is not None:
             return belief.candidates[robot]
         if isinstance(self.search, int):
             return belief.random_poses(robot, self.search, self.rng)
         return belief.feasible_poses(robot)
+
+
+def subtract_motion_cost(
+    gain: NDArray[np.float64], belief: Belief, robot: int, poses: Poses, weight: float
+) -> NDArray[np.float64]:
+    """`gain` (k,) minus `weight` times the distance d of Eq. 5 from the robot's pose."""
+    return gain - weight * belief.distance(robot, poses)
+
+
+def check_motion_weight(weight: float) -> float:
+    """The weight of the motion; ValueError unless it is finite and >= 0."""
+    if not isinstance(weight, int | float) or not (math.isfinite(weight) and weight >= 0):
+        raise ValueError(f"motion_weight must be finite and >= 0, got {weight!r}")
+    return weight

@@ -1,4 +1,4 @@
-"""Random poses: the floor under every comparison."""
+"""Random poses: the lower bound of every comparison."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from coopmap_baselines.planner import Planner
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Poses, ReservedMask
+from coopmap_env.envs import Belief, Poses, ReservedMask
 
 
 class RandomPolicy(Planner):
@@ -18,5 +18,5 @@ class RandomPolicy(Planner):
     def score(
         self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
-        """Score at random, so that a choice among offers is random too."""
+        """Random scores, so that a choice among candidates is random too."""
         return self.rng.random(len(poses))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from coopmap_baselines.planner import Coordination, Planner, Search
-from coopmap_baselines.rating_cache import NewInformationCache
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Poses, ReservedMask
-from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.envs import Belief, Planning, PoseRater, Poses, ReservedMask
 
 
 class RatingFunctionPolicy(Planner):
@@ -25,16 +23,15 @@ class RatingFunctionPolicy(Planner):
 
     def __init__(self, search: Search = 100, coordination: Coordination = "independent") -> None:
         super().__init__(search, coordination)
-        self._cache: NewInformationCache | None = None
+        self._planning: Planning | None = None
+        self._rater: PoseRater | None = None
 
     def score(
         self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
     ) -> NDArray[np.float64]:
         """RF of each pose (Eq. 9)."""
-        if self.search != "exhaustive" or not isinstance(belief, PlanarBelief):
+        if self.search != "exhaustive":
             return belief.rate(robot, poses, reserved_mask).rating
-        rating = belief.rating
-        if self._cache is None or self._cache.rating is not rating:
-            self._cache = NewInformationCache(rating)
-        ni = self._cache.new_information(belief.map, poses, reserved_mask)
-        return rating.rate_from_information(belief.map, poses, [belief.pose_ids[robot]], ni).rating
+        if self._rater is None or self._planning is not belief.planning:
+            self._planning, self._rater = belief.planning, belief.planning.exhaustive_rater()
+        return self._rater.rate(belief, robot, poses, reserved_mask).rating

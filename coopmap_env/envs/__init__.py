@@ -1,1 +1,37 @@
-"""The environments: orchestration, actions, observations, rewards, rendering."""
+"""The environments: beliefs, actions, observations, rewards and the step.
+
+Its names are what planners and wrappers of the environments need.
+"""
+
+from coopmap_env.envs.actions import InvalidActionError
+from coopmap_env.envs.belief import (
+    ActionMode,
+    Belief,
+    Observation,
+    Observations,
+    Planning,
+    PoseRater,
+    Poses,
+    ReservedMask,
+)
+from coopmap_env.envs.mapping_env import Infos, MappingEnv
+from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome
+from coopmap_env.envs.team import TeamEnv
+
+__all__ = [
+    "REWARD_TERMS",
+    "ActionMode",
+    "Belief",
+    "Infos",
+    "InvalidActionError",
+    "MappingEnv",
+    "Observation",
+    "Observations",
+    "Planning",
+    "PoseRater",
+    "Poses",
+    "ReservedMask",
+    "RewardScale",
+    "StepOutcome",
+    "TeamEnv",
+]

@@ -1,19 +1,19 @@
 """Action modes: what an action means, its space, and the action that leads to a pose.
 
-"candidates" is the same in every world: a choice among random feasible poses. What "pose" means is
-said by each environment's own `actions`.
+"candidates" is the same in every environment: a choice among random feasible poses. What "pose"
+means is documented by each environment's own `actions`.
 
 =============  ==========================  ======================================================
 mode           space (one robot)           meaning
 =============  ==========================  ======================================================
 "pose"         Box(-1, 1, (n,), float32)   a camera pose; `planar.actions`, `field.actions`
-"candidates"   Discrete(m)                 index into the m random feasible poses on offer
+"candidates"   Discrete(m)                 index into the m random feasible poses
 =============  ==========================  ======================================================
 """
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -23,32 +23,7 @@ from coopmap_env.envs.belief import Belief, Poses
 
 
 class InvalidActionError(ValueError):
-    """An action that is no member of its space; the environment stays as it was."""
-
-
-class ActionMode(Protocol):
-    """How actions of one robot are written and read."""
-
-    def space(self, robot: int) -> spaces.Space[Any]:
-        """Make a new space for one robot."""
-
-    def decode(self, agent: str, action: Any, belief: Any) -> tuple[Any, str]:
-        """Pose that the action asks for, and why it cannot be taken (or empty).
-
-        Raises
-        ------
-        InvalidActionError
-            Naming the robot and the value.
-        """
-
-    def encode(self, robot: int, pose: Any, belief: Any) -> Any:
-        """Write the action that leads a robot to a pose.
-
-        Raises
-        ------
-        InvalidActionError
-            If no action of one step does.
-        """
+    """An action that is not in its space; the environment is unchanged."""
 
 
 def parse_pose_action(agent: str, action: Any, names: tuple[str, ...]) -> NDArray[np.float64]:

@@ -1,55 +1,122 @@
-"""Belief: what the robots of a team know, which is all that a policy may look at."""
+"""Belief: what the robots of a team know, which is all that a policy sees besides observations."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.information import Ratings
 from coopmap_env.mapping import OccupancyMap
 
-if TYPE_CHECKING:
-    from coopmap_env.envs.actions import ActionMode
-
 Observation = dict[str, NDArray[Any]]
 """What one robot observes; the entries are documented by each environment's `observations`."""
 Observations = Mapping[str, Observation]
 Poses = NDArray[Any]
-"""Camera poses of one robot, one a row: lattice numbers (k,) in the plane, mount joints (k, n) in
-the field. Planners hand them on and never look inside."""
+"""Camera poses of one robot, one a row: lattice ids (k,) in the planar environment, mount joints
+(k, n) in the field environment. Planners pass them on and do not interpret them."""
 ReservedMask = NDArray[np.uint8] | None
 """1 at cells (n_cells,) that a teammate is about to see: they are left out of every count."""
+
+
+class ActionMode(Protocol):
+    """How the actions of one robot are encoded and decoded."""
+
+    def space(self, robot: int) -> spaces.Space[Any]:
+        """Make a new space for one robot."""
+
+    def decode(self, agent: str, action: Any, belief: Any) -> tuple[Any, str]:
+        """Pose that the action requests, and why it is infeasible (or empty).
+
+        Raises
+        ------
+        InvalidActionError
+            Naming the robot and the value.
+        """
+
+    def encode(self, robot: int, pose: Any, belief: Any) -> Any:
+        """Action that leads a robot to a pose.
+
+        Raises
+        ------
+        InvalidActionError
+            If no single action does.
+        """
+
+
+class PoseRater(Protocol):
+    """Rates poses of one episode after another; may remember what a scan did not change."""
+
+    def rate(self, belief: Any, robot: int, poses: Poses, reserved_mask: ReservedMask) -> Ratings:
+        """Eqs. 5 to 9 of each pose; equals `Belief.rate`."""
+
+
+class Planning(Protocol):
+    """What single planners ask of a belief, answered for each kind of environment.
+
+    An environment makes one object, which all of its beliefs carry.
+    """
+
+    unknown_prior: float
+    """Occupancy expected of a cell that was never sampled: the mean of training worlds."""
+
+    def information_fraction(
+        self, belief: Any, robot: int, poses: Poses, prior: float, reserved_mask: ReservedMask
+    ) -> NDArray[np.float64]:
+        """Mutual information of the beams with the map, shape (k,).
+
+        As a fraction of that of a wholly unknown, unobstructed view. `prior` is the occupancy
+        expected of never-sampled cells.
+        """
+
+    def nearest_frontier_mask(
+        self, belief: Any, robot: int, poses: Poses, shows_unknown: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Which poses belong to the nearest frontier, among those that `shows_unknown` marks."""
+
+    def raster_offset(self, belief: Any, robot: int, poses: Poses) -> NDArray[np.int64]:
+        """Steps from the robot's pose to each pose in the cyclic raster sequence, shape (k,)."""
+
+    def prescreen(
+        self, belief: Any, poses: Poses, score: Callable[[Any, Poses], NDArray[np.float64]]
+    ) -> Poses:
+        """The poses that are worth scoring at full resolution.
+
+        `score` maps a belief and poses to their scores, higher is better.
+        """
+
+    def exhaustive_rater(self) -> PoseRater:
+        """A rater for planners that rate the whole configuration space at every step."""
 
 
 @dataclass(frozen=True)
 class Belief(ABC):
     """The team's map, its own poses and its own limits; never the truth.
 
-    Planners are written against this class, so that they run in every world. Look, do not touch:
-    `map` is the environment's own, not a copy.
+    Planners are written against this class, so that they run in every environment. `map` is the
+    environment's own and not a copy: read it, do not change it.
     """
 
     agents: tuple[str, ...]
-    """Names of the robots; `robot` in every method is a place in this list."""
+    """Names of the robots; `robot` in every method is an index into it."""
     map: OccupancyMap
     """The fused map of the whole team."""
     actions: ActionMode
-    """How actions are written."""
+    """How actions are encoded."""
+    planning: Planning
+    """Answers to what single planners ask."""
     candidates: tuple[Poses, ...] | None
-    """The candidates offered to each robot, in "candidates" mode."""
-
-    prior: ClassVar[float]
-    """Occupancy expected of a cell that was never sampled: that of training worlds."""
+    """Candidate poses of each robot, in "candidates" mode."""
 
     @property
     @abstractmethod
     def positions(self) -> NDArray[np.float64]:
-        """Where the cameras are as far as the robots know, shape (n_robots, D), metres."""
+        """Estimated camera positions, shape (n_robots, D), metres; NaN if unknown."""
 
     @abstractmethod
     def feasible_poses(self, robot: int) -> Poses:
@@ -65,55 +132,32 @@ class Belief(ABC):
 
     @abstractmethod
     def rate_team(self, poses: Any) -> Ratings:
-        """Eqs. 5 to 9 of one pose for each robot, looking at once: an overlap counts once."""
+        """Eqs. 5 to 9 of one pose for each robot, scanned at once: an overlap counts once."""
 
     @abstractmethod
     def distance(self, robot: int, poses: Poses) -> NDArray[np.float64]:
-        """D of Eq. 5 from where the robot is, shape (k,)."""
+        """Distance d of Eq. 5 from the robot's pose, shape (k,)."""
 
     @abstractmethod
     def unknown_fraction(
         self, robot: int, poses: Poses, reserved_mask: ReservedMask = None
     ) -> NDArray[np.float64]:
-        """Never-sampled cells in view as a share of the most that the camera sees, shape (k,)."""
-
-    @abstractmethod
-    def information_fraction(
-        self, robot: int, poses: Poses, prior: float, reserved_mask: ReservedMask = None
-    ) -> NDArray[np.float64]:
-        """Mutual information as a share of a wholly unknown, unobstructed view's, shape (k,).
-
-        `prior` is the occupancy that is expected of never-sampled cells.
-        """
+        """Never-sampled cells in view, as a fraction of the most a camera can see, shape (k,)."""
 
     @abstractmethod
     def visible_cells(self, robot: int, pose: Any) -> NDArray[np.int64]:
-        """Flat numbers of the cells that a pose would see on the known map."""
-
-    @abstractmethod
-    def raster_offset(self, robot: int, poses: Poses) -> NDArray[np.int64]:
-        """How far each pose lies ahead in the raster sequence, which goes around, shape (k,)."""
-
-    @abstractmethod
-    def nearest_frontier_mask(
-        self, robot: int, poses: Poses, shows_unknown: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
-        """Which poses look from or at the nearest frontier, among those that `shows_unknown` marks."""
-
-    def prescreen(self, poses: Poses, score: Callable[[Any, Poses], NDArray[np.float64]]) -> Poses:
-        """Poses among which the best one is, by the score on a rougher belief; here: all."""
-        return poses
+        """Flat indices of the cells that a pose would see on the known map."""
 
     @abstractmethod
     def with_poses(self, poses: Any) -> Self:
-        """The same belief with the robots elsewhere, and without offers."""
+        """The same belief with the robots at other poses, and without candidates."""
 
     @abstractmethod
     def with_candidates(self, candidates: Sequence[Poses]) -> Self:
-        """The same belief with candidates on offer."""
+        """The same belief with candidates."""
 
     def action_for(self, robot: int, pose: Any) -> Any:
-        """Write the action that leads the robot to a pose.
+        """Action that leads the robot to a pose.
 
         Raises
         ------

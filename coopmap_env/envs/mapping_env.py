@@ -1,10 +1,10 @@
-"""What every environment of cooperative mapping does in a step; the worlds fill in the rest."""
+"""What every environment of cooperative mapping does; each world's environment adds its parts."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -12,42 +12,26 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopmap_env.core.arguments import check_choice, check_positive_int
-from coopmap_env.envs.actions import ActionMode, CandidateMode, InvalidActionError
-from coopmap_env.envs.belief import Belief, Observation
-from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome, reward_terms
-from coopmap_env.mapping import ScanGain
+from coopmap_env.envs.actions import CandidateMode, InvalidActionError
+from coopmap_env.envs.belief import ActionMode, Observation
+from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, reward_terms
+from coopmap_env.envs.transition import (
+    BeliefT,
+    EpisodeRngs,
+    FusedScans,
+    TeamMoveResult,
+    Transition,
+    step_outcomes,
+)
 from coopmap_env.rendering.window import HumanWindow
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.scenes import world_seed
 
 Infos = dict[str, dict[str, Any]]
-BeliefT = TypeVar("BeliefT", bound=Belief)
-
-
-class EpisodeRngs(NamedTuple):
-    """The random numbers of an episode, one Generator for each purpose."""
-
-    scene: np.random.Generator
-    start: np.random.Generator
-    noise: np.random.Generator
-    candidates: np.random.Generator
-    seeds: np.random.Generator
-    """Of the episodes that follow without a seed."""
-
-
-class TeamMoveResult(NamedTuple):
-    """How the motion of the team ended."""
-
-    poses: Any
-    """Where each robot is now as far as it knows: lattice numbers or joints."""
-    collided_with: Sequence[str]
-    """What each robot bumped into; empty if nothing."""
-    collision_cells: Sequence[int] = ()
-    """Cells of the map that were found to be occupied by it."""
 
 
 class Observer(Protocol):
-    """Fills observations; their spaces are declared beside."""
+    """Computes observations and declares their spaces."""
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
@@ -63,10 +47,10 @@ class Observer(Protocol):
 
 
 class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
-    """Conducts a step and computes nothing itself: move, look, fuse, reward, observe.
+    """Conducts an episode and computes nothing itself: decode, move, scan, fuse, reward, observe.
 
-    A world's environment checks its own arguments, calls `_set_up` once and provides `_reset_world`,
-    `_move`, `_take_scans`, `_render_frame` and `truth`.
+    A world's environment validates its own arguments, calls `_set_up` once and provides
+    `_reset_world`, `_move`, `_fuse_scans`, `_render_frame` and `truth`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
@@ -92,7 +76,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         check_choice("reward", reward, tuple(REWARD_TERMS))
         check_choice("team_reward", team_reward, ("individual", "shared"))
         check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
-        world_seed(split, 0)  # refuses an unknown split
+        world_seed(split, 0)  # rejects an unknown split
         n_candidates = check_positive_int("n_candidates", n_candidates)
         self.split = split
         self.render_mode = render_mode
@@ -105,11 +89,12 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._has_reset = False
         self.scans: list[Scan] = []
         """Of the last step, as they were fused."""
+        self._trails: list[list[NDArray[np.float64]]] = []
 
     def _set_up(
         self, actions: ActionMode, scale: RewardScale, observer: Observer, contact_cost: float = 0.0
     ) -> None:
-        """Take over the world's parts; declares the spaces."""
+        """Set the parts that depend on the kind of world, and declare the spaces."""
         self._actions = actions
         self._reward_scale = scale
         self._observer = observer
@@ -124,23 +109,21 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         """Make a new world and put the team into it."""
 
     @abstractmethod
-    def _move(self, targets: list[Any]) -> TeamMoveResult:
+    def _move(
+        self, belief: BeliefT, targets: Sequence[Any], rng: np.random.Generator
+    ) -> TeamMoveResult:
         """Move all robots to their targets; None lets a robot stay."""
 
     @abstractmethod
-    def _take_scans(self) -> list[Scan]:
-        """Let every robot look from where it is."""
-
-    def _fuse(self, scans: list[Scan]) -> list[ScanGain]:
-        """Fuse the scans of a step; what each of them brought."""
-        return self._belief.map.integrate(scans)
+    def _fuse_scans(self, belief: BeliefT, rng: np.random.Generator) -> FusedScans[BeliefT]:
+        """Scan with every robot from where it is, and fuse the scans."""
 
     @abstractmethod
     def _render_frame(self) -> NDArray[np.uint8]:
         """Draw a picture (H, W, 3) of the truth, the map and the team."""
 
-    def _extra_info(self, robot: int) -> dict[str, Any]:
-        """Entries of a world's own in the infos of a step."""
+    def _extra_info(self, robot: int, transition: Transition[BeliefT]) -> dict[str, Any]:
+        """Entries of a robot's info that only this kind of world has."""
         return {}
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
@@ -159,29 +142,31 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         Parameters
         ----------
         seed : int, optional
-            Number of the world in the split; decides everything up to the next reset. Without a
-            seed, the last seed (or the machine, if there was none) decides the next one.
+            Index of the world in the split; determines everything up to the next reset. Without
+            it, the next seed is drawn from the last one, or from the operating system.
         options : dict, optional
             Ignored.
 
         Raises
         ------
         ValueError
-            If the seed is no whole number of at least 0, or the scene makes a world that is not of
-            the shape, resolution and origin that it says. A running episode goes on then.
+            If the seed is not an integer of at least 0, or the scene makes a world of another
+            shape, resolution or origin than it declares. A running episode is not affected.
         """
         if seed is None:
             seed = int(self._seed_rng.integers(2**31))
         rngs = EpisodeRngs(
             *(np.random.default_rng(child) for child in world_seed(self.split, seed).spawn(5))
         )
-        self._belief = self._reset_world(rngs)
+        belief = self._reset_world(rngs)
         self._rngs, self._seed_rng = rngs, rngs.seeds
+        self._belief = self._with_candidates(belief)
         self._has_reset = True
         self._scans_done = 0
         self.scans = []
         self.agents = list(self.possible_agents)
-        self._sample_candidates()
+        self._trails = [[] for _ in self.agents]
+        self._record_positions()
         observations = self._observe()
         infos = {agent: self._common_info() for agent in self.agents}
         _copy_masks(observations, infos)
@@ -192,67 +177,34 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """Move all cameras, look with all of them, fuse, reward, observe.
+        """Move all cameras, scan with all of them, fuse the scans, reward, observe.
 
-        A pose that is infeasible on the known map does not move the camera: it stays, looks from
-        where it is, and ``infos[agent]["rejected_reason"]`` says why. Where the map is wrong and something
-        stands in the way, the robot bumps into it and is stopped: ``infos[agent]["contact"]`` is
-        true.
+        A pose that is infeasible on the known map does not move the camera: it scans from where it
+        is, and ``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the robot
+        collides with what is there and is stopped: ``infos[agent]["contact"]`` is true.
 
         Raises
         ------
         InvalidActionError
-            If an action is missing, superfluous or no member of its space; nothing has happened
-            then and the step can be repeated.
+            If an action is missing, superfluous or not in its space; the environment is unchanged
+            and the step can be repeated.
         RuntimeError
             Before the first reset and after the end of an episode.
         """
         decoded = self._decode(actions)
-        before = self._belief
-        move = self._move([None if reason else pose for pose, reason in decoded])
-        rated = before.rate_team(move.poses)
-        if move.collision_cells:
-            before.map.mark_occupied(move.collision_cells)
-        self._belief = before.with_poses(move.poses)
-        self.scans = self._take_scans()
-        gains = self._fuse(self.scans)
+        targets = [None if reason else pose for pose, reason in decoded]
+        transition = self._transition(self._belief, targets, self._rngs.noise)
+        self._belief = self._with_candidates(transition.belief)
+        self.scans = transition.scans
         self._scans_done += 1
-        self._sample_candidates()
-        outcomes = [
-            StepOutcome(*values)
-            for values in zip(
-                rated.new_information.tolist(),
-                rated.distance.tolist(),
-                rated.motion_cost.tolist(),
-                rated.rating.tolist(),
-                gains,
-                [
-                    self._contact_cost if collided_with else 0.0
-                    for collided_with in move.collided_with
-                ],
-                strict=True,
-            )
-        ]
-        terms = [reward_terms(outcome, self._reward_scale) for outcome in outcomes]
-        common = self._common_info()
-        infos = {
-            agent: {
-                **common,
-                "rejected_reason": decoded[robot][1],
-                "contact": bool(move.collided_with[robot]),
-                "reward_terms": terms[robot],
-                "new_information": outcomes[robot].new_information,
-                "distance": outcomes[robot].distance,
-                "new_cells": gains[robot].new_cells,
-                "entropy_reduction": gains[robot].entropy_reduction,
-                **self._extra_info(robot),
-            }
-            for robot, agent in enumerate(self.agents)
-        }
+        self._record_positions()
+        terms = [reward_terms(outcome, self._reward_scale) for outcome in transition.outcomes]
         rewards = self._assign_rewards(terms)
-        ended = self._scans_done >= self.max_scans
         observations = self._observe()
+        reasons = [reason for _, reason in decoded]
+        infos = self._step_infos(transition, terms, reasons)
         _copy_masks(observations, infos)
+        ended = self._scans_done >= self.max_scans
         terminations = dict.fromkeys(self.agents, False)
         truncations = dict.fromkeys(self.agents, ended)
         if self.render_mode == "human":
@@ -261,12 +213,28 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             self.agents = []
         return observations, rewards, terminations, truncations, infos
 
+    def _transition(
+        self, belief: BeliefT, targets: Sequence[Any], rng: np.random.Generator
+    ) -> Transition[BeliefT]:
+        """Move, scan and fuse: the next belief, and what each robot brought.
+
+        Maps are updated in place; all else of `belief` stays as it is.
+        """
+        move = self._move(belief, targets, rng)
+        rated = belief.rate_team(move.poses)
+        if move.collision_cells:
+            belief.map.mark_occupied(move.collision_cells)
+        fused = self._fuse_scans(belief.with_poses(move.poses), rng)
+        costs = [self._contact_cost if name else 0.0 for name in move.collided_with]
+        outcomes = step_outcomes(rated, fused.gains, costs)
+        return Transition(fused.belief, fused.scans, outcomes, move.collided_with)
+
     def state(self) -> NDArray[np.float32]:
-        """Return what centralised critics may see; see the world's `observations`."""
+        """Observation of a centralised critic; see the world's `observations`."""
         return self._observer.state(self.belief())
 
     def belief(self) -> BeliefT:
-        """Return what the robots know: the input of planners. Never the truth.
+        """What the robots know: the input of planners. Never the truth.
 
         Raises
         ------
@@ -312,14 +280,19 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             raise InvalidActionError(f"one action for each of {self.agents} is needed, got {given}")
         return [self._actions.decode(agent, actions[agent], self._belief) for agent in self.agents]
 
-    def _sample_candidates(self) -> None:
-        if self._candidate_mode is not None:
-            m, rng = self._candidate_mode.n_candidates, self._rngs.candidates
-            candidates = [
-                self._belief.random_poses(robot, m, rng)
-                for robot in range(len(self.possible_agents))
-            ]
-            self._belief = self._belief.with_candidates(candidates)
+    def _with_candidates(self, belief: BeliefT) -> BeliefT:
+        """The belief with new candidates in "candidates" mode, otherwise the belief itself."""
+        if self._candidate_mode is None:
+            return belief
+        m, rng = self._candidate_mode.n_candidates, self._rngs.candidates
+        robots = range(len(self.possible_agents))
+        return belief.with_candidates([belief.random_poses(robot, m, rng) for robot in robots])
+
+    def _record_positions(self) -> None:
+        """Append the known camera positions to the trails, for pictures."""
+        for trail, position in zip(self._trails, self._belief.positions, strict=True):
+            if not np.isnan(position).any():
+                trail.append(position)
 
     def _observe(self) -> dict[str, Observation]:
         return dict(zip(self.agents, self._observer.observe(self._belief), strict=True))
@@ -330,12 +303,34 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             rewards = [sum(rewards) / len(rewards)] * len(rewards)
         return dict(zip(self.agents, rewards, strict=True))
 
+    def _step_infos(
+        self,
+        transition: Transition[BeliefT],
+        terms: Sequence[dict[str, float]],
+        reasons: Sequence[str],
+    ) -> Infos:
+        common = self._common_info()
+        return {
+            agent: {
+                **common,
+                "rejected_reason": reasons[robot],
+                "contact": bool(transition.collided_with[robot]),
+                "reward_terms": terms[robot],
+                "new_information": transition.outcomes[robot].new_information,
+                "distance": transition.outcomes[robot].distance,
+                "new_cells": transition.outcomes[robot].gain.new_cells,
+                "entropy_reduction": transition.outcomes[robot].gain.entropy_reduction,
+                **self._extra_info(robot, transition),
+            }
+            for robot, agent in enumerate(self.agents)
+        }
+
     def _common_info(self) -> dict[str, Any]:
         return {"scans": self._scans_done, "observed_fraction": self._belief.map.observed_fraction}
 
 
 def _copy_masks(observations: Mapping[str, Observation], infos: Infos) -> None:
-    """Put the action masks where engines look for them besides the observation."""
+    """Put the action masks into the infos too, where some RL libraries expect them."""
     for agent, observation in observations.items():
         if "action_mask" in observation:
             infos[agent]["action_mask"] = observation["action_mask"].copy()

@@ -1,8 +1,8 @@
-"""Rewards: named terms, each a small function of what one robot's look brought.
+"""Rewards: named terms, each a small function of the outcome of one robot's step.
 
-With teammates looking at the same place at once, the overlap is paid once, to the robot of the
-lower number: "rating" leaves the cells that earlier robots are looking at out of a robot's
-histogram, "information" and "coverage" count what a scan adds to the scans of earlier robots.
+Where teammates scan the same cells in a step, the overlap is paid once, to the robot of the lower
+index: "rating" leaves the cells in view of earlier robots out of a robot's histogram, "information"
+and "coverage" count what a scan adds to the scans of earlier robots.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from coopmap_env.mapping import ScanGain
 
 
 class StepOutcome(NamedTuple):
-    """What one robot's look brought."""
+    """Outcome of one robot's step."""
 
     new_information: float
     """NI (Eqs. 6-8) of the executed pose on the map before the scans, without the cells that
-    earlier robots were looking at; nats."""
+    earlier robots see; nats."""
     distance: float
     """d of Eq. 5 that the camera moved."""
     motion_cost: float
@@ -27,13 +27,13 @@ class StepOutcome(NamedTuple):
     rating: float
     """RF (Eq. 9) of the executed pose, from this NI."""
     gain: ScanGain
-    """What the scan brought to the map."""
+    """What the scan added to the map."""
     contact_cost: float = 0.0
-    """What bumping into something costs, as a share of the largest NI; 0 without a contact."""
+    """Cost of a collision, as a fraction of the largest NI; 0 without a collision."""
 
 
 class RewardScale(NamedTuple):
-    """What the terms are measured against."""
+    """Normalization of the terms."""
 
     full_view_entropy: float
     """Entropy of all cells that the camera can see, N ln 2, nats."""
@@ -44,7 +44,7 @@ class RewardScale(NamedTuple):
 
     @classmethod
     def for_camera(cls, max_visible_cells: int, n_gray_bins: int, n_cells: int) -> RewardScale:
-        """The scale of a camera that sees at most `max_visible_cells` cells of the world's `n_cells`."""
+        """The scale of a camera that sees at most `max_visible_cells` of `n_cells` cells."""
         return cls(max_visible_cells * math.log(2.0), math.log(n_gray_bins), n_cells)
 
 
@@ -56,7 +56,7 @@ def rating(outcome: StepOutcome, scale: RewardScale) -> float:
 def information(outcome: StepOutcome, scale: RewardScale) -> float:
     """Realised drop of map entropy minus the motion cost.
 
-    The drop as a share of a full view's entropy, the cost as a share of the largest NI.
+    The drop as a fraction of a full view's entropy, the cost as a fraction of the largest NI.
     """
     motion_cost = outcome.motion_cost / scale.max_information
     return (
@@ -67,7 +67,7 @@ def information(outcome: StepOutcome, scale: RewardScale) -> float:
 
 
 def coverage(outcome: StepOutcome, scale: RewardScale) -> float:
-    """Newly viewed cells as a share of the world."""
+    """Newly observed cells as a fraction of the world."""
     return outcome.gain.new_cells / scale.n_cells - outcome.contact_cost
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
-from coopmap_env.evaluation.rollout import run_episode
+from coopmap_env.evaluation import run_episode
 from coopmap_env.information import adjacent_to_unknown, first_visible_point
 
 pytest.importorskip("pybullet")
@@ -100,7 +100,7 @@ def test_a_large_search_is_ranked_roughly_first_and_ends_near_the_best(belief):
 
 def test_the_raster_scan_counts_through_the_grid_of_the_joints(belief):
     grid = belief.joint_spaces[0].grid()
-    ahead = belief.raster_offset(0, grid)
+    ahead = belief.planning.raster_offset(belief, 0, grid)
     assert sorted(ahead) == list(range(len(grid)))
     here = belief.joint_spaces[0].grid_index(belief.joints[0])
     assert ahead[(here + 1) % len(grid)] == 0
@@ -108,14 +108,14 @@ def test_the_raster_scan_counts_through_the_grid_of_the_joints(belief):
     policy = coopmap_baselines.make("raster")
     policy.reset(np.random.default_rng(0))
     chosen = policy.act(belief, {})["robot_0"]
-    expected = feasible[np.argmin(belief.raster_offset(0, feasible))]
+    expected = feasible[np.argmin(belief.planning.raster_offset(belief, 0, feasible))]
     np.testing.assert_array_equal(chosen, belief.action_for(0, expected))
 
 
 def test_frontier_looks_at_the_nearest_frontier_that_any_pose_sees(belief):
     poses = belief.random_poses(0, 25, np.random.default_rng(5))
     shows = belief.unknown_fraction(0, poses) > 0
-    there = belief.nearest_frontier_mask(0, poses, shows)
+    there = belief.planning.nearest_frontier_mask(belief, 0, poses, shows)
     grid, map_ = belief.map.grid, belief.map
     frontier = adjacent_to_unknown(map_) & map_.sampled.ravel() & (map_.log_odds_fixed < 0)
     centers = grid.center(np.stack(np.unravel_index(np.flatnonzero(frontier), grid.shape), axis=-1))
@@ -123,13 +123,20 @@ def test_frontier_looks_at_the_nearest_frontier_that_any_pose_sees(belief):
     rotations, translations = belief.vehicles[0].camera_poses(poses)
     nearest = {}
     for k in np.flatnonzero(shows):
-        view = rotations[k : k + 1], translations[k : k + 1], belief.rating.fine.frustum
-        first, _ = first_visible_point(map_, centers[np.argsort(ways, kind="stable")], *view)
+        camera = rotations[k : k + 1], translations[k : k + 1]
+        first, _ = first_visible_point(
+            map_,
+            centers[np.argsort(ways, kind="stable")],
+            camera,
+            belief.rating.fine.frustum,
+        )
         nearest[k] = first
     best = min(nearest.values())
     assert there.any()
     assert np.flatnonzero(there).tolist() == [k for k in nearest if nearest[k] == best]
-    assert not belief.nearest_frontier_mask(0, poses, np.zeros(len(poses), dtype=bool)).any()
+    assert not belief.planning.nearest_frontier_mask(
+        belief, 0, poses, np.zeros(len(poses), dtype=bool)
+    ).any()
 
 
 def test_information_gain_expects_what_the_world_has(belief):

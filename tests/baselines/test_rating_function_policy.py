@@ -3,9 +3,9 @@ from dataclasses import replace
 import coopmap_baselines
 import numpy as np
 import pytest
-from coopmap_baselines.rating_cache import NewInformationCache
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
+from coopmap_env.information import NewInformationCache, ViewContext
 from coopmap_env.sensing import PlanarCamera
 
 READINGS = ["literal", "distance_free"]
@@ -29,10 +29,10 @@ def play_and_compare(env, policy, seed):
         for robot, agent in enumerate(belief.agents):
             ids = belief.feasible_poses(robot)
             brute += len(ids)
-            rated = belief.rating.rate(belief.map, ids, belief.pose_ids[robot], reserved_mask)
-            counter = policy._cache.n_rated
+            rated = belief.rate(robot, ids, reserved_mask)
+            counter = policy._rater.cache.n_rated
             scores = policy.score(belief, robot, ids, reserved_mask)
-            policy._cache.n_rated = counter  # what this test asks does not count
+            policy._rater.cache.n_rated = counter  # what this test asks does not count
             np.testing.assert_array_equal(scores, rated.rating)
             chosen, _ = belief.actions.decode(agent, actions[agent], belief)
             assert chosen == ids[np.argmax(rated.rating)]
@@ -54,11 +54,11 @@ def test_the_exhaustive_search_rates_all_feasible_poses_at_every_step(
     first = PlanarEnv(2, scene=small_scene, max_scans=6, settings=settings)
     other = PlanarEnv(1, scene=small_scene, max_scans=3, settings=settings)
     play_and_compare(first, policy, seed=0)
-    cache = policy._cache
+    cache = policy._rater.cache
     play_and_compare(first, policy, seed=1)  # another world of the same environment
-    assert policy._cache is cache
+    assert policy._rater.cache is cache
     play_and_compare(other, policy, seed=2)
-    assert policy._cache is not cache
+    assert policy._rater.cache is not cache
     play_and_compare(first, policy, seed=0)
 
 
@@ -66,7 +66,7 @@ def test_far_fewer_poses_are_rated_than_there_are():
     policy = coopmap_baselines.make("rating_function", search="exhaustive")
     env = PlanarEnv(2, max_scans=12)
     brute = play_and_compare(env, policy, seed=0)
-    assert 0 < policy._cache.n_rated < 0.6 * brute
+    assert 0 < policy._rater.cache.n_rated < 0.6 * brute
 
 
 # Two bins tell sampled cells from unknown ones only: what changes there is who hides whom.
@@ -100,8 +100,8 @@ def test_remembered_new_information_is_that_of_the_map_as_it_is_now(
             cache.new_information(map_, ids), rating.new_information(map_, ids)
         )
         np.testing.assert_array_equal(
-            cache.new_information(map_, ids, reserved_mask),
-            rating.new_information(map_, ids, reserved_mask),
+            cache.new_information(map_, ids, ViewContext(reserved_mask)),
+            rating.new_information(map_, ids, ViewContext(reserved_mask)),
         )
 
 

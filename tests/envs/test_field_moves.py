@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from coopmap_env.envs.actions import InvalidActionError
 from coopmap_env.envs.field import FieldEnv, FieldSettings
+from coopmap_env.information import ViewContext
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field import FieldWorld, Worksite
 from coopmap_env.simulation.scenes.field.solid import box_corners, solid_from_boxes
@@ -116,7 +117,7 @@ def test_offered_and_drawn_poses_are_feasible_and_come_back_bit_for_bit(make):
         for robot, agent in enumerate(env.agents):
             candidates = belief.candidates[robot]
             assert observations[agent]["action_mask"].sum() == len(candidates) == 6
-            assert belief.collision_free(robot, candidates).all()
+            assert belief.reachability.collision_free(robot, candidates).all()
             for k, q in enumerate(candidates):
                 assert belief.infeasibility_reason(robot, q) == ""
                 assert belief.action_for(robot, q) == k
@@ -161,13 +162,14 @@ def test_the_rating_reward_is_eq_9_of_where_the_cameras_went_on_the_map_before(m
             q = env.belief().joints[robot]
             R, t = belief.vehicles[robot].camera_poses(q[None])
             d = np.sqrt(((q - joints[robot]) ** 2).sum())
-            rated = belief.rating.rate(before, R, t, [d], reserved_mask, bodies[robot])
+            context = ViewContext(reserved_mask, bodies[robot])
+            rated = belief.rating.rate(before, (R, t), [d], context)
             assert infos[agent]["distance"] == pytest.approx(d)
             expected = rated.rating[0]
             if infos[agent]["contact"]:
                 expected -= FAST.contact_cost * np.log(FAST.rating.n_gray_bins)
             assert rewards[agent] == pytest.approx(expected, abs=1e-9)
-            reserved_mask[belief.rating.visible_cells(before, R[0], t[0], bodies[robot])] = 1
+            reserved_mask[belief.rating.visible_cells(before, (R[0], t[0]), context)] = 1
 
 
 class NothingButTheTarget(Worksite):
@@ -227,7 +229,7 @@ def test_random_poses_are_the_first_feasible_ones_of_those_drawn(make, m):
         drawn = np.empty((0, belief.joint_spaces[robot].n))
         while len(drawn) < m:
             some = belief.joint_spaces[robot].sample(max(m, 16), same)
-            drawn = np.concatenate([drawn, some[belief.collision_free(robot, some)]])
+            drawn = np.concatenate([drawn, some[belief.reachability.collision_free(robot, some)]])
         np.testing.assert_array_equal(poses, drawn[:m])
         assert rng.bit_generator.state == same.bit_generator.state
 
@@ -292,7 +294,8 @@ def test_with_ompl_a_way_around_is_found_where_the_straight_one_is_blocked(make)
         belief, other = plain.belief(), around.belief()
         poses = belief.joint_spaces[0].sample(200, np.random.default_rng(seed))
         blocked = poses[
-            ~belief.collision_free(0, poses) & belief.collision_checker(0).are_poses_free(poses)
+            ~belief.reachability.collision_free(0, poses)
+            & belief.reachability.collision_checker(0).are_poses_free(poses)
         ]
         for q in blocked[:10]:
             if other.infeasibility_reason(0, q) == "":

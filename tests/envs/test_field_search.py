@@ -187,7 +187,7 @@ def test_a_robot_that_is_not_located_leaves_nothing_in_the_teams_map(make, monke
     def lost(*_, **__):
         return Registration(False, "nothing in view could be the target")
 
-    monkeypatch.setattr("coopmap_env.envs.field.localizer.register", lost)
+    monkeypatch.setattr("coopmap_env.envs.field.target_search.register", lost)
     env = make(max_scans=4)
     env.reset(seed=0)
     infos = wander(env, np.random.default_rng(0))
@@ -254,7 +254,7 @@ def test_a_match_that_puts_the_camera_outside_of_the_map_is_refused(make, monkey
         there = Pose(np.array([50.0, 0.0, 0.0]), np.eye(3))
         return Registration(True, "", there, 1e-4 * np.eye(6), None, (there,))
 
-    monkeypatch.setattr("coopmap_env.envs.field.localizer.register", far_off)
+    monkeypatch.setattr("coopmap_env.envs.field.target_search.register", far_off)
     env = make(max_scans=4)
     env.reset(seed=0)
     infos = wander(env, np.random.default_rng(0))

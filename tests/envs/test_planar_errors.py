@@ -181,7 +181,7 @@ def test_a_wrong_setting_is_named_with_its_value(name, value):
 
 
 def test_the_number_of_headings_is_checked():
-    with pytest.raises(ValueError, match="n_headings must be a whole number of at least 1, got 0"):
+    with pytest.raises(ValueError, match="n_headings must be an integer >= 1, got 0"):
         PlanarEnv(settings=PlanarSettings(n_headings=0))
 
 

@@ -194,7 +194,7 @@ def test_candidate_features_by_hand():
     assert observation["action_mask"].tolist() == [1] * 32 + [0] * 8
     assert not observation["candidates"][32:].any()
     row = belief.candidates[0].tolist().index(pose_id(env, 10, 11, heading=0))
-    rated = belief.rating.rate(belief.map, [pose_id(env, 10, 11)], pose_id(env, 10, 10, 4))
+    rated = belief.rate(0, [pose_id(env, 10, 11)])
     d2 = 2.0**2 + 0.5 * (math.pi / 2) ** 2
     expected = [
         0.02, 0.0,  # 2 m ahead of the camera, which looks along +y
@@ -227,7 +227,7 @@ def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings)
         env._belief = env._belief.with_poses(
             tuple(rng.integers(env.belief().lattice.n_poses, size=3))
         )
-        env._sample_candidates()
+        env._belief = env._with_candidates(env._belief)
         belief = env.belief()
         for robot in range(3):
             observation, offer = look(env, robot), belief.candidates[robot]

@@ -10,7 +10,7 @@ from plain.views import new_information, visible_cells
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.rewards import REWARD_TERMS
-from coopmap_env.information import RatingSettings
+from coopmap_env.information import RatingSettings, ViewContext
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 
@@ -76,7 +76,12 @@ def test_the_sequential_exhaustive_planner_maximises_the_reward(scene):
                 current = belief.pose_ids[robot]
                 ids = belief.feasible_poses(robot)
                 best.append(
-                    belief.rating.rate(belief.map, ids, current, reserved_mask).rating.max()
+                    belief.rating.rate(
+                        belief.map,
+                        ids,
+                        belief.rating.distance(ids, current),
+                        ViewContext(reserved_mask),
+                    ).rating.max()
                 )
                 chosen, refused = belief.actions.decode(agent, actions[agent], belief)
                 assert refused == ""
@@ -135,7 +140,7 @@ def test_two_robots_at_one_pose_are_paid_once():
     max_visible_cells = len(
         env.belief().rating.visible_cells(env.belief().map, pose_id(env, 20, 20))
     )
-    alone = env.belief().rating.rate(env.belief().map, [pose_id(env, 20, 20)], pose_id(env, 20, 20))
+    alone = env.belief().rating.rate(env.belief().map, [pose_id(env, 20, 20)], [0.0])
     _, _, _, _, infos = env.step({agent: np.zeros(3) for agent in env.agents})
     first, second = infos.values()
     assert first["new_information"] == alone.new_information[0] > 1

@@ -52,5 +52,5 @@ def set_poses(env, *poses, known=None):
         known = np.asarray(known)
         map_.mark_free(np.flatnonzero(known) if known.dtype == bool else known)
     map_.mark_free([i // env.belief().lattice.n_headings for i in ids])
-    env._sample_candidates()
+    env._belief = env._with_candidates(env._belief)
     return env.belief()

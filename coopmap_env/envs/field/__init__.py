@@ -1,7 +1,6 @@
 """The field world: camera mounts on stationary vehicles map a worksite in 3-D."""
 
-from coopmap_env.envs.field.env import FieldEnv
+from coopmap_env.envs.field.env import FieldEnv, FieldTeamEnv
 from coopmap_env.envs.field.settings import FieldSettings
-from coopmap_env.envs.field.team import FieldTeamEnv
 
 __all__ = ["FieldEnv", "FieldSettings", "FieldTeamEnv"]

@@ -99,19 +99,15 @@ class FieldObserver:
         self._include_located = include_located
         self._grid = grid
         self._settings = settings
+        self._crop_size = settings.crop_cells, settings.crop_pooling
         self._n_joints = tuple(n_joints)
         self._n_candidates = n_candidates
         self._diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
         clamp = settings.log_odds_range.clamp
         self._gray_values = np.round(255 * settings.log_odds_range.probability).astype(np.uint8)
         self._clamp = clamp
-        self._crops: list[Crop] = []
+        self._crops: dict[int, tuple[Pose, Crop]] = {}
         self._scale = math.log(settings.rating.n_gray_bins)
-
-    def set_bases(self, bases: Sequence[Pose]) -> None:
-        """Set the bases down; done once per episode."""
-        view = self._settings.crop_cells, self._settings.crop_pooling
-        self._crops = [Crop.around(self._grid, base, *view) for base in bases]
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
@@ -153,8 +149,7 @@ class FieldObserver:
         positions in diagonals of the world; zeros for a robot that has not been located.
         """
         origin = Pose(np.zeros(3), np.eye(3))
-        view = self._settings.crop_cells, self._settings.crop_pooling
-        crop = self._map_crop(belief.map, Crop.around(self._grid, origin, *view))
+        crop = self._map_crop(belief.map, Crop.around(self._grid, origin, *self._crop_size))
         robots = range(len(self._n_joints))
         joints = [belief.joint_spaces[robot].normalize(belief.joints[robot]) for robot in robots]
         cameras = [
@@ -170,7 +165,7 @@ class FieldObserver:
         cameras = [estimate.pose for estimate in belief.estimates]
         far = self._settings.camera.depth_of_field
         observation: Observation = {
-            "map": self._map_crop(belief.planning_map(robot), self._crops[robot]),
+            "map": self._map_crop(belief.planning_map(robot), self._crop(robot, base)),
             "joints": belief.joint_spaces[robot].normalize(belief.joints[robot]),
             "camera": camera_vector(cameras[robot], base, far),
         }
@@ -199,6 +194,14 @@ class FieldObserver:
                 np.int8
             )
         return observation
+
+    def _crop(self, robot: int, base: Pose) -> Crop:
+        """The crop around a base, which is computed once: vehicles do not drive."""
+        at, crop = self._crops.get(robot, (None, None))
+        if crop is None or at is not base:
+            crop = Crop.around(self._grid, base, *self._crop_size)
+            self._crops[robot] = base, crop
+        return crop
 
     def _map_crop(self, map_: OccupancyMap, crop: Crop) -> NDArray[np.uint8]:
         side, height = self._settings.crop_cells

@@ -1,4 +1,4 @@
-"""What a team knows before its first look: the room in which its vehicles were parked."""
+"""Where field robots start: in the frame of the target, or in frames of their own."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
-from coopmap_env.mapping import VoxelGrid
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 
 def initial_free_voxels(grid: VoxelGrid, bases: Sequence[Pose], radius: float) -> NDArray[np.int64]:
-    """Flat numbers of the voxels above the ground and within `radius` of a vehicle's axis.
+    """Flat indices of the voxels above the ground and within `radius` metres of a vehicle's axis.
 
-    A voxel counts if it lies above the ground as a whole, so that the layer of the ground itself
-    stays to be mapped.
+    They are known to be free, because the vehicles were parked there. A voxel counts if the whole
+    of it lies above the ground, so that the layer of the ground itself remains to be mapped.
     """
     nx, ny, nz = grid.shape_3d
     x, y = (
@@ -27,3 +27,19 @@ def initial_free_voxels(grid: VoxelGrid, bases: Sequence[Pose], radius: float) -
         near |= dx[:, None] ** 2 + dy**2 <= radius**2
     bottoms = grid.origin[2] + np.arange(nz) * grid.resolution
     return np.flatnonzero(near[:, :, None] & (bottoms >= 0.0))
+
+
+def local_base_pose(grid: VoxelGrid) -> Pose:
+    """Base pose of a robot in its own frame: on the ground, in the middle of its grid."""
+    low = np.array(grid.origin)
+    middle = low + 0.5 * np.array(grid.shape) * grid.resolution
+    return Pose(np.array([*middle[:2], 0.0]), np.eye(3))
+
+
+def reset_local_maps(maps: Sequence[OccupancyMap], initial_free_radius: float) -> None:
+    """Clear the maps of robots that are not located, and mark the space around them free."""
+    for map_ in maps:
+        map_.clear()
+        map_.mark_free(
+            initial_free_voxels(map_.grid, [local_base_pose(map_.grid)], initial_free_radius)
+        )

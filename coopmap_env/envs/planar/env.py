@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from coopmap_env.envs.mapping_env import EpisodeRngs, MappingEnv, TeamMoveResult
+from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.planar.actions import PoseMode
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.observations import PlanarObserver
+from coopmap_env.envs.planar.planning import PlanarPlanning
 from coopmap_env.envs.planar.settings import PlanarSettings
 from coopmap_env.envs.planar.starts import sample_start_poses
 from coopmap_env.envs.rewards import RewardScale
+from coopmap_env.envs.team import TeamEnv
+from coopmap_env.envs.transition import EpisodeRngs, FusedScans, TeamMoveResult
 from coopmap_env.information import RatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.rendering.planar import render_team
 from coopmap_env.robots import PoseLattice
-from coopmap_env.sensing import Scan
 from coopmap_env.simulation import PlanarSimulator
 from coopmap_env.simulation.scenes.planar import PlanarScene, PlanarWorld, make_planar_scene
 
 
 class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
-    """Cooperative active mapping in the plane; see `coopmap_env.planar_v0` for its page.
+    """Cooperative active mapping with planar cameras; see `coopmap_env.planar_v0`.
 
     Parameters
     ----------
@@ -35,17 +38,17 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
     action_mode : {"pose", "candidates"}
         See `coopmap_env.envs.planar.actions`.
     reward : {"rating", "information", "coverage"}
-        The term that is paid; see `coopmap_env.envs.rewards`. All are in `infos`.
+        Reward term that is paid; see `coopmap_env.envs.rewards`. All are in `infos`.
     team_reward : {"individual", "shared"}
-        Each robot its own, or all the mean of the team.
+        Each robot its own reward, or all robots the mean of the team.
     scene : str, path or Scene
         "obstacles", "rooms", "house", a ROS map_server YAML file, or an object.
     split : {"train", "validation", "test"}
-        Which of the frozen splits seeds draw their worlds from.
+        Frozen split from which seeds draw their worlds.
     max_scans : int
         Scans of each robot until truncation.
     n_candidates : int
-        m, in "candidates" mode.
+        Number of candidates m, in "candidates" mode.
     settings : PlanarSettings, optional
         Default: `PlanarSettings.for_resolution` of the scene.
     render_mode : {None, "rgb_array", "human"}
@@ -53,7 +56,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
     Raises
     ------
     ValueError
-        If an argument is none of its choices.
+        If an argument is not one of its choices.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -118,30 +121,29 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         self._belief.map.mark_free(known)
         belief = self._belief.with_poses(starts)
         self._simulator.set_poses([belief.lattice.pose(pose_id) for pose_id in starts])
-        self._trails = [[position] for position in belief.positions]
         return belief
 
-    def _move(self, targets: list[int | None]) -> TeamMoveResult:
-        lattice = self._belief.lattice
+    def _move(
+        self, belief: PlanarBelief, targets: Sequence[int | None], rng: np.random.Generator
+    ) -> TeamMoveResult:
+        lattice = belief.lattice
         moved = self._simulator.move(
-            [None if target is None else lattice.pose(target) for target in targets],
-            self._rngs.noise,
+            [None if target is None else lattice.pose(target) for target in targets], rng
         )
-        poses, collision_cells = list(self._belief.pose_ids), []
+        poses, collision_cells = list(belief.pose_ids), []
         for robot, target in enumerate(targets):
             if target is not None and moved[robot].collided_with:
                 collision_cells.append(target // lattice.n_headings)
             elif target is not None:
                 poses[robot] = target
-        return TeamMoveResult(
-            tuple(poses), [collided_with for _, collided_with in moved], collision_cells
-        )
+        collided_with = [result.collided_with for result in moved]
+        return TeamMoveResult(tuple(poses), collided_with, collision_cells)
 
-    def _take_scans(self) -> list[Scan]:
-        for trail, position in zip(self._trails, self._belief.positions, strict=True):
-            trail.append(position)
-        noise = self._rngs.noise
-        return [self._simulator.scan(robot, noise) for robot in range(len(self._trails))]
+    def _fuse_scans(
+        self, belief: PlanarBelief, rng: np.random.Generator
+    ) -> FusedScans[PlanarBelief]:
+        scans = [self._simulator.scan(robot, rng) for robot in range(len(belief.agents))]
+        return FusedScans(belief, scans, belief.map.integrate(scans))
 
     @property
     def truth(self) -> PlanarWorld:
@@ -161,7 +163,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
             self.settings.camera.depth_of_field / grid.resolution,
             [grid.to_cell_units(trail) for trail in self._trails],
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
-            f"viewed {map_.observed_fraction:.1%}",
+            f"observed {map_.observed_fraction:.1%}",
         )
 
     def _empty_belief(self) -> PlanarBelief:
@@ -172,6 +174,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
             agents=tuple(self.possible_agents),
             map=OccupancyMap(grid, s.beam, s.log_odds_range),
             actions=self._candidate_mode or PoseMode(s.reach),
+            planning=PlanarPlanning(),
             candidates=None,
             pose_ids=(0,) * len(self.possible_agents),
             rating=RatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
@@ -188,3 +191,10 @@ def _make_world(scene: PlanarScene, rng: np.random.Generator) -> PlanarWorld:
                 f"scene {scene.name!r} made a world of {name} {actual}, not {declared}"
             )
     return world
+
+
+class PlanarTeamEnv(TeamEnv):
+    """`PlanarEnv` seen by a single agent; see `TeamEnv`."""
+
+    metadata = PlanarEnv.metadata
+    parallel_env = PlanarEnv

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from coopmap_env.geometry.transforms import TWO_PI
-from coopmap_env.robots.lattice import pose_from_id
+from coopmap_env.robots import pose_from_id
 
 
 def crop_offsets(side: int, n_headings: int) -> NDArray[np.int32]:

@@ -161,15 +161,14 @@ class PlanarObserver:
         rating, ids = belief.rating, np.concatenate(candidates)
         counts = np.array([len(robot_candidates) for robot_candidates in candidates])
         ni, unknown = rating.information_and_unknown(belief.map, ids)
-        rated = rating.rate_from_information(
-            belief.map, ids, np.repeat(belief.pose_ids, counts), ni
-        )
+        distance = rating.distance(ids, np.repeat(belief.pose_ids, counts))
+        rated = rating.rate_from_information(belief.map, ids, distance, ni)
         features = np.zeros((self._n_robots, m, N_FEATURES), dtype=np.float32)
         mask = np.zeros((self._n_robots, m), dtype=np.int8)
         write_candidate_features(
-            ids, counts, belief.poses, belief.lattice.kernel_layout,
+            ids, counts, belief.poses, belief.lattice.geometry,
             (ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
-            (self._diagonal, self._scale, rating.fan.max_visible_cells, FEATURE_LIMIT),
+            (self._diagonal, self._scale, rating.max_visible_cells, FEATURE_LIMIT),
             features, mask,
         )  # fmt: skip
         return features, mask

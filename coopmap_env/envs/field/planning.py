@@ -1,0 +1,111 @@
+"""What single planners ask of a field belief."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.belief import ReservedMask
+from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.reachability import Joints
+from coopmap_env.information import (
+    FieldMutualInformation,
+    FieldRatingFunction,
+    Ratings,
+    adjacent_to_unknown,
+    entropy,
+    first_visible_point,
+)
+
+N_REFINED = 30
+"""Poses that are scored at the map's own resolution after a ranking at half of it: the best ten of
+300 are among them."""
+
+
+class FieldPlanning:
+    """See `Planning`; poses are joints of the mounts."""
+
+    unknown_prior = 0.02
+
+    def information_fraction(
+        self,
+        belief: FieldBelief,
+        robot: int,
+        poses: Joints,
+        prior: float,
+        reserved_mask: ReservedMask,
+    ) -> NDArray[np.float64]:
+        """See `FieldMutualInformation`; a cell at the clamp cannot become more certain."""
+        map_, rating = belief.planning_map(robot), belief.rating
+        beams = _mutual_information(rating, prior, map_.log_odds_range.max_probability)
+        cameras = belief.vehicles[robot].camera_poses(poses)
+        context = belief.view_context(robot, reserved_mask)
+        information = beams.mutual_information(map_, cameras, context)
+        return information / (rating.max_visible_cells * entropy([prior, 1.0 - prior]))
+
+    def nearest_frontier_mask(
+        self, belief: FieldBelief, robot: int, poses: Joints, shows_unknown: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Poses that see the frontier voxel nearest to the camera.
+
+        A frontier voxel is free and adjacent to never-sampled ones; only those that some of the
+        marked poses sees count.
+        """
+        map_ = belief.planning_map(robot)
+        known_free = map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed < 0)
+        (cells,) = np.nonzero(adjacent_to_unknown(map_) & known_free)
+        grid = map_.grid
+        centers = grid.center(np.stack(np.unravel_index(cells, grid.shape), axis=-1))
+        distances = np.linalg.norm(centers - belief.estimates[robot].pose.translation, axis=1)
+        cameras = belief.vehicles[robot].camera_poses(poses[shows_unknown])
+        nearest_first = centers[np.argsort(distances, kind="stable")]
+        _, sees_point = first_visible_point(
+            map_, nearest_first, cameras, belief.rating.fine.frustum
+        )
+        mask = np.zeros(len(poses), dtype=np.bool_)
+        mask[shows_unknown] = sees_point
+        return mask
+
+    def raster_offset(self, belief: FieldBelief, robot: int, poses: Joints) -> NDArray[np.int64]:
+        """Counting through the joints, the last one fastest, in the order of `JointSpace.grid`."""
+        space = belief.joint_spaces[robot]
+        current = space.grid_index(belief.joints[robot])
+        return (space.grid_index(poses) - current - 1) % space.grid_steps**space.n
+
+    def prescreen(
+        self,
+        belief: FieldBelief,
+        poses: Joints,
+        score: Callable[[Any, Joints], NDArray[np.float64]],
+    ) -> Joints:
+        """The best `N_REFINED` poses by their score on the pooled map."""
+        if len(poses) <= N_REFINED:
+            return poses
+        coarse_belief = replace(belief, coarse=True)
+        return poses[np.argsort(-score(coarse_belief, poses), kind="stable")[:N_REFINED]]
+
+    def exhaustive_rater(self) -> DirectRater:
+        """A rater without a memory: most views change with every scan."""
+        return DirectRater()
+
+
+class DirectRater:
+    """Rates poses by the belief itself."""
+
+    def rate(
+        self, belief: FieldBelief, robot: int, poses: Joints, reserved_mask: ReservedMask
+    ) -> Ratings:
+        """See `FieldBelief.rate`."""
+        return belief.rate(robot, poses, reserved_mask)
+
+
+@lru_cache(maxsize=4)
+def _mutual_information(
+    rating: FieldRatingFunction, prior: float, known_probability: float
+) -> FieldMutualInformation:
+    return FieldMutualInformation(rating, prior, known_probability)

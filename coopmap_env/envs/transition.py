@@ -1,0 +1,78 @@
+"""One step of a team as data: random generators, the motion, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.rewards import StepOutcome
+from coopmap_env.information import Ratings
+from coopmap_env.mapping import ScanGain
+from coopmap_env.sensing import Scan
+
+BeliefT = TypeVar("BeliefT", bound=Belief)
+
+
+class EpisodeRngs(NamedTuple):
+    """The random numbers of an episode, one Generator for each purpose."""
+
+    scene: np.random.Generator
+    start: np.random.Generator
+    noise: np.random.Generator
+    candidates: np.random.Generator
+    seeds: np.random.Generator
+    """Of the episodes that follow without a seed."""
+
+
+class TeamMoveResult(NamedTuple):
+    """How the motion of the team ended."""
+
+    poses: Any
+    """Measured pose of each robot: lattice ids or joints."""
+    collided_with: Sequence[str]
+    """Name of what each robot collided with; empty if nothing."""
+    collision_cells: Sequence[int] = ()
+    """Cells of the map that the collisions show to be occupied."""
+
+
+class FusedScans(NamedTuple, Generic[BeliefT]):
+    """The scans of a step in the maps of the robots."""
+
+    belief: BeliefT
+    """After the scans, and after what was learned of the robots' poses."""
+    scans: list[Scan]
+    """As they were fused, in the frame of each robot's map."""
+    gains: list[ScanGain]
+    """What each scan brought to its map."""
+
+
+class Transition(NamedTuple, Generic[BeliefT]):
+    """From one belief to the next."""
+
+    belief: BeliefT
+    scans: list[Scan]
+    outcomes: list[StepOutcome]
+    """Of each robot."""
+    collided_with: Sequence[str]
+    """Name of what each robot collided with; empty if nothing."""
+
+
+def step_outcomes(
+    rated: Ratings, gains: Sequence[ScanGain], contact_costs: Sequence[float]
+) -> list[StepOutcome]:
+    """The outcome of each robot, from the ratings of the executed poses and its scan's gain."""
+    return [
+        StepOutcome(*values)
+        for values in zip(
+            rated.new_information.tolist(),
+            rated.distance.tolist(),
+            rated.motion_cost.tolist(),
+            rated.rating.tolist(),
+            gains,
+            contact_costs,
+            strict=True,
+        )
+    ]
