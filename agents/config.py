@@ -21,7 +21,7 @@ from coopmap_env.core.settings import (
     Settings,
     UnitInterval,
 )
-from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import make_env
 
 EngineName = Literal["sb3", "rllib"]

@@ -17,7 +17,7 @@ from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from coopmap_env.envs.belief import Belief, Observation
+from coopmap_env.envs import Belief, Observation
 
 VARIABLE_LENGTH_KEYS = ("candidates", "action_mask", "teammates", "located")
 """Entries of an observation whose first axis may differ in length from training."""

@@ -20,7 +20,7 @@ from ray.rllib.env.env_context import EnvContext
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
 
-from coopmap_env.envs.belief import Observation
+from coopmap_env.envs import Observation
 
 Observations = dict[Any, Observation]
 """By the number of the robot; the key is Any, as in RLlib."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 if TYPE_CHECKING:  # workers with other environments need not load coopmap_env
-    from coopmap_env.envs.belief import Observation
+    from coopmap_env.envs import Observation
 
 Team: TypeAlias = "ParallelEnv[str, Observation, Any]"
 EnvFactory: TypeAlias = "Callable[[], Team]"

@@ -27,7 +27,7 @@ from coopmap_agents.rollouts import EnvFactory, stack
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from coopmap_env.envs.belief import Belief, Observation
+from coopmap_env.envs import Belief, Observation
 from coopmap_env.evaluation import Policy, rollout
 
 POSE_TOLERANCE = 0.1

@@ -43,7 +43,7 @@ from coopmap_agents.training.checkpoints import load_checkpoint, save_checkpoint
 from coopmap_agents.training.imitation import behavior_clone
 
 from coopmap_env.core.files import write_atomically
-from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import evaluate, make_policy
 
 SCORES = ("coverage_auc", "coverage", "reward", "log_loss", "motion_cost")

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from coopmap_env.core.serial import settings_from_dict
+from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv, FieldSettings
-from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.simulation.scenes.field import Clutter, Rubble, Worksite
 from coopmap_env.simulation.scenes.planar import Obstacles, Rooms

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.evaluation.metrics import SurfaceEvaluator, brier_score, log_loss
 from coopmap_env.evaluation.policy import Policy
 from coopmap_env.evaluation.rollout import Step, rollout
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots.reach import FREE_PROBABILITY
+from coopmap_env.robots.planar.reachable_cells import FREE_PROBABILITY
 
 SURFACE_SPAWN_KEY = 0x5C0
 """Spawn key of the samples and poses that evaluate a surface: the same for every policy."""

@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from coopmap_env.envs.belief import Belief, Observation
+from coopmap_env.envs import Belief, Observation
 
 ENTRY_POINT_GROUP = "coopmap.policies"
 

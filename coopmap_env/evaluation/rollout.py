@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coopmap_env.envs.belief import Belief, Observation
-from coopmap_env.envs.mapping_env import Infos, MappingEnv
+from coopmap_env.envs import Belief, Infos, MappingEnv, Observation
 from coopmap_env.evaluation.policy import Policy
 
 POLICY_SPAWN_KEY = 0xAC7

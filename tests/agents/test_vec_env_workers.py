@@ -14,7 +14,7 @@ from coopmap_agents.sb3 import SharedPolicyVecEnv
 from small_worlds import masked_world, small_world
 from toy_team import ConstantReward, FailingFactory, HookedEnv
 
-from coopmap_env.envs.actions import InvalidActionError
+from coopmap_env.envs import InvalidActionError
 
 
 def with_workers(env_factory, n_envs=2, n_workers=2):
@@ -28,7 +28,7 @@ def no_process_is_left_behind():
 
 
 def played(env, n_steps=9):
-    """All that an environment tells in some steps of random actions, unmasked ones included."""
+    """Everything that an environment returns in some steps of random (even masked) actions."""
     env.action_space.seed(0)
     env.seed(3)
     recorded = {"observations": [env.reset()], "reset_infos": [list(env.reset_infos)]}
@@ -73,7 +73,7 @@ def test_environments_are_spread_evenly_over_spawned_workers_that_load_no_torch(
         assert env.get_attr("n_steps") == [False] * 10
 
 
-def test_attributes_methods_options_and_pictures_are_reached_by_row_in_workers():
+def test_attributes_methods_options_and_images_are_accessed_by_row_in_workers():
     with with_workers(lambda: ConstantReward(render_mode="rgb_array"), 3) as env:
         env.set_attr("n_steps", 9, indices=[2, 5])
         assert env.get_attr("n_steps") == [5, 5, 9, 9, 9, 9]
@@ -92,7 +92,7 @@ def test_attributes_methods_options_and_pictures_are_reached_by_row_in_workers()
             env.get_attr("n_steps", indices=[6])
 
 
-def test_what_is_defined_in_a_function_gets_into_workers():
+def test_classes_defined_in_a_function_reach_workers():
     class Longer(ConstantReward):
         def length(self, factor):
             return factor(self.n_steps)
@@ -128,7 +128,7 @@ def test_an_error_that_does_not_unpickle_is_a_runtime_error_of_its_name_and_mess
             env.step(np.zeros((2, 1)))
 
 
-def test_what_cannot_be_sent_is_an_error_and_the_worker_goes_on():
+def test_an_unpicklable_value_is_an_error_and_the_worker_continues():
     def lock():
         return ConstantReward(truncates=threading.Lock())
 
@@ -215,7 +215,7 @@ def test_ctrl_c_in_the_main_process_closes_the_workers():
         signal.signal(signal.SIGINT, before)
 
 
-def test_a_reply_that_was_not_waited_for_is_dropped_and_none_is_waited_for_twice():
+def test_an_unread_reply_is_discarded_and_none_is_read_twice():
     with with_workers(ConstantReward) as env:
         with pytest.raises(RuntimeError, match=r"call step_async\(\)"):
             env.step_wait()

@@ -7,7 +7,7 @@ import pytest
 from plain.rollouts import random_actions
 from scipy.spatial.transform import Rotation
 
-from coopmap_env.envs.actions import InvalidActionError
+from coopmap_env.envs import InvalidActionError
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.information import ViewContext
 from coopmap_env.mapping import VoxelGrid

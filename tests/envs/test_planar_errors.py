@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from plain.rollouts import MODES, env_trajectory_hash, random_actions, trajectory_hash
 
-from coopmap_env.envs.actions import InvalidActionError
+from coopmap_env.envs import InvalidActionError
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
 from coopmap_env.simulation.scenes.planar import Obstacles

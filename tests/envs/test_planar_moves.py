@@ -5,7 +5,7 @@ from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, s
 from plain.random_maps import set_cells
 from plain.rollouts import MODES, random_rollout
 
-from coopmap_env.envs.actions import InvalidActionError
+from coopmap_env.envs import InvalidActionError
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 
 SETTINGS = PlanarSettings(noise=NO_NOISE)

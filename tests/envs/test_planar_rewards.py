@@ -8,8 +8,8 @@ from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, s
 from plain.rollouts import MODES, random_actions
 from plain.views import new_information, visible_cells
 
+from coopmap_env.envs import REWARD_TERMS
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.envs.rewards import REWARD_TERMS
 from coopmap_env.information import RatingSettings, ViewContext
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes.planar import Obstacles, Rooms

@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.envs import MappingEnv
 
 
 def resident_memory_mb(env_name: str, episodes: int) -> float:
