@@ -17,7 +17,7 @@ Worker processes change neither the rows nor their order nor any value.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from operator import methodcaller
 from typing import Any
@@ -35,7 +35,7 @@ from coopmap_agents.rollouts import (
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from coopmap_env.envs.belief import Observation
+from coopmap_env.envs import Observation
 
 Indices = int | Iterable[int] | None
 
@@ -82,9 +82,7 @@ class SharedPolicyVecEnv(VecEnv):
         bounds = [n_envs * i // n_blocks for i in range(n_blocks + 1)]
         self._envs_of_block = [range(*pair) for pair in pairwise(bounds)]
         self._blocks: LocalBlock | WorkerPool = (
-            WorkerPool(
-                env_factory, [len(env_range) for env_range in self._envs_of_block], with_state
-            )
+            WorkerPool(env_factory, [len(envs) for envs in self._envs_of_block], with_state)
             if workers
             else LocalBlock(env_factory, n_envs, with_state)
         )
@@ -119,8 +117,8 @@ class SharedPolicyVecEnv(VecEnv):
         replies = self._call(
             "reset",
             {
-                i: ([seeds[k] for k in own], [options[k] or None for k in own])
-                for i, own in enumerate(self._envs_of_block)
+                block: ([seeds[k] for k in envs], [options[k] or None for k in envs])
+                for block, envs in enumerate(self._envs_of_block)
             },
         )
         self._reset_seeds()
@@ -133,7 +131,7 @@ class SharedPolicyVecEnv(VecEnv):
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Send the actions, one for each row; without workers, `step_wait` uses them."""
-        self._request("step", {i: (actions[rows],) for i, rows in enumerate(self._rows)})
+        self._request("step", {block: (actions[rows],) for block, rows in enumerate(self._rows)})
 
     def step_wait(
         self,
@@ -222,25 +220,28 @@ class SharedPolicyVecEnv(VecEnv):
     def _rows(self) -> list[slice]:
         """Rows of each block."""
         n = len(self.robots)
-        return [slice(n * env_range.start, n * env_range.stop) for env_range in self._envs_of_block]
+        return [slice(n * envs.start, n * envs.stop) for envs in self._envs_of_block]
 
-    def _apply(self, indices: Indices, function: Callable[..., Any], *arguments: Any) -> list[Any]:
-        """Results of ``function(env, *arguments)`` for rows, computed once for each environment."""
+    def _apply(self, indices: Indices, *call: Any) -> list[Any]:
+        """Results of a function of each row's environment, `call` is (function, *arguments)."""
         rows = [range(self.num_envs)[index] for index in self._get_indices(indices)]
-        numbers = [row // len(self.robots) for row in rows]
-        wanted = {i: sorted(set(own) & set(numbers)) for i, own in enumerate(self._envs_of_block)}
-        wanted = {i: own for i, own in wanted.items() if own}
+        env_of_row = [row // len(self.robots) for row in rows]
+        env_numbers = {
+            block: numbers
+            for block, envs in enumerate(self._envs_of_block)
+            if (numbers := sorted(set(envs) & set(env_of_row)))
+        }
         replies = self._call(
             "apply",
             {
-                i: ([number - self._envs_of_block[i].start for number in own], function, *arguments)
-                for i, own in wanted.items()
+                block: ([number - self._envs_of_block[block].start for number in numbers], *call)
+                for block, numbers in env_numbers.items()
             },
         )
         results: dict[int, Any] = {}
-        for own, values in zip(wanted.values(), replies, strict=True):
-            results.update(zip(own, values, strict=True))
-        return [results[number] for number in numbers]
+        for numbers, values in zip(env_numbers.values(), replies, strict=True):
+            results.update(zip(numbers, values, strict=True))
+        return [results[number] for number in env_of_row]
 
     def _call(self, method: str, arguments: Requests) -> list[Any]:
         """Results of a method of some blocks, in order."""

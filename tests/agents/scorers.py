@@ -8,7 +8,7 @@ from gymnasium import spaces
 
 
 def scorer_of(env, seed=0, **options):
-    """An untrained policy whose scores and values differ visibly; at the rating only its values."""
+    """An untrained policy with clearly different scores (unless initialised with the rating)."""
     torch.manual_seed(seed)
     policy = CandidateScorer(
         env.observation_space,
@@ -40,7 +40,7 @@ def played_rows(make_env, n_steps=3, n_envs=2, seed=0):
 
 
 def sampled_rows(space, n=4, seed=0):
-    """Random members of a space as tensors; some candidates of each row are on offer."""
+    """Random members of a space as tensors; some candidates of each row are unmasked."""
     space.seed(seed)
     samples = [space.sample() for _ in range(n)]
     rows = {key: np.stack([sample[key] for sample in samples]) for key in space.spaces}

@@ -1,4 +1,4 @@
-"""What the scorer of candidates is for: it does not depend on their order nor on their number."""
+"""The scorer of candidates depends neither on their order nor on their number."""
 
 from dataclasses import replace
 
@@ -84,7 +84,7 @@ def test_the_order_of_teammates_changes_nothing(make_env):
         (search_world, "located"),
     ],
 )
-def test_scores_and_values_depend_on_all_that_is_seen(make_env, part):
+def test_scores_and_values_depend_on_every_entry_of_the_observation(make_env, part):
     env = Spaces(make_env())
     policy, rows = scorer_of(env), sampled_rows(env.observation_space)
     other = rows | {part: sampled_rows(env.observation_space, seed=1)[part]}
@@ -92,7 +92,7 @@ def test_scores_and_values_depend_on_all_that_is_seen(make_env, part):
     assert (policy.predict_values(other) - policy.predict_values(rows)).abs().max() > 1e-3
 
 
-def test_what_a_masked_candidate_looks_like_changes_nothing():
+def test_features_of_masked_candidates_have_no_effect():
     env = Spaces(team_world())
     policy, rows = scorer_of(env), sampled_rows(env.observation_space)
     offered = rows["action_mask"] == 1
@@ -145,7 +145,7 @@ def test_a_single_robot_needs_no_teammates():
 
 
 @pytest.mark.parametrize("side", [4, 13, 64])
-def test_maps_of_any_size_will_do(side):
+def test_maps_may_have_any_size(side):
     env = Spaces(team_world())
     image = spaces.Box(0, 255, (5, side, side), np.uint8)
     env.observation_space = spaces.Dict({**env.observation_space.spaces, "map": image})
@@ -153,7 +153,7 @@ def test_maps_of_any_size_will_do(side):
 
 
 def same_as_the_planner(env, seeds):
-    """Decisions of a network set to the rating, and those that are the planner's; ties apart."""
+    """Decisions of a network initialised with the rating, and those equal to the planner's."""
     model = make_model(lambda: env, replace(SMALL, initial_policy="rating"), seed=0)
     hand_set, planner = LearnedPolicy(model), make("rating_function")
     rng, n, same = np.random.default_rng(0), 0, 0
@@ -174,17 +174,17 @@ def same_as_the_planner(env, seeds):
     return n, same
 
 
-def test_set_to_the_rating_it_decides_as_the_rating_function_does():
+def test_initialised_with_the_rating_it_decides_as_the_rating_function():
     n, same = same_as_the_planner(team_world(n_robots=2), range(40))
     assert n == same == 40 * 8 * 2
 
 
-def test_set_to_the_rating_it_does_so_in_the_field_too():
+def test_initialised_with_the_rating_it_decides_so_in_the_field_environment():
     n, same = same_as_the_planner(field_world(n_robots=2, max_scans=3), range(1))
     assert n == same == 6
 
 
-def test_set_to_the_rating_it_still_learns_in_all_layers():
+def test_initialised_with_the_rating_all_layers_have_gradients():
     env, rows = played_rows(team_world)
     policy = scorer_of(env, initial_policy="rating")
     for _ in range(3):  # the gradient reaches the last layer first, which is zero
@@ -196,7 +196,7 @@ def test_set_to_the_rating_it_still_learns_in_all_layers():
     assert [name for name, g in gradients.items() if g is None or not g.any()] == []
 
 
-def test_a_policy_is_saved_with_what_it_is_made_of(tmp_path):
+def test_a_policy_is_saved_with_its_constructor_arguments(tmp_path):
     env, rows = played_rows(team_world)
     policy = scorer_of(env, initial_policy="rating")
     policy.save(tmp_path / "policy.pt")
@@ -212,7 +212,7 @@ def test_observations_without_candidates_are_refused():
 
 
 @pytest.mark.parametrize("options", [{"initial_policy": "best"}, {"net_arch": []}])
-def test_options_out_of_their_choices_are_refused(options):
+def test_invalid_options_are_refused(options):
     env = Spaces(team_world())
     with pytest.raises(ValueError, match=r"got ('best'|\[\])"):
         CandidateScorer(env.observation_space, env.action_space, lambda _: 1e-3, **options)

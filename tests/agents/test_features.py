@@ -15,7 +15,7 @@ def batch(space, n=2, seed=0):
     }
 
 
-def test_map_features_all_other_numbers_and_the_teammates_make_the_vector():
+def test_features_are_the_map_the_vectors_and_the_teammates():
     space = small_world(n_robots=3).observation_space("robot_0")
     features = ObservationFeatures(space, 10, 5)
     assert features.features_dim == features.actor_dim == 10 + 4 + 2 * 5
@@ -23,12 +23,12 @@ def test_map_features_all_other_numbers_and_the_teammates_make_the_vector():
 
 
 @pytest.mark.parametrize("side", [4, 5, 13, 36, 64])
-def test_any_side_of_the_map_will_do(side):
+def test_the_map_may_have_any_side(side):
     space = spaces.Dict({"map": spaces.Box(0, 255, (4, side, side), np.uint8)})
     assert ObservationFeatures(space, 7)(batch(space)).shape == (2, 7)
 
 
-def test_no_map_is_fine_too():
+def test_observations_need_no_map():
     space = spaces.Dict({"pose": spaces.Box(-1, 1, (4,)), "team": spaces.Box(-1, 1, (2, 4))})
     values = batch(space)
     expected = torch.cat([values["pose"], values["team"].reshape(2, 8)], dim=1)
@@ -43,7 +43,7 @@ def test_the_order_of_the_entries_does_not_matter():
     torch.testing.assert_close(features(values), features(backwards), rtol=0, atol=0)
 
 
-def test_the_situation_is_all_but_the_candidates():
+def test_features_do_not_depend_on_candidates():
     space = masked_world().observation_space("robot_0")
     features, values = ObservationFeatures(space, 10, 5), batch(space)
     assert features.features_dim == 10 + 4 + 2 * 5
@@ -54,7 +54,7 @@ def test_the_situation_is_all_but_the_candidates():
     torch.testing.assert_close(features(values), result, rtol=0, atol=0)
 
 
-def test_a_teammate_that_is_there_twice_counts_once():
+def test_duplicated_teammates_count_once():
     # mean and maximum over teammates: two alike say what one says
     space = small_world(n_robots=2).observation_space("robot_0")
     features, values = ObservationFeatures(space, 10, 5), batch(space)
@@ -62,12 +62,12 @@ def test_a_teammate_that_is_there_twice_counts_once():
     torch.testing.assert_close(features(twice), features(values))
 
 
-def test_a_lone_robot_s_situation_is_its_map_and_its_state():
+def test_features_of_a_single_robot_are_its_map_and_its_pose():
     space = small_world(n_robots=1).observation_space("robot_0")
     assert ObservationFeatures(space, 10, 5).features_dim == 10 + 4
 
 
-def test_whoever_learned_beside_teammates_sees_zeros_where_there_are_none():
+def test_features_of_missing_teammates_are_zero():
     space = small_world(n_robots=3).observation_space("robot_0")
     features, values = ObservationFeatures(space, 10, 5), batch(space)
     with_teammates = features(values)

@@ -26,7 +26,7 @@ def parameters(model):
     return torch.cat([p.detach().ravel() for p in model.policy.parameters()])
 
 
-def test_a_clone_of_the_rating_function_agrees_with_it_on_worlds_it_has_not_seen():
+def test_a_clone_of_the_rating_function_agrees_with_it_on_unseen_worlds():
     model = make_model(choosing, NETWORK, seed=0)
     model.policy.network.rating_weight.requires_grad_(False)  # 0: not even the direct path helps
     before = evaluate(choosing(), LearnedPolicy(model), range(100, 120)).table["reward"]
@@ -41,7 +41,7 @@ def test_a_clone_of_the_rating_function_agrees_with_it_on_worlds_it_has_not_seen
     assert after.mean() - before.mean() > 0.8 * (planned.mean() - before.mean()) > 0
 
 
-def test_a_network_set_to_the_rating_agrees_with_its_planner_before_it_learns():
+def test_a_network_initialised_with_the_rating_agrees_with_the_planner_untrained():
     model = make_model(choosing, replace(NETWORK, initial_policy="rating"), seed=0)
     settings = replace(QUICK, learning_rate=1e-12)
     report = behavior_clone(model.policy, choosing, make("rating_function"), settings, seed=0)
@@ -49,7 +49,7 @@ def test_a_network_set_to_the_rating_agrees_with_its_planner_before_it_learns():
 
 
 @pytest.mark.parametrize("make_env", [choosing, small_world])
-def test_the_same_seed_gives_the_same_weights_and_another_others(make_env):
+def test_equal_seeds_give_equal_weights_and_others_other_weights(make_env):
     def cloned(seed):
         model = make_model(make_env, NETWORK, seed=0)
         torch.manual_seed(np.random.default_rng().integers(2**31))  # it draws nothing from there
@@ -63,7 +63,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_others(make_env):
 
 
 class ConstantPosePolicy:
-    """Always asks for the same pose."""
+    """Always takes the same pose."""
 
     def reset(self, rng):
         pass
@@ -72,7 +72,7 @@ class ConstantPosePolicy:
         return dict.fromkeys(observations, np.array([0.2, -0.1, 0.5], dtype=np.float32))
 
 
-def test_poses_are_learned_too_and_with_them_how_far_the_teacher_strays():
+def test_poses_are_learned_and_their_standard_deviation_shrinks():
     model = make_model(small_world, NETWORK, seed=0)
     spread = float(model.policy.log_std.detach().mean())
     settings = replace(QUICK, episodes=20, epochs=20, learning_rate=3e-3)
@@ -83,13 +83,13 @@ def test_poses_are_learned_too_and_with_them_how_far_the_teacher_strays():
 
 def test_the_critic_learns_nothing():
     model = make_model(choosing, NETWORK, seed=0)
-    before = [p.detach().behavior_clone() for p in model.policy.network.value.parameters()]
+    before = [p.detach().clone() for p in model.policy.network.value.parameters()]
     behavior_clone(model.policy, choosing, make("rating_function"), QUICK, seed=0)
     for old, new in zip(before, model.policy.network.value.parameters(), strict=True):
         assert torch.equal(old, new)
 
 
-def test_the_teacher_is_asked_where_the_player_leads():
+def test_the_expert_labels_the_states_of_the_behavior_policy():
     env, rng = choosing(), np.random.default_rng(0)
     expert, behavior_policy = make("rating_function"), make("random")
     alone, led = (
@@ -106,7 +106,7 @@ def test_the_teacher_is_asked_where_the_player_leads():
     torch.testing.assert_close(chosen, ratings.amax(dim=1))
 
 
-def test_the_environment_is_closed_even_if_the_teacher_fails():
+def test_the_environment_is_closed_if_the_expert_fails():
     closed = []
 
     def factory():
@@ -134,6 +134,6 @@ def test_the_environment_is_closed_even_if_the_teacher_fails():
         ("learning_rate", 0.0),
     ],
 )
-def test_settings_out_of_range_are_refused_with_their_value(name, value):
+def test_invalid_settings_are_refused_with_their_value(name, value):
     with pytest.raises(ValueError, match=rf"ImitationSettings\.{name} must .*, got {value}"):
         ImitationSettings(**{name: value})

@@ -16,7 +16,7 @@ from coopmap_env.evaluation import Policy, evaluate
 TINY = PPOSettings(total_steps=128, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2)
 
 
-def test_a_learned_policy_is_a_policy_and_gives_each_robot_what_its_own_view_asks_for():
+def test_a_learned_policy_is_a_policy_and_acts_on_each_robot_s_observation():
     model = train(small_world, TINY, seed=0)
     policy = LearnedPolicy(model)
     assert isinstance(policy, Policy)
@@ -42,27 +42,27 @@ def test_a_learned_policy_on_other_observations_names_both_shapes():
 
 @pytest.mark.parametrize("make_env", [small_world, masked_world])
 @pytest.mark.parametrize("n_robots", [1, 2, 5])
-def test_a_policy_learned_by_two_robots_plays_in_any_team(make_env, n_robots):
+def test_a_policy_trained_with_two_robots_acts_in_any_team(make_env, n_robots):
     policy = LearnedPolicy(make_model(make_env, TINY, seed=0))
     env = make_env(n_robots=n_robots)
     table = evaluate(env, policy, [0]).table
     assert table["coverage"][0] > 0
 
 
-def test_a_policy_learned_alone_is_not_for_teams():
+def test_a_policy_trained_with_one_robot_is_refused_in_teams():
     policy = LearnedPolicy(make_model(lambda: small_world(n_robots=1), TINY, seed=0))
     assert evaluate(small_world(n_robots=1), policy, [0]).table["coverage"][0] > 0
     with pytest.raises(ValueError, match=r"but got .*teammates"):
         evaluate(small_world(), policy, [0])
 
 
-def test_a_learned_policy_never_asks_for_a_masked_candidate():
+def test_a_learned_policy_never_takes_a_masked_candidate():
     policy = LearnedPolicy(train(masked_world, TINY, seed=0))
     evaluation = evaluate(masked_world(), policy, range(5))
     assert evaluation.table["n_rejected_actions"].sum() == 0
 
 
-def test_a_policy_among_candidates_names_what_it_was_trained_on_but_for_their_number():
+def test_the_error_names_the_shapes_of_training_without_the_number_of_candidates():
     policy = LearnedPolicy(make_model(masked_world, TINY, seed=0))
     env = small_world()
     observations, _ = env.reset(seed=0)
@@ -81,7 +81,7 @@ def test_a_model_that_ignores_masks_is_refused():
         LearnedPolicy(model)
 
 
-def test_the_fingerprint_tells_weights_apart_and_is_the_same_in_every_process(tmp_path):
+def test_the_fingerprint_depends_on_weights_and_not_on_the_process(tmp_path):
     for seed in (0, 1):
         model = make_model(small_world, TINY, seed)
         save_policy(model.policy, TINY, tmp_path / f"{seed}.safetensors")

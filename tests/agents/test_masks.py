@@ -1,4 +1,4 @@
-"""No candidate that is masked out is ever taken."""
+"""Masked candidates are never taken."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def masked():
     return scorer_of(env), observations
 
 
-def test_masked_candidates_have_probability_zero_and_the_others_share_one(masked):
+def test_masked_candidates_have_probability_zero_and_the_others_sum_to_one(masked):
     policy, observations = masked
     probabilities = policy.get_distribution(observations).distribution.probs
     assert (probabilities[:, KEPT] > 0).all()
@@ -73,7 +73,7 @@ def masks_of_all_kinds(n, m, rng):
 
 @pytest.mark.parametrize("deterministic", [True, False])
 @pytest.mark.parametrize("initial_policy", ["random", "rating"])
-def test_only_candidates_on_offer_are_taken(initial_policy, deterministic):
+def test_only_unmasked_candidates_are_taken(initial_policy, deterministic):
     env, observations = played_rows(masked_world, n_envs=8)
     policy, rng = scorer_of(env, initial_policy=initial_policy), np.random.default_rng(0)
     # a masked rating of 0 would be the best of all if it counted
@@ -88,7 +88,7 @@ def test_only_candidates_on_offer_are_taken(initial_policy, deterministic):
         assert (masks[np.arange(16), actions] == 1).all()
 
 
-def test_nothing_on_offer_is_no_error():
+def test_an_empty_mask_is_no_error():
     env, observations = played_rows(masked_world)
     observations["action_mask"].zero_()
     actions, values, log_prob = scorer_of(env)(observations)
@@ -98,19 +98,19 @@ def test_nothing_on_offer_is_no_error():
 
 
 class RejectionCounter(VecEnvWrapper):
-    """Counts actions that were refused."""
+    """Counts rejected actions."""
 
     def __init__(self, venv):
         super().__init__(venv)
-        self.actions = self.refused = 0
+        self.n_actions = self.n_rejected = 0
 
     def reset(self):
         return self.venv.reset()
 
     def step_wait(self):
         result = self.venv.step_wait()
-        self.actions += len(result[3])
-        self.refused += sum(bool(info["rejected_reason"]) for info in result[3])
+        self.n_actions += len(result[3])
+        self.n_rejected += sum(bool(info["rejected_reason"]) for info in result[3])
         return result
 
 
@@ -124,5 +124,5 @@ def test_training_takes_no_masked_candidate(monkeypatch):
     monkeypatch.setattr(ppo, "SharedPolicyVecEnv", make)
     settings = PPOSettings(total_steps=256, n_envs=2, rollout_steps=32, batch_size=64, n_epochs=2)
     ppo.train(masked_world, settings, seed=0)
-    assert watched[0].actions == 256
-    assert watched[0].refused == 0
+    assert watched[0].n_actions == 256
+    assert watched[0].n_rejected == 0

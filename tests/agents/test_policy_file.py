@@ -25,7 +25,7 @@ def model_and_file(make_env, folder, settings=SMALL):
 
 
 @BOTH
-def test_a_policy_read_from_a_file_acts_as_the_one_that_was_written(make_env, tmp_path):
+def test_a_loaded_policy_acts_as_the_saved_one(make_env, tmp_path):
     model, path = model_and_file(make_env, tmp_path)
     env = SharedPolicyVecEnv(make_env, 4)
     env.seed(0)
@@ -41,7 +41,7 @@ def test_a_policy_read_from_a_file_acts_as_the_one_that_was_written(make_env, tm
 
 
 @BOTH
-def test_the_critic_and_the_state_it_saw_stay_behind(make_env, tmp_path):
+def test_the_critic_and_its_state_are_not_saved(make_env, tmp_path):
     central = PPOSettings(n_envs=1, rollout_steps=8, batch_size=8, critic="central")
     model, path = model_and_file(make_env, tmp_path, central)
     assert "state" in model.observation_space.spaces
@@ -50,7 +50,7 @@ def test_the_critic_and_the_state_it_saw_stay_behind(make_env, tmp_path):
     assert evaluate(make_env(), LearnedPolicy(path), [0]).table["coverage"][0] > 0
 
 
-def test_the_page_says_what_is_in_the_file(tmp_path):
+def test_the_metadata_describe_the_file(tmp_path):
     _, path = model_and_file(masked_world, tmp_path)
     metadata = read_metadata(path)
     assert metadata.observations["map"] == ["uint8", 4, 8, 8]
@@ -75,14 +75,14 @@ def test_a_file_of_another_format_names_both_versions(tmp_path):
 @pytest.mark.parametrize(
     "content", [b"", b"PK zip of another library", b"\x08" + bytes(7) + b'{"a": 1}']
 )
-def test_a_file_that_is_none_of_ours_is_refused(content, tmp_path):
+def test_other_files_are_refused(content, tmp_path):
     path = tmp_path / "policy.safetensors"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"policy\.safetensors was not written by"):
         LearnedPolicy(path)
 
 
-def test_tensors_of_somebody_else_are_refused(tmp_path):
+def test_other_safetensors_are_refused(tmp_path):
     save_file({"a": torch.zeros(2)}, tmp_path / "other.safetensors")
     with pytest.raises(ValueError, match="was not written by"):
         load_policy(tmp_path / "other.safetensors")
@@ -96,7 +96,7 @@ def test_weights_of_another_network_are_refused_with_the_first_that_differs(tmp_
         load_policy(path)
 
 
-def test_another_ending_is_refused_and_nothing_written(tmp_path):
+def test_another_suffix_is_refused_and_nothing_written(tmp_path):
     model = make_model(small_world, SMALL, seed=0)
     with pytest.raises(ValueError, match=r"must be \.safetensors, got .*policy\.zip"):
         save_policy(model.policy, SMALL, tmp_path / "policy.zip")
@@ -110,19 +110,21 @@ def test_a_network_of_other_settings_is_refused_and_nothing_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_policy_of_another_device_is_read_onto_the_processor(tmp_path):
+def test_a_policy_of_another_device_is_loaded_to_the_cpu(tmp_path):
     elsewhere = replace(SMALL, device="cuda")
     model = make_model(small_world, SMALL, seed=0)
     save_policy(model.policy, elsewhere, tmp_path / "policy.safetensors")
     assert load_policy(tmp_path / "policy.safetensors").device.type == "cpu"
 
 
-def test_a_seed_is_for_policies_that_ship(tmp_path):
+def test_a_seed_is_for_pretrained_policies(tmp_path):
     _, path = model_and_file(small_world, tmp_path)
-    with pytest.raises(ValueError, match=r"seed=1 selects a training of a pretrained policy; .* file"):
+    with pytest.raises(
+        ValueError, match=r"seed=1 selects a training of a pretrained policy; .* file"
+    ):
         LearnedPolicy(path, seed=1)
 
 
-def test_a_name_that_is_no_file_and_does_not_ship_is_refused():
+def test_an_unknown_name_is_refused():
     with pytest.raises(ValueError, match=r"'nobody' is neither a file nor one of the pretrained"):
         LearnedPolicy("nobody")

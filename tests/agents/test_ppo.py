@@ -43,13 +43,13 @@ def choice(**arguments):
     return ConstantChoice(clock=False, **arguments)
 
 
-def test_the_value_of_reward_1_for_ever_is_1_over_1_minus_gamma_despite_truncation():
+def test_the_value_of_constant_reward_1_is_1_over_1_minus_gamma_despite_truncation():
     # no clock: what is seen at the cut is also seen before, so its value is learned, not guessed
     model = train(lambda: ConstantReward(clock=False), CONSTANT_REWARD, seed=0)
     np.testing.assert_allclose(values_of(model, clock=False), 1 / (1 - 0.9), rtol=0.02)
 
 
-def test_among_candidates_the_value_of_reward_1_for_ever_is_1_over_1_minus_gamma_too():
+def test_among_candidates_the_value_of_constant_reward_1_is_1_over_1_minus_gamma():
     model = train(choice, CONSTANT_REWARD, seed=0)
     values = values_of(model, clock=False, toy=ConstantChoice)
     np.testing.assert_allclose(values, 1 / (1 - 0.9), rtol=0.02)
@@ -62,7 +62,7 @@ def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it():
 
 
 @pytest.mark.parametrize("make_env", [small_world, masked_world])
-def test_training_twice_with_one_seed_gives_the_same_network_and_another_another(make_env):
+def test_equal_seeds_give_equal_networks_and_others_other_networks(make_env):
     def parameters(seed):
         model = train(make_env, TINY, seed)
         return torch.cat([p.detach().ravel() for p in model.policy.parameters()])
@@ -90,7 +90,7 @@ def parameters_of(model, critic):
 
 
 @pytest.mark.parametrize("make_env", [small_world, masked_world])
-def test_at_first_only_the_critic_learns_if_asked_to(make_env):
+def test_only_the_critic_learns_during_its_warmup(make_env):
     start = make_model(make_env, TINY, seed=0)
     model = train(make_env, replace(TINY, critic_warmup_steps=128), seed=0)
     assert model.num_timesteps == 128
@@ -101,14 +101,14 @@ def test_at_first_only_the_critic_learns_if_asked_to(make_env):
     assert not torch.equal(parameters_of(model, critic=False), parameters_of(start, critic=False))
 
 
-def test_a_callback_that_ends_the_training_does_so_while_the_critic_learns_too():
+def test_a_callback_can_end_the_training_during_the_critic_s_warmup():
     settings = replace(TINY, total_steps=256, critic_warmup_steps=128)
     model = train(masked_world, settings, seed=0, callback=lambda *_: False)
     assert model.num_timesteps < 128
 
 
 @pytest.mark.parametrize("make_env", [small_world, masked_world])
-def test_a_warm_start_begins_with_the_network_of_a_model_and_leaves_that_alone(make_env):
+def test_a_warm_start_copies_the_network_of_a_model(make_env):
     def parameters(network):
         return torch.cat([p.detach().ravel() for p in network.parameters()])
 
@@ -122,7 +122,7 @@ def test_a_warm_start_begins_with_the_network_of_a_model_and_leaves_that_alone(m
     assert torch.equal(parameters(warm), before)
 
 
-def test_a_warm_start_with_another_network_is_refused_with_what_differs():
+def test_a_warm_start_with_another_network_is_refused_with_the_difference():
     warm = make_model(masked_world, replace(TINY, hidden=(8,)), seed=0).policy
     with pytest.raises(ValueError, match=r"network\..* has the shape \(8,\), not \(64,\)"):
         train(masked_world, TINY, seed=0, warm_start=warm)
@@ -144,7 +144,7 @@ def test_environments_are_closed_after_training_even_if_it_fails():
     assert [env.calls for env in made] == [["close"]] * 2
 
 
-def test_a_choice_among_what_is_not_observed_is_refused_and_environments_are_closed():
+def test_unobserved_candidates_are_refused_and_environments_closed():
     made = []
 
     class Unseen(ConstantChoice):
@@ -161,7 +161,7 @@ def test_a_choice_among_what_is_not_observed_is_refused_and_environments_are_clo
 
 
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3"])
-def test_what_is_missing_is_named_by_the_modules_that_need_it_and_only_by_them(missing):
+def test_a_missing_extra_is_named_by_the_packages_that_need_it(missing):
     code = f"""
 import sys
 

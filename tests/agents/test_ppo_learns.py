@@ -28,7 +28,7 @@ def world(split="train"):
 
 
 class AnyAction:
-    """Uniform in the action space: what an untrained policy explores with."""
+    """Uniform in the action space."""
 
     def reset(self, rng):
         self.rng = rng
@@ -38,7 +38,7 @@ class AnyAction:
 
 
 @pytest.mark.slow
-def test_ppo_beats_random_actions_and_random_feasible_poses_on_worlds_it_has_not_seen(tmp_path):
+def test_ppo_beats_random_actions_and_random_feasible_poses_on_unseen_worlds(tmp_path):
     settings = PPOSettings(total_steps=24_000, learning_rate=1e-3)
     model = train(world, settings, seed=0)
     learned = evaluate(world("test"), LearnedPolicy(model), SEEDS).table["reward"]

@@ -78,7 +78,7 @@ def values_of(network, toy):
 
 
 @pytest.mark.parametrize("toy", [ConstantReward, ConstantChoice])
-def test_the_value_of_reward_1_for_ever_is_1_over_1_minus_gamma_despite_truncation(train, toy):
+def test_the_value_of_constant_reward_1_is_1_over_1_minus_gamma_despite_truncation(train, toy):
     # no clock: what is seen at the cut is also seen before, so its value is learned, not guessed
     training = train(lambda: toy(clock=False), CONSTANT_REWARD, segments=1)
     values = values_of(training.network, toy(clock=False))
@@ -93,7 +93,7 @@ def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it(train):
 
 
 class Strict(BaseParallelWrapper):
-    """Fails where an action is none, or one that is masked out."""
+    """Fails if an action is missing or masked."""
 
     def __init__(self, env):
         super().__init__(env)
@@ -121,7 +121,7 @@ def test_no_action_is_masked_or_out_of_its_space(train, make_env):
 
 
 @pytest.mark.parametrize("workers", [0, 1])
-def test_what_an_environment_fails_with_ends_the_training_and_is_told(train, workers):
+def test_an_error_of_an_environment_ends_the_training_and_is_reported(train, workers):
     def fail():
         raise OSError("broken")
 
@@ -136,7 +136,7 @@ def strict_world():
 
 
 @pytest.mark.parametrize("workers", [0, 2])
-def test_an_interrupted_training_ends_as_if_it_had_not_been(train, workers, tmp_path):
+def test_a_resumed_training_ends_as_an_uninterrupted_one(train, workers, tmp_path):
     whole = train(strict_world, workers=workers, segments=1)
     save_checkpoint(tmp_path / "checkpoint.pt", whole.network, whole.steps)
     whole.learn(1)
@@ -152,7 +152,7 @@ def test_an_interrupted_training_ends_as_if_it_had_not_been(train, workers, tmp_
 
 
 @pytest.mark.parametrize("make_env", [small_world, masked_world])
-def test_training_twice_with_one_seed_gives_the_same_network_and_another_another(train, make_env):
+def test_equal_seeds_give_equal_networks_and_others_other_networks(train, make_env):
     one, two, other = (
         parameters(train(make_env, seed=seed, segments=1).network) for seed in (0, 0, 1)
     )
@@ -198,7 +198,7 @@ def test_rllib_s_logits_and_values_are_those_of_the_network(train, make_env):
     torch.testing.assert_close(ours.to_deterministic().sample(), actions)
 
 
-def test_at_first_only_the_critic_learns_if_asked_to(train):
+def test_only_the_critic_learns_during_its_warmup(train):
     training = train(masked_world, replace(TINY, critic_warmup_steps=128))
     before = [parameters(training.network, critic=[own]).clone() for own in (False, True)]
     training.learn(0)
@@ -208,7 +208,7 @@ def test_at_first_only_the_critic_learns_if_asked_to(train):
     assert not torch.equal(parameters(training.network, critic=[False]), before[0])
 
 
-def test_a_warm_start_begins_with_the_network_it_is_given(train):
+def test_a_warm_start_copies_the_given_network(train):
     given = train(masked_world, seed=5).network
     training = train(masked_world, replace(TINY, learning_rate=0.0))
     copy_weights(given, training.network)
@@ -226,7 +226,7 @@ def test_a_central_critic_sees_the_state_of_the_team(train):
     assert one != two
 
 
-def test_a_segment_reports_returns_and_where_its_time_went(train):
+def test_a_segment_reports_returns_and_times(train):
     report = train(ConstantReward, segments=1).report
     assert set(report.returns) == {5.0}
     assert len(report.returns) == 2 * 4 * 3  # in 16 steps an episode of 5 ends three times
@@ -250,7 +250,7 @@ def test_rllib_s_own_checkpoints_work_too(tmp_path):
         each.stop()
 
 
-def test_a_training_with_files_is_of_the_same_files(tmp_path):
+def test_a_training_writes_the_same_files_as_with_stable_baselines3(tmp_path):
     env_config = EnvConfig(
         "planar", {"action_mode": "candidates", "n_candidates": 6, "max_scans": 4}
     )
@@ -262,7 +262,7 @@ def test_a_training_with_files_is_of_the_same_files(tmp_path):
     assert run_training(config, tmp_path) == record
 
 
-def test_settings_are_told_to_rllib_one_by_one():
+def test_all_settings_reach_rllib():
     settings = PPOSettings(
         n_envs=6, rollout_steps=8, batch_size=24, n_epochs=3, learning_rate=0.01, gamma=0.8,
         gae_lambda=0.7, clip_range=0.15, entropy_coefficient=0.02, value_coefficient=0.4,
@@ -292,7 +292,7 @@ def test_settings_are_told_to_rllib_one_by_one():
 
 
 @pytest.mark.parametrize("workers", [-1, 3])
-def test_environments_that_cannot_be_dealt_out_evenly_are_refused(workers):
+def test_workers_must_divide_the_environments(workers):
     with pytest.raises(ValueError, match=rf"0 or divide PPOSettings.n_envs = 4, got {workers}"):
         RLlibTrainer(ConstantReward, TINY, 0, workers)
 
@@ -303,7 +303,7 @@ def test_more_workers_than_processors_are_refused():
 
 
 @pytest.mark.parametrize("missing", ["ray", "torch"])
-def test_what_is_missing_is_named_with_the_command_that_brings_it(missing):
+def test_a_missing_extra_is_named_with_its_pip_command(missing):
     extra = {"ray": "ray", "torch": "rl"}[missing]
     code = f"""
 import sys

@@ -1,4 +1,4 @@
-"""A team as RLlib sees it; Ray does not run here."""
+"""A team as an environment of RLlib; Ray does not run here."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def team(factory=ConstantReward, seed=0, worker=1, with_state=False):
 
 
 def played(env):
-    """What the last step of an episode of 5 gives."""
+    """Result of the last step of an episode of 5."""
     env.reset()
     for _ in range(5):
         step = env.step({0: np.zeros(1), 1: np.zeros(1)})
@@ -27,7 +27,7 @@ def episode_number(env, seed):
     return float(observations[0]["pose"][2])
 
 
-def test_robots_go_by_their_numbers():
+def test_robots_are_named_by_their_numbers():
     env = team()
     observations, infos = env.reset(seed=0)
     assert env.possible_agents == env.agents == [0, 1]
@@ -37,7 +37,7 @@ def test_robots_go_by_their_numbers():
     assert infos == {}
 
 
-def test_each_robot_does_its_own_action_whatever_their_order():
+def test_each_robot_takes_its_own_action_in_any_order():
     env = team()
     env.reset(seed=0)
     env.step({1: np.full(1, 0.1), 0: np.full(1, 0.0)})
@@ -45,13 +45,13 @@ def test_each_robot_does_its_own_action_whatever_their_order():
 
 
 @pytest.mark.parametrize("truncates", [True, False])
-def test_an_end_is_told_of_the_whole_team_alone(truncates):
+def test_the_end_is_reported_for_the_whole_team(truncates):
     _, rewards, terminated, truncated, _ = played(team(lambda: ConstantReward(truncates=truncates)))
     assert rewards == {0: 1.0, 1: 1.0}
     assert (terminated, truncated) == ({"__all__": not truncates}, {"__all__": truncates})
 
 
-def test_before_the_end_nothing_has_ended():
+def test_nothing_ends_before_the_end():
     env = team()
     env.reset(seed=0)
     _, _, terminated, truncated, _ = env.step({0: np.zeros(1), 1: np.zeros(1)})
@@ -64,7 +64,7 @@ class BothEnds(ConstantReward):
         return observations, rewards, truncated, truncated, infos
 
 
-def test_what_has_ended_by_itself_was_not_cut_short():
+def test_termination_is_not_truncation():
     _, _, terminated, truncated, _ = played(team(BothEnds))
     assert (terminated, truncated) == ({"__all__": True}, {"__all__": False})
 
@@ -75,12 +75,12 @@ class OneEnds(ConstantReward):
         return observations, rewards, {**terminated, "robot_1": True}, truncated, infos
 
 
-def test_robots_that_end_apart_are_refused():
+def test_robots_that_end_at_different_steps_are_refused():
     with pytest.raises(RuntimeError, match="must end their episode together, got terminated"):
         played(team(OneEnds))
 
 
-def test_seeds_that_rllib_counts_up_give_no_world_twice():
+def test_consecutive_seeds_of_rllib_give_different_worlds():
     # RLlib seeds environment i of worker w with seed + w + i
     numbers = {
         episode_number(team(seed=seed, worker=worker), seed + worker + i)
@@ -91,13 +91,13 @@ def test_seeds_that_rllib_counts_up_give_no_world_twice():
     assert len(numbers) == 27
 
 
-def test_the_same_seed_gives_the_same_worlds_one_after_the_other():
+def test_equal_seeds_give_equal_sequences_of_worlds():
     one, two = ([episode_number(env, seed) for seed in (4, None, None)] for env in (team(), team()))
     assert one == two
     assert len(set(one)) == 3
 
 
-def test_the_state_of_the_team_is_seen_where_the_critic_asks_for_it():
+def test_the_state_is_observed_where_the_critic_uses_it():
     env = team(StatefulEnv, with_state=True)
     observations, _ = env.reset(seed=0)
     assert env.get_observation_space(0).contains(observations[0])
@@ -107,7 +107,7 @@ def test_the_state_of_the_team_is_seen_where_the_critic_asks_for_it():
     assert "state" not in team(StatefulEnv).reset(seed=0)[0][0]
 
 
-def test_returns_of_robots_and_the_time_of_environments_are_noted():
+def test_returns_and_times_are_recorded():
     env = team()
     played(env)
     env.reset()

@@ -104,7 +104,7 @@ def test_a_termination_is_done_but_not_truncated():
     assert all("terminal_observation" in info for info in infos)
 
 
-def test_actions_count_once():
+def test_actions_are_used_once():
     env = toy()
     env.reset()
     env.step(np.zeros((6, 1)))
@@ -112,7 +112,7 @@ def test_actions_count_once():
         env.step_wait()
 
 
-def test_observations_stay_as_they_were_when_the_environments_go_on():
+def test_observations_do_not_change_after_later_steps():
     env = toy()
     first = reset(env, 0)
     kept = first["pose"].copy()
@@ -150,7 +150,7 @@ def test_robots_of_an_environment_share_its_seed_and_others_have_their_own():
     assert len(set(seeds)) == 3
 
 
-def test_seeds_count_once_and_no_seed_is_a_fresh_one():
+def test_seeds_are_used_once_and_without_one_it_is_random():
     env = toy()
     first = reset(env, 0)["pose"]
     assert (env.reset()["pose"][:, 2] != first[:, 2]).all()
@@ -178,7 +178,7 @@ def test_action_masks_are_those_of_the_observations():
     np.testing.assert_array_equal(env.action_masks(), observations["action_mask"] == 1)
 
 
-def test_masks_are_found_where_the_maskable_ppo_of_sb3_contrib_looks():
+def test_masks_are_found_by_the_maskable_ppo_of_sb3_contrib():
     env = VecMonitor(SharedPolicyVecEnv(masked_world, 2))
     assert env.has_attr("action_masks")
     env.reset()
@@ -219,13 +219,13 @@ def test_gymnasium_wrappers_are_never_found():
     assert toy(n_envs=1).env_is_wrapped(Monitor) == [False, False]
 
 
-def test_a_picture_shows_each_environment_once():
+def test_an_image_shows_each_environment_once():
     env = toy(n_envs=4, n_robots=3, render_mode="rgb_array")
     assert env.render_mode == "rgb_array"
     assert env.render().shape == (2 * 4, 2 * 6, 3)
 
 
-def test_close_closes_every_environment_once_and_for_all():
+def test_close_closes_every_environment_once():
     env = toy(n_envs=3)
     calls = env.get_attr("calls")[::2]
     env.close()
@@ -264,7 +264,7 @@ def test_there_must_be_an_environment():
         toy(n_envs=0)
 
 
-def test_a_factory_that_gives_one_environment_twice_is_refused():
+def test_a_factory_that_returns_one_environment_twice_is_refused():
     env = ConstantReward()
     with pytest.raises(ValueError, match="new environment"):
         SharedPolicyVecEnv(lambda: env, 2)
@@ -296,7 +296,7 @@ class OneLeaves(ConstantReward):
         return observations, rewards, terminations | {"robot_1": True}, truncations, infos
 
 
-def test_robots_that_end_apart_are_an_error_not_a_wrong_row():
+def test_robots_that_end_at_different_steps_are_an_error():
     env = SharedPolicyVecEnv(OneLeaves, 1)
     env.reset()
     with pytest.raises(RuntimeError, match="'robot_0': False, 'robot_1': True"):

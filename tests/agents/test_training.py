@@ -1,4 +1,4 @@
-"""A training with files: what it writes, and that an interruption changes nothing."""
+"""A training in a folder: its files, and that an interruption changes nothing."""
 
 import json
 import re
@@ -46,7 +46,7 @@ def interrupt_after(n_segments):
 
 
 def untimed(record):
-    """All but how long it took."""
+    """A record without times."""
     rows = [{k: v for k, v in row.items() if "seconds" not in k} for row in record["rows"]]
     return {**record, "rows": rows}
 
@@ -69,9 +69,7 @@ def whole(tmp_path_factory):
 
 @pytest.mark.parametrize("n_segments", [1, 2])
 @pytest.mark.parametrize("workers", [0, 2])
-def test_a_training_that_was_interrupted_ends_as_if_it_had_not_been(
-    whole, n_segments, workers, tmp_path
-):
+def test_a_resumed_training_ends_as_an_uninterrupted_one(whole, n_segments, workers, tmp_path):
     with pytest.raises(Interrupted):
         run_training(CONFIG, tmp_path, workers, interrupt_after(n_segments))
     record = run_training(CONFIG, tmp_path, workers)
@@ -83,7 +81,7 @@ def test_a_training_that_was_interrupted_ends_as_if_it_had_not_been(
     assert torch.equal(weights(tmp_path), weights(whole[0]))
 
 
-def test_one_that_is_killed_while_it_writes_goes_on_from_the_segment_before(
+def test_a_training_killed_while_writing_resumes_from_the_segment_before(
     whole, tmp_path, monkeypatch
 ):
     written = []
@@ -105,7 +103,7 @@ def test_one_that_is_killed_while_it_writes_goes_on_from_the_segment_before(
     assert {path.name for path in tmp_path.glob("checkpoint-*")} == {"checkpoint-4.pt"}
 
 
-def test_a_longer_training_goes_on_where_the_shorter_one_ended(whole, tmp_path):
+def test_a_longer_training_resumes_a_shorter_one(whole, tmp_path):
     run_training(replace(CONFIG, ppo=replace(SETTINGS, total_steps=128)), tmp_path)
     assert untimed(run_training(CONFIG, tmp_path)) == untimed(whole[1])
 
@@ -117,7 +115,7 @@ def test_a_finished_training_is_not_trained_again(whole):
     assert (folder / "training.json").stat().st_mtime_ns == before
 
 
-def test_the_policy_is_the_one_that_did_best_on_validation_worlds(whole):
+def test_the_policy_is_the_best_one_on_validation_worlds(whole):
     folder, record = whole
     rewards = [row["validation"]["reward"] for row in record["rows"]]
     assert record["rows"][record["best"]]["validation"]["reward"] == max(rewards)
@@ -129,7 +127,7 @@ def test_the_policy_is_the_one_that_did_best_on_validation_worlds(whole):
     assert origin["config"]["env"]["arguments"]["n_candidates"] == 6
 
 
-def test_the_record_tells_where_the_time_went_and_what_came_of_it(whole):
+def test_the_record_has_times_and_returns(whole):
     folder, record = whole
     assert json.loads((folder / "training.json").read_text()) == record
     assert [row["steps"] for row in record["rows"]] == [0, 64, 128, 192]
@@ -154,12 +152,12 @@ def test_the_record_tells_where_the_time_went_and_what_came_of_it(whole):
         ),
     ],
 )
-def test_the_folder_of_another_training_is_refused_with_what_differs(whole, other, named):
+def test_the_folder_of_another_training_is_refused_with_the_difference(whole, other, named):
     with pytest.raises(ValueError, match=f"holds another training, with {named}: use another"):
         run_training(other, whole[0])
 
 
-def test_a_training_whose_last_segment_was_cut_short_is_not_lengthened(tmp_path):
+def test_a_training_with_a_shortened_last_segment_is_not_extended(tmp_path):
     short, longer = (
         replace(CONFIG, ppo=replace(SETTINGS, segment_steps=128, total_steps=total))
         for total in (192, 256)
@@ -169,7 +167,7 @@ def test_a_training_whose_last_segment_was_cut_short_is_not_lengthened(tmp_path)
         run_training(longer, tmp_path)
 
 
-def test_what_it_begins_with_is_judged_too_and_kept_where_nothing_better_comes(tmp_path):
+def test_the_initial_network_is_validated_and_kept_if_it_is_the_best(tmp_path):
     still = replace(SETTINGS, learning_rate=0.0, total_steps=64, initial_policy="rating")
     record = run_training(replace(CONFIG, ppo=still), tmp_path)
     planner = evaluate(ENV_CONFIG.make("validation"), make("rating_function"), range(2)).table
@@ -177,7 +175,7 @@ def test_what_it_begins_with_is_judged_too_and_kept_where_nothing_better_comes(t
     assert read_metadata(tmp_path / "policy.safetensors").training["steps"] in (0, 64)
 
 
-def test_a_training_can_begin_with_a_policy(whole, tmp_path):
+def test_a_training_can_start_from_a_policy(whole, tmp_path):
     path = str(whole[0] / "policy.safetensors")
     config = replace(CONFIG, init_from=path, ppo=replace(SETTINGS, total_steps=64))
     record = run_training(config, tmp_path)
@@ -186,7 +184,7 @@ def test_a_training_can_begin_with_a_policy(whole, tmp_path):
     assert list(record["files"]) == [path]
 
 
-def test_a_scene_that_has_changed_is_another_training(tmp_path):
+def test_a_changed_scene_file_is_another_training(tmp_path):
     scene = tmp_path / "map.yaml"
     walls = np.zeros((60, 60))
     walls[[0, -1], :] = walls[:, [0, -1]] = 1.0
@@ -203,13 +201,13 @@ def test_a_scene_that_has_changed_is_another_training(tmp_path):
         run_training(config, tmp_path / "training")
 
 
-def test_a_device_that_is_not_there_is_refused(tmp_path):
+def test_a_missing_device_is_refused(tmp_path):
     config = replace(CONFIG, ppo=replace(SETTINGS, device="mainframe"))
     with pytest.raises(ValueError, match=r"PPOSettings\.device 'mainframe' is not available"):
         run_training(config, tmp_path)
 
 
-def test_a_map_that_would_be_taken_for_channels_last_is_refused():
+def test_a_map_that_looks_like_channels_last_is_refused():
     image = spaces.Box(0, 255, (32, 24, 24), np.uint8)
 
     class Deep(ConstantReward):
@@ -220,7 +218,7 @@ def test_a_map_that_would_be_taken_for_channels_last_is_refused():
         make_model(Deep, SETTINGS, seed=0)
 
 
-def test_the_rating_is_no_beginning_for_poses():
+def test_an_initial_policy_of_the_rating_needs_candidates():
     with pytest.raises(ValueError, match='initial_policy="rating" needs candidates as actions'):
         make_model(EnvConfig("planar"), replace(SETTINGS, initial_policy="rating"), seed=0)
 
@@ -251,7 +249,7 @@ def test_the_checkpoint_of_another_network_is_refused(tmp_path):
         load_checkpoint(tmp_path / "other.pt", one)
 
 
-def test_a_training_can_begin_with_a_planner(tmp_path):
+def test_a_training_can_start_with_imitation(tmp_path):
     config = replace(
         CONFIG,
         ppo=replace(SETTINGS, total_steps=64, learning_rate=1e-12),
@@ -292,7 +290,7 @@ def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
     assert "area under curve" in done.stdout
 
 
-def test_plans_out_of_range_are_refused():
+def test_invalid_configurations_are_refused():
     with pytest.raises(
         ValueError, match=r"TrainingConfig\.engine must be one of 'sb3', 'rllib', got 'torchrl'"
     ):

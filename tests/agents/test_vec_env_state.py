@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import VecCheckNan
 from toy_team import ConstantReward, StatefulEnv
 
 
-def test_every_robot_of_an_environment_sees_its_state():
+def test_every_robot_of_an_environment_observes_its_state():
     env = SharedPolicyVecEnv(StatefulEnv, 2, with_state=True)
     assert env.observation_space["state"] == StatefulEnv.state_space
     assert env.observation_space["pose"] == ConstantReward().observation_space("robot_0")["pose"]
@@ -34,7 +34,7 @@ def test_a_terminal_observation_has_the_last_state_and_the_returned_one_the_firs
 
 
 @pytest.mark.parametrize("make_world", [small_world, masked_world], ids=["pose", "candidates"])
-def test_the_state_is_what_the_environment_itself_says_in_its_space(make_world):
+def test_the_state_is_that_of_the_environment_and_in_its_space(make_world):
     env = VecCheckNan(SharedPolicyVecEnv(make_world, 2, with_state=True), raise_exception=True)
     env.action_space.seed(0)
     env.seed(0)
@@ -63,7 +63,7 @@ def test_workers_send_the_same_states():
             np.testing.assert_equal(env.step(np.zeros((6, 1))), alone.step(np.zeros((6, 1))))
 
 
-def test_without_being_asked_for_there_is_no_state():
+def test_without_with_state_there_is_no_state():
     env = SharedPolicyVecEnv(StatefulEnv, 1)
     assert "state" not in env.observation_space.spaces
     assert "state" not in env.reset()

@@ -11,8 +11,8 @@ from pettingzoo import ParallelEnv
 class ConstantReward(ParallelEnv):
     """Reward 1 a step, whatever the robots do, and an end after `n_steps`.
 
-    A robot observes [its number, the share of the episode that is over, the episode's number].
-    Without a clock that share is 0 throughout: nobody sees the end coming.
+    A robot observes [its number, the fraction of the episode that is over, the episode's number].
+    Without a clock the fraction is 0 throughout: the end cannot be predicted.
     """
 
     metadata: ClassVar = {"name": "constant_reward"}
@@ -76,7 +76,7 @@ class ConstantReward(ParallelEnv):
 
 
 class HookedEnv(ConstantReward):
-    """The same, with functions to call where something may happen."""
+    """The same, with functions that are called in `step` and `close`."""
 
     def __init__(self, on_step=lambda: None, on_close=lambda: None, **arguments):
         super().__init__(**arguments)
@@ -92,7 +92,7 @@ class HookedEnv(ConstantReward):
 
 
 class StatefulEnv(ConstantReward):
-    """Its state is [the share of the episode that is over, the episode's number]."""
+    """Its state is [the fraction of the episode that is over, the episode's number]."""
 
     state_space: ClassVar = spaces.Box(0.0, 1.0, (2,), np.float32)
 
@@ -115,7 +115,7 @@ class FailingFactory:
 
 
 class ConstantChoice(ConstantReward):
-    """The same, choosing among `m` candidates, of which a random number is on offer."""
+    """The same, choosing among `m` candidates, of which a random number is unmasked."""
 
     def __init__(self, m=6, **arguments):
         super().__init__(**arguments)

@@ -24,14 +24,14 @@ from coopmap_agents.config import EnvConfig, PPOSettings
         ("critic", "none"),
     ],
 )
-def test_settings_out_of_range_are_refused_with_their_value(name, value):
+def test_invalid_settings_are_refused_with_their_value(name, value):
     with pytest.raises(
         ValueError, match=rf"PPOSettings\.{name} must .*, got {re.escape(repr(value))}"
     ):
         PPOSettings(**{name: value})
 
 
-def test_a_task_makes_environments_of_its_splits():
+def test_an_env_config_makes_environments_of_its_splits():
     env_config = EnvConfig("planar", {"n_robots": 3, "action_mode": "candidates"})
     assert env_config().split == "train"
     assert env_config.make("validation").split == "validation"

@@ -1,4 +1,4 @@
-"""The policies that ship: by name, in their environments, and with what they say of themselves."""
+"""The pretrained policies: by name, in their environments, and with their records."""
 
 import json
 from dataclasses import replace
@@ -33,12 +33,12 @@ def env_config_of(name, **arguments):
     )
 
 
-def test_these_ship():
+def test_names_of_the_pretrained_policies():
     assert pretrained_names() == list(NAMES)
 
 
 @each_policy
-def test_every_training_seed_of_a_policy_loads_and_plays(name):
+def test_the_policy_of_every_training_seed_loads_and_acts(name):
     env = env_config_of(name, max_scans=3).make("test")
     coverage = set()
     for seed in pretrained_record(name)["seeds"]:
@@ -70,7 +70,7 @@ def test_its_record_has_commands_and_curves_and_names_the_best_seed(name):
 
 
 @pytest.mark.parametrize("name", ["planar-candidates", "planar-pose", "field-candidates"])
-def test_without_a_name_the_first_that_fits_plays(name):
+def test_without_a_name_the_first_that_fits_acts(name):
     env = env_config_of(name, max_scans=2).make("test")
     by_default, by_name = (
         evaluate(env, policy, [0]).table["coverage"][0]
@@ -80,7 +80,7 @@ def test_without_a_name_the_first_that_fits_plays(name):
     assert by_default == by_name
 
 
-def test_what_does_not_fit_anything_that_ships_is_refused_with_what_there_is():
+def test_observations_that_fit_no_pretrained_policy_are_refused_with_the_choices():
     env = EnvConfig("planar").make("test")
     observations, _ = env.reset(seed=0)
     for own in observations.values():
@@ -118,7 +118,7 @@ def trainings(tmp_path_factory):
     return folder
 
 
-def test_trainings_of_several_seeds_become_a_policy_that_ships(trainings, tmp_path):
+def test_trainings_of_several_seeds_become_a_pretrained_policy(trainings, tmp_path):
     export(tmp_path / "small", [trainings / "0", trainings / "1"])
     files = {path.name for path in (tmp_path / "small").iterdir()}
     assert files == {"seed_0.safetensors", "seed_1.safetensors", "training.json"}
@@ -128,7 +128,7 @@ def test_trainings_of_several_seeds_become_a_policy_that_ships(trainings, tmp_pa
     assert record["config"]["seed"] is None
 
 
-def test_trainings_that_differ_by_more_than_their_seeds_do_not_ship(trainings, tmp_path):
+def test_trainings_that_differ_in_more_than_their_seeds_are_not_exported(trainings, tmp_path):
     with pytest.raises(ValueError, match="differ in more than their seeds"):
         export(tmp_path / "small", [trainings / "0", trainings / "other"])
     with pytest.raises(ValueError, match=r"seeds of trainings must differ, got \[0, 0\]"):
