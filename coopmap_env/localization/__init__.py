@@ -1,4 +1,4 @@
-"""Where the robots and their cameras are: target registration (2.2) and motion correction (2.5)."""
+"""Poses of robots and cameras: target registration (2.2) and correction by fiducials (2.5)."""
 
 from coopmap_env.localization.correction.corrector import (
     FiducialMatches,
@@ -12,6 +12,7 @@ from coopmap_env.localization.correction.fiducials import (
 )
 from coopmap_env.localization.correction.pose_estimators import (
     DegenerateGeometryError,
+    GaussianPose,
     RecursiveMoments,
     back_project,
     consistent_subset,
@@ -27,27 +28,38 @@ from coopmap_env.localization.correction.tracking import (
     TrackingSettings,
     track_fiducials,
 )
-from coopmap_env.localization.registration.common_frame import in_equivalent_frame, resolve_symmetry
+from coopmap_env.localization.registration.acceptance import AcceptanceSettings, Fitness
+from coopmap_env.localization.registration.alignment import AlignmentSettings
+from coopmap_env.localization.registration.icp import Refiner, SmallGicp
 from coopmap_env.localization.registration.register import (
     Registration,
     RegistrationSettings,
     register,
 )
+from coopmap_env.localization.registration.search import SearchSettings
+from coopmap_env.localization.registration.symmetry import in_equivalent_frame, resolve_symmetry
 from coopmap_env.localization.registration.views import View
 from coopmap_env.localization.target import TargetModel
 
 __all__ = [
+    "AcceptanceSettings",
+    "AlignmentSettings",
     "CorrectionSettings",
     "DegenerateGeometryError",
     "FiducialMatches",
     "FiducialSettings",
     "FiducialTracks",
     "Fiducials",
+    "Fitness",
+    "GaussianPose",
     "PoseCorrection",
     "PoseCorrector",
     "RecursiveMoments",
+    "Refiner",
     "Registration",
     "RegistrationSettings",
+    "SearchSettings",
+    "SmallGicp",
     "TargetModel",
     "TrackingSettings",
     "View",

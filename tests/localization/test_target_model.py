@@ -11,11 +11,11 @@ def degrees(model):
     ]
 
 
-def test_a_cube_looks_alike_after_quarter_turns():
+def test_a_cube_is_symmetric_by_quarter_turns():
     assert degrees(TargetModel(box((1, 1, 1), (0, 0, 0.5)))) == [0, 90, 180, -90]
 
 
-def test_an_oblong_box_looks_alike_after_a_half_turn_about_its_own_middle():
+def test_an_oblong_box_is_symmetric_by_a_half_turn_about_its_own_center():
     model = TargetModel(box((2, 1, 1), (3, 1, 0.5)))
     assert degrees(model) == [0, 180]
     moved = model.symmetries[1].transform([3.0, 1.0, 0.2])
@@ -64,11 +64,11 @@ def test_triangles_without_an_area_are_left_out():
     "triangles",
     [np.zeros((0, 3, 3)), np.zeros((4, 3)), np.zeros((2, 3, 3)), np.full((1, 3, 3), np.nan)],
 )
-def test_what_is_no_surface_is_refused(triangles):
+def test_what_is_no_surface_is_rejected(triangles):
     with pytest.raises(ValueError, match="triangles"):
         TargetModel(triangles)
 
 
-def test_a_spacing_that_is_no_length_is_refused_with_its_value():
+def test_a_spacing_that_is_no_length_is_rejected_with_its_value():
     with pytest.raises(ValueError, match="spacing must be finite and > 0, got -1"):
         TargetModel(box((1, 1, 1), (0, 0, 0.5)), spacing=-1)

@@ -49,9 +49,9 @@ def variance_along(n, axis, deviation, lateral):
 
 
 def measure_patches(
-    scan, earlier_scans, camera, lateral, labels, known, gates, facing, min_variance, n_labels
+    scan, earlier_scans, camera, lateral, labels, planes, gates, facing, min_variance, n_labels
 ):
-    """Sums of each label and source: see `accumulate_patches`."""
+    """The arrays of `PatchSums`, in their order."""
     information = np.zeros((n_labels, 1 + len(earlier_scans), 3, 3))
     vector, middle = np.zeros((2, n_labels, 1 + len(earlier_scans), 3))
     weight, tilt, count = np.zeros((3, n_labels, 1 + len(earlier_scans)))
@@ -59,8 +59,8 @@ def measure_patches(
     for k in np.flatnonzero(labels >= 0):
         p, own = scan.pose.transform(scan.points[k]), scan.pose.rotation @ scan.normals[k]
         at, tilted = None, 0.0
-        if known[k, :3].any():
-            at, n, there = 0, known[k, :3], known[k, 3:]
+        if planes.normals[k].any():
+            at, n, there = 0, planes.normals[k], planes.points[k]
         elif scan.planar[k]:
             for s, other in enumerate(earlier_scans):
                 m = associated_pixel(p, own, other, camera, gates[0], facing)
@@ -89,7 +89,4 @@ def measure_patches(
         weight[labels[k], at] += 1 / variance
         tilt[labels[k], at] += tilted / variance
         count[labels[k], at] += 1
-    flat = information.reshape(*weight.shape, 9)
-    return np.concatenate(
-        [flat, vector, middle, weight[..., None], tilt[..., None], count[..., None]], axis=-1
-    )
+    return information, vector, middle, weight, tilt, count

@@ -1,1 +1,1 @@
-"""Motion correction (2.5): where a camera stands after a motion, by fiducials."""
+"""Correction of camera poses after a motion, by fiducials (2.5)."""

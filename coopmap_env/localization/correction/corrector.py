@@ -1,16 +1,16 @@
-"""Motion correction (2.5): where the camera really is after a motion, from fiducials.
+"""Correction of the camera pose after a motion, by fiducials (2.5).
 
-Mounts err and suspensions give, so encoders tell a camera's pose only roughly. What was seen before
-the motion, and what is known of the target, tells it again: fiducials are chosen on the map, and
-tracked in the new depth image; each measures by how much the predicted pose is off, in the
-directions that its surface tells (`patches`); all of them together, with the prediction, give the
-pose of the greatest likelihood and its covariance (`joint_poses`), outliers left out.
+Mounts have calibration errors and suspensions give way, so encoders predict a camera's pose only
+roughly. Earlier scans and the known target measure it better. Fiducials are selected in the map and
+tracked in the new depth image. Each measures the error of the predicted pose, in the directions
+that its surface determines (`patches`). All of them together, with the prediction, give the pose of
+maximum likelihood and its covariance (`pose_state`), without outliers.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +21,12 @@ from coopmap_env.localization.correction.fiducials import (
     FiducialSettings,
     select_fiducials,
 )
-from coopmap_env.localization.correction.keyframes import KeyframeBuffer, ScanSurfaces
-from coopmap_env.localization.correction.known_target import KnownTarget
-from coopmap_env.localization.correction.patches import (
-    N_SUMS,
-    Patches,
-    accumulate_patches,
-    count_overlap,
-    patches_from_sums,
-)
+from coopmap_env.localization.correction.keyframes import ScanSurfaces
+from coopmap_env.localization.correction.patch_matcher import PatchMatcher
+from coopmap_env.localization.correction.patches import Patches
 from coopmap_env.localization.correction.pose_state import PoseState
 from coopmap_env.localization.correction.settings import CorrectionSettings
 from coopmap_env.localization.correction.tracking import TrackingSettings, track_fiducials
-from coopmap_env.localization.depth_rendering import pinhole_intrinsics
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import PoseEstimate, Vehicle
@@ -41,58 +34,65 @@ from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 Array = NDArray[np.float64]
 
-MAX_ASSOCIATION_DISTANCE = 0.25
-"""Metres between a point and the surface that it may belong to."""
 GATE_FRACTIONS = (1.0, 0.5, 0.2, 0.0)
-"""By these shares of three standard deviations of where a prediction puts a surface `REFERENCE_DEPTH` of the
-camera, residuals are held for less certain while surfaces are still to be found; the last one
-serves from then on. Without it, pixels that are still held against a wrong face pull the pose away
-from where all would fit."""
+"""Fractions of the prediction's uncertainty that are added to the residuals' deviations, one for
+each iteration, while associations still change; the last one holds from then on. Without it, pixels
+that are paired with a wrong face keep the pose away from where all would fit."""
 REFERENCE_DEPTH = 3.0
-"""Metres."""
+"""Metres: the uncertainty is three standard deviations of a point at this depth."""
 MAX_GATE_STD = 0.1
-"""Metres of that at most: a base that registration has just found is better than it is said to be
-(it is said to be next to unknown, so that nothing counts twice)."""
-OVERLAP_STRIDE = 5
-"""One pixel in so many is asked when earlier looks are counted out."""
-MIN_OVERLAP = 3
-"""Of these pixels: an earlier look with fewer in common is not asked any further."""
-MIN_PLANAR_PIXELS = 40
-"""Pixels with a normal: with fewer, a look is not kept for later ones."""
+"""Metres of that at most. A base that registration has just found is better than its covariance,
+which is inflated so that nothing counts twice."""
 
 
 class FiducialMatches(NamedTuple):
-    """Fiducials as Eqs. 10 to 13 want them."""
+    """m patches as pairs of points, as in Eqs. 10 to 13."""
 
     base_points: Array
-    """Shape (m, 3): r_i in the world frame, by what was seen before or is known. In directions
-    that a fiducial leaves open, as predicted."""
+    """Shape (m, 3): r_i in the world frame, by earlier scans or the known target. In directions
+    that a patch does not determine, as predicted."""
     observed_points: Array
     """Shape (m, 3): k_i (f, u_i, v_i) in the camera frame."""
     information: Array
-    """Shape (m, 3, 3): inverse covariance of r_i - T u_i, world frame; singular where open."""
+    """Shape (m, 3, 3): inverse covariance of r_i - T u_i, world frame; singular in directions that
+    are not determined."""
     inlier_mask: NDArray[np.bool_]
     """Shape (m,): False for outliers."""
 
+    @classmethod
+    def empty(cls) -> FiducialMatches:
+        """No matches."""
+        points = np.zeros((0, 3))
+        return cls(points, points, np.zeros((0, 3, 3)), np.zeros(0, dtype=np.bool_))
+
+    @classmethod
+    def from_patches(
+        cls, patches: Patches, T_world_camera: Pose, inlier_mask: NDArray[np.bool_]
+    ) -> FiducialMatches:
+        """The matches of patches that were measured with the camera at a pose."""
+        observed = T_world_camera.inverse().transform(patches.positions)
+        base_points = patches.positions + patches.displacements
+        return cls(base_points, observed, patches.information, inlier_mask)
+
 
 class PoseCorrection(NamedTuple):
-    """What fiducials say of a camera's pose."""
+    """Result of a correction."""
 
     estimate: PoseEstimate
     """T_world_camera, corrected, or as predicted where `reason` says why."""
     predicted: PoseEstimate
-    """By the encoders, with what earlier looks have told of base and offsets."""
+    """T_world_camera by the encoders, with the estimates of base and offsets so far."""
     n_directions: int
-    """Of the pose's six: how many the fiducials tell better than the prediction does."""
+    """Of the pose's six: how many the fiducials determine better than the prediction does."""
     reason: str
     """Why nothing was corrected; empty if it was."""
     matches: FiducialMatches
-    """The patches that the pose was identified from."""
+    """The patches from which the pose was estimated."""
     tracked_fiducials: tuple[Array, Array]
     """Shapes (m, 3), (m, 3): r_i in the world and k_i (f, u_i, v_i) in the camera frame of the
-    map's fiducials that were found in the image, as the paper reads Eq. 10: peaks of the map, and
-    mean points of their regions. Nothing is done with them here: a region's mean point says little
-    of where along its surface the fiducial is."""
+    map's fiducials that were found in the image, as in the paper's Eq. 10: peaks of the map, and
+    mean points of their regions. They are not used here: along a surface, a region's mean point
+    says little of the fiducial's position."""
 
 
 class PoseCorrector:
@@ -101,7 +101,7 @@ class PoseCorrector:
     Parameters
     ----------
     vehicles : sequence of Vehicle
-        Where they are taken to stand; see also `set_base`.
+        At their estimated base poses; see also `set_base`.
     camera : DepthCamera
     noise : RangeNoise
     target : TargetModel, optional
@@ -124,20 +124,17 @@ class PoseCorrector:
         self._camera, self._noise = camera, noise
         self._fiducial_settings = fiducials or FiducialSettings()
         self._tracking_settings = tracking or TrackingSettings()
-        self._intrinsics = pinhole_intrinsics(camera)
-        spacing = self.settings.target_spacing
-        self._target = None if target is None else KnownTarget(target, self._intrinsics, spacing)
-        self._keyframes = KeyframeBuffer(self.settings.max_keyframes + 1, camera.n_pixels)
+        self._matcher = PatchMatcher(camera, noise, target, self.settings)
         self._fiducials: list[Fiducials | None] = [None] * len(vehicles)
 
     def set_base(self, robot: int, base: PoseEstimate) -> None:
-        """A robot's base is found: see `PoseState.set_base`."""
+        """Set the estimate of a robot's base, see `PoseState.set_base`."""
         self.poses.set_base(robot, base)
 
     def correct(
         self, robot: int, reading: Array, cloud: PointCloud, map_: OccupancyMap
     ) -> PoseCorrection:
-        """Correct the pose of one look, and keep the look for those that follow.
+        """Correct the camera pose of a scan, and keep the scan for later ones.
 
         Parameters
         ----------
@@ -145,33 +142,26 @@ class PoseCorrector:
         reading : ndarray, shape (n,)
             Of its encoders.
         cloud : PointCloud
-            In the camera frame, robots taken out.
+            In the camera frame; points on robots are filtered.
         map_ : OccupancyMap
-            Before this look, from which fiducials are chosen.
+            Before this scan, in which fiducials are selected.
         """
-        surfaces = ScanSurfaces.from_cloud(cloud, self._camera, self._noise)
+        scan = ScanSurfaces.from_cloud(cloud, self._camera, self._noise)
         camera_index = self.poses.add(robot, reading)
         predicted = self.poses.estimate(camera_index)
         labels, n_tracked, tracked = self._track(robot, predicted, cloud, map_)
-        found = self._solve(surfaces, camera_index, labels, n_tracked)
+        result = self._estimate_pose(scan, camera_index, labels, n_tracked)
         estimate = self.poses.estimate(camera_index)
-        self._store_keyframe(surfaces, camera_index)
-        return PoseCorrection(estimate, predicted, *found, tracked)
-
-    def _store_keyframe(self, surfaces: ScanSurfaces, camera_index: int) -> None:
-        """Keep a look for later ones, if there is enough to be seen in it."""
-        if surfaces.planar.sum() < MIN_PLANAR_PIXELS:
+        if not self._matcher.add_keyframe(scan):
             self.poses.remove_camera(camera_index)
-            return
-        self._keyframes.add(surfaces)
-        if len(self._keyframes) > self.settings.max_keyframes:
+        elif self._matcher.drop_oldest():
             self.poses.remove_camera(0)
-            self._keyframes.remove(0)
+        return PoseCorrection(estimate, predicted, *result, tracked)
 
     def _track(
         self, robot: int, predicted: PoseEstimate, cloud: PointCloud, map_: OccupancyMap
     ) -> tuple[NDArray[np.int32], int, tuple[Array, Array]]:
-        """Which fiducial of the map each pixel (n,) belongs to, how many there are, those found."""
+        """The map's fiducial of each pixel (n,), their number, and pairs of those found."""
         pose, covariance = predicted
         fiducials = select_fiducials(
             map_, pose, self._camera, self._fiducial_settings, self._fiducials[robot]
@@ -180,48 +170,43 @@ class PoseCorrector:
         if not len(fiducials):
             none = np.zeros((0, 3))
             return np.full(len(cloud.points), -1, dtype=np.int32), 0, (none, none)
-        at = pose.inverse().transform(fiducials.positions)
-        variances = np.trace(covariance[:3, :3]) + np.trace(covariance[3:, 3:]) * (at**2).sum(
-            axis=1
-        )
+        expected = pose.inverse().transform(fiducials.positions)
+        squares = (expected**2).sum(axis=1)
+        variances = np.trace(covariance[:3, :3]) + np.trace(covariance[3:, 3:]) * squares
         tracks = track_fiducials(
-            cloud,
-            self._camera,
-            self._noise,
-            at,
-            fiducials.radii,
-            np.sqrt(variances),
+            cloud, self._camera, self._noise, expected, fiducials.radii, np.sqrt(variances),
             self._tracking_settings,
-        )
+        )  # fmt: skip
         found = tracks.found
         return tracks.labels, len(fiducials), (fiducials.positions[found], tracks.points[found])
 
-    def _solve(
-        self, surfaces: ScanSurfaces, camera_index: int, tracked: NDArray[np.int32], n_tracked: int
+    def _estimate_pose(
+        self, scan: ScanSurfaces, camera_index: int, tracked: NDArray[np.int32], n_tracked: int
     ) -> tuple[int, str, FiducialMatches]:
-        """Identify the pose of a look, and move the state by it, if it is told at all."""
+        """Estimate the pose of a scan, and update the state if there are enough fiducials.
+
+        Returns the number of directions that are determined, why nothing was updated, and the
+        matches.
+        """
         s, poses = self.settings, self.poses
         prior = poses.estimate(camera_index).covariance
-        self._keyframes.set_camera_poses(poses.cameras[:camera_index])
-        keyframe_ids = self._overlapping_keyframes(surfaces, poses.cameras[camera_index])
+        self._matcher.set_camera_poses(poses.cameras[:camera_index])
+        keyframe_ids = self._matcher.overlapping_keyframes(scan, poses.cameras[camera_index])
         state_indices = poses.state_indices([camera_index, *keyframe_ids])
         x = np.zeros(len(state_indices))
-        displacement_variance = np.trace(prior[:3, :3]) + REFERENCE_DEPTH**2 * np.trace(
-            prior[3:, 3:]
-        )
-        max_gate_std = min(3.0 * math.sqrt(displacement_variance / 3.0), MAX_GATE_STD)
+        max_gate_std = _max_gate_std(prior)
         for iteration in range(s.iterations):
             gate_std = max_gate_std * GATE_FRACTIONS[min(iteration, len(GATE_FRACTIONS) - 1)]
             camera = apply_displacement(poses.cameras[camera_index], x[:6])
-            patches = self._measure_patches(
-                surfaces, camera, keyframe_ids, tracked, n_tracked, gate_std
+            patches = self._matcher.measure(
+                scan, camera, keyframe_ids, tracked, n_tracked, gate_std
             )
-            if (n := patches.n_fiducials) < s.min_fiducials:
-                return 0, _too_few(n, s.min_fiducials), _no_matches()
+            if patches.n_fiducials < s.min_fiducials:
+                return 0, self._too_few(patches.n_fiducials), FiducialMatches.empty()
             J = self._jacobian(patches, camera, keyframe_ids)
             z = patches.displacements + J[:, :, :6] @ x[:6]
             weighted = patches.information @ J
-            # first nothing is known to be wrong, then outliers count less, at last not at all
+            # first no outlier is known, then outliers count less, at last not at all
             weights = np.ones(len(z))
             for pass_index in range(1 if iteration == 0 else 2):
                 rows = (weights[:, None, None] * weighted).reshape(-1, len(state_indices))
@@ -231,105 +216,46 @@ class PoseCorrector:
                 weights = 1.0 / (1.0 + outlier_scores**2)
                 if iteration == s.iterations - 1 and pass_index == 0:
                     weights = (outlier_scores < 1.0).astype(np.float64)
-        used = outlier_scores < 1.0
-        matches = _matches(patches, camera, used)
-        if (n := len(set(patches.labels[used].tolist()))) < s.min_fiducials:
-            return 0, _too_few(n, s.min_fiducials), matches
+        inliers = outlier_scores < 1.0
+        matches = FiducialMatches.from_patches(patches, camera, inliers)
+        if (n := len(set(patches.labels[inliers].tolist()))) < s.min_fiducials:
+            return 0, self._too_few(n), matches
         poses.update(state_indices, A, b)
-        # a direction counts where the fiducials alone are surer than the prediction
+        # a direction counts where the fiducials alone are more certain than the prediction
         L = np.linalg.cholesky(prior)
         gain = np.linalg.eigvalsh(L.T @ A[:6, :6] @ L)
         return int((gain > 1.0).sum()), "", matches
 
-    def _overlapping_keyframes(self, surfaces: ScanSurfaces, camera: Pose) -> list[int]:
-        """Numbers of the earlier looks that have the most pixels in common with this one."""
-        counts = np.empty(len(self._keyframes), dtype=np.int64)
-        count_overlap(
-            camera.transform(surfaces.points), surfaces.normals @ camera.rotation.T, surfaces.planar, OVERLAP_STRIDE,
-            np.array(self._keyframes.slots, dtype=np.int64), self._keyframe_arrays, self._intrinsics,
-            MAX_ASSOCIATION_DISTANCE, counts,
-        )  # fmt: skip
-        best = np.argsort(-counts, kind="stable")[: self.settings.max_sources]
-        return [int(camera_index) for camera_index in best if counts[camera_index] >= MIN_OVERLAP]
-
-    @property
-    def _keyframe_arrays(self) -> tuple[NDArray[Any], ...]:
-        """Earlier looks as kernels want them; see `patches.associate`."""
-        keyframes = self._keyframes
-        return (*keyframes.surfaces[:3], keyframes.rotations, keyframes.translations)
-
-    def _measure_patches(
-        self, surfaces: ScanSurfaces, camera: Pose, keyframe_ids: list[int], tracked: NDArray[np.int32],
-        n_tracked: int, gate_std: float,
-    ) -> Patches:  # fmt: skip
-        """Hold a look against earlier ones and the target, with its camera at a pose."""
-        labels, target_planes, n_target_labels = (
-            tracked.copy(),
-            np.zeros((len(surfaces.points), 6)),
-            0,
-        )
-        if self._target is not None:
-            n_target_labels = len(self._target.centers)
-            self._target.label_pixels(
-                camera, surfaces.points, surfaces.normals, surfaces.planar, surfaces.deviations, n_tracked, labels,
-                target_planes,
-            )  # fmt: skip
-        keyframes = self._keyframes
-        slots = np.array(
-            [keyframes.slots[camera_index] for camera_index in keyframe_ids], dtype=np.int64
-        )
-        sums = np.zeros((n_tracked + n_target_labels, 1 + len(keyframe_ids), N_SUMS))
-        accumulate_patches(
-            camera.transform(surfaces.points), surfaces.normals @ camera.rotation.T, surfaces.planar,
-            surfaces.normal_variances, surfaces.deviations, np.ascontiguousarray(camera.rotation[:, 0]),
-            self._noise.lateral / max(self._noise.depth, 1e-12), labels, target_planes,
-            slots, self._keyframe_arrays, keyframes.surfaces.normal_variances, keyframes.surfaces.deviations, self._intrinsics,
-            (MAX_ASSOCIATION_DISTANCE, gate_std),
-            np.zeros((len(keyframe_ids), len(surfaces.points)), dtype=np.bool_), sums,
-        )  # fmt: skip
-        return patches_from_sums(sums, self.settings)
-
     def _jacobian(self, patches: Patches, camera: Pose, keyframe_ids: list[int]) -> Array:
-        """Jacobian (f, 3, c) of what patches measure by the displacements of the looks.
+        """Jacobian (f, 3, c) of the patches' displacements by those of the cameras.
 
-        A patch's displacement is that of this camera, less that of the look it was held against.
+        A patch's displacement is that of this camera, less that of the keyframe's camera.
         """
         J = np.zeros((len(patches.labels), 3, 6 * (1 + len(keyframe_ids))))
         J[:, :, :3] = np.eye(3)
         J[:, :, 3:6] = -skew(patches.positions - camera.translation)
-        for column, camera_index in enumerate(keyframe_ids):
-            of = patches.sources == column
-            at = 6 * (column + 1)
-            J[of, :, at : at + 3] = -np.eye(3)
-            origin = self.poses.cameras[camera_index].translation
-            J[of, :, at + 3 : at + 6] = skew(patches.positions[of] - origin)
+        for source, keyframe in enumerate(keyframe_ids):
+            of_source = patches.sources == source
+            at = 6 * (source + 1)
+            J[of_source, :, at : at + 3] = -np.eye(3)
+            origin = self.poses.cameras[keyframe].translation
+            J[of_source, :, at + 3 : at + 6] = skew(patches.positions[of_source] - origin)
         return J
+
+    def _too_few(self, n: int) -> str:
+        return f"fiducials in view: {n}, needed: {self.settings.min_fiducials}"
+
+
+def _max_gate_std(prior: Array) -> float:
+    """Three standard deviations of a point at the reference depth, by a pose's covariance."""
+    variance = np.trace(prior[:3, :3]) + REFERENCE_DEPTH**2 * np.trace(prior[3:, 3:])
+    return min(3.0 * math.sqrt(variance / 3.0), MAX_GATE_STD)
 
 
 def _outlier_scores(patches: Patches, residuals: Array, settings: CorrectionSettings) -> Array:
-    """How far each patch (f,) is off by what is left (f, 3), as a share of what is an outlier."""
-    observed = patches.precisions > 0.0
-    variances = 1.0 / np.where(observed, patches.precisions, 1.0) + settings.outlier_std**2
-    normalized_residuals = np.abs(patches.along_axes(residuals)) / (
-        settings.outlier_sigmas * np.sqrt(variances)
-    )
-    return np.asarray(np.where(observed, normalized_residuals, 0.0).max(axis=1, initial=0.0))
-
-
-def _matches(patches: Patches, camera: Pose, used: NDArray[np.bool_]) -> FiducialMatches:
-    return FiducialMatches(
-        patches.positions + patches.displacements,
-        camera.inverse().transform(patches.positions),
-        patches.information,
-        used,
-    )
-
-
-def _no_matches() -> FiducialMatches:
-    return FiducialMatches(
-        np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, dtype=np.bool_)
-    )
-
-
-def _too_few(n: int, needed: int) -> str:
-    return f"fiducials in view: {n}, needed: {needed}"
+    """Residuals (f, 3) of patches (f,), as fractions of the least residual of an outlier."""
+    determined = patches.precisions > 0.0
+    variances = 1.0 / np.where(determined, patches.precisions, 1.0) + settings.outlier_std**2
+    limits = settings.outlier_sigmas * np.sqrt(variances)
+    scores = np.abs(patches.along_axes(residuals)) / limits
+    return np.asarray(np.where(determined, scores, 0.0).max(axis=1, initial=0.0))

@@ -1,39 +1,58 @@
-"""The known target as fiducials: its geometry is as certain as nothing else in view (2.1).
+"""Fiducials on the known target, whose geometry is exact (2.1).
 
 Its surface is divided into patches, each around one of evenly spaced points. A pixel belongs to the
-one nearest to what it should see there, unless what it measures lies far from that, faces another
-way, or is seen edge-on.
+nearest of them, unless its point is far from the surface that it should see there, the measured
+normal differs, or the surface is seen at a grazing angle.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from coopmap_env.geometry import Pose
-from coopmap_env.localization.depth_rendering import PinholeIntrinsics, render_depth
-from coopmap_env.localization.target import TargetModel
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry import Pose, RigidTransform
+from coopmap_env.localization.correction.keyframes import ScanSurfaces
+from coopmap_env.localization.depth_rendering import DepthImage, render_depth
+from coopmap_env.localization.target import TargetModel, TargetPlanes
+from coopmap_env.sensing import PinholeIntrinsics
+
+Array = NDArray[np.float64]
 
 MAX_DEPTH_RESIDUAL = 0.1
-"""Metres along a beam, besides 3 sigma, by which a pixel may miss the surface it should see."""
+"""Metres along a ray, besides 3 sigma, by which a pixel may miss the surface it should see."""
 MIN_INCIDENCE_COSINE = 0.15
-"""Least cosine between a surface's normal and the beam: of a face that is seen edge-on, a small
-error of the pose decides whether a pixel is on it or on the next one, and it would tell of what is
-not seen at all."""
+"""Least cosine between a surface's normal and the ray. At a grazing angle a small error of the pose
+decides whether a pixel is on a face or on the next one."""
+MIN_NORMAL_COSINE = 0.8
+"""Least cosine between the normal of the target's face and the measured one."""
+
+
+class PixelPlanes(NamedTuple):
+    """The target's plane that each of n pixels should see."""
+
+    normals: Array
+    """Shape (n, 3): unit normals, world frame; 0 for none."""
+    points: Array
+    """Shape (n, 3): a point of the plane, world frame, metres; 0 for none."""
+
+    @classmethod
+    def zeros(cls, n_pixels: int) -> PixelPlanes:
+        """No plane for any pixel."""
+        return cls(np.zeros((n_pixels, 3)), np.zeros((n_pixels, 3)))
 
 
 class KnownTarget:
-    """A target where it is known to stand, for one camera.
+    """A target at its known pose, for one camera.
 
     Parameters
     ----------
     model : TargetModel
         In the world frame, which is the target's.
-    lens : tuple
-        See `pinhole_intrinsics`.
+    intrinsics : PinholeIntrinsics
     spacing : float
         Metres between fiducials.
     """
@@ -43,107 +62,107 @@ class KnownTarget:
         self._intrinsics = intrinsics
         self.centers = _one_per_cube(model.samples[0], spacing)
         """Fiducials (k, 3) on the target."""
-        n = intrinsics[0] * intrinsics[1]
-        self._depth, self._triangle_index = np.empty(n), np.empty(n, dtype=np.int64)
+        self._image = DepthImage.empty(intrinsics.width * intrinsics.height)
 
     def label_pixels(
         self,
-        camera: Pose,
-        points: NDArray[np.float64],
-        normals: NDArray[np.float64],
-        planar: NDArray[np.bool_],
-        deviations: NDArray[np.float64],
+        T_world_camera: Pose,
+        scan: ScanSurfaces,
         first_label: int,
         labels: NDArray[np.int32],
-        target_planes: NDArray[np.float64],
+        planes: PixelPlanes,
     ) -> None:
-        """Fill `target_planes` (n, 6) and overwrite the labels (n,) of pixels that see the target.
+        """Fill the planes, and overwrite the labels (n,) of pixels that see the target.
 
         Parameters
         ----------
-        camera : Pose
-            T_world_camera.
-        points, normals : ndarray, shape (n, 3)
-            Of the look, camera frame.
-        planar, deviations : ndarray, shape (n,)
-            See `surface_normals`; S T_depth d^n of Eq. 1.
+        T_world_camera : Pose
+        scan : ScanSurfaces
+            Camera frame.
         first_label : int
-            Of the target's fiducials.
+            Label of the target's first fiducial.
+        labels : ndarray, shape (n,)
+            Changed in place; those of other pixels stay.
+        planes : PixelPlanes
+            Filled in place; zeros for other pixels.
         """
-        T = camera.inverse()
-        R, t = np.ascontiguousarray(T.rotation), np.ascontiguousarray(T.translation)
-        render_depth(
-            self.model.triangles, R, t, self._intrinsics, self._depth, self._triangle_index
-        )
+        T_camera_world = T_world_camera.inverse().arrays
+        render_depth(self.model.triangles, T_camera_world, self._intrinsics, self._image)
         label_target_pixels(
-            points, normals, planar, deviations, self._depth, self._triangle_index, self._intrinsics,
-            self.model.normals, self.model.plane_points, self.centers, camera.rotation,
-            camera.translation, first_label, labels, target_planes,
+            scan, self._image, self.model.planes, self.centers, T_world_camera.arrays,
+            first_label, labels, planes,
         )  # fmt: skip
 
 
-def _one_per_cube(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """The middle one of the points (n, 3) in each cube of the grid of that spacing."""
+def _one_per_cube(points: Array, spacing: float) -> Array:
+    """Of the points (n, 3) in each cube of a grid, the one nearest to their centroid."""
     _, cube = np.unique(np.floor(points / spacing), axis=0, return_inverse=True)
     cube = cube.ravel()
-    count = np.bincount(cube)
-    centroids = (
-        np.stack([np.bincount(cube, points[:, i]) for i in range(3)], axis=1) / count[:, None]
-    )
+    sums = np.stack([np.bincount(cube, points[:, i]) for i in range(3)], axis=1)
+    centroids = sums / np.bincount(cube)[:, None]
     distances = np.linalg.norm(points - centroids[cube], axis=1)
     order = np.lexsort((distances, cube))
     _, first = np.unique(cube[order], return_index=True)
     return np.ascontiguousarray(points[order[first]])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def label_target_pixels(
-    points, normals, planar, deviations, depth, triangle_index, intrinsics, plane_normals, plane_points, centers,
-    R, t, first_label, labels, target_planes,
-):  # fmt: skip
-    """`KnownTarget.label_pixels`, with what `render_depth` filled."""
-    width, height, _, _ = intrinsics
+    scan: ScanSurfaces,
+    image: DepthImage,
+    planes: TargetPlanes,
+    centers: Array,
+    T_world_camera: RigidTransform,
+    first_label: int,
+    labels: NDArray[np.int32],
+    pixel_planes: PixelPlanes,
+) -> None:
+    """See `KnownTarget.label_pixels`; the image is what `render_depth` filled."""
+    R, t = T_world_camera
+    points = scan.points
     q = np.empty(3)
-    for row in range(height):
-        for column in range(width):
-            k = row * width + column
-            target_planes[k] = 0.0
-            m = triangle_index[k]
-            if m < 0:
-                continue
-            if deviations[k] == 0.0:
-                continue
-            if abs(points[k, 0] - depth[k]) > MAX_DEPTH_RESIDUAL + 3.0 * deviations[k]:
-                continue
-            n = plane_normals[m]
-            facing, distance = 0.0, 0.0
+    for k in range(len(points)):
+        for i in range(3):
+            pixel_planes.normals[k, i] = 0.0
+            pixel_planes.points[k, i] = 0.0
+        m = image.triangle_index[k]
+        if m < 0 or scan.deviations[k] == 0.0:
+            continue
+        if abs(points[k, 0] - image.depth[k]) > MAX_DEPTH_RESIDUAL + 3.0 * scan.deviations[k]:
+            continue
+        n = planes.normals[m]
+        facing, distance = 0.0, 0.0
+        for i in range(3):
+            for j in range(3):
+                facing -= n[i] * R[i, j] * points[k, j]
+            distance += points[k, i] * points[k, i]
+        if facing < MIN_INCIDENCE_COSINE * math.sqrt(distance):
+            continue
+        if scan.planar[k]:
+            cosine = 0.0
             for i in range(3):
                 for j in range(3):
-                    facing -= n[i] * R[i, j] * points[k, j]
-                distance += points[k, i] * points[k, i]
-            if facing < MIN_INCIDENCE_COSINE * math.sqrt(distance):
+                    cosine += n[i] * R[i, j] * scan.normals[k, j]
+            if cosine < MIN_NORMAL_COSINE:
                 continue
-            if planar[k]:
-                cosine = 0.0
-                for i in range(3):
-                    for j in range(3):
-                        cosine += n[i] * R[i, j] * normals[k, j]
-                if cosine < 0.8:
-                    continue
-            for i in range(3):
-                q[i] = t[i]
-                for j in range(3):
-                    q[i] += R[i, j] * points[k, j]
-            nearest, best = np.inf, -1
-            for c in range(len(centers)):
-                d = (
-                    (centers[c, 0] - q[0]) ** 2
-                    + (centers[c, 1] - q[1]) ** 2
-                    + (centers[c, 2] - q[2]) ** 2
-                )
-                if d < nearest:
-                    nearest, best = d, c
-            labels[k] = first_label + best
-            for i in range(3):
-                target_planes[k, i] = n[i]
-                target_planes[k, 3 + i] = plane_points[m, i]
+        for i in range(3):
+            q[i] = t[i]
+            for j in range(3):
+                q[i] += R[i, j] * points[k, j]
+        labels[k] = first_label + _nearest(centers, q)
+        for i in range(3):
+            pixel_planes.normals[k, i] = n[i]
+            pixel_planes.points[k, i] = planes.points[m, i]
+
+
+@kernel
+def _nearest(centers: Array, q: Array) -> int:
+    """Index of the centre (k, 3) that is nearest to a point (3,)."""
+    least, nearest = np.inf, -1
+    for c in range(len(centers)):
+        square = (
+            (centers[c, 0] - q[0]) ** 2 + (centers[c, 1] - q[1]) ** 2 + (centers[c, 2] - q[2]) ** 2
+        )
+        if square < least:
+            least, nearest = square, c
+    return nearest

@@ -1,13 +1,13 @@
-"""How the surfaces in a fiducial's ball lie against those that were seen before, or are known.
+"""Displacements of fiducials' patches from earlier scans, or from the known target.
 
-A fiducial's patch is the pixels of the present look that were tracked as the fiducial, or that
-should see the target. Each pixel is held against the surface that an earlier look saw in its place
-(projective association, Blais & Levine 1995), along that surface's normal (Chen & Medioni 1992):
+A fiducial's patch is the pixels of a scan that were tracked as the fiducial, or that should see the
+target. Each pixel is paired with the surface that an earlier scan measured at its point (projective
+association, Blais & Levine 1995), along that surface's normal (Chen & Medioni 1992):
 
     e = n . (m - p),    sigma^2 = n^T (C_p + C_m) n
 
 with the covariances of Eq. 1. Their sum over a patch is the information matrix of the patch's
-displacement: a face tells one direction, an edge two, a corner all three.
+displacement: a face determines one direction, an edge two, a corner all three.
 """
 
 from __future__ import annotations
@@ -16,223 +16,338 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import kernel
+from coopmap_env.localization.correction.keyframes import KeyframeArrays, ScanSurfaces
+from coopmap_env.localization.correction.known_target import PixelPlanes
 from coopmap_env.localization.correction.settings import CorrectionSettings
+from coopmap_env.sensing import PinholeIntrinsics
+
+Array = NDArray[np.float64]
 
 TARGET_SOURCE = -1
-"""The source of what is known of the target: its triangles."""
+"""The source of patches on the known target: its triangles."""
+_NO_SOURCE = -2
 MIN_NORMAL_COSINE = 0.85
-"""Least cosine between the normals of two surfaces that are held against each other."""
-N_SUMS = 18
+"""Least cosine between the normals of two surfaces that are paired."""
 MIN_VARIANCE = 1e-8
 """Square metres: a camera without noise still has pixels."""
+_MIN_DEPTH = 0.1
+"""Metres ahead of a camera, below which nothing is paired."""
+_GATE_SIGMAS = 3.0
+"""Standard deviations beyond which a residual is left out."""
+
+
+class PatchSums(NamedTuple):
+    """Sums over the pixels of each of f labels, by s sources: the target first, then keyframes."""
+
+    information: Array
+    """Shape (f, s, 3, 3): information matrix of the displacement."""
+    vector: Array
+    """Shape (f, s, 3): information times displacement."""
+    position: Array
+    """Shape (f, s, 3): points, weighted."""
+    weight: Array
+    """Shape (f, s): weights of the pixels, which are their inverse variances."""
+    normal_variance: Array
+    """Shape (f, s): variances of the normals, weighted."""
+    n_pixels: Array
+    """Shape (f, s)."""
+
+    @classmethod
+    def zeros(cls, n_labels: int, n_sources: int) -> PatchSums:
+        """Sums of nothing."""
+        shape = n_labels, n_sources
+        vectors, scalars = np.zeros((2, *shape, 3)), np.zeros((3, *shape))
+        return cls(np.zeros((*shape, 3, 3)), *vectors, *scalars)
 
 
 class Patches(NamedTuple):
-    """Measured displacements: what would bring each patch to where it was seen before."""
+    """Measured displacements of f patches from where they were measured before."""
 
     labels: NDArray[np.int64]
-    """Shape (f,): which fiducial."""
+    """Shape (f,): the fiducial."""
     sources: NDArray[np.int64]
-    """Shape (f,): which of the sources it was held against, or `TARGET_SOURCE`."""
-    positions: NDArray[np.float64]
-    """Shape (f, 3): the patch's middle in the world, by the camera's pose as it was assumed."""
-    displacements: NDArray[np.float64]
-    """Shape (f, 3): metres; 0 in directions of which nothing is told."""
-    axes: NDArray[np.float64]
-    """Shape (f, 3, 3): principal axes of what is told, in the columns."""
-    precisions: NDArray[np.float64]
-    """Shape (f, 3): inverse variance along each axis; 0 where nothing is told."""
+    """Shape (f,): the source it was compared with, or `TARGET_SOURCE`."""
+    positions: Array
+    """Shape (f, 3): centroid in the world frame, by the assumed pose of the camera, metres."""
+    displacements: Array
+    """Shape (f, 3): metres; 0 in directions that are not determined."""
+    axes: Array
+    """Shape (f, 3, 3): principal axes of the information, in the columns."""
+    precisions: Array
+    """Shape (f, 3): inverse variance along each axis; 0 where it is not determined."""
 
     @property
     def n_fiducials(self) -> int:
-        """How many fiducials have a patch; each may have several, against different sources."""
+        """How many fiducials have a patch; each may have several, from different sources."""
         return len(set(self.labels.tolist()))
 
     @property
-    def information(self) -> NDArray[np.float64]:
-        """Inverse covariances (f, 3, 3) of the displacements; singular where nothing is told."""
+    def information(self) -> Array:
+        """Inverse covariances (f, 3, 3) of the displacements; singular where not determined."""
         return np.asarray((self.axes * self.precisions[:, None, :]) @ self.axes.transpose(0, 2, 1))
 
-    def along_axes(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    def along_axes(self, vectors: Array) -> Array:
         """Components (f, 3) of vectors (f, 3) along each patch's axes."""
         return np.asarray((vectors[:, None, :] @ self.axes)[:, 0])
 
 
-def patches_from_sums(sums: NDArray[np.float64], settings: CorrectionSettings) -> Patches:
-    """Displacements by the sums over pixels that `accumulate_patches` fills, (labels, sources, 18).
+def patches_from_sums(sums: PatchSums, settings: CorrectionSettings) -> Patches:
+    """Displacements by the sums that `accumulate_patches` fills.
 
-    Noise in the normals makes a plane look like something that also has a little extent across:
-    directions of which less is told than that are left out.
+    Noise in the normals makes a plane look as if it determined other directions a little.
+    Directions with no more information than that are left out.
     """
-    enough = sums[:, :, 17] >= settings.min_patch_pixels
+    enough = sums.n_pixels >= settings.min_patch_pixels
     labels, sources = np.nonzero(enough)
-    rows = sums[enough]
-    weight = rows[:, 15]
-    values, vectors = np.linalg.eigh(rows[:, :9].reshape(-1, 3, 3))
-    tilt = settings.tilt_noise_factor * rows[:, 16] / weight
-    observed = values > np.maximum(tilt[:, None], 1e-9) * values[:, 2:]
-    inverse = np.where(observed, 1.0 / np.maximum(values, 1e-12), 0.0)
-    precisions = np.where(
-        observed, 1.0 / (inverse + settings.patch_model_std**2 + MIN_VARIANCE), 0.0
-    )
-    along = (rows[:, None, 9:12] @ vectors)[:, 0] * inverse
+    weight = sums.weight[enough]
+    values, vectors = np.linalg.eigh(sums.information[enough])
+    tilt = settings.tilt_noise_factor * sums.normal_variance[enough] / weight
+    determined = values > np.maximum(tilt[:, None], 1e-9) * values[:, 2:]
+    inverse = np.where(determined, 1.0 / np.maximum(values, 1e-12), 0.0)
+    variance = inverse + settings.patch_model_std**2 + MIN_VARIANCE
+    along = (sums.vector[enough][:, None] @ vectors)[:, 0] * inverse
     return Patches(
         labels,
         sources + TARGET_SOURCE,
-        rows[:, 12:15] / weight[:, None],
+        sums.position[enough] / weight[:, None],
         (vectors @ along[:, :, None])[:, :, 0],
         vectors,
-        precisions,
+        np.where(determined, 1.0 / variance, 0.0),
     )
 
 
-@njit(cache=True, nogil=True)
-def associate(p, normal, s, sources, intrinsics, gate):
-    """Pixel of source s that saw the surface at p (3,), in the world frame; -1 if it saw none.
+class PatchScan(NamedTuple):
+    """The scan whose patches are measured, its camera at an assumed pose."""
 
-    `sources` are (points (s, n, 3), normals (s, n, 3), planar (s, n)) in the camera frames, and
-    T_world_camera as R (s, 3, 3), t (s, 3). The surface has to lie within `gate` metres and to face
-    the same way.
+    surfaces: ScanSurfaces
+    """World frame."""
+    labels: NDArray[np.int32]
+    """Shape (n,): patch of each pixel, -1 for none."""
+    planes: PixelPlanes
+    """The target's plane that each pixel should see."""
+    optical_axis: Array
+    """Shape (3,): world frame."""
+    lateral_ratio: float
+    """Of Eq. 1: error across the optical axis, as a fraction of that along it."""
+
+
+class PatchSources(NamedTuple):
+    """The keyframes that a scan is compared with."""
+
+    keyframes: KeyframeArrays
+    slots: NDArray[np.int64]
+    """Shape (k,): of the keyframes, in the order in which they are tried."""
+    used_pixels: NDArray[np.bool_]
+    """Shape (k, n): pixels that have been paired. Each serves once, or its error would count
+    twice."""
+
+
+class AssociationGates(NamedTuple):
+    """When a pixel is paired with a surface."""
+
+    max_distance: float
+    """Metres between the two points."""
+    gate_std: float
+    """Metres, added to each pixel's deviation in square, while associations still change."""
+
+
+@kernel
+def associate(
+    p: Array,
+    normal: Array,
+    slot: int,
+    keyframes: KeyframeArrays,
+    intrinsics: PinholeIntrinsics,
+    max_distance: float,
+) -> int:
+    """Pixel of a keyframe that measured the surface at p (3,), world frame; -1 for none.
+
+    The surface has to lie within a distance in metres, with a similar normal (3,).
     """
-    points, normals, planar, R, t = sources
-    width, height, left, top = intrinsics
+    surfaces, R, t = keyframes
+    width, height, tan_x, tan_y = intrinsics
+    s = slot
     dx, dy, dz = p[0] - t[s, 0], p[1] - t[s, 1], p[2] - t[s, 2]
     x = R[s, 0, 0] * dx + R[s, 1, 0] * dy + R[s, 2, 0] * dz
-    if x < 0.1:
+    if x < _MIN_DEPTH:
         return -1
     y = R[s, 0, 1] * dx + R[s, 1, 1] * dy + R[s, 2, 1] * dz
     z = R[s, 0, 2] * dx + R[s, 1, 2] * dy + R[s, 2, 2] * dz
-    column = 0.5 * width * (1.0 - y / (x * left))
-    row = 0.5 * height * (1.0 - z / (x * top))
+    column = 0.5 * width * (1.0 - y / (x * tan_x))
+    row = 0.5 * height * (1.0 - z / (x * tan_y))
     if column < 0.0 or row < 0.0 or column >= width or row >= height:
         return -1
     m = int(row) * width + int(column)
-    if not planar[s, m]:
+    if not surfaces.planar[s, m]:
         return -1
-    q = points[s, m]
-    if (q[0] - x) ** 2 + (q[1] - y) ** 2 + (q[2] - z) ** 2 > gate * gate:
+    q = surfaces.points[s, m]
+    if (q[0] - x) ** 2 + (q[1] - y) ** 2 + (q[2] - z) ** 2 > max_distance * max_distance:
         return -1
-    n = normals[s, m]
+    n = surfaces.normals[s, m]
     cosine = 0.0
     for i in range(3):
-        turned = R[s, 0, i] * normal[0] + R[s, 1, i] * normal[1] + R[s, 2, i] * normal[2]
-        cosine += n[i] * turned
+        in_camera = R[s, 0, i] * normal[0] + R[s, 1, i] * normal[1] + R[s, 2, i] * normal[2]
+        cosine += n[i] * in_camera
     return m if cosine >= MIN_NORMAL_COSINE else -1
 
 
-@njit(cache=True, nogil=True)
-def count_overlap(points, normals, planar, step, slots, sources, intrinsics, gate, counts):
-    """Fill how many of the pixels, one in `step`, each of the sources (k,) saw too."""
+@kernel
+def count_overlap(
+    surfaces: ScanSurfaces,
+    stride: int,
+    slots: NDArray[np.int64],
+    keyframes: KeyframeArrays,
+    intrinsics: PinholeIntrinsics,
+    max_distance: float,
+    counts: NDArray[np.int64],
+) -> None:
+    """Fill how many pixels, one in `stride`, each of the keyframes (k,) measured too.
+
+    The surfaces are in the world frame.
+    """
+    points, normals = surfaces.points, surfaces.normals
     for i in range(len(slots)):
         counts[i] = 0
-        for k in range(0, len(points), step):
-            if planar[k]:
-                counts[i] += (
-                    associate(points[k], normals[k], slots[i], sources, intrinsics, gate) >= 0
-                )
+        for k in range(0, len(points), stride):
+            if surfaces.planar[k]:
+                m = associate(points[k], normals[k], slots[i], keyframes, intrinsics, max_distance)
+                counts[i] += m >= 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def accumulate_patches(
-    points, normals, planar, normal_variances, deviations, axis, lateral, labels, target_planes,
-    slots, sources, source_normal_variances, source_deviations, intrinsics, gates, used_pixels, sums,
-):  # fmt: skip
-    """Add each labelled pixel to its patch: `sums` (labels, 1 + sources, 18), zeros at first.
-
-    Parameters
-    ----------
-    points, normals : (n, 3)
-        Of the present look, world frame.
-    planar, tilts : (n,)
-        See `SurfaceNormals`.
-    deviations : (n,)
-        S T_depth d^n of Eq. 1, metres.
-    axis : (3,)
-        The camera's optical axis in the world frame.
-    lateral : float
-        Of Eq. 1: error across the axis as a share of that along it.
-    labels : (n,)
-        Patch of each pixel; -1 for none.
-    known : (n, 6)
-        Normal and point of the target's surface that each pixel should see; normal 0 for none.
-    slots : (k,)
-        Earlier looks, as numbers of sources, the first to be asked first.
-    sources, source_tilts, source_deviations
-        See `associate`; tilts and deviations (s, n).
-    gates : (2,)
-        Metres within which surfaces are looked for, and what is added to each pixel's deviation
-        (in squares) while they are still to be found.
-    taken : (k, n)
-        Zeros: marks pixels of sources, of which each serves once, or its error would count twice.
-    sums
-        Per patch and source (0 is what is known): information matrix (9), information times
-        displacement (3), point times weight (3), weight, tilt variance times weight, count.
-    """
-    source_points, source_normals, _, R, t = sources
-    n = np.empty(3)
-    for k in range(len(points)):
+    scan: PatchScan,
+    sources: PatchSources,
+    intrinsics: PinholeIntrinsics,
+    gates: AssociationGates,
+    sums: PatchSums,
+) -> None:
+    """Add each labelled pixel to its patch; the sums are zero at first."""
+    surfaces, labels, planes = scan.surfaces, scan.labels, scan.planes
+    n, plane_normals = np.empty(3), planes.normals
+    for k in range(len(labels)):
         patch = labels[k]
         if patch < 0:
             continue
-        p = points[k]
-        source, column, m = -2, TARGET_SOURCE, -1
-        if target_planes[k, 0] != 0.0 or target_planes[k, 1] != 0.0 or target_planes[k, 2] != 0.0:
-            source = TARGET_SOURCE
-        elif planar[k]:
-            for i in range(len(slots)):
-                m = associate(p, normals[k], slots[i], sources, intrinsics, gates[0])
-                if m >= 0 and not used_pixels[i, m]:
-                    source, column = slots[i], i
-                    break
-        if source == -2:
+        p = surfaces.points[k]
+        slot, column, m = _NO_SOURCE, TARGET_SOURCE, -1
+        on_target = (
+            plane_normals[k, 0] != 0.0 or plane_normals[k, 1] != 0.0 or plane_normals[k, 2] != 0.0
+        )
+        if on_target:
+            slot = TARGET_SOURCE
+        elif surfaces.planar[k]:
+            slot, column, m = _find_source(scan, k, sources, intrinsics, gates.max_distance)
+        if slot == _NO_SOURCE:
             continue
-        e, across, length = 0.0, 0.0, 0.0
-        if source == TARGET_SOURCE:
-            for i in range(3):
-                n[i] = target_planes[k, i]
-                e += n[i] * (target_planes[k, 3 + i] - p[i])
+        if on_target:
+            e = _target_residual(planes, k, p, n)
         else:
-            # both looks' normals are noisy: their mean is half as much so
-            for i in range(3):
-                n[i] = normals[k, i]
-                for j in range(3):
-                    n[i] += R[source, i, j] * source_normals[source, m, j]
-                length += n[i] * n[i]
-            length = math.sqrt(length)
-            for i in range(3):
-                n[i] /= length
-                q = t[source, i]
-                for j in range(3):
-                    q += R[source, i, j] * source_points[source, m, j]
-                e += n[i] * (q - p[i])
-        for i in range(3):
-            across += n[i] * axis[i]
-        across *= across
-        variance = deviations[k] ** 2 * (across + lateral * lateral * (1.0 - across))
-        tilt = 0.0
-        if source != TARGET_SOURCE:
-            d = source_deviations[source, m]
-            across = 0.0
-            for i in range(3):
-                across += n[i] * R[source, i, 0]
-            across *= across
-            variance += d * d * (across + lateral * lateral * (1.0 - across))
-            tilt = 0.25 * (normal_variances[k] + source_normal_variances[source, m])
-        variance = max(variance, MIN_VARIANCE) + gates[1] * gates[1]
-        if abs(e) > 3.0 * math.sqrt(variance):
+            e = _keyframe_residual(scan, k, sources.keyframes, slot, m, n)
+        variance = _point_variance(surfaces.deviations[k], n, scan.optical_axis, scan.lateral_ratio)
+        normal_variance = 0.0
+        if not on_target:
+            keyframes = sources.keyframes
+            deviation = keyframes.surfaces.deviations[slot, m]
+            axis = keyframes.rotations[slot, :, 0]
+            variance += _point_variance(deviation, n, axis, scan.lateral_ratio)
+            normal_variance = 0.25 * (
+                surfaces.normal_variances[k] + keyframes.surfaces.normal_variances[slot, m]
+            )
+        variance = max(variance, MIN_VARIANCE) + gates.gate_std * gates.gate_std
+        if abs(e) > _GATE_SIGMAS * math.sqrt(variance):
             continue
-        if source != TARGET_SOURCE:
-            used_pixels[column, m] = True
-        w = 1.0 / variance
-        total = sums[patch, column + 1]
-        for i in range(3):
-            for j in range(3):
-                total[3 * i + j] += w * n[i] * n[j]
-            total[9 + i] += w * e * n[i]
-            total[12 + i] += w * p[i]
-        total[15] += w
-        total[16] += w * tilt
-        total[17] += 1.0
+        if not on_target:
+            sources.used_pixels[column, m] = True
+        _add_pixel(sums, patch, column + 1, n, p, e, 1.0 / variance, normal_variance)
+
+
+@kernel
+def _find_source(
+    scan: PatchScan,
+    k: int,
+    sources: PatchSources,
+    intrinsics: PinholeIntrinsics,
+    max_distance: float,
+) -> tuple[int, int, int]:
+    """Slot, index and pixel of the first keyframe with a free pixel for pixel k of a scan."""
+    p, normal = scan.surfaces.points[k], scan.surfaces.normals[k]
+    for i in range(len(sources.slots)):
+        slot = sources.slots[i]
+        m = associate(p, normal, slot, sources.keyframes, intrinsics, max_distance)
+        if m >= 0 and not sources.used_pixels[i, m]:
+            return slot, i, m
+    return _NO_SOURCE, TARGET_SOURCE, -1
+
+
+@kernel
+def _target_residual(planes: PixelPlanes, k: int, p: Array, n: Array) -> float:
+    """Residual of a point on the target's plane, whose normal is written to n."""
+    e = 0.0
+    for i in range(3):
+        n[i] = planes.normals[k, i]
+        e += n[i] * (planes.points[k, i] - p[i])
+    return e
+
+
+@kernel
+def _keyframe_residual(
+    scan: PatchScan, k: int, keyframes: KeyframeArrays, slot: int, m: int, n: Array
+) -> float:
+    """Residual of pixel k from pixel m of a keyframe, along the normal that is written to n.
+
+    The normals of both scans are noisy: the variance of their mean is half as large.
+    """
+    (points, normals, _, _, _), R, t = keyframes
+    p = scan.surfaces.points[k]
+    e, length = 0.0, 0.0
+    for i in range(3):
+        n[i] = scan.surfaces.normals[k, i]
+        for j in range(3):
+            n[i] += R[slot, i, j] * normals[slot, m, j]
+        length += n[i] * n[i]
+    length = math.sqrt(length)
+    for i in range(3):
+        n[i] /= length
+        q = t[slot, i]
+        for j in range(3):
+            q += R[slot, i, j] * points[slot, m, j]
+        e += n[i] * (q - p[i])
+    return e
+
+
+@kernel
+def _point_variance(deviation: float, n: Array, axis: Array, lateral_ratio: float) -> float:
+    """Variance (Eq. 1) of a point along n (3,), by its deviation along the optical axis (3,)."""
+    along = 0.0
+    for i in range(3):
+        along += n[i] * axis[i]
+    along *= along
+    return deviation**2 * (along + lateral_ratio * lateral_ratio * (1.0 - along))
+
+
+@kernel
+def _add_pixel(
+    sums: PatchSums,
+    patch: int,
+    source: int,
+    n: Array,
+    p: Array,
+    e: float,
+    w: float,
+    normal_variance: float,
+) -> None:
+    """Add one pixel with weight w to the sums of a patch and source."""
+    information, vector = sums.information[patch, source], sums.vector[patch, source]
+    position = sums.position[patch, source]
+    for i in range(3):
+        for j in range(3):
+            information[i, j] += w * n[i] * n[j]
+        vector[i] += w * e * n[i]
+        position[i] += w * p[i]
+    sums.weight[patch, source] += w
+    sums.normal_variance[patch, source] += w * normal_variance
+    sums.n_pixels[patch, source] += 1.0

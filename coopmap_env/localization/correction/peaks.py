@@ -1,32 +1,116 @@
-"""Kernels of fiducials: the peaks in view, spherical expansion around them, the best of them.
+"""Kernels that select fiducials: the map's peaks in view, their balls, the best of them.
 
-Lengths and positions are in cells, positions from the grid's lower corner; surface information is
-the map's, in metres.
+Lengths and positions are in cells, positions from the grid's lower corner; precisions and
+information vectors are the map's, in metres.
 """
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import kernel
+from coopmap_env.mapping import MapArrays
 from coopmap_env.mapping.line_of_sight import has_line_of_sight
+
+Array = NDArray[np.float64]
+Cells = NDArray[np.int64]
+Shape = tuple[int, int, int]
 
 HALF_DIAGONAL = math.sqrt(3.0) / 2.0
 """Cells: half the diagonal of a voxel, by which its surface point may lie off its centre."""
 
 
-@lru_cache(maxsize=8)
-def ball_offsets(
-    radius: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Voxels (m, 3) around a peak at (0, 0, 0), those a step nearer, and distances (m,), sorted.
+class PeakMap(NamedTuple):
+    """What peaks are found in."""
 
-    The step leads along the straight way to the peak, over a face, an edge or a corner. Voxels
-    further than `radius`, in cells, are left out.
+    occupancy: MapArrays
+    probability: Array
+    """Probability of each log-odds in fixed point, from the lowest on."""
+    precision: Array
+    """Shape (n_cells, 3, 3): see `OccupancyMap.precision`."""
+    information_vector: Array
+    """Shape (n_cells, 3): see `OccupancyMap.information_vector`."""
+    resolution: float
+    """Edge of a cell, metres."""
+
+
+class Frustum(NamedTuple):
+    """What a camera can see: a pyramid between two spheres."""
+
+    rotation: Array
+    """Shape (3, 3): of the camera, x is the optical axis."""
+    position: Array
+    """Shape (3,): cells."""
+    tan_x: float
+    tan_y: float
+    """Tangents of half the fields of view."""
+    near: float
+    far: float
+    """Cells from the camera."""
+
+
+class BallOffsets(NamedTuple):
+    """Voxels around a peak at (0, 0, 0), sorted by distance."""
+
+    offsets: Cells
+    """Shape (m, 3)."""
+    inner: Cells
+    """Shape (m, 3): of each, the voxel one step nearer to the peak."""
+    distances: Array
+    """Shape (m,): cells from the peak."""
+
+
+class BallLimits(NamedTuple):
+    """How far a ball around a peak extends."""
+
+    voxels: BallOffsets
+    min_rise: float
+    """Probability by which a value must exceed that of its inner neighbour to end the ball."""
+    max_radius: float
+    """Cells."""
+
+
+class SelectionLimits(NamedTuple):
+    """Which peaks become fiducials."""
+
+    min_log_odds: int
+    """In fixed point."""
+    border_fraction: float
+    """Of the half field of view, at its edge, where no new ones are selected."""
+    min_spacing: float
+    """Cells between new ones and all others."""
+    occlusion_tolerance: float
+    """Cells in front of a fiducial in which occupied voxels do not hide it."""
+
+
+class SelectedPeaks(NamedTuple):
+    """Arrays for k fiducials, to be filled; see `Fiducials`."""
+
+    cells: Cells
+    positions: Array
+    """Shape (k, 3): cells."""
+    covariances: Array
+    radii: Array
+    """Shape (k,): cells."""
+    scores: Array
+
+    @classmethod
+    def empty(cls, k: int) -> SelectedPeaks:
+        """Arrays with room for k fiducials."""
+        cells = np.empty(k, dtype=np.int64)
+        return cls(cells, np.empty((k, 3)), np.empty((k, 3, 3)), np.empty(k), np.empty(k))
+
+
+@lru_cache(maxsize=8)
+def ball_offsets(radius: float) -> BallOffsets:
+    """Voxels up to a radius in cells around a peak.
+
+    The step inwards leads along the straight line to the peak, over a face, an edge or a corner.
     """
     reach = math.floor(radius)
     axis = np.arange(-reach, reach + 1)
@@ -36,94 +120,152 @@ def ball_offsets(
     offsets = offsets[inside][np.argsort(squares[inside], kind="stable")]
     longest = np.abs(offsets).max(axis=1, keepdims=True)
     inner = offsets - np.sign(offsets) * (2 * np.abs(offsets) >= longest)
-    return offsets, inner, np.sqrt((offsets**2).sum(axis=1))
+    return BallOffsets(offsets, inner, np.sqrt((offsets**2).sum(axis=1)))
 
 
-@njit(cache=True, nogil=True)
-def _ball_radius(log_odds_fixed, shape, probability, cell, neighbourhood, min_rise, max_radius):
+@kernel
+def select_peaks(
+    map_: PeakMap,
+    frustum: Frustum,
+    ball: BallLimits,
+    limits: SelectionLimits,
+    previous: Cells,
+    selected: SelectedPeaks,
+) -> int:
+    """Fill the arrays of the selected fiducials, up to their length; return how many.
+
+    Previous ones come first, in their order, while they are peaks in view; then the best new ones.
+    """
+    log_odds = map_.occupancy.log_odds_fixed
+    cells, positions, covariances, radii, scores = selected
+    capacity, count = len(cells), 0
+    tolerance = limits.occlusion_tolerance
+    for cell in previous:
+        if count == capacity or log_odds[cell] < limits.min_log_odds:
+            continue
+        if map_.precision[cell, 0, 0] <= 0.0 or not _is_peak(map_, cell, False):
+            continue
+        point = positions[count]
+        radius, score = _score_peak(map_, frustum, ball, 0.0, cell, point, covariances[count])
+        if score > 0.0 and has_line_of_sight(map_.occupancy, frustum.position, point, tolerance):
+            cells[count], radii[count], scores[count] = cell, radius, score
+            count += 1
+    if count == capacity:
+        return count
+    new_cells, new_radii, new_scores = _peaks_in_view(map_, frustum, ball, limits)
+    # stable, so that equals stay in the order of their cells
+    for best in np.argsort(-new_scores, kind="mergesort"):
+        if count == capacity:
+            break
+        cell, point = new_cells[best], positions[count]
+        _surface_point(map_, cell, point, covariances[count])
+        if _is_separate(selected, count, cell, point, limits.min_spacing) and has_line_of_sight(
+            map_.occupancy, frustum.position, point, tolerance
+        ):
+            cells[count], radii[count], scores[count] = cell, new_radii[best], new_scores[best]
+            count += 1
+    return count
+
+
+@kernel
+def _peaks_in_view(
+    map_: PeakMap, frustum: Frustum, ball: BallLimits, limits: SelectionLimits
+) -> tuple[Cells, Array, Array]:
+    """Cells of all peaks in view, ascending, hidden or not, their radii and scores."""
+    cells = np.empty(map_.occupancy.log_odds_fixed.size, dtype=np.int64)
+    n = _hit_voxels(map_, frustum, limits.min_log_odds, cells)
+    radii, scores = np.empty(n), np.empty(n)
+    point, covariance = np.empty(3), np.empty((3, 3))
+    count = 0
+    for cell in cells[:n]:
+        if _is_peak(map_, cell, True):
+            radius, score = _score_peak(
+                map_, frustum, ball, limits.border_fraction, cell, point, covariance
+            )
+            if score > 0.0:
+                cells[count], radii[count], scores[count] = cell, radius, score
+                count += 1
+    return cells[:count], radii[:count], scores[:count]
+
+
+@kernel
+def _score_peak(
+    map_: PeakMap,
+    frustum: Frustum,
+    ball: BallLimits,
+    border: float,
+    cell: int,
+    point: Array,
+    covariance: Array,
+) -> tuple[float, float]:
+    """Write the surface point and its covariance; radius of the ball and score, 0 out of view."""
+    _surface_point(map_, cell, point, covariance)
+    distance = _distance_in_view(point, frustum, border)
+    if distance == math.inf:
+        return 0.0, 0.0
+    radius = _ball_radius(map_, cell, ball)
+    log_odds = map_.occupancy.log_odds_fixed[cell]
+    return radius, radius * map_.probability[log_odds + map_.occupancy.clamp] / distance
+
+
+@kernel
+def _ball_radius(map_: PeakMap, cell: int, ball: BallLimits) -> float:
     """Spherical expansion: distance of the nearest voxel that increases, cells, or `max_radius`.
 
-    What lies beyond the map is not known, so a ball ends there too.
+    Voxels beyond the map are unknown, so a ball ends there too.
     """
-    nx, ny, nz = shape
-    offsets, inner, distances = neighbourhood
-    clamp = len(probability) // 2
+    levels, _, (nx, ny, nz), clamp = map_.occupancy
+    (offsets, inner, distances), min_rise, max_radius = ball
     i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
     for m in range(len(distances)):
         x, y, z = i + offsets[m, 0], j + offsets[m, 1], k + offsets[m, 2]
         if not (0 <= x < nx and 0 <= y < ny and 0 <= z < nz):
             return distances[m]
-        outer = log_odds_fixed[(x * ny + y) * nz + z]
-        nearer = log_odds_fixed[((i + inner[m, 0]) * ny + j + inner[m, 1]) * nz + k + inner[m, 2]]
+        outer = levels[(x * ny + y) * nz + z]
+        nearer = levels[((i + inner[m, 0]) * ny + j + inner[m, 1]) * nz + k + inner[m, 2]]
         if outer > nearer:  # noqa: SIM102 - nested is faster
-            if probability[outer + clamp] - probability[nearer + clamp] > min_rise:
+            if map_.probability[outer + clamp] - map_.probability[nearer + clamp] > min_rise:
                 return distances[m]
     return max_radius
 
 
-@njit(cache=True, nogil=True)
-def _trace(precision, cell):
-    """How well the surface in a voxel is known; 0 without one."""
+@kernel
+def _trace(precision: Array, cell: int) -> float:
+    """Trace of the precision of a voxel's surface point; 0 without one."""
     return precision[cell, 0, 0] + precision[cell, 1, 1] + precision[cell, 2, 2]
 
 
-@njit(cache=True, nogil=True)
-def _is_peak(log_odds_fixed, precision, shape, cell, unique):
-    """Whether none of the 26 neighbours is above; with `unique`, none is equal and known better."""
-    nx, ny, nz = shape
+@kernel
+def _is_peak(map_: PeakMap, cell: int, unique: bool) -> bool:
+    """Whether no neighbour of 26 is above; with `unique`, none is equal and known better."""
+    levels, _, (nx, ny, nz), _ = map_.occupancy
     i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
-    level = log_odds_fixed[cell]
-    precision_trace = _trace(precision, cell)
+    level = levels[cell]
+    own_trace = _trace(map_.precision, cell)
     for x in range(max(i - 1, 0), min(i + 2, nx)):
         for y in range(max(j - 1, 0), min(j + 2, ny)):
             for z in range(max(k - 1, 0), min(k + 2, nz)):
                 other = (x * ny + y) * nz + z
-                if log_odds_fixed[other] > level:
+                if levels[other] > level:
                     return False
-                if unique and log_odds_fixed[other] == level and other != cell:
-                    trace = _trace(precision, other)
-                    if trace > precision_trace or (trace == precision_trace and other < cell):
+                if unique and levels[other] == level and other != cell:
+                    trace = _trace(map_.precision, other)
+                    if trace > own_trace or (trace == own_trace and other < cell):
                         return False
     return True
 
 
-@njit(cache=True, nogil=True)
-def _first_column(low, position, reach, axis):
-    """First column whose centre is inside the frustum's box and sphere along an axis."""
-    return max(0, math.ceil(max(low[axis] - HALF_DIAGONAL, position[axis] - reach) - 0.5))
-
-
-@njit(cache=True, nogil=True)
-def _end_column(high, position, reach, axis, n):
-    """One past the last such column."""
-    return min(n, math.floor(min(high[axis] + HALF_DIAGONAL, position[axis] + reach) - 0.5) + 1)
-
-
-@njit(cache=True, nogil=True)
-def _hit_voxels(log_odds_fixed, precision, shape, R, position, frustum, min_level, cells):
-    """Write the likely hit voxels around the frustum, in order; return how many."""
-    nx, ny, nz = shape
-    a, b, _, far = frustum
-    reach = far + HALF_DIAGONAL
-    # inward normals of the four planes; the box around the apex and the corners
-    planes = np.empty((4, 3))
-    low, high = position.copy(), position.copy()
-    for q in range(4):
-        s, t = 1.0 - 2.0 * (q % 2), 1.0 - 2.0 * (q // 2)
-        for axis in range(3):
-            corner = position[axis] + reach * (R[axis, 0] + s * a * R[axis, 1] + t * b * R[axis, 2])
-            low[axis], high[axis] = min(low[axis], corner), max(high[axis], corner)
-            side = s * R[axis, 1] if q < 2 else s * R[axis, 2]
-            tangent = a if q < 2 else b
-            planes[q, axis] = (tangent * R[axis, 0] + side) / math.sqrt(1.0 + tangent * tangent)
+@kernel
+def _hit_voxels(map_: PeakMap, frustum: Frustum, min_log_odds: int, cells: Cells) -> int:
+    """Write the likely voxels with surface points in the frustum, ascending; return how many."""
+    levels, _, (nx, ny, nz), _ = map_.occupancy
+    position, reach = frustum.position, frustum.far + HALF_DIAGONAL
+    planes, low, high = np.empty((4, 3)), position.copy(), position.copy()
+    _side_planes(frustum, reach, planes, low, high)
     count = 0
-    for i in range(
-        _first_column(low, position, reach, 0), _end_column(high, position, reach, 0, nx)
-    ):
+    for i in range(_first_column(low, position, reach, 0), _end(high, position, reach, 0, nx)):
         dx = i + 0.5 - position[0]
-        for j in range(
-            _first_column(low, position, reach, 1), _end_column(high, position, reach, 1, ny)
-        ):
+        for j in range(_first_column(low, position, reach, 1), _end(high, position, reach, 1, ny)):
             dy = j + 0.5 - position[1]
             rest = reach * reach - dx * dx - dy * dy
             if rest < 0.0:
@@ -145,16 +287,44 @@ def _hit_voxels(log_odds_fixed, precision, shape, R, position, frustum, min_leve
             last = min(nz - 1, math.floor(top + position[2] - 0.5))
             column = (i * ny + j) * nz
             for cell in range(column + first, column + last + 1):
-                if log_odds_fixed[cell] >= min_level and precision[cell, 0, 0] > 0.0:
+                if levels[cell] >= min_log_odds and map_.precision[cell, 0, 0] > 0.0:
                     cells[count] = cell
                     count += 1
     return count
 
 
-@njit(cache=True, nogil=True)
-def _surface_point(precision, vector, cell, shape, resolution, point, covariance):
-    """Write the merged surface point of a hit voxel, in cells, and its covariance (Eqs. 2, 4)."""
-    P = precision[cell]
+@kernel
+def _side_planes(frustum: Frustum, reach: float, planes: Array, low: Array, high: Array) -> None:
+    """Fill the inward normals (4, 3) of the sides; extend the box (3,), (3,) to their corners."""
+    R, position = frustum.rotation, frustum.position
+    a, b = frustum.tan_x, frustum.tan_y
+    for q in range(4):
+        s, t = 1.0 - 2.0 * (q % 2), 1.0 - 2.0 * (q // 2)
+        for axis in range(3):
+            corner = position[axis] + reach * (R[axis, 0] + s * a * R[axis, 1] + t * b * R[axis, 2])
+            low[axis], high[axis] = min(low[axis], corner), max(high[axis], corner)
+            side = s * R[axis, 1] if q < 2 else s * R[axis, 2]
+            tangent = a if q < 2 else b
+            planes[q, axis] = (tangent * R[axis, 0] + side) / math.sqrt(1.0 + tangent * tangent)
+
+
+@kernel
+def _first_column(low: Array, position: Array, reach: float, axis: int) -> int:
+    """First column whose centre is inside the frustum's box and sphere along an axis."""
+    return max(0, math.ceil(max(low[axis] - HALF_DIAGONAL, position[axis] - reach) - 0.5))
+
+
+@kernel
+def _end(high: Array, position: Array, reach: float, axis: int, n: int) -> int:
+    """One past the last such column."""
+    return min(n, math.floor(min(high[axis] + HALF_DIAGONAL, position[axis] + reach) - 0.5) + 1)
+
+
+@kernel
+def _surface_point(map_: PeakMap, cell: int, point: Array, covariance: Array) -> None:
+    """Write the merged surface point of a voxel, in cells, and its covariance (Eqs. 2, 4)."""
+    shape = map_.occupancy.shape
+    P = map_.precision[cell]
     for m in range(3):
         a, b = (m + 1) % 3, (m + 2) % 3
         for n in range(3):
@@ -170,122 +340,34 @@ def _surface_point(precision, vector, cell, shape, resolution, point, covariance
     point[2] = cell % shape[2] + 0.5
     for m in range(3):
         for n in range(3):
-            point[m] += covariance[m, n] * vector[cell, n] / resolution
+            point[m] += covariance[m, n] * map_.information_vector[cell, n] / map_.resolution
 
 
-@njit(cache=True, nogil=True)
-def _distance_in_view(point, R, position, frustum, border):
+@kernel
+def _distance_in_view(point: Array, frustum: Frustum, border: float) -> float:
     """Distance to a point in the field of view less its border, and in range; else infinity."""
-    a, b, near, far = frustum
+    R, position, tan_x, tan_y, near, far = frustum
     dx, dy, dz = point[0] - position[0], point[1] - position[1], point[2] - position[2]
     x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
     y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
     z = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
     width = (1.0 - border) * x
-    if x > 0.0 and abs(y) <= a * width and abs(z) <= b * width and near <= distance <= far:
-        return distance
-    return math.inf
+    in_view = x > 0.0 and abs(y) <= tan_x * width and abs(z) <= tan_y * width
+    return distance if in_view and near <= distance <= far else math.inf
 
 
-@njit(cache=True, nogil=True)
-def _is_separate(cells, positions, count, cell, point, spacing):
-    """Whether a fiducial is none of the first `count` ones and keeps its distance from them."""
+@kernel
+def _is_separate(
+    selected: SelectedPeaks, count: int, cell: int, point: Array, spacing: float
+) -> bool:
+    """Whether a peak is none of the first `count` fiducials and keeps its distance from them."""
     for m in range(count):
-        if cells[m] == cell:
+        if selected.cells[m] == cell:
             return False
         square = 0.0
         for axis in range(3):
-            square += (positions[m, axis] - point[axis]) ** 2
+            square += (selected.positions[m, axis] - point[axis]) ** 2
         if square < spacing * spacing:
             return False
     return True
-
-
-@njit(cache=True, nogil=True)
-def _score_peak(map_arrays, view, ball_limits, border, cell, point, covariance):
-    """Write the surface point and its covariance; radius of the ball and score, 0 out of view."""
-    log_odds_fixed, _, precision, vector, shape, resolution = map_arrays
-    R, position, frustum = view
-    probability, neighbourhood, min_rise, max_radius = ball_limits
-    _surface_point(precision, vector, cell, shape, resolution, point, covariance)
-    distance = _distance_in_view(point, R, position, frustum, border)
-    if distance == math.inf:
-        return 0.0, 0.0
-    radius = _ball_radius(
-        log_odds_fixed, shape, probability, cell, neighbourhood, min_rise, max_radius
-    )
-    return radius, radius * probability[log_odds_fixed[cell] + len(probability) // 2] / distance
-
-
-@njit(cache=True, nogil=True)
-def _peaks_in_view(map_arrays, view, ball_limits, min_level, border):
-    """Cells of all peaks in view, in order, whether hidden or not, their radii and scores."""
-    log_odds_fixed, _, precision, _, shape, _ = map_arrays
-    R, position, frustum = view
-    cells = np.empty(log_odds_fixed.size, dtype=np.int64)
-    n = _hit_voxels(log_odds_fixed, precision, shape, R, position, frustum, min_level, cells)
-    radii, scores = np.empty(n), np.empty(n)
-    point, covariance = np.empty(3), np.empty((3, 3))
-    count = 0
-    for cell in cells[:n]:
-        if _is_peak(log_odds_fixed, precision, shape, cell, True):
-            radius, score = _score_peak(
-                map_arrays, view, ball_limits, border, cell, point, covariance
-            )
-            if score > 0.0:
-                cells[count], radii[count], scores[count] = cell, radius, score
-                count += 1
-    return cells[:count], radii[:count], scores[:count]
-
-
-@njit(cache=True, nogil=True)
-def select_peaks(
-    map_arrays, view, ball_limits, min_level, border, spacing, occlusion_tolerance, previous,
-    cells, positions, covariances, radii, scores,
-):  # fmt: skip
-    """Fill the arrays of the chosen fiducials, at most as many as they have room; return how many.
-
-    `map_arrays` is (levels, sampled, precision, vector, shape, resolution) of the map; `view` (R,
-    position, (both tangents, near, far)) of a camera in the grid; `ball_limits` (the map's table of
-    probabilities, `ball_offsets` of the largest radius, least rise, largest radius); `min_level` a level.
-    `positions` and `radii` are filled in cells.
-    """
-    log_odds_fixed, sampled, precision, vector, shape, resolution = map_arrays
-    position = view[1]
-    capacity, count = len(cells), 0
-    for cell in previous:
-        if count == capacity or log_odds_fixed[cell] < min_level or precision[cell, 0, 0] <= 0.0:
-            continue
-        if not _is_peak(log_odds_fixed, precision, shape, cell, False):
-            continue
-        point = positions[count]
-        radius, score = _score_peak(
-            map_arrays, view, ball_limits, 0.0, cell, point, covariances[count]
-        )
-        if score > 0.0 and has_line_of_sight(
-            log_odds_fixed, sampled, shape, position, point, occlusion_tolerance
-        ):
-            cells[count], radii[count], scores[count] = cell, radius, score
-            count += 1
-    if count == capacity:
-        return count
-    candidate_cells, candidate_radii, candidate_scores = _peaks_in_view(
-        map_arrays, view, ball_limits, min_level, border
-    )
-    # stable, so that equals stay in the order of their numbers
-    for best in np.argsort(-candidate_scores, kind="mergesort"):
-        if count == capacity:
-            break
-        cell, point = candidate_cells[best], positions[count]
-        _surface_point(precision, vector, cell, shape, resolution, point, covariances[count])
-        if _is_separate(cells, positions, count, cell, point, spacing) and has_line_of_sight(
-            log_odds_fixed, sampled, shape, position, point, occlusion_tolerance
-        ):
-            cells[count], radii[count], scores[count] = (
-                cell,
-                candidate_radii[best],
-                candidate_scores[best],
-            )
-            count += 1
-    return count

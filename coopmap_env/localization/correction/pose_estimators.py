@@ -1,16 +1,17 @@
-"""Identification of a camera's pose from fiducials: Eqs. 10 to 13, and rigid solutions beside them.
+"""Estimators of a camera's pose from fiducials: Eqs. 10 to 13, and rigid solutions.
 
-A fiducial stands at r_i in the base frame, and its image point (u_i, v_i) with the scale k_i gives
+A fiducial has the position r_i in the base frame, and its image point (u_i, v_i) with the scale k_i
+gives
 
     k_i (f, u_i, v_i) = R_01 r_i + x                                            (Eqs. 10, 11)
 
-in the camera frame; our optical axis is the first one. g_01 = [R_01 x] leads from the base frame
-into that of the camera, so the camera's pose is its inverse.
+in the camera frame; our optical axis is the first one. g_01 = [R_01 x] maps the base frame to the
+camera frame, so the camera's pose is its inverse.
 
-The paper takes the nine entries of R_01 for independent unknowns (Eq. 12). Where errors are small
-that is as good as it is simple, but it needs four points that are not in one plane, and weighs all
-points and all directions alike. `rigid_pose` knows that R_01 is a rotation (Umeyama 1991);
-`gaussian_pose` knows in which directions each fiducial is how well known, too.
+The paper treats the nine entries of R_01 as independent unknowns (Eq. 12). With small errors that
+is simple and accurate enough, but it needs four points that are not in one plane, and weights all
+points and all directions equally. `rigid_pose` requires R_01 to be a rotation (Umeyama 1991);
+`gaussian_pose` also weights each fiducial by its information matrix.
 """
 
 from __future__ import annotations
@@ -26,18 +27,18 @@ from coopmap_env.robots import PoseEstimate
 Array = NDArray[np.float64]
 
 MIN_EIGENVALUE_RATIO = 1e-6
-"""Of the points' scatter: least share of its smallest eigenvalue in the largest for points that
-are not in one plane, and of its middle one for points that are not in one line."""
+"""Ratio of eigenvalues of the points' scatter: with a smaller ratio of smallest to largest they are
+in one plane, with a smaller ratio of middle to largest in one line."""
 
 
 class DegenerateGeometryError(ValueError):
-    """Fiducials from which the pose does not follow: too few, in one line or in one plane."""
+    """Fiducials that do not determine the pose: too few, in one line or in one plane."""
 
 
 def back_project(image_points: ArrayLike, scales: ArrayLike, focal_length: float = 1.0) -> Array:
     """Eq. 10: k (f, u, v) of image points (m, 2) with their scales k (m,), shape (m, 3).
 
-    Of a stereo pair k is the depth over the focal length, that is the baseline over the disparity.
+    For a stereo pair k is depth over focal length, which is baseline over disparity.
     """
     uv = np.asarray(image_points, dtype=np.float64)
     f = np.full(len(uv), focal_length)
@@ -52,7 +53,7 @@ def linear_transform(base_points: ArrayLike, observed_points: ArrayLike) -> Arra
     base_points : array_like, shape (m, 3)
         r_i in the base frame, metres.
     observed_points : array_like, shape (m, 3)
-        k_i (f, u_i, v_i) in the camera frame, as of `back_project`: the columns of U.
+        k_i (f, u_i, v_i) in the camera frame, see `back_project`: the columns of U.
 
     Raises
     ------
@@ -65,7 +66,7 @@ def linear_transform(base_points: ArrayLike, observed_points: ArrayLike) -> Arra
             f"Eq. 12 needs four points that are not in one plane, got {len(r)}"
             f"{'' if len(r) < 4 else ' in a plane'}"
         )
-    # about the middle of the points, where the normal equations are well conditioned
+    # about the centroid of the points, where the normal equations are well conditioned
     centroid = r.mean(axis=0)
     R_tilde = np.column_stack([r - centroid, np.ones(len(r))]).T
     g = u.T @ R_tilde.T @ np.linalg.inv(R_tilde @ R_tilde.T)
@@ -74,21 +75,22 @@ def linear_transform(base_points: ArrayLike, observed_points: ArrayLike) -> Arra
 
 
 def pose_from_transform(g: Array) -> Pose:
-    """T_base_camera of g_01 (3, 4): the nearest rotation, and the translation that goes with it."""
+    """T_base_camera of g_01 (3, 4): the nearest rotation, and the translation that fits it."""
     R = nearest_rotation(g[:, :3])
     return Pose(-R.T @ g[:, 3], R.T)
 
 
 def linear_pose(base_points: ArrayLike, observed_points: ArrayLike) -> Pose:
-    """T_base_camera by Eq. 12 and the nearest rotation, which turns about the points' middle.
+    """T_base_camera by Eq. 12 and the nearest rotation, about the points' centroid.
 
-    The translation is taken anew for that rotation: with the one of g_01, what the nine entries
-    are off a rotation would move the camera by as much times its distance from the points.
+    The translation is computed again for that rotation. With the translation of g_01, the
+    difference of its nine entries from a rotation would move the camera by that times its distance
+    from the points.
 
     Raises
     ------
     DegenerateGeometryError
-        As of `linear_transform`.
+        See `linear_transform`.
     """
     r, u = _validated_pairs(base_points, observed_points)
     R = nearest_rotation(linear_transform(r, u)[:, :3])
@@ -96,7 +98,7 @@ def linear_pose(base_points: ArrayLike, observed_points: ArrayLike) -> Pose:
 
 
 class RecursiveMoments:
-    """Eq. 13: mean and covariance of values that come one after the other.
+    """Eq. 13: recursive mean and covariance of a series of values.
 
     mean_{i+1} = (i mean_i + x_{i+1}) / (i + 1), and the covariance (over i, not i - 1) by
 
@@ -109,11 +111,11 @@ class RecursiveMoments:
         self.covariance = np.zeros((dimension, dimension))
 
     def add(self, value: ArrayLike) -> None:
-        """Take in one more value (d,)."""
+        """Add one more value (d,)."""
         i = self.count
-        off = np.asarray(value, dtype=np.float64) - self.mean
-        self.covariance = i / (i + 1) * self.covariance + i / (i + 1) ** 2 * np.outer(off, off)
-        self.mean = self.mean + off / (i + 1)
+        d = np.asarray(value, dtype=np.float64) - self.mean
+        self.covariance = i / (i + 1) * self.covariance + i / (i + 1) ** 2 * np.outer(d, d)
+        self.mean = self.mean + d / (i + 1)
         self.count = i + 1
 
 
@@ -176,12 +178,12 @@ def rigid_pose(
 def consistent_subset(
     base_points: ArrayLike, observed_points: ArrayLike, deviations: ArrayLike, sigmas: float = 3.0
 ) -> NDArray[np.bool_]:
-    """Which fiducials have moved rigidly together, shape (m,): the others are outliers.
+    """Which fiducials moved as one rigid body, shape (m,); the others are outliers.
 
-    A rigid motion keeps all distances. Two fiducials agree if theirs has changed by no more than
-    its error; from the one that agrees with the most, fiducials are taken in the order of how many
-    they agree with, as long as each agrees with all that were taken before. (Maximum cliques of
-    such graphs: Bailey et al. 2000; the greedy one is found at once.)
+    A rigid motion keeps all distances. Two fiducials agree if their distance has changed by no more
+    than its error. Fiducials are added in the order of how many others they agree with, as long as
+    each agrees with all that were added before: a greedy clique. (Maximum cliques of such graphs:
+    Bailey et al. 2000.)
 
     Parameters
     ----------
@@ -202,12 +204,12 @@ def consistent_subset(
 
 
 class GaussianPose(NamedTuple):
-    """The likeliest pose of a camera, and how well it is known."""
+    """The maximum-likelihood pose of a camera, with its covariance."""
 
     estimate: PoseEstimate
     """T_base_camera with its covariance (6, 6), a displacement in the base frame."""
     squared_mahalanobis: Array
-    """Shape (m,): squared distances that are left of the fiducials, each in its own covariance."""
+    """Shape (m,): squared Mahalanobis distances of the fiducials' residuals."""
 
 
 def gaussian_pose(
@@ -218,11 +220,11 @@ def gaussian_pose(
     prior: ArrayLike | None = None,
     iterations: int = 5,
 ) -> GaussianPose:
-    """T_base_camera of the greatest likelihood, where each fiducial has a Gaussian of its own.
+    """T_base_camera of maximum likelihood, with a Gaussian for each fiducial.
 
-    Gauss-Newton over displacements of the camera in the base frame: the residual of a fiducial is
-    r_i - (t + R u_i), its information matrix that of both its points together, and one that is
-    singular says nothing of the directions in which it is.
+    Gauss-Newton over displacements of the camera in the base frame. The residual of a fiducial is
+    r_i - (t + R u_i), its information matrix that of both points together; in the null space of a
+    singular one the fiducial does not count.
 
     Parameters
     ----------
@@ -230,7 +232,7 @@ def gaussian_pose(
     information : array_like, shape (m, 3, 3)
         Inverse covariances of the residuals, in the base frame, at about `start`.
     start : Pose
-        T_base_camera from which to begin: the prediction.
+        Initial T_base_camera: the prediction.
     prior : array_like, shape (6, 6), optional
         Covariance of `start`, if it is a measurement too.
     iterations : int, optional
@@ -238,7 +240,7 @@ def gaussian_pose(
     Raises
     ------
     DegenerateGeometryError
-        If fiducials and prior leave a direction open.
+        If fiducials and prior do not determine a direction of the pose.
     """
     r, u = _validated_pairs(base_points, observed_points)
     weights = np.asarray(information, dtype=np.float64)
@@ -252,7 +254,7 @@ def gaussian_pose(
         H = weighted.T @ J.reshape(-1, 6) + P
         scale = np.sqrt(np.diag(H))
         if not scale.all() or np.linalg.eigvalsh(H / np.outer(scale, scale))[0] < 1e-12:
-            raise DegenerateGeometryError(f"{len(r)} fiducials leave a direction of the pose open")
+            raise DegenerateGeometryError(f"{len(r)} fiducials do not determine the pose")
         step = np.linalg.solve(H, weighted.T @ e.ravel() - P @ x)
         pose, x = apply_displacement(pose, step), x + step
     e = r - pose.transform(u)
@@ -271,17 +273,17 @@ def _validated_pairs(base_points: ArrayLike, observed_points: ArrayLike) -> tupl
     r = np.asarray(base_points, dtype=np.float64)
     u = np.asarray(observed_points, dtype=np.float64)
     if r.ndim != 2 or r.shape[1] != 3 or r.shape != u.shape:
-        raise ValueError(f"fiducials need as many points (m, 3) twice, got {r.shape}, {u.shape}")
+        raise ValueError(f"fiducials need two sets of points (m, 3), got {r.shape}, {u.shape}")
     if not (np.isfinite(r).all() and np.isfinite(u).all()):
-        raise ValueError("fiducials have a point that is not finite")
+        raise ValueError("a point of a fiducial is not finite")
     return r, u
 
 
 def _eigenvalue_ratios(points: Array, weights: Array | None = None) -> tuple[float, float]:
-    """Smallest and middle eigenvalue of the points' scatter, as shares of the largest."""
+    """Smallest and middle eigenvalue of the points' scatter, over the largest."""
     w = np.ones(len(points)) if weights is None else weights
-    off = points - w @ points / w.sum()
-    smallest, second, largest = np.linalg.eigvalsh(off.T @ (w[:, None] * off))
+    centred = points - w @ points / w.sum()
+    smallest, second, largest = np.linalg.eigvalsh(centred.T @ (w[:, None] * centred))
     return (smallest / largest, second / largest) if largest > 0 else (0.0, 0.0)
 
 

@@ -1,11 +1,12 @@
-"""Where the team's cameras were, all together: a Gaussian over what is not known exactly.
+"""Joint Gaussian over the camera poses, base poses and encoder offsets of a team.
 
-Surfaces that two looks have seen tie their poses together, so their errors are correlated; to take
-them for independent would count the same information again and again. The state is a displacement
-of each look's camera and, of each robot, one of its base and the constant offsets of its encoders,
-which are common to all of its looks. Prediction puts a new look in by the mount's kinematics, an
-update conditions the whole on measured displacements (a Kalman filter over delayed states: Eustice,
-Singh and Leonard 2006). The base pose follows from camera poses and kinematics in the same sum.
+Surfaces that two scans have measured tie their camera poses together, so their errors are
+correlated. To treat them as independent would count the same information again and again. The
+state is a displacement of each scan's camera and, for each robot, a displacement of its base and
+the constant offsets of its encoders, which are common to all of its scans. Prediction adds a scan
+by the mount's kinematics; an update conditions the whole state on measured displacements (a Kalman
+filter over delayed states: Eustice, Singh and Leonard 2006). The base pose follows from camera
+poses and kinematics in the same state.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from coopmap_env.robots import PoseEstimate, Vehicle
 Array = NDArray[np.float64]
 
 MIN_VARIANCE = 1e-9
-"""Metres and radians, squared: added to a prediction, so that covariances stay definite."""
+"""Metres and radians, squared, added to a prediction, so that covariances stay definite."""
 
 
 class PoseState:
@@ -30,7 +31,7 @@ class PoseState:
     Parameters
     ----------
     vehicles : sequence of Vehicle
-        One for each robot, where it is taken to stand.
+        One for each robot, at its estimated base pose.
     """
 
     def __init__(self, vehicles: tuple[Vehicle, ...]) -> None:
@@ -42,7 +43,7 @@ class PoseState:
         """Per robot: displacement of its base (6), offsets of its encoders (n)."""
         self.covariance = np.zeros((self._n_robot_state, self._n_robot_state))
         self.cameras: list[Pose] = []
-        """T_world_camera of each look."""
+        """T_world_camera of each scan."""
         for robot, vehicle in enumerate(vehicles):
             at = self._starts[robot] + 6 + np.arange(vehicle.chain.n_joints)
             self.covariance[at, at] = np.square(vehicle.mount.calibration_error)
@@ -51,12 +52,12 @@ class PoseState:
         return len(self.cameras)
 
     def camera_slice(self, camera_index: int) -> slice:
-        """Where the displacement of a look stands in the state."""
+        """Position of a camera's displacement in the state."""
         start = self._n_robot_state + 6 * camera_index
         return slice(start, start + 6)
 
     def set_base(self, robot: int, base: PoseEstimate) -> None:
-        """A robot's base is found: T_world_base with its covariance; it has no looks yet."""
+        """Set the estimate of a robot's T_world_base; the robot has no cameras in the state yet."""
         self.vehicles[robot] = self.vehicles[robot].with_base_pose(base.pose)
         at = slice(self._starts[robot], self._starts[robot] + 6)
         self.robot_state[at] = 0.0
@@ -65,52 +66,50 @@ class PoseState:
         self.covariance[at, at] = base.covariance
 
     def base(self, robot: int) -> PoseEstimate:
-        """T_world_base by all that was seen, with its covariance."""
+        """T_world_base by all measurements, with its covariance."""
         at = slice(self._starts[robot], self._starts[robot] + 6)
         pose = apply_displacement(self.vehicles[robot].T_world_base, self.robot_state[at])
         return PoseEstimate(pose, self.covariance[at, at])
 
     def estimate(self, camera_index: int) -> PoseEstimate:
-        """T_world_camera of a look."""
+        """T_world_camera of a scan, with its covariance."""
         at = self.camera_slice(camera_index)
         return PoseEstimate(self.cameras[camera_index], self.covariance[at, at])
 
     def predict(self, robot: int, reading: Array) -> PoseEstimate:
-        """T_world_camera by the encoders (n,), with all that is known of base and offsets."""
-        pose, J, independent = self._kinematics(robot, reading)
-        at = slice(self._starts[robot], self._starts[robot + 1])
-        return PoseEstimate(pose, J @ self.covariance[at, at] @ J.T + independent)
+        """T_world_camera by encoder readings (n,) and the estimated base and offsets."""
+        pose, _, covariance = self._prediction(robot, reading)
+        return PoseEstimate(pose, covariance)
 
     def add(self, robot: int, reading: Array) -> int:
-        """Put a look into the state as it is predicted; its number."""
-        pose, J, independent = self._kinematics(robot, reading)
-        at = slice(self._starts[robot], self._starts[robot + 1])
+        """Add a camera to the state as predicted by encoder readings (n,); its index."""
+        pose, cross_covariance, covariance = self._prediction(robot, reading)
         n = len(self.covariance)
         P = np.empty((n + 6, n + 6))
         P[:n, :n] = self.covariance
-        P[n:, :n] = J @ self.covariance[at]
+        P[n:, :n] = cross_covariance
         P[:n, n:] = P[n:, :n].T
-        P[n:, n:] = J @ self.covariance[at, at] @ J.T + independent
+        P[n:, n:] = covariance
         self.covariance = P
         self.cameras.append(pose)
         return len(self.cameras) - 1
 
     def state_indices(self, camera_indices: Sequence[int]) -> NDArray[np.int64]:
-        """Where the displacements of some looks stand in the state, shape (6 k,)."""
+        """Positions (6 k,) of the displacements of k cameras in the state."""
         starts = self._n_robot_state + 6 * np.asarray(camera_indices, dtype=np.int64)
         return (starts[:, None] + np.arange(6)).ravel()
 
     def posterior_displacement(self, state_indices: NDArray[np.int64], A: Array, b: Array) -> Array:
-        """Displacement (c,) of a part of the state by a measurement of it; nothing is moved.
+        """Displacement (c,) of a part of the state by a measurement; the state stays as it is.
 
-        The measurement has the likelihood exp(-x^T A x / 2 + b^T x) of x = state[columns], with
-        A (c, c) and b (c,); A may be singular.
+        The measurement has the likelihood exp(-x^T A x / 2 + b^T x) of x = state[state_indices],
+        with A (c, c) and b (c,); A may be singular.
         """
         P = self.covariance[np.ix_(state_indices, state_indices)]
         return np.asarray(np.linalg.solve(np.eye(len(b)) + P @ A, P @ b))
 
     def update(self, state_indices: NDArray[np.int64], A: Array, b: Array) -> None:
-        """Take a measurement, as of `posterior_displacement`, into the whole state."""
+        """Condition the whole state on a measurement, see `posterior_displacement`."""
         PH = self.covariance[:, state_indices]
         gain = np.linalg.solve(np.eye(len(b)) + A @ PH[state_indices], np.column_stack([A, b]))
         x = PH @ gain[:, -1]
@@ -123,28 +122,24 @@ class PoseState:
         ]
 
     def remove_camera(self, camera_index: int) -> None:
-        """Take a look out of the state; later ones move up."""
+        """Marginalise a camera out of the state; later ones move up by one index."""
         at = self.camera_slice(camera_index)
         kept = np.r_[0 : at.start, at.stop : len(self.covariance)]
         self.covariance = self.covariance[np.ix_(kept, kept)]
         del self.cameras[camera_index]
 
-    def _kinematics(self, robot: int, reading: Array) -> tuple[Pose, Array, Array]:
-        """T_world_camera by readings, its Jacobian (6, 6 + n) and the covariance of its own."""
-        vehicle = self.vehicles[robot]
-        start = self._starts[robot]
-        base, offsets = (
-            self.robot_state[start : start + 6],
-            self.robot_state[start + 6 : self._starts[robot + 1]],
-        )
+    def _prediction(self, robot: int, reading: Array) -> tuple[Pose, Array, Array]:
+        """T_world_camera, its covariance (6, N) with the state, and its own (6, 6)."""
+        vehicle, start, stop = self.vehicles[robot], self._starts[robot], self._starts[robot + 1]
+        base, offsets = self.robot_state[start : start + 6], self.robot_state[start + 6 : stop]
         joints = reading - offsets
-        vehicle_at_base = (
-            vehicle.with_base_pose(apply_displacement(vehicle.T_world_base, base))
-            if base.any()
-            else vehicle
-        )
-        pose = vehicle_at_base.camera_pose(joints)
+        if base.any():
+            vehicle = vehicle.with_base_pose(apply_displacement(vehicle.T_world_base, base))
+        pose = vehicle.camera_pose(joints)
         J = np.zeros((6, 6 + len(reading)))
-        J[:, :6] = vehicle_at_base.base_jacobian(pose)
-        J[:, 6:] = -vehicle_at_base.joint_jacobian(joints)
-        return pose, J, vehicle_at_base.per_scan_covariance(joints) + MIN_VARIANCE * np.eye(6)
+        J[:, :6] = vehicle.base_jacobian(pose)
+        J[:, 6:] = -vehicle.joint_jacobian(joints)
+        at = slice(start, stop)
+        independent = vehicle.per_scan_covariance(joints) + MIN_VARIANCE * np.eye(6)
+        covariance = J @ self.covariance[at, at] @ J.T + independent
+        return pose, J @ self.covariance[at], covariance

@@ -1,101 +1,80 @@
 """Fiducials in a depth image: tracking by region growing (section 2.5).
 
-A fiducial is looked for where the believed pose of the camera says: the seed is the measured point
+The predicted pose of the camera says where a fiducial is expected: the seed is the measured point
 nearest to the prediction. From there the region grows from pixel to pixel, up, down, left and
-right, as long as the points stay in the fiducial's ball and the surface is continuous. Of balls
-that overlap, a pixel belongs to the one whose seed is nearest, before anything grows, so that no
-order of the fiducials matters.
+right, as long as the points stay in the fiducial's ball and the surface is continuous. Where balls
+overlap, a pixel belongs to the one whose seed is nearest, before anything grows, so the order of
+the fiducials does not matter.
 
 The paper's image point (u, v) and scale k give a point k (u, v, f) whose last axis is the optical
 one. Here the optical axis is x, f = 1 and a point is k (1, u, v), so u = y / x and v = z / x are
 tangents to the left and upwards, and k is the depth.
 
-Across a surface a region shows where it is; along one without edges it only repeats the prediction,
-for the middle of what the ball cuts out of a plane is the seed. Whoever takes the mean points for
-measurements should weigh them by the regions' spreads.
+Across a surface a region measures its position. Along a surface without edges it only repeats the
+prediction, for the ball cuts out of a plane a disc around the seed. Mean points that serve as
+measurements should be weighted by the regions' scatters.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 from scipy.spatial.distance import cdist
 
-from coopmap_env.sensing.depth_camera import DepthCamera
-from coopmap_env.sensing.noise import RangeNoise
-from coopmap_env.sensing.point_cloud import PointCloud
+from coopmap_env.core.arguments import check_array_shapes
+from coopmap_env.core.settings import NonNegative, PositiveInt, Range, Settings
+from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
+Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class TrackingSettings:
-    """Where a fiducial is looked for, and where its region ends.
+class TrackingSettings(Settings):
+    """Where a fiducial is expected, and where its region ends."""
 
-    Raises
-    ------
-    ValueError
-        With the value, if one is out of range.
-    """
-
-    min_pixels: int = 4
+    min_pixels: PositiveInt = 4
     """Of a region: fewer may be edges of something else, and their mean is hardly better than a
     single point."""
-    gate_sigmas: float = 3.0
+    gate_sigmas: NonNegative = 3.0
     """Standard deviations of the prediction, beyond the fiducial's radius, in which the seed may
     lie."""
-    step_sigmas: float = 3.0
+    step_sigmas: NonNegative = 3.0
     """Standard deviations (Eq. 1) of the difference of two depths by which they may differ."""
-    max_incidence_angle: float = math.radians(70.0)
+    max_incidence_angle: Annotated[float, Range(at_least=0, below=math.pi / 2)] = math.radians(70.0)
     """Radians between the optical axis and the normal of a surface: from one pixel to the next its
     depth changes by the tangent of this times the pixels' distance. The ground 4 m ahead of a
     camera at a height of 1.5 m has 69 degrees."""
 
-    def __post_init__(self) -> None:
-        if not (isinstance(self.min_pixels, int | np.integer) and self.min_pixels >= 1):
-            raise ValueError(
-                "TrackingSettings.min_pixels must be a whole number of at least 1: "
-                f"{self.min_pixels}"
-            )
-        for name in ("gate_sigmas", "step_sigmas"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"TrackingSettings.{name} must be finite and >= 0, got {value}")
-        if not 0 <= self.max_incidence_angle < math.pi / 2:
-            raise ValueError(
-                f"TrackingSettings.max_incidence_angle must lie in [0, pi/2) radians, got {self.max_incidence_angle}"
-            )
-
 
 @dataclass(frozen=True, eq=False)
 class FiducialTracks:
-    """What was found of k fiducials; zeros where one was not."""
+    """Regions of k fiducials in an image; zeros for a fiducial that was not found."""
 
     labels: NDArray[np.int32]
-    """(n_pixels,) number of the fiducial in whose region a pixel is, or -1."""
-    found: NDArray[np.bool_]
+    """(n_pixels,) index of the fiducial in whose region a pixel is, or -1."""
+    found: Mask
     """(k,)"""
-    image_points: NDArray[np.float64]
+    image_points: Array
     """(k, 2) (u_i, v_i) of Eq. 10: tangents to the left and upwards of the regions' mean points."""
-    depths: NDArray[np.float64]
+    depths: Array
     """(k,) k_i of Eq. 10, metres along the optical axis."""
-    points: NDArray[np.float64]
+    points: Array
     """(k, 3) mean points k_i (1, u_i, v_i) of the regions, camera frame, metres."""
-    scatters: NDArray[np.float64]
+    scatters: Array
     """(k, 3, 3) covariances of a region's points about their mean, square metres: thin across a
-    surface, where the mean is sure, wide along it, where it is not."""
+    surface, where the mean is well known, wide along it, where it is not."""
     counts: NDArray[np.int64]
     """(k,) pixels of the regions."""
 
     def __post_init__(self) -> None:
-        k = len(self.found)
-        shapes = [getattr(self, entry.name).shape for entry in fields(self)[1:]]
-        if self.labels.ndim != 1 or shapes != [(k,), (k, 2), (k,), (k, 3), (k, 3, 3), (k,)]:
-            raise ValueError(f"arrays of {k} tracks cannot have the shapes {shapes}")
+        k, n = len(self.found), self.labels.size
+        check_array_shapes(self, [(n,), (k,), (k, 2), (k,), (k, 3), (k, 3, 3), (k,)])
 
 
 def track_fiducials(
@@ -107,7 +86,7 @@ def track_fiducials(
     deviations: ArrayLike,
     settings: TrackingSettings | None = None,
 ) -> FiducialTracks:
-    """Find fiducials in what a camera measured.
+    """Find fiducials in a scan.
 
     A fiducial is not found if its prediction is out of the field of view, no point is measured
     within its radius and `gate_sigmas` deviations of it, or its region has too few pixels.
@@ -118,9 +97,9 @@ def track_fiducials(
         n_pixels points of the camera frame (x along the optical axis), row by row.
     camera : DepthCamera
     noise : RangeNoise
-        Eq. 1, by which depths of one surface may differ.
+        Eq. 1.
     predictions : array_like, shape (k, 3)
-        Where the fiducials are expected in the camera frame, metres.
+        Expected positions of the fiducials in the camera frame, metres.
     radii : array_like, shape (k,)
         Of their balls, metres.
     deviations : array_like, shape (k,)
@@ -142,20 +121,20 @@ def track_fiducials(
         nearest = distances.argmin(axis=1)
         max_distance = (radii + settings.gate_sigmas * sigmas)[in_view]
         near = distances[np.arange(len(nearest)), nearest] <= max_distance
-        numbers, seeds = in_view[near], nearest[near]
-        owners[pixels] = _assign_owners(points, points[seeds], numbers, radii)
+        indices, seeds = in_view[near], nearest[near]
+        owners[pixels] = _assign_owners(points, points[seeds], indices, radii)
         regions = _label_regions(owners, _connected(cloud, camera, noise, settings), camera)
         # one more for the pixels of owner -1
         grown_from = np.zeros(len(predictions) + 1, dtype=np.int32)
-        grown_from[numbers] = regions[pixels[seeds]]
+        grown_from[indices] = regions[pixels[seeds]]
         owners[regions != grown_from[owners]] = -1
     return _region_statistics(owners, cloud.points, len(predictions), settings.min_pixels)
 
 
 def _region_statistics(
-    owners: NDArray[np.int64], points: NDArray[np.float64], k: int, min_pixels: int
+    owners: NDArray[np.int64], points: Array, k: int, min_pixels: int
 ) -> FiducialTracks:
-    """What k regions amount to, of the pixels' owners (n_pixels,); small ones are dropped."""
+    """Statistics of k regions, by the pixels' owners (n_pixels,); small ones are dropped."""
     found = np.bincount(owners + 1, minlength=k + 1)[1:] >= min_pixels
     labels = np.where(found[owners] & (owners >= 0), owners, -1) if k else owners
     pixels = np.flatnonzero(labels >= 0)
@@ -184,8 +163,8 @@ def _validated(
     predictions: ArrayLike,
     radii: ArrayLike,
     deviations: ArrayLike,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The predictions as arrays that fit together."""
+) -> tuple[Array, Array, Array]:
+    """Predictions, radii and deviations as arrays of matching shapes."""
     points = np.asarray(predictions, dtype=np.float64)
     lengths = [np.asarray(a, dtype=np.float64) for a in (radii, deviations)]
     if len(cloud.hit) != camera.n_pixels:
@@ -207,34 +186,30 @@ def _validated(
     return points, lengths[0], lengths[1]
 
 
-def _in_view(points: NDArray[np.float64], camera: DepthCamera) -> NDArray[np.bool_]:
+def _in_view(points: Array, camera: DepthCamera) -> Mask:
     """Which points (k, 3) of the camera frame fall on a pixel."""
     x, y, z = points.T
-    left = math.tan(camera.horizontal_field_of_view / 2)
-    top = math.tan(camera.vertical_field_of_view / 2)
-    return np.asarray((x > 0) & (np.abs(y) <= left * x) & (np.abs(z) <= top * x))
+    _, _, tan_x, tan_y = camera.intrinsics
+    return np.asarray((x > 0) & (np.abs(y) <= tan_x * x) & (np.abs(z) <= tan_y * x))
 
 
 def _assign_owners(
-    points: NDArray[np.float64],
-    seeds: NDArray[np.float64],
-    numbers: NDArray[np.int64],
-    radii: NDArray[np.float64],
+    points: Array, seeds: Array, indices: NDArray[np.int64], radii: Array
 ) -> NDArray[np.int64]:
-    """Number of the fiducial whose seed is nearest to each point in whose ball it lies, or -1."""
+    """Of each point, the fiducial with the nearest seed, if the point is in its ball; else -1."""
     if not len(seeds):
         return np.full(len(points), -1)
     distances = cdist(seeds, points)
-    distances[distances > radii[numbers][:, None]] = np.inf
+    distances[distances > radii[indices][:, None]] = np.inf
     nearest = distances.argmin(axis=0)
     inside = np.isfinite(distances[nearest, np.arange(len(points))])
-    return np.where(inside, numbers[nearest], -1)
+    return np.where(inside, indices[nearest], -1)
 
 
 def _connected(
     cloud: PointCloud, camera: DepthCamera, noise: RangeNoise, settings: TrackingSettings
 ) -> tuple[Mask, Mask]:
-    """Whether the surface goes on from a pixel to the next of its row, and of its column.
+    """Whether the surface is continuous from a pixel to the next of its row, and of its column.
 
     Shapes (height, width - 1) and (height - 1, width). Pixels without return do not matter.
     """
@@ -243,8 +218,8 @@ def _connected(
     ranges = np.sqrt(np.einsum("ni,ni->n", cloud.points, cloud.points)).reshape(shape)
     variances = noise.standard_deviations(ranges, 1)[..., 0] ** 2
     slope = math.tan(settings.max_incidence_angle)
-    row_slope = slope * 2 * math.tan(camera.horizontal_field_of_view / 2) / camera.width
-    column_slope = slope * 2 * math.tan(camera.vertical_field_of_view / 2) / camera.height
+    width, height, tan_x, tan_y = camera.intrinsics
+    row_slope, column_slope = slope * 2 * tan_x / width, slope * 2 * tan_y / height
 
     def is_continuous(
         first: tuple[slice, slice], second: tuple[slice, slice], slope_limit: float
@@ -255,20 +230,17 @@ def _connected(
             np.abs(a - b) <= slope_limit * np.minimum(a, b) + settings.step_sigmas * deviation
         )
 
-    return is_continuous(np.s_[:, :-1], np.s_[:, 1:], row_slope), is_continuous(
-        np.s_[:-1, :], np.s_[1:, :], column_slope
-    )
+    in_rows = is_continuous(np.s_[:, :-1], np.s_[:, 1:], row_slope)
+    return in_rows, is_continuous(np.s_[:-1, :], np.s_[1:, :], column_slope)
 
 
 def _label_regions(
-    owners: NDArray[np.int64],
-    connected: tuple[Mask, Mask],
-    camera: DepthCamera,
+    owners: NDArray[np.int64], connected: tuple[Mask, Mask], camera: DepthCamera
 ) -> NDArray[np.int32]:
-    """Numbers (n,) of the connected regions of pixels of one owner; 0 for pixels of none.
+    """Labels (n,) of the connected regions of pixels of one owner; 0 for pixels of none.
 
-    Pixels are labelled in an image of twice the size, where between two of them stands whether they
-    are joined: the library knows pixels, not edges.
+    Pixels are labelled in an image of twice the size, which has a pixel between two neighbours that
+    is set if they are connected: the library joins pixels, not edges.
     """
     image = owners.reshape(camera.height, camera.width)
     doubled = np.zeros((2 * camera.height - 1, 2 * camera.width - 1), dtype=np.bool_)

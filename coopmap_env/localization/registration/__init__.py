@@ -1,1 +1,1 @@
-"""Target registration (2.2): where a robot stands, by the known target among what it has seen."""
+"""Target registration (2.2): a robot's base pose, from scans of the known target."""

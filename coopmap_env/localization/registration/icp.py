@@ -1,4 +1,4 @@
-"""From a hypothesis to the nearest pose in which the points fit, by a library's ICP."""
+"""ICP: from a hypothesis to the nearest pose in which the points lie on the target."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.geometry.rotations import nearest_rotation
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose, nearest_rotation
 
 
 class Refiner(Protocol):
-    """Whatever aligns points with the samples of a surface."""
+    """Aligns points with the samples of a surface."""
 
     def __call__(
         self,
@@ -28,28 +27,28 @@ class Refiner(Protocol):
         ----------
         points : ndarray, shape (n, 3)
             In the base frame, metres.
-        surface : ndarray, shape (m, 3)
-            In the target's frame, metres: samples of what can be seen from the base.
+        surface_points : ndarray, shape (m, 3)
+            In the target's frame, metres: samples of the faces that are visible from the base.
         T_target_base : Pose
-            Where to begin.
-        reach : float
+            Initial estimate.
+        max_distance : float
             Metres between a point and the surface at most; points further away are left out.
 
         Returns
         -------
         Pose
-            T_target_base; the one that was given if too few points are within reach.
+            T_target_base; the initial estimate if too few points are within the distance.
         """
 
 
 MIN_POINTS = 12
-"""Points and samples: two for each degree of freedom."""
+"""Least number of points and samples: two for each degree of freedom."""
 N_NORMAL_NEIGHBOURS = 8
-"""Samples of which the library takes a normal: those next to one on a face."""
+"""Samples from which the library estimates a normal: those next to one on a face."""
 
 
 class SmallGicp:
-    """Point-to-plane ICP of small_gicp (Koide 2024), on one thread and so the same at each call.
+    """Point-to-plane ICP of small_gicp (Koide 2024), on one thread, so deterministic.
 
     Raises
     ------

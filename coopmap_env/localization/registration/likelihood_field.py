@@ -1,9 +1,10 @@
-"""How well a point fits a target, by how far it is from the surface: fields for the search."""
+"""Likelihood fields of a target: how well a point fits it, by its distance from the surface."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,18 @@ from scipy.ndimage import distance_transform_edt
 from coopmap_env.localization.target import TargetModel
 
 _MAX_VALUE = 255
-"""Of a field's bytes: a point on the surface."""
+"""Value of a field at the surface: fields are stored in bytes."""
+
+
+class FieldLevel(NamedTuple):
+    """One level of a `LikelihoodField`, for kernels."""
+
+    values: NDArray[np.uint8]
+    """Shape (nx, ny, nz)."""
+    origin: NDArray[np.float64]
+    """Lower corner (3,) of cell (0, 0, 0) in the target's frame, metres."""
+    cell: float
+    """Edge of a cell, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +34,7 @@ class LikelihoodField:
     Attributes
     ----------
     pooled : (l, nx, ny, nz) uint8 array
-        255 exp(-d^2 / 2 width^2) at a distance d from the surface. Level k has the largest value
+        255 exp(-d^2 / 2 sigma^2) at a distance d from the surface. Level k has the largest value
         of the 2^k x 2^k steps from a cell on towards +x and +y.
     origin : (3,) float array
         Lower corner of cell (0, 0, 0) in the target's frame, metres.
@@ -34,19 +46,25 @@ class LikelihoodField:
     origin: NDArray[np.float64]
     cell: float
 
+    @property
+    def finest(self) -> FieldLevel:
+        """The field that is not pooled."""
+        return FieldLevel(self.pooled[0], self.origin, self.cell)
+
 
 @lru_cache(maxsize=8)
 def likelihood_field(
     model: TargetModel, step: float, sigma: float, n_levels: int
 ) -> LikelihoodField:
-    """The field of a target, of cells of half a step; kept, as it takes longer than a search."""
+    """The field of a target, with cells of half a step.
+
+    Cached, because it takes longer than a search.
+    """
     cell = step / 2.0
-    padding_cells = 2 * (
-        2**n_levels - 1
-    )  # cells by which the largest node reaches towards +x and +y
-    surface_distances, origin = distance_field(model, cell, 2.5 * sigma)
-    values = np.round(_MAX_VALUE * np.exp(-0.5 * (surface_distances / sigma) ** 2)).astype(np.uint8)
-    values = np.pad(values, ((padding_cells, 0), (padding_cells, 0), (0, 0)))
+    padding = 2 * (2**n_levels - 1)  # cells by which the largest node reaches towards +x and +y
+    distances, origin, _ = distance_field(model, cell, 2.5 * sigma)
+    values = np.round(_MAX_VALUE * np.exp(-0.5 * (distances / sigma) ** 2)).astype(np.uint8)
+    values = np.pad(values, ((padding, 0), (padding, 0), (0, 0)))
     pooled = [values]
     for level in range(n_levels):
         values = values.copy()
@@ -55,21 +73,28 @@ def likelihood_field(
             shifted = np.moveaxis(values, axis, 0)
             shifted[:-shift] = np.maximum(shifted[:-shift], shifted[shift:].copy())
         pooled.append(values)
-    return LikelihoodField(
-        np.stack(pooled), origin - np.array([padding_cells, padding_cells, 0]) * cell, cell
-    )
+    return LikelihoodField(np.stack(pooled), origin - np.array([padding, padding, 0]) * cell, cell)
+
+
+class DistanceField(NamedTuple):
+    """Distances of cells from a target's surface."""
+
+    distances: NDArray[np.float32]
+    """Shape (nx, ny, nz), metres."""
+    origin: NDArray[np.float64]
+    """Lower corner (3,) of cell (0, 0, 0) in the target's frame, metres."""
+    cell: float
+    """Edge of a cell, metres."""
 
 
 @lru_cache(maxsize=16)
-def distance_field(
-    model: TargetModel, cell: float, padding: float
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """How far cells are from the surface (nx, ny, nz), metres, and the first one's corner (3,).
+def distance_field(model: TargetModel, cell: float, padding: float) -> DistanceField:
+    """The distance field of a target's bounding box and some padding around it, metres.
 
-    The cells fill the box of the target and some room around it; kept, as it takes 5 ms.
+    Cached, because it takes 5 ms.
     """
     origin = model.bounds[0] - padding
     shape = np.ceil((model.bounds[1] + padding - origin) / cell).astype(int)
     free = np.ones(shape, dtype=bool)
     free[tuple(np.floor((model.samples[0] - origin) / cell).astype(int).T)] = False
-    return distance_transform_edt(free, cell).astype(np.float32), origin
+    return DistanceField(distance_transform_edt(free, cell).astype(np.float32), origin, cell)

@@ -1,7 +1,7 @@
-"""Pixel by pixel: what a look says of a hypothesis, and in which direction it pulls it.
+"""Verdicts and residuals of a view's pixels, for a hypothesis of the base's pose.
 
-The images that a camera would see of the target tells for every pixel which of the target's planes
-is there (projective association, Blais & Levine 1995), so a measured point has one plane to lie on:
+A depth image that is rendered of the target tells for each pixel which of the target's planes is
+there (projective association, Blais & Levine 1995), so a measured point has one plane to lie on:
 
     r = n . (T p - q),    sigma^2 = n^T R diag(sigma_depth^2, sigma_lateral^2, ...) R^T n
 
@@ -11,146 +11,206 @@ frame is [n, (T p - t) x n].
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry import RigidTransform
+from coopmap_env.localization.depth_rendering import DepthImage
+from coopmap_env.localization.registration.likelihood_field import DistanceField
+from coopmap_env.localization.registration.views import ViewArrays
+from coopmap_env.localization.target import TargetPlanes
+from coopmap_env.sensing import NoiseParameters
+
+Array = NDArray[np.float64]
 
 AGREES, OCCLUDED, SEEN_THROUGH, UNDECIDED = 1, 2, 3, 0
-"""A pixel where the target is expected sees it there, sees something in front of it, sees through
-it, or tells none of these: it lies at an edge, for instance."""
+"""Verdict of a pixel where the target is expected: it sees the target there, sees something in
+front of it, sees through it, or none of these; the last for instance at an edge."""
 
 
-@njit(cache=True, nogil=True)
+class Thresholds(NamedTuple):
+    """When a pixel agrees with its plane, or contradicts it."""
+
+    sigma_floor: float
+    """Metres added to sigma in square, for errors of association and pose."""
+    gate_sigmas: float
+    """Sigmas within which a point agrees with its plane."""
+    depth_margin: float
+    """Metres by which a range must differ to be in front of the surface, or beyond it."""
+    max_range_residual: float
+    """Metres along the ray within which a point can agree."""
+
+
+class ViewEvidence(NamedTuple):
+    """Result of one view: what each pixel says, and the normal equations of all."""
+
+    verdicts: NDArray[np.int8]
+    """Shape (n,)."""
+    H: Array
+    """Shape (6, 6): information about the base's displacement."""
+    b: Array
+    """Shape (6,): information times displacement."""
+
+
+class SurfacePatches(NamedTuple):
+    """Cells of the target's bounding box, and in which of them points lie on the target."""
+
+    seen: NDArray[np.bool_]
+    """Shape (nx, ny, nz)."""
+    origin: Array
+    """Lower corner (3,) of the first cell, metres."""
+    size: float
+    """Edge of a cell, metres."""
+
+
+@kernel
 def pixel_residuals(
-    points, hit, ranges, min_ranges, expected, triangle_index, normals, plane_points, R_camera, t_camera, R, t,
-    noise, sigma_floor, gate_sigmas, depth_margin, max_range_residual, verdict, H, b, patches, origin, patch_size,
-):  # fmt: skip
-    """Fill the verdict (n,) of each pixel where the target is expected; add to H (6, 6), b (6,).
-
-    Patches of the target that a pixel agrees on are marked too.
-
-    Parameters
-    ----------
-    points, hit, ranges, around
-        One look, see `ViewBatch`.
-    expected, seen : (n,)
-        What `render_depth` fills.
-    normals, corners : (m, 3)
-        Planes of the triangles in the target's frame: a normal and a corner each.
-    R_camera, t_camera, R, t
-        T_base_camera and T_target_base.
-    noise : (S, T depth, T lateral, n)
-        Of Eq. 1.
-    floor : float
-        Metres added to sigma in square: what association and the pose still lack.
-    gate : float
-        Sigmas within which a point agrees with its plane.
-    margin : float
-        Metres by which a range must differ to be in front of the surface, or beyond it.
-    jump : float
-        Metres along the beam within which a point can agree.
-    patches : (nx, ny, nz)
-        Cells of the target's box, from `origin` (3,) on and `patch_size` metres wide.
+    view: ViewArrays,
+    image: DepthImage,
+    planes: TargetPlanes,
+    T_target_base: RigidTransform,
+    noise: NoiseParameters,
+    thresholds: Thresholds,
+    evidence: ViewEvidence,
+    patches: SurfacePatches,
+) -> float:
+    """Judge a view's pixels: fill the verdicts, add to H and b, mark the patches that are seen.
 
     Returns
     -------
     chi2 : float
-        Sum of squares of the residuals of pixels that agree, over their variances.
+        Sum of the agreeing pixels' squared residuals over their variances.
     """
-    intrinsic, depth_factor, lateral_factor, exponent = noise
-    J = np.empty(6)
-    p = np.empty(3)
-    d = np.empty(3)
-    axis = np.empty(3)
+    R, t = T_target_base
+    R_camera = view.T_base_camera.rotation
+    floor, gate, margin, max_residual = thresholds
+    p, d, axis = np.empty(3), np.empty(3), np.empty(3)
     chi2 = 0.0
     for i in range(3):
         axis[i] = R[i, 0] * R_camera[0, 0] + R[i, 1] * R_camera[1, 0] + R[i, 2] * R_camera[2, 0]
-    for k in range(len(points)):
-        verdict[k] = UNDECIDED
-        m = triangle_index[k]
+    for k in range(len(view.points)):
+        evidence.verdicts[k] = UNDECIDED
+        m = image.triangle_index[k]
         if m < 0:
             continue
-        if ranges[k] == 0.0:
-            verdict[k] = OCCLUDED
+        length = view.ranges[k]
+        if length == 0.0:
+            evidence.verdicts[k] = OCCLUDED
             continue
-        for i in range(3):
-            d[i] = (
-                R_camera[i, 0] * points[k, 0]
-                + R_camera[i, 1] * points[k, 1]
-                + R_camera[i, 2] * points[k, 2]
-                + t_camera[i]
-            )
-        r = 0.0
-        along = 0.0
+        _transform(view.T_base_camera, view.points, k, d)
+        r, along = 0.0, 0.0
         for i in range(3):
             p[i] = R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]  # T p - t
-            r += normals[m, i] * (p[i] + t[i] - plane_points[m, i])
-            along += normals[m, i] * axis[i]
-        # points lie on their beams: range and depth grow alike
-        surface = expected[k] * ranges[k] / points[k, 0]
-        scale = intrinsic * ranges[k] ** exponent
-        variance = scale * scale * (
-            lateral_factor * lateral_factor
-            + along * along * (depth_factor * depth_factor - lateral_factor * lateral_factor)
-        )  # fmt: skip
-        variance += sigma_floor * sigma_floor
-        if (
-            hit[k]
-            and abs(ranges[k] - surface) < max_range_residual
-            and r * r < gate_sigmas * gate_sigmas * variance
-        ):
-            verdict[k] = AGREES
+            r += planes.normals[m, i] * (p[i] + t[i] - planes.points[m, i])
+            along += planes.normals[m, i] * axis[i]
+        # points lie on their rays: range and depth grow alike
+        surface = image.depth[k] * length / view.points[k, 0]
+        variance = _variance(noise, length, along) + floor * floor
+        near = abs(length - surface) < max_residual and r * r < gate * gate * variance
+        if view.hit[k] and near:
+            evidence.verdicts[k] = AGREES
             chi2 += r * r / variance
-            for i in range(3):
-                J[i] = normals[m, i]
-            J[3] = p[1] * normals[m, 2] - p[2] * normals[m, 1]
-            J[4] = p[2] * normals[m, 0] - p[0] * normals[m, 2]
-            J[5] = p[0] * normals[m, 1] - p[1] * normals[m, 0]
-            # where the beam meets the surface, not where noise puts the point
-            fraction = surface / ranges[k]
-            cell = [0, 0, 0]
-            for i in range(3):
-                camera_position = (
-                    R[i, 0] * t_camera[0] + R[i, 1] * t_camera[1] + R[i, 2] * t_camera[2] + t[i]
-                )
-                at = camera_position + fraction * (p[i] + t[i] - camera_position) - origin[i]
-                cell[i] = min(max(int(at / patch_size), 0), patches.shape[i] - 1)
-            patches[cell[0], cell[1], cell[2]] = True
-            for i in range(6):
-                b[i] -= J[i] * r / variance
-                for j in range(6):
-                    H[i, j] += J[i] * J[j] / variance
+            # where the ray meets the surface, not where noise puts the point
+            _mark_patch(patches, p, T_target_base, view.T_base_camera, surface / length)
+            _add_residual(evidence, p, planes.normals, m, r, variance)
             continue
-        tolerance = depth_margin + 3.0 * intrinsic * depth_factor * surface**exponent
-        if ranges[k] < surface - tolerance or (not hit[k] and ranges[k] < surface + tolerance):
-            verdict[k] = OCCLUDED  # or the beam was not followed as far
-        elif min_ranges[k] > surface + tolerance:
-            verdict[k] = SEEN_THROUGH
+        tolerance = margin + 3.0 * noise.intrinsic * noise.depth * surface**noise.exponent
+        if length < surface - tolerance or (not view.hit[k] and length < surface + tolerance):
+            evidence.verdicts[k] = OCCLUDED  # or the ray was not followed as far
+        elif view.min_ranges[k] > surface + tolerance:
+            evidence.verdicts[k] = SEEN_THROUGH
     return chi2
 
 
-@njit(cache=True, nogil=True)
-def count_off_surface(
-    points, hit, R_camera, t_camera, R, t, surface_distances, origin, cell, low, high, noise, tolerance
-):  # fmt: skip
-    """How many points of a look lie in the target's box, but not on it.
+@kernel
+def _transform(T: RigidTransform, points: Array, index: int, out: Array) -> None:
+    """Write T p of one of the points (n, 3)."""
+    R, t = T
+    for i in range(3):
+        out[i] = (
+            R[i, 0] * points[index, 0]
+            + R[i, 1] * points[index, 1]
+            + R[i, 2] * points[index, 2]
+            + t[i]
+        )
 
-    `surface_distances` (nx, ny, nz) are distances to the surface in cells from `origin` that hold the box from
-    `low` to `high` (3,). A point is on the target within a tolerance and three sigma of Eq. 1.
+
+@kernel
+def _variance(noise: NoiseParameters, length: float, along: float) -> float:
+    """Variance (Eq. 1) of a point along a normal with the cosine `along` to the optical axis."""
+    scale = noise.intrinsic * length**noise.exponent
+    return (
+        scale
+        * scale
+        * (
+            noise.lateral * noise.lateral
+            + along * along * (noise.depth * noise.depth - noise.lateral * noise.lateral)
+        )
+    )
+
+
+@kernel
+def _mark_patch(
+    patches: SurfacePatches,
+    p: Array,
+    T: RigidTransform,
+    T_base_camera: RigidTransform,
+    scale: float,
+) -> None:
+    """Mark the cell in which the ray to T p, scaled from the camera on, ends; `p` is T p - t."""
+    R, t = T
+    t_camera = T_base_camera.translation
+    cell = [0, 0, 0]
+    for i in range(3):
+        camera = R[i, 0] * t_camera[0] + R[i, 1] * t_camera[1] + R[i, 2] * t_camera[2] + t[i]
+        at = camera + scale * (p[i] + t[i] - camera) - patches.origin[i]
+        cell[i] = min(max(int(at / patches.size), 0), patches.seen.shape[i] - 1)
+    patches.seen[cell[0], cell[1], cell[2]] = True
+
+
+@kernel
+def _add_residual(
+    evidence: ViewEvidence, p: Array, normals: Array, m: int, r: float, variance: float
+) -> None:
+    """Add one residual to the normal equations."""
+    J = np.empty(6)
+    for i in range(3):
+        J[i] = normals[m, i]
+    J[3] = p[1] * normals[m, 2] - p[2] * normals[m, 1]
+    J[4] = p[2] * normals[m, 0] - p[0] * normals[m, 2]
+    J[5] = p[0] * normals[m, 1] - p[1] * normals[m, 0]
+    for i in range(6):
+        evidence.b[i] -= J[i] * r / variance
+        for j in range(6):
+            evidence.H[i, j] += J[i] * J[j] / variance
+
+
+@kernel
+def count_off_surface(
+    view: ViewArrays,
+    T_target_base: RigidTransform,
+    field: DistanceField,
+    low: Array,
+    high: Array,
+    noise: NoiseParameters,
+    tolerance: float,
+) -> int:
+    """Count a view's points in the box from `low` to `high` (3,), but not on the target.
+
+    The field holds the box. A point is on the target within a tolerance in metres and three sigma
+    of Eq. 1.
     """
-    intrinsic, depth_factor, _, exponent = noise
-    d = np.empty(3)
-    q = np.empty(3)
+    R, t = T_target_base
+    d, q = np.empty(3), np.empty(3)
+    points, origin, cell = view.points, field.origin, field.cell
     count = 0
     for k in range(len(points)):
-        if not hit[k]:
+        if not view.hit[k]:
             continue
-        for i in range(3):
-            d[i] = (
-                R_camera[i, 0] * points[k, 0]
-                + R_camera[i, 1] * points[k, 1]
-                + R_camera[i, 2] * points[k, 2]
-                + t_camera[i]
-            )
+        _transform(view.T_base_camera, points, k, d)
         inside = True
         for i in range(3):
             q[i] = R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2] + t[i]
@@ -161,8 +221,7 @@ def count_off_surface(
         y = int((q[1] - origin[1]) / cell)
         z = int((q[2] - origin[2]) / cell)
         square = points[k, 0] ** 2 + points[k, 1] ** 2 + points[k, 2] ** 2
-        if surface_distances[x, y, z] > tolerance + 3.0 * intrinsic * depth_factor * square ** (
-            0.5 * exponent
-        ):
+        sigma = noise.intrinsic * noise.depth * square ** (0.5 * noise.exponent)
+        if field.distances[x, y, z] > tolerance + 3.0 * sigma:
             count += 1
     return count

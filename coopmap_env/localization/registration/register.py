@@ -1,11 +1,12 @@
-"""Target registration: where a robot stands, from the known target among what it sees (2.2).
+"""Target registration: the pose of a robot's base from views of the known target (2.2).
 
-The search names hypotheses, which are then refined and held against every pixel. The best one must
-fit, leave nothing open and be told clearly from all others; else the robot is not located yet,
-looks once more and asks again.
+The search gives hypotheses, which are aligned and compared with every pixel. The best one must fit,
+be fully determined and clearly better than all others. Otherwise the robot is not located yet; it
+makes another scan and tries again.
 
-The base frame and the target's stand upright on the same flat ground, z up and 0 there: the search
-is one of x, y and yaw. The refinement is one of all six, about that (`AlignmentSettings.level_ground`).
+The base frame and the target's are upright on the same flat ground, z up and 0 there: the search
+is over x, y and yaw. The alignment is over all six coordinates, with flat ground as a prior
+(`AlignmentSettings.level_ground`).
 """
 
 from __future__ import annotations
@@ -17,9 +18,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry import rotation_about_z
-from coopmap_env.geometry.rotations import apply_displacement, rotvec_from_rotation
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.core.settings import Positive, PositiveInt, Settings
+from coopmap_env.geometry import (
+    Pose,
+    apply_displacement,
+    rotation_about_z,
+    rotvec_from_rotation,
+)
 from coopmap_env.localization.registration.acceptance import (
     AcceptanceSettings,
     Fitness,
@@ -37,50 +42,38 @@ from coopmap_env.localization.registration.icp import Refiner, SmallGicp
 from coopmap_env.localization.registration.search import SearchSettings, search, voxel_centroids
 from coopmap_env.localization.registration.views import View, ViewBatch
 from coopmap_env.localization.target import TargetModel
-from coopmap_env.sensing.depth_camera import DepthCamera
-from coopmap_env.sensing.noise import RangeNoise
-
-__all__ = ["Registration", "RegistrationSettings", "View", "register"]
+from coopmap_env.sensing import DepthCamera, RangeNoise
 
 _SLIDE_DISTANCES = (0.07, 0.15, 0.3)
-"""Metres by which a pose is moved to where its points hold it least, to see whether it stays."""
+"""Metres by which a pose is moved along its least certain direction, to see if it comes back."""
+_MAX_SLIDES = 3
+"""Rounds of such moves."""
 _HALF_TURNS = (0.5, 1.0, 1.5)
-"""Half turns about the target's middle: of things made by people, most look alike after one."""
+"""Half turns about the target's centre: most manufactured objects look alike after one."""
+_ICP_SPACING = 0.06
+"""Metres between the samples of the surface for ICP."""
+_ICP_MAX_CHANGE = (0.3, 0.25)
+"""Metres and radians by which ICP may move a hypothesis; otherwise its result is not used."""
+_SAME_START = (0.02, 0.01)
+"""Metres and radians within which a hypothesis is the same as one that was aligned already."""
 
 
 @dataclass(frozen=True)
-class RegistrationSettings:
-    """Settings of the three stages, and what links them.
-
-    Raises
-    ------
-    ValueError
-        With the value, if one is out of range.
-    """
+class RegistrationSettings(Settings):
+    """Settings of the three stages, and of ICP between the first two."""
 
     search: SearchSettings = field(default_factory=SearchSettings)
     alignment: AlignmentSettings = field(default_factory=AlignmentSettings)
     acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
-    n_hypotheses: int = 8
+    n_hypotheses: PositiveInt = 8
     """Hypotheses that are aligned, at 5 to 10 ms each."""
-    icp_max_distance: float = 0.12
-    """Metres within which ICP pairs points with the surface: what the search leaves, twice."""
-
-    def __post_init__(self) -> None:
-        n = self.n_hypotheses
-        if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-            raise ValueError(
-                f"RegistrationSettings.n_hypotheses must be a whole number of at least 1, got {n!r}"
-            )
-        if not self.icp_max_distance > 0:
-            raise ValueError(
-                f"RegistrationSettings.icp_max_distance must be > 0 m, got {self.icp_max_distance}"
-            )
+    icp_max_distance: Positive = 0.12
+    """Metres within which ICP pairs points with the surface: twice the error of the search."""
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Where a robot stands, or why that is not known yet."""
+    """The pose of a robot's base, or why it is not known yet."""
 
     located: bool
     reason: str
@@ -90,9 +83,9 @@ class Registration:
     covariance: NDArray[np.float64] | None = None
     """(6, 6) of the base's displacement [translation, rotation vector] in the target's frame."""
     fitness: Fitness | None = None
-    """Of the best hypothesis, be it believed or not; None without any."""
+    """Of the best hypothesis, accepted or not; None if there is none."""
     equivalent_poses: tuple[Pose, ...] = ()
-    """All poses that fit alike, as the target maps onto itself: `T_target_base` first."""
+    """All poses that fit alike with a symmetric target: `T_target_base` first."""
 
 
 def register(
@@ -109,7 +102,7 @@ def register(
     ----------
     model : TargetModel
     views : sequence of View
-        All looks so far from one place, at least one.
+        All scans so far from the same base pose, at least one.
     camera : DepthCamera
     noise : RangeNoise
         Eq. 1.
@@ -131,28 +124,31 @@ def register(
     if not found:
         return Registration(False, "nothing in view could be the target")
     best = max(found, key=evidence)
-    least = settings.acceptance.min_points
-    if best.counts.agreeing >= least:
-        best, found = _challenge(model, batch, best, found, noise, settings)
+    accept = settings.acceptance
+    if best.counts.agreeing >= accept.min_points:
+        best, found = _align_rivals(model, batch, best, found, noise, settings)
+    equivalent = (best.T_target_base, *(m @ best.T_target_base for m in model.symmetries[1:]))
     rivals = [
-        other for other in found
+        other
+        for other in found
         if not any(
-            _are_close(motion @ best.T_target_base, other.T_target_base, *settings.acceptance.min_separation)
-            for motion in model.symmetries
+            _are_close(pose, other.T_target_base, accept.min_separation) for pose in equivalent
         )
-    ]  # fmt: skip
-    fit = evaluate_fitness(best, max(map(evidence, rivals), default=0.0), settings.acceptance)
-    reason = rejection_reason(best, fit, settings.acceptance)
+    ]
+    fitness = evaluate_fitness(best, max(map(evidence, rivals), default=0.0), accept)
+    reason = rejection_reason(best, fitness, accept)
     if reason:
-        return Registration(False, reason, fitness=fit)
-    poses = (best.T_target_base, *(m @ best.T_target_base for m in model.symmetries[1:]))
-    return Registration(True, "", best.T_target_base, best.covariance, fit, poses)
+        return Registration(False, reason, fitness=fitness)
+    return Registration(True, "", best.T_target_base, best.covariance, fitness, equivalent)
 
 
 def _aligned_hypotheses(
-    model: TargetModel, batch: ViewBatch, noise: RangeNoise, settings: RegistrationSettings,
+    model: TargetModel,
+    batch: ViewBatch,
+    noise: RangeNoise,
+    settings: RegistrationSettings,
     refiner: Refiner,
-) -> list[Alignment]:  # fmt: skip
+) -> list[Alignment]:
     """The search's hypotheses, each refined by ICP and aligned."""
     points = voxel_centroids(
         batch.points_in_base(),
@@ -161,36 +157,39 @@ def _aligned_hypotheses(
         settings.search.voxel_size / 2.0,
     )
     samples, normals = _icp_surface(model)
+    max_distance = settings.icp_max_distance
+    low, high = model.bounds[0] - max_distance, model.bounds[1] + max_distance
     found: list[Alignment] = []
     for T, _ in search(model, batch, settings.search)[: settings.n_hypotheses]:
         camera_center = T.transform(batch.t.mean(axis=0))
         facing = samples[np.einsum("ni,ni->n", normals, camera_center - samples) > 0.0]
-        points_in_target, max_distance = T.transform(points), settings.icp_max_distance
-        near = (
-            (points_in_target > model.bounds[0] - max_distance)
-            & (points_in_target < model.bounds[1] + max_distance)
-        ).all(axis=1)
+        in_target = T.transform(points)
+        near = ((in_target > low) & (in_target < high)).all(axis=1)
         refined = nearest_upright(refiner(points[near], facing, T, max_distance))
-        start = refined if _are_close(refined, T, 0.3, 0.25) else T
-        if not any(_are_close(start, other.T_target_base, 0.02, 0.01) for other in found):
+        start = refined if _are_close(refined, T, _ICP_MAX_CHANGE) else T
+        if not any(_are_close(start, other.T_target_base, _SAME_START) for other in found):
             found.append(align(model, batch, start, noise, settings.alignment))
     return found
 
 
 @lru_cache(maxsize=8)
 def _icp_surface(model: TargetModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Samples and normals for ICP: one for each 6 cm."""
-    return model.sample_surface(max(round(model.area / 0.06**2), 64))
+    """Samples and normals for ICP."""
+    return model.sample_surface(max(round(model.area / _ICP_SPACING**2), 64))
 
 
-def _challenge(
-    model: TargetModel, batch: ViewBatch, best: Alignment, found: list[Alignment], noise: RangeNoise,
+def _align_rivals(
+    model: TargetModel,
+    batch: ViewBatch,
+    best: Alignment,
+    found: list[Alignment],
+    noise: RangeNoise,
     settings: RegistrationSettings,
-) -> tuple[Alignment, list[Alignment]]:  # fmt: skip
-    """The best pose, after its likeliest rivals have been aligned too, and all of them.
+) -> tuple[Alignment, list[Alignment]]:
+    """Align the likeliest rivals of the best pose too; the best of all, and all of them.
 
-    These are poses that have slid along the target's faces, and such that are turned about its
-    middle, which the search may have passed over.
+    The search may have missed poses that slide along the target's faces, or are rotated about its
+    centre.
     """
     found = list(found)
 
@@ -199,30 +198,26 @@ def _challenge(
         found.append(alignment)
         return alignment
 
-    for _ in range(3):
+    for _ in range(_MAX_SLIDES):
         _, axes = np.linalg.eigh(best.covariance[:2, :2])
-        previous = best
+        previous = best.T_target_base
         for distance in _SLIDE_DISTANCES:
             for axis in (axes[:, 1], -axes[:, 1]):
-                move = np.array([*(distance * axis), 0.0, 0.0, 0.0, 0.0])
-                best = max(
-                    best, align_from(apply_displacement(previous.T_target_base, move)), key=evidence
-                )
-        if _are_close(
-            previous.T_target_base, best.T_target_base, *settings.acceptance.min_separation
-        ):
+                slide = np.array([*(distance * axis), 0.0, 0.0, 0.0, 0.0])
+                best = max(best, align_from(apply_displacement(previous, slide)), key=evidence)
+        if _are_close(previous, best.T_target_base, settings.acceptance.min_separation):
             break
-    centre = np.array([*model.center_xy, 0.0])
+    center = np.array([*model.center_xy, 0.0])
     for half_turns in _HALF_TURNS:
         R = rotation_about_z(np.pi * half_turns)
-        best = max(
-            best, align_from(Pose(centre - R @ centre, R) @ best.T_target_base), key=evidence
-        )
+        start = Pose(center - R @ center, R) @ best.T_target_base
+        best = max(best, align_from(start), key=evidence)
     return best, found
 
 
-def _are_close(one: Pose, other: Pose, distance: float, angle: float) -> bool:
+def _are_close(one: Pose, other: Pose, limits: tuple[float, float]) -> bool:
     """Whether two poses are within a distance in metres and an angle in radians of each other."""
+    distance, angle = limits
     if float(np.linalg.norm(one.translation - other.translation)) >= distance:
         return False
     return float(np.linalg.norm(rotvec_from_rotation(one.rotation.T @ other.rotation))) < angle

@@ -1,15 +1,15 @@
-"""One pose of the base from looks whose camera poses err, each in its own way and all alike.
+"""One pose of the base from views whose camera poses have common and independent errors.
 
-To a look v, the base seems to stand not at its pose but displaced by e + e_v: the errors of the
-camera's pose, carried over to the base. e is common to all looks (the calibration of the joints),
-e_v its own (encoders, suspension). With the Gaussian information H_v, g_v of a look's points
-about x + e + e_v, both errors are eliminated one after the other,
+View v sees the base not at its pose x but displaced by e + e_v: the error of the camera's pose, as
+a displacement of the base. e is common to all views (calibration of the joints), e_v is independent
+(encoders, suspension). With the Gaussian information H_v, g_v of a view's points about x + e + e_v,
+both errors are eliminated one after the other,
 
     W_v = (I + H_v S_v)^-1 H_v,      W = sum W_v,      W' = (I + W S)^-1 W
 
-and likewise g, which is the sum of (H_v^-1 + S_v)^-1, and needs no look to fix all of a pose. What
-is known of the base beforehand is added; x = (W' + P)^-1 (g' + P x_0), with that inverse as its
-covariance (a Schur complement: Triggs et al. 2000, section 6).
+and likewise g. W is the sum of (H_v^-1 + S_v)^-1, but no view has to determine all of a pose. The
+prior of the base is added: x = (W' + P)^-1 (g' + P x_0), with that inverse as its covariance (a
+Schur complement: Triggs et al. 2000, section 6).
 """
 
 from __future__ import annotations
@@ -19,37 +19,42 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.rotations import skew
+from coopmap_env.geometry import skew
 
 Array = NDArray[np.float64]
 
+_KNOWN_STD = np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
+"""Metres and radians: a direction with a larger standard deviation counts as undetermined."""
+_UNKNOWN_VARIANCE_RATIO = 1e4
+"""Variance of an undetermined direction, in units of `_KNOWN_STD` squared."""
+
 
 class SharedPose(NamedTuple):
-    """The estimate, to first order about where it was linearised."""
+    """The estimate, to first order about the linearisation point."""
 
     x: Array
     """Displacement (6,) of the base."""
     covariance: Array
     """Of x, (6, 6)."""
     errors: Array
-    """e + e_v of each look, (v, 6)."""
+    """e + e_v of each view, (v, 6)."""
 
 
 def camera_to_base_covariances(
     covariances: Array, t_base_camera: Array, R_target_base: Array
 ) -> Array:
-    """Covariances (v, 6, 6) of cameras' poses, as those of displacements of the base.
+    """Covariances (v, 6, 6) of camera poses, as those of displacements of the base.
 
-    A camera that stands dt further, turned by dw, sees what it would see from a base displaced by
-    [dt + t x dw, dw]; both are turned into the target's frame.
+    A camera displaced by [dt, dw] sees what it would see from a base displaced by
+    [dt + t x dw, dw]; both are rotated into the target's frame.
 
     Parameters
     ----------
-    covariances : (v, 6, 6)
+    covariances : ndarray, shape (v, 6, 6)
         Of T_base_camera, in the base frame.
-    t_base_camera : (v, 3)
-        Where the cameras are.
-    R_target_base : (3, 3)
+    t_base_camera : ndarray, shape (v, 3)
+        Positions of the cameras, metres.
+    R_target_base : ndarray, shape (3, 3)
     """
     A = np.zeros_like(covariances)
     A[:, :3, :3] = A[:, 3:, 3:] = R_target_base
@@ -60,17 +65,17 @@ def camera_to_base_covariances(
 def shared_pose(
     H: Array, g: Array, independent: Array, common: Array, P: Array, Px: Array
 ) -> SharedPose:
-    """Estimate x of the looks' information H (v, 6, 6) and g (v, 6) about x + e + e_v.
+    """Estimate x from the views' information about x + e + e_v.
 
     Parameters
     ----------
-    H, g : (v, 6, 6) and (v, 6)
+    H, g : ndarray, shapes (v, 6, 6) and (v, 6)
         H_v and H_v (x + e + e_v) as measured.
-    own, common : (v, 6, 6) and (6, 6)
+    independent, common : ndarray, shapes (v, 6, 6) and (6, 6)
         Covariances S_v and S of the errors.
-    P, Px : (6, 6) and (6,)
-        What is known beforehand: information, and information times x. P must make up for what
-        all looks together leave open.
+    P, Px : ndarray, shapes (6, 6) and (6,)
+        Prior: information, and information times x. P must determine what all views together do
+        not.
     """
     eye = np.eye(6)
     L = eye + H @ independent
@@ -89,10 +94,10 @@ def shared_pose(
 
 
 def view_chi2(H: Array, g: Array, independent: Array) -> tuple[Array, Array]:
-    """How far each look is from what all others say: chi^2 (v,) and its degrees of freedom (v,).
+    """Disagreement of each view with all others: chi^2 (v,) and its degrees of freedom (v,).
 
-    Each look's own W_v, g_v against their sum without it, in the directions in which both tell
-    something; common errors are in both and cancel. With no such direction, both are 0.
+    Each view's W_v, g_v are compared with their sum over the other views, in the directions that
+    both determine; common errors are in both and cancel. With no such direction, both are 0.
     """
     L = np.eye(6) + H @ independent
     W_v = np.linalg.solve(L, H)
@@ -100,11 +105,9 @@ def view_chi2(H: Array, g: Array, independent: Array) -> tuple[Array, Array]:
     chi2, dof = np.zeros(len(H)), np.zeros(len(H))
     for v in range(len(H)):
         W, w = W_v.sum(axis=0) - W_v[v], g_v.sum(axis=0) - g_v[v]
-        C_others, x_others = _covariance_of(W), np.zeros(6)
-        x_others = C_others @ w
-        C, x = _covariance_of(W_v[v]), np.zeros(6)
-        x = C @ g_v[v]
-        # what either leaves open is no disagreement: compare where the sum of covariances is small
+        C_others, C = _covariance_of(W), _covariance_of(W_v[v])
+        x_others, x = C_others @ w, C @ g_v[v]
+        # an undetermined direction is no disagreement: compare where the covariances are small
         spread = C_others + C
         values, vectors = np.linalg.eigh(
             0.5 * (spread + spread.T) / np.outer(_KNOWN_STD, _KNOWN_STD)
@@ -116,13 +119,7 @@ def view_chi2(H: Array, g: Array, independent: Array) -> tuple[Array, Array]:
     return chi2, dof
 
 
-_KNOWN_STD = np.array([0.3, 0.3, 0.3, 0.1, 0.1, 0.1])
-"""Metres and radians: what is known less well than this counts as open."""
-_UNKNOWN_VARIANCE_RATIO = 1e4
-"""Times the units in square: the variance of what information leaves open."""
-
-
 def _covariance_of(W: Array) -> Array:
-    """Covariance of an information matrix that may leave directions open."""
+    """Covariance of an information matrix that may be singular."""
     prior = np.diag(1.0 / (_UNKNOWN_VARIANCE_RATIO * _KNOWN_STD**2))
     return np.asarray(np.linalg.inv(0.5 * (W + W.T) + prior))

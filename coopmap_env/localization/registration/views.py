@@ -1,4 +1,4 @@
-"""The looks that a robot has made from where it stands, side by side for the kernels."""
+"""The scans that a robot has made from one base pose, as arrays for kernels."""
 
 from __future__ import annotations
 
@@ -9,63 +9,89 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.localization.depth_rendering import (
-    PinholeIntrinsics,
-    min_neighbour_range,
-    pinhole_intrinsics,
-)
-from coopmap_env.robots.vehicle import PoseEstimate
-from coopmap_env.sensing.depth_camera import DepthCamera
-from coopmap_env.sensing.point_cloud import PointCloud
+from coopmap_env.geometry import RigidTransform
+from coopmap_env.localization.depth_rendering import min_neighbour_range
+from coopmap_env.robots import PoseEstimate
+from coopmap_env.sensing import DepthCamera, PinholeIntrinsics, PointCloud
+
+Array = NDArray[np.float64]
 
 
 class View(NamedTuple):
-    """One look, and where the robot believes that its camera was."""
+    """One scan, and the estimated pose of its camera."""
 
     cloud: PointCloud
-    """A pixel each, row by row, in the camera frame; what is seen of robots is taken out."""
+    """A point for each pixel, row by row, in the camera frame; points on robots are filtered."""
     estimate: PoseEstimate
     """T_base_camera with its covariance in the base frame."""
 
 
+class ViewArrays(NamedTuple):
+    """One view of a `ViewBatch`, for kernels; n pixels."""
+
+    points: Array
+    """Shape (n, 3): ends of the rays in the camera frame, metres."""
+    hit: NDArray[np.bool_]
+    """Shape (n,): whether the ray ends at a surface."""
+    ranges: Array
+    """Shape (n,): metres up to which a ray is clear; 0 where nothing was measured."""
+    min_ranges: Array
+    """Shape (n,): least range of a pixel and its neighbours, 0 at the border."""
+    T_base_camera: RigidTransform
+
+
+class Beams(NamedTuple):
+    """The rays of v views, for the search; n pixels each."""
+
+    min_ranges: Array
+    """Shape (v, n): see `ViewArrays`."""
+    rotations: Array
+    """Shape (v, 3, 3): of T_base_camera."""
+    translations: Array
+    """Shape (v, 3): of T_base_camera, metres."""
+    intrinsics: PinholeIntrinsics
+    margin: float
+    """Metres by which a ray must pass a point to see through it."""
+
+
 @dataclass(frozen=True, eq=False)
 class ViewBatch:
-    """v looks of n pixels each as arrays.
+    """v views of n pixels each, side by side.
 
     Attributes
     ----------
     points : (v, n, 3) float array
-        Ends of the beams in the camera frame, metres.
+        Ends of the rays in the camera frame, metres.
     hit : (v, n) bool array
+        Whether the ray ends at a surface.
     ranges : (v, n) float array
-        Metres up to which each beam is clear; 0 where it says nothing.
-    around : (v, n) float array
-        The least range of a pixel and its neighbours, 0 at the border.
+        Metres up to which a ray is clear; 0 where nothing was measured.
+    min_ranges : (v, n) float array
+        Least range of a pixel and its neighbours, 0 at the border.
     R, t : (v, 3, 3) and (v, 3) float arrays
         T_base_camera.
     covariances : (v, 6, 6) float array
         Of T_base_camera.
-    lens : tuple
-        See `pinhole_intrinsics`.
+    intrinsics : PinholeIntrinsics
     """
 
-    points: NDArray[np.float64]
+    points: Array
     hit: NDArray[np.bool_]
-    ranges: NDArray[np.float64]
-    min_ranges: NDArray[np.float64]
-    R: NDArray[np.float64]
-    t: NDArray[np.float64]
-    covariances: NDArray[np.float64]
+    ranges: Array
+    min_ranges: Array
+    R: Array
+    t: Array
+    covariances: Array
     intrinsics: PinholeIntrinsics
 
     @classmethod
     def from_views(cls, views: Sequence[View], camera: DepthCamera) -> ViewBatch:
-        """Put looks side by side.
+        """Stack views.
 
         Raises
         ------
         ValueError
-            If there is no look, or one has not a point for each pixel, a planar pose or a
+            If there is no view, or one has not a point for each pixel, a planar pose or a
             covariance that is not (6, 6).
         """
         if not views:
@@ -94,13 +120,24 @@ class ViewBatch:
             np.array([view.estimate.pose.rotation for view in views]),
             np.array([view.estimate.pose.translation for view in views]),
             np.array([view.estimate.covariance for view in views], dtype=np.float64),
-            pinhole_intrinsics(camera),
+            camera.intrinsics,
         )
 
     def __len__(self) -> int:
         return len(self.points)
 
-    def points_in_base(self) -> NDArray[np.float64]:
+    def view(self, index: int) -> ViewArrays:
+        """The arrays of one view."""
+        return ViewArrays(
+            self.points[index], self.hit[index], self.ranges[index], self.min_ranges[index],
+            RigidTransform(self.R[index], self.t[index]),
+        )  # fmt: skip
+
+    def beams(self, margin: float) -> Beams:
+        """The rays of all views, with a margin in metres."""
+        return Beams(self.min_ranges, self.R, self.t, self.intrinsics, margin)
+
+    def points_in_base(self) -> Array:
         """All measured points (k, 3) in the base frame, metres."""
         points = np.einsum("vij,vnj->vni", self.R, self.points) + self.t[:, None]
         return points[self.hit]

@@ -1,4 +1,4 @@
-"""Motion correction in small yards: what robots take for true, against what is."""
+"""Correction of camera poses in small worlds, compared with the truth."""
 
 import numpy as np
 import pytest
@@ -37,62 +37,62 @@ def length(offs, part):
 POSITION, ANGLE = slice(0, 3), slice(3, 6)
 
 
-def looks_at_the_target(seeds, n, **settings):
-    """Of each seed n looks at the target, from anywhere: (seeds, n)."""
+def scans_of_the_target(seeds, n, **settings):
+    """Of each seed n scans of the target, from anywhere: (seeds, n)."""
     found = []
     for seed in seeds:
-        crew = CorrectionTeam(flat_world(TARGET, *SMALL), ("target",), seed, **settings)
-        readings = readings_aimed_at(crew.vehicles[0], MIDDLE, n, np.random.default_rng([seed, 2]))
-        found.append([crew.scan(q) for q in readings])
-        crew.simulator.close()
+        team = CorrectionTeam(flat_world(TARGET, *SMALL), ("target",), seed, **settings)
+        readings = readings_aimed_at(team.vehicles[0], MIDDLE, n, np.random.default_rng([seed, 2]))
+        found.append([team.scan(q) for q in readings])
+        team.simulator.close()
     return found
 
 
 @pytest.fixture(scope="module")
 def on_target():
-    return looks_at_the_target(range(60), 2)
+    return scans_of_the_target(range(60), 2)
 
 
 @pytest.mark.parametrize("part", [POSITION, ANGLE], ids=["position", "angle"])
 @pytest.mark.parametrize("number", [0, 1])
 def test_with_the_target_in_view_the_error_falls_to_a_third(on_target, number, part):
-    """In the median over 20 yards."""
-    looks = [of[number] for of in on_target[:20]]
-    assert all(look.correction.reason == "" for look in looks)
+    """In the median over 20 worlds."""
+    scans = [of[number] for of in on_target[:20]]
+    assert all(scan.correction.reason == "" for scan in scans)
     # two faces tell four of the six: along their edge, and about it, the mount knows better
-    assert np.median([look.correction.n_directions for look in looks]) >= 4
-    before = np.median(length([look.kinematic_error for look in looks], part))
-    after = np.median(length([look.error for look in looks], part))
+    assert np.median([scan.correction.n_directions for scan in scans]) >= 4
+    before = np.median(length([scan.kinematic_error for scan in scans], part))
+    after = np.median(length([scan.error for scan in scans], part))
     assert after < before / 3
 
 
 @pytest.mark.parametrize("part", [POSITION, ANGLE], ids=["position", "angle"])
 def test_at_worst_the_error_is_smaller_too(on_target, part):
-    """The 95th percentile over 20 yards, two looks each."""
-    looks = [look for of in on_target[:20] for look in of]
-    before = np.percentile(length([look.kinematic_error for look in looks], part), 95)
-    after = np.percentile(length([look.error for look in looks], part), 95)
+    """The 95th percentile over 20 worlds, two scans each."""
+    scans = [scan for of in on_target[:20] for scan in of]
+    before = np.percentile(length([scan.kinematic_error for scan in scans], part), 95)
+    after = np.percentile(length([scan.error for scan in scans], part), 95)
     assert after < before
 
 
 def test_the_covariance_of_a_corrected_pose_is_not_too_small(on_target):
-    """The last look of each of 60 yards: squared errors in it have the mean 6 at most.
+    """The last scan of each of 60 worlds: squared errors in it have the mean 6 at most.
 
-    `patch_model_std` allows for more than there is among crates. It makes standard deviations no more
-    than half as large again as the errors; without it they are just as large.
+    `patch_model_std` allows for more than there is among crates. It makes standard deviations
+    at most half as large again as the errors; without it they are just as large.
     """
     low, high = chi2.ppf([0.025, 0.975], 6 * 60) / 60
     assert 6 / 1.5**2 < np.mean([of[-1].nees for of in on_target]) < high
-    looks = looks_at_the_target(range(60), 2, settings=CorrectionSettings(patch_model_std=0.0))
-    assert low < np.mean([of[-1].nees for of in looks]) < high
+    scans = scans_of_the_target(range(60), 2, settings=CorrectionSettings(patch_model_std=0.0))
+    assert low < np.mean([of[-1].nees for of in scans]) < high
 
 
-def test_what_is_told_of_each_fiducial_is_what_the_pose_was_identified_from(on_target):
+def test_matches_are_consistent_with_the_estimated_pose(on_target):
     """Matches are where the corrected pose sees them, each in its covariance."""
     squares, directions = 0.0, 0
     for of in on_target[:20]:
-        for look in of:
-            estimate, matches = look.correction.estimate, look.correction.matches
+        for scan in of:
+            estimate, matches = scan.correction.estimate, scan.correction.matches
             seen = estimate.pose.transform(matches.observed_points[matches.inlier_mask])
             e = matches.base_points[matches.inlier_mask] - seen
             W = matches.information[matches.inlier_mask]
@@ -103,7 +103,7 @@ def test_what_is_told_of_each_fiducial_is_what_the_pose_was_identified_from(on_t
 
 
 def test_the_same_input_twice_gives_the_same_bits():
-    one, other = looks_at_the_target([7], 3), looks_at_the_target([7], 3)
+    one, other = scans_of_the_target([7], 3), scans_of_the_target([7], 3)
     for a, b in zip(one[0], other[0], strict=True):
         assert np.array_equal(a.correction.estimate.covariance, b.correction.estimate.covariance)
         assert np.array_equal(a.error, b.error)
@@ -114,9 +114,9 @@ def test_the_same_input_twice_gives_the_same_bits():
 # nothing in view
 
 
-def stays(look, n=0):
-    """Whether a look was left as it was predicted, and says that n fiducials were found."""
-    correction = look.correction
+def stays(scan, n=0):
+    """Check that a scan keeps the prediction, because n fiducials were found."""
+    correction = scan.correction
     assert correction.reason == f"fiducials in view: {n}, needed: 3"
     assert correction.n_directions == 0
     assert correction.estimate.pose == correction.predicted.pose
@@ -124,71 +124,71 @@ def stays(look, n=0):
 
 
 def test_with_nothing_in_view_the_prediction_stays():
-    """A camera that looks up to the sky."""
-    crew = CorrectionTeam(flat_world(TARGET), ("target",))
-    up = readings_aimed_at(crew.vehicles[0], UP, 1, np.random.default_rng(0))[0]
-    look = crew.scan(up)
-    stays(look)
+    """A camera that points up to the sky."""
+    team = CorrectionTeam(flat_world(TARGET), ("target",))
+    up = readings_aimed_at(team.vehicles[0], UP, 1, np.random.default_rng(0))[0]
+    scan = team.scan(up)
+    stays(scan)
     np.testing.assert_allclose(
-        look.correction.predicted.covariance, look.kinematic.covariance + 1e-9 * np.eye(6),
+        scan.correction.predicted.covariance, scan.kinematic.covariance + 1e-9 * np.eye(6),
         atol=1e-15,
     )  # fmt: skip
-    assert len(look.correction.matches.inlier_mask) == 0
+    assert len(scan.correction.matches.inlier_mask) == 0
 
 
-def test_a_target_behind_a_wall_tells_nothing():
+def test_a_target_behind_a_wall_corrects_nothing():
     for seed in range(5):
         wall = crate("wall", 1.7, 0.2, 1.2, (0.1, 4.0, 2.4))
-        crew = CorrectionTeam(flat_world(TARGET, wall), ("target",), seed)
+        team = CorrectionTeam(flat_world(TARGET, wall), ("target",), seed)
         at = readings_aimed_at(
-            crew.vehicles[0], MIDDLE, 1, np.random.default_rng(seed), off_axis=0.1
+            team.vehicles[0], MIDDLE, 1, np.random.default_rng(seed), off_axis=0.1
         )[0]
-        stays(crew.scan(at))
+        stays(team.scan(at))
 
 
 @pytest.mark.parametrize(("spacing", "n"), [(20.0, 1), (0.4, None)])
 def test_too_few_fiducials_are_counted(spacing, n):
     """A target that is a single fiducial, and one that is many."""
-    crew = CorrectionTeam(flat_world(crate("target", 2.6, 1.2, 0.45, 0.9)), ("target",), 1,
+    team = CorrectionTeam(flat_world(crate("target", 2.6, 1.2, 0.45, 0.9)), ("target",), 1,
                 settings=CorrectionSettings(target_spacing=spacing))  # fmt: skip
     at = np.array([2.6, 1.2, 0.45])
-    look = crew.scan(readings_aimed_at(crew.vehicles[0], at, 1, np.random.default_rng(1))[0])
+    scan = team.scan(readings_aimed_at(team.vehicles[0], at, 1, np.random.default_rng(1))[0])
     if n is None:
-        assert look.correction.reason == ""
+        assert scan.correction.reason == ""
     else:
-        stays(look, n)
-        assert len(look.correction.matches.inlier_mask) == 0
+        stays(scan, n)
+        assert len(scan.correction.matches.inlier_mask) == 0
 
 
 def test_fiducials_that_were_lost_are_found_again():
-    """Two looks at crates, one at the sky, one back: what it moved by since the first is told.
+    """Two scans of crates, one of the sky, one back: it measures the motion since the first.
 
-    Of the first look only the kinematics tells, so most of its error is common to all that follow.
+    The first scan has the kinematics only, so most of its error is common to all that follow.
     """
     since = []
     for seed in range(20):
-        crew = CorrectionTeam(crates(), (), seed)
-        vehicle, rng = crew.vehicles[0], np.random.default_rng([seed, 2])
+        team = CorrectionTeam(crates(), (), seed)
+        vehicle, rng = team.vehicles[0], np.random.default_rng([seed, 2])
         there = readings_aimed_at(vehicle, AMONG_CRATES, 3, rng)
         up = readings_aimed_at(vehicle, UP, 1, rng)[0]
-        first, _, lost, back = (crew.scan(q) for q in (there[0], there[1], up, there[2]))
+        first, _, lost, back = (team.scan(q) for q in (there[0], there[1], up, there[2]))
         stays(lost)
         assert back.correction.reason == ""
         assert back.correction.n_directions >= 3
-        # later looks tell of the first one, too; that of the sky was not kept
-        off = displacement_between(crew.correction.poses.cameras[0], first.true)
+        # later scans correct the first one, too; that of the sky was not kept
+        off = displacement_between(team.correction.poses.cameras[0], first.true)
         since.append([back.error - off, back.kinematic_error - first.kinematic_error])
-        crew.simulator.close()
+        team.simulator.close()
     for part in (POSITION, ANGLE):
         corrected, kinematic = np.median(length(since, part), axis=0)
-        assert corrected < kinematic / 1.6  # a half, of which 20 yards tell a fifth
+        assert corrected < kinematic / 1.6  # a half, of which 20 worlds tell a fifth
 
 
 # outliers
 
 
 def crates(moved=None, step=(0.0, 0.0, 0.0)):
-    """A yard of crates, one of which may have moved."""
+    """A world of crates, one of which may have moved."""
     return flat_world(
         *(
             crate(name, *(at + np.array(step) * (name == moved)), size)
@@ -198,20 +198,20 @@ def crates(moved=None, step=(0.0, 0.0, 0.0)):
 
 
 def after_a_change(seed, world):
-    """Three looks at crates, then one after the world has become another."""
-    crew = CorrectionTeam(crates(), (), seed)
+    """Three scans of crates, then one after the world has changed."""
+    team = CorrectionTeam(crates(), (), seed)
     readings = readings_aimed_at(
-        crew.vehicles[0], AMONG_CRATES, 4, np.random.default_rng([seed, 2])
+        team.vehicles[0], AMONG_CRATES, 4, np.random.default_rng([seed, 2])
     )
     for q in readings[:3]:
-        crew.scan(q)
-    crew.rng = np.random.default_rng([seed, 3])  # the same noise in each world
-    crew.change_world(world)
-    look = crew.scan(readings[3])
-    true = crew.simulator.true_camera_pose(0)
-    crew.simulator.close()
-    return look, true.transform(
-        look.correction.matches.observed_points[look.correction.matches.inlier_mask]
+        team.scan(q)
+    team.rng = np.random.default_rng([seed, 3])  # the same noise in each world
+    team.change_world(world)
+    scan = team.scan(readings[3])
+    true = team.simulator.true_camera_pose(0)
+    team.simulator.close()
+    return scan, true.transform(
+        scan.correction.matches.observed_points[scan.correction.matches.inlier_mask]
     )
 
 
@@ -230,16 +230,16 @@ def unmoved():
     ],
 )
 def test_a_crate_that_moved_does_not_drag_the_pose_along(unmoved, moved, step):
-    """By 15 cm, while three others stood still; compared with the same looks if it had not."""
+    """By 15 cm, while three others stood still; compared with the same scans if it had not."""
     dragged = []
     for seed, (still, _) in enumerate(unmoved):
-        look, _ = after_a_change(seed, crates(moved, step))
-        assert look.correction.reason == ""
+        scan, _ = after_a_change(seed, crates(moved, step))
+        assert scan.correction.reason == ""
         for part in (POSITION, ANGLE):
-            variance = np.trace(look.correction.estimate.covariance[part, part])
-            assert length(look.error, part) < 3 * np.sqrt(variance)
-        assert look.nees < chi2.ppf(0.999, 6)  # one look in a thousand
-        dragged.append(look.error - still.error)
+            variance = np.trace(scan.correction.estimate.covariance[part, part])
+            assert length(scan.error, part) < 3 * np.sqrt(variance)
+        assert scan.nees < chi2.ppf(0.999, 6)  # one scan in a thousand
+        dragged.append(scan.error - still.error)
     # corrected poses are known to 5 mm: fewer pixels, and nothing of 15 cm
     assert np.median(length(dragged, POSITION)) < 0.003
     assert length(dragged, POSITION).max() < 0.02
@@ -250,9 +250,9 @@ def test_fiducials_that_moved_a_little_are_called_outliers(unmoved, moved, step)
     """By so little that they are still taken for what they were: the others outvote them."""
     dragged, outliers = [], [0, 0]
     for seed, (still, _) in enumerate(unmoved):
-        look, _ = after_a_change(seed, crates(moved, (step, 0, 0)))
-        dragged.append(look.error - still.error)
-        for k, one in enumerate((still, look)):
+        scan, _ = after_a_change(seed, crates(moved, (step, 0, 0)))
+        dragged.append(scan.error - still.error)
+        for k, one in enumerate((still, scan)):
             outliers[k] += (~one.correction.matches.inlier_mask).sum()
     assert outliers[0] == 0  # of some 800
     assert outliers[1] > 15
@@ -281,24 +281,24 @@ def test_of_a_crate_that_moved_no_pixel_is_used(unmoved):
 
 
 def test_two_robots_on_opposite_sides_of_the_target_are_both_corrected():
-    """They see none of the same faces; the median over 20 yards, two looks each."""
+    """They see none of the same faces; the median over 20 worlds, two scans each."""
     bases = (base_pose(0.0, 0.2), base_pose(5.2, 0.2, np.pi))
-    looks = ([], [])
+    scans = ([], [])
     for seed in range(20):
-        crew = CorrectionTeam(flat_world(TARGET, bases=bases), ("target",), seed)
+        team = CorrectionTeam(flat_world(TARGET, bases=bases), ("target",), seed)
         rng = np.random.default_rng([seed, 2])
-        readings = [readings_aimed_at(vehicle, MIDDLE, 2, rng) for vehicle in crew.vehicles]
+        readings = [readings_aimed_at(vehicle, MIDDLE, 2, rng) for vehicle in team.vehicles]
         for k in range(2):
             for robot in range(2):
-                looks[robot].append(crew.scan(readings[robot][k], robot))
-        crew.simulator.close()
-    for of_robot in looks:
-        assert all(look.correction.reason == "" for look in of_robot)
+                scans[robot].append(team.scan(readings[robot][k], robot))
+        team.simulator.close()
+    for of_robot in scans:
+        assert all(scan.correction.reason == "" for scan in of_robot)
         for part in (POSITION, ANGLE):
-            before = np.median(length([look.kinematic_error for look in of_robot], part))
-            assert np.median(length([look.error for look in of_robot], part)) < before / 2.5
+            before = np.median(length([scan.kinematic_error for scan in of_robot], part))
+            assert np.median(length([scan.error for scan in of_robot], part)) < before / 2.5
         # means of 40 squares: never too small a covariance
-        assert np.mean([look.nees for look in of_robot]) < chi2.ppf(0.995, 6 * 40) / 40
+        assert np.mean([scan.nees for scan in of_robot]) < chi2.ppf(0.995, 6 * 40) / 40
 
 
 def given(covariance, known, left):
@@ -309,60 +309,60 @@ def given(covariance, known, left):
     )
 
 
-def test_flat_ground_alone_tells_three_directions_at_most():
+def test_flat_ground_alone_determines_three_directions_at_most():
     """Height, roll and pitch: x, y and yaw as by the kinematics, given these."""
     squares = []
     for seed in range(20):
-        crew = CorrectionTeam(flat_world(), (), seed)
+        team = CorrectionTeam(flat_world(), (), seed)
         ground = np.array([-2.5, 0.0, 0.0])
-        for q in readings_aimed_at(crew.vehicles[0], ground, 3, np.random.default_rng([seed, 2])):
-            look = crew.scan(q)
-            correction = look.correction
+        for q in readings_aimed_at(team.vehicles[0], ground, 3, np.random.default_rng([seed, 2])):
+            scan = team.scan(q)
+            correction = scan.correction
             assert correction.n_directions <= 3
             C, P = correction.estimate.covariance, correction.predicted.covariance
             along, upright = [0, 1, 5], [2, 3, 4]
-            assert np.sqrt(C[5, 5] / look.kinematic.covariance[5, 5]) > 0.9
+            assert np.sqrt(C[5, 5] / scan.kinematic.covariance[5, 5]) > 0.9
             least = np.linalg.eigvalsh(C[np.ix_(along, along)] - 0.8 * given(P, upright, along))
             assert least[0] > 0.0
-            squares.append(look.nees)
+            squares.append(scan.nees)
         assert correction.reason == ""
         assert correction.n_directions >= 1
-        crew.simulator.close()
+        team.simulator.close()
     assert np.mean(squares) < chi2.ppf(0.995, 6 * 60) / 60
 
 
 @pytest.fixture(scope="module")
 def placed():
-    """40 bases that registration has found to 1.5 cm and half a degree, with three looks each.
+    """40 bases that registration has found to 1.5 cm and half a degree, with three scans each.
 
-    Of each the camera's looks; where the base was found and where it is by all that was seen, as
+    Of each the camera's scans; where the base was found and where it is by all that was seen, as
     displacements (2, 6) that lead to the truth; and the squared error of the latter.
     """
     std = np.array([0.015, 0.015, 0.005, 0.0025, 0.0025, 0.0075])
     found = []
     for seed in range(40):
-        crew = CorrectionTeam(flat_world(TARGET, *SMALL), ("target",), seed)
-        rng, true = np.random.default_rng([seed, 2]), crew.vehicles[0].T_world_base
+        team = CorrectionTeam(flat_world(TARGET, *SMALL), ("target",), seed)
+        rng, true = np.random.default_rng([seed, 2]), team.vehicles[0].T_world_base
         there = apply_displacement(true, std * rng.standard_normal(6))
-        crew.correction.set_base(0, PoseEstimate(there, np.diag(std**2)))
-        looks = [crew.scan(q) for q in readings_aimed_at(crew.vehicles[0], MIDDLE, 3, rng)]
-        base_pose = crew.correction.poses.base_pose(0)
+        team.correction.set_base(0, PoseEstimate(there, np.diag(std**2)))
+        scans = [team.scan(q) for q in readings_aimed_at(team.vehicles[0], MIDDLE, 3, rng)]
+        base_pose = team.correction.poses.base_pose(0)
         off = displacement_between(base_pose.pose, true)
         square = off @ np.linalg.solve(base_pose.covariance, off)
-        found.append((looks, [displacement_between(there, true), off], square))
-        crew.simulator.close()
+        found.append((scans, [displacement_between(there, true), off], square))
+        team.simulator.close()
     return found
 
 
 def test_a_robot_that_does_not_know_its_base_exactly_knows_how_well_it_knows_its_camera(placed):
-    """The base is off by more than fiducials are: no look is held against a wrong face."""
-    squares = np.array([[look.nees for look in looks] for looks, _, _ in placed])
+    """The base is off by more than fiducials are: no scan is paired with a wrong face."""
+    squares = np.array([[scan.nees for scan in scans] for scans, _, _ in placed])
     assert (squares.mean(axis=0) < chi2.ppf(0.995, 6 * 40) / 40).all()
-    assert squares.max() < chi2.ppf(1 - 1e-5, 6)  # one look in 100 000
+    assert squares.max() < chi2.ppf(1 - 1e-5, 6)  # one scan in 100 000
 
 
 def test_a_base_follows_from_cameras_and_the_kinematics(placed):
-    """The suspension errs alike in looks to one side, which is taken for chance: hence 1.5."""
+    """Scans to one side share the suspension's error, which is modelled as noise: hence 1.5."""
     offs = np.array([off for _, off, _ in placed])
     for part in (POSITION, ANGLE):
         before, after = np.median(length(offs, part), axis=0)
@@ -370,22 +370,22 @@ def test_a_base_follows_from_cameras_and_the_kinematics(placed):
     assert np.mean([square for _, _, square in placed]) < 1.5 * chi2.ppf(0.995, 6 * 40) / 40
 
 
-def test_a_look_that_saw_nothing_is_not_kept():
-    crew = CorrectionTeam(flat_world(TARGET), ("target",))
-    vehicle, rng = crew.vehicles[0], np.random.default_rng(0)
-    crew.scan(readings_aimed_at(vehicle, UP, 1, rng)[0])
-    assert len(crew.correction.poses) == 0
-    crew.scan(readings_aimed_at(vehicle, MIDDLE, 1, rng)[0])
-    assert len(crew.correction.poses) == 1
+def test_a_scan_without_surfaces_is_not_kept():
+    team = CorrectionTeam(flat_world(TARGET), ("target",))
+    vehicle, rng = team.vehicles[0], np.random.default_rng(0)
+    team.scan(readings_aimed_at(vehicle, UP, 1, rng)[0])
+    assert len(team.correction.poses) == 0
+    team.scan(readings_aimed_at(vehicle, MIDDLE, 1, rng)[0])
+    assert len(team.correction.poses) == 1
 
 
-def test_the_oldest_looks_are_forgotten():
+def test_the_oldest_scans_are_dropped():
     """Three are kept: the state is that of bases and offsets, 11, and of these."""
-    crew = CorrectionTeam(
+    team = CorrectionTeam(
         flat_world(TARGET), ("target",), settings=CorrectionSettings(max_keyframes=3)
     )
-    for q in readings_aimed_at(crew.vehicles[0], MIDDLE, 5, np.random.default_rng(0)):
-        look = crew.scan(q)
-    assert len(crew.correction.poses) == 3
-    assert crew.correction.poses.covariance.shape == (11 + 18, 11 + 18)
-    assert crew.correction.poses.estimate(2).pose is look.correction.estimate.pose
+    for q in readings_aimed_at(team.vehicles[0], MIDDLE, 5, np.random.default_rng(0)):
+        scan = team.scan(q)
+    assert len(team.correction.poses) == 3
+    assert team.correction.poses.covariance.shape == (11 + 18, 11 + 18)
+    assert team.correction.poses.estimate(2).pose is scan.correction.estimate.pose

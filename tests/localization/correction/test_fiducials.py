@@ -286,7 +286,7 @@ def test_a_camera_outside_the_map_sees_none():
     assert len(select_fiducials(map_, outside, CAMERA, SETTINGS, kept)) == 0
 
 
-def test_planar_maps_and_foreign_fiducials_are_refused():
+def test_planar_maps_and_foreign_fiducials_are_rejected():
     with pytest.raises(ValueError, match="in space"):
         select_fiducials(OccupancyMap(VoxelGrid((5, 5))), AHEAD, CAMERA)
     with pytest.raises(ValueError, match="in space"):
@@ -304,8 +304,10 @@ def test_planar_maps_and_foreign_fiducials_are_refused():
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("max_fiducials", 0), ("max_fiducials", 1.5), ("min_peak_probability", 0.5), ("min_peak_probability", 1.0),
-        ("min_rise", -0.1), ("border_fraction", 1.0), ("max_radius", 0.0), ("max_distance", math.inf),
+        ("max_fiducials", 0), ("max_fiducials", 1.5), ("min_peak_probability", 0.5),
+        ("min_peak_probability", 1.0),
+        ("min_rise", -0.1), ("border_fraction", 1.0), ("max_radius", 0.0),
+        ("max_distance", math.inf),
         ("min_spacing", -1.0), ("occlusion_tolerance", math.nan),
     ],
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Earlier looks side by side in memory."""
+"""Earlier scans side by side in memory."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ N = CAMERA.n_pixels
 
 
 def numbered(k):
-    """A look whose every value is k."""
+    """A scan whose every value is k."""
     values = np.full(N, float(k))
     return ScanSurfaces(
         np.full((N, 3), k), np.full((N, 3), k), np.full(N, k % 2 == 1), values, values
@@ -25,11 +25,11 @@ def standing(k):
 
 
 def in_order(kept):
-    """The number of each look that is kept, as kernels find it."""
-    return [int(kept.surfaces.points[slot, 0, 0]) for slot in kept.slots]
+    """The number of each stored scan, as kernels find it."""
+    return [int(kept.arrays.surfaces.points[slot, 0, 0]) for slot in kept.slots]
 
 
-def test_looks_keep_their_order_when_one_is_removed_and_its_room_is_used_again():
+def test_scans_keep_their_order_when_one_is_removed_and_its_slot_is_used_again():
     kept = KeyframeBuffer(3, N)
     for k in (1, 2, 3):
         kept.add(numbered(k))
@@ -40,29 +40,29 @@ def test_looks_keep_their_order_when_one_is_removed_and_its_room_is_used_again()
     assert in_order(kept) == [2, 3, 4]
     kept.set_camera_poses([standing(2), standing(3), standing(4)])
     for slot, k in zip(kept.slots, (2, 3, 4), strict=True):
-        assert kept.translations[slot].tolist() == [k, k, k]
-        np.testing.assert_array_equal(kept.rotations[slot], np.eye(3))
-        for part, wanted in zip(kept.surfaces, numbered(k), strict=True):
+        assert kept.arrays.translations[slot].tolist() == [k, k, k]
+        np.testing.assert_array_equal(kept.arrays.rotations[slot], np.eye(3))
+        for part, wanted in zip(kept.arrays.surfaces, numbered(k), strict=True):
             np.testing.assert_array_equal(part[slot], wanted)
 
 
-def test_there_is_no_room_for_more_than_so_many():
+def test_a_full_buffer_takes_no_more():
     kept = KeyframeBuffer(2, N)
     kept.add(numbered(1))
     kept.add(numbered(2))
-    with pytest.raises(ValueError, match="no room for more than 2 looks"):
+    with pytest.raises(ValueError, match="all 2 slots are used"):
         kept.add(numbered(3))
     assert in_order(kept) == [1, 2]
 
 
-def test_each_look_needs_a_pose():
+def test_each_scan_needs_a_pose():
     kept = KeyframeBuffer(2, N)
     kept.add(numbered(1))
     with pytest.raises(ValueError, match="zip"):
         kept.set_camera_poses([])
 
 
-def test_by_hand_the_surfaces_of_a_look():
+def test_by_hand_the_surfaces_of_a_scan():
     """A wall 2 m ahead; a pixel measured nothing. Eq. 1 at the distance, not at the depth."""
     points = CAMERA.directions * (2.0 / CAMERA.directions[:, :1])
     hit = np.ones(N, dtype=bool)
@@ -72,9 +72,9 @@ def test_by_hand_the_surfaces_of_a_look():
     wanted = 0.002 * 0.5 * (points**2).sum(axis=1) * hit
     np.testing.assert_allclose(surfaces.deviations, wanted, rtol=1e-12)
     normals = surface_normals(cloud, CAMERA, noise)
-    for mine, theirs in zip(surfaces[1:4], (normals.normals, normals.planar, normals.normal_variances),
-                            strict=True):  # fmt: skip
-        np.testing.assert_array_equal(mine, theirs)
-    # a camera without noise still measures
+    np.testing.assert_array_equal(surfaces.normals, normals.normals)
+    np.testing.assert_array_equal(surfaces.planar, normals.planar)
+    np.testing.assert_array_equal(surfaces.normal_variances, normals.normal_variances)
+    # a camera without noise has a small deviation
     exact = ScanSurfaces.from_cloud(cloud, CAMERA, RangeNoise(intrinsic=0.0)).deviations
     np.testing.assert_array_equal(exact > 0, hit)

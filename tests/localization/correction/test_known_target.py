@@ -5,13 +5,14 @@ import pytest
 from plain.triangle_camera import box, look_at_pose, ray_distances, render_scan
 
 from coopmap_env.geometry import Pose, apply_displacement
+from coopmap_env.localization.correction.keyframes import ScanSurfaces
 from coopmap_env.localization.correction.known_target import (
     MAX_DEPTH_RESIDUAL,
     MIN_INCIDENCE_COSINE,
     KnownTarget,
+    PixelPlanes,
 )
 from coopmap_env.localization.correction.surface_normals import surface_normals
-from coopmap_env.localization.depth_rendering import pinhole_intrinsics
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.sensing import DepthCamera, RangeNoise
 
@@ -26,16 +27,18 @@ SIGMA = 0.01
 
 @pytest.fixture(scope="module")
 def crate():
-    return KnownTarget(TargetModel(CRATE), pinhole_intrinsics(CAMERA), 0.4)
+    return KnownTarget(TargetModel(CRATE), CAMERA.intrinsics, 0.4)
 
 
 def ask(target, pose, points, normals=None, planar=None, deviations=None, first=7):
-    labels, target_planes = np.full(N, -1, dtype=np.int32), np.full((N, 6), np.nan)
+    """Labels of the pixels, and the planes that they should see."""
+    labels, planes = np.full(N, -1, dtype=np.int32), PixelPlanes(*np.full((2, N, 3), np.nan))
     normals = np.zeros((N, 3)) if normals is None else normals
     planar = np.zeros(N, dtype=bool) if planar is None else planar
     deviations = np.full(N, SIGMA) if deviations is None else deviations
-    target.label_pixels(pose, points, normals, planar, deviations, first, labels, target_planes)
-    return labels, target_planes
+    scan = ScanSurfaces(points, normals, planar, np.zeros(N), deviations)
+    target.label_pixels(pose, scan, first, labels, planes)
+    return labels, planes
 
 
 def measured(pose, triangles=CRATE, noise=EXACT, seed=0):
@@ -44,13 +47,13 @@ def measured(pose, triangles=CRATE, noise=EXACT, seed=0):
 
 def test_by_hand_pixels_on_a_face_get_its_plane_and_the_nearest_fiducial(crate):
     cloud = measured(AHEAD)
-    labels, target_planes = ask(crate, AHEAD, cloud.points)
+    labels, planes = ask(crate, AHEAD, cloud.points)
     # 2 m ahead and 1.4 m by 1 m large: 19.4 columns and 14.5 rows of 0.072 m and 0.069 m
     assert cloud.hit.sum() == (labels >= 0).sum() == 20 * 14
     np.testing.assert_array_equal(labels >= 0, cloud.hit)
-    np.testing.assert_allclose(target_planes[cloud.hit, :3], [[-1, 0, 0]] * 280, atol=1e-12)
-    np.testing.assert_allclose(target_planes[cloud.hit, 3], -0.5, atol=1e-12)
-    assert not target_planes[~cloud.hit].any()
+    np.testing.assert_allclose(planes.normals[cloud.hit], [[-1, 0, 0]] * 280, atol=1e-12)
+    np.testing.assert_allclose(planes.points[cloud.hit, 0], -0.5, atol=1e-12)
+    assert not planes.normals[~cloud.hit].any()
     seen = AHEAD.transform(cloud.points[cloud.hit])
     away = np.linalg.norm(seen[:, None] - crate.centers, axis=2)
     np.testing.assert_array_equal(labels[cloud.hit], 7 + away.argmin(axis=1))
@@ -68,7 +71,7 @@ def test_planes_and_fiducials_are_those_of_a_ray_against_each_triangle(crate):
             apply_displacement(pose, 0.01 * rng.normal(size=6)), noise=NOISE, seed=seed
         )
         deviations = np.where(cloud.hit, NOISE.intrinsic * (cloud.points**2).sum(axis=1), 0.0)
-        labels, target_planes = ask(crate, pose, cloud.points, deviations=deviations)
+        labels, planes = ask(crate, pose, cloud.points, deviations=deviations)
         directions = CAMERA.directions @ pose.rotation.T
         each = [ray_distances(pose.translation, directions, t[None]) for t in crate.model.triangles]
         first, depth = np.argmin(each, axis=0), np.min(each, axis=0) * CAMERA.directions[:, 0]
@@ -81,9 +84,9 @@ def test_planes_and_fiducials_are_those_of_a_ray_against_each_triangle(crate):
         differ = wanted != (labels >= 0)
         assert differ.sum() <= 2
         same = wanted & ~differ
-        normals, plane_points = crate.model.normals[first], crate.model.plane_points[first]
-        off_plane = np.einsum("ni,ni->n", target_planes[:, :3], plane_points - target_planes[:, 3:])
-        np.testing.assert_allclose(target_planes[same, :3], normals[same], atol=1e-12)
+        normals, plane_points = crate.model.planes.normals[first], crate.model.planes.points[first]
+        off_plane = np.einsum("ni,ni->n", planes.normals, plane_points - planes.points)
+        np.testing.assert_allclose(planes.normals[same], normals[same], atol=1e-12)
         np.testing.assert_allclose(off_plane[same], 0.0, atol=1e-12)
         away = np.linalg.norm(pose.transform(cloud.points)[:, None] - crate.centers, axis=2)
         np.testing.assert_array_equal(labels[same], 7 + away.argmin(axis=1)[same])
@@ -95,10 +98,10 @@ def test_by_hand_pixels_that_miss_by_more_than_the_jump_are_left_out(crate):
     """10 cm and three deviations of 1 cm, in front of the face and behind it."""
     cloud = measured(AHEAD)
     for off, used in [(0.129, True), (0.131, False), (-0.129, True), (-0.131, False)]:
-        labels, target_planes = ask(crate, AHEAD, cloud.points + off * np.eye(3)[0])
+        labels, planes = ask(crate, AHEAD, cloud.points + off * np.eye(3)[0])
         assert (labels[cloud.hit] >= 0).all() == used
         assert (labels[cloud.hit] >= 0).any() == used
-        assert target_planes.any() == used
+        assert planes.normals.any() == used
 
 
 @pytest.mark.parametrize(("y", "used"), [(1.05, False), (2.0, True)])
@@ -106,7 +109,7 @@ def test_by_hand_a_face_that_is_seen_at_a_grazing_angle_is_left_out(crate, y, us
     """The face y = 0.7, from 2.8 m before it: 0.35 m and 1.3 m aside, cosines of 0.1 and 0.4."""
     pose = look_at_pose((-3.0, y, 0.5), (-0.5, 0.6, 0.5))
     cloud = measured(pose)
-    labels, target_planes = ask(crate, pose, cloud.points)
+    labels, planes = ask(crate, pose, cloud.points)
     at = pose.transform(cloud.points)
     on_front = cloud.hit & (np.abs(at[:, 0] + 0.5) < 1e-6)
     on_side = cloud.hit & (np.abs(at[:, 1] - 0.7) < 1e-6)
@@ -114,7 +117,7 @@ def test_by_hand_a_face_that_is_seen_at_a_grazing_angle_is_left_out(crate, y, us
     assert on_side.sum() > 5
     assert (labels[on_side] >= 0).all() == used
     assert (labels[on_side] >= 0).any() == used
-    assert (target_planes[on_side, 1] == 1.0).all() == used
+    assert (planes.normals[on_side, 1] == 1.0).all() == used
 
 
 def test_what_stands_before_the_target_is_not_taken_for_it(crate):
@@ -132,9 +135,9 @@ def test_pixels_that_measured_nothing_are_left_out(crate):
     cloud = measured(AHEAD)
     deviations = np.full(N, SIGMA)
     deviations[::2] = 0.0
-    labels, target_planes = ask(crate, AHEAD, cloud.points, deviations=deviations)
+    labels, planes = ask(crate, AHEAD, cloud.points, deviations=deviations)
     np.testing.assert_array_equal(labels >= 0, cloud.hit & (np.arange(N) % 2 == 1))
-    assert not target_planes[::2].any()
+    assert not planes.normals[::2].any()
 
 
 @pytest.mark.parametrize(("degrees", "used"), [(0, True), (36, True), (38, False), (180, False)])
@@ -152,30 +155,30 @@ def test_a_surface_that_faces_another_way_is_not_the_targets(crate, degrees, use
 def test_all_is_the_same_from_everywhere_in_the_world():
     """Target, camera and points moved together: the same pixels, the plane moved as they are."""
     motion = apply_displacement(Pose(np.zeros(3), np.eye(3)), [3.0, -1.0, 0.4, 0.3, -0.2, 1.0])
-    here = KnownTarget(TargetModel(CRATE), pinhole_intrinsics(CAMERA), 0.4)
-    there = KnownTarget(TargetModel(motion.transform(CRATE)), pinhole_intrinsics(CAMERA), 0.4)
+    here = KnownTarget(TargetModel(CRATE), CAMERA.intrinsics, 0.4)
+    there = KnownTarget(TargetModel(motion.transform(CRATE)), CAMERA.intrinsics, 0.4)
     pose = look_at_pose((-2.2, 1.1, 1.4), (0, 0.05, 0.45))
     cloud = measured(pose)
     normals = surface_normals(cloud, CAMERA, NOISE)
     args = (cloud.points, normals.normals, normals.planar)
-    labels, target_planes = ask(here, pose, *args)
+    labels, planes = ask(here, pose, *args)
     moved_labels, moved = ask(there, motion @ pose, *args)
     np.testing.assert_array_equal(labels >= 0, moved_labels >= 0)
     used = labels >= 0
     np.testing.assert_allclose(
-        moved[used, :3], target_planes[used, :3] @ motion.rotation.T, atol=1e-9
+        moved.normals[used], planes.normals[used] @ motion.rotation.T, atol=1e-9
     )
-    np.testing.assert_allclose(
-        moved[used, 3:], motion.transform(target_planes[used, 3:]), atol=1e-9
-    )
+    np.testing.assert_allclose(moved.points[used], motion.transform(planes.points[used]), atol=1e-9)
 
 
 def test_labels_of_pixels_that_do_not_see_the_target_stay(crate):
     cloud = measured(AHEAD)
-    labels, target_planes = np.arange(N, dtype=np.int32) % 5, np.empty((N, 6))
+    labels, planes = np.arange(N, dtype=np.int32) % 5, PixelPlanes.zeros(N)
     before = labels.copy()
-    crate.label_pixels(AHEAD, cloud.points, np.zeros((N, 3)), np.zeros(N, dtype=bool), np.full(N, SIGMA),
-                 100, labels, target_planes)  # fmt: skip
+    scan = ScanSurfaces(
+        cloud.points, np.zeros((N, 3)), np.zeros(N, dtype=bool), np.zeros(N), np.full(N, SIGMA)
+    )
+    crate.label_pixels(AHEAD, scan, 100, labels, planes)
     np.testing.assert_array_equal(labels[~cloud.hit], before[~cloud.hit])
     assert (labels[cloud.hit] >= 100).all()
 
@@ -186,7 +189,7 @@ def test_there_is_one_fiducial_in_each_cube_of_the_grid_that_holds_surface(spaci
     model = TargetModel(CRATE)
     samples, centers = (
         model.samples[0],
-        KnownTarget(model, pinhole_intrinsics(CAMERA), spacing).centers,
+        KnownTarget(model, CAMERA.intrinsics, spacing).centers,
     )
     cubes = {}
     for point in samples:

@@ -1,4 +1,4 @@
-"""Surfaces held against those seen before: what is measured of a patch's displacement."""
+"""Scans compared with earlier ones: what is measured of a patch's displacement."""
 
 import dataclasses
 
@@ -8,23 +8,27 @@ from plain import patches as plain
 from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry import Pose, apply_displacement
+from coopmap_env.localization import CorrectionSettings
+from coopmap_env.localization.correction.keyframes import KeyframeArrays, ScanSurfaces
+from coopmap_env.localization.correction.known_target import PixelPlanes
 from coopmap_env.localization.correction.patches import (
     MIN_NORMAL_COSINE,
     MIN_VARIANCE,
-    N_SUMS,
     TARGET_SOURCE,
+    AssociationGates,
+    PatchScan,
+    PatchSources,
+    PatchSums,
     accumulate_patches,
     associate,
     count_overlap,
     patches_from_sums,
 )
-from coopmap_env.localization.correction.settings import CorrectionSettings
 from coopmap_env.localization.correction.surface_normals import surface_normals
-from coopmap_env.localization.depth_rendering import pinhole_intrinsics
 from coopmap_env.sensing import DepthCamera, RangeNoise
 
 CAMERA = DepthCamera(width=32, height=24)
-INTRINSICS = pinhole_intrinsics(CAMERA)
+INTRINSICS = CAMERA.intrinsics
 NOISE, EXACT = RangeNoise(), RangeNoise(intrinsic=0.0)
 LATERAL = 0.25
 SETTINGS = CorrectionSettings()
@@ -35,8 +39,8 @@ SIGMA = 0.01
 """Metres, of each pixel, in tests by hand."""
 
 
-def seen(triangles, pose, noise=EXACT, seed=0, stated=NOISE):
-    """A look, its normals, and what Eq. 1 says of its pixels."""
+def scanned(triangles, pose, noise=EXACT, seed=0, stated=NOISE):
+    """A scan, its normals, and the deviations of its pixels by Eq. 1."""
     cloud = render_scan(triangles, pose, CAMERA, noise, np.random.default_rng(seed))
     normals = surface_normals(cloud, CAMERA, stated)
     ranges = np.linalg.norm(cloud.points, axis=1)
@@ -46,35 +50,43 @@ def seen(triangles, pose, noise=EXACT, seed=0, stated=NOISE):
     )
 
 
-def sure(one):
-    """The same look with errors of `SIGMA` in each pixel."""
-    return one._replace(deviations=np.full(len(one.points), SIGMA))
+def with_sigma(scan):
+    """The same scan with errors of `SIGMA` in each pixel."""
+    return scan._replace(deviations=np.full(len(scan.points), SIGMA))
 
 
-def sources(looks):
+def surfaces(scan):
+    """A scan in the camera frame, for kernels."""
+    return ScanSurfaces(*scan[1:])
+
+
+def keyframes(scans):
     n = CAMERA.n_pixels
-    return (
-        np.array([s.points for s in looks]).reshape(-1, n, 3),
-        np.array([s.normals for s in looks]).reshape(-1, n, 3),
-        np.array([s.planar for s in looks], dtype=bool).reshape(-1, n),
-        np.array([s.pose.rotation for s in looks]).reshape(-1, 3, 3),
-        np.array([s.pose.translation for s in looks]).reshape(-1, 3),
+    stacked = ScanSurfaces(
+        np.array([s.points for s in scans]).reshape(-1, n, 3),
+        np.array([s.normals for s in scans]).reshape(-1, n, 3),
+        np.array([s.planar for s in scans], dtype=bool).reshape(-1, n),
+        np.array([s.normal_variances for s in scans]).reshape(-1, n),
+        np.array([s.deviations for s in scans]).reshape(-1, n),
+    )
+    rotations = np.array([s.pose.rotation for s in scans]).reshape(-1, 3, 3)
+    return KeyframeArrays(
+        stacked, rotations, np.array([s.pose.translation for s in scans]).reshape(-1, 3)
     )
 
 
-def measure(now, looks, labels=None, target_planes=None, gates=(0.25, 0.0), n_labels=1, order=None):
-    """Hold a look against others, in their order or in another one."""
+def measure(now, scans, labels=None, planes=None, gates=(0.25, 0.0), n_labels=1, order=None):
+    """Compare a scan with others, in their order or in another one."""
     n = CAMERA.n_pixels
-    slots = np.arange(len(looks)) if order is None else np.array(order)
+    slots = np.arange(len(scans)) if order is None else np.array(order)
     labels = np.zeros(n, dtype=np.int32) if labels is None else labels
-    target_planes = np.zeros((n, 6)) if target_planes is None else target_planes
-    sums = np.zeros((n_labels, 1 + len(slots), N_SUMS))
+    planes = PixelPlanes.zeros(n) if planes is None else planes
+    sums = PatchSums.zeros(n_labels, 1 + len(slots))
+    axis = np.ascontiguousarray(now.pose.rotation[:, 0])
     accumulate_patches(
-        now.pose.transform(now.points), now.normals @ now.pose.rotation.T, now.planar, now.normal_variances,
-        now.deviations, np.ascontiguousarray(now.pose.rotation[:, 0]), LATERAL, labels, target_planes,
-        slots, sources(looks), np.array([s.normal_variances for s in looks]).reshape(-1, n),
-        np.array([s.deviations for s in looks]).reshape(-1, n), INTRINSICS, gates,
-        np.zeros((len(slots), n), dtype=bool), sums,
+        PatchScan(surfaces(now).in_world(now.pose), labels, planes, axis, LATERAL),
+        PatchSources(keyframes(scans), slots, np.zeros((len(slots), n), dtype=bool)),
+        INTRINSICS, AssociationGates(*gates), sums,
     )  # fmt: skip
     return sums
 
@@ -97,12 +109,12 @@ def around(rng):
 
 
 def test_by_hand_a_pixel_looks_through_where_its_point_is():
-    """The wall of an earlier look: the pixel right and above of the middle sees 5 cm and 4 cm."""
-    there = seen(WALL, HERE)
+    """The wall of an earlier scan: the pixel right and above of the middle sees 5 cm and 4 cm."""
+    there = scanned(WALL, HERE)
     p, n = np.array([2.0, -0.01, 0.01]), np.array([-1.0, 0, 0])
     middle = 11 * 32 + 16  # row 11 of 24, column 16 of 32: the first to the right, above
-    assert associate(p, n, 0, sources([there]), INTRINSICS, 0.25) == middle
-    assert associate(p * [1, -1, -1], n, 0, sources([there]), INTRINSICS, 0.25) == middle + 31
+    assert associate(p, n, 0, keyframes([there]), INTRINSICS, 0.25) == middle
+    assert associate(p * [1, -1, -1], n, 0, keyframes([there]), INTRINSICS, 0.25) == middle + 31
 
 
 @pytest.mark.parametrize(
@@ -118,8 +130,8 @@ def test_by_hand_a_pixel_looks_through_where_its_point_is():
         ((2.0, 1.12, 0), (-1.0, 0, 0)),  # a pixel without a normal, at the border
     ],
 )
-def test_a_surface_that_an_earlier_look_did_not_see_has_no_pixel(point, normal):
-    args = (0, sources([seen(WALL, HERE)]), INTRINSICS, 0.25)
+def test_a_surface_that_an_earlier_scan_did_not_see_has_no_pixel(point, normal):
+    args = (0, keyframes([scanned(WALL, HERE)]), INTRINSICS, 0.25)
     assert associate(np.array(point), np.array(normal), *args) == -1
 
 
@@ -128,30 +140,23 @@ def test_association_is_the_plain_one():
     found = 0
     for k in range(6):
         triangles = scene(rng)
-        now, *looks = (seen(triangles, around(rng), NOISE, 3 * k + i) for i in range(3))
+        now, *scans = (scanned(triangles, around(rng), NOISE, 3 * k + i) for i in range(3))
         points, normals = now.pose.transform(now.points), now.normals @ now.pose.rotation.T
         for gate in (0.05, 0.25):
             wanted = [
                 [plain.associated_pixel(p, n, there, CAMERA, gate, MIN_NORMAL_COSINE)
                  for p, n in zip(points, normals, strict=True)]
-                for there in looks
+                for there in scans
             ]  # fmt: skip
             for s in range(2):
                 for p, n, m in zip(points, normals, wanted[s], strict=True):
-                    same = associate(p, n, s, sources(looks), INTRINSICS, gate)
+                    same = associate(p, n, s, keyframes(scans), INTRINSICS, gate)
                     assert same == (-1 if m is None else m)
             counts = np.full(2, -1)
             count_overlap(
-                points,
-                normals,
-                now.planar,
-                5,
-                np.array([1, 0]),
-                sources(looks),
-                INTRINSICS,
-                gate,
-                counts,
-            )
+                surfaces(now).in_world(now.pose), 5, np.array([1, 0]), keyframes(scans), INTRINSICS,
+                gate, counts,
+            )  # fmt: skip
             shared = [
                 sum(bool(now.planar[i]) and of[i] is not None for i in range(0, len(points), 5))
                 for of in wanted
@@ -170,49 +175,37 @@ def test_sums_are_the_plain_ones(gates):
     counts = np.zeros(4)
     for k in range(4):
         triangles = scene(rng)
-        now, *looks = (seen(triangles, around(rng), NOISE, 10 * k + i) for i in range(4))
+        now, *scans = (scanned(triangles, around(rng), NOISE, 10 * k + i) for i in range(4))
         labels = rng.integers(-1, 5, CAMERA.n_pixels).astype(np.int32)
-        target_planes = np.zeros((CAMERA.n_pixels, 6))
-        told = rng.random(CAMERA.n_pixels) < 0.2
-        n = rng.normal(size=(told.sum(), 3))
-        target_planes[told, :3] = n / np.linalg.norm(n, axis=1)[:, None]
-        target_planes[told, 3:] = now.pose.transform(now.points[told]) + 0.03 * rng.normal(
-            size=n.shape
-        )
-        sums = measure(now, looks, labels, target_planes, gates, 5)
-        wanted = plain.measure_patches(
-            now,
-            looks,
-            CAMERA,
-            LATERAL,
-            labels,
-            target_planes,
-            gates,
-            MIN_NORMAL_COSINE,
-            MIN_VARIANCE,
-            5,
-        )
-        scale = np.abs(wanted).max(axis=(0, 1))
-        # hundreds of terms, added in the same order
-        np.testing.assert_allclose(sums / scale, wanted / scale, atol=1e-10)
-        counts += sums[:, :, 17].sum(axis=0)
-        backwards = measure(now, looks, labels, target_planes, gates, 5, order=[2, 0])
-        wanted = plain.measure_patches(
-            now, [looks[2], looks[0]], CAMERA, LATERAL, labels, target_planes, gates, MIN_NORMAL_COSINE,
-            MIN_VARIANCE, 5,
-        )  # fmt: skip
-        np.testing.assert_allclose(backwards / scale, wanted / scale, atol=1e-10)
-    assert (counts > 50).all()  # the target, and each of three looks
+        planes = PixelPlanes.zeros(CAMERA.n_pixels)
+        on_target = rng.random(CAMERA.n_pixels) < 0.2
+        n = rng.normal(size=(on_target.sum(), 3))
+        planes.normals[on_target] = n / np.linalg.norm(n, axis=1)[:, None]
+        shifts = 0.03 * rng.normal(size=n.shape)
+        planes.points[on_target] = now.pose.transform(now.points[on_target]) + shifts
+        for order in ([0, 1, 2], [2, 0]):
+            sums = measure(now, scans, labels, planes, gates, 5, order)
+            wanted = plain.measure_patches(
+                now, [scans[i] for i in order], CAMERA, LATERAL, labels, planes, gates,
+                MIN_NORMAL_COSINE, MIN_VARIANCE, 5,
+            )  # fmt: skip
+            for sums_of, wanted_of in zip(sums, wanted, strict=True):
+                scale = np.abs(wanted_of).max()
+                # hundreds of terms, added in the same order
+                np.testing.assert_allclose(sums_of / scale, wanted_of / scale, atol=1e-10)
+            if len(order) == 3:
+                counts += sums.n_pixels.sum(axis=0)
+    assert (counts > 50).all()  # the target, and each of three scans
 
 
 def test_by_hand_a_wall_that_came_1_cm_nearer():
-    """N pixels of 1 cm in each look: 2 cm^2 / N along the axis, and nothing is told across it."""
-    there, now = sure(seen(WALL, HERE)), sure(seen(WALL, HERE))
+    """N pixels of 1 cm in each scan: 2 cm^2 / N along the axis, and no information across it."""
+    there, now = with_sigma(scanned(WALL, HERE)), with_sigma(scanned(WALL, HERE))
     now = now._replace(points=now.points - [0.01, 0, 0])
     sums = measure(now, [there])
-    n = sums[0, 1, 17]
+    n = sums.n_pixels[0, 1]
     assert n > 400
-    assert sums[0, 0].tolist() == [0.0] * N_SUMS  # of the target nothing is known
+    assert not any(array[0, 0].any() for array in sums)  # there is no known target
     patches = patches_from_sums(sums, SETTINGS)
     assert patches.labels.tolist() == [0]
     assert patches.sources.tolist() == [0]
@@ -226,20 +219,20 @@ def test_by_hand_a_wall_that_came_1_cm_nearer():
     )
 
 
-def test_a_wall_that_moved_along_itself_tells_nothing_of_that():
-    there, now = sure(seen(WALL, HERE)), sure(seen(WALL, HERE))
+def test_a_wall_does_not_measure_a_motion_along_itself():
+    there, now = with_sigma(scanned(WALL, HERE)), with_sigma(scanned(WALL, HERE))
     now = now._replace(points=now.points - np.array([0, -0.03, 0.02]))
     patches = patches_from_sums(measure(now, [there]), SETTINGS)
     np.testing.assert_allclose(patches.displacements, [[0, 0, 0]], atol=1e-12)
     assert (patches.precisions > 0).tolist() == [[False, False, True]]
 
 
-def test_an_oblique_wall_tells_what_is_along_its_normal():
+def test_an_oblique_wall_measures_the_displacement_along_its_normal():
     """Seen from another place; it is moved by 1 cm along its normal and 2 cm along itself."""
     triangles = box((1, 8, 8), (3.0, 0, 0), 0.6)
     n = -np.array([np.cos(0.6), np.sin(0.6), 0])
-    there = sure(seen(triangles, look_at_pose((0, 0.1, 0), (2.5, 0.2, 0.1))))
-    now = sure(seen(triangles, look_at_pose((0.2, -0.3, 0.2), (2.5, -0.1, 0))))
+    there = with_sigma(scanned(triangles, look_at_pose((0, 0.1, 0), (2.5, 0.2, 0.1))))
+    now = with_sigma(scanned(triangles, look_at_pose((0.2, -0.3, 0.2), (2.5, -0.1, 0))))
     moved = 0.01 * n + 0.02 * np.array([0, 0, 1])
     now = now._replace(points=now.points + moved @ now.pose.rotation)
     patches = patches_from_sums(measure(now, [there]), SETTINGS)
@@ -248,24 +241,24 @@ def test_an_oblique_wall_tells_what_is_along_its_normal():
 
 
 @pytest.mark.parametrize(("faces", "directions"), [("edge", 2), ("corner", 3)])
-def test_two_faces_tell_two_directions_and_three_all(faces, directions):
+def test_two_faces_determine_two_directions_and_three_all(faces, directions):
     crate = box((1.2, 1.2, 1.2), (2.4, 0, 0), np.pi / 4)
     eye = (0, 0, 0) if faces == "edge" else (0.4, 0, 1.8)
     pose = look_at_pose(eye, (2.4, 0, 0.0 if faces == "edge" else 0.5))
-    there, now = sure(seen(crate, pose)), sure(seen(crate, pose))
+    there, now = with_sigma(scanned(crate, pose)), with_sigma(scanned(crate, pose))
     moved = np.array([0.01, -0.005, 0.004])
     now = now._replace(points=now.points + moved @ pose.rotation)
     patches = patches_from_sums(measure(now, [there]), SETTINGS)
     assert (patches.precisions > 0).sum() == directions
     wanted = -moved * [1, 1, directions == 3]
-    # pixels at the edges are held against the face that the earlier look saw there
+    # pixels at the edges are paired with the face that the earlier scan measured there
     np.testing.assert_allclose(patches.displacements, [wanted], atol=1e-9)
 
 
-def test_of_the_target_only_the_present_look_errs():
-    now = sure(seen(WALL, HERE))
-    target_planes = np.tile([-1.0, 0, 0, 2.01, 5, 5], (CAMERA.n_pixels, 1))
-    sums = measure(now, [], target_planes=target_planes)
+def test_with_the_target_only_the_present_scan_has_errors():
+    now = with_sigma(scanned(WALL, HERE))
+    planes = PixelPlanes(*np.tile([[[-1.0, 0, 0]], [[2.01, 5, 5]]], (1, CAMERA.n_pixels, 1)))
+    sums = measure(now, [], planes=planes)
     patches = patches_from_sums(sums, SETTINGS)
     assert patches.sources.tolist() == [TARGET_SOURCE]
     np.testing.assert_allclose(patches.displacements, [[0.01, 0, 0]], atol=1e-12)
@@ -275,44 +268,45 @@ def test_of_the_target_only_the_present_look_errs():
 
 
 def test_across_the_optical_axis_errors_are_smaller_by_eq_1():
-    """A surface along the axis: its pixels are known four times as well along its normal."""
-    now = sure(seen(WALL, HERE))
-    target_planes = np.zeros((CAMERA.n_pixels, 6))
-    target_planes[:, 1] = 1.0
-    target_planes[:, 3:] = now.points
-    sums = measure(now, [], target_planes=target_planes)
-    assert sums[0, 0, 15] == pytest.approx(CAMERA.n_pixels / (LATERAL * SIGMA) ** 2, rel=1e-9)
+    """A surface along the axis: its pixels are four times as precise along its normal."""
+    now = with_sigma(scanned(WALL, HERE))
+    planes = PixelPlanes.zeros(CAMERA.n_pixels)
+    planes.normals[:, 1] = 1.0
+    planes.points[:] = now.points
+    sums = measure(now, [], planes=planes)
+    assert sums.weight[0, 0] == pytest.approx(CAMERA.n_pixels / (LATERAL * SIGMA) ** 2, rel=1e-9)
 
 
-def test_a_pixel_of_an_earlier_look_serves_once():
-    """All present pixels are at one place: one is held against the first look, one the second."""
-    there, now = sure(seen(WALL, HERE)), sure(seen(WALL, HERE))
+def test_a_pixel_of_an_earlier_scan_is_paired_once():
+    """All present pixels are at one point: one is paired in the first scan, one in the second."""
+    there, now = with_sigma(scanned(WALL, HERE)), with_sigma(scanned(WALL, HERE))
     now = now._replace(points=np.tile([[2.0, -0.01, 0.01]], (CAMERA.n_pixels, 1)))
-    assert measure(now, [there])[0, :, 17].tolist() == [0, 1]
-    assert measure(now, [there, there])[0, :, 17].tolist() == [0, 1, 1]
+    assert measure(now, [there]).n_pixels[0].tolist() == [0, 1]
+    assert measure(now, [there, there]).n_pixels[0].tolist() == [0, 1, 1]
 
 
 def test_by_hand_residuals_beyond_three_sigma_are_left_out():
-    """Both looks err by 1 cm: three sigma are 4.24 cm, and 5.20 cm with 1 cm that is added."""
-    there = sure(seen(WALL, HERE))
+    """Both scans err by 1 cm: three sigma are 4.24 cm, and 5.20 cm with 1 cm that is added."""
+    there = with_sigma(scanned(WALL, HERE))
     for off, gate, used in [(0.042, 0, True), (0.043, 0, False), (0.051, 0.01, True),
                             (0.053, 0.01, False)]:  # fmt: skip
         now = there._replace(points=there.points + np.array([off, 0, 0]))
-        assert (measure(now, [there], gates=(0.25, gate))[0, 1, 17] > 0) == used
+        assert (measure(now, [there], gates=(0.25, gate)).n_pixels[0, 1] > 0) == used
 
 
-def test_pixels_without_a_label_or_a_normal_say_nothing():
-    there = sure(seen(WALL, HERE))
+def test_pixels_without_a_label_or_a_normal_do_not_count():
+    there = with_sigma(scanned(WALL, HERE))
     none = np.full(CAMERA.n_pixels, -1, dtype=np.int32)
-    assert not measure(there, [there], labels=none).any()
-    assert not measure(there._replace(planar=np.zeros_like(there.planar)), [there]).any()
+    assert not measure(there, [there], labels=none).n_pixels.any()
+    without = there._replace(planar=np.zeros_like(there.planar))
+    assert not measure(without, [there]).n_pixels.any()
 
 
 # patches
 
 
 def test_patches_of_too_few_pixels_are_left_out():
-    there = sure(seen(WALL, HERE))
+    there = with_sigma(scanned(WALL, HERE))
     labels = np.full(CAMERA.n_pixels, -1, dtype=np.int32)
     labels[12 * 32 + 5 : 12 * 32 + 10] = 0  # five
     labels[12 * 32 + 15 : 12 * 32 + 21] = 1  # six
@@ -325,7 +319,7 @@ def test_patches_of_too_few_pixels_are_left_out():
 
 def noisy_wall(seed):
     pose = look_at_pose((0.1, -0.2, 0.1), (2.2, 0.3, 0))
-    there, now = seen(WALL, HERE, NOISE, seed), seen(WALL, pose, NOISE, seed + 1000)
+    there, now = scanned(WALL, HERE, NOISE, seed), scanned(WALL, pose, NOISE, seed + 1000)
     labels = -np.ones(CAMERA.n_pixels, dtype=np.int32)
     near = np.linalg.norm(pose.transform(now.points) - [2.0, 0.1, 0], axis=1) < 0.4
     labels[near] = 0
@@ -333,7 +327,7 @@ def noisy_wall(seed):
 
 
 def test_directions_that_noise_in_normals_makes_up_are_left_out():
-    """Fifty looks at a wall: one direction each. Noise makes up others, which it tells itself."""
+    """Fifty scans of a wall: one direction each. Noise in the normals makes up two others."""
     made_up = 0
     for seed in range(50):
         sums = noisy_wall(seed)
@@ -344,8 +338,8 @@ def test_directions_that_noise_in_normals_makes_up_are_left_out():
     assert made_up == 100
 
 
-def test_what_a_noisy_wall_tells_is_as_good_as_it_says():
-    """200 pairs of looks at a wall that stands still: squared displacements in their variance."""
+def test_the_precision_of_a_noisy_wall_is_that_of_its_errors():
+    """200 pairs of scans of a wall that stands still: squared displacements in their variance."""
     squares = []
     for seed in range(200):
         patches = patches_from_sums(

@@ -205,7 +205,7 @@ def test_planes_do_not_lean_towards_the_optical_axis(tilted):
 
 @pytest.mark.parametrize(("normal", "distance"), PLANES[:3])
 def test_the_spread_of_normals_is_that_of_tilts_in_its_worst_direction(normal, distance):
-    """Of 5 x 5 pixels near the axis. Its angle to the axis is told better, by the cosine of it."""
+    """Of 5 x 5 pixels near the axis. Its angle to the axis is more precise, by its cosine."""
     depths, n = plane(normal, distance)
     by_hand = NOISE.intrinsic * SPREAD * distance / (WIDTH * np.sqrt(LARGE))
     rng = np.random.default_rng(2)

@@ -185,7 +185,7 @@ def test_no_fiducials_give_no_tracks():
     assert tracks.points.shape == (0, 3)
 
 
-def test_what_does_not_fit_is_refused_with_its_value():
+def test_what_does_not_fit_is_rejected_with_its_value():
     cloud, _ = image()
     point, one = np.array([[3.0, 0.0, 0.0]]), np.ones(1)
     with pytest.raises(ValueError, match="1200"):

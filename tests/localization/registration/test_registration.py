@@ -1,4 +1,4 @@
-"""Finding the worksite's panel, and saying so when it cannot be found."""
+"""Registration of the worksite's panel, and its rejection where it is not in view."""
 
 import dataclasses
 
@@ -49,7 +49,7 @@ def standing(x, y, yaw):
     return Pose(np.array([x, y, 0.0]), rotation_about_z(np.radians(yaw)))
 
 
-def looks_at(triangles, T_target_base, targets, seed=0, std=STD):
+def views_at(triangles, T_target_base, targets, seed=0, std=STD):
     """Views from a mast at points (k, 3) of the target's frame; the camera's poses err."""
     rng = np.random.default_rng(seed)
     views = []
@@ -71,7 +71,7 @@ def worksite(target):
 )
 def test_a_robot_that_sees_the_panel_is_located_within_5_cm_and_a_degree(panel, x, y, yaw):
     T = standing(x, y, yaw)
-    views = looks_at(worksite(panel.triangles), T, [(0, 0.3, 1.0), (0, -0.4, 0.9)])
+    views = views_at(worksite(panel.triangles), T, [(0, 0.3, 1.0), (0, -0.4, 0.9)])
     result = register(panel, views, CAMERA, NOISE)
     assert result.located, result.reason
     error = displacement_between(result.T_target_base, T)
@@ -84,8 +84,8 @@ def test_a_robot_that_sees_the_panel_is_located_within_5_cm_and_a_degree(panel, 
     assert np.linalg.eigvalsh(result.covariance).min() > 0
 
 
-def test_the_same_looks_give_the_same_pose_bit_for_bit(panel):
-    views = looks_at(worksite(panel.triangles), standing(3.2, 0.4, 170), [(0, 0.3, 1.0)])
+def test_the_same_scans_give_the_same_pose_bit_for_bit(panel):
+    views = views_at(worksite(panel.triangles), standing(3.2, 0.4, 170), [(0, 0.3, 1.0)])
     one, two = (register(panel, views, CAMERA, NOISE) for _ in range(2))
     assert one.located
     np.testing.assert_array_equal(one.T_target_base.translation, two.T_target_base.translation)
@@ -93,27 +93,27 @@ def test_the_same_looks_give_the_same_pose_bit_for_bit(panel):
 
 
 def test_robots_on_opposite_sides_agree_on_where_each_other_is(panel):
-    """A point between them, told by both in the target's frame, is the same within 6 cm."""
+    """A point between them, transformed by both to the target's frame, is the same within 6 cm."""
     places = standing(3.3, 0.5, 190), standing(-3.1, -0.8, 20)
-    told = []
+    points = []
     for robot, T in enumerate(places):
-        views = looks_at(worksite(panel.triangles), T, [(0, 0.2, 1.0), (0, -0.5, 0.8)], robot)
+        views = views_at(worksite(panel.triangles), T, [(0, 0.2, 1.0), (0, -0.5, 0.8)], robot)
         result = register(panel, views, CAMERA, NOISE)
         assert result.located, result.reason
-        told.append(result.T_target_base.transform(T.inverse().transform([0.5, 1.0, 0.4])))
-    np.testing.assert_allclose(told[0], told[1], atol=0.06)
+        points.append(result.T_target_base.transform(T.inverse().transform([0.5, 1.0, 0.4])))
+    np.testing.assert_allclose(points[0], points[1], atol=0.06)
 
 
 def test_the_covariance_is_that_of_the_errors(panel):
     """x, y and yaw of 40 registrations: a mean of chi^2 with 3 degrees of freedom, 3 +- 1.2.
 
-    The errors of the cameras' poses are drawn anew for each look, so nothing of them is common.
+    The errors of the cameras' poses are drawn for each scan, so no part of them is common.
     """
     T = standing(3.0, -1.0, 150)
     settings = AlignmentSettings(common_error_fraction=0.0)
     squares = []
     for seed in range(40):
-        views = looks_at(worksite(panel.triangles), T, [(0, 0.3, 1.0), (0, -0.4, 0.9)], seed)
+        views = views_at(worksite(panel.triangles), T, [(0, 0.3, 1.0), (0, -0.4, 0.9)], seed)
         found = align(panel, ViewBatch.from_views(views, CAMERA), T, NOISE, settings)
         i = [0, 1, 5]
         error = displacement_between(found.T_target_base, T)[i]
@@ -124,7 +124,7 @@ def test_the_covariance_is_that_of_the_errors(panel):
 def test_level_ground_is_no_more_assumed_if_level_is_false(panel):
     """All six are then found from the points: on a slope of 3 degrees too."""
     slope = apply_displacement(standing(3.0, -1.0, 150), [0, 0, 0.1, 0.04, -0.03, 0])
-    views = looks_at(
+    views = views_at(
         worksite(panel.triangles), slope, [(0, 0.3, 1.0), (0, -0.4, 0.9)], std=STD / 10
     )
     batch = ViewBatch.from_views(views, CAMERA)
@@ -134,13 +134,13 @@ def test_level_ground_is_no_more_assumed_if_level_is_false(panel):
     error = displacement_between(free.T_target_base, slope)
     assert np.abs(error[:3]).max() < 0.02
     assert np.abs(error[3:]).max() < 0.01
-    held = align(panel, batch, start, NOISE, AlignmentSettings())
-    assert abs(displacement_between(held.T_target_base, slope)[3]) > 0.02
+    leveled = align(panel, batch, start, NOISE, AlignmentSettings())
+    assert abs(displacement_between(leveled.T_target_base, slope)[3]) > 0.02
 
 
 def test_with_no_target_in_view_a_robot_is_not_located(panel):
     for triangles in (GROUND, np.concatenate([GROUND, CLUTTER])):
-        views = looks_at(triangles, standing(3.2, 0.4, 170), [(1.9, 1.4, 0.4), (-1, -2, 0.4)])
+        views = views_at(triangles, standing(3.2, 0.4, 170), [(1.9, 1.4, 0.4), (-1, -2, 0.4)])
         result = register(panel, views, CAMERA, NOISE)
         assert not result.located
         assert result.reason
@@ -152,7 +152,7 @@ def test_with_a_corner_in_view_a_robot_is_not_located(panel):
     """A screen leaves 0.4 m of the panel's side, which is the same wherever it slides to."""
     T = standing(3.2, 0.4, 170)
     screen = box((0.05, 3.0, 3.0), (1.7, -0.9, 1.5))
-    views = looks_at(np.concatenate([worksite(panel.triangles), screen]), T, [(0, 0.3, 1.0)])
+    views = views_at(np.concatenate([worksite(panel.triangles), screen]), T, [(0, 0.3, 1.0)])
     result = register(panel, views, CAMERA, NOISE)
     assert not result.located or (
         np.linalg.norm(displacement_between(result.T_target_base, T)[:3]) < 0.1
@@ -160,10 +160,10 @@ def test_with_a_corner_in_view_a_robot_is_not_located(panel):
 
 
 @pytest.mark.parametrize("scale", [0.7, 0.85, 1.2, 1.5])
-def test_a_panel_of_another_size_is_not_taken_for_the_target(panel, scale):
-    """Its front, its back and its side are looked at, each from its own place."""
+def test_a_panel_of_another_size_is_not_the_target(panel, scale):
+    """Its front, its back and its side are scanned, each from its own base pose."""
     for place in (standing(3.4, 0.4, 170), standing(-3.6, 1.0, -20), standing(0.3, 3.6, -90)):
-        views = looks_at(
+        views = views_at(
             worksite(panel.triangles * scale),
             place,
             [(0, 0.3, 1.0 * scale), (0, -0.4, 0.8 * scale)],
@@ -173,22 +173,22 @@ def test_a_panel_of_another_size_is_not_taken_for_the_target(panel, scale):
 
 
 def test_a_panel_without_its_junction_box_and_strut_seen_from_behind_is_no_target(panel):
-    """What should be seen and is seen through tells the decoy."""
+    """Pixels that see through the missing parts reject the decoy."""
     plain = np.concatenate([panel.triangles[:-36]])
-    views = looks_at(worksite(plain), standing(-3.2, 0.6, 0), [(0, 0.4, 0.9), (0, -0.4, 0.9)])
+    views = views_at(worksite(plain), standing(-3.2, 0.6, 0), [(0, 0.4, 0.9), (0, -0.4, 0.9)])
     settings = RegistrationSettings(
         acceptance=AcceptanceSettings(max_contradicted_fraction=0.0, min_confirmed_fraction=0.0)
     )
     assert not register(panel, views, CAMERA, NOISE, settings).located
 
 
-def test_a_table_that_looks_alike_after_half_a_turn_has_two_equivalent_poses():
+def test_a_table_that_is_symmetric_by_half_a_turn_has_two_equivalent_poses():
     legs = [box((0.08, 0.08, 0.7), (x, y, 0.35)) for x in (-0.7, 0.7) for y in (-0.4, 0.4)]
     top = box((1.6, 1.0, 0.06), (0, 0, 0.73))
     upright = box((1.0, 0.3, 0.5), (0, 0, 1.01))
     table = TargetModel(np.concatenate([*legs, top, upright]))
     T = standing(2.8, 1.2, -150)
-    views = looks_at(
+    views = views_at(
         np.concatenate([table.triangles, GROUND]), T, [(0.2, 0, 0.8), (-0.3, 0.2, 0.8)]
     )
     result = register(table, views, CAMERA, NOISE)
@@ -200,7 +200,7 @@ def test_a_table_that_looks_alike_after_half_a_turn_has_two_equivalent_poses():
     assert max(errors) > 5.0
 
 
-def test_a_post_does_not_tell_its_yaw():
+def test_the_yaw_of_a_post_is_not_determined():
     angles = np.linspace(0, 2 * np.pi, 33)
     ring = 0.5 * np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
     low, high = ring, ring + np.array([0, 0, 1.5])
@@ -210,20 +210,20 @@ def test_a_post_does_not_tell_its_yaw():
     ]  # fmt: skip
     post = TargetModel(np.array(walls))
     T = standing(3.0, 0.0, 180)
-    views = looks_at(np.concatenate([post.triangles, GROUND]), T, [(0, 0, 0.8)])
+    views = views_at(np.concatenate([post.triangles, GROUND]), T, [(0, 0, 0.8)])
     assert not register(post, views, CAMERA, NOISE).located
 
 
 def test_views_that_contradict_each_other_are_not_joined(panel):
-    """The second look was made from elsewhere: 0.5 m aside, which its robot does not know."""
+    """The second scan was made 0.5 m aside, which its robot does not know."""
     T = standing(3.2, 0.4, 170)
     world = worksite(panel.triangles)
     moved = apply_displacement(T, [0.0, 0.5, 0, 0, 0, 0])
-    views = looks_at(world, T, [(0, 0.3, 1.0)]) + looks_at(world, moved, [(0, 0.3, 1.0)], 1)
+    views = views_at(world, T, [(0, 0.3, 1.0)]) + views_at(world, moved, [(0, 0.3, 1.0)], 1)
     assert not register(panel, views, CAMERA, NOISE).located
 
 
-def test_beams_that_say_nothing_locate_nobody(panel):
+def test_rays_without_a_range_locate_nobody(panel):
     n = CAMERA.n_pixels
     cloud = PointCloud(np.zeros((n, 3)), np.zeros(n, dtype=bool))
     view = View(cloud, PoseEstimate(look_at_pose((0, 0, 1.5), (1, 0, 1)), np.zeros((6, 6))))
@@ -237,7 +237,7 @@ def test_another_refiner_takes_the_librarys_place(panel):
         calls.append((points.shape[1], surface.shape[1], max_distance))
         return T_target_base
 
-    views = looks_at(worksite(panel.triangles), standing(3.2, 0.4, 170), [(0, 0.3, 1.0)])
+    views = views_at(worksite(panel.triangles), standing(3.2, 0.4, 170), [(0, 0.3, 1.0)])
     assert register(panel, views, CAMERA, NOISE, refiner=stay).located
     assert set(calls) == {(3, 3, 0.12)}
 
@@ -266,6 +266,6 @@ def test_small_gicp_brings_a_box_back_and_leaves_alone_what_it_cannot_pair():
         (RegistrationSettings, "icp_max_distance", 0.0),
     ],
 )
-def test_settings_out_of_range_are_refused_with_their_value(settings, name, value):
+def test_settings_out_of_range_are_rejected_with_their_value(settings, name, value):
     with pytest.raises(ValueError, match=f"{name}.*{value}"):
         dataclasses.replace(settings(), **{name: value})

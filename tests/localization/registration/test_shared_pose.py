@@ -18,8 +18,8 @@ def some_information(rng, n):
     return np.einsum("nki,nkj->nij", J, J)
 
 
-def test_two_looks_that_see_the_base_2_cm_apart_meet_in_the_middle():
-    """Each with sigma 1 m of its own and 1 m of points: 2 m^2 a look, 1 m^2 together."""
+def test_two_views_that_see_the_base_2_cm_apart_meet_in_the_middle():
+    """Each with sigma 1 m of its own and 1 m of points: 2 m^2 a view, 1 m^2 together."""
     H = np.stack([np.eye(6)] * 2)
     g = H @ np.array([0.02, 0, 0, 0, 0, 0])
     g[1] = 0.0
@@ -63,7 +63,7 @@ def test_the_estimate_is_that_of_all_unknowns_solved_at_once():
     )
 
 
-def test_a_look_that_sees_one_direction_only_adds_to_that_direction_only():
+def test_a_view_that_sees_one_direction_only_adds_to_that_direction_only():
     H = np.zeros((1, 6, 6))
     H[0, 0, 0] = 4.0
     estimate = shared_pose(H, np.zeros((1, 6)), np.zeros((1, 6, 6)), np.zeros((6, 6)), np.eye(6),
@@ -92,7 +92,7 @@ def test_a_camera_that_errs_sees_what_it_would_see_from_a_base_displaced():
     )
 
 
-def test_looks_that_agree_have_a_chi_square_of_0_and_one_that_is_off_a_large_one():
+def test_views_that_agree_have_a_chi_square_of_0_and_one_that_is_off_a_large_one():
     H = np.stack([1e4 * np.eye(6)] * 3)  # sigma 0.01
     independent = np.stack([1e-4 * np.eye(6)] * 3)
     chi2, dof = view_chi2(H, np.zeros((3, 6)), independent)
@@ -105,7 +105,7 @@ def test_looks_that_agree_have_a_chi_square_of_0_and_one_that_is_off_a_large_one
     assert chi2[2] == pytest.approx(0.1**2 / 3e-4, rel=1e-3)
 
 
-def test_looks_that_tell_of_different_directions_cannot_disagree():
+def test_views_that_determine_different_directions_cannot_disagree():
     H = np.zeros((2, 6, 6))
     H[0, 0, 0] = H[1, 1, 1] = 1e4
     g = np.zeros((2, 6))

@@ -1,4 +1,4 @@
-"""Which of the frames of a symmetric target is the team's."""
+"""Choice of the team's frame with a symmetric target."""
 
 import dataclasses
 
@@ -7,7 +7,8 @@ import pytest
 from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry import Pose, rotation_about_z
-from coopmap_env.localization.registration.common_frame import (
+from coopmap_env.localization.registration.register import Registration
+from coopmap_env.localization.registration.symmetry import (
     GROUND_HEIGHT,
     MAX_LOG_ODDS,
     MIN_VOXELS,
@@ -16,7 +17,6 @@ from coopmap_env.localization.registration.common_frame import (
     mean_log_odds,
     resolve_symmetry,
 )
-from coopmap_env.localization.registration.register import Registration
 from coopmap_env.localization.registration.views import View
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
@@ -43,7 +43,7 @@ def model():
 
 
 def team_map(*things):
-    """What a robot that goes all around has mapped."""
+    """The map of a robot that has scanned from all around."""
     map_ = OccupancyMap(GRID, BeamModel(0.02, 0.998, "partial"))
     triangles, rng = np.concatenate([TARGET, FLOOR, *things]), np.random.default_rng(0)
     for eye in EYES:
@@ -56,7 +56,7 @@ def team_map(*things):
 
 
 def views_of(*things, towards=((0, 0, 0.5), (1.2, 1.6, 0.5), (-1.3, -1.5, 0.3)), seed=1):
-    """What the other robot sees, by the poses that its encoders tell."""
+    """What the other robot sees, by the poses that its encoders measure."""
     triangles, rng = np.concatenate([TARGET, FLOOR, *things]), np.random.default_rng(seed)
     views = []
     for at in towards:
@@ -67,7 +67,7 @@ def views_of(*things, towards=((0, 0, 0.5), (1.2, 1.6, 0.5), (-1.3, -1.5, 0.3)),
 
 
 def found(first=TRUE):
-    """As the target alone tells: one of its two frames, the other one fits alike."""
+    """As by the target alone: one of its two frames; the other one fits alike."""
     return Registration(True, "", first, COVARIANCE, None, (first, HALF @ first))
 
 
@@ -78,7 +78,7 @@ def mapped():
 
 @pytest.mark.parametrize("first", [TRUE, HALF @ TRUE], ids=["right", "wrong"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_what_stands_around_the_target_tells_the_frame(mapped, model, first, seed):
+def test_the_scene_around_the_target_determines_the_frame(mapped, model, first, seed):
     agreed = resolve_symmetry(mapped, found(first), views_of(TALL, WIDE, seed=seed), model)
     assert agreed.located
     assert agreed.reason == ""
@@ -92,16 +92,16 @@ def test_with_nothing_but_the_target_seen_it_is_not_located(mapped, model):
     assert not agreed.located
     assert agreed.T_target_base is None
     assert agreed.covariance is None
-    assert "looks alike from 2 sides" in agreed.reason
+    assert "target has 2 equivalent poses" in agreed.reason
     assert "(0 voxels, 0.00 nats)" in agreed.reason
-    assert len(agreed.equivalent_poses) == 2  # to be asked again
+    assert len(agreed.equivalent_poses) == 2
 
 
 def test_with_nothing_but_the_target_mapped_it_is_not_located(model):
     """What the robot sees besides is free or unknown to the team in one frame as in the other."""
     agreed = resolve_symmetry(team_map(), found(), views_of(TALL, WIDE), model)
     assert not agreed.located
-    assert "does not tell them apart" in agreed.reason
+    assert "does not distinguish them" in agreed.reason
 
 
 def test_a_thing_of_a_few_voxels_does_not_decide(model):
@@ -114,7 +114,7 @@ def test_a_thing_of_a_few_voxels_does_not_decide(model):
     assert float(nats.split()[0]) > 0.5
 
 
-def test_surroundings_that_are_symmetric_themselves_tell_nothing(model):
+def test_a_scene_that_is_symmetric_itself_does_not_decide(model):
     other = HALF.transform(TALL)
     agreed = resolve_symmetry(team_map(TALL, other), found(), views_of(TALL, other), model)
     assert not agreed.located
@@ -148,8 +148,8 @@ def test_the_covariance_is_that_of_turned_displacements():
     np.testing.assert_allclose(turned, np.cov(moved.T), atol=1e-12)  # of a thousand sums
 
 
-def test_what_is_not_located_is_in_no_frame():
-    with pytest.raises(ValueError, match="nothing is located: too far"):
+def test_a_robot_that_is_not_located_has_no_frame():
+    with pytest.raises(ValueError, match="robot is not located: too far"):
         in_equivalent_frame(Registration(False, "too far"), TRUE)
 
 

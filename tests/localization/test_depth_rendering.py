@@ -2,26 +2,14 @@ import numpy as np
 import pytest
 from plain.triangle_camera import box, look_at_pose, ray_distances
 
-from coopmap_env.localization.depth_rendering import (
-    min_neighbour_range,
-    pinhole_intrinsics,
-    render_depth,
-)
+from coopmap_env.localization.depth_rendering import DepthImage, min_neighbour_range, render_depth
 from coopmap_env.sensing import DepthCamera
 
 
-def expected(triangles, pose, camera):
-    depth, triangle_index = np.empty(camera.n_pixels), np.empty(camera.n_pixels, dtype=np.int64)
-    inverse = pose.inverse()
-    render_depth(
-        triangles,
-        inverse.rotation.copy(),
-        inverse.translation,
-        pinhole_intrinsics(camera),
-        depth,
-        triangle_index,
-    )
-    return depth, triangle_index
+def rendered(triangles, pose, camera):
+    image = DepthImage.empty(camera.n_pixels)
+    render_depth(triangles, pose.inverse().arrays, camera.intrinsics, image)
+    return image
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -32,7 +20,7 @@ def test_depths_equal_those_of_rays_against_each_triangle(seed):
     )
     camera = DepthCamera(width=32, height=24)
     pose = look_at_pose(4.0 * about_the_middle(rng), rng.uniform(-0.5, 0.5, 3))
-    depth, triangle_index = expected(triangles, pose, camera)
+    depth, triangle_index = rendered(triangles, pose, camera)
     plain = ray_distances(pose.translation, camera.directions @ pose.rotation.T, triangles)
     plain *= camera.directions[:, 0]
     np.testing.assert_array_equal(np.isfinite(plain), triangle_index >= 0)
@@ -46,7 +34,7 @@ def about_the_middle(rng):
 
 def test_what_lies_behind_the_camera_is_not_seen():
     camera = DepthCamera(width=8, height=6)
-    _, triangle_index = expected(
+    _, triangle_index = rendered(
         box((1, 1, 1), (-3, 0, 0)), look_at_pose((0, 0, 0), (1, 0, 0)), camera
     )
     assert (triangle_index == -1).all()

@@ -77,7 +77,7 @@ def test_the_first_prediction_is_that_of_a_vehicle_whose_base_is_not_known_exact
     assert not poses.base(other).covariance.any()
 
 
-def test_two_looks_of_a_robot_share_their_offsets_and_those_of_two_robots_nothing():
+def test_two_cameras_of_a_robot_share_their_offsets_and_those_of_two_robots_nothing():
     poses = team()
     one, two, other = poses.add(0, OUT), poses.add(0, AWAY), poses.add(1, OUT)
     P, v = poses.covariance, poses.vehicles[0]
@@ -111,17 +111,17 @@ def test_predictions_are_those_of_many_drawn_errors():
             draws[k, 6 * i : 6 * i + 6] = displacement_between(poses.cameras[i], true)
     drawn, at = np.cov(draws.T), poses.state_indices([0, 1])
     scale = np.sqrt(np.diag(drawn))
-    claimed = poses.covariance[np.ix_(at, at)]
-    np.testing.assert_allclose(np.sqrt(np.diag(claimed)), scale, rtol=0.06)
+    estimated = poses.covariance[np.ix_(at, at)]
+    np.testing.assert_allclose(np.sqrt(np.diag(estimated)), scale, rtol=0.06)
     both = np.outer(scale, scale)
-    np.testing.assert_allclose(claimed / both, drawn / both, atol=0.08)
+    np.testing.assert_allclose(estimated / both, drawn / both, atol=0.08)
 
 
 # updates
 
 
-def test_a_perfect_measurement_pins_a_look_and_moves_another_by_what_they_have_in_common():
-    """Without noise of their own, both looks have all of their errors from the offsets."""
+def test_a_perfect_measurement_pins_a_camera_and_moves_another_by_what_they_have_in_common():
+    """Without noise of their own, both cameras have all of their errors from the offsets."""
     poses = team(encoder_noise=0.0, suspension=None)
     one, two, other = poses.add(0, OUT), poses.add(0, AWAY), poses.add(1, OUT)
     before = list(poses.cameras)
@@ -139,8 +139,8 @@ def test_a_perfect_measurement_pins_a_look_and_moves_another_by_what_they_have_i
     assert np.sqrt(np.diag(poses.estimate(one).covariance)).max() < 1e-6
 
 
-def test_by_hand_a_turntable_that_is_off_turns_both_looks():
-    """Its offset is all that errs: a camera turned by 2 mrad tells it, and the other look's."""
+def test_by_hand_a_turntable_that_is_off_turns_both_cameras():
+    """Its offset is the only error: a camera turned by 2 mrad determines it, and the other one."""
     poses = team(encoder_noise=0.0, suspension=None, calibration_error=(0.003, 0, 0, 0, 0))
     one, two = poses.add(0, HOME), poses.add(0, AWAY)
     before, base = list(poses.cameras), poses.vehicles[0].T_world_base.translation
@@ -155,8 +155,8 @@ def test_by_hand_a_turntable_that_is_off_turns_both_looks():
     np.testing.assert_allclose(turned[:3], 2e-3 * np.array([-arm[1], arm[0], 0]), atol=2e-6)
 
 
-def test_measured_looks_tell_the_offsets():
-    """Each look leaves less of them open, and the next prediction is better for it."""
+def test_measured_cameras_determine_the_offsets():
+    """Each reduces their variance, and the next prediction is better for it."""
     poses = team()
     at = slice(6, 11)  # of the first robot, behind its base
     calibration = np.square(make_mount("mast").calibration_error)
@@ -175,7 +175,7 @@ def test_measured_looks_tell_the_offsets():
 
 @pytest.fixture
 def seen_twice():
-    """Three looks of two robots, and a measurement of what two of them have moved by."""
+    """Three cameras of two robots, and a measurement of two of their displacements."""
     poses = team()
     poses.set_base(1, PoseEstimate(standing(-1.8, 1.1, -1.0), BASE_COVARIANCE))
     for robot, reading in ((0, OUT), (1, AWAY), (0, AWAY)):
@@ -193,7 +193,7 @@ def test_conditioning_is_the_textbooks(seen_twice):
     assert state_indices.tolist() == [
         *range(34, 40),
         *range(28, 34),
-    ]  # behind twice 11 of all looks
+    ]  # after twice 11 of the robots
     whole = np.zeros((7, len(poses.covariance)))
     whole[:, state_indices] = H
     start = np.zeros(len(poses.covariance))
@@ -240,7 +240,7 @@ def test_a_measurement_that_says_nothing_changes_nothing(seen_twice):
         np.testing.assert_array_equal(camera.translation, was.translation)
 
 
-def test_to_forget_a_look_is_to_leave_it_out_of_the_gaussian(seen_twice):
+def test_to_remove_a_camera_is_to_leave_it_out_of_the_gaussian(seen_twice):
     poses, _, _, _, A, b = seen_twice
     poses.update(poses.state_indices([0, 1]), A, b)
     kept = np.r_[0:28, 34:40]
@@ -269,11 +269,11 @@ def test_the_base_follows_from_a_measured_camera_and_the_kinematics():
     poses.update(poses.state_indices([number]), PERFECT, PERFECT @ moved)
     found = poses.base(0)
     assert np.linalg.norm(displacement_between(found.pose, poses.vehicles[0].T_world_base)) > 3e-3
-    # of 2 mm and 2 mrad the second order is 4e-6, and the padding tells on 2e-3 as 1e-9 / 1.6e-5
+    # of 2 mm and 2 mrad the second order is 4e-6, and the padding changes 2e-3 by 1e-9 / 1.6e-5
     assert np.abs(displacement_between(found.pose, true)).max() < 2e-5
     # the camera's pose to the root of the padding, 3e-5, and 2 m of arm
     assert np.sqrt(np.diag(found.covariance)).max() < 1e-4
-    # and the next look is where the true base puts it
+    # and the next camera is where the true base puts it
     there = poses.vehicles[0].with_base_pose(true).camera_pose(AWAY)
     assert np.abs(displacement_between(poses.predict(0, AWAY).pose, there)).max() < 4e-5
 
