@@ -2,16 +2,23 @@
 
 Kernels take arrays and named tuples of arrays, allocate little, draw no random numbers and raise
 nothing: the function that calls them validates.
+
+Numba finds the type of a plain tuple in 0.2 us and that of a named one in 2 us, at every call from
+Python. A kernel that is called for each scan takes `PlainTuple` arguments and names their parts
+inside (``ScanArrays(*scan)``), which costs nothing there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from numba import njit
 
 Function = TypeVar("Function", bound=Callable[..., object])
+
+PlainTuple = tuple[Any, ...]
+"""A named tuple that was made plain at the call."""
 
 
 def kernel(function: Function) -> Function:

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import kernel
+
 TWO_PI = 2.0 * math.pi
 
 
@@ -106,6 +108,13 @@ def wrap_angle(angle: ArrayLike) -> NDArray[np.float64]:
     turned = np.mod(np.asarray(angle, dtype=np.float64) + math.pi, TWO_PI)
     # just below -pi, the remainder of a tiny negative number rounds to a whole turn
     return np.where(turned < TWO_PI, turned, 0.0) - math.pi
+
+
+@kernel
+def wrap_scalar_angle(angle: float) -> float:
+    """One angle wrapped to [-pi, pi), radians; the same bits as of `wrap_angle`."""
+    turned = (angle + math.pi) % TWO_PI
+    return (turned if turned < TWO_PI else 0.0) - math.pi
 
 
 def to_camera_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:

@@ -1,50 +1,69 @@
-"""The inverse sensor model: what one beam with a Gaussian range says of the cells it crosses.
+"""The inverse sensor model: which occupancies one beam with a Gaussian range implies.
 
 A beam crosses cells 0, 1, 2, ... and reports the distance z with standard deviation sigma. Before
-the look each cell is occupied with probability 1/2, independently, and the beam ends at the first
-occupied cell. Bayes' rule on exactly this gives, with L_k the likelihood of z if cell k is the one,
+the scan each cell is occupied with probability 1/2, independently, and the beam ends at the first
+occupied cell. Bayes' rule gives, with L_k the likelihood of z if the beam ends at cell k,
 
     w_k     proportional to (1/2)**k * L_k        probability that the beam ended at cell k
-    P_k     = w_k + (1/2) * sum of w_j over j < k occupancy of cell k after the look.
+    P_k     = w_k + (1/2) * sum of w_j over j < k occupancy of cell k after the scan.
 
-So a cell is free before the surface, occupied around it, and unchanged (1/2) behind it; and as the
-w_k at least halve from cell to cell behind z, P_k is never below one half there.
+So a cell is free before the surface, occupied around it, and unchanged (1/2) behind it. As the w_k
+at least halve from cell to cell behind z, P_k is never below one half there.
 
 Loop, Cai, Orts-Escolano & Chou 2016 ("A closed-form Bayesian fusion equation using occupancy
 probabilities") give P(s) = F(s) - F(s - 3)/2, s in units of sigma behind z: obstacles three sigma
-thick, met at any distance alike. The sum above is that for cells of three sigma, but for the prior
-(1/2)**k, and it follows the cells where sigma is smaller, which is the usual case near the camera.
+thick, hit at any distance with equal probability. For cells of three sigma the sum above equals
+that, except for the prior (1/2)**k. It also follows the cells where sigma is smaller, which is the
+usual case near the camera.
 
-It is not made for cells much finer than sigma: the prior moves the end of the beam by
+The model is not made for cells much finer than sigma: the prior moves the end of the beam by
 sigma**2 ln 2 / h toward the camera, h being the length of a cell, and P goes to half of a normal
-distribution function there. Such a beam frees the cells far before z and says nothing about z.
+distribution function there. Such a beam frees the cells far before z and adds nothing about z.
 
 In recorded data a wall fills a part of its cells, and beams pass beside it through the rest. Then
-(surface "partial") a beam ends anywhere along its way, half of all beams within each cell's length:
-w_k counts the length of the way through cell k, and a beam that crosses a corner only says little
-of the cell. Within a scan, a beam that passes does not speak against one that ends in the cell.
+(surface "partial") a beam ends anywhere along its path, half of all beams within each cell's
+length: w_k counts the length of the path through cell k, so a beam that only crosses a corner
+changes the cell little. Within a scan, a beam that passes does not count against one that ends in
+the cell.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.settings import Range, Settings
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
 
 RANGE_WINDOW = 4.0
-"""Standard deviations around z inside which a cell can be the one; beyond lie 6e-5 of the mass."""
+"""Standard deviations around z within which the beam can have ended; beyond lie 6e-5 of the mass."""
 POSTERIOR_CUTOFF = 0.95
-"""The beam says nothing of cells behind this share of the posterior mass."""
+"""Fraction of the posterior mass: cells behind it are not updated."""
+MIN_RANGE_SIGMA = 0.01
+"""Cells: no observation is trusted beyond a hundredth of a cell, so a noise-free camera is fine."""
+MAX_PATH_IN_CELL = 1.75
+"""Cells: no less than the longest path through one, so that no cell in which the beam may have
+ended is left among the free ones."""
+
+
+class BeamParameters(NamedTuple):
+    """The constants of a `BeamModel`, as kernels take them."""
+
+    lowest: int
+    """Lowest update of one scan, log-odds in fixed point."""
+    highest: int
+    """Highest update of one scan, log-odds in fixed point."""
+    surface_at_entry: bool
+    partial_surface: bool
 
 
 @dataclass(frozen=True)
-class BeamModel:
+class BeamModel(Settings):
     """Constants of the inverse sensor model, tuned on training worlds only.
 
     Raises
@@ -53,28 +72,18 @@ class BeamModel:
         If a value is outside of its range.
     """
 
-    free: float = 0.001
-    """Lowest occupancy that a single scan may claim for a cell."""
-    occupied: float = 0.998
-    """Highest occupancy that a single scan may claim for a cell."""
+    free: Annotated[float, Range(above=0, below=0.5)] = 0.001
+    """Lowest occupancy that a single scan may give a cell."""
+    occupied: Annotated[float, Range(above=0.5, below=1)] = 0.998
+    """Highest occupancy that a single scan may give a cell."""
     surface: Literal["entry", "anywhere", "partial"] = "entry"
     """Where the surface of an occupied cell lies: at the face by which the beam enters, if the
     cells are the obstacles; anywhere inside, if cells merely contain surfaces; in a part of the
     cell, beside which other beams of the scan may pass (recorded data)."""
 
-    def __post_init__(self) -> None:
-        if not 0 < self.free < 0.5 < self.occupied < 1:
-            raise ValueError(
-                f"BeamModel needs 0 < free < 0.5 < occupied < 1, got {self.free}, {self.occupied}"
-            )
-        if self.surface not in ("entry", "anywhere", "partial"):
-            raise ValueError(
-                f"BeamModel.surface is 'partial', 'entry' or 'anywhere', got {self.surface!r}"
-            )
-
     @property
     def log_odds_bounds(self) -> tuple[int, int]:
-        """The two bounds as fixed-point log-odds."""
+        """`free` and `occupied` as log-odds in fixed point."""
         return to_log_odds_fixed(self.free), to_log_odds_fixed(self.occupied)
 
     @property
@@ -87,9 +96,22 @@ class BeamModel:
         """Whether surfaces fill a part of their cells."""
         return self.surface == "partial"
 
+    @property
+    def parameters(self) -> BeamParameters:
+        """The constants, for kernels."""
+        return BeamParameters(*self.log_odds_bounds, self.surface_at_entry, self.partial_surface)
 
-@njit(cache=True, nogil=True)
-def endpoint_posterior(entries, exits, n, z, sigma, surface_at_entry, weights):
+
+@kernel
+def endpoint_posterior(
+    entries: NDArray[np.float64],
+    exits: NDArray[np.float64],
+    n: int,
+    z: float,
+    sigma: float,
+    surface_at_entry: bool,
+    weights: NDArray[np.float64],
+) -> int:
     """Write w_k, the probability that the beam ended at cell k of n; return the likeliest k.
 
     `entries` and `exits` are the distances at which the beam enters and leaves each cell. If no
@@ -110,7 +132,7 @@ def endpoint_posterior(entries, exits, n, z, sigma, surface_at_entry, weights):
             width = (exits[k] - entries[k]) * scale
             if width > 1e-6:
                 likelihood = (math.erf(a + width) - math.erf(a)) / width
-            else:  # a touched corner, over which the density is even
+            else:  # only a corner, over which the density is even
                 likelihood = 2.0 / math.sqrt(math.pi) * math.exp(-a * a)
         weights[k] = prior * likelihood
         total += weights[k]
@@ -130,11 +152,18 @@ def endpoint_posterior(entries, exits, n, z, sigma, surface_at_entry, weights):
     return best
 
 
-@njit(cache=True, nogil=True)
-def partial_endpoint_posterior(entries, exits, n, z, sigma, weights):
-    """Like `endpoint_posterior`, for a beam that may end anywhere along its way (surface "partial").
+@kernel
+def partial_endpoint_posterior(
+    entries: NDArray[np.float64],
+    exits: NDArray[np.float64],
+    n: int,
+    z: float,
+    sigma: float,
+    weights: NDArray[np.float64],
+) -> int:
+    """Like `endpoint_posterior`, for a beam that may end anywhere along its path.
 
-    w_k proportional to (1/2)**entry_k * integral of N(z; s, sigma) ds over the way through cell k,
+    w_k proportional to (1/2)**entry_k * integral of N(z; s, sigma) ds over the path through cell k,
     distances in cells.
     """
     total = 0.0
@@ -159,22 +188,37 @@ def partial_endpoint_posterior(entries, exits, n, z, sigma, weights):
     return best
 
 
-@njit(cache=True, nogil=True)
-def beam_log_odds_fixed(weight, before, lowest, highest):
-    """Fixed-point log-odds of P_k = w_k + before / 2, inside what one scan may claim."""
+@kernel
+def beam_log_odds_fixed(weight: float, before: float, lowest: int, highest: int) -> int:
+    """Fixed-point log-odds of P_k = w_k + before / 2, within the bounds of one scan."""
     p = weight + 0.5 * before
     if p <= 0.0:
         return lowest
     if p >= 1.0:
         return highest
-    level = math.floor(math.log(p / (1.0 - p)) * STEPS_PER_NAT + 0.5)
-    return min(max(level, lowest), highest)
+    update = math.floor(math.log(p / (1.0 - p)) * STEPS_PER_NAT + 0.5)
+    return min(max(update, lowest), highest)
+
+
+@inlined_kernel
+def merge_updates(one: int, other: int) -> int:
+    """Which of two beams' updates of a cell counts where surfaces are partial: ends before passes.
+
+    The strongest of both ends, or of both passes.
+    """
+    return max(one, other) if one > 0 or other > 0 else min(one, other)
+
+
+@inlined_kernel
+def scale_free_update(update: int, path_length: float) -> int:
+    """Update by a passing beam, in proportion to its path through the cell (cells), at most 1."""
+    return math.floor(update * min(path_length, 1.0) + 0.5)
 
 
 def beam_occupancy(
     entries: ArrayLike, exits: ArrayLike, z: float, sigma: float, model: BeamModel
 ) -> NDArray[np.float64]:
-    """P_k of every cell that a beam crosses, before a scan's bounds; for looking and testing.
+    """P_k of every cell that a beam crosses, before a scan's bounds; for plots and tests.
 
     Parameters
     ----------

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.core.kernels import kernel
+from coopmap_env.mapping.arrays import SurfaceArrays
 
 
 def gaussian_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
@@ -48,13 +50,21 @@ def merge_gaussians(
     return mean_1 + gain @ (np.asarray(mean_2) - mean_1), C_1 - gain @ C_1
 
 
-@njit(cache=True, nogil=True)
-def add_observation(precision, vector, cell, C, deviation, floor):
+@kernel
+def add_observation(
+    surfaces: SurfaceArrays,
+    cell: int,
+    C: NDArray[np.float64],
+    deviation: NDArray[np.float64],
+    floor: float,
+) -> None:
     """Merge one observation into a cell's information form: two sums (Eqs. 2 and 4).
 
-    `precision[cell]` += P and `vector[cell]` += P @ deviation with P = (C + floor I)^-1, the
-    deviation being the point minus the cell's centre, so that nothing cancels far from the origin.
+    ``precision[cell] += P`` and ``information_vector[cell] += P @ deviation`` with
+    P = (C + floor I)^-1. The deviation is the point minus the cell's centre, so that nothing cancels
+    far from the origin.
     """
+    precision, vector = surfaces
     xx, xy, yy = C[0, 0] + floor, C[0, 1], C[1, 1] + floor
     if C.shape[0] == 2:
         scale = 1.0 / (xx * yy - xy * xy)

@@ -1,38 +1,36 @@
-"""Whether a map lets one see from a point to another: one exact walk through its voxels."""
+"""Lines of sight through a map: one exact ray through its voxels for each."""
 
 from __future__ import annotations
 
 import math
 
-from numba import njit
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry.traversal import Vector, start_ray, step_ray
+from coopmap_env.mapping.arrays import MapArrays
 
-from coopmap_env.geometry.traversal import init_axis, step_voxel
 
-
-@njit(cache=True, nogil=True)
-def has_line_of_sight(log_odds_fixed, sampled, shape, start, end, slack):
+@kernel
+def has_line_of_sight(
+    arrays: MapArrays, start: Vector, end: Vector, occlusion_tolerance: float
+) -> bool:
     """Whether no occupied voxel (sampled, P >= 1/2) lies between those of two points, in cells.
 
-    In the last `slack` cells before the end they hide nothing. From outside of the grid nothing is
-    seen.
+    Occupied voxels within `occlusion_tolerance` cells before the end do not block it. From outside
+    of the grid nothing is seen.
     """
-    nx, ny, nz = shape
+    shape = arrays.shape
     for axis in range(3):
         if not 0.0 <= start[axis] < shape[axis]:
             return False
     ux, uy, uz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
     length = math.sqrt(ux * ux + uy * uy + uz * uz)
-    ux, uy, uz = ux / length, uy / length, uz / length
-    cx, sx, tx, dx, end_x = init_axis(start[0], ux, nx, ny * nz)
-    cy, sy, ty, dy, end_y = init_axis(start[1], uy, ny, nz)
-    cz, sz, tz, dz, end_z = init_axis(start[2], uz, nz, 1)
-    cell = cx + cy + cz
-    goal = (int(end[0]) * ny + int(end[1])) * nz + int(end[2])
-    until = min(length - slack, end_x, end_y, end_z)
-    t = 0.0
-    own = cell
-    while t < until and cell != goal:
-        if cell != own and sampled[cell] and log_odds_fixed[cell] >= 0:
+    ray, position = start_ray(start, (ux / length, uy / length, uz / length), shape)
+    goal = (int(end[0]) * shape[1] + int(end[1])) * shape[2] + int(end[2])
+    until = min(length - occlusion_tolerance, ray.end)
+    own = position.cell
+    while position.distance < until and position.cell != goal:
+        cell = position.cell
+        if cell != own and arrays.sampled_mask[cell] and arrays.log_odds_fixed[cell] >= 0:
             return False
-        cell, tx, ty, tz, t = step_voxel(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
+        position = step_ray(ray, position)
     return True

@@ -10,9 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+
+from coopmap_env.core.settings import Range, Settings
 
 STEPS_PER_NAT = 1024
 
@@ -23,7 +26,7 @@ def to_log_odds_fixed(probability: float) -> int:
 
 
 @dataclass(frozen=True)
-class LogOddsRange:
+class LogOddsRange(Settings):
     """The clamp of a map and the tables over it.
 
     Raises
@@ -32,13 +35,9 @@ class LogOddsRange:
         If `max_probability` does not lie in (0.5, 1).
     """
 
-    max_probability: float = 0.999
+    max_probability: Annotated[float, Range(above=0.5, below=1)] = 0.999
     """Clamp, and one minus it at the other end: a cell stays ready to change its mind after one
     contradicting scan or two, and keeps a log-loss of at most 6.9 nats when it is wrong."""
-
-    def __post_init__(self) -> None:
-        if not 0.5 < self.max_probability < 1:
-            raise ValueError(f"max_probability must lie in (0.5, 1), got {self.max_probability}")
 
     @cached_property
     def clamp(self) -> int:

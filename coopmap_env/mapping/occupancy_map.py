@@ -5,16 +5,18 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import PlainTuple
+from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.integration import (
     CAMERA_OUTSIDE_GRID,
-    clamp_levels,
+    FusionArrays,
+    clamp_log_odds,
     integrate_scan,
     validate_scan,
 )
@@ -30,19 +32,6 @@ class ScanGain:
     """Cells sampled for the first time."""
     entropy_reduction: float
     """Nats, summed over the touched cells; negative where a scan contradicts the map."""
-
-
-class MapArrays(NamedTuple):
-    """Occupancy of a map's cells, as kernels take it; all arrays are flat (row-major)."""
-
-    log_odds_fixed: NDArray[np.int32]
-    """Log-odds in fixed point (n_cells,); see `log_odds`."""
-    sampled_mask: NDArray[np.uint8]
-    """1 where a scan observed the cell (n_cells,)."""
-    shape: tuple[int, int, int]
-    """Cells along x, y, z; a planar grid is one layer."""
-    clamp: int
-    """Highest log-odds in fixed point; the lowest is its negative."""
 
 
 class OccupancyMap:
@@ -74,11 +63,6 @@ class OccupancyMap:
         self.model = model or BeamModel()
         self.log_odds_range = log_odds_range or LogOddsRange()
         n, d = grid.n_cells, grid.dimension
-        self._lower = np.array(grid.origin)
-        self._shape3 = grid.shape_3d
-        self._bounds = self.model.log_odds_bounds
-        self._surface_at_entry = self.model.surface_at_entry
-        self._partial_surface = self.model.partial_surface
         self.log_odds_fixed = np.zeros(n, dtype=np.int32)
         """Log-odds in fixed point, flat; see `log_odds`."""
         self.sampled_mask = np.zeros(n, dtype=np.uint8)
@@ -91,8 +75,17 @@ class OccupancyMap:
         """Sums of the inverse covariances of each cell's surface points; see `surfaces`."""
         self.information_vector = np.zeros((n, d))
         """Sums of inverse covariance times (point minus the cell's centre)."""
-        self._pending = np.zeros(n, dtype=np.int32)
-        self._updated_cells = np.empty(n + 1, dtype=np.int64)
+        self._buffers = UpdateBuffers(np.zeros(n, dtype=np.int32), np.empty(n + 1, dtype=np.int64))
+        self._updated_cells = self._buffers.updated_cells
+        self._grid = tuple(grid.geometry)
+        self._fusion = FusionArrays(
+            grid.geometry,
+            self.model.parameters,
+            self._buffers,
+            self.arrays,
+            SurfaceArrays(self.precision, self.information_vector),
+            self.log_odds_range.entropy,
+        ).plain()
 
     def clear(self) -> None:
         """Forget everything; cheaper than a new map."""
@@ -115,31 +108,23 @@ class OccupancyMap:
             a value that is not finite. Nothing is fused then.
         """
         scans = [scans] if isinstance(scans, Scan) else list(scans)
-        for scan in scans:
-            self._validate(scan)
-        gains, touched_cells = [], []
-        for scan in scans:
-            count, new, drop = integrate_scan(
-                scan.origin, scan.points, scan.covariances, scan.hit,
-                self._lower, self.grid.resolution, self._shape3,
-                self._bounds, self._surface_at_entry, self._partial_surface,
-                self.precision, self.information_vector, self._pending, self._updated_cells,
-                self.log_odds_fixed, self.sampled_mask, self.log_odds_range.clamp, self.log_odds_range.entropy,
-            )  # fmt: skip
-            gains.append(ScanGain(new, drop))
-            touched_cells.append(self._updated_cells[:count].copy())
-        for touched in touched_cells:
-            clamp_levels(self.log_odds_fixed, touched, self.log_odds_range.clamp)
+        valid_scans = [self._validate(scan) for scan in scans]
+        gains, updated_cells = [], []
+        for arrays in valid_scans:
+            count, new, reduction = integrate_scan(arrays, self._fusion)
+            gains.append(ScanGain(new, reduction))
+            updated_cells.append(self._updated_cells[:count].copy())
+        for cells in updated_cells:
+            clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
         return gains
 
-    def _validate(self, scan: Scan) -> None:
+    def _validate(self, scan: Scan) -> PlainTuple:
+        """The plain arrays of a scan that fits this map."""
         d = self.grid.dimension
         if scan.points.shape[1] != d:
             raise ValueError(f"a {scan.points.shape[1]}-D scan cannot enter a {d}-D map")
-        invalid_beam = validate_scan(
-            scan.origin, scan.points, scan.covariances, scan.hit,
-            self._lower, self.grid.resolution, self._shape3,
-        )  # fmt: skip
+        arrays = tuple(scan.arrays)
+        invalid_beam = validate_scan(arrays, self._grid)
         if invalid_beam == CAMERA_OUTSIDE_GRID:
             raise ValueError(f"camera at {scan.origin} is outside the map's grid {self.grid}")
         if invalid_beam >= 0:
@@ -147,6 +132,7 @@ class OccupancyMap:
                 f"beam {invalid_beam} of a scan has a value that is not finite: point "
                 f"{scan.points[invalid_beam]}, covariance {scan.covariances[invalid_beam].tolist()}"
             )
+        return arrays
 
     def mark_free(self, cells: ArrayLike) -> None:
         """Declare cells (flat numbers) as known to be free, such as a robot's own place."""
@@ -235,7 +221,7 @@ class OccupancyMap:
         precisions: ArrayLike,
         vectors: ArrayLike,
     ) -> None:
-        """Take over the state of a map of this grid: flat levels, sampled cells, `information_form`.
+        """Take over the state of a map of the same grid: log-odds, sampled cells, surfaces.
 
         Raises
         ------

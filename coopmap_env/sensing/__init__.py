@@ -1,10 +1,8 @@
 """Camera models, their range noise, and the scans that they measure."""
 
-from coopmap_env.sensing.camera import PlanarCamera
-from coopmap_env.sensing.depth_camera import DepthCamera, PinholeIntrinsics
+from coopmap_env.sensing.cameras import DepthCamera, PinholeIntrinsics, PlanarCamera
 from coopmap_env.sensing.noise import NoiseParameters, RangeNoise, rotate_covariances
-from coopmap_env.sensing.point_cloud import PointCloud, transform_cloud
-from coopmap_env.sensing.scan import Scan
+from coopmap_env.sensing.scan import PointCloud, Scan, ScanArrays, transform_cloud
 
 __all__ = [
     "DepthCamera",
@@ -14,6 +12,7 @@ __all__ = [
     "PointCloud",
     "RangeNoise",
     "Scan",
+    "ScanArrays",
     "rotate_covariances",
     "transform_cloud",
 ]

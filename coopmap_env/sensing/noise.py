@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.core.settings import NonNegative, Settings
 
 
 class NoiseParameters(NamedTuple):
@@ -20,7 +21,7 @@ class NoiseParameters(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RangeNoise:
+class RangeNoise(Settings):
     """Standard deviation of a range observation (Eq. 1): sigma = S * T * d**n.
 
     The axes are those of the camera frame: x along the optical axis (depth, the worst one),
@@ -29,27 +30,24 @@ class RangeNoise:
     Raises
     ------
     ValueError
-        If a value is negative or not finite, or the depth axis is not the worst one.
+        If a value is negative or not finite, or `lateral` exceeds `depth`.
     """
 
-    intrinsic: float = 0.0015
+    intrinsic: NonNegative = 0.0015
     """S, per metre at n = 2: stereo disparity error grows with range squared. 0.0015 is 0.15 m at
     10 m and 0.6 m at 20 m: at the end of the default depth of field, more than half a cell."""
-    depth: float = 1.0
+    depth: NonNegative = 1.0
     """T along the optical axis."""
-    lateral: float = 0.25
+    lateral: NonNegative = 0.25
     """T across the optical axis: image points are known better than disparities."""
-    exponent: float = 2.0
+    exponent: NonNegative = 2.0
     """n: 2 for stereo; 0 for a laser, whose error hardly depends on range."""
 
     def __post_init__(self) -> None:
-        for name in ("intrinsic", "depth", "lateral", "exponent"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"RangeNoise.{name} must be finite and >= 0, got {value}")
+        super().__post_init__()
         if self.lateral > self.depth:
             raise ValueError(
-                f"the depth axis is the worst one: lateral {self.lateral} > depth {self.depth}"
+                f"RangeNoise.lateral must not exceed depth, got {self.lateral} > {self.depth}"
             )
 
     @property

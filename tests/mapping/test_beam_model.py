@@ -183,7 +183,7 @@ def test_for_fine_cells_it_is_half_a_normal_cdf_moved_toward_the_camera_by_the_p
     assert closed.max() > 0.9
 
 
-def test_levels_of_a_beam_stay_inside_what_one_scan_may_claim():
+def test_updates_of_a_beam_stay_inside_the_bounds_of_one_scan():
     lowest, highest = BeamModel(free=0.01, occupied=0.97).log_odds_bounds
     assert (lowest, highest) == (to_log_odds_fixed(0.01), to_log_odds_fixed(0.97))
     assert beam_log_odds_fixed(0.0, 0.0, lowest, highest) == lowest
@@ -198,12 +198,13 @@ def test_levels_of_a_beam_stay_inside_what_one_scan_may_claim():
     [{"free": 0.0}, {"free": 0.5}, {"occupied": 0.5}, {"occupied": 1.0}, {"free": math.nan}],
 )
 def test_bounds_on_the_wrong_side_of_one_half_are_refused(arguments):
-    with pytest.raises(ValueError, match="BeamModel needs 0 < free"):
+    (name,) = arguments
+    with pytest.raises(ValueError, match=rf"BeamModel\.{name} must be a finite number > .* and < "):
         BeamModel(**arguments)
 
 
-def test_an_unknown_reading_of_the_surface_is_refused():
-    with pytest.raises(ValueError, match=r"'entry' or 'anywhere', got 'exit'"):
+def test_an_unknown_interpretation_of_the_surface_is_rejected():
+    with pytest.raises(ValueError, match="one of 'entry', 'anywhere', 'partial', got 'exit'"):
         BeamModel(surface="exit")
 
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
 from coopmap_env.mapping import gaussian_density, merge_gaussians
+from coopmap_env.mapping.arrays import SurfaceArrays
 from coopmap_env.mapping.gaussian import add_observation
 
 
@@ -90,9 +91,10 @@ def test_merging_is_symmetric_and_associative_eq_4(dimension):
             other, C_other = merge_all(means[order], covariances[order])
             assert other == pytest.approx(mean, abs=1e-9)
             assert pytest.approx(C, abs=1e-10) == C_other
-        left = merge_gaussians(*merge_gaussians(means[0], covariances[0], means[1], covariances[1]), *(
-            merge_gaussians(means[2], covariances[2], means[3], covariances[3])
-        ))  # fmt: skip
+        left = merge_gaussians(
+            *merge_gaussians(means[0], covariances[0], means[1], covariances[1]),
+            *merge_gaussians(means[2], covariances[2], means[3], covariances[3]),
+        )
         assert left[0] == pytest.approx(mean, abs=1e-9)
 
 
@@ -151,7 +153,7 @@ def test_the_information_form_adds_the_inverse_and_its_product_with_the_deviatio
         precision = rng.normal(size=(3, dimension, dimension))
         vector = rng.normal(size=(3, dimension))
         before = precision.copy(), vector.copy()
-        add_observation(precision, vector, 1, C, deviation, 0.25)
+        add_observation(SurfaceArrays(precision, vector), 1, C, deviation, 0.25)
         P = np.linalg.inv(C + 0.25 * np.eye(dimension))
         # the closed form and LAPACK agree to the rounding of numbers of order 10
         assert precision[1] - before[0][1] == pytest.approx(P, abs=1e-12)
@@ -163,6 +165,7 @@ def test_the_information_form_adds_the_inverse_and_its_product_with_the_deviatio
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_an_observation_without_uncertainty_weighs_as_much_as_the_floor_allows(dimension):
     precision, vector = np.zeros((1, dimension, dimension)), np.zeros((1, dimension))
-    add_observation(precision, vector, 0, np.zeros((dimension,) * 2), np.ones(dimension), 0.01)
+    surfaces = SurfaceArrays(precision, vector)
+    add_observation(surfaces, 0, np.zeros((dimension,) * 2), np.ones(dimension), 0.01)
     assert precision[0] == pytest.approx(100 * np.eye(dimension))
     assert vector[0] == pytest.approx(np.full(dimension, 100.0))

@@ -47,5 +47,7 @@ def test_probability_rises_with_the_level_and_entropy_falls_to_both_sides():
 
 @pytest.mark.parametrize("value", [0.5, 1.0, -1.0, math.nan])
 def test_a_clamp_outside_of_a_half_to_one_is_refused(value):
-    with pytest.raises(ValueError, match=r"max_probability must lie in \(0\.5, 1\)"):
+    with pytest.raises(
+        ValueError, match=r"LogOddsRange\.max_probability must be .* > 0\.5 and < 1"
+    ):
         LogOddsRange(max_probability=value)

@@ -47,7 +47,7 @@ def state(map_):
             map_.sampled_mask,
             map_.precision,
             map_.information_vector,
-            map_._pending,
+            map_._buffers.pending,
         )
     )
 
@@ -194,7 +194,7 @@ def test_integrating_is_what_the_plain_loops_do(grid, surface):
         assert gain.new_cells == new
         # sums of some hundred terms of at most ln 2
         assert gain.entropy_reduction == pytest.approx(drop, abs=1e-9)
-        assert not map_._pending.any()
+        assert not map_._buffers.pending.any()
     assert plain.log_odds_fixed.min() == -map_.log_odds_range.clamp
     assert plain.log_odds_fixed.max() == map_.log_odds_range.clamp
 

@@ -5,7 +5,8 @@ import pytest
 from plain.random_scans import random_scan
 
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
-from coopmap_env.mapping.integration import MAX_PATH_IN_CELL, MIN_RANGE_SIGMA, integrate_rays
+from coopmap_env.mapping.arrays import SurfaceArrays, UpdateBuffers
+from coopmap_env.mapping.integration_scalar import integrate_rays
 from coopmap_env.mapping.integration_simd import integrate_rays_simd
 from coopmap_env.sensing import Scan
 
@@ -13,30 +14,12 @@ GRID = VoxelGrid((11, 9, 8), 0.25, (0.5, -1.0, 2.0))
 
 
 def integrated(kernel, scan, model, grid):
-    """State of a new map after one scan's walk: claims, listed cells, information."""
-    m = OccupancyMap(grid, model)
-    first = (scan.origin, scan.points, scan.covariances, scan.hit, m._lower, grid.resolution)
-    last = (m.precision, m.information_vector, m._pending, m._updated_cells)
-    if kernel is integrate_rays_simd:
-        arguments = (
-            *first,
-            grid.shape_3d,
-            model.log_odds_bounds,
-            *last,
-            MIN_RANGE_SIGMA,
-            MAX_PATH_IN_CELL,
-        )
-    else:
-        arguments = (
-            *first,
-            grid.shape_3d,
-            model.log_odds_bounds,
-            model.surface_at_entry,
-            model.partial_surface,
-            *last,
-        )
-    count = kernel(*arguments)
-    return m._pending, m._updated_cells[:count], m.precision, m.information_vector
+    """Updates, listed cells and information of a new map after the rays of one scan."""
+    n = grid.n_cells
+    buffers = UpdateBuffers(np.zeros(n, np.int32), np.empty(n + 1, np.int64))
+    surfaces = SurfaceArrays(np.zeros((n, 3, 3)), np.zeros((n, 3)))
+    count = kernel(scan.arrays, grid.geometry, model.parameters, buffers, surfaces)
+    return buffers.pending, buffers.updated_cells[:count], *surfaces
 
 
 @pytest.mark.parametrize("largest_sigma", [0.0, 0.1, 1.2, 6.0])

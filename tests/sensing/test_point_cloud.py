@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.sensing import PointCloud, RangeNoise, transform_cloud
-from coopmap_env.sensing.point_cloud import is_covariance
+from coopmap_env.sensing.scan import is_covariance
 
 NOISE = RangeNoise(intrinsic=0.01, depth=1.0, lateral=0.25, exponent=2.0)
 
@@ -228,7 +228,7 @@ def test_hits_that_are_no_bools_are_refused():
 
 
 def test_a_planar_pose_is_refused():
-    with pytest.raises(ValueError, match=r"placed by a pose in space, got \(2,\)"):
+    with pytest.raises(ValueError, match=r"needs a pose in 3-D, got translation \(2,\)"):
         transform_cloud(cloud_of([1, 0, 0]), Pose.planar(0, 0, 0), NOISE)
 
 

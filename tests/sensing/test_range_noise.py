@@ -50,7 +50,9 @@ def test_noise_that_is_negative_or_not_finite_is_refused(name, value):
 
 
 def test_noise_that_is_worse_across_than_in_depth_is_refused():
-    with pytest.raises(ValueError, match=r"lateral 1\.5 > depth 1\.0"):
+    with pytest.raises(
+        ValueError, match=r"RangeNoise\.lateral must not exceed depth, got 1\.5 > 1\.0"
+    ):
         RangeNoise(lateral=1.5)
 
 

@@ -1,14 +1,41 @@
-"""The depth camera: a pinhole with a field of view, a resolution, and a range that it measures."""
+"""Camera models: a planar fan of beams, and a pinhole depth camera with a measuring range."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.core.settings import NonNegative, Positive, PositiveInt, Range, Settings
+
+
+@dataclass(frozen=True)
+class PlanarCamera(Settings):
+    """A depth camera of one image row; its optical axis is the x axis of the camera frame.
+
+    Raises
+    ------
+    ValueError
+        If a value is outside of its range.
+    """
+
+    field_of_view: Annotated[float, Range(above=0, at_most=2 * math.pi)] = math.radians(60.0)
+    """Radians, in (0, 2 pi]. 60 degrees is that of a usual stereo camera."""
+    depth_of_field: Positive = 20.0
+    """Metres: surfaces further than this are not seen."""
+    n_beams: PositiveInt = 40
+    """Pixels of the row: at the end of the default depth of field the beams are 0.5 m apart, so
+    no 1 m cell falls between two of them."""
+
+    @property
+    def bearings(self) -> NDArray[np.float64]:
+        """Angles of the beams to the optical axis, shape (n_beams,), radians: pixel centres."""
+        pixel = self.field_of_view / self.n_beams
+        return (np.arange(self.n_beams, dtype=np.float64) + 0.5) * pixel - self.field_of_view / 2
 
 
 class PinholeIntrinsics(NamedTuple):
@@ -25,11 +52,11 @@ class PinholeIntrinsics(NamedTuple):
 
 
 @dataclass(frozen=True)
-class DepthCamera:
+class DepthCamera(Settings):
     """A pinhole depth camera; camera frame: x along the optical axis, y to the left, z up.
 
-    Pixels are counted row by row from the top left one: pixel k stands in row ``k // width``
-    and column ``k % width``.
+    Pixels are counted row by row from the top left one: pixel k is in row ``k // width`` and
+    column ``k % width``.
 
     Raises
     ------
@@ -37,40 +64,30 @@ class DepthCamera:
         If a value is outside of its range.
     """
 
-    horizontal_field_of_view: float = math.radians(60.0)
+    horizontal_field_of_view: Annotated[float, Range(above=0, below=math.pi)] = math.radians(60.0)
     """Radians, in (0, pi): between the left and the right edge of the image."""
-    vertical_field_of_view: float = math.radians(45.0)
+    vertical_field_of_view: Annotated[float, Range(above=0, below=math.pi)] = math.radians(45.0)
     """Radians, in (0, pi): between the upper and the lower edge of the image."""
-    width: int = 64
-    """Pixels of a row: 6 m ahead the default ones are 0.11 m apart, about a voxel."""
-    height: int = 48
+    width: PositiveInt = 64
+    """Pixels of a row: at 6 m the default ones are 0.11 m apart, about a voxel."""
+    height: PositiveInt = 48
     """Pixels of a column."""
-    near: float = 0.3
-    """Metres: of surfaces nearer than this nothing is measured."""
-    far: float = 6.0
+    near: NonNegative = 0.3
+    """Metres: surfaces nearer than this are not measured."""
+    far: Positive = 6.0
     """Metres: surfaces further than this are not seen. Both bound the distance to the point, not
     its depth along the optical axis."""
 
     def __post_init__(self) -> None:
-        for name in ("horizontal_field_of_view", "vertical_field_of_view"):
-            value = getattr(self, name)
-            if not 0 < value < math.pi:
-                raise ValueError(f"DepthCamera.{name} must lie in (0, pi) radians: {value}")
-        for name in ("width", "height"):
-            value = getattr(self, name)
-            if not (isinstance(value, int | np.integer) and value >= 1):
-                raise ValueError(
-                    f"DepthCamera.{name} must be a whole number of at least 1: {value}"
-                )
-        if not (math.isfinite(self.far) and 0 <= self.near < self.far):
+        super().__post_init__()
+        if not self.near < self.far:
             raise ValueError(
-                "DepthCamera measures from near to far, 0 <= near < far < infinity: "
-                f"near {self.near}, far {self.far}"
+                f"DepthCamera.near must be below far, got near {self.near} and far {self.far}"
             )
 
     @property
     def n_pixels(self) -> int:
-        """Beams of one look."""
+        """Beams of one scan."""
         return self.width * self.height
 
     @property

@@ -1,0 +1,225 @@
+"""Rays through the map one by one, in two and three dimensions: the updates of a scan's beams."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.geometry.traversal import Ray, RayPosition, start_ray, step_ray
+from coopmap_env.mapping.arrays import SurfaceArrays, UpdateBuffers
+from coopmap_env.mapping.beam import (
+    MAX_PATH_IN_CELL,
+    MIN_RANGE_SIGMA,
+    POSTERIOR_CUTOFF,
+    RANGE_WINDOW,
+    BeamParameters,
+    beam_log_odds_fixed,
+    endpoint_posterior,
+    merge_updates,
+    partial_endpoint_posterior,
+    scale_free_update,
+)
+from coopmap_env.mapping.gaussian import add_observation
+from coopmap_env.mapping.grid import GridGeometry
+from coopmap_env.sensing.scan import ScanArrays
+
+
+class EndCells(NamedTuple):
+    """Buffers for the cells in which one beam may have ended, along the beam."""
+
+    cells: NDArray[np.int64]
+    """Flat numbers."""
+    entries: NDArray[np.float64]
+    """Distances at which the beam enters the cells, in cells."""
+    exits: NDArray[np.float64]
+    """Distances at which it leaves them, in cells."""
+    weights: NDArray[np.float64]
+    """Probabilities that the beam ended there."""
+
+
+@kernel
+def _unit_direction(
+    point: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    resolution: float,
+    direction: NDArray[np.float64],
+) -> float:
+    """Write the unit direction from `origin` to `point`; return the distance, cells."""
+    z = 0.0
+    for axis in range(len(point)):
+        direction[axis] = (point[axis] - origin[axis]) / resolution
+        z += direction[axis] * direction[axis]
+    z = math.sqrt(z)
+    if z > 0.0:
+        for axis in range(len(point)):
+            direction[axis] /= z
+    return z
+
+
+@kernel
+def _range_sigma(
+    direction: NDArray[np.float64], covariance: NDArray[np.float64], resolution: float
+) -> float:
+    """Standard deviation of a point along the beam, cells."""
+    variance = 0.0
+    for i in range(len(covariance)):
+        for j in range(len(covariance)):
+            variance += direction[i] * covariance[i, j] * direction[j]
+    # rounding takes the variance across a flat covariance below zero
+    return max(math.sqrt(max(variance, 0.0)) / resolution, MIN_RANGE_SIGMA)
+
+
+@inlined_kernel
+def _update_free_cells(
+    ray: Ray,
+    position: RayPosition,
+    until: float,
+    beam: BeamParameters,
+    buffers: UpdateBuffers,
+    count: int,
+) -> tuple[RayPosition, int]:
+    """Update the cells that a beam certainly passes; return its new position and the count."""
+    pending, updated_cells = buffers
+    lowest = beam.lowest
+    while beam.partial_surface and position.distance < until:
+        cell, entry = position.cell, position.distance
+        position = step_ray(ray, position)
+        update = scale_free_update(lowest, position.distance - entry)
+        index = np.uint64(cell)  # the compiler guards signed indices against negative ones
+        current = pending[index]
+        updated_cells[np.uint64(count)] = cell
+        count += (current == 0) & (update != 0)
+        pending[index] = merge_updates(current, update)
+    while position.distance < until:
+        index = np.uint64(position.cell)
+        current = pending[index]
+        updated_cells[np.uint64(count)] = position.cell
+        count += current == 0
+        pending[index] = current + lowest if current != -lowest else 1
+        position = step_ray(ray, position)
+    return position, count
+
+
+@inlined_kernel
+def _find_end_cells(
+    ray: Ray, position: RayPosition, until: float, ends: EndCells
+) -> tuple[int, float]:
+    """List the cells up to `until`; return how many, and the distance reached."""
+    n = 0
+    while position.distance < until:
+        ends.cells[n] = position.cell
+        ends.entries[n] = position.distance
+        position = step_ray(ray, position)
+        ends.exits[n] = position.distance
+        n += 1
+    return n, position.distance
+
+
+@kernel
+def _weigh_end_cells(
+    n: int, reached: float, z: float, sigma: float, beam: BeamParameters, ends: EndCells
+) -> int:
+    """Write the posterior over n cells; return the likeliest, n if it lies beyond the grid."""
+    _, entries, exits, weights = ends
+    candidates = n
+    if reached < z:  # the surface may lie beyond the grid: one more cell, which no map has
+        entries[n] = z
+        exits[n] = z + 1.0
+        candidates = n + 1
+    if beam.partial_surface:
+        return partial_endpoint_posterior(entries, exits, candidates, z, sigma, weights)
+    at_entry = beam.surface_at_entry
+    return endpoint_posterior(entries, exits, candidates, z, sigma, at_entry, weights)
+
+
+@kernel
+def _update_end_cells(
+    n: int, best: int, beam: BeamParameters, ends: EndCells, buffers: UpdateBuffers, count: int
+) -> int:
+    """Update the n cells in which a beam may have ended, `best` most likely; return the count."""
+    cells, entries, exits, weights = ends
+    pending, updated_cells = buffers
+    before = 0.0
+    for k in range(n):
+        update = beam_log_odds_fixed(weights[k], before, beam.lowest, beam.highest)
+        before += weights[k]
+        cell = np.uint64(cells[k])
+        current = pending[cell]
+        updated_cells[np.uint64(count)] = cells[k]
+        if beam.partial_surface:
+            if update < 0:
+                update = scale_free_update(update, exits[k] - entries[k])
+            if update == 0 and k == best:
+                update = -1  # a cell that keeps the beam's point is one that was sampled
+            count += current == 0 and update != 0
+            pending[cell] = merge_updates(current, update)
+        else:
+            count += current == 0
+            pending[cell] = current + update if current != -update else 1
+        if before > POSTERIOR_CUTOFF and k >= best:
+            break
+    return count
+
+
+@kernel
+def _center_offset(
+    point: NDArray[np.float64], cell: int, grid: GridGeometry, offset: NDArray[np.float64]
+) -> None:
+    """Write `point` minus the centre of flat cell `cell`, metres."""
+    lower, resolution, shape = grid
+    for axis in range(len(point) - 1, -1, -1):
+        offset[axis] = point[axis] - ((cell % shape[axis] + 0.5) * resolution + lower[axis])
+        cell //= shape[axis]
+
+
+@kernel
+def integrate_rays(
+    scan: ScanArrays,
+    grid: GridGeometry,
+    beam: BeamParameters,
+    buffers: UpdateBuffers,
+    surfaces: SurfaceArrays,
+) -> int:
+    """Follow every beam of a scan; collect its updates per cell; merge the hits' Gaussians.
+
+    The updates of a cell are summed; where surfaces are partial, the strongest counts instead.
+    Returns how many cells `buffers.updated_cells` lists.
+    """
+    origin, points, covariances, hit = scan
+    lower, resolution, shape = grid
+    longest = shape[0] + shape[1] + shape[2] + 3
+    ends = EndCells(
+        np.empty(longest, np.int64), np.empty(longest), np.empty(longest), np.empty(longest)
+    )
+    offset = np.zeros(points.shape[1])
+    start, direction = np.full(3, 0.5), np.zeros(3)
+    for axis in range(points.shape[1]):
+        start[axis] = (origin[axis] - lower[axis]) / resolution
+    count = 0
+    for k in range(points.shape[0]):
+        z = _unit_direction(points[k], origin, resolution, direction)
+        if z == 0.0:
+            continue
+        free_until, stop, sigma = z, z, 0.0
+        if hit[k]:
+            sigma = _range_sigma(direction, covariances[k], resolution)
+            free_until = z - RANGE_WINDOW * sigma - MAX_PATH_IN_CELL
+            stop = z + RANGE_WINDOW * sigma
+        ray, position = start_ray(start, direction, shape)
+        free_until = min(free_until, ray.end)
+        position, count = _update_free_cells(ray, position, free_until, beam, buffers, count)
+        if not hit[k]:
+            continue
+        n, reached = _find_end_cells(ray, position, min(stop, ray.end), ends)
+        best = _weigh_end_cells(n, reached, z, sigma, beam, ends)
+        count = _update_end_cells(n, best, beam, ends, buffers, count)
+        if best < n:
+            cell = ends.cells[best]
+            _center_offset(points[k], cell, grid, offset)
+            floor = (MIN_RANGE_SIGMA * resolution) ** 2
+            add_observation(surfaces, cell, covariances[k], offset, floor)
+    return count
