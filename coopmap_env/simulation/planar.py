@@ -4,28 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.kernels import kernel
-from coopmap_env.geometry.traversal import init_axis, step_voxel
-from coopmap_env.mapping import GridGeometry, VoxelGrid
-from coopmap_env.sensing import NoiseParameters, PlanarCamera, RangeNoise, Scan
+from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.geometry.traversal import start_ray, step_ray
+from coopmap_env.mapping import VoxelGrid
+from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan, ScanArrays
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 from coopmap_env.simulation.simulator import MoveResult
-
-
-class ScanArrays(NamedTuple):
-    """The arrays of a planar `Scan`, for a kernel to fill."""
-
-    points: NDArray[np.float64]
-    """Shape (n, 2)."""
-    covariances: NDArray[np.float64]
-    """Shape (n, 2, 2)."""
-    hit: NDArray[np.bool_]
-    """Shape (n,)."""
 
 
 @kernel
@@ -34,37 +22,35 @@ def cast_ray(
 ) -> float:
     """Distance (cells) at which a ray enters the first occupied cell; inf if there is none."""
     nx, ny = occupied.shape
-    cx, sx, tx, dx, end_x = init_axis(px, ux, nx, ny)
-    cy, sy, ty, dy, end_y = init_axis(py, uy, ny, 1)
-    cell = cx + cy
-    end = min(reach, end_x, end_y)
+    ray, position = start_ray((px, py, 0.5), (ux, uy, 0.0), (nx, ny, 1))
+    end = min(reach, ray.end)
     flat = occupied.ravel()
-    t = 0.0
-    while t < end:
-        if flat[cell]:
-            return t
-        cell, tx, ty, _, t = step_voxel(cell, sx, sy, 0, tx, ty, math.inf, dx, dy, math.inf)
+    while position.distance < end:
+        if flat[position.cell]:
+            return position.distance
+        position = step_ray(ray, position)
     return math.inf
 
 
 @kernel
 def simulate_scan(
     occupied: NDArray[np.bool_],
-    grid: GridGeometry,
+    grid: PlainTuple,
     pose: NDArray[np.float64],
     beams: NDArray[np.float64],
     reach: float,
-    noise: NoiseParameters,
+    noise: PlainTuple,
     draws: NDArray[np.float64],
-    scan: ScanArrays,
+    scan: PlainTuple,
 ) -> None:
     """Fill a scan: cast each beam, add noise to the hits (Eq. 1), rotate covariances (Eq. 3).
 
     `beams` (n, 2) are unit directions in the camera frame, `reach` is their length in metres;
-    `draws` (n, 2) are standard normal numbers.
+    `draws` (n, 2) are standard normal numbers; `grid`, `noise` and `scan` are a plain
+    `GridGeometry`, `NoiseParameters` and `ScanArrays`.
     """
-    lower, resolution = grid.lower, grid.resolution
-    points, covariances, hit = scan
+    lower, resolution, _ = grid
+    _, points, covariances, hit = scan
     px, py = (pose[0] - lower[0]) / resolution, (pose[1] - lower[1]) / resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
     intrinsic, depth_factor, lateral_factor, exponent = noise
@@ -111,9 +97,9 @@ class PlanarSimulator:
     def __init__(self, world: PlanarWorld, camera: PlanarCamera, noise: RangeNoise) -> None:
         self.world = world
         self.camera = camera
-        self._grid = VoxelGrid(world.shape, world.resolution, world.origin).geometry
+        self._grid = tuple(VoxelGrid(world.shape, world.resolution, world.origin).geometry)
         self._beams = np.column_stack([np.cos(camera.bearings), np.sin(camera.bearings)])
-        self._noise = noise.parameters
+        self._noise = tuple(noise.parameters)
         self._poses: list[Sequence[float]] = []
 
     def set_poses(self, poses: Sequence[Sequence[float]]) -> None:
@@ -145,8 +131,10 @@ class PlanarSimulator:
             If the pose is not finite, or lies outside the world.
         """
         n = len(self._beams)
-        arrays = ScanArrays(np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n, dtype=np.bool_))
         camera_pose: NDArray[np.float64] = np.array(pose, dtype=np.float64)
+        arrays = ScanArrays(
+            camera_pose[:2], np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n, dtype=np.bool_)
+        )
         self._cell(*camera_pose.tolist())
         simulate_scan(
             self.world.occupied,
@@ -156,9 +144,9 @@ class PlanarSimulator:
             self.camera.depth_of_field,
             self._noise,
             rng.standard_normal((n, 2)),
-            arrays,
+            tuple(arrays),
         )
-        return Scan(camera_pose[:2], *arrays)
+        return Scan(*arrays)
 
     def collides(self, pose: Sequence[float]) -> bool:
         """Whether the cell of a planar pose (3,) is truly occupied.
