@@ -34,7 +34,7 @@ class UpdateBuffers(NamedTuple):
     """Updates of one scan before they are added to the map."""
 
     pending: NDArray[np.int32]
-    """Update of each cell in fixed point (n_cells,), zero between scans. Kept off zero for the cells
-    of the scan."""
+    """Update of each cell in fixed point (n_cells,); zero between scans, never zero for the cells
+    of a scan."""
     updated_cells: NDArray[np.int64]
     """Cells of the scan, once each, at the front of (n_cells + 1,)."""

@@ -41,7 +41,7 @@ from coopmap_env.core.settings import Range, Settings
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
 
 RANGE_WINDOW = 4.0
-"""Standard deviations around z within which the beam can have ended; beyond lie 6e-5 of the mass."""
+"""Standard deviations around z within which a beam can have ended; 6e-5 of the mass is beyond."""
 POSTERIOR_CUTOFF = 0.95
 """Fraction of the posterior mass: cells behind it are not updated."""
 MIN_RANGE_SIGMA = 0.01

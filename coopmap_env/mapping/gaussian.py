@@ -61,8 +61,8 @@ def add_observation(
     """Merge one observation into a cell's information form: two sums (Eqs. 2 and 4).
 
     ``precision[cell] += P`` and ``information_vector[cell] += P @ deviation`` with
-    P = (C + floor I)^-1. The deviation is the point minus the cell's centre, so that nothing cancels
-    far from the origin.
+    P = (C + floor I)^-1. The deviation is the point minus the cell's centre, so that no digits
+    cancel far from the origin.
     """
     precision, vector = surfaces
     xx, xy, yy = C[0, 0] + floor, C[0, 1], C[1, 1] + floor
