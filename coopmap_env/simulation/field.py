@@ -1,33 +1,34 @@
-"""The field simulator: vehicles on their suspensions move mounts and look, in a true world.
+"""The field simulator: vehicles on their suspensions move mounts and scan, in a true world.
 
-What a robot is told and what is so differ in two ways. Encoders read
+What a robot measures differs from the truth in two ways. Encoders read
 
     reading = joint + offset + noise
 
 with an offset for each joint that lasts for the episode, and noise that is new with each motion;
-and they tell nothing of the body's deflections. A target is a reading: the mount moves until its
-encoders say the target, unless it reaches a joint's stop or touches something before.
+and they do not measure the body's deflections. A target is a reading: the mount moves until its
+encoders read the target, unless it reaches a joint's limit or touches something before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots.kinematics.chain import Chain
+from coopmap_env.core.arguments import check_choice
+from coopmap_env.geometry import Pose
+from coopmap_env.robots import Chain, Mount
 from coopmap_env.robots.kinematics.forward import frame_poses
-from coopmap_env.robots.mount import Mount
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 from coopmap_env.simulation.depth.renderer import DepthRenderer, simulate_point_cloud
 from coopmap_env.simulation.depth.traced_mesh import TracedMesh
-from coopmap_env.simulation.physics.motion import SteppingSettings, move_kinematically, move_stepped
+from coopmap_env.simulation.physics.kinematic import move_kinematically
+from coopmap_env.simulation.physics.stepped import SteppingSettings, move_stepped
 from coopmap_env.simulation.physics.world import BulletWorld
-from coopmap_env.simulation.scenes.field.world import FieldWorld
+from coopmap_env.simulation.scenes.field import FieldWorld
 from coopmap_env.simulation.simulator import MoveResult
 
 Physics = Literal["kinematic", "stepped"]
@@ -45,11 +46,11 @@ class FieldSimulator:
     noise : RangeNoise
         Eq. 1.
     physics : "kinematic" or "stepped"
-        How motions are computed; see `motions`.
+        How motions are computed; see `physics.kinematic` and `physics.stepped`.
     rng : numpy.random.Generator
-        Draws the encoders' offsets of this episode.
+        Draws the encoder offsets of this episode.
     stepping : SteppingSettings, optional
-        Of stepped physics.
+        For stepped physics.
 
     Raises
     ------
@@ -71,8 +72,7 @@ class FieldSimulator:
         rng: np.random.Generator,
         stepping: SteppingSettings | None = None,
     ) -> None:
-        if physics not in ("kinematic", "stepped"):
-            raise ValueError(f"physics must be 'kinematic' or 'stepped', not {physics!r}")
+        check_choice("physics", physics, get_args(Physics))
         if len(mounts) != world.n_robots:
             raise ValueError(
                 f"{len(mounts)} mounts for {world.n_robots} base poses of {world.name!r}"
@@ -104,15 +104,15 @@ class FieldSimulator:
     def move(
         self, targets: Sequence[NDArray[np.float64] | None], rng: np.random.Generator
     ) -> list[MoveResult]:
-        """Move every mount (n,) until its encoders read its target; `None` lets it stay.
+        """Move every mount until its encoders read its target (n,); `None` lets it stay.
 
         Kinematic physics moves the vehicles in the order of their numbers, stepped physics all at
-        once. A mount that touches something stops there, where it is free.
+        once. A mount that touches something stops just before, where it is free.
 
         Raises
         ------
         ValueError
-            If there is not one target for each mount, or one is outside of the joints' limits.
+            If there is not one target for each mount, or one is outside of the joint limits.
         RuntimeError
             If the simulator is closed.
         """
@@ -120,15 +120,10 @@ class FieldSimulator:
             raise ValueError(f"{len(targets)} targets for {len(self.mounts)} mounts")
         draws = [rng.standard_normal(len(offset)) for offset in self._encoder_offsets]
         for robot, target in enumerate(targets):
-            if target is not None:  # a mount that stays reads what it read
+            if target is not None:  # the reading of a mount that stays is the same
                 noise = np.array(self.mounts[robot].encoder_noise) * draws[robot]
                 self._encoder_errors[robot] = self._encoder_offsets[robot] + noise
-        goals = [
-            None if target is None else self._clip_to_limits(
-                robot, self._believed_chains[robot].check_limits(target) - self._encoder_errors[robot]
-            )
-            for robot, target in enumerate(targets)
-        ]  # fmt: skip
+        goals = [self._true_goal(robot, target) for robot, target in enumerate(targets)]
         collisions = self._execute(goals)
         self._update_poses()
         return [
@@ -148,11 +143,11 @@ class FieldSimulator:
         return simulate_point_cloud(distances, self.camera, self.noise, rng)
 
     def true_camera_pose(self, robot: int) -> Pose:
-        """T_world_camera as it is: for scoring, and for robots that are to be told."""
+        """True T_world_camera: for scores, and for robots that are given their pose."""
         return self._cameras[robot]
 
     def true_joints(self, robot: int) -> NDArray[np.float64]:
-        """Joints (n,) of a mount as they are."""
+        """True joints (n,) of a mount."""
         return self._bullet.q[robot][-len(self.mounts[robot].joints) :]
 
     def deflections(self, robot: int) -> NDArray[np.float64]:
@@ -160,15 +155,24 @@ class FieldSimulator:
         return self._bullet.q[robot][: -len(self.mounts[robot].joints)]
 
     def close(self) -> None:
-        """Let go of the physics; doing so twice does no harm."""
+        """Release the physics; doing so twice does no harm."""
         self._bullet.close()
+
+    def _true_goal(
+        self, robot: int, target: NDArray[np.float64] | None
+    ) -> NDArray[np.float64] | None:
+        """Joints (n,) at which the encoders of a mount read its target."""
+        if target is None:
+            return None
+        reading = self._believed_chains[robot].check_limits(target)
+        return self._clip_to_limits(robot, reading - self._encoder_errors[robot])
 
     def _clip_to_limits(self, robot: int, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         chain = self._believed_chains[robot]
         return np.clip(joints, chain.lower, chain.upper)
 
     def _execute(self, goals: Sequence[NDArray[np.float64] | None]) -> list[str]:
-        """Move to true joints; what each touched."""
+        """Move to true joints; what each mount touched."""
         if self.physics == "stepped":
             goals_or_current = [
                 self.true_joints(robot) if g is None else g for robot, g in enumerate(goals)
@@ -180,13 +184,13 @@ class FieldSimulator:
         ]
 
     def _update_poses(self) -> None:
-        """Poses of all cameras and rigid bodies."""
+        """Compute the poses of all cameras and rigid bodies."""
         self._cameras: list[Pose] = []
         rotations, translations = [], []
         for chain, q, base in zip(self._chains, self._bullet.q, self.world.base_poses, strict=True):
             R, t = chain.camera_poses(q)
             self._cameras.append(Pose(base.transform(t), base.rotation @ R))
-            bodies = _moving_meshes(chain)[0]
+            bodies = _vehicle_meshes(chain).bodies
             R, t = np.empty((1, len(bodies), 3, 3)), np.empty((1, len(bodies), 3))
             identities = np.broadcast_to(np.eye(3), R.shape[1:]).copy()
             frame_poses(chain.tree, q[None], bodies, identities, np.zeros_like(t[0]), R, t)
@@ -196,34 +200,41 @@ class FieldSimulator:
         self._body_translations = np.concatenate(translations)
 
 
+class VehicleMeshes(NamedTuple):
+    """The visual surface of a vehicle, by rigid bodies."""
+
+    bodies: NDArray[np.int64]
+    """Shape (b,): rigid bodies that move and have a surface."""
+    meshes: list[TracedMesh]
+    """Of each, in its own frame."""
+    static_triangles: NDArray[np.float64]
+    """Shape (m, 3, 3): of what does not move, such as wheels, base frame."""
+
+
 def _renderer(
     world: FieldWorld, chains: Sequence[Chain]
 ) -> tuple[DepthRenderer, list[tuple[int, ...]]]:
-    """The world, wheels included, with all bodies that move; which of them each camera is in."""
-    wheels = [
-        base.transform(_moving_meshes(chain)[2])
+    """A renderer of the world with all moving bodies; which of them each camera is inside of."""
+    static = [
+        base.transform(_vehicle_meshes(chain).static_triangles)
         for chain, base in zip(chains, world.base_poses, strict=True)
     ]
-    renderer = DepthRenderer(np.concatenate([world.triangles, *wheels]))
+    renderer = DepthRenderer(np.concatenate([world.triangles, *static]))
     hidden: list[tuple[int, ...]] = []
     for chain in chains:
-        bodies, meshes, _ = _moving_meshes(chain)
+        vehicle = _vehicle_meshes(chain)
+        camera_body, position = chain.link_body[chain.camera_link], _camera_position(chain)
         housing = -1
-        for body, mesh in zip(bodies.tolist(), meshes, strict=True):
+        for body, mesh in zip(vehicle.bodies.tolist(), vehicle.meshes, strict=True):
             number = renderer.add_body(mesh)
-            if body == chain.link_body[chain.camera_link] and _bounds_contain(
-                mesh, _camera_position(chain)
-            ):
+            if body == camera_body and _bounds_contain(mesh, position):
                 housing = number
         hidden.append((housing,) if housing >= 0 else ())
     return renderer, hidden
 
 
 @lru_cache(maxsize=16)
-def _moving_meshes(
-    chain: Chain,
-) -> tuple[NDArray[np.int64], list[TracedMesh], NDArray[np.float64]]:
-    """Rigid bodies that move and have a surface, their meshes, and triangles of what stands."""
+def _vehicle_meshes(chain: Chain) -> VehicleMeshes:
     of_body: dict[int, list[NDArray[np.float64]]] = {0: [np.zeros((0, 3, 3))]}
     for link, triangles in enumerate(chain.meshes):
         if len(triangles):
@@ -231,21 +242,17 @@ def _moving_meshes(
             of_body.setdefault(int(chain.link_body[link]), []).append(triangles @ R.T + t)
     static_triangles = np.concatenate(of_body.pop(0))
     bodies = np.array(sorted(of_body), dtype=np.int64)
-    return (
-        bodies,
-        [TracedMesh(np.concatenate(of_body[b])) for b in bodies.tolist()],
-        static_triangles,
-    )
+    meshes = [TracedMesh(np.concatenate(of_body[b])) for b in bodies.tolist()]
+    return VehicleMeshes(bodies, meshes, static_triangles)
 
 
 def _camera_position(chain: Chain) -> NDArray[np.float64]:
-    """Where the camera is (3,) in the frame of its rigid body."""
+    """Position (3,) of the camera in the frame of its rigid body."""
     link = chain.camera_link
-    return (
-        chain.link_translations[link] + chain.link_rotations[link] @ chain.T_link_camera.translation
-    )
+    R, t = chain.link_rotations[link], chain.link_translations[link]
+    return np.asarray(t + R @ chain.T_link_camera.translation)
 
 
 def _bounds_contain(mesh: TracedMesh, point: NDArray[np.float64]) -> bool:
-    """Whether the box around a mesh holds a point: a camera in there would see nothing else."""
+    """Whether the box around a mesh contains a point: a camera there would see nothing else."""
     return bool((np.abs(point - mesh.center) <= mesh.half_size).all())

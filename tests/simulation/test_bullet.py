@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain.bullet_renderer import BulletRenderer
 from plain.crane import ROLL_CENTRE_HEIGHT, crane
 from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
@@ -19,13 +20,10 @@ from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
 from coopmap_env.sensing import DepthCamera
-from coopmap_env.simulation.physics.client import (
-    BulletClient,
-    BulletRenderer,
-    quaternion_from_matrix,
-)
+from coopmap_env.simulation.physics.client import BulletClient, quaternion_from_matrix
 from coopmap_env.simulation.physics.joint_map import JointMap
-from coopmap_env.simulation.physics.motion import SteppingSettings, move_kinematically, move_stepped
+from coopmap_env.simulation.physics.kinematic import move_kinematically
+from coopmap_env.simulation.physics.stepped import SteppingSettings, move_stepped
 from coopmap_env.simulation.physics.world import OWN_BODY, BulletWorld
 from coopmap_env.simulation.scenes.field.solid import Solid
 
@@ -70,12 +68,12 @@ def test_only_one_file_imports_pybullet():
     package = Path(__file__).parents[2]
     folders = ("coopmap_env", "baselines", "agents")
     files = [file for folder in folders for file in (package / folder).rglob("*.py")]
-    using = [file.name for file in files if 'require("pybullet"' in file.read_text()]
-    assert using == ["bullet.py"]
+    using = [file.name for file in files if 'import_optional("pybullet"' in file.read_text()]
+    assert using == ["client.py"]
     assert not [file for file in files if "import pybullet\n" in file.read_text()]
 
 
-def test_quaternions_turn_as_their_matrices():
+def test_quaternions_rotate_as_their_matrices():
     rng = np.random.default_rng(0)
     half_turn = np.diag([1.0, -1.0, -1.0])
     for R in [np.eye(3), half_turn, *(random_rotation(rng) for _ in range(20))]:
@@ -123,7 +121,7 @@ def test_at_home_nothing_touches(mast, opened):
     assert world.contacts() == [(0.0, ""), (0.0, "")]
 
 
-def test_an_arm_in_a_crate_is_told_apart_from_one_beside_it(mast, opened):
+def test_an_arm_in_a_crate_is_in_contact_and_one_beside_it_is_not(mast, opened):
     """Straight up, the arm ends 2.2 m above ground; a crate of 0.2 m hangs there, then higher."""
     up = (0.0, 0.0, 0.2, 0.0, 0.0)
     low = opened(flat_world(crate("low", 0.05, 0.0, 1.9, 0.2)), [mast])
@@ -134,7 +132,7 @@ def test_an_arm_in_a_crate_is_told_apart_from_one_beside_it(mast, opened):
     assert put(high, 0, up) == [(0.0, "")]
 
 
-def test_both_arms_know_of_each_other(mast, opened):
+def test_both_arms_report_their_contact(mast, opened):
     """Two masts 1.6 m apart that lean towards each other."""
     world = opened(flat_world(bases=[base_pose(-0.8, 0), base_pose(0.8, 0, math.pi)]), [mast, mast])
     put(world, 0, (0.0, 0.8, 0.2, 0.0, 0.0))
@@ -315,10 +313,10 @@ def test_the_same_moves_end_in_the_same_bits_in_another_process():
     assert run.stdout.split()[-1] == fingerprint(5)
 
 
-def test_rays_say_at_what_share_of_their_way_they_hit(yard_client):
+def test_rays_state_the_fraction_of_their_length_at_which_they_hit(yard_client):
     origins = np.array([[-2.0, 0.0, 0.5], [-2.0, 0.0, 5.0]])
-    shares = yard_client.cast_rays(origins, origins + np.array([4.0, 0.0, 0.0]))
-    np.testing.assert_allclose(shares, [0.375, 1.0], atol=1e-3)  # hulls have a skin of 1 mm
+    fractions = yard_client.cast_rays(origins, origins + np.array([4.0, 0.0, 0.0]))
+    np.testing.assert_allclose(fractions, [0.375, 1.0], atol=1e-3)  # hulls have a skin of 1 mm
 
 
 @pytest.fixture

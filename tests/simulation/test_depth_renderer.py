@@ -1,4 +1,4 @@
-"""Distances to triangles, still and moving: what a depth camera looks at."""
+"""Distances to triangles, still and moving: what a depth camera measures."""
 
 import copy
 import math
@@ -128,8 +128,8 @@ def test_random_triangles_and_moving_bodies_are_seen_as_by_the_plain_reference(c
         distances = renderer.distances(R, t, CAMERA.directions, Rs, ts)
         expected = reference(scene, meshes, CAMERA.directions, R, t, Rs, ts)
         assert distances == pytest.approx(expected, abs=1e-4)
-        met = np.isfinite(expected)
-        assert np.median(np.abs(distances[met] - expected[met])) < 2e-6
+        hit = np.isfinite(expected)
+        assert np.median(np.abs(distances[hit] - expected[hit])) < 2e-6
         met_bodies += (expected < plain.ray_distances(t, CAMERA.directions @ R.T, scene)).sum()
     assert met_bodies > 1000
 
@@ -210,7 +210,7 @@ def test_a_scene_far_from_the_origin_is_seen_as_exactly_as_one_around_it():
     assert CAMERA.depth_image(distances) == pytest.approx(np.full((48, 64), 3.0), abs=1e-6)
 
 
-def test_looks_of_different_cameras_do_not_disturb_each_other(crowd):
+def test_images_of_different_cameras_are_independent(crowd):
     _, meshes, renderer = crowd
     rng = np.random.default_rng(7)
     views = [random_view(rng, len(meshes)) for _ in range(4)]
@@ -241,13 +241,13 @@ def test_a_mesh_is_built_once_for_many_renderers_and_survives_pickling(crowd):
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (4, 3, 2), (9,), (0,)])
-def test_triangles_of_another_shape_are_refused(shape):
+def test_triangles_of_another_shape_are_an_error(shape):
     with pytest.raises(ValueError, match=r"triangles must be \(m, 3, 3\), got"):
         DepthRenderer(np.zeros(shape))
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_triangles_that_are_not_finite_are_refused_by_their_number(value):
+def test_triangles_that_are_not_finite_are_named_by_their_number(value):
     mesh = plain.box(0, 1)
     mesh[5, 1, 2] = value
     with pytest.raises(ValueError, match=rf"triangle 5 is not finite: .*{value}"):
@@ -270,7 +270,7 @@ def test_triangles_that_are_not_finite_are_refused_by_their_number(value):
         ("hidden", (1,), "hidden names body 1, and there are 1"),
     ],
 )
-def test_arguments_of_a_look_that_make_no_sense_are_refused(name, value, message):
+def test_invalid_arguments_of_an_image_are_errors(name, value, message):
     arguments = {
         "rotation": np.eye(3),
         "translation": np.zeros(3),

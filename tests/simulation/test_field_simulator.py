@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain.bullet_renderer import BulletRenderer
 from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.sensing import DepthCamera, RangeNoise
 from coopmap_env.simulation.field import FieldSimulator
-from coopmap_env.simulation.physics.client import BulletRenderer
 from coopmap_env.simulation.physics.joint_map import JointMap
 from coopmap_env.simulation.scenes.field import make_field_scene
 
@@ -68,7 +68,7 @@ def test_readings_are_the_targets_and_the_truth_differs(mast, physics):
     assert np.degrees(changing.std()) == pytest.approx(0.1, rel=0.2)
 
 
-def test_without_errors_the_joints_are_where_they_were_told(true_mast):
+def test_without_encoder_errors_the_joints_are_the_targets(true_mast):
     simulator = simulate(flat_world(), true_mast)
     assert simulator.true_joints(0).tolist() == list(true_mast.home)
     [(reading, _)] = simulator.move([OUT], np.random.default_rng(0))
@@ -83,7 +83,7 @@ def test_a_vehicle_begins_where_its_encoders_read_home(mast):
     assert (another.true_joints(0) != simulator.true_joints(0)).all()
 
 
-def test_a_joint_goes_no_further_than_its_stop(mast):
+def test_a_joint_goes_no_further_than_its_limit(mast):
     chain = mast.chain()
     simulator = simulate(flat_world(), mast)
     for physics in range(5):
@@ -128,7 +128,9 @@ def test_a_vehicle_without_a_suspension_stands_fast(true_mast):
 
 
 @pytest.mark.parametrize("physics", BOTH)
-def test_a_crate_in_the_way_is_reported_and_read_off_the_encoders(mast, physics):
+def test_a_crate_on_the_path_is_reported_and_the_encoders_read_where_the_mount_stopped(
+    mast, physics
+):
     simulator = simulate(flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast, physics)
     rng = np.random.default_rng(0)
     simulator.move([np.array([0.0, -1.0, 1.9, 0.0, 0.0])], rng)
@@ -277,7 +279,7 @@ def test_mounts_may_differ(mast, true_mast):
     assert [touched for _, touched in moved] == ["", ""]
 
 
-def test_motions_and_looks_draw_the_same_amount_of_randomness_whatever_happens(mast):
+def test_motions_and_scans_draw_the_same_amount_of_randomness_whatever_happens(mast):
     """So that one robot's contact does not shift the noise of the next."""
     states = []
     for world in (flat_world(), flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4))):
@@ -299,7 +301,7 @@ def test_motions_and_looks_draw_the_same_amount_of_randomness_whatever_happens(m
         ([OUT[:3]], "expected"),
     ],
 )
-def test_a_wrong_target_is_refused_and_nothing_moves(true_mast, targets, message):
+def test_a_wrong_target_is_an_error_and_nothing_moves(true_mast, targets, message):
     simulator = simulate(flat_world(), true_mast)
     with pytest.raises(ValueError, match=message):
         simulator.move(targets, np.random.default_rng(0))
@@ -307,13 +309,11 @@ def test_a_wrong_target_is_refused_and_nothing_moves(true_mast, targets, message
 
 
 def test_wrong_arguments_are_named(mast):
-    with pytest.raises(ValueError, match="'kinematic' or 'stepped', not 'magic'"):
+    with pytest.raises(ValueError, match="'kinematic', 'stepped', got 'magic'"):
         simulate(flat_world(), mast, "magic")
+    world = flat_world(bases=[base_pose(0, 0), base_pose(0, 3)])
     with pytest.raises(ValueError, match="1 mounts for 2 base poses"):
-        FieldSimulator(
-            flat_world(bases=[base_pose(0, 0), base_pose(0, 3)]), [mast], CAMERA, EXACT, "kinematic",
-            np.random.default_rng(0),
-        )  # fmt: skip
+        FieldSimulator(world, [mast], CAMERA, EXACT, "kinematic", np.random.default_rng(0))
 
 
 def test_a_closed_simulator_says_so(mast):

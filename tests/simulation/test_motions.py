@@ -9,13 +9,10 @@ from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.robots.suspension import Suspension
-from coopmap_env.simulation.physics.motion import (
-    FREE_CLEARANCE,
-    SteppingSettings,
-    move_kinematically,
-    move_stepped,
-    trapezoidal_profile,
-)
+from coopmap_env.simulation.physics.kinematic import move_kinematically
+from coopmap_env.simulation.physics.path import FREE_CLEARANCE
+from coopmap_env.simulation.physics.stepped import SteppingSettings, move_stepped
+from coopmap_env.simulation.physics.trajectory import trapezoidal_profile
 from coopmap_env.simulation.physics.world import BulletWorld
 
 pytest.importorskip("pybullet")
@@ -55,10 +52,10 @@ def angle(R, S):
     return math.acos(min(1.0, (np.trace(R.T @ S) - 1) / 2))
 
 
-def test_progress_starts_and_ends_at_rest_and_is_halfway_at_half_time():
+def test_the_trapezoidal_profile_starts_and_ends_at_rest_and_is_halfway_at_half_time():
     assert trapezoidal_profile(np.array([0.0, 0.5, 1.0])).tolist() == [0.0, 0.5, 1.0]
-    share = trapezoidal_profile(np.linspace(0, 1, 101))
-    speed = np.diff(share) * 100
+    fraction = trapezoidal_profile(np.linspace(0, 1, 101))
+    speed = np.diff(fraction) * 100
     assert speed.max() == pytest.approx(4 / 3)  # a quarter of the time up, a quarter down
     assert (speed > 0).all()
     assert speed[[0, -1]] == pytest.approx([0.0267, 0.0267], abs=1e-3)
@@ -101,7 +98,7 @@ def test_stepped_physics_swings_to_the_equilibrium_of_a_hand_calculation(tmp_pat
     assert physics.q[0][:2] == pytest.approx([0.0, 0.0], abs=1e-4)
 
 
-def test_on_the_way_the_body_swings(tmp_path):
+def test_the_body_swings_during_a_stepped_motion(tmp_path):
     """What the kinematic shortcut leaves out."""
     springy = Suspension(pitch_damping=50.0, roll_center_height=0.3)
     physics = physics_of(flat_world(), crane(tmp_path, suspension=springy))
@@ -197,14 +194,14 @@ def test_steps_are_long_only_where_nothing_is_near(mast, bases, solids, free):
 
 
 @pytest.mark.parametrize("kind", BOTH)
-def test_a_crate_in_the_way_stops_the_mount(mast, kind):
+def test_a_crate_on_the_path_stops_the_mount(mast, kind):
     """It hangs where the head would go; the mount ends before it and off it."""
     physics = physics_of(flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
     assert move(physics, kind, [TUCKED]) == [""]
     assert physics.q[0][3:] == pytest.approx(TUCKED, abs=1e-4)
     assert move(physics, kind, [OUT]) == ["crate"]
-    share = (physics.q[0][3:] - TUCKED)[1] / (OUT - TUCKED)[1]
-    assert 0.1 < share < 0.95
+    fraction = (physics.q[0][3:] - TUCKED)[1] / (OUT - TUCKED)[1]
+    assert 0.1 < fraction < 0.95
     assert move(physics, kind, [TUCKED]) == [""]
     assert physics.q[0][3:] == pytest.approx(TUCKED, abs=1e-4)
 
@@ -220,7 +217,7 @@ def test_both_kinds_of_physics_stop_at_about_the_same_place(mast):
 
 
 @pytest.mark.parametrize("kind", BOTH)
-def test_a_crate_beside_the_way_does_not(mast, kind):
+def test_a_crate_beside_the_path_does_not_stop_the_mount(mast, kind):
     physics = physics_of(flat_world(crate("crate", 1.0, 0.6, 1.65, 0.4)), mast)
     assert move(physics, kind, [TUCKED]) == [""]
     assert move(physics, kind, [OUT]) == [""]
@@ -270,8 +267,8 @@ def test_no_mount_ends_inside_of_anything(mast, kind, n_robots):
         assert q[:3] == pytest.approx(physics.rest_configurations(0, q[None, 3:])[0, :3], abs=3e-4)
 
 
-def test_the_quick_check_changes_nothing_but_time(mast):
-    """With every stretch marked, so that the engine looks at all configurations: the same ends."""
+def test_the_fast_test_changes_nothing_but_time(mast):
+    """With every segment marked, so that the engine checks all configurations: the same ends."""
     bases = [base_pose(-0.7, 0.0), base_pose(0.7, 0.0, 2.0)]
     world = cluttered_world(5, bases, n=80, nearest=0.7)
     quick, thorough = physics_of(world, mast), physics_of(world, mast)
@@ -304,6 +301,6 @@ def test_a_mount_that_begins_in_contact_may_leave_but_not_go_deeper(mast):
 )
 def test_stepping_needs_positive_numbers(field):
     with pytest.raises(
-        ValueError, match=rf"SteppingSettings.{field} must be finite and > 0, got 0"
+        ValueError, match=rf"SteppingSettings.{field} must be a finite number > 0, got 0"
     ):
         SteppingSettings(**{field: 0.0})

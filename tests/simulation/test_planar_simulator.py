@@ -77,7 +77,7 @@ def test_beams_without_return_end_at_the_depth_of_field_and_claim_no_uncertainty
     assert not scan.covariances[~scan.hit].any()
 
 
-def test_beams_look_where_bearing_and_heading_say():
+def test_beams_point_along_bearing_and_heading():
     camera = PlanarCamera(math.radians(80), 3.0, 7)
     heading = 2.1
     scan, _ = measured(corridor(), (3.5, 4.5, heading), camera)
@@ -115,7 +115,7 @@ def blocked(world, points):
 
 
 def test_noise_has_the_covariance_of_eq_1_in_the_camera_frame():
-    """Standardised errors of many looks are standard normal: their sums of squares are chi-square.
+    """Standardised errors of many scans are standard normal: their sums of squares are chi-square.
 
     The sum of 20,000 is 20,000 +- sqrt(2 * 20,000) = 200; more than four of these off is one chance
     in 16,000, and shows a standard deviation that is wrong by 2 %.
@@ -145,7 +145,7 @@ def test_noise_has_the_covariance_of_eq_1_in_the_camera_frame():
     assert abs((z[:, 0] * z[:, 1]).sum()) < 4 * math.sqrt(2 * 5000)
 
 
-def test_covariances_are_eq_1_turned_into_the_world_by_eq_3():
+def test_covariances_are_eq_1_rotated_into_the_world_by_eq_3():
     world = random_world(3)
     noise = RangeNoise(intrinsic=0.01, lateral=0.4, exponent=1.0)
     pose = (*center_of(world), 2.3)
@@ -171,7 +171,7 @@ def test_the_same_generator_state_gives_the_same_scan_and_another_one_another():
     assert (one.hit == other.hit).all()
 
 
-def test_a_look_draws_the_same_amount_of_randomness_wherever_it_is_taken():
+def test_a_scan_draws_the_same_amount_of_randomness_from_every_pose():
     """So that what one robot sees does not shift the noise of the next."""
     world, camera = random_world(7), PlanarCamera()
     simulator = PlanarSimulator(world, camera, RangeNoise())
@@ -206,7 +206,7 @@ def test_a_camera_within_an_obstacle_sees_it_at_no_distance():
         (1.5, 4.5, math.inf),
     ],
 )
-def test_a_look_from_outside_the_world_is_refused(pose):
+def test_a_scan_from_outside_the_world_is_an_error(pose):
     simulator = PlanarSimulator(corridor(), PlanarCamera(), RangeNoise())
     with pytest.raises(ValueError, match="lies outside"):
         simulator.scan_from(pose, np.random.default_rng(0))

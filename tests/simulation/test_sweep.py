@@ -8,13 +8,16 @@ from plain.sweeps import collides_with_boxes, points_in_boxes
 from coopmap_env.robots.mount import make_mount
 from coopmap_env.simulation.physics.joint_map import JointMap
 from coopmap_env.simulation.physics.sweep import (
+    NO_SPHERES,
+    Obstacles,
+    Spheres,
     SweepModel,
     covering_spheres,
     squared_distance_to_box,
 )
 
 pytest.importorskip("pybullet")
-NOTHING = np.zeros((0, 4))
+NO_BOXES = np.zeros((0, 2, 3))
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +70,7 @@ def test_what_is_not_marked_touches_nothing(mast, sweep_model):
         k = int(np.ceil(np.abs(end - start).max() / 0.15)) + 1
         q = np.zeros((k, 8))
         q[:, 3:] = start + np.linspace(0, 1, k)[:, None] * (end - start)
-        marked, moved = sweep_model.swept_collisions(
-            where.rotation, where.translation, q, boxes, NOTHING
-        )
+        marked, moved = sweep_model.swept_collisions(where.arrays, q, Obstacles(boxes, NO_SPHERES))
         for a, b, mark, far in zip(q[:-1], q[1:], marked, moved, strict=True):
             fine = a + np.linspace(0, 1, 30)[:, None] * (b - a)
             at = where.transform(chain.point_positions(fine, of, points))
@@ -82,40 +83,36 @@ def test_what_is_not_marked_touches_nothing(mast, sweep_model):
     assert n_marked < 0.8 * n_stretches
 
 
-def test_another_vehicles_spheres_are_in_the_way(sweep_model):
+def test_another_vehicles_spheres_are_obstacles(sweep_model):
     here, beside = base_pose(0.0, 0.0), base_pose(1.2, 0.0, np.pi)
     q = np.zeros((2, 8))
     q[:, 4], q[:, 5] = 0.7, [0.2, 0.3]
-    others = sweep_model.spheres(beside.rotation, beside.translation, q[0])
-    none = np.zeros((0, 2, 3))
-    assert sweep_model.swept_collisions(here.rotation, here.translation, q, none, others)[0].all()
-    far = others + np.array([5.0, 0.0, 0.0, 0.0])
-    assert not sweep_model.swept_collisions(here.rotation, here.translation, q, none, far)[0].any()
+    others = sweep_model.spheres(beside.arrays, q[0])
+    assert sweep_model.swept_collisions(here.arrays, q, Obstacles(NO_BOXES, others))[0].all()
+    far = Spheres(others.centers + np.array([5.0, 0.0, 0.0]), others.radii)
+    assert not sweep_model.swept_collisions(here.arrays, q, Obstacles(NO_BOXES, far))[0].any()
 
 
 def test_an_arm_that_comes_near_its_own_body_is_marked(sweep_model):
     """Bent down further than it can, the wrist is beside the chassis; upright it is far from it."""
-    here, none = base_pose(0.0, 0.0), np.zeros((0, 2, 3))
+    here, nothing = base_pose(0.0, 0.0), Obstacles(NO_BOXES, NO_SPHERES)
     down, up = np.zeros((2, 8)), np.zeros((2, 8))
     down[:, 4], down[:, 5] = 1.0, [2.1, 2.2]
     up[:, 5] = [0.2, 0.3]
-    assert sweep_model.swept_collisions(here.rotation, here.translation, down, none, NOTHING)[
-        0
-    ].all()
-    assert not sweep_model.swept_collisions(here.rotation, here.translation, up, none, NOTHING)[
-        0
-    ].any()
+    assert sweep_model.swept_collisions(here.arrays, down, nothing)[0].all()
+    assert not sweep_model.swept_collisions(here.arrays, up, nothing)[0].any()
 
 
-def test_neighbours_are_no_obstacle(mast):
+def test_adjacent_links_are_no_obstacle(mast):
     """The post stands on the chassis for good."""
     chain = mast.chain(with_suspension=True)
     boxes = {
         "chassis": np.array([[-0.45, -0.3, -0.05], [0.45, 0.3, 0.35]]),
         "post": np.array([[-0.1, -0.1, 0.0], [0.1, 0.1, 0.35]]),
     }
-    q, none, where = np.zeros((2, 8)), np.zeros((0, 2, 3)), base_pose(0.0, 0.0)
+    q, where = np.zeros((2, 8)), base_pose(0.0, 0.0)
+    nothing = Obstacles(NO_BOXES, NO_SPHERES)
     for ignored_pairs, expected in (([("post", "chassis")], False), ([], True)):
-        shape = SweepModel.from_link_boxes(chain, boxes, ["post"], ignored_pairs)
-        marked, _ = shape.swept_collisions(where.rotation, where.translation, q, none, NOTHING)
+        model = SweepModel.from_link_boxes(chain, boxes, ["post"], ignored_pairs)
+        marked, _ = model.swept_collisions(where.arrays, q, nothing)
         assert marked.tolist() == [expected]

@@ -1,4 +1,4 @@
-"""Where a body comes to rest on its suspension, at given joints of the mount that it carries.
+"""Where a vehicle's body comes to rest on its suspension, at given joints of its mount.
 
 With the deflections s = (heave h, roll r, pitch p), the stiffness K, the preload P and the weight w
 (mass times gravity) of all that the springs carry, whose centre of mass lies at u from the centre
@@ -6,21 +6,27 @@ of roll and pitch, the potential energy is
 
     V(s) = s^T K s / 2 - P^T s - w^T (h e_z + R_x(r) R_y(p) u)
 
-and the body rests where its gradient vanishes. The preload is what makes that s = 0 at home. Heave
-stays 0 in every posture, as the weight does not change; roll and pitch follow by Newton's method.
+and the body rests where its gradient vanishes. The preload makes that s = 0 at home. Heave stays 0
+in every posture, as the weight does not change; roll and pitch follow by Newton's method.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.robots.kinematics.forward import KinematicTree, allocate_body_poses, body_poses
-from coopmap_env.robots.mount import Mount
+from coopmap_env.core.kernels import kernel
+from coopmap_env.robots import Mount
+from coopmap_env.robots.kinematics.forward import (
+    BodyPoses,
+    KinematicTree,
+    allocate_body_poses,
+    body_poses,
+)
 
 GRAVITY = 9.81
 """m/s^2, along -z of the world."""
@@ -29,26 +35,60 @@ N_SUSPENSION = 3
 GRAVITY_VECTOR = (0.0, 0.0, -GRAVITY)
 
 
-@njit(cache=True, nogil=True)
-def center_of_mass_offset(tree, masses, centers, pivot, q, work, out):
-    """Centre of mass of the bodies at q (3 + n,), from `pivot`; `work` is what `allocate_body_poses` made."""
+class MassModel(NamedTuple):
+    """Rigid bodies with their masses; body 0 stands on the ground."""
+
+    tree: KinematicTree
+    masses: NDArray[np.float64]
+    """Shape (b,): kilograms."""
+    centers: NDArray[np.float64]
+    """Shape (b, 3): centres of mass in the frames of the bodies."""
+    pivot: NDArray[np.float64]
+    """Shape (3,): where the axes of roll and pitch intersect at rest, base frame."""
+
+
+class Springs(NamedTuple):
+    """Springs of heave, roll and pitch, and what they carry."""
+
+    weight: NDArray[np.float64]
+    """Shape (3,): newtons, base frame."""
+    stiffness: NDArray[np.float64]
+    """Shape (3,): N/m, N m/rad, N m/rad."""
+    preload: NDArray[np.float64]
+    """Shape (3,): N, N m, N m: spring forces at home."""
+
+
+@kernel
+def center_of_mass_offset(
+    model: MassModel,
+    q: NDArray[np.float64],
+    work: BodyPoses,
+    out: NDArray[np.float64],
+) -> None:
+    """Write the centre of mass (3,) at q (3 + n,), from the pivot.
+
+    `work` is what `allocate_body_poses` made.
+    """
     R, t = work[0], work[1]
-    body_poses(tree, q, *work)
+    body_poses(model.tree, q, work)
     out[:] = 0.0
     total = 0.0
-    for b in range(1, len(masses)):
-        c = centers[b]
+    for b in range(1, len(model.masses)):
+        c, mass = model.centers[b], model.masses[b]
         for i in range(3):
             at = t[b, i] + R[b, i, 0] * c[0] + R[b, i, 1] * c[1] + R[b, i, 2] * c[2]
-            out[i] += masses[b] * at
-        total += masses[b]
+            out[i] += mass * at
+        total += mass
     for i in range(3):
-        out[i] = out[i] / total - pivot[i]
+        out[i] = out[i] / total - model.pivot[i]
 
 
-@njit(cache=True, nogil=True)
-def solve_roll_pitch(u, w, k_roll, k_pitch, preload_roll, preload_pitch):
+@kernel
+def solve_roll_pitch(u: NDArray[np.float64], springs: Springs) -> tuple[float, float]:
     """Where the gradient of V vanishes, by Newton's method from the unloaded attitude."""
+    w = springs.weight
+    k_roll, k_pitch = springs.stiffness[1], springs.stiffness[2]
+    preload_roll, preload_pitch = springs.preload[1], springs.preload[2]
     r = p = 0.0
     for _ in range(20):
         cr, sr, cp, sp = math.cos(r), math.sin(r), math.cos(p), math.sin(p)
@@ -71,36 +111,25 @@ def solve_roll_pitch(u, w, k_roll, k_pitch, preload_roll, preload_pitch):
     return r, p
 
 
-@njit(cache=True, nogil=True)
-def solve_equilibrium(tree, masses, centers, pivot, weight, stiffness, preload, q):
+@kernel
+def solve_equilibrium(model: MassModel, springs: Springs, q: NDArray[np.float64]) -> None:
     """Overwrite the first three of the joints q (k, 3 + n) by the deflections at rest."""
-    work, u = allocate_body_poses(tree), np.empty(3)
+    work, u = allocate_body_poses(model.tree), np.empty(3)
     for k in range(len(q)):
         q[k, :3] = 0.0
-        center_of_mass_offset(tree, masses, centers, pivot, q[k], work, u)
-        q[k, 0] = (preload[0] + weight[2]) / stiffness[0]
-        q[k, 1], q[k, 2] = solve_roll_pitch(
-            u, weight, stiffness[1], stiffness[2], preload[1], preload[2]
-        )
+        center_of_mass_offset(model, q[k], work, u)
+        q[k, 0] = (springs.preload[0] + springs.weight[2]) / springs.stiffness[0]
+        q[k, 1], q[k, 2] = solve_roll_pitch(u, springs)
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Static equilibrium of a mount's vehicle on its suspension; `Equilibrium.from_mount` makes one."""
+    """Static equilibrium of a mount's vehicle on its suspension; see `from_mount`."""
 
-    tree: KinematicTree
-    masses: NDArray[np.float64]
-    """Shape (b,): kilograms of each rigid body; body 0 stands on the ground."""
-    centers: NDArray[np.float64]
-    """Shape (b, 3): their centres of mass, in their own frames."""
-    pivot: NDArray[np.float64]
-    """Shape (3,): where the axes of roll and pitch meet at rest, base frame."""
-    weight: NDArray[np.float64]
-    """Shape (3,): newtons, base frame: what the springs carry."""
-    stiffness: NDArray[np.float64]
+    model: MassModel
+    springs: Springs
     damping: NDArray[np.float64]
-    preload: NDArray[np.float64]
-    """Shape (3,): N, N m, N m: spring forces at home."""
+    """Shape (3,): N s/m, N m s/rad, N m s/rad."""
 
     @classmethod
     def from_mount(cls, mount: Mount, gravity: ArrayLike = GRAVITY_VECTOR) -> Equilibrium:
@@ -122,39 +151,31 @@ class Equilibrium:
         assert mount.suspension is not None  # or it would have no such chain
         tree, n_bodies = chain.tree, len(chain.tree.parent)
         masses, moments = np.zeros(n_bodies), np.zeros((n_bodies, 3))
-        turned = np.einsum("lij,lj->li", chain.link_rotations, chain.centers_of_mass)
+        in_body = np.einsum("lij,lj->li", chain.link_rotations, chain.centers_of_mass)
         np.add.at(masses, chain.link_body, chain.masses)
         np.add.at(
-            moments, chain.link_body, chain.masses[:, None] * (chain.link_translations + turned)
+            moments, chain.link_body, chain.masses[:, None] * (chain.link_translations + in_body)
         )
         centers = np.divide(
             moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0
         )
         masses[0] = 0.0
-        pivot = _pivot(mount.name, tree)
+        model = MassModel(tree, masses, centers, _pivot(mount.name, tree))
         weight = masses.sum() * np.asarray(gravity, dtype=np.float64)
         home, u = np.array([0.0, 0.0, 0.0, *mount.home]), np.empty(3)
-        center_of_mass_offset(tree, masses, centers, pivot, home, allocate_body_poses(tree), u)
-        springs = mount.suspension
-        return cls(
-            tree, masses, centers, pivot, weight,
-            np.array(springs.stiffness), np.array(springs.damping),
-            # minus what the weight does to heave, roll and pitch at s = 0
-            -np.array([
-                weight[2],
-                weight[2] * u[1] - weight[1] * u[2],
-                weight[0] * u[2] - weight[2] * u[0],
-            ]),
-        )  # fmt: skip
+        center_of_mass_offset(model, home, allocate_body_poses(tree), u)
+        preload = -np.array(  # minus what the weight does to heave, roll and pitch at s = 0
+            [weight[2], weight[2] * u[1] - weight[1] * u[2], weight[0] * u[2] - weight[2] * u[0]]
+        )
+        suspension = mount.suspension
+        springs = Springs(weight, np.array(suspension.stiffness), preload)
+        return cls(model, springs, np.array(suspension.damping))
 
     def rest_configurations(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joints (k, n) of the mount with the deflections before them: (k, 3 + n)."""
         q = np.empty((len(joints), N_SUSPENSION + joints.shape[1]))
         q[:, N_SUSPENSION:] = joints
-        solve_equilibrium(
-            self.tree, self.masses, self.centers, self.pivot, self.weight,
-            self.stiffness, self.preload, q,
-        )  # fmt: skip
+        solve_equilibrium(self.model, self.springs, q)
         return q
 
 
@@ -162,7 +183,7 @@ def _pivot(name: str, tree: KinematicTree) -> NDArray[np.float64]:
     """Point about which the body rolls and pitches."""
     work = allocate_body_poses(tree)
     R, t = work[0], work[1]
-    body_poses(tree, np.zeros(tree.variable.max() + 1), *work)
+    body_poses(tree, np.zeros(tree.variable.max() + 1), work)
     axes = [R[b] @ tree.axis[b] for b in range(1, N_SUSPENSION + 1)]
     in_a_row = (tree.parent[1:4] == [0, 1, 2]).all() and (tree.variable[1:4] == [0, 1, 2]).all()
     if not (in_a_row and np.allclose(axes, np.eye(3)[[2, 0, 1]]) and np.allclose(t[2], t[3])):

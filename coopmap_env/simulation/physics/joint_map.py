@@ -1,4 +1,4 @@
-"""What a physics engine's numbers of joints and links mean for a mount."""
+"""The joints and links of a mount by the numbers of the physics engine."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
+from coopmap_env.robots import Mount
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
 from coopmap_env.robots.kinematics.urdf import UrdfModel
-from coopmap_env.robots.mount import Mount
 from coopmap_env.simulation.physics.client import BulletClient
 from coopmap_env.simulation.physics.sweep import SweepModel
 
 HOME_CONTACT_DISTANCE = 0.005
-"""Metres: links of one vehicle that are so near to each other at home are neighbours."""
+"""Metres: links of one vehicle that are this near to each other at home may touch for good."""
 
 
 DEFAULT_MOTOR_FORCE = 1000.0
-"""N or N m: force of a motor whose joint states no limit."""
+"""N or N m: limit of the motors of joints whose URDF states none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,10 @@ class JointMap:
     joints: tuple[int, ...]
     """All joints that can move: heave, roll and pitch, then the mount's, then any other."""
     joint_matrix: NDArray[np.float64]
-    """Shape (len(joints), m): joint values are ``values @ q + offsets``; some may mimic others."""
+    """Shape (n_joints, m): joint values are ``joint_matrix @ q + joint_offsets``;
+    some may mimic others."""
     joint_offsets: NDArray[np.float64]
+    """Shape (n_joints,)."""
     speed_limits: NDArray[np.float64]
     """Shape (n,): limits of the mount's joints, rad/s or m/s."""
     motor_forces: tuple[float, ...]
@@ -44,16 +46,16 @@ class JointMap:
     arm: frozenset[int]
     """The links that the mount's joints move."""
     ignored_pairs: tuple[tuple[int, int], ...]
-    """Pairs of a link of the arm and another one whose contacts count for nothing: as good as in
-    contact at home, or never asked about by the robot's own model of its body. Their collision
-    shapes, blown up by whoever wrote the URDF, may overlap where their surfaces do not."""
+    """Pairs of a link of the arm and another one whose contacts are ignored: nearly in contact at
+    home, or not checked by the robot's own collision spheres. Collision shapes of a URDF are often
+    enlarged, and may overlap where the surfaces do not."""
     sweep_model: SweepModel
 
     @classmethod
     def from_mount(cls, mount: Mount) -> JointMap:
-        """Take a mount's URDF apart; once per process."""
+        """Load a mount's URDF and read its joints and links; once per process."""
         chain = mount.chain(with_suspension=mount.suspension is not None)
-        cached = _CACHE.setdefault(chain, {})  # mounts that are made twice share their chain
+        cached = _CACHE.setdefault(chain, {})  # equal mounts share their chain
         if mount.home not in cached:
             client = BulletClient()
             try:
@@ -71,9 +73,12 @@ def _read_joint_map(client: BulletClient, mount: Mount, chain: Chain) -> JointMa
     body = client.load_mount(mount, Pose(np.zeros(3), np.eye(3)))
     infos = [p.getJointInfo(body, j, **k) for j in range(p.getNumJoints(body, **k))]
     names = [info[1].decode() for info in infos]
-    first = [names.index(name) for name in chain.joint_names]
-    turning = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
-    joints = (*first, *(j for j, i in enumerate(infos) if i[2] in turning and j not in first))
+    chain_joints = [names.index(name) for name in chain.joint_names]
+    movable = (p.JOINT_REVOLUTE, p.JOINT_PRISMATIC)
+    joints = (
+        *chain_joints,
+        *(j for j, i in enumerate(infos) if i[2] in movable and j not in chain_joints),
+    )
     joint_matrix, joint_offsets = _mimic_matrix(mount, chain, [names[j] for j in joints])
 
     link_names = (
@@ -88,34 +93,40 @@ def _read_joint_map(client: BulletClient, mount: Mount, chain: Chain) -> JointMa
     p.resetJointStatesMultiDof(body, list(joints), home[:, None].tolist(), **k)
     near = p.getClosestPoints(body, body, HOME_CONTACT_DISTANCE, **k) or ()
     pairs = {pair for point in near for pair in (point[3:5], point[4:2:-1])}
-    asked = CollisionSpheres.from_chain(mount.chain(), mount.home).checked_link_pairs()
+    checked = CollisionSpheres.from_chain(mount.chain(), mount.home).checked_link_pairs()
     pairs |= {
         (a, b)
         for a in arm
         for b in range(-1, len(link_names) - 1)
-        if frozenset((link_names[a + 1], link_names[b + 1])) not in asked
+        if frozenset((link_names[a + 1], link_names[b + 1])) not in checked
     }
     ignored_pairs = tuple(sorted((a, b) for a, b in pairs if a in arm and b not in arm))
+    speed_limits = [i[11] if 0 < i[11] < 100 else 1.0 for i in (infos[j] for j in chain_joints)]
     return JointMap(
-        joints, joint_matrix, joint_offsets,
-        np.array([i[11] if 0 < i[11] < 100 else 1.0 for i in (infos[j] for j in first)])[
-            n_suspension:
-        ],
-        tuple(infos[j][10] if infos[j][10] > 0 else DEFAULT_MOTOR_FORCE for j in joints),
-        n_suspension, link_names, frozenset(arm), ignored_pairs,
-        SweepModel.from_link_boxes(
+        joints=joints,
+        joint_matrix=joint_matrix,
+        joint_offsets=joint_offsets,
+        speed_limits=np.array(speed_limits)[n_suspension:],
+        motor_forces=tuple(
+            infos[j][10] if infos[j][10] > 0 else DEFAULT_MOTOR_FORCE for j in joints
+        ),
+        n_suspension=n_suspension,
+        link_names=link_names,
+        arm=frozenset(arm),
+        ignored_pairs=ignored_pairs,
+        sweep_model=SweepModel.from_link_boxes(
             chain,
             {name: box for name, box in boxes.items() if box is not None},
             [link_names[j + 1] for j in arm],
             [(link_names[a + 1], link_names[b + 1]) for a, b in ignored_pairs],
         ),
-    )  # fmt: skip
+    )
 
 
 def _mimic_matrix(
     mount: Mount, chain: Chain, names: list[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How the values of joints follow from q: by themselves, by mimicking, or not at all."""
+    """How the values of joints follow from q: directly, by mimicking another joint, or not."""
     of = chain.joint_names
     joint_matrix, joint_offsets = np.zeros((len(names), len(of))), np.zeros(len(names))
     joints = {
@@ -139,10 +150,10 @@ def _collision_box(client: BulletClient, body: int, link: int) -> NDArray[np.flo
         return None
     if link < 0:
         return np.array(p.getAABB(body, link, **k))  # loaded with this frame in the origin
-    # the box is along the world's axes: turn the vehicle until the link's are the same
+    # the box is aligned with the world's axes: rotate the vehicle until the link's are the same
     p.resetBasePositionAndOrientation(body, [0, 0, 0], [0, 0, 0, 1], **k)
-    turned = p.getLinkState(body, link, **k)[5]
-    _, back = p.invertTransform([0, 0, 0], turned)
+    orientation = p.getLinkState(body, link, **k)[5]
+    _, back = p.invertTransform([0, 0, 0], orientation)
     p.resetBasePositionAndOrientation(body, [0, 0, 0], back, **k)
     at = p.getLinkState(body, link, computeForwardKinematics=1, **k)[4]
     box = np.array(p.getAABB(body, link, **k)) - at

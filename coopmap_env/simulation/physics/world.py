@@ -1,108 +1,60 @@
-"""The physics of one world: its solids, the vehicles among them, and what touches what.
+"""The physics of one world: its solids, the vehicles among them, and their contacts.
 
-A world has a PyBullet client of its own, new and empty: state that outlives a reset (caches of
-contacts, orders of pairs) is what makes Bullet's runs differ, so none is ever used twice.
+A world has a PyBullet client of its own, new and empty. State that outlives a reset (caches of
+contacts, orders of pairs) makes Bullet's runs differ, so no client is used twice.
 
 Suspension: a spring of stiffness k and preload p and a damper d push a body of inertia m, which
 the weight and the moving mount load by b, for a step of h with
 
     tau = b + (p - b - k s - (d + h k) ds/dt) / (1 + (h d + h^2 k) / m)
 
-that is, as they are at the end of the step (implicit Euler): no step is too long for them, what
-swings dies down the sooner the longer the step, and the body rests where p - k s = b whatever h and
-m. The mount's joints are held by position motors, which Bullet solves implicitly as well, after
-torques that carry the weight and accelerate it as planned.
+that is, as they are at the end of the step (implicit Euler). It is stable for every step; longer
+steps damp oscillations more, and the body rests where p - k s = b whatever h and m. The mount's
+joints are held by position motors, which Bullet solves implicitly as well, after torques that
+carry the weight and accelerate it as planned.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots.mount import Mount
+from coopmap_env.geometry import Pose
+from coopmap_env.robots import Mount
 from coopmap_env.simulation.physics.client import BulletClient
-from coopmap_env.simulation.physics.equilibrium import GRAVITY, Equilibrium
+from coopmap_env.simulation.physics.equilibrium import GRAVITY
 from coopmap_env.simulation.physics.joint_map import JointMap
+from coopmap_env.simulation.physics.loading import (
+    MAX_VEHICLES,
+    load_solid,
+    load_vehicle,
+    part_boxes,
+)
+from coopmap_env.simulation.physics.sweep import Obstacles, Spheres, join_spheres
+from coopmap_env.simulation.physics.vehicle import LoadedVehicle
 from coopmap_env.simulation.scenes.field.solid import Solid
 
-STATIC, BODY, FIRST_ARM_BIT = 1, 2, 4
-"""Bits of collision groups: solids, bodies of vehicles, and one for each vehicle's arm. Only arms
-move, so that all pairs have one in them; links of one arm are kept apart by their limits."""
-MAX_VEHICLES = 28
-"""Bits that are left."""
 OWN_BODY = "its own body"
-"""What an arm touches that touches the vehicle under it."""
+"""Name of the vehicle under an arm, as an obstacle to it."""
 SOLVER_ITERATIONS = 100
 """Of Bullet's solver, at most; it takes fewer where it can. Joints then miss their targets by some
-1e-5 rad; a quarter of it leaves an arm of seven joints so soft that long steps shake it."""
+1e-5 rad; with a quarter of the iterations an arm of seven joints shakes in long steps."""
 
 
-class LoadedVehicle:
-    """A vehicle in the physics: its body by PyBullet's `number`, its springs and its motors."""
+class ArmContact(NamedTuple):
+    """The deepest contact of a vehicle's arm."""
 
-    def __init__(self, number: int, mount: Mount, joint_map: JointMap, T_world_base: Pose) -> None:
-        n = joint_map.n_suspension
-        self.number = number
-        self.joint_map = joint_map
-        self.R, self.t = T_world_base.rotation, T_world_base.translation
-        self.home = np.array([*(0.0,) * n, *mount.home])
-        self.state: tuple[list[float], list[float]] | None = None
-        """Values and velocities of all joints as PyBullet counts them, if they were asked for."""
-        self.joint_loads: list[float] | None = None
-        """What holds all joints against the weight at that state, if it was asked for."""
-        self.springs: Equilibrium | None = None
-        self.dof_joints = sorted(joint_map.joints)
-        """All joints that can move, as PyBullet counts degrees of freedom."""
-        self.q_dofs = [self.dof_joints.index(joint) for joint in joint_map.joints[: len(self.home)]]
-        """Where those of q are among them."""
-        self.zeros = [0.0] * len(self.dof_joints)
-        self.planned_accelerations = self.zeros
-        """Accelerations of them all in the next step."""
-        self.suspension_dofs = [self.dof_joints.index(joint) for joint in joint_map.joints[:n]]
-        """Where heave, roll and pitch are among them."""
-        self.spring_rates: list[tuple[int, float, float, float]] = []
-        """(where, preload, stiffness, damping) of heave, roll and pitch."""
-        self.inertias = [1.0] * n
-        """Of heave, roll and pitch, with the mount at home."""
-        self.implicit_springs: list[tuple[int, float, float, float, float]] = []
-        """Of the formula above: (where, p, k, d + h k, 1 / (1 + (h d + h^2 k) / m))."""
-        if mount.suspension is not None:
-            springs = self.springs = Equilibrium.from_mount(mount, self.R.T @ [0.0, 0.0, -GRAVITY])
-            rows = np.stack([springs.preload, springs.stiffness, springs.damping], axis=1)
-            self.spring_rates = [
-                (at, row[0], row[1], row[2])
-                for at, row in zip(self.suspension_dofs, rows.tolist(), strict=True)
-            ]
-        self.motor_joints, self.forces = joint_map.joints[n:], joint_map.motor_forces[n:]
-        self._motor_dofs = [self.dof_joints.index(joint) for joint in self.motor_joints]
-        self.gains = (1.0,) * len(self.motor_joints)  # to the target within one step
-        self._values, self._offsets = joint_map.joint_matrix[n:, n:], joint_map.joint_offsets[n:]
-        self._has_mimic_joints = len(self.motor_joints) > len(mount.joints)
+    depth: float
+    """Metres, negative: how deep it is; 0 without a contact."""
+    obstacle: str
+    """What the arm touches; empty without a contact."""
 
-    def motor_targets(self, joints: NDArray[np.float64]) -> list[float]:
-        """Of all driven joints, from those of the mount (n,)."""
-        values = self._values @ joints + self._offsets if self._has_mimic_joints else joints
-        return values.tolist()
 
-    def plan_accelerations(self, accelerations: NDArray[np.float64] | None) -> None:
-        """Take note of those (n,) of the mount's joints in the next step."""
-        self.planned_accelerations = self.zeros
-        if accelerations is not None:
-            values = self._values @ accelerations if self._has_mimic_joints else accelerations
-            self.planned_accelerations = self.zeros.copy()
-            for at, value in zip(self._motor_dofs, values.tolist(), strict=True):
-                self.planned_accelerations[at] = value
-
-    def discretize_springs(self, h: float) -> None:
-        """Springs and dampers for steps of h seconds."""
-        self.implicit_springs = [
-            (at, p, k, d + h * k, 1.0 / (1.0 + (h * d + h * h * k) / m))
-            for (at, p, k, d), m in zip(self.spring_rates, self.inertias, strict=True)
-        ]
+NO_CONTACT = ArmContact(0.0, "")
 
 
 class BulletWorld:
@@ -114,7 +66,7 @@ class BulletWorld:
     Parameters
     ----------
     solids : sequence of Solid
-        What stands still.
+        What does not move.
     mounts : sequence of Mount
         One for each vehicle.
     base_poses : sequence of Pose
@@ -148,30 +100,38 @@ class BulletWorld:
         self.client = BulletClient()
         self.time_step = math.nan
         self.names: dict[int, str] = {}
-        """What a body, by PyBullet's number, is called."""
-        self.solid_boxes = np.concatenate([np.zeros((0, 2, 3)), *map(self._add_solid, solids)])
+        """Name of each body, by PyBullet's number."""
+        for solid in solids:
+            for number in load_solid(self.client, solid):
+                self.names[number] = solid.name
+        self.solid_boxes = np.concatenate([np.zeros((0, 2, 3)), *map(part_boxes, solids)])
         self.vehicles = [
-            self._add_vehicle(robot, *parts)
-            for robot, parts in enumerate(zip(mounts, joint_maps, base_poses, strict=True))
+            load_vehicle(self.client, robot, mount, joint_map, T_world_base)
+            for robot, (mount, joint_map, T_world_base) in enumerate(
+                zip(mounts, joint_maps, base_poses, strict=True)
+            )
         ]
+        for robot, vehicle in enumerate(self.vehicles):
+            self.names[vehicle.number] = f"robot_{robot}"
         self.client.p.setGravity(0, 0, -GRAVITY, physicsClientId=self.client.id)
         self.client.p.setPhysicsEngineParameter(
-            numSolverIterations=SOLVER_ITERATIONS, deterministicOverlappingPairs=1,
+            numSolverIterations=SOLVER_ITERATIONS,
+            deterministicOverlappingPairs=1,
             physicsClientId=self.client.id,
-        )  # fmt: skip
+        )
         self.q = [vehicle.home for vehicle in self.vehicles]
-        """Where each vehicle is; `set_configuration` and `velocity` renew it."""
-        self._spheres: list[NDArray[np.float64] | None] = [None] * len(mounts)
+        """Configuration of each vehicle; `set_configuration` and `velocity` update it."""
+        self._spheres: list[Spheres | None] = [None] * len(mounts)
         self.set_time_step(time_step)
         for robot, vehicle in enumerate(self.vehicles):
             self.set_configuration(robot, vehicle.home)
 
     def close(self) -> None:
-        """Let go of the physics; doing so twice does no harm."""
+        """Release the physics; doing so twice does no harm."""
         self.client.close()
 
     def set_configuration(self, robot: int, q: NDArray[np.float64]) -> None:
-        """Put a vehicle's joints to q (m,), at rest."""
+        """Set a vehicle's joints to q (m,), at rest."""
         vehicle, joint_map = self.vehicles[robot], self.vehicles[robot].joint_map
         values = joint_map.joint_matrix @ q + joint_map.joint_offsets
         self.client.p.resetJointStatesMultiDof(
@@ -184,80 +144,77 @@ class BulletWorld:
         self._spheres[robot] = vehicle.state = vehicle.joint_loads = None
 
     def velocity(self, robot: int) -> NDArray[np.float64]:
-        """Velocity (m,) of q after a `step`; `q` itself is renewed as well."""
+        """Velocity (m,) of q after a `step`; updates `q` as well."""
         vehicle = self.vehicles[robot]
         values, velocities = self._read_joint_states(vehicle)
-        self.q[robot] = np.array([values[at] for at in vehicle.q_dofs])
+        self.q[robot] = np.array([values[dof] for dof in vehicle.q_dofs])
         self._spheres[robot] = None
-        return np.array([velocities[at] for at in vehicle.q_dofs])
+        return np.array([velocities[dof] for dof in vehicle.q_dofs])
 
     def spring_imbalance(self, robot: int) -> float:
-        """How far the spring that is furthest from balance is from it, metres or radians."""
+        """Largest distance of a spring from its equilibrium under the load, metres or radians."""
         vehicle = self.vehicles[robot]
         if not vehicle.spring_rates:
             return 0.0
         s, v = self._read_joint_states(vehicle)
         b = vehicle.joint_loads = self._inverse_dynamics(vehicle, s, v)
-        return max(abs(p - b[at] - k * s[at]) / k for at, p, k, _ in vehicle.spring_rates)
+        return max(abs(p - b[dof] - k * s[dof]) / k for dof, p, k, _ in vehicle.spring_rates)
 
     def rest_configurations(self, robot: int, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joints (k, n) of a mount with the deflections in which its vehicle rests: q (k, m)."""
+        """Configurations q (k, m) at rest, from joints (k, n) of the mount."""
         springs = self.vehicles[robot].springs
         return joints if springs is None else springs.rest_configurations(joints)
 
     def find_contacts(self) -> None:
-        """Look where vehicles are now, without moving anything; then ask `contacts`."""
+        """Detect contacts where vehicles are now, without moving anything; see `contacts`."""
         self.client.p.performCollisionDetection(physicsClientId=self.client.id)
 
-    def contacts(self) -> list[tuple[float, str]]:
-        """Of each vehicle, how deep its arm is in something, as a negative number, and in what.
-
-        Those of the last `step` or `find_contacts`; (0, "") for an arm that touches nothing.
-        """
-        deepest = [(0.0, "")] * len(self.vehicles)
+    def contacts(self) -> list[ArmContact]:
+        """The deepest contact of each vehicle's arm, of the last `step` or `find_contacts`."""
+        deepest = [NO_CONTACT] * len(self.vehicles)
         for point in self.client.p.getContactPoints(physicsClientId=self.client.id):
-            if point[8] < 0.0:
-                _, a, b, link_a, link_b = point[:5]
+            _, a, b, link_a, link_b, _, _, _, depth = point[:9]
+            if depth < 0.0:
                 for robot, vehicle in enumerate(self.vehicles):
                     own, arm = vehicle.number, vehicle.joint_map.arm
-                    mine = (a == own and link_a in arm) or (b == own and link_b in arm)
-                    if mine and point[8] < deepest[robot][0]:
+                    is_own = (a == own and link_a in arm) or (b == own and link_b in arm)
+                    if is_own and depth < deepest[robot].depth:
                         obstacle = OWN_BODY if a == b else self.names[b if a == own else a]
-                        deepest[robot] = point[8], obstacle
+                        deepest[robot] = ArmContact(depth, obstacle)
         return deepest
 
     def swept_collisions(
         self,
         robot: int,
         q: NDArray[np.float64],
-        others: NDArray[np.float64] | None = None,
+        others: Spheres | None = None,
         margin: float = 0.0,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Between which of the configurations q (k, m) an arm might touch; how far each goes.
+        """Between which of the configurations q (k, m) an arm might touch something.
 
-        Marks (k - 1,) and metres (k - 1,). Other vehicles are where they are, or within spheres
-        (o, 4), centres and radii; solids are larger by `margin` on all sides.
+        `others` are spheres around all other vehicles, where they are now by default; solids are
+        enlarged by `margin` metres on all sides. Returns marks (k - 1,), and metres (k - 1,) that
+        the fastest part of the arm goes.
         """
         vehicle = self.vehicles[robot]
         if others is None:
-            around = [self._spheres_of(o) for o in range(len(self.vehicles)) if o != robot]
-            others = np.concatenate([np.zeros((0, 4)), *around])
-        solid_boxes = (
-            self.solid_boxes
-            if margin == 0.0
-            else self.solid_boxes + np.array([[-margin], [margin]])
-        )
+            others = join_spheres(
+                [self._current_spheres(o) for o in range(len(self.vehicles)) if o != robot]
+            )
+        boxes = self.solid_boxes
+        if margin != 0.0:
+            boxes = boxes + np.array([[-margin], [margin]])
         return vehicle.joint_map.sweep_model.swept_collisions(
-            vehicle.R, vehicle.t, q, solid_boxes, others
+            vehicle.T_world_base, q, Obstacles(boxes, others)
         )
 
-    def spheres(self, robot: int, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Centres and radii (s, 4), in the world, of spheres around all links at q (m,)."""
+    def spheres(self, robot: int, q: NDArray[np.float64]) -> Spheres:
+        """Spheres in the world around all links at q (m,)."""
         vehicle = self.vehicles[robot]
-        return vehicle.joint_map.sweep_model.spheres(vehicle.R, vehicle.t, q)
+        return vehicle.joint_map.sweep_model.spheres(vehicle.T_world_base, q)
 
     def set_time_step(self, time_step: float) -> None:
-        """Make steps of so many seconds from now on."""
+        """Set the length of the steps from now on, seconds."""
         if time_step != self.time_step:
             self.time_step = time_step
             self.client.p.setTimeStep(time_step, physicsClientId=self.client.id)
@@ -270,20 +227,25 @@ class BulletWorld:
         joints: NDArray[np.float64],
         accelerations: NDArray[np.float64] | None = None,
     ) -> None:
-        """Set the targets (n,) that the motors of a mount's joints hold from now on.
+        """Set the targets (n,) of the motors of a mount's joints from now on.
 
-        `accelerations` (n,) are those by which they get there in the next step, as far as known.
+        `accelerations` (n,) are those of the next step on the way there, if known.
         """
         vehicle = self.vehicles[robot]
         vehicle.plan_accelerations(accelerations)
         self.client.p.setJointMotorControlArray(
-            vehicle.number, vehicle.motor_joints, self.client.p.POSITION_CONTROL,
-            vehicle.motor_targets(joints), forces=vehicle.forces, positionGains=vehicle.gains,
-            velocityGains=vehicle.gains, physicsClientId=self.client.id,
-        )  # fmt: skip
+            vehicle.number,
+            vehicle.motor_joints,
+            self.client.p.POSITION_CONTROL,
+            vehicle.motor_targets(joints),
+            forces=vehicle.motor_forces,
+            positionGains=vehicle.motor_gains,
+            velocityGains=vehicle.motor_gains,
+            physicsClientId=self.client.id,
+        )
 
     def step(self) -> None:
-        """One time step of all vehicles, as long as `set_time_step` made it."""
+        """One time step of all vehicles."""
         client = self.client.id
         for vehicle in self.vehicles:
             self._apply_torques(vehicle, client)
@@ -292,18 +254,18 @@ class BulletWorld:
         self.client.p.stepSimulation(physicsClientId=client)
 
     def _apply_torques(self, vehicle: LoadedVehicle, client: int) -> None:
-        """Torques for one step: of the springs, and of the motors what carries the weight.
+        """Torques for one step: those of the springs, and of the motors those against the weight.
 
-        Without it the solver of the motors needs hundreds of iterations: they lift a whole arm.
+        Without these the solver of the motors needs hundreds of iterations, as they lift an arm.
         """
         p = self.client.p
         s, v = self._read_joint_states(vehicle)
         forces = vehicle.joint_loads
         if forces is None or vehicle.planned_accelerations is not vehicle.zeros:
             forces = self._inverse_dynamics(vehicle, s, v)
-        for at, preload, stiffness, damping, gain in vehicle.implicit_springs:
-            b = forces[at]
-            forces[at] = b + gain * (preload - b - stiffness * s[at] - damping * v[at])
+        for dof, preload, stiffness, damping, gain in vehicle.implicit_springs:
+            b = forces[dof]
+            forces[dof] = b + gain * (preload - b - stiffness * s[dof] - damping * v[dof])
         p.setJointMotorControlArray(
             vehicle.number, vehicle.dof_joints, p.TORQUE_CONTROL, forces=forces,
             physicsClientId=client,
@@ -312,7 +274,7 @@ class BulletWorld:
     def _inverse_dynamics(
         self, vehicle: LoadedVehicle, s: list[float], v: list[float]
     ) -> list[float]:
-        """What gives all joints their planned accelerations at a state, springs left out."""
+        """Forces that give all joints their planned accelerations at a state, without springs."""
         return list(
             self.client.p.calculateInverseDynamics(
                 vehicle.number, s, v, vehicle.planned_accelerations, physicsClientId=self.client.id
@@ -328,44 +290,8 @@ class BulletWorld:
             vehicle.state = [state[0] for state in states], [state[1] for state in states]
         return vehicle.state
 
-    def _spheres_of(self, robot: int) -> NDArray[np.float64]:
-        """Spheres (s, 4) around all links of a vehicle where it is."""
+    def _current_spheres(self, robot: int) -> Spheres:
         spheres = self._spheres[robot]
         if spheres is None:
             spheres = self._spheres[robot] = self.spheres(robot, self.q[robot])
         return spheres
-
-    def _add_solid(self, solid: Solid) -> NDArray[np.float64]:
-        """Its boxes (b, 2, 3)."""
-        p, k = self.client.p, {"physicsClientId": self.client.id}
-        shapes = [solid.vertices] if solid.is_concave else solid.parts
-        for points in shapes:
-            shape = self.client.create_shape(points, solid.faces if solid.is_concave else None)
-            # a plain rigid body, not one of Bullet's multi-bodies: half the price of a step
-            number = p.createMultiBody(0, shape, useMaximalCoordinates=1, **k)
-            p.setCollisionFilterGroupMask(number, -1, STATIC, ~(STATIC | BODY), **k)
-            self.names[number] = solid.name
-        return np.array([[points.min(axis=0), points.max(axis=0)] for points in shapes])
-
-    def _add_vehicle(
-        self, robot: int, mount: Mount, joint_map: JointMap, T_world_base: Pose
-    ) -> LoadedVehicle:
-        p, k = self.client.p, {"physicsClientId": self.client.id}
-        number = self.client.load_mount(mount, T_world_base)
-        self.names[number] = f"robot_{robot}"
-        arm = FIRST_ARM_BIT << robot
-        for j in range(-1, len(joint_map.link_names) - 1):
-            group, mask = (arm, ~arm) if j in joint_map.arm else (BODY, ~(STATIC | BODY))
-            p.setCollisionFilterGroupMask(number, j, group, mask, **k)
-        for a, b in joint_map.ignored_pairs:
-            p.setCollisionFilterPair(number, number, a, b, 0, **k)
-        vehicle = LoadedVehicle(number, mount, joint_map, T_world_base)
-        if vehicle.spring_rates:
-            suspension = joint_map.joints[: joint_map.n_suspension]
-            idle = [0.0] * len(suspension)  # or Bullet's own motors would brake it
-            p.setJointMotorControlArray(number, suspension, p.VELOCITY_CONTROL, forces=idle, **k)
-            values = joint_map.joint_matrix @ vehicle.home + joint_map.joint_offsets
-            at_home = dict(zip(joint_map.joints, values.tolist(), strict=True))
-            M = p.calculateMassMatrix(number, [at_home[j] for j in vehicle.dof_joints], **k)
-            vehicle.inertias = [M[at][at] for at in vehicle.suspension_dofs]
-        return vehicle
