@@ -3,6 +3,7 @@
 `planar` holds the scenes of the planar environment, `field` those of the field environment.
 """
 
+from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.splits import SPLITS, world_seed
 
-__all__ = ["SPLITS", "world_seed"]
+__all__ = ["SPLITS", "SceneError", "world_seed"]

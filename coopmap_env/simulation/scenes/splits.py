@@ -1,10 +1,10 @@
-"""Frozen splits: worlds to learn from, to choose by and to report on never meet.
+"""Frozen splits: worlds to train on, to choose settings by and to report on never overlap.
 
 A generated world is named by a split and a seed. The split enters the spawn key of the
 `numpy.random.SeedSequence`, apart from the seed, so
 
-- seed 7 of ``train`` and seed 7 of ``test`` are unrelated streams, whatever the seeds: nobody
-  has to keep ranges of numbers apart by discipline, and no split can run out of seeds;
+- seed 7 of ``train`` and seed 7 of ``test`` are unrelated streams, whatever the seeds: no ranges
+  of seeds have to be kept apart, and no split can run out of seeds;
 - worlds of a split never change: ``test`` with seeds 0 to 99 is the same set in each paper;
 - the key starts with a number of our own, because the n-th child of ``SeedSequence(7)`` has the
   spawn key ``(n,)``: without it, an environment that spawns its streams from a plain seed would
@@ -18,7 +18,7 @@ import operator
 import numpy as np
 
 SPLITS = ("train", "validation", "test")
-"""Learn on the first, choose settings on the second, report the third once."""
+"""Train on the first, choose settings on the second, report the third once."""
 
 _NAMESPACE = 0x5CE2E
 """First word of each spawn key: far above any number of children that somebody spawns."""
@@ -42,18 +42,18 @@ def world_seed(split: str, seed: int) -> np.random.SeedSequence:
     Raises
     ------
     ValueError
-        With the value, if the split is unknown or the seed no whole number of at least 0.
+        With the value, if the split is unknown or the seed is no integer of at least 0.
     """
     if split not in SPLITS:
         raise ValueError(f"split must be one of {', '.join(SPLITS)}, not {split!r}")
-    return np.random.SeedSequence(_checked_seed(seed), spawn_key=(_NAMESPACE, SPLITS.index(split)))
+    return np.random.SeedSequence(_check_seed(seed), spawn_key=(_NAMESPACE, SPLITS.index(split)))
 
 
-def _checked_seed(seed: int) -> int:
+def _check_seed(seed: int) -> int:
     try:
         number = operator.index(seed)
     except TypeError:
         number = -1
     if number < 0 or isinstance(seed, bool | np.bool_):
-        raise ValueError(f"seed must be a whole number of at least 0, not {seed!r}")
+        raise ValueError(f"seed must be an integer of at least 0, not {seed!r}")
     return number

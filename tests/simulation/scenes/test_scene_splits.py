@@ -45,6 +45,6 @@ def test_an_unknown_split_is_named_with_the_choices():
 
 
 @pytest.mark.parametrize("seed", [-1, 1.0, "1", None, True, np.True_])
-def test_a_seed_that_is_no_whole_number_is_named(seed):
-    with pytest.raises(ValueError, match=f"whole number of at least 0, not {seed!r}"):
+def test_a_seed_that_is_no_integer_is_named(seed):
+    with pytest.raises(ValueError, match=f"integer of at least 0, not {seed!r}"):
         world_seed("train", seed)

@@ -1,4 +1,4 @@
-"""Worksites: where worlds of the field come from.
+"""Scenes of the field environment.
 
 =================  ==========================================================================
 ``"worksite"``     `Worksite`: a solar panel of known geometry among rocks and crates
@@ -12,8 +12,8 @@
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 
+from coopmap_env.simulation.scenes.factory import make_scene
 from coopmap_env.simulation.scenes.field.base_poses import BasePlacement
 from coopmap_env.simulation.scenes.field.clutter import Clutter
 from coopmap_env.simulation.scenes.field.rubble import Rubble
@@ -68,14 +68,4 @@ def make_field_scene(scene: str | os.PathLike[str] | FieldScene) -> FieldScene:
     ImportError
         With the pip command, if an extra is missing.
     """
-    if isinstance(scene, FieldScene) and not isinstance(scene, type):
-        return scene
-    if isinstance(scene, str | os.PathLike):
-        if isinstance(scene, str) and scene in _SCENES:
-            return _SCENES[scene]()
-        if Path(scene).suffix.lower() in (".yaml", ".yml"):
-            return read_user_scene(scene)
-    names = ", ".join(repr(name) for name in _SCENES)
-    raise ValueError(
-        f"scene must be {names}, a path ending in .yaml or .yml, or a FieldScene, not {scene!r}"
-    )
+    return make_scene(scene, FieldScene, _SCENES, read_user_scene)

@@ -1,7 +1,7 @@
-"""Where vehicles stand around a target.
+"""Base poses of the vehicles around a target.
 
-Bases are drawn first; what surrounds the target then keeps clear of them (see `arranging`), so a
-place for each vehicle never depends on luck with obstacles.
+Bases are drawn first. What surrounds the target then keeps clear of them (see `layout`), so that
+obstacles never leave a vehicle without room.
 """
 
 import math
@@ -11,44 +11,48 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry import Z_AXIS, rotation_about_axis
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.core.settings import NonNegative, Positive, Settings
+from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.simulation.scenes.field.outlines import distance_to_triangles, project_to_ground
 from coopmap_env.simulation.scenes.field.solid import Solid
-from coopmap_env.simulation.scenes.field.visibility import first_hit
+from coopmap_env.simulation.scenes.field.solid_queries import (
+    distance_to_triangles,
+    first_hit,
+    project_to_ground,
+)
 
 EYE_HEIGHT = 1.5
-"""Metres above a base from which the target has to be seen: about where mounts carry cameras."""
+"""Metres above a base from which the target has to be visible: about the height of the cameras."""
 BORDER_MARGIN = 1.3
 """Metres between a base and the border of the grid: a footprint and a voxel."""
 
 MIN_VISIBLE_FRACTION = 0.25
-"""Least share of the looks at the target, from above a base, that nothing stops."""
+"""Least fraction of the rays towards the target, from above a base, that reach it."""
 
 _N_RAYS = 48
+"""Towards the target, to estimate how much of it is visible."""
 _MAX_RESTARTS, _MAX_TRIES = 200, 60
+"""Of a whole team, and of a base in it."""
 
 
 @dataclass(frozen=True)
-class BasePlacement:
-    """Where vehicles may stand about a target."""
+class BasePlacement(Settings):
+    """Where vehicles may stand around a target."""
 
-    min_distance: float = 2.5
-    """Least distance in metres from the middle of the target."""
-    max_distance: float = 4.5
-    """Largest distance in metres: a default camera still sees 1.5 m of depth behind the middle."""
-    min_spacing: float = 2.2
-    """Least distance in metres between vehicles: two chassis and room to turn an arm."""
+    min_distance: Positive = 2.5
+    """Metres from the middle of the target."""
+    max_distance: Positive = 4.5
+    """Metres: a default camera still sees 1.5 m of depth behind the middle."""
+    min_spacing: NonNegative = 2.2
+    """Metres between vehicles: two chassis and room to move an arm."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.min_distance < self.max_distance < math.inf:
+        super().__post_init__()
+        if not self.min_distance < self.max_distance:
             raise ValueError(
-                f"min_distance and max_distance must satisfy 0 < min_distance < max_distance, not "
+                "BasePlacement needs min_distance < max_distance, got "
                 f"{self.min_distance!r}, {self.max_distance!r}"
             )
-        if not 0.0 <= self.min_spacing < math.inf:
-            raise ValueError(f"min_spacing must be finite and >= 0 m, not {self.min_spacing!r}")
 
 
 DEFAULT_PLACEMENT = BasePlacement()
@@ -57,49 +61,49 @@ DEFAULT_PLACEMENT = BasePlacement()
 def sample_base_poses(
     rng: np.random.Generator,
     n_robots: int,
-    base_placement: BasePlacement,
+    placement: BasePlacement,
     footprint: float,
     grid: VoxelGrid,
     solids: Sequence[Solid],
     middle: ArrayLike = (0.0, 0.0),
 ) -> tuple[Pose, ...]:
-    """Draw bases about the target, facing its middle (x, y).
+    """Draw base poses around the target that face its middle (x, y).
 
-    They keep `footprint` clear of the solids and see the target among them.
+    They keep `footprint` metres clear of the solids, and enough of the target is visible from
+    each of them.
 
     Raises
     ------
     ValueError
-        If no place was found for so many.
+        If no poses were found for so many vehicles.
     """
     check_vehicles(n_robots, footprint)
     middle = np.asarray(middle, dtype=np.float64)[:2]
     low = np.array(grid.origin)[:2] + BORDER_MARGIN
     high = np.array(grid.origin)[:2] + np.array(grid.shape)[:2] * grid.resolution - BORDER_MARGIN
-    obstacles_2d = project_to_ground(solids)
+    obstacles = project_to_ground(solids)
     for _ in range(_MAX_RESTARTS):
         bases: list[NDArray[np.float64]] = []
         for _ in range(_MAX_TRIES):
-            radius = math.sqrt(
-                rng.uniform(base_placement.min_distance**2, base_placement.max_distance**2)
-            )
+            radius = math.sqrt(rng.uniform(placement.min_distance**2, placement.max_distance**2))
             angle = rng.uniform(-math.pi, math.pi)
             base = middle + radius * np.array([math.cos(angle), math.sin(angle)])
             if (
                 (base >= low).all()
                 and (base <= high).all()
-                and all(math.dist(base, other) >= base_placement.min_spacing for other in bases)
-                and distance_to_triangles(base[0], base[1], obstacles_2d) >= footprint
+                and all(math.dist(base, other) >= placement.min_spacing for other in bases)
+                and distance_to_triangles(base[0], base[1], obstacles) >= footprint
                 and visible_target_fraction(base, solids) >= MIN_VISIBLE_FRACTION
             ):
                 bases.append(base)
                 if len(bases) == n_robots:
                     return tuple(facing_pose(base[0], base[1], middle) for base in bases)
     raise ValueError(
-        f"no place for {n_robots} vehicles {base_placement.min_distance:g} to {base_placement.max_distance:g} m from the "
-        f"middle of the target, {base_placement.min_spacing:g} m apart, {footprint:g} m clear of the scene, "
-        f"{BORDER_MARGIN:g} m inside of the grid and in sight of the target: take fewer vehicles or a "
-        f"larger grid, or name bases that fit"
+        f"no place for {n_robots} vehicles {placement.min_distance:g} to "
+        f"{placement.max_distance:g} m from the middle of the target, "
+        f"{placement.min_spacing:g} m apart, {footprint:g} m clear of the scene, "
+        f"{BORDER_MARGIN:g} m inside of the grid and with the target visible: take fewer "
+        f"vehicles or a larger grid, or name bases that fit"
     )
 
 
@@ -117,25 +121,28 @@ def facing_pose(x: float, y: float, middle: NDArray[np.float64]) -> Pose:
 
 
 def ground_pose(x: float, y: float, yaw: float) -> Pose:
-    """Pose of a frame on the ground, turned by `yaw` about z."""
+    """Pose of a frame on the ground, rotated by `yaw` about z, radians."""
     return Pose(np.array([x, y, 0.0]), rotation_about_axis(Z_AXIS, yaw))
 
 
 def visible_target_fraction(base: ArrayLike, solids: Sequence[Solid]) -> float:
-    """Share of looks at the target, from above a base (x, y), that meet it first; 1 if none is."""
-    obstacles_2d = [solid for solid in solids if not solid.is_ground]
-    is_target = np.array([solid.is_target for solid in obstacles_2d], dtype=np.bool_)
+    """Fraction of the rays towards the target, from above a base (x, y), that hit it first.
+
+    1 if none of the solids is a target.
+    """
+    above_ground = [solid for solid in solids if not solid.is_ground]
+    is_target = np.array([solid.is_target for solid in above_ground], dtype=np.bool_)
     if not is_target.any():
         return 1.0
-    return float(is_target[first_hits_toward_target(np.asarray(base)[:2], obstacles_2d)].mean())
+    return float(is_target[first_hits_toward_target(np.asarray(base)[:2], above_ground)].mean())
 
 
 def first_hits_toward_target(
     base: NDArray[np.float64], solids: Sequence[Solid]
 ) -> NDArray[np.int64]:
-    """First solid met by looks at points spread over the target's triangles.
+    """First solid that is hit by each of the rays towards points on the target's triangles.
 
-    Each look meets something: at the latest the triangle that it aims at.
+    Each ray hits something: at the latest the triangle that it is directed at.
     """
     centres = np.concatenate([s.triangles.mean(axis=1) for s in solids if s.is_target])
     step = max(1, len(centres) // _N_RAYS)

@@ -1,7 +1,7 @@
-"""Clutter: tables and shelves full of things, after pybullet_data.
+"""Clutter: tables and shelves full of objects, after pybullet_data.
 
-The target is the table in the middle with all that lies on it. Things lie where their boxes find
-room; nothing is dropped by physics.
+The target is the table in the middle with all that lies on it. Objects lie where there is room
+for their boxes; nothing is dropped by physics.
 """
 
 import math
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.settings import Positive, Settings
 from coopmap_env.geometry import Z_AXIS, rotation_about_axis
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
@@ -31,7 +32,9 @@ from coopmap_env.simulation.scenes.field.solid import Solid
 from coopmap_env.simulation.scenes.field.world import (
     BASE_CLEARANCE,
     FIELD_GRID,
+    CountRange,
     FieldWorld,
+    check_counts,
     check_field_grid,
     make_ground,
 )
@@ -58,30 +61,26 @@ _IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True)
-class Clutter:
-    """Worlds of tables and shelves with things on and around them."""
+class Clutter(Settings):
+    """Worlds of tables and shelves with objects on and around them."""
 
     grid: VoxelGrid = FIELD_GRID
-    target_objects: tuple[int, int] = (7, 11)
-    """Fewest and most random objects on the table in the middle; some toys come on top."""
-    tables: tuple[int, int] = (1, 2)
+    target_objects: CountRange = (7, 11)
+    """Fewest and most random objects on the table in the middle; named ones are added to them."""
+    tables: CountRange = (1, 2)
     """Fewest and most tables around it."""
-    shelves: tuple[int, int] = (1, 2)
+    shelves: CountRange = (1, 2)
     """Fewest and most shelves."""
-    loose_objects: tuple[int, int] = (3, 6)
-    """Fewest and most things on the ground; as many again at most on each table and shelf."""
-    object_scale: float = 2.5
+    loose_objects: CountRange = (3, 6)
+    """Fewest and most objects on the ground; at most as many more on each table and shelf."""
+    object_scale: Positive = 2.5
     """Factor on the size of the random objects, which are 0.1 m across: about one voxel."""
     base_placement: BasePlacement = DEFAULT_PLACEMENT
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_field_grid(self.grid)
-        for name in ("target_objects", "tables", "shelves", "loose_objects"):
-            fewest, most = getattr(self, name)
-            if not 0 <= fewest <= most:
-                raise ValueError(f"{name} must be (fewest, most), not {getattr(self, name)!r}")
-        if not 0.0 < self.object_scale < math.inf:
-            raise ValueError(f"object_scale must be finite and above 0, not {self.object_scale!r}")
+        check_counts(self, "target_objects", "tables", "shelves", "loose_objects")
 
     @property
     def name(self) -> str:
@@ -91,7 +90,7 @@ class Clutter:
     def world(
         self, rng: np.random.Generator, n_robots: int, footprint: float = BASE_CLEARANCE
     ) -> FieldWorld:
-        """Draw the middle table, vehicles about it, then what leaves them room and sight.
+        """Draw the middle table, base poses around it, then what leaves them room and a view.
 
         Raises
         ------
@@ -114,7 +113,7 @@ class Clutter:
         return FieldWorld(self.name, solids, TARGET, self.grid, bases)
 
     def _target(self, rng: np.random.Generator) -> list[Solid]:
-        """Lay the middle table with toys and random objects."""
+        """The middle table with named and random objects on it."""
         target = [table(TARGET, np.zeros(3), _IDENTITY, is_target=True)]
         assets = [load_asset(name) for name in NAMED_ASSETS if rng.random() < 0.6]
         assets += [self._random_asset(rng) for _ in range(_sample_count(rng, self.target_objects))]
@@ -124,27 +123,24 @@ class Clutter:
         return target
 
     def _add_table(self, rng: np.random.Generator, layout: SceneLayout, name: str) -> None:
-        middle, support_rotation = (
-            layout.sample_free_disc(rng, _TABLE_RADIUS, _MIN_DISTANCE, _MAX_DISTANCE),
-            _random_yaw(rng),
-        )
+        middle = layout.sample_free_disc(rng, _TABLE_RADIUS, _MIN_DISTANCE, _MAX_DISTANCE)
+        support_rotation = _random_yaw(rng)
         if middle is None:
             return
         position = np.array([*middle, 0.0])
         support = layout.add(table(name, position, support_rotation, is_target=False))
         assets = [self._random_asset(rng) for _ in range(_sample_count(rng, self.loose_objects))]
         for k, (asset, center, rotation) in enumerate(_arrange(rng, assets)):
-            place = support_rotation @ [*center, _TABLE_HEIGHT] + position
-            thing = asset.to_solid(
-                f"{name}_thing_{k}", place, support_rotation @ rotation, is_target=False
+            world_position = support_rotation @ [*center, _TABLE_HEIGHT] + position
+            world_rotation = support_rotation @ rotation
+            solid = asset.to_solid(
+                f"{name}_thing_{k}", world_position, world_rotation, is_target=False
             )
-            layout.add(thing, support)
+            layout.add(solid, support)
 
     def _add_shelf(self, rng: np.random.Generator, layout: SceneLayout, name: str) -> None:
-        middle, support_rotation = (
-            layout.sample_free_disc(rng, _SHELF_RADIUS, _MIN_DISTANCE, _MAX_DISTANCE),
-            _random_yaw(rng),
-        )
+        middle = layout.sample_free_disc(rng, _SHELF_RADIUS, _MIN_DISTANCE, _MAX_DISTANCE)
+        support_rotation = _random_yaw(rng)
         if middle is None:
             return
         position = np.array([*middle, 0.0])
@@ -155,11 +151,11 @@ class Clutter:
             number, y = RANDOM_ASSETS[rng.integers(len(RANDOM_ASSETS))], rng.uniform(-0.25, 0.25)
             asset = load_random_asset(number, _SHELF_OBJECT_SCALE)
             if asset.size[0] < width and asset.size[2] < height:
-                place = support_rotation @ [x, y, floor] + position
-                thing = asset.to_solid(
-                    f"{name}_thing_{slot}", place, support_rotation, is_target=False
+                world_position = support_rotation @ [x, y, floor] + position
+                solid = asset.to_solid(
+                    f"{name}_thing_{slot}", world_position, support_rotation, is_target=False
                 )
-                layout.add(thing, support)
+                layout.add(solid, support)
 
     def _random_asset(self, rng: np.random.Generator) -> PyBulletAsset:
         return load_random_asset(RANDOM_ASSETS[rng.integers(len(RANDOM_ASSETS))], self.object_scale)
@@ -168,7 +164,7 @@ class Clutter:
 def _arrange(
     rng: np.random.Generator, assets: list[PyBulletAsset]
 ) -> list[tuple[PyBulletAsset, NDArray[np.float64], NDArray[np.float64]]]:
-    """Lay things on a table: those that found room, with their spot (x, y) and rotation."""
+    """Lay assets on a table: those with room, their positions (x, y) and rotations."""
     placed: list[tuple[PyBulletAsset, NDArray[np.float64], NDArray[np.float64]]] = []
     for asset in assets:
         radius, rotation = _disc_radius(asset), _random_yaw(rng)
@@ -183,7 +179,7 @@ def _arrange(
 
 
 def _disc_radius(asset: PyBulletAsset) -> float:
-    """Radius in metres of the circle about a thing's middle that holds it at any yaw."""
+    """Radius in metres of the disc around an asset's middle that contains it at any yaw."""
     return 0.5 * math.hypot(asset.size[0], asset.size[1])
 
 

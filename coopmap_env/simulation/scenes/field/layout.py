@@ -1,4 +1,4 @@
-"""The yard around a target: spots for what surrounds it, and what of it may stay."""
+"""The surroundings of a target: where something may be placed, and what of it may stay."""
 
 import math
 from collections.abc import Sequence
@@ -6,31 +6,37 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
     MIN_VISIBLE_FRACTION,
     first_hits_toward_target,
 )
-from coopmap_env.simulation.scenes.field.outlines import distance_to_triangles, project_to_ground
 from coopmap_env.simulation.scenes.field.solid import Solid
+from coopmap_env.simulation.scenes.field.solid_queries import (
+    distance_to_triangles,
+    project_to_ground,
+)
 
 _MAX_TRIES = 40
+"""Positions that are drawn for a disc before it is given up."""
 _DISC_GAP = 0.05
-"""Metres between the circles around neighbours."""
+"""Metres between neighbouring discs."""
 
 
 class SceneLayout:
-    """What stands around the target so far, each thing within a circle on the ground.
+    """What is placed around a target so far, each solid within a disc on the ground.
 
     Parameters
     ----------
     grid : VoxelGrid
-        Circles lie inside.
+        Discs lie inside.
     bases : sequence of Pose
-        Circles keep `footprint` metres away from their axes.
+        Discs keep `footprint` metres away from their axes.
+    footprint : float
     target : sequence of Solid
-        Circles do not meet it.
+        Discs do not overlap it. Solids that are added to it later count for `remove_occluders`
+        only.
     """
 
     def __init__(
@@ -40,7 +46,7 @@ class SceneLayout:
         self._high = self._low + np.array(grid.shape)[:2] * grid.resolution
         self._bases, self._footprint = bases, footprint
         self._target, self._target_triangles = target, project_to_ground(target)
-        self._circles: list[tuple[NDArray[np.float64], float]] = []
+        self._discs: list[tuple[NDArray[np.float64], float]] = []
         self.solids: list[Solid] = []
         self.support: list[int] = []
         """Index of the solid that each one stands on, -1 for the ground or the target."""
@@ -48,57 +54,54 @@ class SceneLayout:
     def sample_free_disc(
         self, rng: np.random.Generator, radius: float, min_distance: float, max_distance: float
     ) -> NDArray[np.float64] | None:
-        """Draw a free circle between two distances from the origin and take it.
+        """Draw a free disc between two distances from the origin and reserve it.
 
         Returns
         -------
         (2,) float array or None
-            Its middle, or None if none was found.
+            Its centre, or None if none was found.
         """
         for _ in range(_MAX_TRIES):
-            distance, angle = (
-                rng.uniform(min_distance, max_distance),
-                rng.uniform(-math.pi, math.pi),
-            )
-            middle = distance * np.array([math.cos(angle), math.sin(angle)])
-            if self.is_free(middle, radius):
-                self._circles.append((middle, radius))
-                return middle
+            distance = rng.uniform(min_distance, max_distance)
+            angle = rng.uniform(-math.pi, math.pi)
+            center = distance * np.array([math.cos(angle), math.sin(angle)])
+            if self.is_free(center, radius):
+                self._discs.append((center, radius))
+                return center
         return None
 
-    def is_free(self, middle: NDArray[np.float64], radius: float) -> bool:
-        """Whether a circle lies inside the grid and meets nothing that has its place."""
+    def is_free(self, center: NDArray[np.float64], radius: float) -> bool:
+        """Whether a disc lies inside the grid, clear of bases, reserved discs and the target."""
         return (
-            bool((middle - radius >= self._low).all() and (middle + radius <= self._high).all())
+            bool((center - radius >= self._low).all() and (center + radius <= self._high).all())
             and all(
-                math.dist(middle, base.translation[:2]) >= self._footprint + radius
+                math.dist(center, base.translation[:2]) >= self._footprint + radius
                 for base in self._bases
             )
             and all(
-                math.dist(middle, other) >= radius + size + _DISC_GAP
-                for other, size in self._circles
+                math.dist(center, other) >= radius + size + _DISC_GAP for other, size in self._discs
             )
-            and distance_to_triangles(middle[0], middle[1], self._target_triangles)
+            and distance_to_triangles(center[0], center[1], self._target_triangles)
             >= radius + _DISC_GAP
         )
 
     def add(self, solid: Solid, support: int = -1) -> int:
-        """Put a solid down; returns its index."""
+        """Place a solid on the one of index `support`, or on the ground; returns its index."""
         self.solids.append(solid)
         self.support.append(support)
         return len(self.solids) - 1
 
     def remove_occluders(self) -> list[Solid]:
-        """Take away what hides the target from a base; return the solids that stay.
+        """The solids that may stay, without those that hide the target from a base.
 
-        As long as less than a quarter of a base's looks get through to the target, the solid that
-        stops most of them goes, and with it what stands on it.
+        As long as too few rays from above a base reach the target, the solid that blocks most of
+        them is removed, and with it what stands on it.
         """
         remaining = list(range(len(self.solids)))
         for base in self._bases:
             while remaining:
-                occluders = [*self._target, *(self.solids[k] for k in remaining)]
-                hits = first_hits_toward_target(base.translation[:2], occluders)
+                scene = [*self._target, *(self.solids[k] for k in remaining)]
+                hits = first_hits_toward_target(base.translation[:2], scene)
                 blocked = hits[hits >= len(self._target)] - len(self._target)
                 if len(blocked) <= (1.0 - MIN_VISIBLE_FRACTION) * len(hits):
                     break

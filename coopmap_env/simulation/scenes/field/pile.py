@@ -1,16 +1,17 @@
-"""Piling: blocks come down one after the other and rest on what lies there.
+"""Piling: blocks are dropped one after the other and rest on what lies there.
 
-The pile is known by its height over a fine raster of columns. A block keeps its orientation and
-sinks until one column stops it; a pile that has settled by its own weight would lie a little
-flatter, and the blocks are pushed into each other by `SINK_DEPTH` to look so.
+The pile is described by its height over a fine raster of columns. A block keeps its orientation
+and sinks until one column stops it. A pile that settles by its own weight is a little flatter; to
+resemble one, the blocks sink into each other by `SINK_DEPTH`.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
 
 COLUMN_SIZE = 0.08
 """Side of a column in metres: less than half of the smallest block."""
@@ -30,7 +31,7 @@ class RestingBlock:
     columns: tuple[slice, ...]
     """Columns around it."""
     tops: NDArray[np.float64]
-    """Its highest z over these columns, -inf where it is not."""
+    """Its highest z over these columns, -inf where it covers none of a column."""
 
 
 class Pile:
@@ -48,7 +49,7 @@ class Pile:
     ) -> "RestingBlock":
         """Find where a block of sides `size` (3,) comes to rest.
 
-        Its centre comes down at `middle` (2,); `rotation` (3, 3) is R_world_block.
+        Its centre is dropped at `middle` (2,); `rotation` (3, 3) is R_world_block.
         """
         reach = np.abs(rotation) @ size / 2
         columns = tuple(
@@ -66,15 +67,20 @@ class Pile:
         return RestingBlock(centre, float(height + reach[2]), support, columns, tops + height)
 
     def add(self, number: int, rest: "RestingBlock") -> None:
-        """Let a block lie where `find_rest` found it."""
+        """Place a block where `find_rest` found that it comes to rest."""
         heights, top_blocks = self.heights[rest.columns], self.top_blocks[rest.columns]
         higher = rest.tops > heights
         heights[higher] = rest.tops[higher]
         top_blocks[higher] = number
 
 
-@njit(cache=True, nogil=True)
-def vertical_extents(size, rotation, x, y):
+@kernel
+def vertical_extents(
+    size: NDArray[np.float64],
+    rotation: NDArray[np.float64],
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest z (nx, ny) of a block about the origin over x (nx,) and y (ny,).
 
     Where a column misses the block: inf and -inf.

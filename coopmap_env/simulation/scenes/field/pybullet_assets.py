@@ -1,7 +1,7 @@
-"""Things of pybullet_data, read where that package is installed; none of it is copied here.
+"""Assets of pybullet_data, read where that package is installed; none of it is copied here.
 
 Tables and shelves are the boxes of their descriptions (the shelf's own mesh has ten thousand
-triangles). The random objects, duck and teddy come as convex parts, which serve the physics as
+triangles). The random objects, duck and teddy come as convex parts, which the physics uses as
 they are; the bunny is one concave surface.
 """
 
@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry import rotation_about_axis, rotation_from_rpy
+from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     convex_hull,
     solid_from_boxes,
 )
-from coopmap_env.simulation.scenes.planar.recorded import SceneError
 
 RANDOM_ASSETS = tuple(sorted({*range(1000)} - {168, 295, 297, 602, 824}))
 """Objects of the folder random_urdfs: in one of the others vertices are not numbers, and four
@@ -31,7 +31,7 @@ are less than 1 cm large."""
 
 _RANDOM_SCALE = 0.015
 """The scale in the description of each random object."""
-_MOST_FACES = 500
+_MAX_FACES = 500
 _UPRIGHT = rotation_about_axis([1.0, 0.0, 0.0], np.pi / 2)
 _NAMED_ASSET_FILES = {
     "duck": ("duck_vhacd.obj", 0.26, _UPRIGHT),
@@ -44,12 +44,12 @@ NAMED_ASSETS = tuple(_NAMED_ASSET_FILES)
 
 @dataclass(frozen=True, eq=False)
 class PyBulletAsset:
-    """A thing in its own frame: middle of its outline at x = y = 0, lowest point at z = 0."""
+    """An asset in its own frame: middle of its outline at x = y = 0, lowest point at z = 0."""
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     parts: tuple[slice, ...]
-    """Vertices of each convex part; none for a concave thing."""
+    """Vertices of each convex part; none for a concave asset."""
 
     @cached_property
     def size(self) -> NDArray[np.float64]:
@@ -59,7 +59,7 @@ class PyBulletAsset:
     def to_solid(
         self, name: str, position: ArrayLike, rotation: NDArray[np.float64], *, is_target: bool
     ) -> Solid:
-        """Make it a solid that is turned about its middle and has its origin at a position."""
+        """The solid of this name: rotated about its middle, its origin at `position` (3,)."""
         vertices = self.vertices @ rotation.T + np.asarray(position)
         hulls = tuple(vertices[part] for part in self.parts)
         return Solid(
@@ -69,13 +69,13 @@ class PyBulletAsset:
 
 @lru_cache(maxsize=2 * len(RANDOM_ASSETS))
 def load_random_asset(number: int, object_scale: float) -> PyBulletAsset:
-    """Read one of `RANDOM_ASSETS` at so many times its size (about 0.1 m).
+    """Read one of `RANDOM_ASSETS`, scaled: at scale 1 it is about 0.1 m large.
 
     One in four has more than 500 faces and is replaced by its convex hull.
     """
     path = data_folder() / "random_urdfs" / f"{number:03d}" / f"{number:03d}.obj"
     asset = _read_asset(path, _RANDOM_SCALE * object_scale, np.eye(3))
-    if len(asset.faces) <= _MOST_FACES:
+    if len(asset.faces) <= _MAX_FACES:
         return asset
     vertices, faces = convex_hull(asset.vertices)
     return PyBulletAsset(vertices, faces, (slice(None),))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.extras import import_optional
 
 _CONVEXITY_TOLERANCE = 1e-3
-"""A part counts as convex if its hull has at most this share of volume more."""
+"""A part counts as convex if it fills its hull but for this fraction of the volume."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ def read_mesh(path: Path) -> MeshShape:
     if not path.is_file():
         raise ValueError("there is no such file")
     try:
-        # unprocessed: trimesh would drop vertices that are not finite without a word
+        # unprocessed: trimesh would drop vertices that are not finite, silently
         mesh = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # each format of trimesh has errors of its own
         raise ValueError(f"trimesh cannot read it: {error}") from error
@@ -43,7 +43,7 @@ def read_mesh(path: Path) -> MeshShape:
 
 
 def read_urdf(path: Path) -> MeshShape:
-    """Read all links of a URDF with its joints at 0: what is seen, else what collides.
+    """Read all links of a URDF with its joints at 0: its visuals, else its collision shapes.
 
     Raises
     ------

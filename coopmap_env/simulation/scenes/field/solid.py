@@ -1,7 +1,7 @@
 """Solids: the closed or open surfaces that a field world is made of.
 
-A solid carries its triangles (the truth that cameras see and maps are scored against) and the
-convex parts that stand for it in the physics.
+A solid has triangles (the truth that cameras see and maps are scored against) and convex parts,
+which represent it in the physics.
 """
 
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ _BOX_FACES = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A rigid thing that stands where it stands.
+    """A rigid object that does not move.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Solid:
     faces : (f, 3) int array
         Vertices of each triangle, anticlockwise as seen from outside.
     hulls : tuple of (k, 3) float arrays
-        Points whose convex hulls stand for the solid in the physics; empty: see `parts`.
+        Points whose convex hulls represent the solid in the physics; empty: see `parts`.
     is_target : bool
         It is (a part of) what the robots are to map.
     is_ground : bool
-        The robots stand on it: clearances and sights leave it out.
+        The robots stand on it: clearances and visibility ignore it.
     is_concave : bool
         No hulls describe it: the physics collides with its triangles.
 
@@ -63,7 +63,7 @@ class Solid:
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
             raise ValueError(f"faces of {self.name!r} must have shape (f, 3), not {faces.shape}")
         if faces.dtype.kind not in "iu":
-            raise ValueError(f"faces of {self.name!r} must be whole numbers, not {faces.dtype}")
+            raise ValueError(f"faces of {self.name!r} must be integers, not {faces.dtype}")
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise ValueError(
                 f"faces of {self.name!r} must name vertices 0 to {len(vertices) - 1}, "
@@ -100,7 +100,7 @@ class Solid:
 
 
 def _checked_points(what: str, values: ArrayLike, min_length: int) -> NDArray[np.float64]:
-    """Read-only copy (n, 3) of finite points, at least so many."""
+    """Read-only copy (n, 3) of at least `min_length` finite points."""
     points = np.array(values, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < min_length:
         raise ValueError(f"{what} must have shape (n >= {min_length}, 3), not {points.shape}")
@@ -133,7 +133,7 @@ def solid_from_boxes(
 
 
 def solid_from_hull(name: str, points: ArrayLike, *, is_target: bool = False) -> Solid:
-    """Make the convex hull of points (n, 3) a solid.
+    """The convex hull of points (n, 3) as a solid.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def convex_hull(points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int6
 
 
 def ground_slab(lower: ArrayLike, upper: ArrayLike, thickness: float = 1.0) -> Solid:
-    """Make flat ground: a slab with its surface at z = 0 over a rectangle of the plane."""
+    """Flat ground: a slab with its surface at z = 0 over a rectangle of x and y."""
     lower, upper = np.asarray(lower, dtype=np.float64)[:2], np.asarray(upper, dtype=np.float64)[:2]
     size, middle = upper - lower, (lower + upper) / 2
     slab = box_corners([*size, thickness], [*middle, -thickness / 2])

@@ -1,4 +1,4 @@
-"""Scenes of one's own, from a YAML file.
+"""User scenes, from a YAML file.
 
 .. code-block:: yaml
 
@@ -20,8 +20,8 @@
     bases:                        # default: drawn; x, y in metres and yaw in degrees
       - [3, 0, 180]
 
-Positions are those of the world's frame, which is the target's. A mesh whose connected parts are
-all convex stands in the physics as these, any other one as its triangles.
+Positions are in the world frame, which is that of the target. A mesh whose connected parts are
+all convex collides as these, any other one as its triangles.
 """
 
 import math
@@ -33,14 +33,14 @@ from typing import Any
 
 import numpy as np
 
+from coopmap_env.core.files import read_yaml_mapping
 from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.field.shape_files import MeshShape, read_mesh, read_urdf
 from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.user_scene import UserScene
 from coopmap_env.simulation.scenes.field.world import FIELD_GRID, make_ground
-from coopmap_env.simulation.scenes.planar.recorded import SceneError
-from coopmap_env.simulation.scenes.yaml_file import read_yaml
 
 _KINDS = ("box", "mesh", "urdf")
 _OBJECT = (*_KINDS, "name", "position", "rpy", "scale", "target")
@@ -58,7 +58,7 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
         ``field``.
     """
     path = Path(path)
-    top = _Fields(str(path), read_yaml(path))
+    top = _Fields(str(path), read_yaml_mapping(path, SceneError))
     top.only("grid", "ground", "objects", "bases")
     grid = _grid(top)
     entries = top.content.get("objects")
@@ -85,7 +85,7 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
 
 @dataclass(frozen=True)
 class _Fields:
-    """Typed access to one mapping of the file, with errors that say where it stands."""
+    """Typed access to one mapping of the file, with errors that say where the entry is."""
 
     where: str
     content: Mapping[str, Any]
@@ -146,7 +146,7 @@ def _grid(top: _Fields) -> VoxelGrid:
     fields.only("shape", "resolution", "origin")
     shape = fields.three("shape", least=0.0)
     if (shape % 1.0).any():
-        raise fields.wrong("shape", "three whole numbers")
+        raise fields.wrong("shape", "three integers")
     resolution = _number(fields.content.get("resolution", FIELD_GRID.resolution))
     if not 0.0 < resolution < math.inf:
         raise fields.wrong("resolution", "a finite number of metres above 0")

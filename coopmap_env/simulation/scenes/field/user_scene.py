@@ -1,4 +1,4 @@
-"""A scene that somebody set up: always the same solids, and bases that are named or drawn."""
+"""A user's scene: always the same solids, and base poses that are given or drawn."""
 
 from dataclasses import dataclass
 
@@ -13,8 +13,8 @@ from coopmap_env.simulation.scenes.field.base_poses import (
     ground_pose,
     sample_base_poses,
 )
-from coopmap_env.simulation.scenes.field.outlines import distance_to_axis
 from coopmap_env.simulation.scenes.field.solid import Solid
+from coopmap_env.simulation.scenes.field.solid_queries import distance_to_axis
 from coopmap_env.simulation.scenes.field.world import (
     BASE_CLEARANCE,
     FIELD_GRID,
@@ -36,7 +36,7 @@ class UserScene:
     grid : VoxelGrid
         The voxels that the robots map.
     bases : tuple of (float, float, float)
-        Where vehicles stand: x, y in metres and yaw in radians. Empty: drawn for each world.
+        Base poses: x, y in metres and yaw in radians. Empty: drawn for each world.
 
     Raises
     ------
@@ -71,12 +71,12 @@ class UserScene:
     def world(
         self, rng: np.random.Generator, n_robots: int, footprint: float = BASE_CLEARANCE
     ) -> FieldWorld:
-        """Stand the first of the named bases, or drawn ones, among the solids.
+        """The solids with the first of the given base poses, or with drawn ones.
 
         Raises
         ------
         ValueError
-            If there are too few bases, if one is not clear, or if no place is found.
+            If there are too few bases, if one is not clear, or if no free base pose is found.
         """
         check_vehicles(n_robots, footprint)
         if self.bases:
@@ -116,8 +116,8 @@ class UserScene:
                     f"base {k} of {self.name} must keep {footprint:g} m clear of the solids, not "
                     f"{distance:.2f} m"
                 )
-            for other, place in enumerate(self.bases[:k]):
-                apart = float(np.linalg.norm(np.subtract(base[:2], place[:2])))
+            for other, other_base in enumerate(self.bases[:k]):
+                apart = float(np.linalg.norm(np.subtract(base[:2], other_base[:2])))
                 if apart < footprint:
                     raise ValueError(
                         f"bases {other} and {k} of {self.name} must stand {footprint:g} m apart, "

@@ -1,33 +1,33 @@
-"""Which voxels are truly occupied: those that a surface meets, and those inside of closed solids.
+"""True occupancy of voxels: those that a surface intersects, and those inside of closed solids.
 
 Surface: a triangle and a voxel, both convex, are apart if and only if they are apart along one of
 13 axes: the voxel's three normals, the triangle's normal, and the nine cross products of an edge
 of one and an edge of the other (Akenine-Moeller 2001, "Fast 3D triangle-box overlap testing").
 A voxel that is merely touched counts.
 
-Inside: no surface passes through the voxels that the surface does not meet, so each connected
-region of them lies wholly inside or wholly outside, and one point of it tells which: the winding
-number of a closed surface is 0 just outside.
+Inside: each connected region of the other voxels lies wholly inside or wholly outside, as no
+surface passes through it. The winding number at one point of it decides: that of a closed surface
+is 0 exactly outside.
 """
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.mapping.grid import VoxelGrid
 
 if TYPE_CHECKING:
     from coopmap_env.simulation.scenes.field.solid import Solid
 
 TOUCH_TOLERANCE = 1e-9
-"""Cells by which a voxel is thought larger, so that rounding does not part what touches."""
+"""Cells by which a voxel is enlarged, so that rounding does not separate what touches."""
 
 
 def voxelize_solids(solids: "Sequence[Solid]", grid: VoxelGrid) -> NDArray[np.bool_]:
-    """Voxels (nx, ny, nz) that the solids take up."""
+    """Mask (nx, ny, nz) of the voxels that solids occupy."""
     occupied = np.zeros(grid.shape, dtype=np.bool_)
     for solid in solids:
         low, high = grid.to_cell_units(solid.bounds)
@@ -46,17 +46,10 @@ def voxelize_solids(solids: "Sequence[Solid]", grid: VoxelGrid) -> NDArray[np.bo
     return occupied
 
 
-def surface_voxels(triangles: NDArray[np.float64], grid: VoxelGrid) -> NDArray[np.bool_]:
-    """Voxels (nx, ny, nz) that triangles (m, 3, 3) in metres meet."""
-    occupied = np.zeros(grid.shape, dtype=np.bool_)
-    mark_surface_voxels(np.ascontiguousarray(grid.to_cell_units(triangles)), occupied)
-    return occupied
-
-
 def is_closed(faces: NDArray[np.int64]) -> bool:
-    """Whether a surface has no border: each edge is run through as often forth as back.
+    """Whether a surface has no border: each edge occurs equally often in both directions.
 
-    Faces (f, 3) name vertices; a corner that is stored twice is a border here.
+    Faces (f, 3) name vertices; a corner that is stored twice counts as a border.
     """
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     size = int(faces.max()) + 1
@@ -83,7 +76,7 @@ def winding_numbers(
 
 
 def _fill_interior(triangles: NDArray[np.float64], own: NDArray[np.bool_]) -> None:
-    """Mark the regions inside of a closed surface, everything in cells."""
+    """Mark the regions inside of a closed surface; `triangles` are in cells."""
     from scipy import ndimage  # only where a solid has an inside
 
     if own.all():
@@ -98,9 +91,9 @@ def _fill_interior(triangles: NDArray[np.float64], own: NDArray[np.bool_]) -> No
     own |= inside[regions]
 
 
-@njit(cache=True, nogil=True)
-def mark_surface_voxels(triangles, occupied):
-    """Mark the cells of `occupied` (nx, ny, nz) that triangles (m, 3, 3) in cells meet."""
+@kernel
+def mark_surface_voxels(triangles: NDArray[np.float64], occupied: NDArray[np.bool_]) -> None:
+    """Mark the cells of `occupied` (nx, ny, nz) that triangles (m, 3, 3) in cells intersect."""
     half = 0.5 + TOUCH_TOLERANCE
     size = occupied.shape
     low, high = np.empty(3, np.int64), np.empty(3, np.int64)
@@ -125,11 +118,11 @@ def mark_surface_voxels(triangles, occupied):
                     occupied[x, y, z] = overlaps_cube(corners, half)
 
 
-@njit(cache=True, nogil=True)
-def overlaps_cube(corners, half):
-    """Whether a triangle (3, 3) meets the cube of this half edge about 0.
+@kernel
+def overlaps_cube(corners: NDArray[np.float64], half: float) -> bool:
+    """Whether a triangle (3, 3) intersects the cube of this half edge about 0.
 
-    The cube's own three normals are left to the caller's bounds.
+    The caller's bounds have decided on the cube's own three normals.
     """
     for k in range(3):
         after = (k + 1) % 3
@@ -150,8 +143,10 @@ def overlaps_cube(corners, half):
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
-def is_separating_axis(corners, half, x, y, z):
+@inlined_kernel
+def is_separating_axis(
+    corners: NDArray[np.float64], half: float, x: float, y: float, z: float
+) -> bool:
     """Whether the axis (x, y, z) separates the triangle from the cube; a zero axis never does."""
     a = corners[0, 0] * x + corners[0, 1] * y + corners[0, 2] * z
     b = corners[1, 0] * x + corners[1, 1] * y + corners[1, 2] * z

@@ -1,4 +1,4 @@
-"""A worksite: a solar-panel structure of known geometry, with rocks and crates about it."""
+"""A worksite: a solar-panel structure of known geometry, with rocks and crates around it."""
 
 import math
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.settings import Settings, UnitInterval
 from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
@@ -23,7 +24,9 @@ from coopmap_env.simulation.scenes.field.solid import (
 from coopmap_env.simulation.scenes.field.world import (
     BASE_CLEARANCE,
     FIELD_GRID,
+    CountRange,
     FieldWorld,
+    check_counts,
     check_field_grid,
     make_ground,
 )
@@ -64,26 +67,22 @@ def _bar(start: ArrayLike, end: ArrayLike, width: float) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Worksite:
+class Worksite(Settings):
     """Worlds of the solar panel among random rocks and crates."""
 
     grid: VoxelGrid = FIELD_GRID
-    rocks: tuple[int, int] = (6, 14)
-    """Fewest and most rocks drawn; what finds no place or hides the panel is left out."""
-    crates: tuple[int, int] = (4, 10)
+    rocks: CountRange = (6, 14)
+    """Fewest and most rocks drawn; those without room or that hide the panel are left out."""
+    crates: CountRange = (4, 10)
     """Fewest and most crates drawn, those on top of another included."""
-    stacked_fraction: float = 0.3
+    stacked_fraction: UnitInterval = 0.3
     """Chance that a crate goes on top of the one before it."""
     base_placement: BasePlacement = DEFAULT_PLACEMENT
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_field_grid(self.grid)
-        for name in ("rocks", "crates"):
-            fewest, most = getattr(self, name)
-            if not 0 <= fewest <= most:
-                raise ValueError(f"{name} must be (fewest, most), not {getattr(self, name)!r}")
-        if not 0.0 <= self.stacked_fraction <= 1.0:
-            raise ValueError(f"stacked_fraction must lie in [0, 1], not {self.stacked_fraction!r}")
+        check_counts(self, "rocks", "crates")
 
     @property
     def name(self) -> str:
@@ -93,7 +92,7 @@ class Worksite:
     def world(
         self, rng: np.random.Generator, n_robots: int, footprint: float = BASE_CLEARANCE
     ) -> FieldWorld:
-        """Draw vehicles about the panel, then rocks and crates that leave them room and sight."""
+        """Draw base poses around the panel, then rocks and crates that leave them room."""
         target = target_solids()
         bases = sample_base_poses(rng, n_robots, self.base_placement, footprint, self.grid, target)
         layout = SceneLayout(self.grid, bases, footprint, target)
@@ -108,20 +107,20 @@ class Worksite:
 
 
 _MIN_DISTANCE, _MAX_DISTANCE = 1.0, 6.0
-"""Distances in metres from the middle of the target between which things lie."""
+"""Metres from the middle of the target, between which rocks and crates lie."""
 
 
 def _add_crate(
     rng: np.random.Generator, layout: SceneLayout, name: str, stacked_fraction: float
 ) -> None:
-    """Put a crate on the one before it, if that stands on the ground, or on a free spot."""
+    """Place a crate on the one before it, if that stands on the ground, or on a free disc."""
     size, yaw = rng.uniform(0.3, 0.8, 3), rng.uniform(-math.pi, math.pi)
     on_top = rng.random() < stacked_fraction
     if on_top and layout.solids and layout.support[-1] == -1:
         lower = layout.solids[-1]
         middle, floor = lower.bounds.mean(axis=0)[:2], lower.bounds[1, 2]
         reach = np.linalg.norm(lower.vertices[:, :2] - middle, axis=1).max()
-        size[:2] *= min(1.0, 2.0 * reach / math.hypot(size[0], size[1]))  # stays in its circle
+        size[:2] *= min(1.0, 2.0 * reach / math.hypot(size[0], size[1]))  # stays within its disc
         support = len(layout.solids) - 1
     else:
         radius = 0.5 * math.hypot(size[0], size[1])
@@ -134,7 +133,7 @@ def _add_crate(
 
 
 def _add_rock(rng: np.random.Generator, layout: SceneLayout, name: str) -> None:
-    """Put a rock on a free spot, a sixth of its height in the ground."""
+    """Place a rock on a free disc, a sixth of its height in the ground."""
     points = rng.normal(size=(16, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     points *= rng.uniform(0.8, 1.0, (16, 1)) * rng.uniform(0.6, 1.0, 3)

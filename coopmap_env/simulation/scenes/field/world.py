@@ -1,4 +1,4 @@
-"""The truth that vehicles map in the field, and the seam behind which scenes make it."""
+"""The true field world that vehicles map, and the protocol of the scenes that make it."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -7,27 +7,30 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry import Z_AXIS, rotation_about_axis
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.core.settings import NonNegativeInt, Settings
+from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.simulation.scenes.field.solid import Solid, ground_slab
 from coopmap_env.simulation.scenes.field.voxel_truth import voxelize_solids
 
 BASE_CLEARANCE = 1.2
 """Metres around a base's axis that hold nothing but ground: a Husky's half diagonal is 0.6 m, and
-its arm needs room to begin."""
+its arm needs room to move at first."""
+
+CountRange = tuple[NonNegativeInt, NonNegativeInt]
+"""Type of settings that hold the fewest and the most of something."""
 
 GROUND_MARGIN = 10.0
-"""Metres of ground around the grid: further than a camera sees."""
+"""Metres of ground around the grid: more than a camera's range."""
 
 FIELD_GRID = VoxelGrid((128, 128, 40), 0.1, (-6.4, -6.4, -0.35))
 """Default voxels: the surface of the ground lies in the middle of a layer, so rounding never
-decides to which side of a face it belongs."""
+decides on which side of a face it lies."""
 
 
 @dataclass(frozen=True, eq=False)
 class FieldWorld:
-    """One world of the field: solids on the ground, and where vehicles stand among them.
+    """One field world: solids on the ground, and the base poses of the vehicles among them.
 
     The world frame is that of the target, z up, the ground at z = 0.
 
@@ -36,7 +39,7 @@ class FieldWorld:
     name : str
         What this world is called in reports.
     solids : tuple of Solid
-        All that stands still, the ground included; at least one is a target.
+        All that does not move, the ground included; at least one is a target.
     target : str
         What the target is called.
     grid : VoxelGrid
@@ -71,7 +74,7 @@ class FieldWorld:
                 raise ValueError(f"base pose {k} must have 3 axes, not {pose.translation.shape}")
 
     def with_headings(self, headings: ArrayLike) -> "FieldWorld":
-        """The same world with vehicles that head elsewhere: radians (n_robots,), from +x to +y."""
+        """The same world with vehicle headings (n_robots,): radians, from +x to +y."""
         bases = tuple(
             Pose(base.translation, rotation_about_axis(Z_AXIS, float(heading)))
             for base, heading in zip(self.base_poses, np.asarray(headings), strict=True)
@@ -95,7 +98,7 @@ class FieldWorld:
 
     @cached_property
     def occupied(self) -> NDArray[np.bool_]:
-        """Voxels (nx, ny, nz) that a surface meets or that lie inside of a closed solid."""
+        """Voxels (nx, ny, nz) that a surface intersects or that lie inside of a closed solid."""
         occupied = voxelize_solids(self.solids, self.grid)
         occupied.setflags(write=False)
         return occupied
@@ -108,7 +111,7 @@ def _concatenate_triangles(solids: tuple[Solid, ...]) -> NDArray[np.float64]:
 
 
 def check_field_grid(grid: VoxelGrid) -> None:
-    """Raise ValueError unless a grid has three axes and holds the ground's surface."""
+    """Raise ValueError unless a grid has three axes and contains the ground's surface."""
     if grid.dimension != 3:
         raise ValueError(f"grid must have 3 axes, not shape {grid.shape}")
     top = grid.origin[2] + grid.shape[2] * grid.resolution
@@ -117,6 +120,16 @@ def check_field_grid(grid: VoxelGrid) -> None:
             f"grid must reach from below the ground (z = 0) to above it, not from "
             f"{grid.origin[2]} to {top} m"
         )
+
+
+def check_counts(scene: Settings, *names: str) -> None:
+    """Raise ValueError unless each of these fields is (fewest, most) in ascending order."""
+    for name in names:
+        fewest, most = getattr(scene, name)
+        if fewest > most:
+            raise ValueError(
+                f"{type(scene).__name__}.{name} must be (fewest, most), got {(fewest, most)!r}"
+            )
 
 
 def make_ground(grid: VoxelGrid) -> Solid:
@@ -128,7 +141,7 @@ def make_ground(grid: VoxelGrid) -> Solid:
 
 @runtime_checkable
 class FieldScene(Protocol):
-    """Whatever makes worlds of the field on one grid."""
+    """Makes field worlds on one grid."""
 
     @property
     def name(self) -> str:
@@ -148,7 +161,7 @@ class FieldScene(Protocol):
         rng : numpy.random.Generator
             Makes every random choice.
         n_robots : int
-            Vehicles to find a place for.
+            Vehicles in the world.
         footprint : float
             Radius in metres around each base's axis that is kept free at any height.
         """

@@ -1,4 +1,4 @@
-"""Scenes: where worlds come from.
+"""Scenes of the planar environment.
 
 =====================  ======================================================================
 ``"obstacles"``        `Obstacles`: random convex blocks in the open (Figure 7 of the paper)
@@ -7,17 +7,18 @@
 ``"….yaml"``           `read_map_server`: a recorded ROS map (extra ``maps``)
 =====================  ======================================================================
 
-`make_planar_scene` turns any of these names, or a `PlanarScene` of one's own, into a `PlanarScene`.
+`make_planar_scene` turns any of these names, or a `PlanarScene` of one's own, into a
+`PlanarScene`.
 """
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 
+from coopmap_env.simulation.scenes.factory import make_scene
 from coopmap_env.simulation.scenes.planar.house import load_house
 from coopmap_env.simulation.scenes.planar.map_server import read_map_server
 from coopmap_env.simulation.scenes.planar.obstacles import Obstacles
-from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, SceneError, max_pool
+from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, max_pool
 from coopmap_env.simulation.scenes.planar.regions import largest_free_region
 from coopmap_env.simulation.scenes.planar.rooms import Rooms
 from coopmap_env.simulation.scenes.planar.world import PlanarScene, PlanarWorld
@@ -28,7 +29,6 @@ __all__ = [
     "PlanarWorld",
     "RecordedMap",
     "Rooms",
-    "SceneError",
     "largest_free_region",
     "load_house",
     "make_planar_scene",
@@ -48,7 +48,7 @@ def make_planar_scene(scene: str | os.PathLike[str] | PlanarScene) -> PlanarScen
 
     Parameters
     ----------
-    scene : str, path or Scene
+    scene : str, path or PlanarScene
         "obstacles", "rooms", "house", or the path of a map_server file (.yaml or .yml).
 
     Raises
@@ -60,14 +60,4 @@ def make_planar_scene(scene: str | os.PathLike[str] | PlanarScene) -> PlanarScen
     ImportError
         With the pip command, if an extra is missing.
     """
-    if isinstance(scene, PlanarScene) and not isinstance(scene, type):
-        return scene
-    if isinstance(scene, str | os.PathLike):
-        if isinstance(scene, str) and scene in _SCENES:
-            return _SCENES[scene]()
-        if Path(scene).suffix.lower() in (".yaml", ".yml"):
-            return read_map_server(scene)
-    names = ", ".join(repr(name) for name in _SCENES)
-    raise ValueError(
-        f"scene must be {names}, a path ending in .yaml or .yml, or a PlanarScene, not {scene!r}"
-    )
+    return make_scene(scene, PlanarScene, _SCENES, read_map_server)

@@ -1,6 +1,6 @@
 """Convex blocks, drawn row by row.
 
-A block is known by the slopes n_k / d_k of its edges: the outward normals over the distances from
+A block is given by the slopes n_k / d_k of its edges: the outward normals over the distances from
 the centre. Its gauge is 0 at its centre, 1 on its edge and s on the edge of the block scaled by s
 about its centre:
 
@@ -10,11 +10,19 @@ about its centre:
 import math
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
 
 
-@njit(cache=True, nogil=True)
-def scatter_blocks(occupied, n_missing, centres, reaches, slopes):
+@kernel
+def scatter_blocks(
+    occupied: NDArray[np.bool_],
+    n_missing: int,
+    centres: NDArray[np.float64],
+    reaches: NDArray[np.float64],
+    slopes: NDArray[np.float64],
+) -> int:
     """Occupy the cells of one block after the other until `n_missing` more cells are occupied.
 
     The block that would overshoot is shrunk about its centre until it adds just the cells that
@@ -36,7 +44,7 @@ def scatter_blocks(occupied, n_missing, centres, reaches, slopes):
     Returns
     -------
     int
-        Number of cells that are missing still: above 0 if the blocks were too few.
+        Number of cells that are still missing: above 0 if the blocks were too few.
     """
     nx, ny = occupied.shape
     flat = occupied.ravel()
@@ -65,8 +73,8 @@ def scatter_blocks(occupied, n_missing, centres, reaches, slopes):
     return n_missing
 
 
-@njit(cache=True, nogil=True)
-def chord(slopes, x, reach):
+@kernel
+def chord(slopes: NDArray[np.float64], x: float, reach: float) -> tuple[float, float]:
     """Lowest and highest y of the block at x cells from its centre; empty if lowest > highest."""
     low, high = -reach, reach
     for edge in range(len(slopes)):
@@ -80,8 +88,8 @@ def chord(slopes, x, reach):
     return (low, high) if low <= high else (1.0, -1.0)
 
 
-@njit(cache=True, nogil=True)
-def gauge(slopes, x, y):
+@kernel
+def gauge(slopes: NDArray[np.float64], x: float, y: float) -> float:
     """Gauge at (x, y) cells from the centre of the block whose edges have these slopes (k, 2)."""
     largest = 0.0
     for edge in range(len(slopes)):

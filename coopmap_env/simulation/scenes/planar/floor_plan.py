@@ -1,6 +1,7 @@
 """How a floor is split into rooms and corridors, and where the doors between them go.
 
-Works in whole cells. Between two neighbouring parts lies one wall; a door is a piece of it.
+Lengths are integers, in cells. Between two neighbouring parts lies one wall; a door is a piece
+of it.
 """
 
 from collections.abc import Iterator
@@ -24,7 +25,7 @@ class CellRectangle:
         return slice(self.x, self.x + self.n_x), slice(self.y, self.y + self.n_y)
 
     def expanded(self, n: int) -> "CellRectangle":
-        """Return the rectangle with `n` cells more on each side, cut off at index 0."""
+        """The rectangle with `n` cells more on each side, cut off at index 0."""
         x, y = max(0, self.x - n), max(0, self.y - n)
         return CellRectangle(x, y, self.x + self.n_x + n - x, self.y + self.n_y + n - y)
 
@@ -103,7 +104,7 @@ def _split(rng: np.random.Generator, part: FloorPart, sizes: FloorPlanSizes) -> 
 
 
 def _sub_part(part: FloorPart, start: int, stop: int, *, is_corridor: bool = False) -> FloorPart:
-    """Return the stretch from `start` to `stop` along the longer side of a part."""
+    """The cells from `start` to `stop` along the longer side of a part."""
     if part.n_x >= part.n_y:
         return FloorPart(part.x + start, part.y, stop - start, part.n_y, is_corridor)
     return FloorPart(part.x, part.y + start, part.n_x, stop - start, is_corridor)

@@ -1,8 +1,8 @@
 """The house: a real floor plan, from the data of Peter Corke's Robotics Toolbox.
 
 The file ``house.mat`` is read where the distribution ``rtb-data`` installed it; none of it is
-copied here. The plan is drawn true to scale, with walls, door leaves, fixtures and a garden that
-is open to three sides: the world ends at the border of the drawing.
+copied here. The plan is to scale, with walls, door leaves, fixtures and a garden that is open to
+three sides: the world ends at the border of the drawing.
 """
 
 from importlib import resources
@@ -10,7 +10,8 @@ from importlib import resources
 import numpy as np
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, SceneError, max_pool
+from coopmap_env.simulation.scenes.factory import SceneError
+from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, max_pool
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 
 CELL_SIZE = 0.045
@@ -24,7 +25,7 @@ def load_house(pool: int = 3) -> RecordedMap:
     ----------
     pool : int
         Cells of the drawing (0.045 m) per side of a cell of the world. At 3 a cell is 0.135 m,
-        the world has 199 x 133 cells, and all places that the file names lie in one free region.
+        the world has 199 x 133 cells, and all places named in the file lie in one free region.
 
     Returns
     -------
@@ -52,6 +53,6 @@ def load_house(pool: int = 3) -> RecordedMap:
             f"{file}: floorplan must be a matrix of 0 and 1, not {floorplan.dtype} of shape "
             f"{floorplan.shape}"
         )
-    # Rows are y, upwards: the places in the file ("garage" at x 500, y 150) read so.
+    # Rows are y, upwards, as the places in the file show ("garage" at x 500, y 150).
     occupied = max_pool(np.ascontiguousarray(floorplan.T == 1), pool)
     return RecordedMap(PlanarWorld(occupied, CELL_SIZE * pool, (0.0, 0.0), "house"))

@@ -10,7 +10,8 @@ import os
 from pathlib import Path
 
 from coopmap_env.mapping.files import MapFileError, read_map_server_image
-from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, SceneError, max_pool
+from coopmap_env.simulation.scenes.factory import SceneError
+from coopmap_env.simulation.scenes.planar.recorded import RecordedMap, max_pool
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 
 

@@ -1,66 +1,60 @@
 """Random obstacles in the open: the planar environment of the paper's Figure 7.
 
-Convex blocks of assorted size and orientation are strewn over the plane, without regard for
-each other, until they take up the share of it that was asked for. Blocks may overlap (which
-makes shapes that are not convex) and may stick out of the world. No wall surrounds it.
+Convex blocks of random size and orientation are scattered, independently of each other, until
+they occupy the requested fraction of the cells. Blocks may overlap (which makes shapes that are
+not convex) and may reach beyond the border of the world. No wall surrounds it.
 """
 
-import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.settings import Positive, Range, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar.blocks import scatter_blocks
-from coopmap_env.simulation.scenes.planar.world import PlanarWorld, check_resolution, check_shape
+from coopmap_env.simulation.scenes.planar.world import CellsPerSide, PlanarWorld
 
 MAX_OCCUPIED_FRACTION = 0.5
-"""Above this share the free space falls apart into pockets, and a robot sees one of them."""
+"""Above this fraction the free space falls apart into pockets, and a robot sees one of them."""
 
 _MAX_EDGES = 6
 _EDGE_DISTANCES = (0.7, 1.0)
-"""Distance of a polygon's edges from its centre, as a share of its half side."""
+"""Distance of a polygon's edges from its centre, as a fraction of its half side."""
 _JITTER = 0.1
-"""How far a polygon's edges are turned, as a share of the gap between them: so little that each
-gap stays well under half a turn, which keeps the block bounded and no needle."""
+"""How far a polygon's edges are rotated, as a fraction of the gap between them: so little that each
+gap stays well under half a turn, which keeps the block bounded and not too thin."""
 _BATCH = 128
 """Blocks drawn at once: twice what a world of the default settings takes."""
 
 
 @dataclass(frozen=True)
-class Obstacles:
+class Obstacles(Settings):
     """Worlds of randomly placed convex blocks."""
 
-    shape: tuple[int, int] = (200, 200)
+    shape: tuple[CellsPerSide, CellsPerSide] = (200, 200)
     """Cells along x and y: large against what one view shows, as in Figure 7."""
-    resolution: float = 1.0
+    resolution: Positive = 1.0
     """Side of a cell in metres: Table 1 gives its distances in cells, so they are metres here."""
     origin: tuple[float, float] = (0.0, 0.0)
     """Lower corner of cell (0, 0) in metres."""
-    occupied_fraction: float = 0.12
-    """Share of all cells that are occupied, met to the cell: enough to hide what lies behind,
+    occupied_fraction: Annotated[float, Range(at_least=0, at_most=MAX_OCCUPIED_FRACTION)] = 0.12
+    """Fraction of all cells that are occupied, exact to the cell: enough to hide what lies behind,
     little enough to leave passages. The paper does not state its own."""
-    side_min: float = 4.0
+    side_min: Positive = 4.0
     """Shortest side of a block in metres: a few cells, so that its orientation shows."""
-    side_max: float = 20.0
+    side_max: Positive = 20.0
     """Longest side of a block in metres: about a depth of field, so that going around pays."""
-    polygon_fraction: float = 0.4
+    polygon_fraction: UnitInterval = 0.4
     """Chance that a block is a convex polygon of 3 to 6 edges; otherwise it is a rectangle."""
 
     def __post_init__(self) -> None:
-        check_shape(self.shape)
-        check_resolution(self.resolution)
-        if not 0.0 <= self.occupied_fraction <= MAX_OCCUPIED_FRACTION:
+        super().__post_init__()
+        if not self.resolution <= self.side_min <= self.side_max:
             raise ValueError(
-                f"occupied_fraction must lie in [0, {MAX_OCCUPIED_FRACTION}], not {self.occupied_fraction!r}"
-            )
-        if not self.resolution <= self.side_min <= self.side_max < math.inf:
-            raise ValueError(
-                "sides must satisfy resolution <= side_min <= side_max, not "
+                "Obstacles needs resolution <= side_min <= side_max, got "
                 f"{self.resolution!r}, {self.side_min!r}, {self.side_max!r}"
             )
-        if not 0.0 <= self.polygon_fraction <= 1.0:
-            raise ValueError(f"polygon_fraction must lie in [0, 1], not {self.polygon_fraction!r}")
 
     @property
     def name(self) -> str:
@@ -68,10 +62,10 @@ class Obstacles:
         return "obstacles"
 
     def world(self, rng: np.random.Generator) -> PlanarWorld:
-        """Strew blocks until the occupied share is met.
+        """Scatter blocks until the occupied fraction is reached.
 
-        The last block would overshoot. It is shrunk about its centre instead, until the cells
-        that it adds are just the missing ones, so the share is exact and no shape is cut.
+        The last block would overshoot. It is shrunk about its centre until the cells that it adds
+        are exactly the missing ones, so the fraction is exact and no shape is cut.
         """
         occupied = np.zeros(self.shape, dtype=np.bool_)
         n_missing = round(self.occupied_fraction * occupied.size)

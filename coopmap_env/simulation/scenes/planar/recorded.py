@@ -1,4 +1,4 @@
-"""A scene that is always the same world: a map that somebody recorded."""
+"""A scene that always makes the same world: a recorded map."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
-
-
-class SceneError(ValueError):
-    """A file holds no usable scene; the message names file, field, value and what was expected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,8 +16,8 @@ class RecordedMap:
 
     Attributes
     ----------
-    truth : World
-        The world that this scene makes, each time the same object.
+    truth : PlanarWorld
+        The world that this scene makes; the same object every time.
     """
 
     truth: PlanarWorld
@@ -71,10 +67,10 @@ def max_pool(occupied: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
     Raises
     ------
     ValueError
-        If the factor is no whole number of at least 1.
+        If the factor is no integer of at least 1.
     """
     if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 1:
-        raise ValueError(f"pool must be a whole number of at least 1, not {factor!r}")
+        raise ValueError(f"pool must be an integer of at least 1, not {factor!r}")
     n_x, n_y = (-(-side // factor) for side in occupied.shape)
     padded = np.zeros((n_x * factor, n_y * factor), dtype=np.bool_)
     padded[: occupied.shape[0], : occupied.shape[1]] = occupied

@@ -1,12 +1,13 @@
-"""Connected regions of free space.
+"""Connected regions of free space, by union-find over the runs of free cells in each row.
 
-Row by row, each stretch of free cells is joined with those of the row before that it touches: a
-map has a hundred times fewer stretches than cells.
+Each run is joined with the runs of the row before that it touches: a map has a hundred times
+fewer runs than cells.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
 
 
 def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -18,7 +19,7 @@ def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     Parameters
     ----------
     occupied : (nx, ny) bool array
-        True where something stands.
+        True where a cell is occupied.
 
     Returns
     -------
@@ -30,8 +31,8 @@ def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return region
 
 
-@njit(cache=True, nogil=True)
-def mark_largest_free_region(occupied, region):
+@kernel
+def mark_largest_free_region(occupied: NDArray[np.bool_], region: NDArray[np.bool_]) -> None:
     """Set `region` (nx, ny), all False before, in the largest free region of `occupied`."""
     nx, ny = occupied.shape
     most = nx * ((ny + 1) // 2)
@@ -40,7 +41,7 @@ def mark_largest_free_region(occupied, region):
     stops = np.empty(most, np.int32)
     parents = np.empty(most, np.int32)
     n = 0
-    above = 0  # first stretch of the row before that may touch the next one of this row
+    above = 0  # first run of the row before that may touch the next one of this row
     for x in range(nx):
         first = n
         y = 0
@@ -71,17 +72,17 @@ def mark_largest_free_region(occupied, region):
             region[rows[k], starts[k] : stops[k]] = True
 
 
-@njit(cache=True, nogil=True)
-def find_root(parents, k):
-    """First stretch of the region of stretch `k`; shortens the way to it."""
+@kernel
+def find_root(parents: NDArray[np.int32], k: int) -> int:
+    """First run of the region of run `k`; shortens the path to it."""
     while parents[k] != k:
         parents[k] = parents[parents[k]]
         k = parents[k]
     return k
 
 
-@njit(cache=True, nogil=True)
-def union(parents, a, b):
-    """Make one region of those of stretches `a` and `b`: the first stretch stays its root."""
+@kernel
+def union(parents: NDArray[np.int32], a: int, b: int) -> None:
+    """Join the regions of runs `a` and `b`: the first run stays the root."""
     a, b = find_root(parents, a), find_root(parents, b)
     parents[max(a, b)] = min(a, b)

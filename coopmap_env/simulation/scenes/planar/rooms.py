@@ -1,89 +1,81 @@
 """Rooms and corridors: a floor of an office building with doors and furniture.
 
-The floor is split again and again (`floor_plan.split_floor`); each part becomes a room or a
-corridor, doors join them, and furniture stands in the rooms. Every free cell can be reached from
-every other one by construction:
+The floor is split recursively (`floor_plan.split_floor`); each part becomes a room or a corridor,
+doors join them, and furniture stands in the rooms. Every free cell can be reached from every
+other one by construction:
 
 - the parts are joined by a spanning tree of openings (`floor_plan.choose_doors`);
 - pieces of furniture keep a gap to each other, to the wall opposite and to doors, so one can
   always walk around each of them.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import kernel
+from coopmap_env.core.settings import NonNegative, Positive, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar.floor_plan import (
     FloorPlanSizes,
     choose_doors,
     split_floor,
 )
-from coopmap_env.simulation.scenes.planar.furniture import place_furniture
-from coopmap_env.simulation.scenes.planar.world import PlanarWorld, check_resolution, check_shape
+from coopmap_env.simulation.scenes.planar.world import CellsPerSide, PlanarWorld
 
 
 @dataclass(frozen=True)
-class Rooms:
+class Rooms(Settings):
     """Worlds of rooms along corridors, inside an outer wall. Lengths are rounded to cells."""
 
-    shape: tuple[int, int] = (200, 200)
+    shape: tuple[CellsPerSide, CellsPerSide] = (200, 200)
     """Cells along x and y, the same as in the obstacle worlds."""
-    resolution: float = 0.2
+    resolution: Positive = 0.2
     """Side of a cell in metres: a wall is one cell, a door five; 40 m x 40 m in all."""
     origin: tuple[float, float] = (0.0, 0.0)
     """Lower corner of cell (0, 0) in metres."""
-    wall: float = 0.2
+    wall: Positive = 0.2
     """Thickness of each wall in metres: that of a light brick wall."""
-    corridor: float = 2.0
+    corridor: Positive = 2.0
     """Width of corridors in metres: two robots pass."""
-    door: float = 1.0
+    door: Positive = 1.0
     """Width of doors in metres: one robot passes."""
-    room_min: float = 3.0
+    room_min: Positive = 3.0
     """Shortest side of a room in metres: a small office."""
-    room_max: float = 8.0
+    room_max: Positive = 8.0
     """Longest side of a room in metres: a longer one is split, so it must hold two small ones."""
-    corridor_from: float = 12.0
+    corridor_from: Positive = 12.0
     """A part is split by a corridor if both of its sides exceed this many metres: a row of rooms
     on each side of the corridor."""
-    extra_doors: float = 0.15
+    extra_doors: UnitInterval = 0.15
     """Chance of an opening beyond those needed to reach each room: makes loops."""
-    furniture: float = 0.2
+    furniture: NonNegative = 0.2
     """Pieces of furniture tried per square metre of room; those that fit are placed."""
-    furniture_sides: tuple[float, float] = (0.4, 2.0)
+    furniture_sides: tuple[Positive, Positive] = (0.4, 2.0)
     """Shortest and longest side of a piece in metres: a stool to a table."""
-    aisle: float = 0.8
+    aisle: Positive = 0.8
     """Free space in metres in front of doors and between pieces: one robot passes."""
 
     def __post_init__(self) -> None:
-        check_shape(self.shape)
-        check_resolution(self.resolution)
-        for name in ("wall", "corridor", "door", "room_min", "corridor_from", "aisle"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be above 0 m, not {getattr(self, name)!r}")
+        super().__post_init__()
         sizes = self._sizes_in_cells
         if sizes.door > min(sizes.room_min, sizes.corridor):
             raise ValueError(
-                f"door must fit into the smallest room and corridor, not {self.door!r} m "
+                f"Rooms.door must fit into the smallest room and corridor, not {self.door!r} m "
                 f"(room_min {self.room_min!r} m, corridor {self.corridor!r} m)"
             )
         if sizes.room_max < 2 * sizes.room_min + sizes.wall:
             raise ValueError(
-                "room_max must hold two rooms and a wall "
+                "Rooms.room_max must hold two rooms and a wall "
                 f"({2 * self.room_min + self.wall!r} m), not {self.room_max!r} m"
             )
         if min(self.shape) < sizes.room_min + 2 * sizes.wall:
             raise ValueError(
-                f"shape must hold a room of {self.room_min!r} m inside its walls "
+                f"Rooms.shape must hold a room of {self.room_min!r} m inside its walls "
                 f"at {self.resolution!r} m per cell, not {self.shape}"
             )
-        if not 0.0 <= self.extra_doors <= 1.0:
-            raise ValueError(f"extra_doors must lie in [0, 1], not {self.extra_doors!r}")
-        if not 0.0 <= self.furniture < math.inf:
-            raise ValueError(f"furniture must be 0 or more, not {self.furniture!r}")
-        if not 0.0 < self.furniture_sides[0] <= self.furniture_sides[1] < math.inf:
-            raise ValueError(f"furniture_sides must ascend from above 0: {self.furniture_sides!r}")
+        if not self.furniture_sides[0] <= self.furniture_sides[1]:
+            raise ValueError(f"Rooms.furniture_sides must ascend, not {self.furniture_sides!r}")
 
     @property
     def name(self) -> str:
@@ -149,3 +141,30 @@ def _positions(
     between = aisle + ((3 * drawn - 2) * places).astype(np.int64)
     start = np.where(drawn < 1 / 3, 0, np.where(drawn < 2 / 3, spare, between))
     return start, np.where(drawn < 2 / 3, spare >= aisle, places > 0)
+
+
+@kernel
+def place_furniture(
+    occupied: NDArray[np.bool_],
+    reserved: NDArray[np.bool_],
+    pieces: NDArray[np.int64],
+    aisle: int,
+) -> None:
+    """Occupy each piece that covers no reserved cell, and reserve an aisle around it.
+
+    Parameters
+    ----------
+    occupied, reserved : (nx, ny) bool arrays
+        Changed in place.
+    pieces : (k, 4) int array
+        Rectangles [x, y, n_x, n_y] of cells, inside the world.
+    aisle : int
+        Cells around a piece that no later one may take.
+    """
+    for k in range(len(pieces)):
+        x, y = pieces[k, 0], pieces[k, 1]
+        end_x, end_y = x + pieces[k, 2], y + pieces[k, 3]
+        if reserved[x:end_x, y:end_y].any():
+            continue
+        occupied[x:end_x, y:end_y] = True
+        reserved[max(x - aisle, 0) : end_x + aisle, max(y - aisle, 0) : end_y + aisle] = True

@@ -1,18 +1,22 @@
-"""The planar truth that robots map, and the seam behind which scenes make it.
+"""The true planar world that robots map, and the protocol of the scenes that make it.
 
-A `PlanarWorld` is a grid of cells that are occupied or free. A `PlanarScene` makes worlds: the same one
-each time (a recorded map) or a new one for each state of the Generator that it is given.
+A `PlanarWorld` is a grid of cells that are occupied or free. A `PlanarScene` makes worlds: always
+the same one (a recorded map), or a new one for each state of the Generator that it is given.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.settings import Range
+
 MIN_CELLS_PER_SIDE = 8
-"""Cells along a side: less than this leaves no room for a robot and something to look at."""
+"""Cells along a side: less than this leaves no room for a robot and something to map."""
+CellsPerSide = Annotated[int, Range(at_least=MIN_CELLS_PER_SIDE)]
+"""Type of the sides of a scene's shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +28,7 @@ class PlanarWorld:
     Attributes
     ----------
     occupied : (nx, ny) bool array
-        True where something stands. The first axis is x, the second y. C-contiguous and
+        True where a cell is occupied. The first axis is x, the second y. C-contiguous and
         read-only: a copy is kept, so the caller's array stays as it is.
     resolution : float
         Side of a cell in metres.
@@ -51,10 +55,15 @@ class PlanarWorld:
             raise ValueError(f"occupied must have 2 axes (x, y), not shape {occupied.shape}")
         if occupied.dtype != np.bool_:
             raise ValueError(f"occupied must be a bool array, not {occupied.dtype}")
-        check_shape(occupied.shape)
+        if min(occupied.shape) < MIN_CELLS_PER_SIDE:
+            raise ValueError(
+                f"shape must be at least {MIN_CELLS_PER_SIDE} x {MIN_CELLS_PER_SIDE} cells, "
+                f"not {occupied.shape}"
+            )
         if occupied.all():
             raise ValueError(f"occupied has no free cell: all {occupied.size} are occupied")
-        check_resolution(self.resolution)
+        if not (math.isfinite(self.resolution) and self.resolution > 0.0):
+            raise ValueError(f"resolution must be finite and above 0 m, not {self.resolution!r}")
         if len(self.origin) != 2 or not all(math.isfinite(metres) for metres in self.origin):
             raise ValueError(f"origin must be two finite numbers (x, y), not {self.origin!r}")
         kept = np.array(occupied, order="C")
@@ -72,7 +81,7 @@ class PlanarWorld:
 
 @runtime_checkable
 class PlanarScene(Protocol):
-    """Whatever makes worlds of one shape, resolution and origin."""
+    """Makes worlds of one shape, resolution and origin."""
 
     @property
     def name(self) -> str:
@@ -92,17 +101,3 @@ class PlanarScene(Protocol):
 
     def world(self, rng: np.random.Generator) -> PlanarWorld:
         """Make one world; every random choice comes from `rng`."""
-
-
-def check_shape(shape: tuple[int, ...]) -> None:
-    """Raise ValueError unless `shape` is two sides of at least `MIN_CELLS_PER_SIDE` cells."""
-    if len(shape) != 2 or min(shape) < MIN_CELLS_PER_SIDE:
-        raise ValueError(
-            f"shape must be at least {MIN_CELLS_PER_SIDE} x {MIN_CELLS_PER_SIDE} cells, not {tuple(shape)}"
-        )
-
-
-def check_resolution(resolution: float) -> None:
-    """Raise ValueError unless `resolution` is a finite number of metres above 0."""
-    if not (math.isfinite(resolution) and resolution > 0.0):
-        raise ValueError(f"resolution must be finite and above 0 m, not {resolution!r}")

@@ -45,7 +45,7 @@ def test_without_hulls_all_vertices_are_one_part():
         ({"vertices": np.full((4, 3), np.nan)}, "vertices of 't' must be finite, not nan"),
         ({"faces": np.zeros((0, 3), int)}, r"faces of 't' must have shape \(f, 3\)"),
         ({"faces": FACES + 1}, "must name vertices 0 to 3, not 1 to 4"),
-        ({"faces": FACES * 1.0}, "whole numbers, not float64"),
+        ({"faces": FACES * 1.0}, "integers, not float64"),
         ({"hulls": (np.zeros((3, 3)),)}, "a hull of 't'"),
         ({"hulls": (TETRAHEDRON,), "is_concave": True}, "concave and has 1 hulls"),
         ({"is_target": True, "is_ground": True}, "target and ground"),
@@ -57,7 +57,7 @@ def test_a_broken_solid_says_what_is_wrong(change, message):
         Solid(**fields)
 
 
-def test_a_box_is_closed_and_its_faces_look_outwards():
+def test_a_box_is_closed_and_its_faces_point_outwards():
     rotation = random_rotation(np.random.default_rng(0))
     box = solid_from_boxes("b", [box_corners((1, 2, 3), (4, 5, 6), rotation)])
     assert len(box.faces) == 12
@@ -66,7 +66,7 @@ def test_a_box_is_closed_and_its_faces_look_outwards():
     np.testing.assert_allclose(box.vertices.mean(axis=0), (4, 5, 6))
 
 
-def test_a_hull_is_closed_and_its_faces_look_outwards():
+def test_a_hull_is_closed_and_its_faces_point_outwards():
     points = np.random.default_rng(0).normal(size=(40, 3))
     solid = solid_from_hull("h", points)
     from scipy.spatial import ConvexHull

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from coopmap_env.simulation.scenes import SceneError
 from coopmap_env.simulation.scenes.field import FIELD_GRID, make_field_scene, read_user_scene
-from coopmap_env.simulation.scenes.field.outlines import distance_to_axis
-from coopmap_env.simulation.scenes.planar import SceneError
+from coopmap_env.simulation.scenes.field.solid_queries import distance_to_axis
 
 pytest.importorskip("yaml")
 
@@ -77,7 +77,7 @@ def test_ground_and_grid_can_be_chosen(write):
     assert not any(solid.is_ground for solid in scene.solids)
 
 
-def test_meshes_are_scaled_turned_and_told_convex_or_not(write):
+def test_meshes_are_scaled_rotated_and_recognised_as_convex_or_not(write):
     pytest.importorskip("trimesh")
     text = (
         "objects:\n  - {mesh: tetrahedron.obj, scale: [1, 2, 3], rpy: [0, 0, 90], target: true}\n"
@@ -129,7 +129,7 @@ def test_all_links_of_a_urdf_are_one_solid(write):
         (f"bases: [[0, 3]]\nobjects:\n{TARGET}", r"bases\[0\] must be three finite numbers"),
         (f"bases: [[0, 30, 0]]\nobjects:\n{TARGET}", "base 0 must stand in the grid"),
         (f"grid: 3\nobjects:\n{TARGET}", "grid must be a mapping"),
-        (f"grid: {{shape: [2.5, 2, 2]}}\nobjects:\n{TARGET}", "three whole numbers"),
+        (f"grid: {{shape: [2.5, 2, 2]}}\nobjects:\n{TARGET}", "three integers"),
         (f"grid: {{shape: [9, 9, 9]}}\nobjects:\n{TARGET}", "grid: origin is missing"),
         (f"grid: {{shape: [9, 9, 9], origin: [0, 0, 5]}}\nobjects:\n{TARGET}", "below the ground"),
         ("objects: [{box: [1, 1, 1], position: [50, 0, 0], target: true}]", "reach into the grid"),

@@ -12,12 +12,19 @@ from coopmap_env.simulation.scenes.field.solid import (
 )
 from coopmap_env.simulation.scenes.field.voxel_truth import (
     is_closed,
-    surface_voxels,
+    mark_surface_voxels,
     voxelize_solids,
     winding_numbers,
 )
 
 UNIT = VoxelGrid((10, 10, 10), 1.0, (0.0, 0.0, 0.0))
+
+
+def surface_voxels(triangles, grid):
+    """Mask of the voxels that triangles (m, 3, 3) in metres intersect."""
+    occupied = np.zeros(grid.shape, dtype=bool)
+    mark_surface_voxels(np.ascontiguousarray(grid.to_cell_units(triangles)), occupied)
+    return occupied
 
 
 def box(low, high, name="box"):
@@ -134,7 +141,7 @@ def test_winding_numbers_by_hand():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_closed_surface_is_closed_until_a_face_is_gone_or_turned(seed):
+def test_a_closed_surface_is_closed_until_a_face_is_removed_or_reversed(seed):
     solid = solid_from_hull("h", np.random.default_rng(seed).normal(size=(20, 3)))
     assert is_closed(solid.faces)
     assert not is_closed(solid.faces[1:])

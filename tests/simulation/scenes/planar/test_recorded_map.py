@@ -22,6 +22,6 @@ def test_pooling_by_1_changes_nothing():
 
 
 @pytest.mark.parametrize("factor", [0, -3, 2.0, None, False])
-def test_a_factor_that_is_no_whole_number_is_named(factor):
+def test_a_factor_that_is_no_integer_is_named(factor):
     with pytest.raises(ValueError, match=f"at least 1, not {factor!r}"):
         max_pool(np.zeros((4, 4), dtype=bool), factor)

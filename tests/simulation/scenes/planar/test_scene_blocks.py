@@ -67,7 +67,7 @@ def test_occupied_cells_count_once_and_later_blocks_go_unused():
 
 @pytest.mark.parametrize("missing", [1, 50, 300, 1500, 10_000])
 @pytest.mark.parametrize("polygon_fraction", [0.0, 1.0])
-def test_the_kernel_strews_as_the_plain_gauge_of_all_cells(polygon_fraction, missing):
+def test_the_kernel_scatters_as_the_plain_gauge_of_all_cells(polygon_fraction, missing):
     scene = Obstacles(shape=(60, 45), polygon_fraction=polygon_fraction)
     for seed in range(10):
         centres, reaches, slopes = random_blocks(scene, seed, 20)

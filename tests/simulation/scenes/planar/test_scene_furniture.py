@@ -1,7 +1,7 @@
 import numpy as np
 
 from coopmap_env.simulation.scenes.planar import Rooms
-from coopmap_env.simulation.scenes.planar.furniture import place_furniture
+from coopmap_env.simulation.scenes.planar.rooms import place_furniture
 
 
 def plain_place_furniture(occupied, reserved, pieces, aisle):
@@ -24,7 +24,7 @@ def test_a_piece_that_reaches_into_an_aisle_is_left_out():
     np.testing.assert_array_equal(occupied, expected)
 
 
-def test_the_kernel_places_as_the_plain_look_at_each_cell():
+def test_the_kernel_places_as_the_plain_check_of_each_cell():
     rng = np.random.default_rng(0)
     for aisle in (1, 2, 4):
         lower, sides = rng.integers(0, 25, (80, 2)), rng.integers(1, 6, (80, 2))
@@ -50,8 +50,8 @@ def test_tried_pieces_lie_in_their_room_with_an_aisle_to_the_walls_opposite():
     assert (np.maximum(before, after) >= 4).all()
     in_between = np.minimum(before, after) > 0
     assert (np.minimum(before, after)[in_between] >= 4).all()
-    for share in (before == 0, after == 0, in_between):
-        assert share.any()
+    for fraction in (before == 0, after == 0, in_between):
+        assert fraction.any()
     # Sides of 0.4 m to 2 m.
     assert pieces[:, 2:].min() >= 2
     assert pieces[:, 2:].max() <= 10

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from coopmap_env.simulation.scenes.planar import SceneError, largest_free_region, load_house
+from coopmap_env.simulation.scenes import SceneError
+from coopmap_env.simulation.scenes.planar import largest_free_region, load_house
 
 GARAGE = (500, 150)
 """In the middle of the garage, in cells of the drawing."""

@@ -4,7 +4,8 @@ import yaml
 from PIL import Image
 
 from coopmap_env.mapping.files import write_map_server
-from coopmap_env.simulation.scenes.planar import SceneError, read_map_server
+from coopmap_env.simulation.scenes import SceneError
+from coopmap_env.simulation.scenes.planar import read_map_server
 
 FIELDS = {
     "image": "map.pgm",
@@ -168,7 +169,7 @@ def test_thresholds_in_the_wrong_order_are_named(tmp_path):
         read_map_server(path)
 
 
-def test_raw_with_negate_is_refused_because_its_readers_disagree(tmp_path):
+def test_raw_with_negate_is_an_error_because_its_readers_disagree(tmp_path):
     with pytest.raises(SceneError, match="negate must be 0 in mode raw"):
         read_map_server(write_map(tmp_path, [[0]], mode="raw", negate=1))
 

@@ -25,12 +25,12 @@ def test_a_world_carries_the_fields_of_its_scene():
     assert world.name == scene.name == "obstacles"
 
 
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.12, 0.3, 0.5])
-def test_the_occupied_share_is_met_to_the_cell(share):
-    scene = Obstacles(shape=(100, 50), occupied_fraction=share)
+@pytest.mark.parametrize("fraction", [0.0, 0.01, 0.12, 0.3, 0.5])
+def test_the_occupied_fraction_is_exact_to_the_cell(fraction):
+    scene = Obstacles(shape=(100, 50), occupied_fraction=fraction)
     for seed in range(5):
         world = scene.world(np.random.default_rng(seed))
-        assert np.count_nonzero(world.occupied) == round(share * 5000)
+        assert np.count_nonzero(world.occupied) == round(fraction * 5000)
 
 
 def test_the_default_world_is_mostly_one_free_region_with_many_obstacles():
@@ -81,10 +81,10 @@ def test_polygons_have_3_to_6_edges_around_them():
         assert (gaps < 0.5).all()
 
 
-def test_the_polygon_share_is_the_share_of_polygons():
+def test_the_polygon_fraction_is_the_fraction_of_polygons():
     turns, _, _ = Obstacles(polygon_fraction=0.4)._random_blocks(np.random.default_rng(0), 2000)
     is_rectangle = np.isclose(np.diff(turns[:, :4]), 0.25).all(axis=1)
-    # Three standard errors of a share of 0.4 among 2000.
+    # Three standard errors of a fraction of 0.4 among 2000.
     assert np.mean(~is_rectangle) == pytest.approx(0.4, abs=0.033)
 
 
@@ -122,14 +122,14 @@ def test_the_first_world_of_each_split_is_frozen(split):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"shape": (200, 4)}, r"8 x 8 cells, not \(200, 4\)"),
-        ({"resolution": -1.0}, "above 0 m, not -1.0"),
-        ({"occupied_fraction": 0.51}, r"\[0, 0.5\], not 0.51"),
+        ({"shape": (200, 4)}, r"Obstacles.shape must be .*>= 8.*, got \(200, 4\)"),
+        ({"resolution": -1.0}, "Obstacles.resolution must be a finite number > 0, got -1.0"),
+        ({"occupied_fraction": 0.51}, "Obstacles.occupied_fraction must be .* <= 0.5, got 0.51"),
         ({"occupied_fraction": float("nan")}, "nan"),
         ({"side_min": 30.0}, "1.0, 30.0, 20.0"),
         ({"side_min": 0.5}, "1.0, 0.5, 20.0"),
         ({"side_max": float("inf")}, "inf"),
-        ({"polygon_fraction": 1.5}, r"\[0, 1\], not 1.5"),
+        ({"polygon_fraction": 1.5}, "Obstacles.polygon_fraction must be .* <= 1, got 1.5"),
     ],
 )
 def test_a_wrong_setting_is_named_with_its_value(change, message):

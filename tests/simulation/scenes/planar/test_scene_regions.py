@@ -33,21 +33,21 @@ def test_a_full_grid_has_no_free_region():
     assert not largest_free_region(~free(3, 4)).any()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.4, 0.5, 0.7, 0.95])
-def test_the_region_is_that_of_a_plain_labelling(share):
+@pytest.mark.parametrize("fraction", [0.0, 0.1, 0.3, 0.4, 0.5, 0.7, 0.95])
+def test_the_region_is_that_of_a_plain_labelling(fraction):
     rng = np.random.default_rng(0)
     for _ in range(200):  # small grids have many ties
-        occupied = rng.random(rng.integers(1, 14, size=2)) < share
+        occupied = rng.random(rng.integers(1, 14, size=2)) < fraction
         if not occupied.all():
             expected = plain_largest_free_region(occupied)
             np.testing.assert_array_equal(largest_free_region(occupied), expected)
-    occupied = rng.random((150, 190)) < share
+    occupied = rng.random((150, 190)) < fraction
     np.testing.assert_array_equal(
         largest_free_region(occupied), plain_largest_free_region(occupied)
     )
 
 
-def test_stretches_that_meet_late_are_one_region():
+def test_runs_that_meet_late_are_one_region():
     comb = free(9, 21)
     comb[:-1, 1::2] = True  # teeth apart but for the last row
     np.testing.assert_array_equal(largest_free_region(comb), ~comb)

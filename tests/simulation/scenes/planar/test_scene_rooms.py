@@ -54,7 +54,7 @@ def test_a_wall_surrounds_the_floor():
     assert occupied[~inside].all()
 
 
-def test_a_floor_has_rooms_of_the_sizes_asked_for():
+def test_a_floor_has_rooms_of_the_requested_sizes():
     for seed in range(20):
         parts = split_floor(np.random.default_rng(seed), (60, 90), MEASURES)
         rooms = [part for part in parts if not part.is_corridor]
@@ -114,11 +114,11 @@ def test_growing_cells_stops_at_index_0():
 
 
 def test_furniture_takes_up_floor_and_more_tries_take_up_more():
-    shares = [
+    fractions = [
         np.mean([s.world(np.random.default_rng(i)).occupied.mean() for i in range(5)])
         for s in (Rooms(furniture=0.0), Rooms(furniture=0.1), Rooms(furniture=0.5))
     ]
-    assert shares[0] < shares[1] < shares[2] < 0.3
+    assert fractions[0] < fractions[1] < fractions[2] < 0.3
 
 
 def test_a_world_carries_the_fields_of_its_scene():
@@ -144,16 +144,16 @@ def test_the_first_world_of_each_split_is_frozen(split):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"shape": (4, 200)}, r"8 x 8 cells, not \(4, 200\)"),
+        ({"shape": (4, 200)}, r"Rooms.shape must be .*>= 8.*, got \(4, 200\)"),
         ({"shape": (16, 200)}, r"a room of 3.0 m .*\(16, 200\)"),
-        ({"resolution": 0.0}, "above 0 m, not 0.0"),
-        ({"wall": 0.0}, "wall must be above 0 m, not 0.0"),
-        ({"aisle": float("nan")}, "aisle must be above 0 m, not nan"),
-        ({"corridor": float("inf")}, "corridor must be above 0 m, not inf"),
+        ({"resolution": 0.0}, "Rooms.resolution must be a finite number > 0, got 0.0"),
+        ({"wall": 0.0}, "Rooms.wall must be a finite number > 0, got 0.0"),
+        ({"aisle": float("nan")}, "Rooms.aisle must be a finite number > 0, got nan"),
+        ({"corridor": float("inf")}, "Rooms.corridor must be a finite number > 0, got inf"),
         ({"door": 2.4}, "door must fit .* not 2.4 m"),
         ({"room_max": 6.0}, "room_max must hold two rooms .* not 6.0 m"),
-        ({"extra_doors": -0.1}, r"\[0, 1\], not -0.1"),
-        ({"furniture": -1.0}, "0 or more, not -1.0"),
+        ({"extra_doors": -0.1}, "Rooms.extra_doors must be .*>= 0 and <= 1, got -0.1"),
+        ({"furniture": -1.0}, "Rooms.furniture must be a finite number >= 0, got -1.0"),
         ({"furniture_sides": (2.0, 1.0)}, r"\(2.0, 1.0\)"),
     ],
 )

@@ -10,7 +10,7 @@ def free(*shape):
     return np.zeros(shape, dtype=bool)
 
 
-def test_a_world_tells_its_shape_in_cells_along_x_then_y():
+def test_a_world_states_its_shape_in_cells_along_x_then_y():
     assert PlanarWorld(free(8, 12), 0.5, (0.0, 0.0), "field").shape == (8, 12)
 
 

@@ -2,21 +2,24 @@ import numpy as np
 import pytest
 from plain import solids as plain
 
-from coopmap_env.simulation.scenes.field.outlines import distance_to_axis, distance_to_triangles
 from coopmap_env.simulation.scenes.field.solid import (
     box_corners,
     ground_slab,
     solid_from_boxes,
     solid_from_hull,
 )
-from coopmap_env.simulation.scenes.field.visibility import first_hit
+from coopmap_env.simulation.scenes.field.solid_queries import (
+    distance_to_axis,
+    distance_to_triangles,
+    first_hit,
+)
 
 
 def box(name, size, centre):
     return solid_from_boxes(name, [box_corners(size, centre)])
 
 
-def test_first_met_agrees_with_solving_for_each_triangle():
+def test_first_hit_agrees_with_solving_for_each_triangle():
     rng = np.random.default_rng(0)
     solids = [
         solid_from_hull(f"{k}", 0.5 * rng.normal(size=(10, 3)) + rng.uniform(-3, 3, 3))
@@ -24,12 +27,12 @@ def test_first_met_agrees_with_solving_for_each_triangle():
     ]
     for _ in range(5):
         eye, points = rng.uniform(-4, 4, 3), rng.uniform(-3, 3, (40, 3))
-        met = first_hit(eye, points, solids)
-        np.testing.assert_array_equal(met, plain.first_hit(eye, points, solids))
-    assert (met >= 0).any()
+        hits = first_hit(eye, points, solids)
+        np.testing.assert_array_equal(hits, plain.first_hit(eye, points, solids))
+    assert (hits >= 0).any()
 
 
-def test_the_nearer_of_two_boxes_is_met_and_the_open_meets_nothing():
+def test_the_nearer_of_two_boxes_is_hit_and_a_ray_past_them_hits_nothing():
     solids = [box("far", (1, 1, 1), (5, 0, 0)), box("near", (1, 1, 1), (3, 0, 0))]
     points = np.array([[1.0, 0.01, 0.02], [-1.0, 0.0, 0.0], [3.0, 0.9, 0.0]])
     assert first_hit(np.zeros(3), points, solids).tolist() == [1, -1, -1]
@@ -45,7 +48,7 @@ def test_distances_in_the_plane_agree_with_points_along_edges():
         assert distance_to_triangles(*point, triangles) == pytest.approx(expected, abs=4e-3)
 
 
-def test_an_axis_keeps_its_distance_from_things_at_any_height_but_not_from_ground():
+def test_an_axis_has_a_distance_from_solids_at_any_height_but_not_from_ground():
     roof = box("roof", (2, 2, 0.1), (0, 0, 3))
     slab = ground_slab((-9, -9), (9, 9))
     assert distance_to_axis((4.0, 0.0), [roof, slab]) == pytest.approx(3.0)
