@@ -63,10 +63,19 @@ Version history
 v0: first version.
 """
 
-from coopmap_env.envs.field import FieldEnv, FieldSettings, FieldTeamEnv
+from coopmap_env.envs.arguments import takes_arguments
+from coopmap_env.envs.field import FieldArguments, FieldEnv, FieldSettings, FieldTeamEnv
 from coopmap_env.robots import Mount, make_mount, mount_from_urdf
 
-parallel_env = FieldEnv
-team_env = FieldTeamEnv
+parallel_env = takes_arguments(FieldArguments)(FieldEnv)
+team_env = takes_arguments(FieldArguments)(FieldTeamEnv)
 
-__all__ = ["FieldSettings", "Mount", "make_mount", "mount_from_urdf", "parallel_env", "team_env"]
+__all__ = [
+    "FieldArguments",
+    "FieldSettings",
+    "Mount",
+    "make_mount",
+    "mount_from_urdf",
+    "parallel_env",
+    "team_env",
+]

@@ -34,9 +34,10 @@ Version history
 v0: first version.
 """
 
-from coopmap_env.envs.planar import PlanarEnv, PlanarSettings, PlanarTeamEnv
+from coopmap_env.envs.arguments import takes_arguments
+from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarSettings, PlanarTeamEnv
 
-parallel_env = PlanarEnv
-team_env = PlanarTeamEnv
+parallel_env = takes_arguments(PlanarArguments)(PlanarEnv)
+team_env = takes_arguments(PlanarArguments)(PlanarTeamEnv)
 
-__all__ = ["PlanarSettings", "parallel_env", "team_env"]
+__all__ = ["PlanarArguments", "PlanarSettings", "parallel_env", "team_env"]

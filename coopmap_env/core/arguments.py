@@ -1,19 +1,7 @@
 """Checks of constructor arguments: the message names the argument, the value and the choices."""
 
-import operator
 from dataclasses import fields
 from typing import Any
-
-
-def check_positive_int(name: str, value: int) -> int:
-    """The value, if it is a whole number of at least 1; ValueError otherwise."""
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = 0
-    if number < 1 or isinstance(value, bool):
-        raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
-    return number
 
 
 def check_choice(name: str, value: Any, choices: tuple[Any, ...]) -> None:

@@ -11,10 +11,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from coopmap_env.core.arguments import check_choice, check_positive_int
 from coopmap_env.envs.actions import CandidateMode, InvalidActionError
+from coopmap_env.envs.arguments import MappingArguments
 from coopmap_env.envs.belief import ActionMode, Observation
-from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, reward_terms
+from coopmap_env.envs.rewards import RewardScale, reward_terms
 from coopmap_env.envs.transition import (
     BeliefT,
     EpisodeRngs,
@@ -49,40 +49,24 @@ class Observer(Protocol):
 class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """Conducts an episode and computes nothing itself: decode, move, scan, fuse, reward, observe.
 
-    A world's environment validates its own arguments, calls `_set_up` once and provides
+    A world's environment calls `_set_up` once and provides
     `_reset_world`, `_move`, `_fuse_scans`, `_render_frame` and `truth`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
     _belief: BeliefT
 
-    def __init__(
-        self,
-        n_robots: int,
-        action_mode: str,
-        reward: str,
-        team_reward: str,
-        split: str,
-        max_scans: int,
-        n_candidates: int,
-        render_mode: str | None,
-    ) -> None:
-        self.possible_agents = [
-            f"robot_{i}" for i in range(check_positive_int("n_robots", n_robots))
-        ]
+    def __init__(self, arguments: MappingArguments) -> None:
+        self.possible_agents = [f"robot_{i}" for i in range(arguments.n_robots)]
         self.agents: list[str] = []
-        self.max_scans = check_positive_int("max_scans", max_scans)
-        check_choice("action_mode", action_mode, ("pose", "candidates"))
-        check_choice("reward", reward, tuple(REWARD_TERMS))
-        check_choice("team_reward", team_reward, ("individual", "shared"))
-        check_choice("render_mode", render_mode, (None, *self.metadata["render_modes"]))
-        world_seed(split, 0)  # rejects an unknown split
-        n_candidates = check_positive_int("n_candidates", n_candidates)
-        self.split = split
-        self.render_mode = render_mode
-        self._candidate_mode = CandidateMode(n_candidates) if action_mode == "candidates" else None
-        self._reward_term = reward
-        self._shares_reward = team_reward == "shared"
+        self.max_scans = arguments.max_scans
+        self.split = arguments.split
+        self.render_mode = arguments.render_mode
+        self._candidate_mode = (
+            CandidateMode(arguments.n_candidates) if arguments.action_mode == "candidates" else None
+        )
+        self._reward_term = arguments.reward
+        self._shares_reward = arguments.team_reward == "shared"
         self._window: HumanWindow | None = None
         self._seed_rng = np.random.default_rng()
         self._scans_done = 0

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from coopmap_env.core.arguments import check_choice
 from coopmap_env.envs.field.actions import JointMode
+from coopmap_env.envs.field.arguments import FieldArguments
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.diagnostics import FieldDiagnostics, make_vehicles
 from coopmap_env.envs.field.joint_space import JointSpace
@@ -41,38 +40,13 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
 
     Parameters
     ----------
-    n_robots : int
-        Vehicles in the team.
-    mount : str, Mount or sequence of them
-        "mast", "husky_panda", "tiago" or a `Mount`; one for all vehicles, or one for each.
-    action_mode : {"pose", "candidates"}
-        See `coopmap_env.envs.actions`.
-    reward : {"rating", "information", "coverage"}
-        Reward term that is paid; see `coopmap_env.envs.rewards`. All are in `infos`.
-    team_reward : {"individual", "shared"}
-        Each robot its own reward, or all robots the mean of the team.
-    scene : str, path or FieldScene
-        "worksite", "clutter", "rubble", a YAML file, or an object.
-    split : {"train", "validation", "test"}
-        Frozen split from which seeds draw their worlds.
-    max_scans : int
-        Scans of each robot until truncation.
-    n_candidates : int
-        Number of candidates m, in "candidates" mode.
-    initialization : {"located", "search"}
-        Whether robots know their base poses, or have to find the target first, parked with any
-        heading (2.2).
-    motion_correction : {"kinematic", "fiducials", "exact"}
-        Source of the estimated camera poses: kinematics, with the covariance of encoders,
-        calibration and suspension; kinematics corrected by fiducials (2.5); or, for upper bounds
-        only, the true poses.
-    settings : FieldSettings, optional
-    render_mode : {None, "rgb_array", "human"}
+    *args, **kwargs
+        `FieldArguments`.
 
     Raises
     ------
     ValueError
-        If an argument is not one of its choices.
+        If an argument is not accepted.
     ImportError
         With the pip command, if an extra is missing.
     """
@@ -84,42 +58,19 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         "is_parallelizable": True,
     }
 
-    def __init__(
-        self,
-        n_robots: int = 2,
-        mount: str | Mount | Sequence[str | Mount] = "mast",
-        action_mode: Literal["pose", "candidates"] = "pose",
-        reward: str = "rating",
-        team_reward: Literal["individual", "shared"] = "individual",
-        scene: str | os.PathLike[str] | FieldScene = "worksite",
-        split: str = "train",
-        max_scans: int = 16,
-        n_candidates: int = 32,
-        settings: FieldSettings | None = None,
-        render_mode: str | None = None,
-        initialization: Literal["located", "search"] = "located",
-        motion_correction: Literal["kinematic", "fiducials", "exact"] = "kinematic",
-    ) -> None:
-        EzPickle.__init__(
-            self, n_robots, mount, action_mode, reward, team_reward, scene, split, max_scans,
-            n_candidates, settings, render_mode, initialization, motion_correction,
-        )  # fmt: skip
-        super().__init__(
-            n_robots, action_mode, reward, team_reward, split, max_scans, n_candidates, render_mode
-        )
-        if not isinstance(settings, FieldSettings | None):
-            raise ValueError(f"settings must be FieldSettings or None, got {settings!r}")
-        check_choice("initialization", initialization, ("located", "search"))
-        check_choice("motion_correction", motion_correction, ("kinematic", "fiducials", "exact"))
-        self.settings = settings or FieldSettings()
-        self.initialization = initialization
-        self.motion_correction = motion_correction
-        self.scene = make_field_scene(scene)
-        self.mounts = _make_mounts(mount, len(self.possible_agents))
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        arguments = FieldArguments(*args, **kwargs)
+        EzPickle.__init__(self, **vars(arguments))
+        super().__init__(arguments)
+        self.settings = arguments.settings or FieldSettings()
+        self.initialization = arguments.initialization
+        self.motion_correction = arguments.motion_correction
+        self.scene = make_field_scene(arguments.scene)
+        self.mounts = _make_mounts(arguments.mount, len(self.possible_agents))
         self._simulator: FieldSimulator | None = None
         s, grid = self.settings, self.scene.grid
         self._map = OccupancyMap(grid, s.beam, s.log_odds_range)
-        n_local_maps = len(self.possible_agents) if initialization == "search" else 0
+        n_local_maps = len(self.possible_agents) if arguments.initialization == "search" else 0
         self._local_maps = tuple(
             OccupancyMap(grid, s.beam, s.log_odds_range) for _ in range(n_local_maps)
         )
@@ -141,7 +92,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
                 s,
                 [chain.n_joints for chain in chains],
                 self._candidate_mode.n_candidates if self._candidate_mode else None,
-                include_located=initialization == "search",
+                include_located=arguments.initialization == "search",
             ),
             s.contact_cost,
         )

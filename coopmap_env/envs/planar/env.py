@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.utils import EzPickle
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.planar.actions import PoseMode
+from coopmap_env.envs.planar.arguments import PlanarArguments
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.observations import PlanarObserver
 from coopmap_env.envs.planar.planning import PlanarPlanning
@@ -33,30 +33,13 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
 
     Parameters
     ----------
-    n_robots : int
-        Cameras in the team.
-    action_mode : {"pose", "candidates"}
-        See `coopmap_env.envs.planar.actions`.
-    reward : {"rating", "information", "coverage"}
-        Reward term that is paid; see `coopmap_env.envs.rewards`. All are in `infos`.
-    team_reward : {"individual", "shared"}
-        Each robot its own reward, or all robots the mean of the team.
-    scene : str, path or Scene
-        "obstacles", "rooms", "house", a ROS map_server YAML file, or an object.
-    split : {"train", "validation", "test"}
-        Frozen split from which seeds draw their worlds.
-    max_scans : int
-        Scans of each robot until truncation.
-    n_candidates : int
-        Number of candidates m, in "candidates" mode.
-    settings : PlanarSettings, optional
-        Default: `PlanarSettings.for_resolution` of the scene.
-    render_mode : {None, "rgb_array", "human"}
+    *args, **kwargs
+        `PlanarArguments`.
 
     Raises
     ------
     ValueError
-        If an argument is not one of its choices.
+        If an argument is not accepted.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -66,30 +49,12 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         "is_parallelizable": True,
     }
 
-    def __init__(
-        self,
-        n_robots: int = 2,
-        action_mode: Literal["pose", "candidates"] = "pose",
-        reward: str = "rating",
-        team_reward: Literal["individual", "shared"] = "individual",
-        scene: str | os.PathLike[str] | PlanarScene = "obstacles",
-        split: str = "train",
-        max_scans: int = 16,
-        n_candidates: int = 32,
-        settings: PlanarSettings | None = None,
-        render_mode: str | None = None,
-    ) -> None:
-        EzPickle.__init__(
-            self, n_robots, action_mode, reward, team_reward, scene, split, max_scans,
-            n_candidates, settings, render_mode,
-        )  # fmt: skip
-        super().__init__(
-            n_robots, action_mode, reward, team_reward, split, max_scans, n_candidates, render_mode
-        )
-        if not isinstance(settings, PlanarSettings | None):
-            raise ValueError(f"settings must be PlanarSettings or None, got {settings!r}")
-        self.scene = make_planar_scene(scene)
-        self.settings = settings or PlanarSettings.for_resolution(self.scene.resolution)
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        arguments = PlanarArguments(*args, **kwargs)
+        EzPickle.__init__(self, **vars(arguments))
+        super().__init__(arguments)
+        self.scene = make_planar_scene(arguments.scene)
+        self.settings = arguments.settings or PlanarSettings.for_resolution(self.scene.resolution)
         self._belief = belief = self._empty_belief()
         self._set_up(
             belief.actions,

@@ -62,7 +62,12 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.planar.belief import PlanarBelief
-from coopmap_env.envs.planar.local_map import (
+from coopmap_env.envs.planar.map_crop import (
+    CropTables,
+    FeatureScale,
+    ObservationArrays,
+    RatedCandidates,
+    WorldFrame,
     crop_offsets,
     write_candidate_features,
     write_observations,
@@ -82,12 +87,15 @@ class PlanarObserver:
         self._crop_cells = crop_cells
         self._n_candidates = n_candidates
         self._shape = grid.shape
-        self._size = tuple(n * grid.resolution for n in grid.shape)
-        self._diagonal = math.hypot(*self._size)
-        self._gray_values = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
-        self._offsets = crop_offsets(crop_cells, belief.lattice.n_headings)
-        self._margin = int(np.abs(self._offsets).max())
-        self._scale = math.log(belief.rating.settings.n_gray_bins)
+        size = tuple(n * grid.resolution for n in grid.shape)
+        self._world = WorldFrame(grid.origin, size, grid.resolution)
+        offsets = crop_offsets(crop_cells, belief.lattice.n_headings)
+        gray_values = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
+        self._tables = CropTables(offsets, int(np.abs(offsets).max()), gray_values)
+        max_information = math.log(belief.rating.settings.n_gray_bins)
+        self._scale = FeatureScale(
+            math.hypot(*size), max_information, belief.rating.max_visible_cells, FEATURE_LIMIT
+        )
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
@@ -107,13 +115,14 @@ class PlanarObserver:
 
     def observe(self, belief: PlanarBelief) -> list[Observation]:
         """Observations of all robots, as new arrays."""
-        images, vectors, teammates = self._draw(belief)
+        drawn = self._draw(belief)
         observations: list[Observation] = [
-            {"map": image, "pose": vector} for image, vector in zip(images, vectors, strict=True)
+            {"map": image, "pose": pose}
+            for image, pose in zip(drawn.maps, drawn.poses, strict=True)
         ]
         if self._n_robots > 1:
-            for observation, teammate_rows in zip(observations, teammates, strict=True):
-                observation["teammates"] = teammate_rows
+            for observation, teammates in zip(observations, drawn.teammates, strict=True):
+                observation["teammates"] = teammates
         if belief.candidates is not None and self._n_candidates is not None:
             described = self._candidate_features(belief, belief.candidates, self._n_candidates)
             for observation, features, mask in zip(observations, *described, strict=True):
@@ -131,28 +140,23 @@ class PlanarObserver:
         First P(occupied), then sampled (each nx ny values, row-major), then four values a robot
         as in the observation's ``pose``.
         """
-        map_ = belief.map
-        _, poses, _ = self._draw(belief)
+        map_, poses = belief.map, self._draw(belief).poses
         parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_mask, poses.ravel()]
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
-    def _draw(
-        self, belief: PlanarBelief
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+    def _draw(self, belief: PlanarBelief) -> ObservationArrays:
         """The entries ``map``, ``pose`` and ``teammates`` of all robots."""
-        map_, n, side = belief.map, self._n_robots, self._crop_cells
-        images = np.empty((n, N_CHANNELS, side, side), dtype=np.uint8)
-        vectors = np.empty((n, 4), dtype=np.float32)
-        teammates = np.empty((n, n - 1, 4), dtype=np.float32)
-        nx, ny = self._shape
+        n, side = self._n_robots, self._crop_cells
+        out = ObservationArrays(
+            np.empty((n, N_CHANNELS, side, side), dtype=np.uint8),
+            np.empty((n, 4), dtype=np.float32),
+            np.empty((n, n - 1, 4), dtype=np.float32),
+        )
+        pose_ids = np.array(belief.pose_ids)
         write_observations(
-            map_.log_odds_fixed, map_.sampled_mask, nx, ny,
-            np.array(belief.pose_ids), belief.poses,
-            map_.grid.origin, self._size, map_.grid.resolution,
-            self._offsets, self._margin, self._gray_values, map_.log_odds_range.clamp,
-            images, vectors, teammates,
-        )  # fmt: skip
-        return images, vectors, teammates
+            belief.map.arrays, self._world, self._tables, pose_ids, belief.poses, out
+        )
+        return out
 
     def _candidate_features(
         self, belief: PlanarBelief, candidates: Sequence[NDArray[np.int64]], m: int
@@ -167,8 +171,7 @@ class PlanarObserver:
         mask = np.zeros((self._n_robots, m), dtype=np.int8)
         write_candidate_features(
             ids, counts, belief.poses, belief.lattice.geometry,
-            (ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
-            (self._diagonal, self._scale, rating.max_visible_cells, FEATURE_LIMIT),
-            features, mask,
+            RatedCandidates(ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
+            self._scale, features, mask,
         )  # fmt: skip
         return features, mask

@@ -1,0 +1,212 @@
+"""Kernels that write what planar robots observe: map crop, own pose, teammates, candidates."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry.transforms import wrap_scalar_angle
+from coopmap_env.mapping import MapArrays
+from coopmap_env.robots import LatticeGeometry, pose_from_id
+
+
+class CropTables(NamedTuple):
+    """How the map is drawn around a camera."""
+
+    offsets: NDArray[np.int32]
+    """Cell offsets (n_headings, side * side, 2); see `crop_offsets`."""
+    margin: int
+    """The largest offset along an axis."""
+    gray_values: NDArray[np.uint8]
+    """255 P, rounded, of each log-odds value in fixed point (2 clamp + 1,)."""
+
+
+class WorldFrame(NamedTuple):
+    """Extent of the world, metres."""
+
+    origin: tuple[float, ...]
+    """Lower corner."""
+    size: tuple[float, ...]
+    """Along x and y."""
+    resolution: float
+    """Edge of a cell."""
+
+
+class ObservationArrays(NamedTuple):
+    """The entries ``map``, ``pose`` and ``teammates`` of all robots' observations."""
+
+    maps: NDArray[np.uint8]
+    """Shape (n, 4, side, side)."""
+    poses: NDArray[np.float32]
+    """Shape (n, 4)."""
+    teammates: NDArray[np.float32]
+    """Shape (n, n - 1, 4)."""
+
+
+class RatedCandidates(NamedTuple):
+    """What Eq. 9 says of k candidates; each of shape (k,)."""
+
+    new_information: NDArray[np.float64]
+    motion_cost: NDArray[np.float64]
+    occupancy: NDArray[np.float64]
+    rating: NDArray[np.float64]
+    unknown_cells: NDArray[np.int64]
+
+
+class FeatureScale(NamedTuple):
+    """Normalization of candidate features."""
+
+    diagonal: float
+    """Of the world, metres."""
+    max_information: float
+    """The largest NI, nats."""
+    max_visible_cells: int
+    limit: float
+    """Largest absolute value of a feature."""
+
+
+def crop_offsets(side: int, n_headings: int) -> NDArray[np.int32]:
+    """Cell offsets (n_headings, side * side, 2) of a crop's cells from the camera's cell."""
+    steps = np.arange(side) + 0.5 - side / 2
+    ahead, left = np.meshgrid(steps, steps, indexing="ij")
+    angles = np.arange(n_headings)[:, None] * (2 * math.pi / n_headings)
+    c, s = np.cos(angles), np.sin(angles)
+    x = c * ahead.ravel() - s * left.ravel()
+    y = s * ahead.ravel() + c * left.ravel()
+    # 1e-9: a point on the border between two cells goes to the same side for every heading
+    return np.floor(np.stack([x, y], axis=-1) + 0.5 + 1e-9).astype(np.int32)
+
+
+@kernel
+def write_map_crop(
+    arrays: MapArrays,
+    cell: int,
+    offsets: NDArray[np.int32],
+    tables: CropTables,
+    out: NDArray[np.uint8],
+) -> None:
+    """Fill channels 0, 1 and 3 and clear 2; `out` is (4, side * side).
+
+    `offsets` (side * side, 2) are those of the camera's heading. Cells are checked for lying inside
+    the world only where the camera is closer to its border than the margin.
+    """
+    log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
+    gray_values, margin = tables.gray_values, tables.margin
+    nx, ny, _ = arrays.shape
+    cx, cy = cell // ny, cell % ny
+    out[2] = 0
+    if margin <= cx < nx - margin and margin <= cy < ny - margin:
+        out[3] = 255
+        for k in range(out.shape[1]):
+            # unsigned: the compiler guards signed indices against negative ones
+            at = np.uint64(cell + offsets[k, 0] * ny + offsets[k, 1])
+            out[0, k] = gray_values[np.uint64(log_odds_fixed[at] + clamp)]
+            out[1, k] = np.uint8(255) * sampled[at]
+        return
+    for k in range(out.shape[1]):
+        ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
+        inside = 0 <= ix < nx and 0 <= iy < ny
+        at = np.uint64(ix * ny + iy if inside else 0)
+        out[0, k] = gray_values[np.uint64(log_odds_fixed[at] + clamp if inside else clamp)]
+        out[1, k] = np.uint8(255) * sampled[at] if inside else 0
+        out[3, k] = 255 if inside else 0
+
+
+@kernel
+def write_teammates(
+    poses: NDArray[np.float64],
+    robot: int,
+    resolution: float,
+    diagonal: float,
+    out: NDArray[np.uint8],
+    teammates: NDArray[np.float32],
+) -> None:
+    """Fill channel 2 of a robot's map (4, side, side) and its rows (n - 1, 4) of teammates."""
+    side = out.shape[1]
+    middle = side / 2.0 + 1e-9  # a teammate on the border of two cells: as in `crop_offsets`
+    c, s = math.cos(poses[robot, 2]), math.sin(poses[robot, 2])
+    row = 0
+    for teammate in range(len(poses)):
+        if teammate == robot:
+            continue
+        dx, dy = poses[teammate, 0] - poses[robot, 0], poses[teammate, 1] - poses[robot, 1]
+        ahead, left, turn = c * dx + s * dy, c * dy - s * dx, poses[teammate, 2] - poses[robot, 2]
+        teammates[row, 0] = ahead / diagonal
+        teammates[row, 1] = left / diagonal
+        teammates[row, 2] = math.cos(turn)
+        teammates[row, 3] = math.sin(turn)
+        row += 1
+        i = math.floor(ahead / resolution + middle)
+        j = math.floor(left / resolution + middle)
+        for u in range(max(i - 1, 0), min(i + 2, side)):
+            for v in range(max(j - 1, 0), min(j + 2, side)):
+                out[2, u, v] = 255
+
+
+@kernel
+def write_observations(
+    arrays: MapArrays,
+    world: WorldFrame,
+    tables: CropTables,
+    pose_ids: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    out: ObservationArrays,
+) -> None:
+    """Fill the maps, own poses and teammates of all robots.
+
+    `pose_ids` (n,) are those of the lattice, `poses` (n, 3) the same in metres and radians.
+    """
+    origin, size = world.origin, world.size
+    n_headings = len(tables.offsets)
+    diagonal = math.hypot(size[0], size[1])
+    for robot in range(len(pose_ids)):
+        cell, heading = pose_ids[robot] // n_headings, pose_ids[robot] % n_headings
+        image, vector = out.maps[robot], out.poses[robot]
+        flat = image.reshape(image.shape[0], -1)
+        write_map_crop(arrays, cell, tables.offsets[heading], tables, flat)
+        write_teammates(poses, robot, world.resolution, diagonal, image, out.teammates[robot])
+        vector[0] = (poses[robot, 0] - origin[0]) / size[0]
+        vector[1] = (poses[robot, 1] - origin[1]) / size[1]
+        vector[2] = math.cos(poses[robot, 2])
+        vector[3] = math.sin(poses[robot, 2])
+
+
+@kernel
+def write_candidate_features(
+    ids: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    cameras: NDArray[np.float64],
+    lattice: LatticeGeometry,
+    rated: RatedCandidates,
+    scale: FeatureScale,
+    features: NDArray[np.float32],
+    mask: NDArray[np.int8],
+) -> None:
+    """Fill the features and masks of all robots' candidates.
+
+    `ids` (k,) are the pose ids of the first robot's candidates, then those of the next; `counts`
+    (n,) the number of each robot, `cameras` (n, 3) its pose.
+    """
+    k = 0
+    for robot in range(len(counts)):
+        x, y, heading = cameras[robot]
+        c, s = math.cos(heading), math.sin(heading)
+        for row in range(counts[robot]):
+            to_x, to_y, to_heading = pose_from_id(ids[k], lattice)
+            dx, dy, turn = to_x - x, to_y - y, wrap_scalar_angle(to_heading - heading)
+            out = features[robot, row]
+            out[0] = (c * dx + s * dy) / scale.diagonal
+            out[1] = (c * dy - s * dx) / scale.diagonal
+            out[2] = math.cos(turn)
+            out[3] = math.sin(turn)
+            out[4] = rated.new_information[k] / scale.max_information
+            out[5] = min(rated.motion_cost[k] / scale.max_information, scale.limit)
+            out[6] = rated.occupancy[k]
+            out[7] = max(rated.rating[k] / scale.max_information, -scale.limit)
+            out[8] = rated.unknown_cells[k] / scale.max_visible_cells
+            mask[robot, row] = 1
+            k += 1

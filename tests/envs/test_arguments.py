@@ -1,0 +1,44 @@
+import inspect
+from typing import get_args, get_type_hints
+
+import pytest
+
+from coopmap_env import field_v0, planar_v0
+from coopmap_env.envs.arguments import MappingArguments
+from coopmap_env.envs.field import FieldArguments, FieldEnv
+from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarTeamEnv
+from coopmap_env.envs.rewards import REWARD_TERMS
+from coopmap_env.simulation.scenes import SPLITS
+
+
+def test_choices_are_those_of_the_rewards_splits_and_pictures():
+    hints = get_type_hints(MappingArguments)
+    assert get_args(hints["reward"]) == tuple(REWARD_TERMS)
+    assert get_args(hints["split"]) == SPLITS
+    modes = [mode for mode in get_args(get_args(hints["render_mode"])[0])]
+    assert modes == PlanarEnv.metadata["render_modes"] == FieldEnv.metadata["render_modes"]
+
+
+@pytest.mark.parametrize(
+    ("constructor", "arguments"),
+    [
+        (planar_v0.parallel_env, PlanarArguments),
+        (planar_v0.team_env, PlanarArguments),
+        (field_v0.parallel_env, FieldArguments),
+        (field_v0.team_env, FieldArguments),
+    ],
+)
+def test_environments_show_the_signature_of_their_arguments(constructor, arguments):
+    assert inspect.signature(constructor) == inspect.signature(arguments)
+
+
+def test_the_documented_constructors_are_the_classes_themselves():
+    assert planar_v0.parallel_env is PlanarEnv
+    assert planar_v0.team_env is PlanarTeamEnv
+
+
+def test_arguments_may_be_given_in_their_order():
+    env = PlanarEnv(3, "candidates", max_scans=5)
+    assert len(env.possible_agents) == 3
+    assert env.action_space("robot_2").n == PlanarArguments.n_candidates
+    assert env.max_scans == 5
