@@ -15,7 +15,7 @@ def test_choices_are_those_of_the_rewards_splits_and_pictures():
     hints = get_type_hints(MappingArguments)
     assert get_args(hints["reward"]) == tuple(REWARD_TERMS)
     assert get_args(hints["split"]) == SPLITS
-    modes = [mode for mode in get_args(get_args(hints["render_mode"])[0])]
+    modes = list(get_args(get_args(hints["render_mode"])[0]))
     assert modes == PlanarEnv.metadata["render_modes"] == FieldEnv.metadata["render_modes"]
 
 
