@@ -2,10 +2,14 @@ import csv
 import json
 import subprocess
 import sys
+from typing import get_args, get_type_hints
 
 import pytest
 
 from coopmap_env.cli import main
+from coopmap_env.cli.environment import EnvironmentOptions
+from coopmap_env.envs.field import FieldArguments
+from coopmap_env.envs.planar import PlanarArguments
 
 
 def run(*arguments):
@@ -50,6 +54,15 @@ def test_evaluate_scores_robots_that_are_not_located(tmp_path):
     assert summary["env"]["initialization"] == "search"
 
 
+@pytest.mark.parametrize("arguments", [PlanarArguments, FieldArguments])
+def test_options_are_those_of_the_environment_arguments(arguments):
+    found, expected = get_type_hints(EnvironmentOptions), get_type_hints(arguments)
+    choices = {name: set(get_args(hint)) for name, hint in expected.items()}
+    for name in set(expected) - {"split", "render_mode", "settings", "scene", "mount"}:
+        assert set(get_args(found[name])) - {""} == choices[name]
+        assert getattr(EnvironmentOptions, name) in ("", getattr(arguments, name))
+
+
 @pytest.mark.parametrize(
     "command", ["reproduce", "evaluate", "localization", "bench", "compare", "train"]
 )
@@ -66,7 +79,7 @@ def test_help_shows_examples(command):
         (["--episodes", "0"], "--episodes must be at least 1, got 0"),
         (["--scene", "missing.yaml"], "missing.yaml"),
         (["--scene", "moon"], "'moon'"),
-        (["--n-robots", "0"], "n_robots must be a whole number of at least 1"),
+        (["--n-robots", "0"], "n_robots must be an integer >= 1, got 0"),
         (["--seed", "-3"], "seed"),
         (["--workers", "0"], "workers must be at least 1"),
         (["--policies", ","], "names no policy"),

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from coopmap_env.envs.arguments import MappingArguments
+from coopmap_env.envs.mapping_env import MappingEnv
+
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentOptions:
-    """Which environment, and its arguments; empty texts leave its own defaults."""
+    """Which environment, and its arguments; an empty text stands for the environment's default."""
 
     env: Literal["planar", "field"] = "planar"
     """2-D (planar) or 3-D (field); "field" needs the extra of that name."""
@@ -23,17 +26,17 @@ class EnvironmentOptions:
     """field: located (default), or search: robots localize themselves on the target first."""
     motion_correction: Literal["", "kinematic", "fiducials", "exact"] = ""
     """field: how camera poses are estimated; kinematic (default)."""
-    n_robots: int = 2
+    n_robots: int = MappingArguments.n_robots
     """Robots in the team."""
-    max_scans: int = 16
+    max_scans: int = MappingArguments.max_scans
     """Scans of each robot."""
-    action_mode: Literal["pose", "candidates"] = "pose"
+    action_mode: Literal["pose", "candidates"] = MappingArguments.action_mode
     """Any pose (field: mount joints), or a choice among random candidates."""
-    n_candidates: int = 32
+    n_candidates: int = MappingArguments.n_candidates
     """Candidates of each robot (m), in candidates mode."""
-    reward: Literal["rating", "information", "coverage"] = "rating"
+    reward: Literal["rating", "information", "coverage"] = MappingArguments.reward
     """The reward."""
-    team_reward: Literal["individual", "shared"] = "individual"
+    team_reward: Literal["individual", "shared"] = MappingArguments.team_reward
     """Each robot gets its own reward, or all get the mean of the team."""
 
     def env_kwargs(self) -> dict[str, Any]:
@@ -70,6 +73,14 @@ class EnvironmentOptions:
         if not self.physics:
             return None
         return get_env_spec(self.env).settings_class(physics=self.physics)
+
+    def make_env(self, split: str) -> MappingEnv[Any]:
+        """Make the environment of a split."""
+        from coopmap_env.evaluation import get_env_spec
+
+        return get_env_spec(self.env).make(
+            **self.env_kwargs(), split=split, settings=self.settings()
+        )
 
 
 def parse_mounts(text: str) -> str | list[str]:

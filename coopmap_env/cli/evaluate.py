@@ -49,7 +49,7 @@ class Evaluate(EnvironmentOptions):
         from coopmap_env.core.files import write_atomically
         from coopmap_env.core.serial import settings_to_dict
         from coopmap_env.core.version import __version__
-        from coopmap_env.evaluation import get_env_spec, write_episodes
+        from coopmap_env.evaluation import write_episodes
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]
         if not names:
@@ -57,18 +57,17 @@ class Evaluate(EnvironmentOptions):
         if self.episodes < 1:
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
         arguments = {**self.env_kwargs(), "split": self.split}
-        env_spec, settings = get_env_spec(self.env), self.settings()
         results = evaluation.compare(
             names,
             range(self.seed, self.seed + self.episodes),
             arguments,
             self.out / "episodes",
-            settings,
+            self.settings(),
             self.workers,
             env_name=self.env,
             backend=self.backend,
         )
-        env = env_spec.make(**arguments, settings=settings)
+        env = self.make_env(self.split)
         summary = {
             "version": __version__,
             "env": {

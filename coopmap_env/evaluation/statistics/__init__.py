@@ -10,6 +10,7 @@ from coopmap_env.evaluation.statistics.bootstrap import (
     bootstrap_mean,
     bootstrap_paired_difference,
     interquartile_mean,
+    percentile_bounds,
     probability_of_improvement,
 )
 from coopmap_env.evaluation.statistics.hypothesis_tests import (
@@ -31,6 +32,7 @@ __all__ = [
     "equivalence_test",
     "interquartile_mean",
     "page_trend_test",
+    "percentile_bounds",
     "probability_of_improvement",
     "training_runs",
 ]

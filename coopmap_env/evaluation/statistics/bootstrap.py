@@ -19,6 +19,7 @@ from scipy import stats
 from coopmap_env.evaluation.statistics.interval import Interval
 from coopmap_env.evaluation.statistics.samples import check_paired, check_per_world
 
+Array = NDArray[Any]
 Statistic = Callable[..., Any]
 """Reduces an array along its keyword `axis`, like ``np.mean``."""
 
@@ -110,7 +111,7 @@ def bootstrap_clusters(
     resampled = [statistic(np.concatenate([arrays[i] for i in draw])) for draw in draws]
     tail = 50.0 * (1.0 - confidence)
     finite = np.array(resampled)[np.isfinite(resampled)]
-    low, high = np.percentile(finite, [tail, 100.0 - tail]) if len(finite) else (np.nan, np.nan)
+    low, high = percentile_bounds(finite, tail) if len(finite) else (np.nan, np.nan)
     return Interval(float(statistic(np.concatenate(arrays))), float(low), float(high))
 
 
@@ -204,6 +205,24 @@ def _interval(
 ) -> Interval:
     estimate, low, high = percentile_bootstrap(samples, statistic, rng, confidence, n_resamples)
     return Interval(float(estimate), float(low), float(high))
+
+
+def percentile_bounds(resampled: Array | Sequence[float], tail: float = 2.5) -> tuple[Any, Any]:
+    """Low and high end of a percentile interval.
+
+    Parameters
+    ----------
+    resampled : array_like (n_resamples, ...)
+        A statistic of each resample.
+    tail : float
+        Percentage beyond each end; by default that of a 95 % interval.
+
+    Returns
+    -------
+    low, high : ndarray (...)
+    """
+    low, high = np.percentile(resampled, [tail, 100.0 - tail], axis=0)
+    return low, high
 
 
 def percentile_bootstrap(

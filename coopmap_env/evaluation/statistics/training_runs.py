@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from coopmap_env.evaluation.statistics.bootstrap import percentile_bounds
 from coopmap_env.evaluation.statistics.interval import Interval
 from coopmap_env.evaluation.statistics.samples import check_finite
 
@@ -110,9 +111,8 @@ def mean_difference(ours: ArrayLike, theirs: ArrayLike) -> Interval:
     estimate, variance = float(by_world.mean()), float(parts.sum())
     if variance == 0:
         return Interval(estimate, estimate, estimate)
-    half_width = stats.t.ppf(0.975, variance**2 / (parts**2 / degrees_of_freedom).sum()) * np.sqrt(
-        variance
-    )
+    total_freedom = variance**2 / (parts**2 / degrees_of_freedom).sum()
+    half_width = stats.t.ppf(0.975, total_freedom) * np.sqrt(variance)
     return Interval(estimate, float(estimate - half_width), float(estimate + half_width))
 
 
@@ -237,8 +237,7 @@ def _bootstrap(
         raise ValueError(f"n_resamples must be at least 1, got {n_resamples}")
     estimate = statistic(*(sample[None] for sample in samples))[0]
     resampled = statistic(*resample(samples, rng, n_resamples))
-    low, high = np.percentile(resampled, [2.5, 97.5], axis=0)
-    return estimate, low, high
+    return estimate, *percentile_bounds(resampled)
 
 
 def _check_paired(ours: ArrayLike, theirs: ArrayLike) -> list[Array]:

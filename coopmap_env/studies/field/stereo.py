@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.evaluation.statistics import Interval
+from coopmap_env.evaluation.statistics import Interval, percentile_bounds
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import RangeNoise, Scan
 from coopmap_env.studies.common.figures import import_pyplot
@@ -131,7 +131,7 @@ def fit_error_law(
     for _ in range(n_resamples):
         chosen = np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
         exponents.append(_fit_line(*_bin_statistics(d[chosen], e[chosen], bins[chosen], n_bins))[0])
-    low, high = np.quantile(exponents, [0.025, 0.975])
+    low, high = percentile_bounds(exponents)
     return ErrorLaw(
         distances, sigmas, np.bincount(bins, minlength=n_bins), float(np.exp(log_s)),
         Interval(n, float(low), float(high)),

@@ -17,7 +17,12 @@ import numpy as np
 from scipy import stats
 
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation
-from coopmap_env.evaluation.statistics import Interval, equivalence_test, page_trend_test
+from coopmap_env.evaluation.statistics import (
+    Interval,
+    equivalence_test,
+    page_trend_test,
+    percentile_bounds,
+)
 
 EQUIVALENCE_MARGIN = 0.15
 """T1: "about equal" means that the interval of a search's mean lies within 15 % of the mean of all
@@ -130,5 +135,5 @@ def _ratio_to_minimum(ours: np.ndarray[Any, Any], theirs: np.ndarray[Any, Any]) 
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     worlds = rng.integers(len(ours), size=(2000, len(ours)))
     ratios = ours[worlds].mean(axis=1) / theirs[worlds].mean(axis=1).min(axis=1)
-    low, high = np.quantile(ratios, [0.025, 0.975])
+    low, high = percentile_bounds(ratios)
     return Interval(float(ours.mean() / theirs.mean(axis=0).min()), float(low), float(high))
