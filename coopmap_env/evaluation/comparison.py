@@ -226,11 +226,10 @@ def compare(
     backend : {"processes", "ray"}
         Kind of the workers; see `run_jobs`.
     """
-    policy_objects = [make_policy(policy) for policy in policies]  # rejects bad specs at once
-    with closing(
-        get_env_spec(env_name).make(**env_kwargs, settings=settings)
-    ) as trial_env:  # and bad arguments
-        _check_policies(policy_objects, trial_env)
+    # bad specs and arguments are rejected before any episode is played
+    policy_objects = [make_policy(policy) for policy in policies]
+    with closing(get_env_spec(env_name).make(**env_kwargs, settings=settings)) as trial_env:
+        warm_up(trial_env, *policy_objects)
     jobs = [
         make_job(policy, seed, env_kwargs, settings, env_name)
         for policy in policies
@@ -241,14 +240,6 @@ def compare(
         policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
         for policy in policies
     }
-
-
-def _check_policies(policies: Iterable[Policy], env: MappingEnv[Any]) -> None:
-    """Let each policy decide once: one that does not fit fails before any episode is played."""
-    observations, _ = env.reset(seed=0)
-    for policy in policies:
-        policy.reset(np.random.default_rng(0))
-        policy.act(env.belief(), observations)
 
 
 def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict[str, Any]:

@@ -88,8 +88,13 @@ def _steps(
         yield Step(belief, before, actions, rewards, infos, decision_s)
 
 
-def warm_up(env: MappingEnv[Any], policy: Policy) -> None:
-    """Take one decision without measuring it: compiling and loading are no planning time."""
+def warm_up(env: MappingEnv[Any], *policies: Policy) -> None:
+    """Let each policy decide once.
+
+    Compiling and loading are then no part of the measured planning time, and a policy that does not
+    fit the environment fails before any episode is played.
+    """
     observations, _ = env.reset(seed=0)
-    policy.reset(policy_rng(0))
-    policy.act(env.belief(), observations)
+    for policy in policies:
+        policy.reset(policy_rng(0))
+        policy.act(env.belief(), observations)

@@ -29,7 +29,7 @@ from coopmap_env.rendering.field import (
 )
 from coopmap_env.rendering.meshes import cluster_vertices, simplified_links
 from coopmap_env.rendering.panels import Color, robot_color
-from coopmap_env.robots.mount_library import R_OPTICAL_CAMERA
+from coopmap_env.robots import R_OPTICAL_CAMERA
 
 OVERLAY_TEMPLATE = Path(__file__).with_name("overlay.html")
 
