@@ -1,4 +1,4 @@
-"""Learning curves of the policies that ship, drawn from their records.
+"""Learning curves of the pretrained policies, drawn from their records.
 
 ::
 
@@ -18,14 +18,14 @@ from coopmap_env.studies.common.figures import import_pyplot, save_figure
 
 
 def draw_learning_curves(path: Path, score: str = "coverage_auc") -> None:
-    """Draw each policy's score on validation worlds against steps, one line for each seed.
+    """Draw the validation score of each policy against training steps, one line for each seed.
 
     Parameters
     ----------
     path : Path
         Of the PNG.
     score : str
-        One of those that the trainings' records have; a share, drawn in percent.
+        A validation score of the training records, a fraction; it is drawn in percent.
     """
     plt = import_pyplot()
     names = pretrained_names()

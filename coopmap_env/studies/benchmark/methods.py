@@ -90,10 +90,10 @@ class Condition:
             for other in self.methods
             if other.policy_specs == ("rating_function",) and other.env_kwargs == method.env_kwargs
         )
-        found = next(same, None) if method.uses_candidates else None
-        if found is None or found == method:
-            found = next((other for other in self.methods if other.label == REFERENCE), None)
-        return None if found == method else found
+        baseline = next(same, None) if method.uses_candidates else None
+        if baseline is None or baseline == method:
+            baseline = next((other for other in self.methods if other.label == REFERENCE), None)
+        return None if baseline == method else baseline
 
     def compared_methods(self, method: Method) -> list[Method]:
         """Methods to compare with: baseline, planners with the same actions, and `REFERENCE`.

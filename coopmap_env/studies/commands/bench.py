@@ -12,21 +12,21 @@ from coopmap_env.core.progress import log
 
 @dataclass(frozen=True)
 class Bench:
-    """Measure steps per second, decision times and memory, beside mpe2's simple_spread.
+    """Measure steps per second, decision times and memory, and the speed of mpe2's simple_spread.
 
-    Everything runs in one process on one core, interleaved, so that ratios mean something on a
-    busy machine too.
+    Everything runs in one process on one core in interleaved rounds, so that ratios are meaningful
+    on a busy machine too.
 
-    Such as:
+    For example:
       coopmap bench --out results/bench.json
     """
 
     out: Path
     """JSON file of the results."""
     env: Literal["planar", "field", "all"] = "all"
-    """Which worlds; "field" needs the extras field, octomap and bench."""
+    """Environments; "field" needs the extras field, octomap and bench."""
     rounds: int = 5
-    """Repetitions, of which the median counts."""
+    """Rounds; results are medians over them."""
 
     def run(self) -> None:
         """Measure, write the file, print it."""
@@ -36,11 +36,11 @@ class Bench:
 
         if self.rounds < 1:
             raise ValueError(f"--rounds must be at least 1, got {self.rounds}")
-        figures: dict[str, Any] = {}
+        results: dict[str, Any] = {}
         if self.env != "field":
-            figures |= measure_planar(self.rounds, log)
+            results |= measure_planar(self.rounds, log)
         if self.env != "planar":
-            figures["field"] = measure_field(self.rounds, log)
-        text = json.dumps(figures, indent=2)
+            results["field"] = measure_field(self.rounds, log)
+        text = json.dumps(results, indent=2)
         write_atomically(self.out, text + "\n")
         print(text)

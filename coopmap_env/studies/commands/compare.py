@@ -10,13 +10,13 @@ from coopmap_env.core.progress import log
 
 @dataclass(frozen=True)
 class Compare:
-    """Compare the learned policies that ship with the planners, on the same test worlds.
+    """Compare the pretrained policies with the planners on the same test worlds.
 
     Writes report.html, summary.json, table.md, figures and a row for each episode into the folder.
-    An interrupted run goes on where it was. Needs the extras rl, report, cli and data, and field
-    for the worlds of that name.
+    After an interruption, the same command continues. Needs the extras rl, report, cli and data,
+    and the extra field for that environment.
 
-    Such as:
+    For example:
       coopmap compare --out results/comparison --quick
       coopmap compare --out results/comparison --workers 2
       coopmap compare --out results/comparison --envs planar
@@ -25,14 +25,14 @@ class Compare:
     out: Path
     """Folder of the results."""
     quick: bool = False
-    """A few worlds each, to see that all works."""
+    """A few worlds for each condition, as a trial."""
     workers: int = 1
-    """Processes; the numbers do not depend on it, planning times apart."""
+    """Processes; the results do not depend on it, except planning times."""
     envs: str = "planar,field"
-    """Where to compare, separated by commas."""
+    """Environments, separated by commas."""
 
     def run(self) -> None:
-        """Run the comparison, write its files, print table and verdicts."""
+        """Run the comparison, write its files, print its table and verdicts."""
         from coopmap_env.studies.benchmark import methods, study
         from coopmap_env.studies.benchmark.report import text_summary, write_benchmark_report
 

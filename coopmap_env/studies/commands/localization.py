@@ -10,12 +10,12 @@ from coopmap_env.core.progress import log
 
 @dataclass(frozen=True)
 class Localization:
-    """Study how robots find the target, and how camera poses are corrected by fiducials.
+    """Study target registration and the correction of camera poses by fiducials.
 
-    Writes report.html, summary.json and figures into the folder. An interrupted run goes on where
-    it was. Needs the extras field, report and cli.
+    Writes report.html, summary.json and figures into the folder. After an interruption, the same
+    command continues. Needs the extras field, report and cli.
 
-    Such as:
+    For example:
       coopmap localization --out results/localization --quick
       coopmap localization --out results/localization --workers 2
     """
@@ -23,12 +23,12 @@ class Localization:
     out: Path
     """Folder of the results."""
     quick: bool = False
-    """Fewer worlds: about a minute instead of about ten."""
+    """Fewer worlds: about one minute instead of ten."""
     workers: int = 1
-    """Processes; the numbers do not depend on it, times apart."""
+    """Processes; the results do not depend on it, except times."""
 
     def run(self) -> None:
-        """Run the study, write its files, print the main figures."""
+        """Run the study, write its files, print the main results."""
         from coopmap_env.studies.localization import study as localization_study
         from coopmap_env.studies.localization.report import (
             text_summary,

@@ -11,13 +11,13 @@ from coopmap_env.core.progress import log
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Run Section 3 of the paper over many worlds, then the field, and write one report.
+    """Run Section 3 of the paper over many worlds, then the 3-D study, and write one report.
 
     Writes report.html, table1.csv, figure7.png, figure8.png, summary.json, field_replay.html and
-    more pictures into the folder, and prints Table 1 beside the paper's. An interrupted run goes on
-    where it was. Without the extras of the field, only the plane is run.
+    more figures into the folder, and prints Table 1 beside the paper's. After an interruption, the
+    same command continues. Without the extras of the field environment, only Section 3 is run.
 
-    Such as:
+    For example:
       coopmap reproduce --out results/section3 --quick
       coopmap reproduce --out results/section3 --workers 2
     """
@@ -27,7 +27,7 @@ class Reproduce:
     quick: bool = False
     """Fewer worlds: under two minutes instead of about half an hour."""
     workers: int = 1
-    """Processes; the numbers do not depend on it."""
+    """Processes; the results do not depend on it."""
 
     def run(self) -> None:
         """Run the study, write its files, print the table."""
@@ -40,7 +40,7 @@ class Reproduce:
         study = section3.run(self.out / "episodes", size, self.workers, log)
         field = None
         if missing := missing_extras_hint():
-            log(f"without the field, for which this is missing: {missing}")
+            log(f"without the 3-D study, which needs: {missing}")
         else:
             field_size = field_study.QUICK if self.quick else field_study.FULL
             field = field_study.run(self.out / "episodes", field_size, self.workers, log)
@@ -52,7 +52,7 @@ class Reproduce:
 
 
 def missing_extras_hint() -> str:
-    """What to install for the field's part of the report; empty if all is there."""
+    """Command that installs the extras of the 3-D study; empty if nothing is missing."""
     needed = {
         "field": ("pybullet", "trimesh", "embreex", "yourdfpy"),
         "octomap": ("pyoctomap",),

@@ -1,1 +1,1 @@
-"""What the reports of all studies share."""
+"""Figures, report pages and the hit/miss map, which several studies use."""

@@ -1,1 +1,1 @@
-"""Policies on field scenes, OctoMap, and a real stereo pair."""
+"""Policies in the field environment, a comparison with OctoMap, and a real stereo pair."""

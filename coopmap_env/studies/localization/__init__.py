@@ -1,1 +1,1 @@
-"""Target registration (2.2) and motion correction (2.5) in the field."""
+"""Target registration (Section 2.2) and motion correction (Section 2.5)."""

@@ -48,8 +48,8 @@ def _env(split: str, scans: int, scene: str, initialization: str, correction: st
         split=split,
         max_scans=scans,
         scene=scene,
-        initialization=initialization,  # type: ignore[arg-type]
-        motion_correction=correction,  # type: ignore[arg-type]
+        initialization=initialization,
+        motion_correction=correction,
     )
 
 
@@ -100,8 +100,8 @@ def run_search_episode(job: Job) -> Result:
         times.extend(env.localizer.registration_times)
         if len(robots) == len(env.possible_agents):
             break
-    found = [robots.get(agent) for agent in env.possible_agents]
-    return {"robots": found, "registration_ms": [1e3 * t for t in times]}
+    located = [robots.get(agent) for agent in env.possible_agents]
+    return {"robots": located, "registration_ms": [1e3 * t for t in times]}
 
 
 def _covariance(env: FieldEnv, robot: int) -> NDArray[np.float64]:

@@ -51,10 +51,10 @@ def search_summary(searches: list[Result]) -> dict[str, Any]:
     groups = [
         np.array(
             [
-                [found["n_scans"], found["position"], found["angle"], found["nees"]]
-                if found
+                [robot["n_scans"], robot["position"], robot["angle"], robot["nees"]]
+                if robot
                 else [np.inf, np.nan, np.nan, np.nan]
-                for found in result["robots"]
+                for robot in result["robots"]
             ]
         )
         for result in searches

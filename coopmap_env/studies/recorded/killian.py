@@ -10,7 +10,7 @@ Every tenth scan is held out of the map. A held-out beam that returned after z m
 usable range) observes cells: each cell that it left at least one cell length before z is free, and
 the cell that contains z is occupied. The cells between are ignored, because an error of centimetres
 may exchange them. A map is scored by the binary log-loss of these observations, over the cells that
-both maps sampled. The constants of both maps come from `tune_sensor_models`, which uses the other
+both maps sampled. The constants of both maps come from `killian_tuning`, which uses the other
 nine tenths only. It minimises the loss over all observations, of which one in twenty is of an
 occupied cell.
 
@@ -24,7 +24,7 @@ those that end at it, and the beam model scores worse than the constant one (0.1
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.progress import progress_bar
 from coopmap_env.evaluation.metrics import binary_log_loss
 from coopmap_env.geometry import traverse
 from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
@@ -56,14 +57,12 @@ BEAM_MODEL = BeamModel(free=0.2, occupied=0.63, surface="partial")
 BEAM_LOG_ODDS_RANGE = LogOddsRange(0.99)
 HIT_MISS_MODEL = HitMissModel(hit=0.63, miss=0.35, hit_offset=0)
 HIT_MISS_LOG_ODDS_RANGE = LogOddsRange(0.985)
-"""Models and clamps: the best of `tune_sensor_models` (500 and 196 choices, seven minutes), with
+"""Models and clamps: the best of `killian_tuning` (500 and 196 choices, seven minutes), with
 losses of 0.0923 and 0.0948 on the validation scans."""
 HELD_OUT_EVERY = 10
 """Every tenth scan is held out of the map."""
 VALIDATION_EVERY = 9
 """Every ninth of the others is held out for validation while tuning."""
-
-ComparedMap = OccupancyMap | HitMissMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +120,7 @@ def run(stride: int = 1, progress: bool = False) -> KillianResult:
         raise ValueError(f"stride {stride} leaves fewer than {HELD_OUT_EVERY} scans")
     beam_map = OccupancyMap(grid, BEAM_MODEL, BEAM_LOG_ODDS_RANGE)
     hit_miss_map = HitMissMap(grid, HIT_MISS_MODEL, HIT_MISS_LOG_ODDS_RANGE)
-    for i in _progress_bar(fused, progress):
+    for i in progress_bar(fused, "scan", show=progress):
         scan = scan_from_log(log, i)
         beam_map.integrate(scan)
         hit_miss_map.integrate(scan)
@@ -240,64 +239,5 @@ def held_out_loss(
     return {"all": _mean_or_nan(loss), "free": free, "hit": hit, "balanced": (free + hit) / 2}
 
 
-def tune_sensor_models(
-    log: LaserLog, stride: int = 1, progress: bool = False
-) -> dict[str, dict[tuple[float, ...], float]]:
-    """Losses of both maps' constants on validation scans; held-out scans are not used.
-
-    The constants of this module are the best of each. Cells that a map did not sample count as 1/2,
-    so that sampling fewer cells is no advantage.
-
-    Returns
-    -------
-    dict
-        ``gaussian_beam`` by (noise in metres, free, occupied, clamp) and ``hit_miss`` by (miss,
-        hit, clamp): mean log-loss over all observations, the best first.
-    """
-    grid = grid_for_log(log)
-    training, _ = hold_out(range(0, len(log.ranges), stride), HELD_OUT_EVERY)
-    fused, validation = hold_out(training, VALIDATION_EVERY)
-    observations = observe_cells(log, validation, grid)
-
-    def loss(map_: ComparedMap, scans: Iterable[Scan]) -> float:
-        for scan in scans:
-            map_.integrate(scan)
-        return held_out_loss(map_.probability, observations)["all"]
-
-    choices = [
-        (sigma, free, occupied, clamp)
-        for sigma in (0.02, 0.03, 0.05, 0.07, 0.1)
-        for free in (0.15, 0.2, 0.25, 0.3, 0.35)
-        for occupied in (0.57, 0.6, 0.63, 0.66, 0.7)
-        for clamp in (0.98, 0.985, 0.99, 0.993)
-    ]
-    beam_losses: dict[tuple[float, ...], float] = {}
-    scans: list[Scan] = []
-    for sigma, free, occupied, clamp in _progress_bar(choices, progress):
-        if not any(sigma == done[0] for done in beam_losses):
-            noise = RangeNoise(intrinsic=sigma, lateral=1.0, exponent=0)
-            scans = [scan_from_log(log, i, noise) for i in fused]
-        model = BeamModel(free, occupied, BEAM_MODEL.surface)
-        beam_map = OccupancyMap(grid, model, LogOddsRange(clamp))
-        beam_losses[sigma, free, occupied, clamp] = loss(beam_map, scans)
-    hit_miss_losses: dict[tuple[float, ...], float] = {}
-    for miss in _progress_bar((0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45), progress):
-        for hit in (0.55, 0.57, 0.6, 0.63, 0.65, 0.7, 0.75):
-            for clamp in (0.98, 0.985, 0.99, 0.993):
-                hit_miss_map = HitMissMap(grid, HitMissModel(hit, miss, 0), LogOddsRange(clamp))
-                hit_miss_losses[miss, hit, clamp] = loss(hit_miss_map, scans)
-    return {
-        name: dict(sorted(losses.items(), key=lambda item: item[1]))
-        for name, losses in (("gaussian_beam", beam_losses), ("hit_miss", hit_miss_losses))
-    }
-
-
 def _mean_or_nan(values: NDArray[np.float64]) -> float:
     return float(values.mean()) if len(values) else math.nan
-
-
-def _progress_bar(items: Sequence[Any], progress: bool) -> Iterable[Any]:
-    if not progress:
-        return items
-    bar: Iterable[Any] = import_optional("tqdm", "cli").tqdm(items, unit="scan", smoothing=0.1)
-    return bar

@@ -47,14 +47,14 @@ def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
         agent_steps_per_second(env, 1)
     for round_index in range(rounds):
         log(f"field: round {round_index + 1} of {rounds}")
-        found = {
+        measured = {
             f"agent_steps_per_s_{name}": agent_steps_per_second(env, N_EPISODES)
             for name, env in envs.items()
         }
-        found |= scan_ms(envs["kinematic"])
-        found |= rating_ms(envs["kinematic"])
-        found |= localization_ms()
-        for name, value in found.items():
+        measured |= scan_ms(envs["kinematic"])
+        measured |= rating_ms(envs["kinematic"])
+        measured |= localization_ms()
+        for name, value in measured.items():
             samples.setdefault(name, []).append(value)
     figures: dict[str, Any] = {name: statistics.median(v) for name, v in samples.items()}
     figures["scan_speedup"] = figures["scan_reference_ms"] / figures["scan_ms"]
