@@ -1,4 +1,4 @@
-"""Rigid transforms in two and three dimensions, and poses of planar cameras."""
+"""Rigid transforms in two and three dimensions, and poses of planar frames as arrays."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class RigidTransform(NamedTuple):
 
 @dataclass(frozen=True)
 class Pose:
-    """A rigid transform T_world_camera: where a frame stands and how it is turned.
+    """A rigid transform T_world_camera: position and orientation of a frame.
 
     Parameters
     ----------
     translation : ndarray, shape (D,)
         Origin of the camera frame in the world frame, metres.
     rotation : ndarray, shape (D, D)
-        R_world_camera: turns vectors of the camera frame into the world frame.
+        R_world_camera: rotates vectors of the camera frame into the world frame.
 
     Raises
     ------
@@ -83,9 +83,10 @@ class Pose:
 
 
 def _is_proper_rotation(rows: list[list[float]]) -> bool:
-    """Whether rows of a 2 x 2 or 3 x 3 matrix are orthonormal and right-handed, to within 1e-5.
+    """Whether a 2 x 2 or 3 x 3 matrix is orthonormal and right-handed, to within 1e-5.
 
-    In plain numbers: poses are made at every step, and for so few numpy takes ten times as long.
+    In plain Python: poses are made at every step, and numpy takes ten times as long for so few
+    numbers.
     """
     products: tuple[float, ...]
     if len(rows) == 2:
@@ -105,20 +106,20 @@ def _is_proper_rotation(rows: list[list[float]]) -> bool:
 
 def wrap_angle(angle: ArrayLike) -> NDArray[np.float64]:
     """Angles wrapped to [-pi, pi), radians."""
-    turned = np.mod(np.asarray(angle, dtype=np.float64) + math.pi, TWO_PI)
-    # just below -pi, the remainder of a tiny negative number rounds to a whole turn
-    return np.where(turned < TWO_PI, turned, 0.0) - math.pi
+    shifted = np.mod(np.asarray(angle, dtype=np.float64) + math.pi, TWO_PI)
+    # just below -pi, the remainder of a tiny negative number rounds to 2 pi
+    return np.where(shifted < TWO_PI, shifted, 0.0) - math.pi
 
 
 @kernel
 def wrap_scalar_angle(angle: float) -> float:
     """One angle wrapped to [-pi, pi), radians; the same bits as of `wrap_angle`."""
-    turned = (angle + math.pi) % TWO_PI
-    return (turned if turned < TWO_PI else 0.0) - math.pi
+    shifted = (angle + math.pi) % TWO_PI
+    return (shifted if shifted < TWO_PI else 0.0) - math.pi
 
 
 def to_camera_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
-    """Planar poses (..., 3) [x, y, heading] as seen from the pose `reference` (3,)."""
+    """Planar poses (..., 3) [x, y, heading] of the world frame in the frame of `reference` (3,)."""
     poses, reference = np.asarray(poses, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     delta = poses - reference
     c, s = math.cos(reference[2]), math.sin(reference[2])

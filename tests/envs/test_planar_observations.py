@@ -2,13 +2,13 @@ import math
 
 import numpy as np
 import pytest
-from plain import candidates
+from plain.candidates import candidate_features
 from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, set_poses
 from plain.random_maps import random_map, set_cells
 from plain.rollouts import random_actions
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.envs.planar.local_map import crop_offsets
+from coopmap_env.envs.planar.map_crop import crop_offsets
 from coopmap_env.information import RatingSettings
 from coopmap_env.sensing import PlanarCamera
 
@@ -232,7 +232,7 @@ def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings)
         for robot in range(3):
             observation, offer = look(env, robot), belief.candidates[robot]
             told = observation["candidates"][: len(offer)]
-            expected = [candidates.features(belief, robot, int(pose)) for pose in offer]
+            expected = [candidate_features(belief, robot, int(pose)) for pose in offer]
             np.testing.assert_array_equal(told.view(np.uint32), np.array(expected).view(np.uint32))
 
 

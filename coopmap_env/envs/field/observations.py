@@ -62,7 +62,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.local_map import Crop, write_crop
+from coopmap_env.envs.field.map_crop import Crop, write_crop
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
@@ -103,9 +103,7 @@ class FieldObserver:
         self._n_joints = tuple(n_joints)
         self._n_candidates = n_candidates
         self._diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
-        clamp = settings.log_odds_range.clamp
         self._gray_values = np.round(255 * settings.log_odds_range.probability).astype(np.uint8)
-        self._clamp = clamp
         self._crops: dict[int, tuple[Pose, Crop]] = {}
         self._scale = math.log(settings.rating.n_gray_bins)
 
@@ -206,10 +204,8 @@ class FieldObserver:
     def _map_crop(self, map_: OccupancyMap, crop: Crop) -> NDArray[np.uint8]:
         side, height = self._settings.crop_cells
         out = np.empty((2 * height, side, side), dtype=np.uint8)
-        write_crop(
-            map_.log_odds_fixed, map_.sampled_mask, crop.columns, crop.n_layers,
-            self._settings.crop_pooling, self._gray_values, self._clamp, out,
-        )  # fmt: skip
+        pooling = self._settings.crop_pooling
+        write_crop(map_.arrays, crop, pooling, self._gray_values, out)
         return out
 
     def _candidate_features(

@@ -154,7 +154,7 @@ class PlanarObserver:
         )
         pose_ids = np.array(belief.pose_ids)
         write_observations(
-            belief.map.arrays, self._world, self._tables, pose_ids, belief.poses, out
+            belief.map.arrays, self._world, self._tables, pose_ids, belief.poses, *out
         )
         return out
 

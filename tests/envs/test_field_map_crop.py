@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 
-from coopmap_env.envs.field.local_map import Crop, write_crop
+from coopmap_env.envs.field.map_crop import Crop, write_crop
 from coopmap_env.envs.field.starts import initial_free_voxels
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
@@ -21,7 +21,7 @@ def plain_crop(map_, pose, cells, fit):
     resolution = fit * grid.resolution
     out = np.zeros((2 * height, side, side), dtype=np.uint8)
     for z, i, j in np.ndindex(height, side, side):
-        levels = []
+        probabilities = []
         for a, b, c in np.ndindex(fit, fit, fit):
             ahead = (i - side / 2) * resolution + (b + 0.5) * resolution / fit
             left = (j - side / 2) * resolution + (c + 0.5) * resolution / fit
@@ -29,29 +29,26 @@ def plain_crop(map_, pose, cells, fit):
             at = pose.transform([ahead, left, 0.0])
             index = grid.index([at[0], at[1], up])
             if grid.contains(index) and map_.sampled[tuple(index)]:
-                levels.append(map_.probability[tuple(index)])
-        out[z, i, j] = round(255 * max(levels)) if levels else 128
-        out[height + z, i, j] = 255 * len(levels) // fit**3
+                probabilities.append(map_.probability[tuple(index)])
+        out[z, i, j] = round(255 * max(probabilities)) if probabilities else 128
+        out[height + z, i, j] = 255 * len(probabilities) // fit**3
     return out
 
 
-def test_the_crop_equals_looking_up_every_voxel():
+def test_the_crop_equals_a_voxel_by_voxel_lookup():
     rng = np.random.default_rng(0)
     map_ = OccupancyMap(GRID)
     map_.log_odds_fixed[:] = rng.integers(
         -map_.log_odds_range.clamp, map_.log_odds_range.clamp + 1, GRID.n_cells
     )
     map_.sampled_mask[:] = rng.random(GRID.n_cells) < 0.6
-    shades = np.round(255 * map_.log_odds_range.probability).astype(np.uint8)
+    gray_values = np.round(255 * map_.log_odds_range.probability).astype(np.uint8)
     for heading in (0.0, 0.3, -2.0):
         # off the voxels' faces, where rounding would decide
         pose, cells = base(0.213, -0.127, heading), (6, 5)
         crop = Crop.around(GRID, pose, cells, 2)
         out = np.empty((10, 6, 6), dtype=np.uint8)
-        write_crop(
-            map_.log_odds_fixed, map_.sampled_mask, crop.columns, crop.n_layers, 2,
-            shades, map_.log_odds_range.clamp, out,
-        )  # fmt: skip
+        write_crop(map_.arrays, crop, 2, gray_values, out)
         np.testing.assert_array_equal(out, plain_crop(map_, pose, cells, 2))
 
 
@@ -64,7 +61,7 @@ def test_ahead_and_left_of_the_base_are_the_first_and_second_axis():
     assert GRID.center(np.array(left))[0] < -0.1
 
 
-def test_parking_room_is_known_above_the_ground_only():
+def test_space_around_a_vehicle_is_known_above_the_ground_only():
     cells = initial_free_voxels(GRID, [base(0.0, 0.0, 0.0)], 0.3)
     centers = GRID.center(np.stack(np.unravel_index(cells, GRID.shape), axis=-1))
     assert (np.hypot(centers[:, 0], centers[:, 1]) <= 0.3).all()

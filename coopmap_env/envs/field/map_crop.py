@@ -1,0 +1,125 @@
+"""The crop of the map around a robot's base, at the coarser resolution of observations."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry import Pose
+from coopmap_env.mapping import MapArrays, VoxelGrid
+
+
+class Crop(NamedTuple):
+    """The voxels of each cell of a crop: runs in vertical columns."""
+
+    columns: NDArray[np.int32]
+    """Shape (V, V, k): flat index of the lowest voxel of each column, -1 outside the grid."""
+    n_layers: int
+    """Voxels of a column that the crop shows."""
+
+    @classmethod
+    def around(cls, grid: VoxelGrid, T_world_base: Pose, cells: tuple[int, int], pool: int) -> Crop:
+        """The crop of V, Z = `cells` cells around a base, each `pool` voxels wide and high.
+
+        Cell [z, i, j] is centred (i + 1/2 - V/2) cells ahead of the base and (j + 1/2 - V/2) to its
+        left, and (z + 1/2) cells above the bottom of the grid. It covers the voxels nearest to
+        pool**3 points that are spread evenly over it.
+        """
+        side, height = cells
+        along = (np.arange(side * pool) + 0.5 - side * pool / 2) * grid.resolution
+        x, y = np.meshgrid(along, along, indexing="ij")
+        heading = math.atan2(T_world_base.rotation[1, 0], T_world_base.rotation[0, 0])
+        c, s = math.cos(heading), math.sin(heading)
+        base = T_world_base.translation
+        points = np.stack(
+            [base[0] + c * x - s * y, base[1] + s * x + c * y, np.full_like(x, grid.center(0)[2])],
+            axis=-1,
+        )
+        index = grid.index(points)
+        inside = grid.contains(index)
+        flat = np.where(inside, grid.flat_index(np.where(inside[..., None], index, 0)), -1)
+        columns = flat.reshape(side, pool, side, pool).transpose(0, 2, 1, 3).reshape(side, side, -1)
+        return cls(np.ascontiguousarray(columns, dtype=np.int32), min(height * pool, grid.shape[2]))
+
+
+class ColumnBuffers(NamedTuple):
+    """One column of a crop, summarized layer by layer."""
+
+    highest: NDArray[np.int32]
+    """Highest log-odds of the sampled voxels in a layer, fixed point."""
+    counts: NDArray[np.int32]
+    """Number of sampled voxels in a layer."""
+
+
+class CropScale(NamedTuple):
+    """How a crop's values are written as bytes."""
+
+    pooling: int
+    """Layers of voxels in a cell."""
+    clamp: int
+    """Highest log-odds in fixed point."""
+    gray_values: NDArray[np.uint8]
+    """255 P, rounded, of each log-odds value in fixed point (2 clamp + 1,)."""
+    fractions: NDArray[np.uint8]
+    """255 times the sampled fraction, rounded down, of each number of sampled voxels."""
+
+
+@kernel
+def _write_column(
+    buffers: ColumnBuffers, scale: CropScale, out: NDArray[np.uint8], i: int, j: int
+) -> None:
+    """Fill the cells above each other at (i, j)."""
+    depth, pooling = out.shape[0] // 2, scale.pooling
+    for z in range(depth):
+        a = np.uint64(z * pooling)  # the compiler guards signed indices against negative ones
+        count, top = np.int64(buffers.counts[a]), buffers.highest[a]
+        for b in range(1, pooling):
+            count += buffers.counts[a + np.uint64(b)]
+            top = max(top, buffers.highest[a + np.uint64(b)])
+        out[z, i, j] = scale.gray_values[np.uint64((top if count else 0) + scale.clamp)]
+        out[depth + z, i, j] = scale.fractions[np.uint64(count)]
+
+
+@kernel
+def write_crop(
+    arrays: MapArrays,
+    crop: Crop,
+    pooling: int,
+    gray_values: NDArray[np.uint8],
+    out: NDArray[np.uint8],
+) -> None:
+    """Fill `out` (2 Z, V, V): highest occupancy of the sampled voxels, and their fraction.
+
+    `gray_values` holds 255 P of each log-odds value. A column is read in the order of memory, which
+    takes half of the time of going from cell to cell.
+    """
+    log_odds_fixed, sampled, columns = arrays.log_odds_fixed, arrays.sampled_mask, crop.columns
+    side, _, k = columns.shape
+    n, n_layers = out.shape[0] // 2 * pooling, crop.n_layers
+    highest = np.empty(n, np.int32)
+    counts = np.empty(n, np.int32)
+    lowest = np.int32(-arrays.clamp)
+    fractions = (255 * np.arange(k * pooling + 1) // (k * pooling)).astype(np.uint8)
+    scale = CropScale(pooling, arrays.clamp, gray_values, fractions)
+    buffers = ColumnBuffers(highest, counts)
+    for i in range(side):
+        for j in range(side):
+            highest[:] = lowest
+            counts[:] = 0
+            for c in range(k):
+                first = columns[i, j, c]
+                if first >= 0:
+                    log_odds_run = log_odds_fixed[first : first + n_layers]
+                    sampled_run = sampled[first : first + n_layers]
+                    for a in range(n_layers):
+                        was_sampled = np.int32(sampled_run[a])
+                        counts[a] += was_sampled
+                        # no branch: which voxels were sampled cannot be predicted
+                        value = log_odds_run[a] * was_sampled
+                        value += lowest * (np.int32(1) - was_sampled)
+                        highest[a] = max(highest[a], value)
+            _write_column(buffers, scale, out, i, j)
