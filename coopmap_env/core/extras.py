@@ -5,7 +5,7 @@ from types import ModuleType
 
 
 def import_optional(module: str, extra: str) -> ModuleType:
-    """Import an optional module, or say which pip command brings it.
+    """Import an optional module, or raise an error with the pip command that installs it.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-"""Settings as JSON values and back, so that a job or a summary says what it ran with."""
+"""Settings as JSON values and back, so that a job or a summary records what it ran with."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, fields, is_dataclass
 from typing import Any, TypeVar, get_type_hints
 
-Settings = TypeVar("Settings")
+SettingsT = TypeVar("SettingsT")
 
 
 def settings_to_dict(settings: Any) -> dict[str, Any]:
@@ -13,7 +13,7 @@ def settings_to_dict(settings: Any) -> dict[str, Any]:
     return asdict(settings)
 
 
-def settings_from_dict(values: dict[str, Any], target_type: type[Settings]) -> Settings:
+def settings_from_dict(values: dict[str, Any], target_type: type[SettingsT]) -> SettingsT:
     """The settings that `settings_to_dict` wrote.
 
     Parameters

@@ -1,6 +1,6 @@
-"""Settings: frozen dataclasses whose annotations say which values they accept.
+"""Settings: frozen dataclasses whose annotations define which values they accept.
 
-The range of a field stands in its type, and is checked in one place::
+The range of a field is part of its type, and is checked in one place::
 
     @dataclass(frozen=True)
     class RangeNoise(Settings):
@@ -106,14 +106,14 @@ def _check(hint: Any, within: Range | None = None) -> Check:
 
 
 def _number_check(hint: type, within: Range | None) -> Check:
-    whole, bounds = hint is int, within or Range()
-    kind: type = Integral if whole else Real
+    is_integer, bounds = hint is int, within or Range()
+    kind: type = Integral if is_integer else Real
 
     def accepts(value: Any) -> bool:
         is_number = isinstance(value, kind) and not isinstance(value, bool)
         return is_number and math.isfinite(value) and value in bounds
 
-    return accepts, f"{'an integer' if whole else 'a finite number'} {bounds}".rstrip()
+    return accepts, f"{'an integer' if is_integer else 'a finite number'} {bounds}".rstrip()
 
 
 def _tuple_check(parts: tuple[Any, ...], within: Range | None) -> Check:

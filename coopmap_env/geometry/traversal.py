@@ -45,7 +45,7 @@ class Ray(NamedTuple):
 
 
 class RayPosition(NamedTuple):
-    """Where on its ray a traversal stands."""
+    """A position on a ray: the current cell and the faces ahead."""
 
     cell: int
     """Flat number of the current cell; valid while `distance` is below `Ray.end`."""

@@ -1,4 +1,4 @@
-"""VoxelGrid: between metric points and cell indices."""
+"""VoxelGrid: conversion between metric points and cell indices."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class VoxelGrid:
 
     @property
     def shape_3d(self) -> tuple[int, int, int]:
-        """The shape as kernels want it: a planar grid is one layer."""
+        """Cells along x, y, z; a planar grid is one layer."""
         nx, ny, nz = (*self.shape, 1)[:3]
         return nx, ny, nz
 
@@ -79,7 +79,7 @@ class VoxelGrid:
         return GridGeometry(np.array(self.origin), float(self.resolution), self.shape_3d)
 
     def to_cell_units(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points (..., D) in metres, in cells from the grid's lower corner (not rounded)."""
+        """Positions (..., D) of points in cells from the grid's lower corner, not rounded."""
         return (np.asarray(points, dtype=np.float64) - self.origin) / self.resolution
 
     def index(self, points: ArrayLike) -> NDArray[np.int64]:

@@ -77,7 +77,7 @@ def _apply_updates(
 
 
 class FusionArrays(NamedTuple):
-    """What the fusion of every scan into one map needs."""
+    """The arguments of `integrate_scan` that are the same for every scan of a map."""
 
     grid: GridGeometry
     beam: BeamParameters

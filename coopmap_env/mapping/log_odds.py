@@ -1,8 +1,8 @@
-"""Log-odds as whole numbers, so that sums are exact and no order of scans matters.
+"""Log-odds in fixed point: integers, so that sums are exact and the order of scans is irrelevant.
 
-One level is 1/1024 nat. Sums of whole numbers are associative, which floating-point sums are not:
-fusing the scans of a team in any order gives the same map, bit for bit. Probability and entropy of
-a level come from tables. The clamp is no sum: it is applied once, after the scans of one time.
+One step is 1/1024 nat. Sums of integers are associative, which floating-point sums are not: fusing
+the scans of a team in any order gives the same map, bit for bit. Probability and entropy come from
+tables. The clamp is not a sum: it is applied once, after the scans of one team step.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from numpy.typing import NDArray
 from coopmap_env.core.settings import Range, Settings
 
 STEPS_PER_NAT = 1024
+"""Fixed-point steps of one nat: finer than any probability of the sensor model is known."""
 
 
 def to_log_odds_fixed(probability: float) -> int:
-    """The level nearest to a probability in (0, 1)."""
+    """Log-odds of a probability in (0, 1), rounded to fixed point."""
     return round(math.log(probability / (1.0 - probability)) * STEPS_PER_NAT)
 
 
 @dataclass(frozen=True)
 class LogOddsRange(Settings):
-    """The clamp of a map and the tables over it.
+    """The clamp of a map and the tables over its log-odds.
 
     Raises
     ------
@@ -36,22 +37,22 @@ class LogOddsRange(Settings):
     """
 
     max_probability: Annotated[float, Range(above=0.5, below=1)] = 0.999
-    """Clamp, and one minus it at the other end: a cell stays ready to change its mind after one
-    contradicting scan or two, and keeps a log-loss of at most 6.9 nats when it is wrong."""
+    """Clamp, and one minus it at the other end: one or two contradicting scans can still change a
+    cell, and a wrong cell has a log loss of at most 6.9 nats."""
 
     @cached_property
     def clamp(self) -> int:
-        """Highest level; the lowest is its negative."""
+        """Highest log-odds in fixed point; the lowest is its negative."""
         return to_log_odds_fixed(self.max_probability)
 
     @cached_property
     def probability(self) -> NDArray[np.float64]:
-        """Probability of level l at index l + clamp."""
+        """Probability of log-odds l at index l + clamp."""
         log_odds_fixed = np.arange(-self.clamp, self.clamp + 1)
         return 1.0 / (1.0 + np.exp(-log_odds_fixed / STEPS_PER_NAT))
 
     @cached_property
     def entropy(self) -> NDArray[np.float64]:
-        """Entropy (Eq. 6 of the two outcomes), nats, of level l at index l + clamp."""
+        """Entropy (Eq. 6 of the two outcomes), nats, of log-odds l at index l + clamp."""
         p = self.probability
         return -p * np.log(p) - (1 - p) * np.log1p(-p)

@@ -1,4 +1,4 @@
-"""OccupancyMap: the team's probabilistic map, made from scans alone."""
+"""OccupancyMap: the team's probabilistic map, built from scans alone."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from coopmap_env.sensing.scan import Scan
 
 @dataclass(frozen=True)
 class ScanGain:
-    """What one scan brought, counted in the order in which the scans were given."""
+    """What one scan added to the map, counted in the order of the scans."""
 
     new_cells: int
     """Cells sampled for the first time."""
     entropy_reduction: float
-    """Nats, summed over the touched cells; negative where a scan contradicts the map."""
+    """Nats, summed over the updated cells; negative where a scan contradicts the map."""
 
 
 class OccupancyMap:
@@ -47,10 +47,9 @@ class OccupancyMap:
 
     Notes
     -----
-    Each cell is updated once per scan: what the beams of one scan say of a cell is summed, bounded
-    by what a single scan may claim, and added to its log-odds; where surfaces are partial (see
-    `BeamModel`), the strongest claim of the scan counts instead of the sum. The scans of one
-    `integrate` call may come in any order.
+    Each cell is updated once per scan: the updates of the scan's beams are summed, bounded (see
+    `BeamModel`), and added to the cell's log-odds. Where surfaces are partial, the strongest update
+    of the scan counts instead of the sum. The scans of one `integrate` call may come in any order.
     """
 
     def __init__(
@@ -66,7 +65,7 @@ class OccupancyMap:
         self.log_odds_fixed = np.zeros(n, dtype=np.int32)
         """Log-odds in fixed point, flat; see `log_odds`."""
         self.sampled_mask = np.zeros(n, dtype=np.uint8)
-        """1 where a scan ever told something of the cell, flat; see `sampled`."""
+        """1 where a scan observed the cell, flat; see `sampled`."""
         self.arrays = MapArrays(
             self.log_odds_fixed, self.sampled_mask, grid.shape_3d, self.log_odds_range.clamp
         )
@@ -88,7 +87,7 @@ class OccupancyMap:
         ).plain()
 
     def clear(self) -> None:
-        """Forget everything; cheaper than a new map."""
+        """Reset all cells; cheaper than a new map."""
         known = np.flatnonzero(self.sampled_mask.view(np.bool_))
         for array in (
             self.log_odds_fixed,
@@ -135,16 +134,16 @@ class OccupancyMap:
         return arrays
 
     def mark_free(self, cells: ArrayLike) -> None:
-        """Declare cells (flat numbers) as known to be free, such as a robot's own place."""
+        """Mark cells (flat numbers) as known to be free, such as those of a robot's own body."""
         self._mark(cells, -self.log_odds_range.clamp)
 
     def mark_occupied(self, cells: ArrayLike) -> None:
-        """Declare cells (flat numbers) as known to be occupied, as after bumping into one."""
+        """Mark cells (flat numbers) as known to be occupied, as after a collision."""
         self._mark(cells, self.log_odds_range.clamp)
 
-    def _mark(self, cells: ArrayLike, level: int) -> None:
+    def _mark(self, cells: ArrayLike, log_odds_fixed: int) -> None:
         cells = np.asarray(cells)
-        self.log_odds_fixed[cells] = level
+        self.log_odds_fixed[cells] = log_odds_fixed
         self.sampled_mask[cells] = 1
 
     @property
@@ -161,7 +160,7 @@ class OccupancyMap:
 
     @property
     def sampled(self) -> NDArray[np.bool_]:
-        """Where a scan ever told something, kept apart from p (Eq. 8), shape of the grid."""
+        """Cells that at least one scan observed, apart from their P (Eq. 8), shape of the grid."""
         return self.sampled_mask.astype(np.bool_).reshape(self.grid.shape)
 
     @property
@@ -173,7 +172,7 @@ class OccupancyMap:
 
     @property
     def observed_fraction(self) -> float:
-        """Share of the world's cells that were ever sampled."""
+        """Fraction of the grid's cells that at least one scan observed."""
         return int(np.count_nonzero(self.sampled_mask.view(np.bool_))) / self.grid.n_cells
 
     def surfaces(
@@ -199,7 +198,7 @@ class OccupancyMap:
     def information_form(
         self,
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Surface estimates as the map keeps them, where merging is a sum.
+        """Surface estimates in information form, where merging is a sum.
 
         Returns
         -------
@@ -226,7 +225,7 @@ class OccupancyMap:
         Raises
         ------
         ValueError
-            If a shape or a value does not fit this map, which is left as it was.
+            If a shape or a value does not fit this map, which is then unchanged.
         """
         n, d = self.grid.n_cells, self.grid.dimension
         log_odds_fixed, sampled, cells = (
@@ -240,14 +239,14 @@ class OccupancyMap:
         if shapes != [(n,), (n,), (k,), (k, d, d), (k, d)]:
             raise ValueError(f"a state of {n} cells in {d}-D cannot have the shapes {shapes}")
         if any(a.dtype.kind not in "biu" for a in (log_odds_fixed, sampled, cells)):
-            raise ValueError("levels, sampled and cells must be whole numbers")
+            raise ValueError("log_odds_fixed, sampled and cells must be integers")
         if (
             abs(log_odds_fixed).max() > self.log_odds_range.clamp
             or sampled.max() > 1
             or sampled.min() < 0
         ):
             raise ValueError(
-                f"levels must lie within +-{self.log_odds_range.clamp}, sampled be 0 or 1"
+                f"log_odds_fixed must lie within +-{self.log_odds_range.clamp}, sampled be 0 or 1"
             )
         if k and (cells.min() < 0 or cells.max() >= n):
             raise ValueError(f"hit cells must lie in [0, {n})")

@@ -24,9 +24,9 @@ class PlanarCamera(Settings):
     """
 
     field_of_view: Annotated[float, Range(above=0, at_most=2 * math.pi)] = math.radians(60.0)
-    """Radians, in (0, 2 pi]. 60 degrees is that of a usual stereo camera."""
+    """Radians. 60 degrees is that of a usual stereo camera."""
     depth_of_field: Positive = 20.0
-    """Metres: surfaces further than this are not seen."""
+    """Metres: surfaces farther than this are not measured."""
     n_beams: PositiveInt = 40
     """Pixels of the row: at the end of the default depth of field the beams are 0.5 m apart, so
     no 1 m cell falls between two of them."""
@@ -65,9 +65,9 @@ class DepthCamera(Settings):
     """
 
     horizontal_field_of_view: Annotated[float, Range(above=0, below=math.pi)] = math.radians(60.0)
-    """Radians, in (0, pi): between the left and the right edge of the image."""
+    """Radians, between the left and the right edge of the image."""
     vertical_field_of_view: Annotated[float, Range(above=0, below=math.pi)] = math.radians(45.0)
-    """Radians, in (0, pi): between the upper and the lower edge of the image."""
+    """Radians, between the upper and the lower edge of the image."""
     width: PositiveInt = 64
     """Pixels of a row: at 6 m the default ones are 0.11 m apart, about a voxel."""
     height: PositiveInt = 48
@@ -75,8 +75,8 @@ class DepthCamera(Settings):
     near: NonNegative = 0.3
     """Metres: surfaces nearer than this are not measured."""
     far: Positive = 6.0
-    """Metres: surfaces further than this are not seen. Both bound the distance to the point, not
-    its depth along the optical axis."""
+    """Metres: surfaces farther than this are not measured. Both bound the distance to the point,
+    not its depth along the optical axis."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -92,7 +92,7 @@ class DepthCamera(Settings):
 
     @property
     def depth_of_field(self) -> float:
-        """Metres: how far the camera sees; the name that all cameras share."""
+        """Metres: the largest range; every camera has this property."""
         return self.far
 
     @property

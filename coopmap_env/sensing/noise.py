@@ -1,4 +1,4 @@
-"""Uncertainty of a range observation: Eq. 1 in the camera frame, Eq. 3 into the world frame."""
+"""Uncertainty of a range observation: Eq. 1 in the camera frame, Eq. 3 in the world frame."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class NoiseParameters(NamedTuple):
 class RangeNoise(Settings):
     """Standard deviation of a range observation (Eq. 1): sigma = S * T * d**n.
 
-    The axes are those of the camera frame: x along the optical axis (depth, the worst one),
-    y and z across it.
+    The axes are those of the camera frame: x along the optical axis (depth, the least certain
+    one), y and z across it.
 
     Raises
     ------

@@ -40,7 +40,7 @@ def test_rotation_vectors_agree_with_scipy_and_come_back(w):
     back = rotvec_from_rotation(R)
     assert np.linalg.norm(back) <= np.pi + 1e-12
     np.testing.assert_allclose(rotation_from_rotvec(back), R, atol=1e-9)
-    if np.linalg.norm(w) < 3.1:  # at pi two vectors say the same
+    if np.linalg.norm(w) < 3.1:  # at pi, two rotation vectors are one rotation
         np.testing.assert_allclose(back, w, atol=1e-12)
 
 

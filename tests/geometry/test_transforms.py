@@ -18,14 +18,14 @@ def random_pose(rng, dimension):
     return Pose(rng.uniform(-9, 9, 3), Rotation.random(random_state=rng).as_matrix())
 
 
-def test_a_quarter_turn_takes_the_camera_axis_to_the_left():
+def test_a_quarter_turn_rotates_the_camera_axis_to_the_left():
     pose = Pose.planar(2.0, 3.0, math.pi / 2)
     assert pose.transform([[1.0, 0.0], [0.0, 1.0]]) == pytest.approx(
         np.array([[2.0, 4.0], [1.0, 3.0]])
     )
 
 
-def test_composing_turns_first_and_then_moves():
+def test_composition_rotates_first_and_then_translates():
     # a step of 1 ahead of a camera at (2, 3) that looks along y, then a half turn
     pose = Pose.planar(2, 3, math.pi / 2) @ Pose.planar(1, 0, math.pi)
     assert pose.translation == pytest.approx([2, 4])
@@ -33,7 +33,7 @@ def test_composing_turns_first_and_then_moves():
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_a_pose_times_its_inverse_is_no_motion(dimension):
+def test_a_pose_times_its_inverse_is_the_identity(dimension):
     rng = np.random.default_rng(0)
     for _ in range(50):
         pose = random_pose(rng, dimension)
@@ -75,7 +75,7 @@ def test_a_rigid_transform_keeps_distances(dimension):
         (np.zeros(3), -np.eye(3), "not a proper rotation"),
     ],
 )
-def test_a_pose_that_is_not_rigid_is_refused(translation, rotation, message):
+def test_a_pose_that_is_not_rigid_is_rejected(translation, rotation, message):
     with pytest.raises(ValueError, match=message):
         Pose(translation, rotation)
 
@@ -84,11 +84,11 @@ def test_a_pose_that_is_not_rigid_is_refused(translation, rotation, message):
     ("angle", "wrapped"),
     [(0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (3.5 * math.pi, -math.pi / 2)],
 )
-def test_an_angle_wraps_into_one_turn(angle, wrapped):
+def test_an_angle_is_wrapped_to_one_turn(angle, wrapped):
     assert wrap_angle(angle) == pytest.approx(wrapped)
 
 
-def test_a_wrapped_angle_lies_in_its_half_open_turn_and_points_the_same_way():
+def test_a_wrapped_angle_lies_in_the_half_open_interval_and_has_the_same_direction():
     turns = np.pi * np.arange(-9, 10)
     angles = np.concatenate(
         [
@@ -105,7 +105,7 @@ def test_a_wrapped_angle_lies_in_its_half_open_turn_and_points_the_same_way():
     assert np.exp(1j * wrapped) == pytest.approx(np.exp(1j * angles), abs=1e-13)
 
 
-def test_what_lies_ahead_of_a_turned_camera_is_on_its_x_axis():
+def test_a_point_ahead_of_a_rotated_camera_is_on_its_x_axis():
     camera = [2.0, 1.0, math.pi / 2]
     seen = to_camera_frame([[2.0, 4.0, math.pi], [1.0, 1.0, math.pi / 2]], camera)
     assert seen == pytest.approx(np.array([[3, 0, math.pi / 2], [0, 1, 0]]), abs=ROUNDING)
@@ -129,7 +129,7 @@ def test_the_camera_frame_is_that_of_the_inverse_pose():
         assert to_camera_frame(poses, [x, y, heading])[..., :2] == pytest.approx(plain)
 
 
-def test_frames_take_a_single_pose_and_leave_it_alone():
+def test_frame_conversions_accept_a_single_pose_and_do_not_change_it():
     pose, camera = np.array([2.0, 4.0, 0.0]), np.array([2.0, 1.0, 0.0])
     assert to_camera_frame(pose, camera) == pytest.approx([0, 3, 0])
     assert to_world_frame(pose, camera) == pytest.approx([4, 5, 0])

@@ -41,15 +41,15 @@ def test_a_ray_against_y_counts_cells_downwards():
     assert ray.entries.tolist() == [0.0, 0.75, 1.75]
 
 
-def test_a_slanted_ray_enters_cells_where_hand_geometry_says():
+def test_a_slanted_ray_enters_cells_at_distances_computed_by_hand():
     # slope 3 : 4, unit direction (0.8, 0.6): faces x = 1, 2 at 0.625, 1.875; y = 1 at 5 / 6
     ray = traverse([0.5, 0.5], [4, 3], 2.0, (4, 4))
     assert ray.cells.tolist() == [[0, 0], [1, 0], [1, 1], [2, 1]]
     assert ray.entries == pytest.approx([0, 0.625, 5 / 6, 1.875])
 
 
-def test_a_diagonal_through_corners_goes_round_them_by_touched_cells():
-    """The cell beside a corner is listed with no length: the walk never jumps over a corner."""
+def test_a_diagonal_goes_around_corners_through_the_cells_beside_them():
+    """The cell beside a corner is listed with no length: a ray never jumps over a corner."""
     ray = traverse([0.5, 0.5], [1, 1], 2.5, (4, 4))
     assert ray.cells.tolist() == [[0, 0], [1, 0], [1, 1], [2, 1], [2, 2]]
     half = np.sqrt(0.5)
@@ -70,7 +70,7 @@ def test_a_ray_that_starts_on_a_face_begins_in_the_cell_above_it():
     assert cells([2.0, 0.5], [1, 0], 1.5, (5, 1)) == [(2, 0), (3, 0)]
 
 
-def test_a_ray_that_leaves_the_face_it_starts_on_downwards_only_touches_its_first_cell():
+def test_a_ray_that_starts_on_a_face_and_goes_down_crosses_its_first_cell_with_no_length():
     ray = traverse([2.0, 0.5], [-1, 0], 1.5, (5, 1))
     assert ray.cells.tolist() == [[2, 0], [1, 0], [0, 0]]
     assert ray.entries.tolist() == [0.0, 0.0, 1.0]
@@ -91,7 +91,7 @@ def test_the_length_of_the_direction_does_not_matter():
 
 
 @pytest.mark.parametrize("shape", [(9, 7), (1, 12), (6, 5, 4), (3, 1, 8)])
-def test_a_walk_finds_what_clipping_against_every_cell_finds(shape):
+def test_traversal_finds_the_cells_that_clipping_against_every_cell_finds(shape):
     rng = np.random.default_rng(1)
     for origin, direction, length in random_rays(rng, shape, 150):
         ray = traverse(origin, direction, length, shape)
@@ -102,22 +102,22 @@ def test_a_walk_finds_what_clipping_against_every_cell_finds(shape):
 
 
 @pytest.mark.parametrize("shape", [(9, 7), (6, 5, 4)])
-def test_on_faces_and_corners_a_walk_adds_touched_cells_only(shape):
+def test_on_faces_and_corners_a_ray_adds_adjacent_cells_only(shape):
     rng = np.random.default_rng(2)
     for origin, direction, length in lattice_rays(rng, shape, 300):
         ray = traverse(origin, direction, length, shape)
         end = np.append(ray.entries, length)[1:] if len(ray.entries) else []
-        walked = {
+        crossed = {
             tuple(cell)
             for cell, entry, leave in zip(ray.cells, ray.entries, end, strict=True)
             if leave - entry > 1e-9
         }
-        assert walked == {cell for cell, _, _ in crossed_cells(origin, direction, length, shape)}
+        assert crossed == {cell for cell, _, _ in crossed_cells(origin, direction, length, shape)}
 
 
 @pytest.mark.parametrize("shape", [(11, 8), (1, 1), (5, 7, 6)])
 @pytest.mark.parametrize("rays", [random_rays, lattice_rays])
-def test_a_walk_stays_in_the_grid_crosses_each_cell_once_and_steps_over_faces(shape, rays):
+def test_a_ray_stays_in_the_grid_crosses_each_cell_once_and_steps_over_faces(shape, rays):
     for origin, direction, length in rays(np.random.default_rng(3), shape, 400):
         ray = traverse(origin, direction, length, shape)
         assert ((ray.cells >= 0) & (ray.cells < shape)).all()
@@ -169,6 +169,6 @@ def test_far_from_the_origin_of_a_large_grid_no_cell_is_lost():
         ([0.5, 2.0], [1, 0], 1.0, (2, 2), "outside"),
     ],
 )
-def test_a_ray_that_makes_no_sense_is_refused(origin, direction, length, shape, message):
+def test_an_invalid_ray_is_rejected(origin, direction, length, shape, message):
     with pytest.raises(ValueError, match=message):
         traverse(origin, direction, length, shape)

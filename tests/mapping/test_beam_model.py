@@ -1,4 +1,4 @@
-"""The inverse sensor model: what one beam says of the cells that it crosses."""
+"""The inverse sensor model: occupancies of the cells that one beam crosses."""
 
 import math
 
@@ -115,12 +115,12 @@ def test_a_cell_that_lies_wholly_behind_the_observation_is_never_below_one_half(
         assert (occupied <= 1 + ROUNDING).all()
 
 
-def test_a_corner_that_the_beam_only_touches_counts_as_the_cells_around_it():
+def test_a_corner_crossed_with_no_length_gets_the_likelihood_of_the_cells_around_it():
     entries, exits = [0, 1, 2, 2, 3], [1, 2, 2, 3, 4]
-    touched = beam_occupancy(entries, exits, 1.9, 0.5, ANYWHERE)
+    corner = beam_occupancy(entries, exits, 1.9, 0.5, ANYWHERE)
     almost = beam_occupancy(entries, [1, 2, 2 + 1e-5, 3, 4], 1.9, 0.5, ANYWHERE)
-    assert touched == pytest.approx(almost, abs=1e-4)
-    assert touched[2] > 0.5
+    assert corner == pytest.approx(almost, abs=1e-4)
+    assert corner[2] > 0.5
 
 
 @READINGS
@@ -170,7 +170,7 @@ def test_for_fine_cells_it_is_half_a_normal_cdf_moved_toward_the_camera_by_the_p
 
     2**-k times a Gaussian is a Gaussian moved by sigma^2 ln 2 / h toward the camera, h being the
     length of a cell; single cells weigh next to nothing, so P is half of the mass before. A beam
-    through cells much finer than sigma says "free" far before z and nothing where it ended.
+    through cells much finer than sigma gives "free" far before z and nothing where it ended.
     """
     h, z = 0.15, 25.0
     entries = np.arange(0.0, 35.0, h)
@@ -197,7 +197,7 @@ def test_updates_of_a_beam_stay_inside_the_bounds_of_one_scan():
     "arguments",
     [{"free": 0.0}, {"free": 0.5}, {"occupied": 0.5}, {"occupied": 1.0}, {"free": math.nan}],
 )
-def test_bounds_on_the_wrong_side_of_one_half_are_refused(arguments):
+def test_bounds_on_the_wrong_side_of_one_half_are_rejected(arguments):
     (name,) = arguments
     with pytest.raises(ValueError, match=rf"BeamModel\.{name} must be a finite number > .* and < "):
         BeamModel(**arguments)
@@ -209,7 +209,7 @@ def test_an_unknown_interpretation_of_the_surface_is_rejected():
 
 
 @pytest.mark.parametrize("sigma", [0.0, -1.0, math.nan])
-def test_a_beam_without_uncertainty_or_without_faces_is_refused(sigma):
+def test_a_beam_without_uncertainty_or_without_faces_is_rejected(sigma):
     with pytest.raises(ValueError, match="sigma"):
         beam_occupancy([0, 1], [1, 2], 0.5, sigma, ENTRY)
     with pytest.raises(ValueError, match="entries"):

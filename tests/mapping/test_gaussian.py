@@ -98,7 +98,7 @@ def test_merging_is_symmetric_and_associative_eq_4(dimension):
         assert left[0] == pytest.approx(mean, abs=1e-9)
 
 
-def test_merging_never_makes_less_certain_in_any_direction_eq_4():
+def test_merging_never_increases_the_variance_in_any_direction_eq_4():
     rng = np.random.default_rng(4)
     for _ in range(50):
         (m1, m2), (C1, C2) = random_gaussians(rng, 2, 3)

@@ -69,11 +69,11 @@ def test_a_new_map_knows_nothing():
     assert len(map_.surfaces()[0]) == 0
 
 
-def test_one_sharp_beam_says_free_occupied_and_nothing():
+def test_one_sharp_beam_makes_cells_free_occupied_and_leaves_the_rest_unknown():
     map_ = row()
     (gain,) = map_.integrate(scan_along(4.5))  # the face of cell 5
     p = map_.probability[:, 0]
-    # one level is 1 / 1024 nat
+    # one fixed-point step is 1/1024 nat
     assert p[:5] == pytest.approx([0.01] * 5, rel=1e-3)
     assert p[5] == pytest.approx(0.97, rel=1e-3)
     assert (p[6:] == 0.5).all()
@@ -161,7 +161,7 @@ def test_beams_that_disagree_within_a_scan_are_summed_before_the_bounds():
 
 
 def test_beams_that_cancel_each_other_list_their_cell_once():
-    """The sum is kept off zero, which stands for cells not touched, by one level."""
+    """The sum is kept one step off zero, which marks cells that the scan does not cross."""
     map_ = OccupancyMap(VoxelGrid((12, 1)), BeamModel(free=0.1, occupied=0.9))
     wall, through = scan_along(4.5), scan_along(8.0, hit=False)
     n = 200
@@ -188,7 +188,7 @@ def test_integrating_is_what_the_plain_loops_do(grid, surface):
         scan = random_scan(rng, grid, n_beams)
         (gain,) = map_.integrate(scan)
         new, drop = plain.integrate(scan)
-        # whole numbers: equal, not nearly so
+        # integers: exactly equal
         assert (map_.log_odds_fixed.reshape(grid.shape) == plain.log_odds_fixed).all()
         assert (map_.sampled == plain.sampled).all()
         assert gain.new_cells == new
@@ -254,7 +254,7 @@ def test_scans_of_one_call_are_clamped_together_at_its_end():
 
 
 @pytest.mark.parametrize("grid", GRIDS)
-def test_drops_of_entropy_add_up_to_what_the_map_lost(grid):
+def test_entropy_reductions_add_up_to_that_of_the_map(grid):
     rng = np.random.default_rng(11)
     map_ = OccupancyMap(grid)
     for _ in range(10):
@@ -281,7 +281,7 @@ def test_a_contradiction_raises_the_entropy():
 def test_probabilities_stay_inside_the_clamp_and_one_half_where_not_sampled(grid):
     map_ = random_map(grid, seed=12, n_scans=15, log_odds_range=LogOddsRange(0.98))
     p = map_.probability
-    # a level is 1 / 1024 nat
+    # one fixed-point step is 1/1024 nat
     assert p.min() == pytest.approx(0.02, rel=1e-3)
     assert p.max() < 0.98 * (1 + 1e-3)
     assert p.shape == map_.sampled.shape == grid.shape
@@ -301,7 +301,7 @@ def test_a_cell_may_be_sampled_and_still_be_at_one_half():
     assert not map_.sampled[9, 0]
 
 
-def test_a_hit_far_beyond_the_grid_frees_the_way_to_the_border_and_leaves_no_surface():
+def test_a_hit_far_beyond_the_grid_frees_the_path_to_the_border_and_leaves_no_surface():
     map_ = row()
     map_.integrate(scan_along(40.0, sigma=0.5))
     assert (map_.log_odds_fixed == LOWEST).all()
@@ -317,7 +317,7 @@ def test_a_wall_at_the_border_is_not_freed_by_noise_that_carries_hits_beyond_it(
     assert map_.log_odds_fixed[0] == map_.model.log_odds_bounds[0]
 
 
-def test_walls_at_the_border_are_as_seldom_taken_for_free_as_any_others():
+def test_walls_at_the_border_are_mapped_as_free_as_rarely_as_any_others():
     occupied = np.zeros((32, 8), dtype=bool)
     occupied[25:] = True
     camera = PlanarCamera(field_of_view=1e-3, depth_of_field=30.0, n_beams=1)
@@ -333,11 +333,11 @@ def test_walls_at_the_border_are_as_seldom_taken_for_free_as_any_others():
             map_.integrate(simulator.scan_from((0.5, 4.5, 0.0), rng))
             p.append(map_.probability[25, 4])
         freed.append(np.mean(np.array(p) < 0.05))
-    # one scan at 0.9 cells of noise: more than 2.5 sigma too far happens in 0.6 % of the looks
+    # one scan at 0.9 cells of noise: more than 2.5 sigma too far happens in 0.6 % of the scans
     assert max(freed) < 0.01
 
 
-def test_beams_without_length_say_nothing():
+def test_beams_without_length_change_nothing():
     map_ = row()
     (gain,) = map_.integrate(scan_along(0.0, sigma=0.1))
     assert gain.new_cells == 0
@@ -345,7 +345,7 @@ def test_beams_without_length_say_nothing():
     assert map_.integrate(scan_along(0.0, hit=False))[0].entropy_reduction == 0
 
 
-def test_a_camera_in_the_lower_corner_may_look_out_of_the_grid():
+def test_a_camera_in_the_lower_corner_may_point_out_of_the_grid():
     map_ = OccupancyMap(VoxelGrid((4, 4)))
     scan = Scan(np.zeros(2), np.full((1, 2), -3.0), np.zeros((1, 2, 2)), np.array([True]))
     (gain,) = map_.integrate(scan)
@@ -404,7 +404,7 @@ def bad_scans():
 
 
 @pytest.mark.parametrize(("message", "scan"), list(bad_scans()))
-def test_a_bad_scan_is_refused_and_the_map_left_as_it_was(message, scan):
+def test_an_invalid_scan_is_rejected_and_the_map_is_unchanged(message, scan):
     map_ = row()
     map_.integrate(scan_along(3.3, sigma=0.3))
     before = state(map_)
@@ -421,7 +421,7 @@ def test_the_beam_that_is_not_finite_is_named():
         row().integrate(scan)
 
 
-def test_the_covariance_of_a_beam_without_return_is_not_looked_at():
+def test_the_covariance_of_a_beam_without_return_is_not_read():
     map_, plain = row(), row()
     scan = scan_along(4.0, hit=False)
     plain.integrate(scan)
@@ -440,7 +440,7 @@ def test_a_cleared_map_is_a_new_map(grid):
     assert state(map_) == state(new)
 
 
-def test_a_copy_goes_its_own_way():
+def test_a_copy_is_independent():
     grid = VoxelGrid((14, 11))
     map_ = random_map(grid, seed=17)
     before = state(map_)

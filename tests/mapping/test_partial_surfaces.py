@@ -1,4 +1,4 @@
-"""The reading of recorded data, surface="partial": a wall fills a part of its cells."""
+"""The interpretation of recorded data, surface="partial": a wall fills a part of its cells."""
 
 import math
 
@@ -13,7 +13,7 @@ PARTIAL = BeamModel(free=0.2, occupied=0.7, surface="partial")
 
 
 def scan(*ends, origin=(0.5, 2.5), hit=True, sigma=0.05):
-    """Beams from one place to each end."""
+    """Beams from one origin to each end."""
     points = np.array(ends, dtype=float)
     covariances = np.tile(np.eye(2) * sigma**2, (len(points), 1, 1))
     return Scan(np.array(origin), points, covariances, np.broadcast_to(hit, len(points)).copy())
@@ -31,7 +31,7 @@ def log_odds_fixed(map_):
 
 
 def test_three_cells_by_hand():
-    # Way through the cells: 1, 1/2, 1. A flat likelihood leaves the lengths and the prior, which
+    # Path through the cells: 1, 1/2, 1. A flat likelihood leaves the lengths and the prior, which
     # halves with every cell's length: 1, 1/2 * 1/2, 2**-1.5.
     p = beam_occupancy([0.0, 1.0, 1.5], [1.0, 1.5, 2.5], 1.25, 1e3, PARTIAL)
     w = np.array([1.0, 0.25, 2.0**-1.5])
@@ -39,7 +39,7 @@ def test_three_cells_by_hand():
     np.testing.assert_allclose(p, [w[0], w[1] + w[0] / 2, w[2] + (w[0] + w[1]) / 2], rtol=1e-6)
 
 
-def test_where_the_way_is_cut_into_more_cells_the_beam_ends_alike():
+def test_splitting_the_path_into_more_cells_does_not_change_where_the_beam_ends():
     whole = beam_occupancy([0.0, 1.0, 2.0], [1.0, 2.0, 3.0], 1.4, 0.2, PARTIAL)
     cut = beam_occupancy(
         [0.0, 1.0, 1.0 + 1e-9, 2.0], [1.0, 1.0 + 1e-9, 2.0, 3.0], 1.4, 0.2, PARTIAL
@@ -52,7 +52,7 @@ def test_a_distance_that_no_cell_explains_belongs_to_the_cell_that_holds_it():
     np.testing.assert_allclose(p, [0.0, 1.0])
 
 
-def test_a_beam_through_whole_cells_claims_what_a_scan_may():
+def test_a_beam_through_entire_cells_updates_them_up_to_the_bounds_of_a_scan():
     map_ = fused(scan((6.5, 2.5)))
     lowest, highest = PARTIAL.log_odds_bounds
     assert log_odds_fixed(map_)[1:6, 2].tolist() == [lowest] * 5
@@ -70,7 +70,7 @@ def test_a_beam_that_ends_counts_before_beams_that_pass():
     np.testing.assert_array_equal(one.sampled, other.sampled)
 
 
-def test_of_beams_that_pass_the_one_with_the_longest_way_counts():
+def test_of_beams_that_pass_the_one_with_the_longest_path_counts():
     # through cell (1, 3): one beam along its diagonal, the other over 1/3 along x and 1/7 along y
     diagonal, flatter = (4.5, 6.5), (7.5, 5.5)
     only = fused(scan(flatter, hit=False), shape=(8, 8))
@@ -80,11 +80,11 @@ def test_of_beams_that_pass_the_one_with_the_longest_way_counts():
     assert log_odds_fixed(both)[1, 3] == lowest
 
 
-def test_a_touched_corner_says_nothing():
-    # rises by 1e-5 over one cell's border: the way through cell (2, 2) is far below a level
+def test_a_corner_crossed_with_almost_no_length_is_not_updated():
+    # rises by 1e-5 over one cell's border: the path through cell (2, 2) is far below one step
     map_ = fused(scan((5.5, 3.00001), origin=(0.5, 2.99999), hit=False))
-    level = log_odds_fixed(map_)
-    assert level[1, 2] == level[4, 3] == PARTIAL.log_odds_bounds[0]
+    update = log_odds_fixed(map_)
+    assert update[1, 2] == update[4, 3] == PARTIAL.log_odds_bounds[0]
     sampled = map_.sampled
     assert np.array_equal(sampled.ravel(), map_.log_odds_fixed != 0)
 
@@ -94,7 +94,7 @@ def test_scans_add_up():
     np.testing.assert_array_equal(twice.log_odds_fixed, 2 * once.log_odds_fixed)
 
 
-def test_no_scan_claims_more_than_its_bounds():
+def test_no_scan_updates_a_cell_beyond_its_bounds():
     rng = np.random.default_rng(3)
     for _ in range(20):
         one = scan(*rng.uniform(0, (8, 5), (30, 2)), origin=rng.uniform(1, 4, 2), sigma=0.3)
@@ -106,7 +106,7 @@ def test_no_scan_claims_more_than_its_bounds():
         np.testing.assert_array_equal(map_.log_odds_fixed, again.log_odds_fixed)
 
 
-def test_it_works_in_space():
+def test_partial_surfaces_in_three_dimensions():
     map_ = OccupancyMap(VoxelGrid((5, 3, 3)), PARTIAL)
     covariances = np.tile(np.eye(3) * 0.05**2, (1, 1, 1))
     map_.integrate(

@@ -53,6 +53,6 @@ def test_a_cell_outside_has_no_flat_number():
         ({"shape": (4, 4), "origin": (0.0, math.inf)}, "origin"),
     ],
 )
-def test_a_grid_that_is_none_is_refused(arguments, message):
+def test_an_invalid_grid_is_rejected(arguments, message):
     with pytest.raises(ValueError, match=rf"VoxelGrid\.{message}"):
         VoxelGrid(**arguments)

@@ -16,7 +16,7 @@ def on_image_plane(camera):
     return np.moveaxis(plane.reshape(camera.height, camera.width, 2), -1, 0)
 
 
-def test_one_pixel_looks_along_the_optical_axis():
+def test_one_pixel_is_on_the_optical_axis():
     assert DepthCamera(width=1, height=1).directions == pytest.approx(np.array([[1.0, 0.0, 0.0]]))
 
 
@@ -46,7 +46,7 @@ def test_pixels_are_even_on_the_image_plane_symmetric_and_fill_the_field_of_view
         assert coordinate[0] == pytest.approx(edge - edge / n)
 
 
-def test_directions_are_unit_vectors_made_once_that_nobody_can_change():
+def test_directions_are_cached_read_only_unit_vectors():
     camera = DepthCamera()
     assert camera.directions.shape == (camera.n_pixels, 3) == (3072, 3)
     assert np.linalg.norm(camera.directions, axis=1) == pytest.approx(np.ones(3072))
@@ -70,7 +70,7 @@ def test_a_depth_image_of_a_wall_across_the_axis_has_one_depth():
     assert np.isinf(camera.depth_image(np.full(3072, np.inf))).all()
 
 
-def test_a_depth_image_of_other_pixels_is_refused():
+def test_a_depth_image_of_another_size_is_rejected():
     with pytest.raises(
         ValueError, match=r"48 x 64 pixels needs distances \(3072,\), got \(48, 64\)"
     ):
@@ -93,7 +93,7 @@ def test_the_depth_of_field_is_the_far_end():
         ("height", -3),
     ],
 )
-def test_a_camera_without_an_image_is_refused(name, value):
+def test_a_camera_without_an_image_is_rejected(name, value):
     with pytest.raises(ValueError, match=rf"DepthCamera\.{name} .*{value}"):
         DepthCamera(**{name: value})
 
@@ -102,6 +102,6 @@ def test_a_camera_without_an_image_is_refused(name, value):
     ("near", "far"),
     [(6.0, 6.0), (7.0, 6.0), (-0.1, 6.0), (0.3, math.inf), (0.3, math.nan), (math.nan, 6.0)],
 )
-def test_a_camera_that_measures_nothing_is_refused(near, far):
+def test_a_camera_without_a_range_is_rejected(near, far):
     with pytest.raises(ValueError, match=rf"DepthCamera\.(near|far) .*({near}|{far})"):
         DepthCamera(near=near, far=far)

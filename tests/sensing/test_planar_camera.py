@@ -8,12 +8,12 @@ import pytest
 from coopmap_env.sensing import PlanarCamera
 
 
-def test_three_beams_look_through_the_middle_of_thirds_of_the_field_of_view():
+def test_three_beams_go_through_the_middle_of_thirds_of_the_field_of_view():
     camera = PlanarCamera(field_of_view=math.radians(90), n_beams=3)
     assert np.degrees(camera.bearings) == pytest.approx([-30, 0, 30])
 
 
-def test_one_beam_looks_along_the_optical_axis():
+def test_one_beam_goes_along_the_optical_axis():
     assert PlanarCamera(n_beams=1).bearings == pytest.approx([0])
 
 
@@ -48,6 +48,6 @@ def test_at_the_end_of_the_default_view_neighbouring_beams_are_less_than_a_metre
         ("n_beams", 0),
     ],
 )
-def test_a_camera_that_sees_nothing_is_refused(name, value):
+def test_a_camera_without_a_view_is_rejected(name, value):
     with pytest.raises(ValueError, match=rf"PlanarCamera\.{name} .*{value}"):
         PlanarCamera(**{name: value})

@@ -53,14 +53,14 @@ def test_a_point_two_metres_ahead_by_hand_eq_1():
         ("x", 90, [3, 2, 3], np.diag([0.0016, 0.0001, 0.0001])),  # rolled about the axis
     ],
 )
-def test_the_depth_axis_turns_with_the_camera_by_hand_eq_3(axes, angle, point, expected):
+def test_the_depth_axis_rotates_with_the_camera_by_hand_eq_3(axes, angle, point, expected):
     scan = transform_cloud(cloud_of([2, 0, 0]), pose_of(axes, angle, (1.0, 2.0, 3.0)), NOISE)
     assert scan.points[0] == pytest.approx(point)
     assert scan.covariances[0] == pytest.approx(expected, abs=1e-15)
     assert scan.origin.tolist() == [1, 2, 3]
 
 
-def test_half_way_between_two_axes_both_share_by_hand_eq_3():
+def test_halfway_between_two_axes_the_covariance_has_both_by_hand_eq_3():
     scan = transform_cloud(cloud_of([2, 0, 0]), pose_of("z", 45), NOISE)
     half_sum, half_difference = (0.0016 + 0.0001) / 2, (0.0016 - 0.0001) / 2
     expected = [[half_sum, half_difference, 0], [half_difference, half_sum, 0], [0, 0, 0.0001]]
@@ -84,7 +84,7 @@ def test_an_uncertain_position_is_added_to_every_hit_by_hand():
     assert gained == pytest.approx(np.array([np.diag([0.01, 0.04, 0.09])] * 2))
 
 
-def test_an_uncertain_heading_spreads_far_points_across_by_hand():
+def test_an_uncertain_heading_spreads_distant_points_sideways_by_hand():
     sigma = np.zeros((6, 6))
     sigma[5, 5] = 0.1**2
     exact = RangeNoise(intrinsic=0.0)
@@ -93,7 +93,7 @@ def test_an_uncertain_heading_spreads_far_points_across_by_hand():
     assert scan.covariances[0] == pytest.approx(np.diag([0.09, 0.0, 0.0]), abs=1e-15)
 
 
-def test_position_and_heading_that_err_together_cancel_where_they_do_by_hand():
+def test_correlated_errors_of_position_and_heading_cancel_by_hand():
     """A camera that turns about a point 3 m ahead leaves that point where it is."""
     J = np.hstack([np.eye(3), -cross_matrix([3.0, 0.0, 0.0])])
     error = np.array([0.0, -0.3, 0.0, 0.0, 0.0, 0.1])
@@ -105,7 +105,7 @@ def test_position_and_heading_that_err_together_cancel_where_they_do_by_hand():
 
 
 @pytest.mark.parametrize("exponent", [0.0, 1.0, 1.7, 2.0])
-def test_placed_clouds_are_those_of_the_plain_reference_eqs_1_and_3(exponent):
+def test_transformed_clouds_equal_the_plain_reference_eqs_1_and_3(exponent):
     rng = np.random.default_rng(0)
     noise = RangeNoise(intrinsic=0.02, depth=1.3, lateral=0.4, exponent=exponent)
     for _ in range(5):
@@ -133,7 +133,7 @@ def test_the_jacobian_of_the_pose_is_that_of_finite_differences():
     assert scan.covariances[0] == pytest.approx(J @ sigma @ J.T, rel=1e-7)
 
 
-def test_the_share_of_the_pose_is_the_scatter_of_points_seen_from_scattered_cameras():
+def test_the_term_of_the_pose_is_the_scatter_of_points_from_scattered_cameras():
     """20,000 draws: an entry of a covariance errs by 1 / sqrt(20,000) = 0.7 % of its diagonal."""
     rng = np.random.default_rng(2)
     pose, r, sigma = random_pose(rng), np.array([2.0, -0.4, 0.6]), random_pose_covariance(rng, 4e-3)
@@ -147,7 +147,7 @@ def test_the_share_of_the_pose_is_the_scatter_of_points_seen_from_scattered_came
     assert (np.abs(np.cov(seen.T) - C) < 0.04 * np.sqrt(np.outer(np.diag(C), np.diag(C)))).all()
 
 
-def test_turning_the_camera_keeps_the_eigenvalues_eq_3():
+def test_rotating_the_camera_keeps_the_eigenvalues_eq_3():
     rng = np.random.default_rng(3)
     cloud = random_cloud(rng)
     sigma = NOISE.standard_deviations(np.linalg.norm(cloud.points, axis=1), 3)[cloud.hit]
@@ -171,7 +171,7 @@ def test_covariances_are_symmetric_and_positive_definite_and_grow_with_the_poses
         assert np.linalg.eigvalsh(with_pose - without).min() > -1e-12
 
 
-def test_a_moved_world_moves_everything_along():
+def test_transforming_is_equivariant_under_rigid_motion():
     rng = np.random.default_rng(5)
     cloud, pose, sigma = random_cloud(rng), random_pose(rng), random_pose_covariance(rng)
     motion = random_pose(rng)
@@ -183,7 +183,7 @@ def test_a_moved_world_moves_everything_along():
     assert there.covariances == pytest.approx(R @ here.covariances @ R.T, abs=1e-12)
 
 
-def test_points_have_nothing_to_do_with_each_other():
+def test_points_are_independent_of_each_other():
     rng = np.random.default_rng(6)
     cloud, pose, sigma = random_cloud(rng), random_pose(rng), random_pose_covariance(rng)
     order = rng.permutation(len(cloud.points))
@@ -193,7 +193,7 @@ def test_points_have_nothing_to_do_with_each_other():
     assert (mixed.covariances == scan.covariances[order]).all()
 
 
-def test_beams_without_return_keep_their_ends_and_claim_no_uncertainty():
+def test_beams_without_return_keep_their_ends_and_have_no_covariance():
     pose = pose_of("z", 90, (1.0, 2.0, 3.0))
     scan = transform_cloud(cloud_of([6, 0, 0], hit=False), pose, NOISE, np.eye(6))
     assert scan.points == pytest.approx(np.array([[1, 8, 3]]))
@@ -201,14 +201,14 @@ def test_beams_without_return_keep_their_ends_and_claim_no_uncertainty():
     assert not scan.covariances.any()
 
 
-def test_a_beam_that_says_nothing_ends_exactly_where_the_camera_stands():
+def test_a_beam_that_observes_nothing_ends_exactly_at_the_camera():
     rng = np.random.default_rng(7)
     pose = random_pose(rng)
     scan = transform_cloud(cloud_of([0, 0, 0], hit=False), pose, NOISE)
     assert (scan.points[0] == scan.origin).all()
 
 
-def test_a_cloud_of_no_points_is_placed_as_a_scan_of_none():
+def test_a_cloud_of_no_points_becomes_a_scan_of_none():
     cloud = PointCloud(np.zeros((0, 3)), np.zeros(0, dtype=bool))
     assert len(transform_cloud(cloud, pose_of("z", 0), NOISE).points) == 0
 
@@ -217,17 +217,17 @@ def test_a_cloud_of_no_points_is_placed_as_a_scan_of_none():
     ("points", "hit"),
     [((4, 2), (4,)), ((4, 3), (3,)), ((12,), (12,)), ((4, 3), (4, 1))],
 )
-def test_arrays_that_do_not_belong_together_are_refused(points, hit):
+def test_arrays_of_different_sizes_are_rejected(points, hit):
     with pytest.raises(ValueError, match="a point cloud needs points"):
         PointCloud(np.zeros(points), np.zeros(hit, dtype=bool))
 
 
-def test_hits_that_are_no_bools_are_refused():
+def test_hits_that_are_no_bools_are_rejected():
     with pytest.raises(ValueError, match="of float64"):
         PointCloud(np.zeros((4, 3)), np.zeros(4))
 
 
-def test_a_planar_pose_is_refused():
+def test_a_planar_pose_is_rejected():
     with pytest.raises(ValueError, match=r"needs a pose in 3-D, got translation \(2,\)"):
         transform_cloud(cloud_of([1, 0, 0]), Pose.planar(0, 0, 0), NOISE)
 
@@ -241,23 +241,23 @@ def test_a_planar_pose_is_refused():
         (np.eye(6) + np.eye(6, k=1), "symmetric"),
     ],
 )
-def test_what_is_no_covariance_of_a_pose_is_refused(sigma, message):
+def test_an_invalid_pose_covariance_is_rejected(sigma, message):
     with pytest.raises(ValueError, match=message):
         transform_cloud(cloud_of([1, 0, 0]), pose_of("z", 0), NOISE, sigma)
 
 
-def test_covariances_are_told_apart_as_by_their_eigenvalues():
+def test_covariances_are_recognised_as_by_their_eigenvalues():
     rng = np.random.default_rng(5)
-    told = []
+    accepted = []
     for _ in range(300):
         Q = np.linalg.qr(rng.normal(size=(6, 6)))[0]
         values = rng.choice([0.0, 1.0, 1e-3, 1e-6, -1e-6], size=6, p=[0.3, 0.3, 0.2, 0.15, 0.05])
         sigma = (Q * values) @ Q.T
         sigma = 0.5 * (sigma + sigma.T)
         wanted = np.linalg.eigvalsh(sigma)[0] >= -1e-9 * np.abs(sigma).max()
-        told.append(is_covariance(sigma))
-        assert told[-1] == wanted
-    assert 50 < sum(told) < 250
+        accepted.append(is_covariance(sigma))
+        assert accepted[-1] == wanted
+    assert 50 < sum(accepted) < 250
     assert is_covariance(np.zeros((6, 6)))
     crooked = np.eye(6)
     crooked[0, 1] = 1e-6

@@ -44,12 +44,12 @@ def test_standard_deviations_keep_the_shape_of_the_distances():
 
 @pytest.mark.parametrize("name", ["intrinsic", "depth", "lateral", "exponent"])
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
-def test_noise_that_is_negative_or_not_finite_is_refused(name, value):
+def test_noise_that_is_negative_or_not_finite_is_rejected(name, value):
     with pytest.raises(ValueError, match=rf"RangeNoise\.{name} .* {value}"):
         RangeNoise(**{name: value})
 
 
-def test_noise_that_is_worse_across_than_in_depth_is_refused():
+def test_noise_that_is_larger_across_than_in_depth_is_rejected():
     with pytest.raises(
         ValueError, match=r"RangeNoise\.lateral must not exceed depth, got 1\.5 > 1\.0"
     ):
@@ -58,29 +58,29 @@ def test_noise_that_is_worse_across_than_in_depth_is_refused():
 
 def test_a_quarter_turn_swaps_the_axes_eq_3():
     R = np.array([[0.0, -1.0], [1.0, 0.0]])
-    turned = rotate_covariances(np.diag([0.04, 0.01]), R)
-    assert turned == pytest.approx(np.diag([0.01, 0.04]))
+    rotated = rotate_covariances(np.diag([0.04, 0.01]), R)
+    assert rotated == pytest.approx(np.diag([0.01, 0.04]))
 
 
 def test_an_eighth_of_a_turn_mixes_the_axes_eq_3():
     c = math.sqrt(0.5)
-    turned = rotate_covariances(np.diag([4.0, 1.0]), np.array([[c, -c], [c, c]]))
-    assert turned == pytest.approx(np.array([[2.5, 1.5], [1.5, 2.5]]))
+    rotated = rotate_covariances(np.diag([4.0, 1.0]), np.array([[c, -c], [c, c]]))
+    assert rotated == pytest.approx(np.array([[2.5, 1.5], [1.5, 2.5]]))
 
 
-def test_turning_keeps_eigenvalues_and_takes_the_axes_along_eq_3():
+def test_rotation_keeps_eigenvalues_and_rotates_the_axes_eq_3():
     rng = np.random.default_rng(0)
     C = np.diag([9.0, 4.0, 1.0])
     for R in Rotation.random(20, random_state=rng).as_matrix():
-        turned = rotate_covariances(C, R)
-        assert np.linalg.eigvalsh(turned) == pytest.approx([1, 4, 9])
-        assert turned @ R == pytest.approx(R @ C)
+        rotated = rotate_covariances(C, R)
+        assert np.linalg.eigvalsh(rotated) == pytest.approx([1, 4, 9])
+        assert rotated @ R == pytest.approx(R @ C)
 
 
-def test_many_covariances_turn_as_each_one_does_eq_3():
+def test_a_stack_of_covariances_rotates_as_each_one_does_eq_3():
     rng = np.random.default_rng(1)
     A = rng.normal(size=(5, 3, 3))
     covariances, R = A @ A.transpose(0, 2, 1), Rotation.random(random_state=rng).as_matrix()
     together = rotate_covariances(covariances, R)
-    for C, turned in zip(covariances, together, strict=True):
-        assert turned == pytest.approx(R @ C @ R.T)
+    for C, rotated in zip(covariances, together, strict=True):
+        assert rotated == pytest.approx(R @ C @ R.T)

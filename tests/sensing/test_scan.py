@@ -20,6 +20,6 @@ def test_a_scan_of_no_beams_is_a_scan():
         ((2,), (4, 2, 2), (5,)),
     ],
 )
-def test_arrays_that_do_not_belong_together_are_refused(origin, covariances, hit):
+def test_arrays_of_different_sizes_are_rejected(origin, covariances, hit):
     with pytest.raises(ValueError, match="a scan of 4 points needs origin"):
         Scan(np.zeros(origin), np.zeros((4, 2)), np.zeros(covariances), np.zeros(hit, dtype=bool))

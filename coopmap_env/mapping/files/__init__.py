@@ -1,4 +1,4 @@
-"""Maps in and out: one file per format, and one front that chooses by the file's suffix.
+"""Maps in files: one module per format, and one front that chooses by the file's suffix.
 
 ==============  ==========  ======================================================================
 suffix          dimensions  what a round trip keeps
@@ -54,7 +54,7 @@ def save_map(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     ValueError
-        If the suffix is none of the table above, or the format cannot hold the map.
+        If the suffix is not in the table above, or the format cannot hold the map.
     ImportError
         With the pip command, if the format's library is not installed.
     """
@@ -72,7 +72,7 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyMap:
     MapFileError
         If the file is missing, broken or truncated.
     ValueError
-        If the suffix is none of the table above, or holds surfaces only (``.ply``).
+        If the suffix is not in the table above, or holds surfaces only (``.ply``).
     ImportError
         With the pip command, if the format's library is not installed.
     """

@@ -1,4 +1,4 @@
-"""What all map files share: errors that name the file, a map's settings as JSON."""
+"""Common to all map files: errors that name the file, and a map's settings as JSON."""
 
 from __future__ import annotations
 

@@ -1,15 +1,16 @@
 """OctoMap's files, through OctoMap's own library (extra ``octomap``).
 
-``.ot`` holds the log-odds of every voxel as a 32-bit float. Our levels of 1/1024 nat are such
-floats exactly, a sampled cell at level 0 is a node at 0, a never sampled one no node: a round trip
-loses nothing of the occupancy. (Surface estimates have no place there: see `npz` and `ply`.)
-``.bt`` holds one bit per voxel, occupied from P = 1/2 on; read back, such cells are at the clamp.
+``.ot`` holds the log-odds of every voxel as a 32-bit float. Log-odds in steps of 1/1024 nat are
+such floats exactly. A sampled cell with log-odds 0 is a node with 0, a never sampled cell has no
+node, so a round trip loses nothing of the occupancy. Surface estimates are not stored: see `npz`
+and `ply`. ``.bt`` holds one bit per voxel, occupied from P = 1/2 on; read back, such cells are at
+the clamp.
 
-OctoMap's voxels lie at whole multiples of their edge. A grid whose origin does not is written
-shifted by half a cell at most (`octomap_shift`). The grid and the map's constants stand in a
-comment of the file's header, which OctoMap's readers pass over and ours takes back. Files of others
-have none: the grid is then the box of the known voxels, and log-odds are rounded to the nearest
-level and clamped.
+OctoMap's voxels lie at integer multiples of their edge. A grid whose origin does not is written
+with a shift of at most half a cell (`octomap_shift`). A comment in the file's header holds the grid
+and the map's constants; OctoMap's readers skip it. Files of other programs have no such comment:
+the grid is then the bounding box of the known voxels, and log-odds are rounded to fixed point and
+clamped.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ COMMENT_PREFIX = b"# coopmap "
 NODE_BYTES = 5
 """Of a node in an ``.ot`` file: a float and which children it has."""
 MAX_CELLS = 100_000_000
-"""Cells: a dense map of a file of others is not made beyond."""
+"""Cells: a file of another program whose bounding box is larger is rejected, as maps are dense."""
 
 
 def save_octomap(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
@@ -57,7 +58,7 @@ def save_octomap(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
         write = tree.writeBinary if path.suffix.lower() == ".bt" else tree.write
         if not write(str(temporary)):
             raise OSError(f"OctoMap could not write {path}")
-        # after the line that says that comments may be added
+        # after the line of the header that allows comments
         first, second, rest = temporary.read_bytes().split(b"\n", 2)
         comment = COMMENT_PREFIX + settings_to_json(map_).encode()
         temporary.write_bytes(b"\n".join((first, second, comment, rest)))
@@ -66,12 +67,12 @@ def save_octomap(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
 def to_octree(map_: OccupancyMap) -> Any:
     """The map as a `pyoctomap.OcTree`: one node of depth 16 for each sampled cell.
 
-    Its coordinates are ours minus `octomap_shift`.
+    Its coordinates are those of the map minus `octomap_shift`.
     """
     octomap = import_optional("pyoctomap", "octomap")
     base = _first_key(map_.grid)
     tree = octomap.OcTree(map_.grid.resolution)
-    # a node is cut to the thresholds when it is made: as wide as no map of ours is
+    # nodes are clamped when they are made: wider than the clamp of any map
     tree.setClampingThresMin(1e-12)
     tree.setClampingThresMax(1 - 1e-12)
     flat = np.flatnonzero(map_.sampled_mask)
@@ -84,7 +85,7 @@ def to_octree(map_: OccupancyMap) -> Any:
 
 
 def octomap_shift(grid: VoxelGrid) -> NDArray[np.float64]:
-    """Where a grid's cells are minus where OctoMap has them, metres (3,), below half a cell."""
+    """Position of a grid's cells minus that in OctoMap, metres (3,), at most half a cell."""
     return np.array(grid.origin) - (_first_key(grid) - CENTER_KEY) * grid.resolution
 
 
@@ -99,7 +100,7 @@ def _first_key(grid: VoxelGrid) -> NDArray[np.int64]:
 
 
 def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
-    """Read an ``.ot`` or ``.bt`` file, ours or another's.
+    """Read an ``.ot`` or ``.bt`` file, of this library or of another program.
 
     Raises
     ------
@@ -121,7 +122,7 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
     else:
         map_ = map_from_settings(settings, path)
         if not math.isclose(map_.grid.resolution, tree.getResolution(), rel_tol=1e-6):
-            raise MapFileError(f"{path}: its comment is of another resolution than its tree")
+            raise MapFileError(f"{path}: its comment and its tree have different resolutions")
     log_odds, known = sample_octree(tree, map_.grid)
     clamp = map_.log_odds_range.clamp
     if binary:
@@ -134,9 +135,9 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
 
 
 def sample_octree(tree: Any, grid: VoxelGrid) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """What a `pyoctomap.OcTree` says of a grid's cells, each of the shape of the grid.
+    """Log-odds and known cells of a `pyoctomap.OcTree` on a grid, each of the shape of the grid.
 
-    Its coordinates are taken as those of `to_octree`; leaves beyond the grid are left out.
+    Its coordinates are those of `to_octree`; leaves beyond the grid are left out.
 
     Returns
     -------
@@ -161,7 +162,7 @@ def sample_octree(tree: Any, grid: VoxelGrid) -> tuple[NDArray[np.float64], NDAr
 
 
 def _check_header(path: str | os.PathLike[str], binary: bool) -> str | None:
-    """Our settings, if the header has them; OctoMap itself takes a truncated ``.ot`` for whole."""
+    """Map settings in the header, if any; OctoMap itself reads a truncated ``.ot`` as complete."""
     content = read_bytes(path)
     head, found, data = content.partition(b"\ndata\n")
     kind = b"# Octomap OcTree binary file" if binary else b"# Octomap OcTree file"

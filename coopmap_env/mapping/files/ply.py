@@ -1,7 +1,7 @@
 """PLY point clouds of the surface estimates, with their covariances as vertex properties.
 
 Each vertex is the merged surface point of one hit cell: x, y, z, the six numbers of its symmetric
-covariance, the cell's occupancy probability and its flat number. Viewers that know nothing of the
+covariance, the cell's occupancy probability and its flat number. Viewers that do not know the
 extra properties show the points. Binary files, and ASCII ones with 17 digits, keep every bit.
 """
 
@@ -23,7 +23,7 @@ VERTEX_DTYPE = np.dtype(
     + [(f"covariance_{pair}", "<f8") for pair in COVARIANCE_PAIRS]
     + [("probability", "<f8"), ("cell", "<i4")]
 )
-"""One vertex of our files."""
+"""One vertex of the files."""
 PLY_DTYPES = {
     "char": "<i1", "int8": "<i1", "uchar": "<u1", "uint8": "<u1", "short": "<i2", "int16": "<i2",
     "ushort": "<u2", "uint16": "<u2", "int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4",
@@ -31,7 +31,7 @@ PLY_DTYPES = {
 }  # fmt: skip
 PLY_TYPE_NAMES = {"<f8": "double", "<i4": "int"}
 DIMENSION_COMMENT = "coopmap dimension"
-"""A comment that tells planar maps, whose z and covariances along z are 0."""
+"""Comment with the dimension of the map; in planar maps, z and covariances along z are 0."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ class SurfaceEstimates:
 def save_surfaces(map_: OccupancyMap, path: str | os.PathLike[str], ascii_: bool = False) -> None:
     """Write the surface estimates of a map.
 
-    Covariances are written as the mean of both triangles, which inversion leaves equal but for
-    rounding.
+    Covariances are written as the mean of both triangles, which differ by the rounding of the
+    inversion.
     """
     surfaces = SurfaceEstimates.from_map(map_)
     d = map_.grid.dimension
@@ -91,12 +91,12 @@ def save_surfaces(map_: OccupancyMap, path: str | os.PathLike[str], ascii_: bool
 
 
 def load_surfaces(path: str | os.PathLike[str]) -> SurfaceEstimates:
-    """Read what `save_surfaces` wrote, whatever other properties or elements follow.
+    """Read surface estimates; other properties and elements of the file are ignored.
 
     Raises
     ------
     MapFileError
-        If the file is missing, broken or truncated, or lacks one of our properties.
+        If the file is missing, broken or truncated, or lacks one of the properties.
     """
     content = read_bytes(path)
     head, found, body = content.partition(b"end_header\n")

@@ -107,7 +107,7 @@ def test_map_server_trinary_keeps_free_occupied_and_unknown(tmp_path):
     save_map(map_, tmp_path / "map.yaml")
     back = load_map(tmp_path / "map.yaml")
     assert back.grid == map_.grid
-    # P of levels +-300 is 0.43 and 0.57: between the thresholds of map_saver
+    # P of log-odds +-300 is 0.43 and 0.57: between the thresholds of map_saver
     assert back.sampled_mask.tolist() == [1, 1, 0, 0, 0, 0]
     assert back.log_odds_fixed[:2].tolist() == [
         -back.log_odds_range.clamp,
@@ -153,7 +153,7 @@ def test_map_server_reads_8_and_16_bits_alike(tmp_path, mode):
     assert state(wide) == state(narrow)
 
 
-def test_unknown_suffixes_are_refused_with_the_list(tmp_path):
+def test_unknown_suffixes_are_rejected_with_the_list(tmp_path):
     map_ = OccupancyMap(VoxelGrid((4, 5)))
     with pytest.raises(
         ValueError, match=r"\.npz, \.ot, \.bt, \.ply, \.yaml, \.yml, not '.*map\.x'"
@@ -169,7 +169,7 @@ def test_unknown_suffixes_are_refused_with_the_list(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["map.npz", "map.ply", "map.yaml"])
-def test_missing_truncated_and_foreign_files_are_refused_by_name(tmp_path, name):
+def test_missing_truncated_and_foreign_files_are_rejected_by_name(tmp_path, name):
     load = load_surfaces if name.endswith("ply") else load_map
     path = tmp_path / name
     with pytest.raises(MapFileError, match=name):
@@ -182,7 +182,7 @@ def test_missing_truncated_and_foreign_files_are_refused_by_name(tmp_path, name)
             load(path)
 
 
-def test_a_ply_file_that_lacks_a_vertex_or_a_property_is_refused(tmp_path):
+def test_a_ply_file_that_lacks_a_vertex_or_a_property_is_rejected(tmp_path):
     path = tmp_path / "map.ply"
     for ascii_ in (False, True):
         save_surfaces(random_map(VoxelGrid((14, 11))), path, ascii_)
@@ -207,16 +207,16 @@ def with_arrays(path, **arrays):
         ("not 'coopmap map 1'", {"format": np.array("other")}),
         ("settings are broken", {"settings": np.array("{}")}),
         ("shapes", {"levels": np.zeros(3, np.int32)}),
-        (r"levels must lie within \+-", {"levels": np.full(20, 99999, np.int32)}),
+        (r"log_odds_fixed must lie within \+-", {"levels": np.full(20, 99999, np.int32)}),
         ("sampled be 0 or 1", {"sampled": np.full(20, 2, np.uint8)}),
-        ("whole numbers", {"levels": np.zeros(20)}),
+        ("must be integers", {"levels": np.zeros(20)}),
         (r"hit cells must lie in \[0, 20\)", {"cells": np.array([20]),
          "precisions": np.ones((1, 2, 2)), "vectors": np.ones((1, 2))}),
         ("finite", {"cells": np.array([2]), "precisions": np.full((1, 2, 2), np.nan),
          "vectors": np.ones((1, 2))}),
     ],
 )  # fmt: skip
-def test_an_npz_file_whose_arrays_make_no_map_is_refused(tmp_path, message, arrays):
+def test_an_npz_file_whose_arrays_make_no_map_is_rejected(tmp_path, message, arrays):
     path = tmp_path / "map.npz"
     save_map(OccupancyMap(VoxelGrid((4, 5))), path)
     with_arrays(path, **arrays)

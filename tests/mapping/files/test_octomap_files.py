@@ -1,4 +1,4 @@
-"""OctoMap's files: its own library agrees with us on every voxel, and nothing is lost."""
+"""OctoMap's files: its own library reads the same voxels, and nothing is lost."""
 
 import numpy as np
 import pytest
@@ -34,10 +34,10 @@ def octomap_log_odds(tree, map_):
     return np.array([node.getLogOdds() if node else np.nan for node in nodes])
 
 
-def test_octomap_agrees_with_us_on_every_voxel_of_an_ot_file(tmp_path, known):
+def test_octomap_reads_the_same_voxels_from_an_ot_file(tmp_path, known):
     save_map(known, tmp_path / "map.ot")
     found = octomap_log_odds(pyoctomap.OcTree(0.1).read(str(tmp_path / "map.ot")), known)
-    # levels are multiples of 2**-10, floats of 24 bits hold them exactly
+    # log-odds are multiples of 2**-10; floats of 24 bits hold them exactly
     sampled = known.sampled.ravel()
     np.testing.assert_array_equal(found[sampled], known.log_odds.ravel()[sampled])
     assert np.isnan(found[~sampled]).all()
@@ -83,7 +83,7 @@ def test_an_empty_map_comes_back_empty(tmp_path, suffix):
     assert not back.sampled.any()
 
 
-def test_a_tree_of_others_fills_the_box_of_its_voxels_pruned_ones_too(tmp_path):
+def test_a_tree_of_another_program_fills_the_box_of_its_voxels_pruned_ones_too(tmp_path):
     tree = pyoctomap.OcTree(0.5)
     for key in np.ndindex(2, 2, 2):  # eight equal voxels, which pruning makes one
         for _ in range(20):
@@ -109,10 +109,10 @@ def broken(content):
     yield "not of an occupancy tree", content.replace(b"id OcTree", b"id ColorOcTree")
     yield "settings are broken", content.replace(b"# coopmap {", b"# coopmap [")
     yield "settings are broken", content.replace(b'"resolution": 0.25', b'"resolution": -1')
-    yield "another resolution", content.replace(b"res 0.25", b"res 0.35")
+    yield "different resolutions", content.replace(b"res 0.25", b"res 0.35")
 
 
-def test_broken_files_are_refused_with_their_name(tmp_path, known):
+def test_broken_files_are_rejected_with_their_name(tmp_path, known):
     save_map(known, tmp_path / "map.ot")
     content = (tmp_path / "map.ot").read_bytes()
     for message, wrong in broken(content):
@@ -123,14 +123,14 @@ def test_broken_files_are_refused_with_their_name(tmp_path, known):
         assert "wrong.ot" in str(error.value)
 
 
-def test_a_truncated_bt_file_is_refused(tmp_path, known):
+def test_a_truncated_bt_file_is_rejected(tmp_path, known):
     save_map(known, tmp_path / "map.bt")
     (tmp_path / "cut.bt").write_bytes((tmp_path / "map.bt").read_bytes()[:-9])
     with pytest.raises(MapFileError, match=r"cut\.bt: OctoMap's library cannot read"):
         load_map(tmp_path / "cut.bt")
 
 
-def test_maps_that_octomap_cannot_hold_are_refused(tmp_path):
+def test_maps_that_octomap_cannot_hold_are_rejected(tmp_path):
     with pytest.raises(ValueError, match=r"3-D maps, this one is \(4, 5\)"):
         save_map(OccupancyMap(VoxelGrid((4, 5))), tmp_path / "map.ot")
     far = OccupancyMap(VoxelGrid((4, 5, 6), 0.1, (4000.0, 0.0, 0.0)))

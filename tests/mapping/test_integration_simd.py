@@ -1,4 +1,4 @@
-"""The fast 3-D kernel of partial surfaces does what the general one does, to the last bit."""
+"""The fast 3-D kernel of partial surfaces equals the general one, to the last bit."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_both_kernels_agree_bit_by_bit(largest_sigma, bounds):
 
 
 def test_a_cell_that_keeps_a_point_is_one_that_was_sampled():
-    """Whatever the level: clearing the map looks for sampled cells."""
+    """Whatever the update: clearing the map resets sampled cells."""
     rng = np.random.default_rng(1)
     map_ = OccupancyMap(GRID, BeamModel(0.2, 0.7, "partial"))
     for _ in range(200):
@@ -50,7 +50,7 @@ def test_a_cell_that_keeps_a_point_is_one_that_was_sampled():
     assert not map_.precision.any()
 
 
-def test_the_order_of_the_beams_does_not_change_the_claims():
+def test_the_order_of_the_beams_does_not_change_the_updates():
     rng = np.random.default_rng(2)
     model = BeamModel(0.02, 0.998, "partial")
     for _ in range(10):
