@@ -1,4 +1,4 @@
-"""What a view would tell: visible voxels, new information (Eqs. 6-8), rating (Eqs. 5 and 9)."""
+"""What a view would bring: visible cells, new information (Eqs. 6-8), rating (Eqs. 5 and 9)."""
 
 from coopmap_env.information.entropy import entropy
 from coopmap_env.information.field.frustum import Frustum
@@ -6,24 +6,38 @@ from coopmap_env.information.field.line_of_sight import first_visible_point
 from coopmap_env.information.field.mutual_information import FieldMutualInformation
 from coopmap_env.information.field.rating import FieldRatingFunction
 from coopmap_env.information.frontier import adjacent_to_unknown
-from coopmap_env.information.gray import gray_bin, sampled_gray_level, unknown_gray_level
-from coopmap_env.information.motion_cost import joint_distance, motion_distance
+from coopmap_env.information.gray_levels import gray_bin, sampled_gray_level, unknown_gray_level
 from coopmap_env.information.planar.fan import BeamFan
+from coopmap_env.information.planar.information_cache import NewInformationCache
 from coopmap_env.information.planar.mutual_information import MutualInformation
-from coopmap_env.information.planar.rating import RatingFunction, Ratings
+from coopmap_env.information.planar.rating import RatingFunction
+from coopmap_env.information.ratings import (
+    CameraPoses,
+    Ratings,
+    ReservedMask,
+    Spheres,
+    ViewContext,
+    joint_distance,
+    motion_distance,
+)
 from coopmap_env.information.settings import FieldRatingSettings, RatingConstants, RatingSettings
 
 __all__ = [
     "BeamFan",
+    "CameraPoses",
     "FieldMutualInformation",
     "FieldRatingFunction",
     "FieldRatingSettings",
     "Frustum",
     "MutualInformation",
+    "NewInformationCache",
     "RatingConstants",
     "RatingFunction",
     "RatingSettings",
     "Ratings",
+    "ReservedMask",
+    "Spheres",
+    "ViewContext",
     "adjacent_to_unknown",
     "entropy",
     "first_visible_point",

@@ -1,18 +1,17 @@
-"""Constants of the rating function, of Eqs. 5 to 9."""
+"""Constants of the rating functions, Eqs. 5 to 9."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
-
-from coopmap_env.information.gray import Interpretation
+from coopmap_env.core.settings import NonNegative, Range, Settings
+from coopmap_env.information.gray_levels import Interpretation
 
 
 @dataclass(frozen=True)
-class RatingConstants:
-    """Constants of Eqs. 6 to 9, which any rating needs; those of Eq. 5 depend on the mount.
+class RatingConstants(Settings):
+    """Constants of Eqs. 6 to 9, which every rating needs; those of Eq. 5 depend on the mount.
 
     Raises
     ------
@@ -20,37 +19,20 @@ class RatingConstants:
         If a value is outside of its range.
     """
 
-    K: float
+    K: NonNegative
     """Weight of the motion, nats per unit of d**n."""
-    exponent: float = 1.0
+    exponent: NonNegative = 1.0
     """n of Eq. 9."""
-    n_gray_bins: int = 64
-    """Bins over the gray levels [0, 2] (Eq. 7): half of them tell unknown cells apart by
-    distance, in steps of less than one cell in the plane, of less than two in space."""
+    n_gray_bins: Annotated[int, Range(at_least=2, at_most=256)] = 64
+    """Bins over the gray levels [0, 2] (Eq. 7). Half of them tell unknown cells apart by their
+    distance, in steps of less than one cell in 2-D and of less than two in 3-D."""
     interpretation: Interpretation = "literal"
-    """Of Eq. 8a: with the distance as printed, or distance free."""
-
-    def __post_init__(self) -> None:
-        kind = type(self).__name__
-        for name in (field.name for field in fields(self)):
-            value = getattr(self, name)
-            if name in ("n_gray_bins", "interpretation"):
-                continue
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{kind}.{name} must be finite and >= 0, got {value}")
-        if not (isinstance(self.n_gray_bins, int | np.integer) and 2 <= self.n_gray_bins <= 256):
-            raise ValueError(
-                f"{kind}.n_gray_bins must be a whole number in 2 ... 256, got {self.n_gray_bins}"
-            )
-        if self.interpretation not in ("literal", "distance_free"):
-            raise ValueError(
-                f"{kind}.interpretation is 'literal' or 'distance_free', got {self.interpretation!r}"
-            )
+    """Of Eq. 8a: with the distance as printed, or without it."""
 
 
 @dataclass(frozen=True)
 class RatingSettings(RatingConstants):
-    """Constants of Eqs. 5 to 9 in the plane.
+    """Constants of Eqs. 5 to 9 of the 2-D (planar) environment.
 
     Raises
     ------
@@ -58,18 +40,18 @@ class RatingSettings(RatingConstants):
         If a value is outside of its range.
     """
 
-    K: float = 0.2
+    K: NonNegative = 0.2
     """Weight of the motion, nats per unit of d**n. Chosen on 150 training worlds: the trends of the
-    paper's Section 3 hold. NI is at most ln(n_gray_bins), so 20 m of motion are hardly ever worth it."""
-    alpha_position: float = 1.0
+    paper's Section 3 hold. NI is at most ln(n_gray_bins), so 20 m of motion rarely pay."""
+    alpha_position: NonNegative = 1.0
     """Weight of squared metres in Eq. 5."""
-    alpha_heading: float = 0.0
-    """Weight of squared radians in Eq. 5: turning a camera on its mount costs next to nothing."""
+    alpha_heading: NonNegative = 0.0
+    """Weight of squared radians in Eq. 5: a camera turns on its mount at almost no cost."""
 
 
 @dataclass(frozen=True)
 class FieldRatingSettings(RatingConstants):
-    """Constants of Eqs. 6 to 9 in space; the alphas of Eq. 5 are those of the mount's joints.
+    """Constants of Eqs. 6 to 9 of the 3-D (field) environment; `Mount.alpha` has those of Eq. 5.
 
     Raises
     ------
@@ -77,6 +59,6 @@ class FieldRatingSettings(RatingConstants):
         If a value is outside of its range.
     """
 
-    K: float = 0.1
-    """Weight of the motion, nats per unit of d**n. Chosen on 8 training worksites: the area under
-    the surface coverage curve is that of K = 0 and 0.05, with two thirds of the motion of 0."""
+    K: NonNegative = 0.1
+    """Weight of the motion, nats per unit of d**n. Chosen on 8 training scenes: the area under the
+    surface coverage curve is that of K = 0 and 0.05, with two thirds of the motion of K = 0."""

@@ -1,4 +1,4 @@
-"""Where cameras can stand: cells of the plane, and articulated mounts on vehicles in space."""
+"""Where cameras can stand: the poses of a planar lattice, and articulated mounts on vehicles."""
 
 from coopmap_env.robots.collision.checker import CollisionChecker, CollisionSettings, Contact
 from coopmap_env.robots.collision.clearance import VoxelStates, are_spheres_free
@@ -9,10 +9,19 @@ from coopmap_env.robots.kinematics.collision_spheres import (
     CollisionSpheres,
     CollisionSphereSettings,
 )
-from coopmap_env.robots.lattice import PoseLattice
-from coopmap_env.robots.mount import Mount, make_mount
-from coopmap_env.robots.mount_library import mount_from_urdf
-from coopmap_env.robots.reach import (
+from coopmap_env.robots.kinematics.forward import (
+    BodyPoses,
+    KinematicTree,
+    allocate_body_poses,
+    body_poses,
+    frame_poses,
+)
+from coopmap_env.robots.kinematics.urdf import UrdfModel
+from coopmap_env.robots.mount import Mount
+from coopmap_env.robots.mount_library import R_OPTICAL_CAMERA, make_mount, mount_from_urdf
+from coopmap_env.robots.planar.pose_lattice import LatticeGeometry, PoseLattice, pose_from_id
+from coopmap_env.robots.planar.reachable_cells import (
+    FREE_PROBABILITY,
     ReachableCells,
     free_mask,
     infeasibility_reason,
@@ -22,26 +31,36 @@ from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 from coopmap_env.robots.vehicle import PoseEstimate, Vehicle
 
 __all__ = [
+    "FREE_PROBABILITY",
+    "R_OPTICAL_CAMERA",
     "SUSPENSION_JOINTS",
+    "BodyPoses",
     "Chain",
     "CollisionChecker",
     "CollisionSettings",
     "CollisionSphereSettings",
     "CollisionSpheres",
     "Contact",
+    "KinematicTree",
+    "LatticeGeometry",
     "Mount",
     "PoseEstimate",
     "PoseLattice",
     "ReachableCells",
     "Suspension",
+    "UrdfModel",
     "Vehicle",
     "VoxelStates",
+    "allocate_body_poses",
     "are_spheres_free",
+    "body_poses",
     "filter_robot_points",
+    "frame_poses",
     "free_mask",
     "infeasibility_reason",
     "is_straight_path_free",
     "make_mount",
     "mount_from_urdf",
     "plan_path",
+    "pose_from_id",
 ]

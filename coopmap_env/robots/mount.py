@@ -1,4 +1,4 @@
-"""Camera mounts: which URDF, which joints, which camera, and how well they are known."""
+"""Camera mounts: URDF, joints, camera, and the errors of the joints."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class Mount:
     T_link_camera: Pose = IDENTITY_POSE
     """Camera frame (x optical axis, y left, z up) in the frame of the camera link."""
     encoder_noise: tuple[float, ...] | float = 0.1 * DEGREE
-    """Standard deviation of one reading, radians or metres, per joint (one value: for all)."""
+    """Standard deviation of one encoder reading, radians or metres, per joint or for all."""
     calibration_error: tuple[float, ...] | float = 0.15 * DEGREE
     """Standard deviation of a joint's constant offset, drawn once per episode."""
     suspension: Suspension | None = None
     alpha: tuple[float, ...] | float = 1.0
-    """Weights of squared joint motions in Eq. 5: per rad^2, or per m^2 of a joint that slides."""
+    """Weights of squared joint motions in Eq. 5: per rad^2, or per m^2 of a prismatic joint."""
     package_dirs: tuple[str, ...] = ()
     """Folders in which ``package://`` meshes are looked up."""
 
@@ -66,8 +66,8 @@ class Mount:
     def chain(self, with_suspension: bool = False) -> Chain:
         """The mount's kinematics, read once per process.
 
-        With `with_suspension`, q is [heave, roll, pitch, *joints]: what physics moves. Without, the
-        suspension is at rest: what the robot believes.
+        With the suspension, q is [heave, roll, pitch, *joints]: what physics moves. Without it, the
+        suspension is at rest: what the robot assumes.
 
         Raises
         ------
@@ -102,22 +102,3 @@ def _read_chain(
     translation, rotation = (np.frombuffer(part).copy() for part in T_link_camera)
     camera = Pose(translation, rotation.reshape(3, 3))
     return Chain.from_urdf(urdf, joints, camera_link, camera, package_dirs)
-
-
-def make_mount(mount: str | Mount) -> Mount:
-    """A mount by its name; a `Mount` is returned as it is.
-
-    Raises
-    ------
-    ValueError
-        If there is no mount of that name; the message lists the choices.
-    ImportError
-        If the mount needs a package that is not installed; the message says how to install it.
-    """
-    from coopmap_env.robots.mount_library import MOUNTS  # they are made of what stands above
-
-    if isinstance(mount, Mount):
-        return mount
-    if not isinstance(mount, str) or mount not in MOUNTS:
-        raise ValueError(f"unknown mount {mount!r}; choose one of {sorted(MOUNTS)} or give a Mount")
-    return MOUNTS[mount]()

@@ -1,4 +1,4 @@
-"""The mounts that come with the package, and how to make one of any other URDF."""
+"""The mounts that come with the package, and mounts from any other URDF."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots.kinematics import urdf_editing as compose
+from coopmap_env.robots.kinematics import urdf_editing
 from coopmap_env.robots.mount import DEGREE, Mount
 from coopmap_env.robots.suspension import Suspension
 
@@ -70,7 +70,7 @@ def mount_from_urdf(
     ValueError
         If a joint or link does not exist; the message lists those that do.
     """
-    tree = compose.load_urdf_xml(urdf, package_dirs)
+    tree = urdf_editing.load_urdf_xml(urdf, package_dirs)
     return _suspended_mount(
         tree, name or Path(urdf).stem, joints, camera_link, home, suspension or Suspension(),
         root_height, wheels, fixed_joints or {}, settings,
@@ -89,18 +89,18 @@ def _suspended_mount(
     fixed_joints: Mapping[str, float],
     settings: Mapping[str, Any],
 ) -> Mount:
-    compose.fix_joints(tree, joints, fixed_joints)
-    compose.add_suspension(tree, suspension.roll_center_height, root_height, wheels)
+    urdf_editing.fix_joints(tree, joints, fixed_joints)
+    urdf_editing.add_suspension(tree, suspension.roll_center_height, root_height, wheels)
     mount = Mount(
         name=name,
-        urdf=compose.write_urdf_cached(tree, name),
+        urdf=urdf_editing.write_urdf_cached(tree, name),
         camera_link=camera_link,
         joints=tuple(joints),
         home=tuple(home),
         suspension=suspension,
         **settings,
     )
-    mount.chain()  # a wrong name or value is told here, not at the first use
+    mount.chain()  # a wrong name or value raises here, not at the first use
     return mount
 
 
@@ -119,14 +119,16 @@ def mast() -> Mount:
 def husky_panda() -> Mount:
     """Clearpath's Husky carrying Franka's Panda, the camera beside its gripper.
 
-    From the files of pybullet_data. The camera looks along the hand's approach axis and sits
-    where a wrist camera is screwed on, so that the fingers are out of its sight.
+    From the files of pybullet_data. The camera faces along the hand's approach axis and sits where
+    a wrist camera is screwed on, so that the fingers are out of its view.
     """
     data = Path(import_optional("pybullet_data", "field").getDataPath())
-    tree = compose.load_urdf_xml(data / "husky" / "husky.urdf")
-    compose.remove_links(tree, ["imu_link"])  # its pose is left to a variable of the shell
-    panda = compose.load_urdf_xml(data / "franka_panda" / "panda.urdf")
-    compose.attach_tree(tree, panda, "base_link", compose.transform_from_xyz_rpy(0.05, 0.0, 0.224))
+    tree = urdf_editing.load_urdf_xml(data / "husky" / "husky.urdf")
+    urdf_editing.remove_links(tree, ["imu_link"])  # its pose is a variable of the shell
+    panda = urdf_editing.load_urdf_xml(data / "franka_panda" / "panda.urdf")
+    urdf_editing.attach_tree(
+        tree, panda, "base_link", urdf_editing.transform_from_xyz_rpy(0.05, 0.0, 0.224)
+    )
     R = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     R[:, 1] *= -1.0  # camera x along the hand's z, camera z along the hand's x
     return _suspended_mount(
@@ -207,3 +209,21 @@ MOUNTS: dict[str, Callable[[], Mount]] = {
     "husky_panda": husky_panda,
     "tiago": tiago,
 }
+"""Makers of the mounts, by name."""
+
+
+def make_mount(mount: str | Mount) -> Mount:
+    """A mount by its name; a `Mount` is returned unchanged.
+
+    Raises
+    ------
+    ValueError
+        If there is no mount of that name; the message lists the choices.
+    ImportError
+        If the mount needs a package that is not installed; the message says how to install it.
+    """
+    if isinstance(mount, Mount):
+        return mount
+    if not isinstance(mount, str) or mount not in MOUNTS:
+        raise ValueError(f"unknown mount {mount!r}; choose one of {sorted(MOUNTS)} or give a Mount")
+    return MOUNTS[mount]()

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+
+from coopmap_env.core.settings import NonNegative, Positive, Settings
 
 SUSPENSION_JOINTS = ("suspension_heave", "suspension_roll", "suspension_pitch")
 """The joints that every mount's URDF has between its base and its body, from the wheels up."""
 
 
 @dataclass(frozen=True)
-class Suspension:
-    """Linear springs and dampers of a body's heave, roll and pitch about its roll centre.
+class Suspension(Settings):
+    """Linear springs and dampers of a body's heave, roll and pitch about its roll center.
 
     The springs are preloaded: with the mount at home the deflections are zero. A moment M of the
     moving mount turns the body by about M / stiffness; its weight is the same in every posture, so
@@ -23,36 +24,28 @@ class Suspension:
         If a value is negative or not finite, or a stiffness is zero.
     """
 
-    heave_stiffness: float = 60_000.0
+    heave_stiffness: Positive = 60_000.0
     """N/m: 145 kg bounce at 3.2 Hz, as on the stiff springs of a work vehicle."""
-    roll_stiffness: float = 9_000.0
+    roll_stiffness: Positive = 9_000.0
     """N m/rad: a mast swung out sideways (about 100 N m) leans the body by half a degree."""
-    pitch_stiffness: float = 12_000.0
+    pitch_stiffness: Positive = 12_000.0
     """N m/rad: the wheelbase is longer than the track."""
-    heave_damping: float = 4_100.0
+    heave_damping: NonNegative = 4_100.0
     """N s/m: 0.7 of the critical damping of the mast's 145 kg."""
-    roll_damping: float = 820.0
-    """N m s/rad: 0.7 of the critical damping of the mast's 38 kg m^2 about the roll centre."""
-    pitch_damping: float = 1_000.0
+    roll_damping: NonNegative = 820.0
+    """N m s/rad: 0.7 of the critical damping of the mast's 38 kg m^2 about the roll center."""
+    pitch_damping: NonNegative = 1_000.0
     """N m s/rad: 0.7 of the critical damping of the mast's 43 kg m^2."""
-    roll_center_height: float = 0.25
+    roll_center_height: NonNegative = 0.25
     """Metres above ground, of the axes of roll and pitch."""
-    heave_std: float = 0.0002
-    """Metres: what the robot, which measures no deflection, ascribes to heave: at rest its weight
+    heave_std: NonNegative = 0.0002
+    """Metres: what the robot, which measures no deflection, assumes for heave. At rest its weight
     is the same in every posture."""
-    roll_std: float = 0.0045
-    """Radians (a quarter of a degree), ascribed to roll: its root mean square over the poses of the
-    mast, and so are the others."""
-    pitch_std: float = 0.0036
-    """Radians, ascribed to pitch."""
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"Suspension.{field.name} must be finite and >= 0, got {value}")
-            if field.name.endswith("stiffness") and value == 0:
-                raise ValueError(f"Suspension.{field.name} must be > 0, got {value}")
+    roll_std: NonNegative = 0.0045
+    """Radians (a quarter of a degree), assumed for roll: its root mean square over the poses of the
+    mast. The others are alike."""
+    pitch_std: NonNegative = 0.0036
+    """Radians, assumed for pitch."""
 
     @property
     def stiffness(self) -> tuple[float, float, float]:
@@ -66,5 +59,5 @@ class Suspension:
 
     @property
     def std(self) -> tuple[float, float, float]:
-        """Standard deviations that a robot ascribes to heave, roll and pitch."""
+        """Standard deviations that a robot assumes for heave, roll and pitch."""
         return self.heave_std, self.roll_std, self.pitch_std

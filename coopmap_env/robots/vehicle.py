@@ -1,4 +1,4 @@
-"""A vehicle: a mount somewhere in the world, and what it knows of its own camera's pose."""
+"""A vehicle: a mount at a base pose in the world, and the estimate of its camera's pose."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from coopmap_env.geometry.rotations import skew
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
-from coopmap_env.robots.mount import Mount, make_mount
+from coopmap_env.robots.mount import Mount
+from coopmap_env.robots.mount_library import make_mount
 
 
 class PoseEstimate(NamedTuple):
-    """Where a robot believes that its camera is, or another of its frames."""
+    """Estimated pose of a robot's camera or base."""
 
     pose: Pose
     """T_world_camera."""
@@ -29,8 +30,8 @@ class PoseEstimate(NamedTuple):
 class Vehicle:
     """A mount on a vehicle that stands still.
 
-    Poses follow from the joints alone: of its suspension the robot measures nothing, and takes it
-    to be at rest, as at home.
+    Poses follow from the joints alone: the robot does not measure its suspension and assumes it at
+    rest, as at home.
     """
 
     mount: Mount
@@ -78,14 +79,14 @@ class Vehicle:
         return self.T_world_base.rotation @ R, self.T_world_base.transform(t)
 
     def spheres(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Centres (k, s, 3) in the world frame and radii (s,) of the spheres that cover it."""
+        """Centers (k, s, 3) in the world frame and radii (s,) of the spheres that cover it."""
         return self.T_world_base.transform(self.body.centers(q)), self.body.radii
 
     @cached_property
     def workspace_sphere(self) -> tuple[NDArray[np.float64], float]:
-        """A ball that no moving sphere ever leaves: centre (3,) in the world, radius in metres.
+        """A sphere that no moving collision sphere leaves: center (3,), world frame, and radius.
 
-        It is about the first joint, and as large as all links together stretched out.
+        It is centered on the first joint, and as large as all links stretched out.
         """
         tree, chain, body = self.chain.tree, self.chain, self.body
         farthest = np.maximum(np.abs(chain.lower), np.abs(chain.upper))
@@ -105,25 +106,26 @@ class Vehicle:
 
     @cached_property
     def _suspended_chain(self) -> Chain:
-        """The chain with the suspension's joints in front."""
+        """The chain with the suspension's joints first."""
         return self.mount.chain(with_suspension=True)
 
     def with_base_pose(
         self, T_world_base: Pose, covariance: NDArray[np.float64] | None = None
     ) -> Vehicle:
-        """The same vehicle somewhere else."""
+        """The same vehicle at another base pose."""
         return replace(self, T_world_base=T_world_base, base_covariance=covariance)
 
     def camera_estimate(self, q: ArrayLike) -> PoseEstimate:
         """The camera's pose by the encoders' readings, with its uncertainty to first order.
 
-        `per_scan_covariance`, and the shares of what lasts from one look to the next: J S J^T with the
-        variances S of the joints' calibration, and that of the base if it is not known exactly.
+        The covariance is `per_scan_covariance` plus that of the errors which persist from scan to
+        scan: J S J^T with the variances S of the joints' calibration, and that of the base if it is
+        not known exactly.
 
         Parameters
         ----------
         q : array_like, shape (n,)
-            Readings of the joints.
+            Encoder readings.
         """
         pose = self.camera_pose(q)
         J = self.joint_jacobian(q)
@@ -134,10 +136,10 @@ class Vehicle:
         return PoseEstimate(pose, self.per_scan_covariance(q) + persistent_covariance)
 
     def per_scan_covariance(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Covariance (6, 6) of a look's own errors of the camera's pose, in the world frame.
+        """Covariance (6, 6) of the camera's pose by errors that are independent in each scan.
 
-        J S J^T with the camera's Jacobian J: S has the variances of the encoders' noise, and those
-        ascribed to heave, roll and pitch of the body.
+        J S J^T with the camera's Jacobian J, world frame. S has the variances of the encoders'
+        noise, and those assumed for heave, roll and pitch of the body.
         """
         q = self.chain.as_joint_values(q)
         if self.mount.suspension is None:
@@ -149,14 +151,14 @@ class Vehicle:
         return np.asarray((J * self._per_scan_variances) @ J.T)
 
     def joint_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Jacobian (6, n) of the camera [translation; rotation vector], world frame, by its joints.
+        """Jacobian (6, n) of the camera [translation; rotation vector] with respect to its joints.
 
-        With the suspension at rest.
+        World frame, suspension at rest.
         """
         return self._rotated_to_world(self.chain.jacobian(q))
 
     def base_jacobian(self, camera: Pose) -> NDArray[np.float64]:
-        """Jacobian (6, 6) of T_world_camera by T_world_base, both as displacements."""
+        """Jacobian (6, 6) of T_world_camera with respect to T_world_base, as displacements."""
         J = np.eye(6)
         J[:3, 3:] = -skew(camera.translation - self.T_world_base.translation)
         return J

@@ -5,7 +5,7 @@ import pytest
 from plain import views
 
 from coopmap_env.information import BeamFan, gray_bin, sampled_gray_level, unknown_gray_level
-from coopmap_env.information.gray import GrayLevelTable
+from coopmap_env.information.gray_levels import GrayLevelTable
 from coopmap_env.mapping import LogOddsRange
 from coopmap_env.sensing import PlanarCamera
 

@@ -31,7 +31,7 @@ def test_all_triangles_lie_in_the_spheres_of_their_rigid_body(any_mount):
 
 def test_spheres_are_few_and_small_where_links_move(any_mount):
     body = CollisionSpheres.from_chain(any_mount.chain(), any_mount.home)
-    moving = ~body.is_static
+    moving = body.sphere_body_index > 0
     assert np.count_nonzero(moving) <= 20
     assert np.bincount(body.link).max() <= 8
     assert (body.radii[moving] <= 0.17).all()
@@ -43,7 +43,7 @@ def test_finer_settings_give_smaller_spheres(mast):
     fine = CollisionSpheres.from_chain(
         mast.chain(), mast.home, CollisionSphereSettings(radius=0.08, max_spheres=32)
     )
-    assert (fine.radii[~fine.is_static] <= 0.08).all()
+    assert (fine.radii[fine.sphere_body_index > 0] <= 0.08).all()
     assert fine.n_spheres > CollisionSpheres.from_chain(mast.chain(), mast.home).n_spheres
 
 
@@ -67,7 +67,7 @@ def test_spheres_follow_their_links(any_mount):
     body = CollisionSpheres.from_chain(chain, any_mount.home)
     lower, upper = np.maximum(chain.lower, -3), np.minimum(chain.upper, 3)
     q = np.random.default_rng(1).uniform(lower, upper, (4, chain.n_joints))
-    centers, radii, link = body.spheres(q)
+    centers, radii, link = body.centers(q), body.radii, body.link
     assert centers.shape == (4, body.n_spheres, 3)
     assert radii.shape == link.shape
     R, t = chain.link_poses(q)
@@ -83,22 +83,23 @@ def test_pairs_are_apart_at_home_and_hold_a_moving_sphere_first(any_mount):
     i, j = body.pairs.T
     centers = body.centers(any_mount.home)
     assert (np.linalg.norm(centers[i] - centers[j], axis=1) > body.radii[i] + body.radii[j]).all()
-    assert not body.is_static[i].any()
+    assert (body.sphere_body_index[i] > 0).all()
     assert (body.sphere_body_index[i] != body.sphere_body_index[j]).all()
-    static_first = [np.diff(body.is_static[body.partners[a:c]].astype(int)).max(initial=0)
-                    for a, _, c in body.partner_ranges]  # fmt: skip
+    is_static = body.sphere_body_index == 0
+    ranges = zip(body.partner_ranges.start, body.partner_ranges.end, strict=True)
+    static_first = [
+        np.diff(is_static[body.partners[start:end]].astype(int)).max(initial=0)
+        for start, end in ranges
+    ]
     assert max(static_first) == 0
 
 
 def test_the_static_ball_holds_the_static_spheres(any_mount):
     body = CollisionSpheres.from_chain(any_mount.chain(), any_mount.home)
-    gaps = (
-        np.linalg.norm(body.centers(any_mount.home) - body.static_bounding_sphere[:3], axis=1)
-        + body.radii
-    )
-    assert gaps[body.is_static].max() <= body.static_bounding_sphere[3] + 1e-9
+    gaps = np.linalg.norm(body.centers(any_mount.home) - body.static_center, axis=1) + body.radii
+    assert gaps[body.sphere_body_index == 0].max() <= body.static_radius + 1e-9
 
 
 def test_settings_must_be_positive():
-    with pytest.raises(ValueError, match=r"CollisionSphereSettings.radius must be > 0, got 0"):
+    with pytest.raises(ValueError, match=r"CollisionSphereSettings.radius must be a finite number > 0, got 0"):
         CollisionSphereSettings(radius=0)

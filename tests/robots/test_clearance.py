@@ -6,7 +6,7 @@ from scipy.ndimage import distance_transform_edt
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import VoxelStates, are_spheres_free
 from coopmap_env.robots.collision.clearance import FREE, OCCUPIED, OUTSIDE, UNKNOWN
-from coopmap_env.robots.reach import FREE_LOG_ODDS_FIXED
+from coopmap_env.robots.planar.reachable_cells import FREE_LOG_ODDS_FIXED
 
 
 def scattered(rng, shape=(24, 20, 16), share=0.02):
@@ -121,5 +121,5 @@ def test_arguments_are_checked():
     map_ = OccupancyMap(VoxelGrid((4, 4, 4)))
     with pytest.raises(ValueError, match="reach must be finite and > 0, got -1"):
         VoxelStates.from_map(map_, (0, 0, 0), -1)
-    with pytest.raises(ValueError, match="centre must be three finite values"):
+    with pytest.raises(ValueError, match="center must be three finite values"):
         VoxelStates.from_map(map_, (0, 0), 1)

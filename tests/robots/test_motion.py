@@ -6,9 +6,10 @@ from plain.kinematics import pose_is_free, random_joints, waypoints
 
 from coopmap_env.geometry.transforms import Pose
 from coopmap_env.robots import CollisionChecker, CollisionSettings, Vehicle, plan_path
+from coopmap_env.robots.collision.checker import robot_arrays
 from coopmap_env.robots.collision.contact import count_waypoints
 from coopmap_env.robots.kinematics.forward import allocate_body_poses
-from coopmap_env.robots.reach import FREE_LOG_ODDS_FIXED
+from coopmap_env.robots.planar.reachable_cells import FREE_LOG_ODDS_FIXED
 
 LEFT, RIGHT = np.array([-1.0, 0.6, 0.9, 0, 0]), np.array([1.0, 0.6, 0.9, 0, 0])
 
@@ -141,16 +142,14 @@ def test_many_motions_are_judged_like_single_ones(vehicle, open_map):
 def test_no_centre_moves_more_than_a_step_between_two_checks(any_mount):
     vehicle = Vehicle.from_mount(any_mount, Pose(np.zeros(3), np.eye(3)))
     chain, body = vehicle.chain, vehicle.body
-    spheres = (body.sphere_body_index, body.local_centers, body.radii, body.n_static_spheres,
-               body.partner_ranges, body.partners, body.static_bounding_sphere[None])  # fmt: skip
+    robot = robot_arrays(vehicle)
     rng = np.random.default_rng(7)
     largest = 0.0
     for q0, q1 in zip(*(random_joints(chain, rng, 60) for _ in range(2)), strict=True):
         counts = np.empty(100, dtype=np.int64)
         here, there = np.empty((2, body.n_spheres, 3))
-        pieces = count_waypoints(
-            chain.tree, spheres, q0, q1, allocate_body_poses(chain.tree), 0.05, counts, here, there
-        )
+        poses = allocate_body_poses(chain.tree)
+        pieces = count_waypoints(robot, q0, q1, 0.05, poses, counts, here, there)
         at = [(p + np.arange(1, c + 1) / c) / pieces for p, c in enumerate(counts[:pieces])]
         shares = np.concatenate([[0.0], *at])
         assert shares[-1] == 1.0
@@ -185,7 +184,7 @@ def test_arguments_are_checked(ahead, open_map):
         s.infeasibility_reason(LEFT, [0, 0, 3, 0, 0])
     with pytest.raises(ValueError, match="not finite"):
         s.are_motions_free(LEFT, [[0, np.nan, 1, 0, 0]])
-    with pytest.raises(ValueError, match=r"teammate 0 needs centres"):
+    with pytest.raises(ValueError, match=r"teammate 0 needs centers"):
         CollisionChecker(ahead, open_map, [(np.zeros((2, 3)), np.zeros(3))])
     for bad in ({"step": 0.0}, {"margin": -1.0}, {"team_margin": np.inf}):
         with pytest.raises(ValueError, match=f"CollisionSettings.{next(iter(bad))}"):

@@ -189,10 +189,10 @@ def test_a_mount_stays_as_it_is_and_checks_its_lengths():
 
 
 def test_suspensions_need_stiffness():
-    with pytest.raises(ValueError, match=r"Suspension.roll_stiffness must be > 0, got 0"):
+    with pytest.raises(ValueError, match=r"Suspension.roll_stiffness must be a finite number > 0, got 0"):
         Suspension(roll_stiffness=0)
     with pytest.raises(
-        ValueError, match=r"Suspension.heave_damping must be finite and >= 0, got -1"
+        ValueError, match=r"Suspension.heave_damping must be a finite number >= 0, got -1"
     ):
         Suspension(heave_damping=-1)
 

@@ -6,8 +6,7 @@ from plain.kinematics import random_joints, rotation_about_axis
 
 from coopmap_env.geometry import Pose, apply_displacement, displacement_between
 from coopmap_env.robots import Vehicle, filter_robot_points, make_mount
-from coopmap_env.sensing import RangeNoise
-from coopmap_env.sensing.point_cloud import PointCloud
+from coopmap_env.sensing import PointCloud, RangeNoise
 
 
 def test_poses_are_those_of_the_chain_moved_to_the_vehicle(vehicle):
@@ -35,7 +34,7 @@ def test_no_moving_sphere_leaves_the_reach(any_mount, somewhere):
     q = random_joints(vehicle.chain, np.random.default_rng(1), 2000)
     centers, radii = vehicle.spheres(q)
     far = np.linalg.norm(centers - center, axis=2) + radii
-    assert 0.6 * radius < far[:, ~vehicle.body.is_static].max() <= radius
+    assert 0.6 * radius < far[:, vehicle.body.sphere_body_index > 0].max() <= radius
 
 
 def test_by_hand_the_covariance_of_a_mast_that_errs_in_its_turntable_alone(somewhere):
@@ -314,5 +313,5 @@ def test_spheres_out_of_sight_are_left_out_without_a_difference():
 
 def test_spheres_of_other_shapes_are_refused():
     here = Pose(np.zeros(3), np.eye(3))
-    with pytest.raises(ValueError, match=r"centres \(s, 3\) and radii \(s,\)"):
+    with pytest.raises(ValueError, match=r"centers \(s, 3\) and radii \(s,\)"):
         filter_robot_points(look([[1, 0, 0]], [True]), here, np.zeros((2, 3)), [0.1], EXACT)

@@ -3,18 +3,23 @@
 Occluders are sampled voxels with P >= 1/2, and the spheres that cover the other robots; unknown
 voxels let the view pass. The voxel that holds the camera hides nothing.
 
-Most rays meet nothing. No ray is followed beyond the box that holds all occluding voxels, which
-halves the way of all rays; to find the box costs as much as it saves in four views.
+Most rays meet nothing. No ray is followed beyond the bounding box of all occluding voxels, which
+halves the length of all rays. Finding the box costs as much as it saves in four views.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
-from coopmap_env.geometry.traversal import init_axis, step_voxel
+from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.geometry.transforms import RigidTransform
+from coopmap_env.geometry.traversal import start_ray, step_ray
+from coopmap_env.information.field.frustum import FrustumGeometry
+from coopmap_env.mapping import MapArrays
 
 DEPTH_TOLERANCE = math.sqrt(3.0) / 2.0
 """Cells by which the centre of a visible voxel may lie behind the surface that a pixel saw: half
@@ -24,13 +29,30 @@ BOX_MARGIN = 1e-6
 errors of 1e-13."""
 
 
-@njit(cache=True, nogil=True)
-def occluder_bounds(log_odds_fixed, sampled, shape, box):
+class CameraArrays(NamedTuple):
+    """A depth camera on one grid, as kernels take it."""
+
+    frustum: FrustumGeometry
+    directions: NDArray[np.float64]
+    """Unit vectors (width height, 3) through the pixels of the depth buffer, camera frame."""
+    max_runs: int
+    """Largest number of runs of a view."""
+
+
+class SphereArrays(NamedTuple):
+    """Spheres in cells of a grid: centers (s, 3) and radii (s,)."""
+
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+
+
+@kernel
+def occluder_bounds(arrays: MapArrays, box: NDArray[np.float64]) -> None:
     """Write the lower and the upper corner (2, 3) of a box that holds all occluding voxels.
 
     Without any the lower corner lies above the upper one, and every ray is outside at once.
     """
-    nx, ny, nz = shape
+    log_odds_fixed, sampled, (nx, ny, nz) = arrays.log_odds_fixed, arrays.sampled_mask, arrays.shape
     heights = np.zeros(nz, np.uint8)
     low_x, high_x, low_y, high_y, low_z, high_z = nx, -1, ny, -1, nz, -1
     for i in range(nx):
@@ -56,8 +78,8 @@ def occluder_bounds(log_odds_fixed, sampled, shape, box):
     )
 
 
-@njit(cache=True, nogil=True)
-def is_outside(shape, position):
+@kernel
+def is_outside(shape: tuple[int, int, int], position: NDArray[np.float64]) -> bool:
     """Whether a position is in no cell of the grid; such a camera sees nothing."""
     inside = 0
     for axis in range(3):
@@ -65,8 +87,8 @@ def is_outside(shape, position):
     return inside < 3
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _exit_distance(position, direction, low, high):
+@inlined_kernel
+def _exit_distance(position: float, direction: float, low: float, high: float) -> float:
     """Distance at which a ray leaves the space between two planes of an axis for good."""
     if direction > 0.0:
         return (high - position) / direction
@@ -75,52 +97,64 @@ def _exit_distance(position, direction, low, high):
     return math.inf
 
 
-@njit(cache=True, nogil=True)
-def _first_occluder(log_odds_fixed, sampled, shape, box, position, ux, uy, uz, far):
+@kernel
+def _first_occluder(
+    arrays: MapArrays,
+    box: NDArray[np.float64],
+    position: NDArray[np.float64],
+    ux: float,
+    uy: float,
+    uz: float,
+    far: float,
+) -> float:
     """Distance at which a ray enters the first occluding voxel, or infinity."""
-    nx, ny, nz = shape
-    cx, sx, tx, dx, end_x = init_axis(position[0], ux, nx, ny * nz)
-    cy, sy, ty, dy, end_y = init_axis(position[1], uy, ny, nz)
-    cz, sz, tz, dz, end_z = init_axis(position[2], uz, nz, 1)
-    cell = cx + cy + cz
-    end = min(far, end_x, end_y, end_z)
+    log_odds_fixed, sampled = arrays.log_odds_fixed, arrays.sampled_mask
+    ray, at = start_ray(position, (ux, uy, uz), arrays.shape)
+    end = min(far, ray.end)
     end = min(end, _exit_distance(position[0], ux, box[0, 0], box[1, 0]))
     end = min(end, _exit_distance(position[1], uy, box[0, 1], box[1, 1]))
     end = min(end, _exit_distance(position[2], uz, box[0, 2], box[1, 2]))
     while True:
-        cell, tx, ty, tz, t = step_voxel(cell, sx, sy, sz, tx, ty, tz, dx, dy, dz)
-        if t >= end:
+        at = step_ray(ray, at)
+        if at.distance >= end:
             return math.inf
-        index = np.uint64(cell)  # the compiler guards signed indices against negative ones
+        index = np.uint64(at.cell)  # the compiler guards signed indices against negative ones
         if log_odds_fixed[index] >= 0:  # noqa: SIM102 - nested is faster
             if sampled[index]:
-                return t
+                return at.distance
 
 
-@njit(cache=True, nogil=True)
-def _pixel_span(center, radius, depth, tangent, n):
+@kernel
+def _pixel_span(
+    center: float, radius: float, depth: float, tangent: float, n: int
+) -> tuple[int, int]:
     """First and last pixel, along one image axis, that a sphere in front may cover."""
     low, high = center - radius, center + radius
     low /= depth + radius if low > 0.0 else depth - radius
     high /= depth - radius if high > 0.0 else depth + radius
     half = 0.5 * n
-    # half a pixel of slack: only rays through the middle of pixels are asked
+    # half a pixel of tolerance: only the rays through the centers of pixels count
     first = max(0.0, math.floor(half * (1.0 + low / tangent) - 0.5))
     last = min(n - 1.0, math.ceil(half * (1.0 + high / tangent) - 0.5))
     return int(first), int(last)
 
 
-@njit(cache=True, nogil=True)
-def add_spheres(position, R, projection, directions, spheres, radii, distances):
-    """Shorten the distances (w h,) along rays that meet a sphere."""
-    a, b, _, far, w, h = projection
-    for s in range(len(radii)):
-        dx, dy, dz = (
-            spheres[s, 0] - position[0],
-            spheres[s, 1] - position[1],
-            spheres[s, 2] - position[2],
-        )
-        r = radii[s]
+@kernel
+def add_spheres(
+    pose: RigidTransform,
+    frustum: FrustumGeometry,
+    directions: NDArray[np.float64],
+    spheres: SphereArrays,
+    distances: NDArray[np.float64],
+) -> None:
+    """Shorten the distances (width height,) along rays that meet a sphere."""
+    R, position = pose.rotation, pose.translation
+    far, w, h = frustum.far, frustum.width, frustum.height
+    for s in range(len(spheres.radii)):
+        dx = spheres.centers[s, 0] - position[0]
+        dy = spheres.centers[s, 1] - position[1]
+        dz = spheres.centers[s, 2] - position[2]
+        r = spheres.radii[s]
         d2 = dx * dx + dy * dy + dz * dz
         x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
         # around the camera, behind it, or too far
@@ -130,8 +164,8 @@ def add_spheres(position, R, projection, directions, spheres, radii, distances):
         z = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
         u0, u1, v0, v1 = 0, w - 1, 0, h - 1
         if x > r:
-            u0, u1 = _pixel_span(y, r, x, a, w)
-            v0, v1 = _pixel_span(z, r, x, b, h)
+            u0, u1 = _pixel_span(y, r, x, frustum.tan_x, w)
+            v0, v1 = _pixel_span(z, r, x, frustum.tan_y, h)
         for u in range(u0, u1 + 1):
             for v in range(v0, v1 + 1):
                 p = u * h + v
@@ -141,37 +175,33 @@ def add_spheres(position, R, projection, directions, spheres, radii, distances):
                     distances[p] = min(distances[p], along - math.sqrt(inside))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def depth_limits(
-    log_odds_fixed,
-    sampled,
-    shape,
-    box,
-    position,
-    R,
-    projection,
-    directions,
-    spheres,
-    radii,
-    distances,
-    limits,
-):
+    arrays: MapArrays,
+    box: NDArray[np.float64],
+    pose: RigidTransform,
+    camera: CameraArrays,
+    spheres: SphereArrays,
+    distances: NDArray[np.float64],
+    limits: NDArray[np.float64],
+) -> None:
     """Write the depth X down to which each pixel sees, tolerance included.
 
-    `box` (2, 3) holds all occluding voxels; `distances` (w h,) is scratch. `limits`
-    ((w + 1)(h + 1),) has one more row and column, copies of the last: a voxel on the very border
-    of the image need not be told apart.
+    `box` (2, 3) contains all occluding voxels; `distances` (width height,) is scratch. `limits`
+    ((width + 1)(height + 1),) has one more row and column, copies of the last: a voxel on the very
+    border of the image needs no case of its own.
     """
-    _, _, _, far, w, h = projection
+    R, directions = pose.rotation, camera.directions
+    far, w, h = camera.frustum.far, camera.frustum.width, camera.frustum.height
     for p in range(w * h):
         x, y, z = directions[p, 0], directions[p, 1], directions[p, 2]
         distances[p] = _first_occluder(
-            log_odds_fixed, sampled, shape, box, position,
+            arrays, box, pose.translation,
             R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
             R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
             R[2, 0] * x + R[2, 1] * y + R[2, 2] * z, far,
         )  # fmt: skip
-    add_spheres(position, R, projection, directions, spheres, radii, distances)
+    add_spheres(pose, camera.frustum, directions, spheres, distances)
     for u in range(w + 1):
         for v in range(h + 1):
             p = min(u, w - 1) * h + min(v, h - 1)

@@ -4,7 +4,7 @@ Everything is in *cells*: lengths divided by the resolution, positions from the 
 A voxel belongs to a view if its centre lies in the field of view, not nearer than `near` and not
 further than `far`. The flat number of a voxel runs along z, so a view is a set of runs, one for
 each vertical column: what the four planes and the two spheres leave of it follows from one division
-each, and whoever walks along a run need not ask again whether he is inside.
+each, and a walk along a run needs no further test.
 
 Image coordinates are linear in the position: with (X, Y, Z) a point in the camera frame,
 U = w/2 (X + Y / tan(h/2)) and V = h/2 (X + Z / tan(v/2)), so that U / X and V / X are pixels, and
@@ -16,11 +16,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry.transforms import RigidTransform
 from coopmap_env.sensing import DepthCamera
 
 MAX_PIXEL_ANGLE = math.radians(2.5)
@@ -30,6 +32,41 @@ MIN_DISTANCE = 1e-6
 """Cells: nearer centres are never seen, so that a depth is never zero."""
 MIN_SLOPE = 1e-12
 """A plane with a smaller slope along z counts as vertical."""
+
+
+class FrustumGeometry(NamedTuple):
+    """A `Frustum` as kernels take it; lengths in cells."""
+
+    tan_x: float
+    """Tangent of half the horizontal field of view."""
+    tan_y: float
+    """Tangent of half the vertical field of view."""
+    near: float
+    far: float
+    width: int
+    """Pixels of the depth buffer along U."""
+    height: int
+    """Pixels of the depth buffer along V."""
+
+
+class FrustumRuns(NamedTuple):
+    """Voxel runs of a frustum, each along z; arrays (max_runs,)."""
+
+    first: NDArray[np.int64]
+    """Flat number of the first voxel."""
+    length: NDArray[np.int64]
+    """Number of voxels."""
+    x: NDArray[np.float64]
+    """X of the first voxel's center: its depth along the optical axis, cells."""
+    u: NDArray[np.float64]
+    """U of the first voxel's center."""
+    v: NDArray[np.float64]
+    """V of the first voxel's center."""
+    height: NDArray[np.float64]
+    """Of the first voxel's center above the camera, half cells."""
+    horizontal: NDArray[np.float64]
+    """Squared horizontal distance from the camera, quarters of a squared cell. Plus the squared
+    height it is the squared distance in quarters."""
 
 
 @dataclass(frozen=True)
@@ -77,44 +114,47 @@ class Frustum:
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
     @property
-    def projection(self) -> tuple[float, float, float, float, int, int]:
-        """As kernels want it: both tangents, near, far, width, height."""
-        return (*self.tangents, self.near, self.far, *self.pixels)
+    def geometry(self) -> FrustumGeometry:
+        """The frustum as kernels take it."""
+        return FrustumGeometry(*self.tangents, self.near, self.far, *self.pixels)
 
     def max_runs(self, shape: tuple[int, ...]) -> int:
-        """Runs that a view can have on a grid, at most."""
+        """Largest number of runs of a view on a grid."""
         nx, ny = (min(n, 2 * math.ceil(self.far) + 1) for n in shape[:2])
         return nx * ny + (2 * math.ceil(self.near) + 1) ** 2
 
 
-@njit(cache=True, nogil=True)
-def projection_rows(R, projection):
-    """X, U and V as linear forms of a point relative to the camera: rows of a matrix."""
-    a, b, _, _, w, h = projection
-    forms = np.empty((3, 3))
+@kernel
+def projection_rows(rotation: NDArray[np.float64], frustum: FrustumGeometry) -> NDArray[np.float64]:
+    """X, U and V as linear forms of a point relative to the camera: rows of a matrix (3, 3)."""
+    rows = np.empty((3, 3))
     for k in range(3):
-        forms[0, k] = R[k, 0]
-        forms[1, k] = 0.5 * w * (R[k, 0] + R[k, 1] / a)
-        forms[2, k] = 0.5 * h * (R[k, 0] + R[k, 2] / b)
-    return forms
+        rows[0, k] = rotation[k, 0]
+        rows[1, k] = 0.5 * frustum.width * (rotation[k, 0] + rotation[k, 1] / frustum.tan_x)
+        rows[2, k] = 0.5 * frustum.height * (rotation[k, 0] + rotation[k, 2] / frustum.tan_y)
+    return rows
 
 
-@njit(cache=True, nogil=True)
-def _ground_corners(position, R, projection):
-    """Apex and corners of the pyramid, seen from above."""
-    a, b, _, far, _, _ = projection
+@kernel
+def _ground_corners(
+    pose: RigidTransform, frustum: FrustumGeometry
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Apex and corners of the frustum's pyramid, projected along z: x (5,) and y (5,)."""
+    R, position, far = pose.rotation, pose.translation, frustum.far
     xs, ys = np.empty(5), np.empty(5)
     xs[0], ys[0] = position[0], position[1]
     for corner in range(4):
-        y = a if corner % 2 else -a
-        z = b if corner < 2 else -b
+        y = frustum.tan_x if corner % 2 else -frustum.tan_x
+        z = frustum.tan_y if corner < 2 else -frustum.tan_y
         xs[corner + 1] = position[0] + far * (R[0, 0] + y * R[0, 1] + z * R[0, 2])
         ys[corner + 1] = position[1] + far * (R[1, 0] + y * R[1, 1] + z * R[1, 2])
     return xs, ys
 
 
-@njit(cache=True, nogil=True)
-def _hull_interval(x, xs, ys):
+@kernel
+def _hull_interval(
+    x: float, xs: NDArray[np.float64], ys: NDArray[np.float64]
+) -> tuple[float, float]:
     """Lowest and highest y at which the line of this x meets the hull of the points."""
     low, high = math.inf, -math.inf
     for e in range(len(xs)):
@@ -125,26 +165,54 @@ def _hull_interval(x, xs, ys):
     return low, high
 
 
-@njit(cache=True, nogil=True)
-def frustum_runs(shape, position, R, forms, projection, runs, starts):
-    """Write the runs of a frustum; return how many there are.
-
-    `runs` (n, 2) receives the first voxel's flat number and the number of voxels; `starts` (n, 5)
-    X, U and V of the first voxel, its height above the camera and the horizontal distance squared:
-    the last two in half cells, so that their sum of squares is the distance in quarters of d^2.
-    """
-    nx, ny, nz = shape
-    _, _, near, far, w, h = projection
-    px, py, pz = position[0], position[1], position[2]
-    # each plane bounds z from below or from above, at a height that is linear in x and y
+@kernel
+def _side_planes(
+    rows: NDArray[np.float64], frustum: FrustumGeometry
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The four side planes as linear forms (4, 3), and one over their slopes along z (4,)."""
     planes, inverse = np.empty((4, 3)), np.empty(4)
     for k in range(3):
-        planes[0, k], planes[1, k] = forms[1, k], w * forms[0, k] - forms[1, k]
-        planes[2, k], planes[3, k] = forms[2, k], h * forms[0, k] - forms[2, k]
+        planes[0, k], planes[1, k] = rows[1, k], frustum.width * rows[0, k] - rows[1, k]
+        planes[2, k], planes[3, k] = rows[2, k], frustum.height * rows[0, k] - rows[2, k]
     for q in range(4):
         slope = planes[q, 2]
         inverse[q] = 1.0 / slope if abs(slope) > MIN_SLOPE else 1.0 / MIN_SLOPE
-    xs, ys = _ground_corners(position, R, projection)
+    return planes, inverse
+
+
+@kernel
+def _write_run(
+    runs: FrustumRuns,
+    n: int,
+    cell: int,
+    length: int,
+    offset: tuple[float, float, float],
+    rows: NDArray[np.float64],
+) -> None:
+    """Write run n: its first voxel is `cell`, with its center at `offset` from the camera."""
+    dx, dy, dz = offset
+    runs.first[n], runs.length[n] = cell, length
+    runs.x[n] = rows[0, 0] * dx + rows[0, 1] * dy + rows[0, 2] * dz
+    runs.u[n] = rows[1, 0] * dx + rows[1, 1] * dy + rows[1, 2] * dz
+    runs.v[n] = rows[2, 0] * dx + rows[2, 1] * dy + rows[2, 2] * dz
+    runs.height[n], runs.horizontal[n] = 2.0 * dz, 4.0 * (dx * dx + dy * dy)
+
+
+@kernel
+def frustum_runs(
+    shape: tuple[int, int, int],
+    pose: RigidTransform,
+    rows: NDArray[np.float64],
+    frustum: FrustumGeometry,
+    runs: FrustumRuns,
+) -> int:
+    """Write the runs of a frustum; return how many there are. `rows` are `projection_rows`."""
+    nx, ny, nz = shape
+    near, far = frustum.near, frustum.far
+    px, py, pz = pose.translation[0], pose.translation[1], pose.translation[2]
+    # each plane bounds z from below or from above, at a height that is linear in x and y
+    planes, inverse = _side_planes(rows, frustum)
+    xs, ys = _ground_corners(pose, frustum)
     count = 0
     first_x = max(0, math.ceil(max(xs.min(), px - far) - 0.5))
     last_x = min(nx - 1, math.floor(min(xs.max(), px + far) - 0.5))
@@ -166,23 +234,18 @@ def frustum_runs(shape, position, R, forms, projection, runs, starts):
                     bottom = max(bottom, height)
                 else:
                     top = min(top, height)
-            flat2 = dx * dx + dy * dy
-            if bottom > top or flat2 > far * far:
+            horizontal = dx * dx + dy * dy
+            if bottom > top or horizontal > far * far:
                 continue
-            half = math.sqrt(far * far - flat2)
+            half = math.sqrt(far * far - horizontal)
             lower, upper = math.ceil(max(bottom, -half - dz)), math.floor(min(top, half - dz))
-            gap = math.sqrt(near * near - flat2) if flat2 < near * near else 0.0
+            gap = math.sqrt(near * near - horizontal) if horizontal < near * near else 0.0
             # the ball that is too near cuts a column in two
             end = min(upper, math.floor(-gap - dz)) if gap > 0.0 else upper
             for _ in range(2):
                 if lower <= end:
-                    runs[count, 0], runs[count, 1] = (i * ny + j) * nz + lower, end - lower + 1
-                    z = lower + dz
-                    for form in range(3):
-                        starts[count, form] = (
-                            forms[form, 0] * dx + forms[form, 1] * dy + forms[form, 2] * z
-                        )
-                    starts[count, 3], starts[count, 4] = 2.0 * z, 4.0 * flat2
+                    cell = (i * ny + j) * nz + lower
+                    _write_run(runs, count, cell, end - lower + 1, (dx, dy, lower + dz), rows)
                     count += 1
                 if gap == 0.0:
                     break

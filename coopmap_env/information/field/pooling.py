@@ -1,8 +1,8 @@
 """A map at half its resolution, to score many views at an eighth of the cost.
 
-A block of 2 x 2 x 2 voxels is occupied if any of them is, with the log-odds of the surest one; else
+A block of 2 x 2 x 2 voxels is occupied if any of them is, with the highest log-odds of them; else
 unknown if more than half of them were never sampled; else free, with the mean log-odds of those
-that were. A block is claimed if more than half of it is.
+that were. A block is reserved if more than half of it is.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from coopmap_env.mapping import VoxelGrid
+from coopmap_env.core.kernels import kernel
+from coopmap_env.mapping import MapArrays, VoxelGrid
 
 
 def pooled_grid(grid: VoxelGrid) -> VoxelGrid:
@@ -22,12 +22,15 @@ def pooled_grid(grid: VoxelGrid) -> VoxelGrid:
     return VoxelGrid(shape, 2 * grid.resolution, grid.origin)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pool(
-    log_odds_fixed, sampled, reserved_mask, shape, out_log_odds_fixed, out_sampled, out_reserved
-):
-    nx, ny, nz = shape
-    mx, my, mz = (nx + 1) // 2, (ny + 1) // 2, (nz + 1) // 2
+    arrays: MapArrays,
+    reserved_mask: NDArray[np.uint8],
+    out: MapArrays,
+    out_reserved: NDArray[np.uint8],
+) -> None:
+    log_odds_fixed, sampled, (nx, ny, nz) = arrays.log_odds_fixed, arrays.sampled_mask, arrays.shape
+    mx, my, mz = out.shape
     for i in range(mx):
         for j in range(my):
             for k in range(mz):
@@ -46,31 +49,21 @@ def _pool(
                                 highest = max(highest, log_odds_fixed[cell])
                 block = (i * my + j) * mz + k
                 is_sampled = highest >= 0 or 2 * n_sampled >= size
-                out_sampled[block] = is_sampled
+                out.sampled_mask[block] = is_sampled
                 if highest >= 0:
-                    out_log_odds_fixed[block] = highest
+                    out.log_odds_fixed[block] = highest
                 else:
-                    out_log_odds_fixed[block] = total // n_sampled if is_sampled else 0
+                    out.log_odds_fixed[block] = total // n_sampled if is_sampled else 0
                 out_reserved[block] = 2 * n_reserved > size
 
 
 def pool(
-    log_odds_fixed: NDArray[np.int32],
-    sampled: NDArray[np.uint8],
-    reserved_mask: NDArray[np.uint8],
-    grid: VoxelGrid,
-) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.uint8]]:
-    """Flat levels, sampled and claimed cells of the grid, as those of its pooled grid."""
-    n = pooled_grid(grid).n_cells
-    out_log_odds_fixed = np.empty(n, dtype=np.int32)
-    out_sampled, out_reserved = np.empty((2, n), dtype=np.uint8)
-    _pool(
-        log_odds_fixed,
-        sampled,
-        reserved_mask,
-        grid.shape_3d,
-        out_log_odds_fixed,
-        out_sampled,
-        out_reserved,
-    )
-    return out_log_odds_fixed, out_sampled, out_reserved
+    arrays: MapArrays, reserved_mask: NDArray[np.uint8], grid: VoxelGrid
+) -> tuple[MapArrays, NDArray[np.uint8]]:
+    """A map's arrays and its reserved mask, at the resolution of the pooled grid."""
+    pooled = pooled_grid(grid)
+    n = pooled.n_cells
+    sampled, reserved = np.empty((2, n), dtype=np.uint8)
+    out = MapArrays(np.empty(n, dtype=np.int32), sampled, pooled.shape_3d, arrays.clamp)
+    _pool(arrays, reserved_mask, out, reserved)
+    return out, reserved

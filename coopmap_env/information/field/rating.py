@@ -1,7 +1,7 @@
-"""The rating function in space: what a depth camera would see on the known map, Eqs. 6 to 9.
+"""The rating function of the 3-D (field) environment: what a depth camera would see, Eqs. 6 to 9.
 
-Camera poses come as rotations R_world_camera (k, 3, 3) and translations (k, 3), metres. How far the
-mount has to move (Eq. 5) is the caller's to say, as it depends on the joints: see `joint_distance`.
+How far the mount has to move (Eq. 5) depends on its joints, so the caller gives the distance: see
+`joint_distance`.
 """
 
 from __future__ import annotations
@@ -12,18 +12,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.information.field.pooling import pool, pooled_grid
-from coopmap_env.information.field.view_tables import MapArrays, Spheres, ViewTables
+from coopmap_env.information.field.view_tables import ViewTables
 from coopmap_env.information.field.views import fill_mask, view_histogram
-from coopmap_env.information.planar.rating import Ratings
+from coopmap_env.information.ratings import (
+    WHOLE_VIEW,
+    CameraPoses,
+    Ratings,
+    ReservedMask,
+    Spheres,
+    ViewContext,
+)
 from coopmap_env.information.settings import FieldRatingSettings, RatingConstants
-from coopmap_env.mapping import LogOddsRange, OccupancyMap, VoxelGrid
+from coopmap_env.mapping import LogOddsRange, MapArrays, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
-
-ReservedMask = NDArray[np.uint8] | None
 
 
 class FieldRatingFunction:
-    """Rates camera poses on a known map in space; one object serves planner and reward alike.
+    """Rates camera poses on a known map; planner and reward use the same object.
 
     Parameters
     ----------
@@ -36,9 +41,6 @@ class FieldRatingFunction:
 
     Notes
     -----
-    `reserved_mask` (n_cells,) holds 1 at cells that a teammate is about to see: they are left out.
-    `occluder_spheres` are spheres that cover the other robots: they hide what is behind them. With `coarse`,
-    views are taken on the map pooled to half its resolution: four to five times as fast.
     A camera outside the grid sees nothing.
     """
 
@@ -50,7 +52,7 @@ class FieldRatingFunction:
         log_odds_range: LogOddsRange | None = None,
     ) -> None:
         if grid.dimension != 3:
-            raise ValueError(f"a depth camera needs a grid in space, got {grid}")
+            raise ValueError(f"a depth camera needs a 3-D grid, got {grid}")
         self.camera = camera
         self.grid = grid
         self.settings = settings or FieldRatingSettings()
@@ -60,8 +62,8 @@ class FieldRatingFunction:
             for g in (grid, pooled_grid(grid))
         )
         self._no_reservation = np.zeros(grid.n_cells, dtype=np.uint8)
-        self._in_turn_mask = self._no_reservation.copy()
-        """For `sequential_new_information`; empty in between."""
+        self._sequential_mask = self._no_reservation.copy()
+        """For `sequential_new_information`; zeros in between."""
 
     @property
     def max_visible_cells(self) -> int:
@@ -69,140 +71,106 @@ class FieldRatingFunction:
         return self.fine.frustum.max_visible_cells
 
     def new_information(
-        self,
-        map_: OccupancyMap,
-        rotations: ArrayLike,
-        translations: ArrayLike,
-        reserved_mask: ReservedMask = None,
-        occluder_spheres: Spheres | None = None,
-        coarse: bool = False,
+        self, map_: OccupancyMap, poses: CameraPoses, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.float64]:
         """NI (Eqs. 6-8) of poses, nats, shape (k,)."""
-        return self.information_and_unknown(
-            map_, rotations, translations, reserved_mask, occluder_spheres, coarse
-        )[0]
+        return self.information_and_unknown(map_, poses, context)[0]
 
     def count_unknown_cells(
-        self,
-        map_: OccupancyMap,
-        rotations: ArrayLike,
-        translations: ArrayLike,
-        reserved_mask: ReservedMask = None,
-        occluder_spheres: Spheres | None = None,
-        coarse: bool = False,
+        self, map_: OccupancyMap, poses: CameraPoses, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.int64]:
-        """Number of never-sampled cells in view of each pose, shape (k,).
+        """Number of never-sampled voxels in view of each pose, shape (k,).
 
-        With `coarse`, eight times the number of blocks.
+        On the pooled map, eight times the number of blocks.
         """
-        return self.information_and_unknown(
-            map_, rotations, translations, reserved_mask, occluder_spheres, coarse
-        )[1]
+        return self.information_and_unknown(map_, poses, context)[1]
 
     def information_and_unknown(
-        self,
-        map_: OccupancyMap,
-        rotations: ArrayLike,
-        translations: ArrayLike,
-        reserved_mask: ReservedMask = None,
-        occluder_spheres: Spheres | None = None,
-        coarse: bool = False,
+        self, map_: OccupancyMap, poses: CameraPoses, context: ViewContext = WHOLE_VIEW
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """`new_information` and `count_unknown_cells` of poses, from one look at the map."""
-        view_tables, map_arrays = self.view_tables(map_, reserved_mask, coarse)
-        histogram = view_tables.histograms(
-            map_arrays, *validate_camera_poses(rotations, translations), occluder_spheres
-        )
-        unknown = histogram[:, view_tables.n_gray_bins :].sum(axis=1) * (8 if coarse else 1)
-        return view_tables.entropies(histogram), np.asarray(unknown)
+        """`new_information` and `count_unknown_cells` of poses, in one pass over the map."""
+        tables, arrays, reserved = self.view_tables(map_, context.reserved_mask, context.coarse)
+        histogram = tables.histograms(arrays, reserved, poses, context.occluder_spheres)
+        unknown = histogram[:, tables.gray.n_bins :].sum(axis=1) * (8 if context.coarse else 1)
+        return tables.entropies(histogram), np.asarray(unknown)
 
     def visible_cells(
         self,
         map_: OccupancyMap,
-        rotation: ArrayLike,
-        translation: ArrayLike,
-        occluder_spheres: Spheres | None = None,
+        pose: tuple[ArrayLike, ArrayLike],
+        context: ViewContext = WHOLE_VIEW,
     ) -> NDArray[np.int32]:
-        """Flat numbers of the cells that a pose would see on the known map, column by column."""
-        view_tables, map_arrays = self.view_tables(map_)
-        (R,), (t,) = validate_camera_poses(
-            np.asarray(rotation)[None], np.asarray(translation)[None]
-        )
-        return view_tables.view(map_arrays, R, t, occluder_spheres)[0]
+        """Flat numbers of the voxels that a pose (R, t) would see on the known map, by column.
+
+        Reserved voxels are included, and the resolution is that of the map.
+        """
+        tables, arrays, _ = self.view_tables(map_)
+        return tables.visible_voxels(arrays, pose, context.occluder_spheres)[0]
 
     def sequential_new_information(
         self,
         map_: OccupancyMap,
-        rotations: ArrayLike,
-        translations: ArrayLike,
+        poses: CameraPoses,
         occluder_spheres: Sequence[Spheres | None] | None = None,
     ) -> NDArray[np.float64]:
-        """NI of one pose for each robot, without what the robots before it see; shape (n_robots,).
+        """NI of one pose for each robot, without what the robots before it see; (n_robots,).
 
-        `occluder_spheres` holds the spheres that hide the view of each robot: those of its teammates.
+        `occluder_spheres` are, for each robot, the spheres of its teammates.
         """
-        R, t = validate_camera_poses(rotations, translations)
-        view_tables, map_arrays = self.view_tables(map_, self._in_turn_mask)
-        histogram = np.zeros((len(R), 2 * view_tables.n_gray_bins), dtype=np.int64)
+        tables, arrays, reserved = self.view_tables(map_, self._sequential_mask)
+        rotations, translations = np.asarray(poses[0]), np.asarray(poses[1])
+        tables.poses(poses)  # validated together, before the first is evaluated
+        histogram = np.zeros((len(rotations), 2 * tables.gray.n_bins), dtype=np.int64)
         views = []
         try:
-            for robot in range(len(R)):
-                seen = view_tables.view(
-                    map_arrays,
-                    R[robot],
-                    t[robot],
-                    occluder_spheres[robot] if occluder_spheres else None,
-                )
-                view_histogram(map_arrays, *seen, view_tables.tables, histogram[robot])
-                views.append(seen[0])
-                fill_mask(self._in_turn_mask, seen[0], 1)
+            for robot, pose in enumerate(zip(rotations, translations, strict=True)):
+                spheres = occluder_spheres[robot] if occluder_spheres else None
+                cells, distances = tables.visible_voxels(arrays, pose, spheres)
+                view_histogram(arrays, reserved, cells, distances, tables.gray, histogram[robot])
+                views.append(cells)
+                fill_mask(self._sequential_mask, cells, 1)
         finally:
             for cells in views:
-                fill_mask(self._in_turn_mask, cells, 0)
-        return view_tables.entropies(histogram)
+                fill_mask(self._sequential_mask, cells, 0)
+        return tables.entropies(histogram)
 
     def rate(
         self,
         map_: OccupancyMap,
-        rotations: ArrayLike,
-        translations: ArrayLike,
+        poses: CameraPoses,
         distance: ArrayLike,
-        reserved_mask: ReservedMask = None,
-        occluder_spheres: Spheres | None = None,
-        coarse: bool = False,
+        context: ViewContext = WHOLE_VIEW,
     ) -> Ratings:
         """Eq. 9 of poses: RF = (NI - K d**n) (1 - P); `distance` is d of Eq. 5, shape (k,)."""
-        ni = self.new_information(
-            map_, rotations, translations, reserved_mask, occluder_spheres, coarse
-        )
-        return self.rate_from_information(map_, translations, distance, ni)
+        ni = self.new_information(map_, poses, context)
+        return self.rate_from_information(map_, poses, distance, ni)
 
     def rate_team(
         self,
         map_: OccupancyMap,
-        rotations: ArrayLike,
-        translations: ArrayLike,
+        poses: CameraPoses,
         distance: ArrayLike,
         occluder_spheres: Sequence[Spheres | None] | None = None,
     ) -> Ratings:
-        """Eq. 9 of one pose for each robot, looking at once.
+        """Eq. 9 of one pose for each robot, all scanning at once.
 
         What a robot sees is left out of the histograms of the robots after it, so that an overlap
         counts once.
         """
-        ni = self.sequential_new_information(map_, rotations, translations, occluder_spheres)
-        return self.rate_from_information(map_, translations, distance, ni)
+        ni = self.sequential_new_information(map_, poses, occluder_spheres)
+        return self.rate_from_information(map_, poses, distance, ni)
 
     def rate_from_information(
         self,
         map_: OccupancyMap,
-        translations: ArrayLike,
+        poses: CameraPoses,
         distance: ArrayLike,
-        ni: NDArray[np.float64],
+        new_information: NDArray[np.float64],
     ) -> Ratings:
         """Eq. 9 from new information that is known already."""
-        d = np.broadcast_to(np.asarray(distance, dtype=np.float64), ni.shape)
-        return Ratings.of(ni, d, self.occupancy(map_, translations), self.settings)
+        d = np.broadcast_to(np.asarray(distance, dtype=np.float64), new_information.shape)
+        occupancy = self.occupancy(map_, poses[1])
+        return Ratings.from_terms(new_information, d, occupancy, self.settings)
 
     def occupancy(self, map_: OccupancyMap, translations: ArrayLike) -> NDArray[np.float64]:
         """P of the cell in which each camera (k, 3) would be; 1 outside the grid."""
@@ -215,20 +183,20 @@ class FieldRatingFunction:
 
     def view_tables(
         self, map_: OccupancyMap, reserved_mask: ReservedMask = None, coarse: bool = False
-    ) -> tuple[ViewTables, MapArrays]:
-        """The camera and what is known, at the map's own resolution or pooled.
+    ) -> tuple[ViewTables, MapArrays, NDArray[np.uint8]]:
+        """The camera, the map's arrays and the reserved mask, at full resolution or pooled.
 
-        Kernels trust the map and `reserved_mask`, so both are checked here.
+        Kernels trust the map and the mask, so both are checked here.
 
         Raises
         ------
         ValueError
-            If the map is of another grid or clamp, or `reserved_mask` of another shape or type.
+            If the map is of another grid or clamp, or the mask of another shape or type.
         """
         if map_.grid != self.grid or map_.log_odds_range.clamp != self._range.clamp:
             raise ValueError(
-                f"the map ({map_.grid}, clamp {map_.log_odds_range.clamp}) is not of the kind that is rated "
-                f"here ({self.grid}, clamp {self._range.clamp})"
+                f"the map ({map_.grid}, clamp {map_.log_odds_range.clamp}) does not fit this "
+                f"rating function ({self.grid}, clamp {self._range.clamp})"
             )
         if reserved_mask is None:
             reserved_mask = self._no_reservation
@@ -238,28 +206,5 @@ class FieldRatingFunction:
                 f"got {reserved_mask.dtype} of shape {reserved_mask.shape}"
             )
         if coarse:
-            pooled = pool(map_.log_odds_fixed, map_.sampled_mask, reserved_mask, self.grid)
-            return self.coarse, (*pooled, self.coarse.grid.shape)
-        return self.fine, (map_.log_odds_fixed, map_.sampled_mask, reserved_mask, self.grid.shape)
-
-
-def validate_camera_poses(
-    rotations: ArrayLike, translations: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Poses as contiguous arrays (k, 3, 3) and (k, 3).
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit, or a value is not finite.
-    """
-    R = np.ascontiguousarray(rotations, dtype=np.float64)
-    t = np.ascontiguousarray(translations, dtype=np.float64)
-    if t.ndim != 2 or t.shape[1] != 3 or R.shape != (len(t), 3, 3):
-        raise ValueError(
-            "camera poses are rotations (k, 3, 3) and translations (k, 3), "
-            f"got shapes {R.shape} and {t.shape}"
-        )
-    if not (np.isfinite(R).all() and np.isfinite(t).all()):
-        raise ValueError("a camera pose has a value that is not finite")
-    return R, t
+            return self.coarse, *pool(map_.arrays, reserved_mask, self.grid)
+        return self.fine, map_.arrays, reserved_mask

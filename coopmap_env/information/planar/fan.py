@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,17 @@ from coopmap_env.geometry.traversal import traverse
 from coopmap_env.sensing import PlanarCamera
 
 BEAMS_PER_WORD = 64
+
+
+class FanArrays(NamedTuple):
+    """A `BeamFan` as kernels take it."""
+
+    start: NDArray[np.int64]
+    offsets: NDArray[np.int16]
+    beams: NDArray[np.uint64]
+    all_beams: NDArray[np.uint64]
+    max_offset: int
+    max_visible_cells: int
 
 
 @dataclass(frozen=True)
@@ -56,6 +68,18 @@ class BeamFan:
     def max_visible_cells(self) -> int:
         """N of Eq. 7: the most cells that the camera can see, in empty space; a constant."""
         return int(np.diff(self.start).max())
+
+    @cached_property
+    def arrays(self) -> FanArrays:
+        """The fan as kernels take it."""
+        return FanArrays(
+            self.start,
+            self.offsets,
+            self.beams,
+            self.all_beams,
+            self.max_offset,
+            self.max_visible_cells,
+        )
 
     @classmethod
     def from_camera(cls, camera: PlanarCamera, resolution: float, n_headings: int) -> BeamFan:

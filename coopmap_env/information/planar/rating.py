@@ -1,59 +1,41 @@
-"""The rating function in the plane: new information (Eqs. 6-8), rating (Eq. 9)."""
+"""The rating function of the 2-D (planar) environment: Eqs. 5 to 9."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.information.entropy import entropy_terms
-from coopmap_env.information.gray import GrayLevelTable
+from coopmap_env.core.kernels import kernel
+from coopmap_env.information.gray_levels import GrayLevelTable
 from coopmap_env.information.planar.fan import BeamFan
 from coopmap_env.information.planar.views import (
+    allocate_view,
     are_all_below,
     evaluate_views,
     find_visible_cells,
-    rate_poses,
     sequential_new_information,
 )
-from coopmap_env.information.settings import RatingConstants, RatingSettings
+from coopmap_env.information.ratings import WHOLE_VIEW, Ratings, ViewContext
+from coopmap_env.information.settings import RatingSettings
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
 
 
-@dataclass(frozen=True)
-class Ratings:
-    """What Eq. 9 is made of, for k poses."""
+class RatingTerms(NamedTuple):
+    """`Ratings` as kernels take them, each (k,)."""
 
     new_information: NDArray[np.float64]
-    """NI, nats, shape (k,)."""
     distance: NDArray[np.float64]
-    """d of Eq. 5, shape (k,)."""
     motion_cost: NDArray[np.float64]
-    """K d**n, nats, shape (k,)."""
     occupancy: NDArray[np.float64]
-    """P at the camera's position, shape (k,)."""
     rating: NDArray[np.float64]
-    """RF, shape (k,)."""
-
-    @classmethod
-    def of(
-        cls,
-        new_information: NDArray[np.float64],
-        distance: NDArray[np.float64],
-        occupancy: NDArray[np.float64],
-        constants: RatingConstants,
-    ) -> Ratings:
-        """Eq. 9 from its parts: RF = (NI - K d**n) (1 - P)."""
-        cost = constants.K * distance**constants.exponent
-        rating = (new_information - cost) * (1.0 - occupancy)
-        return cls(new_information, distance, cost, occupancy, rating)
 
 
 class RatingFunction:
-    """Rates lattice poses on a known map; one object serves planner and reward alike.
+    """Rates lattice poses on a known map; planner and reward use the same object.
 
     Parameters
     ----------
@@ -63,6 +45,10 @@ class RatingFunction:
     settings : RatingSettings
     log_odds_range : LogOddsRange
         That of the maps to be rated on.
+
+    Notes
+    -----
+    Poses are lattice ids (k,). Of a `ViewContext` only the reserved mask counts here.
     """
 
     def __init__(
@@ -82,150 +68,178 @@ class RatingFunction:
             settings.interpretation,
             log_odds_range,
         )
-        fan = self.fan
-        self._fan = (fan.start, fan.offsets, fan.beams, fan.all_beams, fan.max_offset)
-        self._gray = (
-            self.gray.sampled,
-            self.gray.distance_class,
-            self.gray.unknown,
-            log_odds_range.clamp,
-        )
-        self._entropy_terms = entropy_terms(self.fan.max_visible_cells)
+        self._fan = self.fan.arrays
+        self._gray = self.gray.arrays(self.max_visible_cells)
+        self._clamp = log_odds_range.clamp
         self._no_reservation = np.zeros(lattice.grid.n_cells, dtype=np.uint8)
 
-    def new_information(
-        self, map_: OccupancyMap, ids: ArrayLike, reserved_mask: NDArray[np.uint8] | None = None
-    ) -> NDArray[np.float64]:
-        """NI (Eqs. 6-8) of poses, nats, shape (k,).
+    @property
+    def max_visible_cells(self) -> int:
+        """N of Eq. 7."""
+        return self.fan.max_visible_cells
 
-        Parameters
-        ----------
-        map_ : OccupancyMap
-        ids : array_like, shape (k,)
-            Lattice numbers.
-        claimed : ndarray of uint8, shape (n_cells,), optional
-            1 at cells that a teammate is about to see: they are left out of the histogram.
-        """
-        return self.information_and_unknown(map_, ids, reserved_mask)[0]
+    def new_information(
+        self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
+    ) -> NDArray[np.float64]:
+        """NI (Eqs. 6-8) of poses, nats, shape (k,)."""
+        return self.information_and_unknown(map_, poses, context)[0]
 
     def count_unknown_cells(
-        self, map_: OccupancyMap, ids: ArrayLike, reserved_mask: NDArray[np.uint8] | None = None
+        self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.int64]:
         """Number of never-sampled cells in view of each pose, shape (k,)."""
-        return self.information_and_unknown(map_, ids, reserved_mask)[1]
+        return self.information_and_unknown(map_, poses, context)[1]
 
     def information_and_unknown(
-        self, map_: OccupancyMap, ids: ArrayLike, reserved_mask: NDArray[np.uint8] | None = None
+        self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """`new_information` and `count_unknown_cells` of poses, from one look at the map."""
-        ids = self.validate_ids(map_, ids)
+        """`new_information` and `count_unknown_cells` of poses, in one pass over the map."""
+        return self._evaluate(map_, self.validate_ids(map_, poses), context)
+
+    def _evaluate(
+        self, map_: OccupancyMap, ids: NDArray[np.int64], context: ViewContext
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         ni, unknown = np.empty(len(ids)), np.empty(len(ids), dtype=np.int64)
-        nx, ny = map_.grid.shape
-        evaluate_views(
-            map_.log_odds_fixed, map_.sampled_mask, self._no_reservation if reserved_mask is None else reserved_mask,
-            nx, ny, ids, self._fan, self._gray, self._entropy_terms, self.settings.n_gray_bins, ni, unknown,
-        )  # fmt: skip
+        reserved = self.reserved_cells(context)
+        evaluate_views(map_.arrays, reserved, ids, self._fan, self._gray, ni, unknown)
         return ni, unknown
 
-    def visible_cells(self, map_: OccupancyMap, pose_id: int) -> NDArray[np.int64]:
-        """Flat numbers of the cells that a pose would see on the known map, nearest first."""
-        alive = np.empty(len(self.fan.all_beams), dtype=np.uint64)
-        visible, entries = np.empty((2, self.fan.max_visible_cells), dtype=np.int64)
-        nx, ny = map_.grid.shape
-        (pose_id,) = self.validate_ids(map_, [pose_id])
-        n = find_visible_cells(
-            map_.log_odds_fixed,
-            map_.sampled_mask,
-            nx,
-            ny,
-            pose_id,
-            self._fan,
-            alive,
-            visible,
-            entries,
-        )
-        return visible[:n].copy()
+    def visible_cells(
+        self, map_: OccupancyMap, pose: int, context: ViewContext = WHOLE_VIEW
+    ) -> NDArray[np.int64]:
+        """Flat numbers of the cells that a pose would see on the known map, nearest first.
+
+        Reserved cells are included.
+        """
+        (pose_id,) = self.validate_ids(map_, [pose])
+        view = allocate_view(self._fan, self._gray.n_bins)
+        n = find_visible_cells(map_.arrays, pose_id, self._fan, view)
+        return view.visible[:n].copy()
+
+    def distance(self, poses: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
+        """D of Eq. 5, shape (k,), from `current`: one pose for each, or one for all."""
+        new = np.asarray(poses, dtype=np.int64)
+        old = np.atleast_1d(np.asarray(current, dtype=np.int64))
+        out = np.empty(len(new))
+        grid, s = self.lattice.grid, self.settings
+        lattice_distances(
+            new, old, self.lattice.n_headings, grid.shape[1], grid.resolution,
+            s.alpha_position, s.alpha_heading, out,
+        )  # fmt: skip
+        return out
 
     def rate(
         self,
         map_: OccupancyMap,
-        ids: ArrayLike,
-        current: int,
-        reserved_mask: NDArray[np.uint8] | None = None,
+        poses: ArrayLike,
+        distance: ArrayLike,
+        context: ViewContext = WHOLE_VIEW,
     ) -> Ratings:
-        """Eq. 9 of lattice poses: RF = (NI - K d**n) (1 - P).
+        """Eq. 9 of poses: RF = (NI - K d**n) (1 - P); `distance` is d of Eq. 5, shape (k,)."""
+        ids = self.validate_ids(map_, poses)
+        return self._rate(map_, ids, distance, self._evaluate(map_, ids, context)[0])
 
-        Parameters
-        ----------
-        map_ : OccupancyMap
-        ids : array_like, shape (k,)
-        current : int
-            Where the camera is.
-        claimed : ndarray of uint8, shape (n_cells,), optional
-            See `new_information`.
-        """
-        return self.rate_from_information(
-            map_, ids, [current], self.new_information(map_, ids, reserved_mask)
-        )
-
-    def rate_team(self, map_: OccupancyMap, ids: ArrayLike, current: ArrayLike) -> Ratings:
-        """Eq. 9 of one pose for each robot, looking at once.
+    def rate_team(self, map_: OccupancyMap, poses: ArrayLike, distance: ArrayLike) -> Ratings:
+        """Eq. 9 of one pose for each robot, all scanning at once; shapes (n_robots,).
 
         What a robot sees is left out of the histograms of the robots after it, so that an overlap
-        counts once. `ids` and `current`, both of shape (n_robots,), are the new poses and the
-        ones before.
+        counts once.
         """
-        new, old = self.validate_ids(map_, np.array([ids, current]))
-        ni = np.empty(len(new))
-        nx, ny = map_.grid.shape
+        ids = self.validate_ids(map_, poses)
+        ni = np.empty(len(ids))
         sequential_new_information(
-            map_.log_odds_fixed, map_.sampled_mask, self._no_reservation,
-            nx, ny, new, self._fan, self._gray, self._entropy_terms, self.settings.n_gray_bins, ni,
-        )  # fmt: skip
-        return self._rate_from_information(map_, new, old, ni)
+            map_.arrays, self._no_reservation, ids, self._fan, self._gray, ni
+        )
+        return self._rate(map_, ids, distance, ni)
 
     def rate_from_information(
-        self, map_: OccupancyMap, ids: ArrayLike, current: ArrayLike, ni: NDArray[np.float64]
+        self,
+        map_: OccupancyMap,
+        poses: ArrayLike,
+        distance: ArrayLike,
+        new_information: NDArray[np.float64],
     ) -> Ratings:
-        """Eq. 9 from new information that is known already; `current` is one pose or one each."""
-        return self._rate_from_information(
-            map_, self.validate_ids(map_, ids), self.validate_ids(map_, current), ni
-        )
+        """Eq. 9 from new information that is known already."""
+        return self._rate(map_, self.validate_ids(map_, poses), distance, new_information)
 
-    def _rate_from_information(
+    def _rate(
         self,
         map_: OccupancyMap,
         ids: NDArray[np.int64],
-        start: NDArray[np.int64],
-        ni: NDArray[np.float64],
+        distance: ArrayLike,
+        new_information: NDArray[np.float64],
     ) -> Ratings:
-        d, cost, p, rating = np.empty((4, len(ids)))
-        lattice, s = self.lattice, self.settings
-        rate_poses(
-            map_.log_odds_fixed, lattice.grid.shape[1], ids, start,
-            (lattice.n_headings, lattice.grid.resolution),
-            (s.K, s.exponent, s.alpha_position, s.alpha_heading),
-            map_.log_odds_range.probability, map_.log_odds_range.clamp, ni, d, cost, p, rating,
-        )  # fmt: skip
-        return Ratings(ni, d, cost, p, rating)
+        d = np.asarray(distance, dtype=np.float64)
+        if d.shape != ids.shape:
+            d = np.full(ids.shape, d)
+        cost, occupancy, rating = np.empty((3, len(ids)))
+        terms = RatingTerms(new_information, d, cost, occupancy, rating)
+        table, clamp, s = map_.log_odds_range.probability, self._clamp, self.settings
+        cells = ids // self.lattice.n_headings
+        rate_poses(map_.log_odds_fixed, table, clamp, cells, s.K, s.exponent, terms)
+        return Ratings(*terms)
+
+    def reserved_cells(self, context: ViewContext) -> NDArray[np.uint8]:
+        """The context's reserved mask, or zeros."""
+        mask = context.reserved_mask
+        return self._no_reservation if mask is None else mask
 
     def validate_ids(self, map_: OccupancyMap, ids: ArrayLike) -> NDArray[np.int64]:
-        """Pose numbers as an array; kernels trust them and the map, so both are checked here.
+        """Pose ids as an array; kernels trust them and the map, so both are checked here.
 
         Raises
         ------
         ValueError
-            If a number is no pose of the lattice, or the map is of another shape or clamp.
+            If an id is no pose of the lattice, or the map is of another shape or clamp.
         """
         numbers = np.asarray(ids, dtype=np.int64)
         if not are_all_below(numbers.ravel(), self.lattice.n_poses):
-            raise ValueError(f"pose numbers lie in 0 ... {self.lattice.n_poses - 1}, got {numbers}")
-        if (
-            map_.grid.shape != self.lattice.grid.shape
-            or map_.log_odds_range.clamp != self._gray[-1]
-        ):
+            raise ValueError(f"pose ids lie in 0 ... {self.lattice.n_poses - 1}, got {numbers}")
+        if map_.grid.shape != self.lattice.grid.shape or map_.log_odds_range.clamp != self._clamp:
             raise ValueError(
-                f"the map ({map_.grid.shape}, clamp {map_.log_odds_range.clamp}) is not of the kind that "
-                f"is rated here ({self.lattice.grid.shape}, clamp {self._gray[-1]})"
+                f"the map ({map_.grid.shape}, clamp {map_.log_odds_range.clamp}) does not fit this "
+                f"rating function ({self.lattice.grid.shape}, clamp {self._clamp})"
             )
         return numbers
+
+
+@kernel
+def lattice_distances(
+    poses: NDArray[np.int64],
+    current: NDArray[np.int64],
+    n_headings: int,
+    ny: int,
+    resolution: float,
+    alpha_position: float,
+    alpha_heading: float,
+    out: NDArray[np.float64],
+) -> None:
+    """Write d of Eq. 5 from `current` (k,) or (1,) to each pose (k,); `ny` cells lie along y."""
+    heading_step = 2.0 * np.pi / n_headings
+    for k in range(len(poses)):
+        start = current[k] if len(current) > 1 else current[0]
+        start_cell, start_heading = start // n_headings, start % n_headings
+        cell, heading = poses[k] // n_headings, poses[k] % n_headings
+        dx = (cell // ny - start_cell // ny) * resolution
+        dy = (cell % ny - start_cell % ny) * resolution
+        turns = abs(heading - start_heading)
+        angle = min(turns, n_headings - turns) * heading_step
+        out[k] = np.sqrt(alpha_position * (dx * dx + dy * dy) + alpha_heading * angle * angle)
+
+
+@kernel
+def rate_poses(
+    log_odds_fixed: NDArray[np.int32],
+    probability: NDArray[np.float64],
+    clamp: int,
+    cells: NDArray[np.int64],
+    K: float,
+    exponent: float,
+    terms: RatingTerms,
+) -> None:
+    """Eq. 9: write K d**n, P and RF; `probability` is the table of the map's log-odds."""
+    ni, d, cost, p = terms.new_information, terms.distance, terms.motion_cost, terms.occupancy
+    for k in range(len(d)):
+        p[k] = probability[log_odds_fixed[cells[k]] + clamp]
+        cost[k] = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power costs 20 ns
+        terms.rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])

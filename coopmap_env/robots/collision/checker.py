@@ -1,40 +1,45 @@
-"""Which mount poses are reached safely: constraints i and ii of the paper, for articulated mounts.
+"""Which mount poses are reached without collision: constraints i and ii of the paper, in 3-D.
 
-A motion is straight in the joints. It is decided on what the robot knows: its map, its own links
-and where its teammates are.
+A motion is straight in the joints. The decision rests on what the robot knows: its map, its own
+links and the poses of its teammates.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.settings import NonNegative, Positive, Settings
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots.collision.clearance import STATE_NAMES, VoxelStates
 from coopmap_env.robots.collision.contact import (
     MAP_CONTACT,
-    MAX_SEGMENT,
     NO_CONTACT,
     SELF_CONTACT,
+    FirstContacts,
+    MapVoxels,
+    Obstacles,
+    Robot,
+    RobotSpheres,
+    TeamSpheres,
     are_poses_free,
     first_contacts,
 )
 from coopmap_env.robots.vehicle import Vehicle
 
 _MIN_POSES_TO_DILATE = 100
-"""Poses for which marking the neighbourhoods of blocked voxels pays: 0.1 ms against 1 us each."""
+"""Poses for which the dilated mask pays: 0.1 ms against 1 us for each pose."""
 _TYPICAL_WAYPOINTS = 20
-"""Of a motion, more or less."""
+"""Of a motion."""
 _NO_NEIGHBORHOOD = np.empty((0, 0, 0), dtype=np.uint8)
 
 
 @dataclass(frozen=True)
-class CollisionSettings:
-    """How closely a motion is looked at, and how far it keeps from what it might touch.
+class CollisionSettings(Settings):
+    """Resolution of the collision check, and distances to obstacles.
 
     Raises
     ------
@@ -42,30 +47,24 @@ class CollisionSettings:
         If a value is out of its range.
     """
 
-    step: float = 0.05
-    """Metres: no point of a link's middle moves farther between two checks; half a voxel."""
-    margin: float = 0.03
-    """Metres between a link's spheres and a blocked voxel: half a step, so that nothing slips
-    through between two checks, and a little for the body's sway."""
-    team_margin: float = 0.1
+    step: Positive = 0.05
+    """Metres: no sphere center moves farther between two checks; half a voxel."""
+    margin: NonNegative = 0.03
+    """Metres between a link's spheres and a blocked voxel: half a step, so that nothing is missed
+    between two checks, and a little for the body's sway."""
+    team_margin: NonNegative = 0.1
     """Metres between own spheres and those of a teammate, whose body sways too."""
-
-    def __post_init__(self) -> None:
-        for name in ("step", "margin", "team_margin"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0) or (name == "step" and value == 0):
-                raise ValueError(f"CollisionSettings.{name} must be finite and > 0, got {value}")
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Where a motion meets its first obstacle."""
+    """The first contact on a motion."""
 
     kind: int
     """`MAP_CONTACT`, `SELF_CONTACT` or `TEAM_CONTACT`."""
     link: str
     other: str
-    """What would be touched, in words."""
+    """Name of what would be touched."""
     position: NDArray[np.float64]
     """Shape (3,): of the link's sphere, world frame."""
     free_fraction: float
@@ -81,7 +80,7 @@ class Contact:
 
 
 class CollisionChecker:
-    """What a vehicle knows at one time of all that its mount could touch.
+    """Decides which poses and motions of a mount are free, on what the robot knows at one time.
 
     Parameters
     ----------
@@ -109,33 +108,21 @@ class CollisionChecker:
         self._teammate_index, centers, radii = _reachable_teammate_spheres(
             team, center, reach, self.settings
         )
-        body, base = vehicle.body, vehicle.T_world_base
-        self._tree = vehicle.chain.tree
-        ball = np.append(
-            base.transform(body.static_bounding_sphere[:3]), body.static_bounding_sphere[3]
-        )[None]
-        self._base = np.ascontiguousarray(base.rotation), np.ascontiguousarray(base.translation)
-        self._spheres = (
-            body.sphere_body_index, body.local_centers, body.radii, body.n_static_spheres,
-            body.partner_ranges, body.partners, ball,
-        )  # fmt: skip
+        self._robot = robot_arrays(vehicle)
         self._largest_radius = largest_radius
         self._neighborhood: NDArray[np.uint8] | None = None
-        self._team = centers, radii, float(self.settings.team_margin)
+        self._team = TeamSpheres(centers, radii, float(self.settings.team_margin))
 
     def are_poses_free(self, q: ArrayLike) -> NDArray[np.bool_]:
-        """Whether poses (k, n) touch nothing: constraint i, without the way there."""
+        """Whether poses (k, n) touch nothing: constraint i, whatever the path."""
         q = np.atleast_2d(self.vehicle.chain.check_limits(q))
         out = np.empty(len(q), dtype=np.bool_)
-        are_poses_free(
-            self._tree, self._base, self._spheres, self._map_arguments(len(q)), self._team, q, out
-        )
+        are_poses_free(self._robot, self._obstacles(len(q)), q, out)
         return out
 
     def are_motions_free(self, start: ArrayLike, goals: ArrayLike) -> NDArray[np.bool_]:
-        """Whether goals (k, n) touch nothing, nor do straight motions to them from `start` (n,)."""
-        found, _ = self._first_contacts(start, goals, goal_first=True)
-        free: NDArray[np.bool_] = found[:, 0] == NO_CONTACT
+        """Whether goals (k, n) and the straight motions to them from `start` (n,) touch nothing."""
+        free: NDArray[np.bool_] = self._first_contacts(start, goals, True).kind == NO_CONTACT
         return free
 
     def first_contact(
@@ -143,16 +130,17 @@ class CollisionChecker:
     ) -> Contact | None:
         """The first contact on the straight motion between joint values (n,); None if it is free.
 
-        What touches at the start already, by new knowledge, may move away from there. With
-        `goal_first` the goal is asked about before the way there, with a free share of 0.
+        Spheres that touch something at the start already, which a new scan may reveal, may move
+        away from there. With `goal_first` the goal is checked before the path, with a free fraction
+        of 0.
 
         Raises
         ------
         ValueError
             If joint values have another shape, are not finite, or the goal is outside the limits.
         """
-        found, at = self._first_contacts(start, goal, goal_first)
-        kind, sphere, other = found[0, :3].astype(np.int64)
+        found = self._first_contacts(start, goal, goal_first)
+        kind, sphere, other = int(found.kind[0]), int(found.sphere[0]), int(found.other[0])
         if kind == NO_CONTACT:
             return None
         links, link = self.vehicle.chain.link_names, self.vehicle.body.link
@@ -162,38 +150,70 @@ class CollisionChecker:
             what = f"its own {links[link[other]]}"
         else:
             what = f"teammate {self._teammate_index[other]}"
-        fraction, at_goal = float(found[0, 3]), bool(found[0, 4])
-        return Contact(int(kind), links[link[sphere]], what, at[0, sphere], fraction, at_goal)
+        return Contact(
+            kind,
+            links[link[sphere]],
+            what,
+            found.positions[0, sphere],
+            float(found.free_fraction[0]),
+            bool(found.at_goal[0]),
+        )
 
     def infeasibility_reason(self, start: ArrayLike, goal: ArrayLike) -> str:
         """Why the mount cannot move straight from one pose to another; empty if it can."""
         contact = self.first_contact(start, goal, goal_first=True)
         return "" if contact is None else str(contact)
 
-    def _map_arguments(self, n_poses: int) -> tuple[Any, ...]:
-        """The map as kernels want it; what is near to blocked voxels pays for many poses only."""
+    def _obstacles(self, n_poses: int) -> Obstacles:
+        """Obstacles for kernels; the dilated mask pays for many poses only."""
         if self._neighborhood is None and n_poses >= _MIN_POSES_TO_DILATE:
             self._neighborhood = self.voxel_states.blocked_neighborhood(self._largest_radius)
-        return (
-            self.voxel_states.states, _NO_NEIGHBORHOOD if self._neighborhood is None else self._neighborhood,
-            self.voxel_states.lower, 1.0 / self.voxel_states.resolution, float(self.settings.margin),
-        )  # fmt: skip
+        voxels = MapVoxels(
+            self.voxel_states.states,
+            _NO_NEIGHBORHOOD if self._neighborhood is None else self._neighborhood,
+            self.voxel_states.lower,
+            1.0 / self.voxel_states.resolution,
+            float(self.settings.margin),
+        )
+        return Obstacles(voxels, self._team)
 
     def _first_contacts(
         self, start: ArrayLike, goals: ArrayLike, goal_first: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """What the kernel `first_contacts` finds on each motion, and where the spheres are then."""
+    ) -> FirstContacts:
         chain = self.vehicle.chain
         q0, q1 = chain.as_joint_values(start), np.atleast_2d(chain.check_limits(goals))
         if q0.ndim != 1:
             raise ValueError(f"motions start from one pose, got joint values of shape {q0.shape}")
-        pieces = int(np.abs(q1 - q0).max(initial=0.0) / MAX_SEGMENT) + 1
-        found, at = np.empty((len(q1), 5)), np.empty((len(q1), self.vehicle.body.n_spheres, 3))
-        first_contacts(
-            self._tree, self._base, self._spheres, self._map_arguments(_TYPICAL_WAYPOINTS * len(q1)), self._team,
-            q0, q1, self.settings.step, goal_first, np.empty(pieces, dtype=np.int64), found, at,
-        )  # fmt: skip
-        return found, at
+        n = len(q1)
+        kind, sphere, other = np.empty((3, n), dtype=np.int64)
+        found = FirstContacts(
+            kind,
+            sphere,
+            other,
+            np.empty(n),
+            np.empty(n, dtype=np.bool_),
+            np.empty((n, self.vehicle.body.n_spheres, 3)),
+        )
+        obstacles = self._obstacles(_TYPICAL_WAYPOINTS * n)
+        first_contacts(self._robot, obstacles, q0, q1, float(self.settings.step), goal_first, found)
+        return found
+
+
+def robot_arrays(vehicle: Vehicle) -> Robot:
+    """A vehicle as kernels take it."""
+    body, base = vehicle.body, vehicle.T_world_base
+    spheres = RobotSpheres(
+        body.sphere_body_index,
+        body.local_centers,
+        body.radii,
+        body.n_static_spheres,
+        body.partners,
+        body.partner_ranges,
+        base.transform(body.static_center)[None],
+        body.static_radius,
+    )
+    rotation, translation = np.ascontiguousarray(base.rotation), base.translation
+    return Robot(vehicle.chain.tree, rotation, np.ascontiguousarray(translation), spheres)
 
 
 def _reachable_teammate_spheres(
@@ -208,7 +228,7 @@ def _reachable_teammate_spheres(
         at, wide = np.asarray(at, dtype=np.float64), np.asarray(wide, dtype=np.float64)
         if at.ndim != 2 or at.shape[1] != 3 or wide.shape != (len(at),):
             raise ValueError(
-                f"teammate {number} needs centres (s, 3) and radii (s,), got {at.shape} and "
+                f"teammate {number} needs centers (s, 3) and radii (s,), got {at.shape} and "
                 f"{wide.shape}"
             )
         near = np.linalg.norm(at - center, axis=1) < reach + wide + settings.team_margin

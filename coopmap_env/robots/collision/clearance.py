@@ -1,10 +1,10 @@
-"""What is known to be clear around a robot: constraints i and ii of the paper, in 3-D.
+"""Which voxels around a robot are known to be free: constraints i and ii of the paper, in 3-D.
 
-A voxel is free if it was sampled and P < 0.05, as in the plane; all else, and all beyond the map,
-is blocked. A sphere is clear if it meets no blocked voxel. That is asked of the voxels themselves,
-without a distance field: the test is exact, and for spheres of a voxel or two it costs less than
-the field does, unless ten thousand poses are asked about the same map (SciPy's takes 3.5 ms for
-40 x 40 x 40 voxels; copying their states takes 0.06 ms).
+A voxel is free if it was sampled and P < 0.05, as in 2-D; all others, and all beyond the map, are
+blocked. A sphere is free if it touches no blocked voxel. The voxels themselves are tested, without
+a distance field: the test is exact. For spheres of a voxel or two it is cheaper than the distance
+field, unless ten thousand poses are tested on the same map (SciPy's takes 3.5 ms for 40 x 40 x 40
+voxels; copying their states takes 0.06 ms).
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots.reach import FREE_LOG_ODDS_FIXED
+from coopmap_env.core.kernels import kernel
+from coopmap_env.mapping import MapArrays, OccupancyMap
+from coopmap_env.robots.planar.reachable_cells import FREE_LOG_ODDS_FIXED
 
 FREE, UNKNOWN, OCCUPIED, OUTSIDE = range(4)
 STATE_NAMES = ("free space", "unknown space", "an obstacle", "the edge of the map")
-"""In words, what a voxel's state means to a robot."""
+"""Names of the voxel states."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,33 +36,33 @@ class VoxelStates:
 
     @classmethod
     def from_map(cls, map_: OccupancyMap, center: ArrayLike, reach: float) -> VoxelStates:
-        """What a map knows of the box that reaches `reach` metres from a point to all sides.
+        """Voxel states of a map in the box that extends `reach` metres around a point.
 
         Raises
         ------
         ValueError
-            If the map is not 3-D, or the box is not one.
+            If the map is not 3-D, or a value of the box is out of its range.
         """
         grid = map_.grid
         if grid.dimension != 3:
-            raise ValueError(f"a mount moves in a 3-D map, got the grid {grid.shape}")
+            raise ValueError(f"a mount needs a 3-D map, got the grid {grid.shape}")
         middle = np.asarray(center, dtype=np.float64)
         if middle.shape != (3,) or not np.isfinite(middle).all():
-            raise ValueError(f"the box's centre must be three finite values, got {middle}")
+            raise ValueError(f"the box's center must be three finite values, got {middle}")
         if not (np.isfinite(reach) and reach > 0):
             raise ValueError(f"the box's reach must be finite and > 0, got {reach}")
         first = np.floor(grid.to_cell_units(middle - reach)).astype(np.int64)
         last = np.floor(grid.to_cell_units(middle + reach)).astype(np.int64)
         states = np.empty(last - first + 1, dtype=np.uint8)
-        copy_states(map_.log_odds_fixed, map_.sampled_mask, np.array(grid.shape), first, states)
+        copy_states(map_.arrays, first, states)
         lower = np.array(grid.origin) + first * grid.resolution
         return cls(states, lower, grid.resolution)
 
     def blocked_neighborhood(self, radius: float) -> NDArray[np.uint8]:
-        """Voxels (nx, ny, nz) in which no sphere up to `radius`, metres, can be told to be clear.
+        """Mask (nx, ny, nz): 1 where a sphere up to `radius` metres may touch a blocked voxel.
 
-        Those with a blocked voxel within that distance along each axis. Where it is 0 there is
-        nothing in any direction, and one look at a voxel settles the case.
+        That is within this distance of a blocked voxel along each axis. Where it is 0, one test of
+        the center's voxel decides.
         """
         reach = max(math.ceil(radius / self.resolution), 1)
         _, ny, nz = self.states.shape
@@ -76,7 +76,7 @@ class VoxelStates:
         return one
 
     def sphere_states(self, centers: ArrayLike, radii: ArrayLike) -> NDArray[np.uint8]:
-        """The worst state (...,) of the voxels that spheres meet; `FREE` if they are clear.
+        """The worst state (...,) of the voxels that spheres touch; `FREE` if they are free.
 
         Parameters
         ----------
@@ -95,16 +95,16 @@ class VoxelStates:
 def are_spheres_free(
     voxel_states: VoxelStates, centers: ArrayLike, radii: ArrayLike, margin: float = 0.0
 ) -> NDArray[np.bool_]:
-    """Whether all spheres of each set are clear: centres (..., s, 3), radii (s,) -> (...,)."""
+    """Whether all spheres of each set are free: centers (..., s, 3), radii (s,) -> (...,)."""
     inflated = np.asarray(radii, dtype=np.float64) + margin
     clear: NDArray[np.bool_] = voxel_states.sphere_states(centers, inflated) == FREE
     return np.asarray(clear.all(axis=-1))
 
 
-@njit(cache=True, nogil=True)
-def copy_states(log_odds_fixed, sampled, shape, first, states):
-    """States of the box of voxels that begins at index `first` (3,), which may lie outside."""
-    nx, ny, nz = shape[0], shape[1], shape[2]
+@kernel
+def copy_states(arrays: MapArrays, first: NDArray[np.int64], states: NDArray[np.uint8]) -> None:
+    """Write the states of a box of voxels with the lowest index `first` (3,), maybe outside."""
+    log_odds_fixed, sampled, (nx, ny, nz) = arrays.log_odds_fixed, arrays.sampled_mask, arrays.shape
     z0 = min(max(-first[2], 0), states.shape[2])
     z1 = max(min(nz - first[2], states.shape[2]), z0)
     for i in range(states.shape[0]):
@@ -118,17 +118,20 @@ def copy_states(log_odds_fixed, sampled, shape, first, states):
             states[i, j, z1:] = OUTSIDE
             start = (x * ny + y) * nz + first[2]
             column = states[i, j, z0:z1]
-            level, known = log_odds_fixed[start + z0 : start + z1], sampled[start + z0 : start + z1]
+            log_odds, known = (
+                log_odds_fixed[start + z0 : start + z1],
+                sampled[start + z0 : start + z1],
+            )
             for k in range(z1 - z0):
-                # FREE, UNKNOWN or OCCUPIED without a branch, so that it is done to many at once
-                column[k] = (1 - known[k]) + 2 * known[k] * (level[k] >= FREE_LOG_ODDS_FIXED)
+                # FREE, UNKNOWN or OCCUPIED without a branch, so that the loop is vectorised
+                column[k] = (1 - known[k]) + 2 * known[k] * (log_odds[k] >= FREE_LOG_ODDS_FIXED)
 
 
-@njit(cache=True, nogil=True)
-def dilate(source, shift, reach, out):
-    """OR of source[c - reach * shift], ..., source[c + reach * shift] in steps of `shift`: out[c].
+@kernel
+def dilate(source: NDArray[np.uint8], shift: int, reach: int, out: NDArray[np.uint8]) -> None:
+    """Write the OR of source[c - reach * shift] ... source[c + reach * shift], in steps of `shift`.
 
-    Over flat arrays, where the end of an axis wraps around to the next row. Slices, for indices
+    Over flat arrays, where the end of an axis wraps around to the next row. Slices, because indices
     that cannot be negative let the loops run over many voxels at once.
     """
     n = len(source)
@@ -143,18 +146,18 @@ def dilate(source, shift, reach, out):
             earlier[c] |= above[c]
 
 
-@njit(cache=True, nogil=True)
-def is_near_blocked(near, x, y, z):
-    """Whether a point, in voxels from the box's lower corner, may be near to blocked voxels."""
-    nx, ny, nz = near.shape
+@kernel
+def is_near_blocked(neighborhood: NDArray[np.uint8], x: float, y: float, z: float) -> bool:
+    """Whether a point, in voxels from the box's lower corner, may be near blocked voxels."""
+    nx, ny, nz = neighborhood.shape
     if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
         return True
-    return near[np.uint64(x), np.uint64(y), np.uint64(z)] != 0
+    return neighborhood[np.uint64(x), np.uint64(y), np.uint64(z)] != 0
 
 
-@njit(cache=True, nogil=True)
-def sphere_state(states, x, y, z, radius):
-    """The worst state that a sphere meets; all in voxels from the lower corner of the box."""
+@kernel
+def sphere_state(states: NDArray[np.uint8], x: float, y: float, z: float, radius: float) -> int:
+    """The worst state that a sphere touches; all in voxels from the lower corner of the box."""
     nx, ny, nz = states.shape
     x0, x1 = int(np.floor(x - radius)), int(np.floor(x + radius))
     y0, y1 = int(np.floor(y - radius)), int(np.floor(y + radius))
@@ -179,9 +182,16 @@ def sphere_state(states, x, y, z, radius):
     return worst
 
 
-@njit(cache=True, nogil=True)
-def sphere_states(states, lower, resolution, centers, radii, out):
-    """`sphere_state` of spheres in metres."""
+@kernel
+def sphere_states(
+    states: NDArray[np.uint8],
+    lower: NDArray[np.float64],
+    resolution: float,
+    centers: NDArray[np.float64],
+    radii: NDArray[np.float64],
+    out: NDArray[np.uint8],
+) -> None:
+    """Write `sphere_state` of spheres (s,) in metres."""
     for s in range(len(centers)):
         x = (centers[s, 0] - lower[0]) / resolution
         y = (centers[s, 1] - lower[1]) / resolution

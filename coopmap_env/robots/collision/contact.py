@@ -1,211 +1,345 @@
-"""The kernel that walks along a straight joint motion and finds its first contact."""
+"""The kernel that follows a straight joint motion and finds its first contact."""
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
 from coopmap_env.robots.collision.clearance import is_near_blocked, sphere_state
-from coopmap_env.robots.kinematics.forward import body_poses
+from coopmap_env.robots.kinematics.collision_spheres import PartnerRanges
+from coopmap_env.robots.kinematics.forward import BodyPoses, KinematicTree, body_poses
 
 NO_CONTACT, MAP_CONTACT, SELF_CONTACT, TEAM_CONTACT = range(4)
-"""What a sphere touches: nothing, a blocked voxel, an own link, a teammate."""
+"""What a sphere touches: nothing, a blocked voxel, a link of its own robot, a teammate."""
 
 MAX_SEGMENT = 0.25
-"""Radians or metres: within such a piece of a motion all paths are next to straight."""
+"""Radians or metres: within a segment of this length paths of points are nearly straight."""
 
 
-@njit(cache=True, nogil=True)
-def sphere_positions(body, spheres, q, work, first, out):
-    """Centres of the spheres from `first` on, world frame, written to `out` (s, 3)."""
-    R, t, turn = work
-    body_poses(body, q, R, t, turn)
-    of, local = spheres[0], spheres[1]
-    for s in range(first, len(of)):
-        b = of[s]
+class RobotSpheres(NamedTuple):
+    """`CollisionSpheres` as kernels take them."""
+
+    body_index: NDArray[np.int64]
+    local_centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    n_static: int
+    """Spheres that no joint moves; they come first."""
+    partners: NDArray[np.int64]
+    partner_ranges: PartnerRanges
+    static_center: NDArray[np.float64]
+    """Shape (1, 3): center of a sphere around all static ones, world frame."""
+    static_radius: float
+
+
+class Robot(NamedTuple):
+    """A mount with its base in the world, and the spheres that cover it."""
+
+    tree: KinematicTree
+    base_rotation: NDArray[np.float64]
+    base_translation: NDArray[np.float64]
+    spheres: RobotSpheres
+
+
+class MapVoxels(NamedTuple):
+    """`VoxelStates` as kernels take them."""
+
+    states: NDArray[np.uint8]
+    neighborhood: NDArray[np.uint8]
+    """See `VoxelStates.blocked_neighborhood`; empty if it was not computed."""
+    lower: NDArray[np.float64]
+    """Lower corner (3,), metres, world frame."""
+    scale: float
+    """Voxels per metre."""
+    margin: float
+    """Metres between a sphere and a blocked voxel."""
+
+
+class TeamSpheres(NamedTuple):
+    """Spheres of the teammates, world frame."""
+
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    margin: float
+    """Metres between a sphere and a teammate's."""
+
+
+class Obstacles(NamedTuple):
+    """What a robot may touch besides itself."""
+
+    voxels: MapVoxels
+    team: TeamSpheres
+
+
+class FirstContacts(NamedTuple):
+    """The first contact on each of k motions."""
+
+    kind: NDArray[np.int64]
+    """`NO_CONTACT`, `MAP_CONTACT`, `SELF_CONTACT` or `TEAM_CONTACT` (k,)."""
+    sphere: NDArray[np.int64]
+    """Sphere of the robot (k,)."""
+    other: NDArray[np.int64]
+    """Voxel state, own sphere or teammate's sphere that it touches (k,)."""
+    free_fraction: NDArray[np.float64]
+    """Of the motion, up to the last waypoint without contact (k,)."""
+    at_goal: NDArray[np.bool_]
+    """Whether the contact is the goal's (k,)."""
+    positions: NDArray[np.float64]
+    """Centers of all spheres at the contact (k, s, 3)."""
+
+
+@kernel
+def base_poses(robot: Robot) -> BodyPoses:
+    """Buffers for the poses of all bodies; the root stands at the base."""
+    n = len(robot.tree.parent)
+    poses = BodyPoses(np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((3, 3)))
+    poses.rotations[0], poses.translations[0] = robot.base_rotation, robot.base_translation
+    return poses
+
+
+@kernel
+def sphere_positions(
+    robot: Robot, q: NDArray[np.float64], poses: BodyPoses, first: int, out: NDArray[np.float64]
+) -> None:
+    """Write the centers of the spheres from `first` on, world frame, to `out` (s, 3)."""
+    body_poses(robot.tree, q, poses)
+    R, t = poses.rotations, poses.translations
+    body_index, local = robot.spheres.body_index, robot.spheres.local_centers
+    for s in range(first, len(body_index)):
+        b = body_index[s]
         x, y, z = local[s, 0], local[s, 1], local[s, 2]
         for i in range(3):
             out[s, i] = t[b, i] + R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z
 
 
-@njit(cache=True, nogil=True)
-def squared_distance(a, i, b, j):
+@kernel
+def squared_distance(a: NDArray[np.float64], i: int, b: NDArray[np.float64], j: int) -> float:
     """Squared distance of point i of `a` (n, 3) and point j of `b` (m, 3)."""
     dx, dy, dz = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
     return dx * dx + dy * dy + dz * dz
 
 
-@njit(cache=True, nogil=True)
-def map_contact(at, s, radius, states, near, lower, scale, margin):
-    """The worst state of the voxels that sphere s meets."""
+@kernel
+def map_contact(at: NDArray[np.float64], s: int, radius: float, voxels: MapVoxels) -> int:
+    """The worst state of the voxels that sphere s touches."""
+    lower, scale = voxels.lower, voxels.scale
     x = (at[s, 0] - lower[0]) * scale
     y = (at[s, 1] - lower[1]) * scale
     z = (at[s, 2] - lower[2]) * scale
-    if is_near_blocked(near, x, y, z):
-        return sphere_state(states, x, y, z, (radius + margin) * scale)
+    if is_near_blocked(voxels.neighborhood, x, y, z):
+        return sphere_state(voxels.states, x, y, z, (radius + voxels.margin) * scale)
     return 0
 
 
-@njit(cache=True, nogil=True)
-def team_contact(at, s, radius, centers, radii, margin):
-    """Number of a teammate's sphere that sphere s meets, -1 if there is none."""
-    for m in range(len(centers)):
-        apart = radius + radii[m] + margin
-        if squared_distance(at, s, centers, m) < apart * apart:
+@kernel
+def team_contact(at: NDArray[np.float64], s: int, radius: float, team: TeamSpheres) -> int:
+    """Index of a teammate's sphere that sphere s touches; -1 if there is none."""
+    for m in range(len(team.centers)):
+        reach = radius + team.radii[m] + team.margin
+        if squared_distance(at, s, team.centers, m) < reach * reach:
             return m
     return -1
 
 
-@njit(cache=True, nogil=True)
-def pose_contact(spheres, at, start, known, team, ignored):
-    """The first contact of a pose whose spheres stand `at` (s, 3): (kind, sphere, with what).
+@kernel
+def self_contact(
+    spheres: RobotSpheres, at: NDArray[np.float64], start: NDArray[np.float64]
+) -> tuple[int, int]:
+    """Two spheres of the robot that touch, and are closer than at the `start`; -1 if none do."""
+    radii, ranges = spheres.radii, spheres.partner_ranges
+    for i in range(spheres.n_static, len(radii)):
+        begin = ranges.start[i]
+        reach = radii[i] + spheres.static_radius
+        if squared_distance(at, i, spheres.static_center, 0) > reach * reach:
+            begin = ranges.first_moving[i]  # away from all static spheres
+        for p in range(begin, ranges.end[i]):
+            j = spheres.partners[p]
+            reach = radii[i] + radii[j]
+            square = squared_distance(at, i, at, j)
+            if square < reach * reach and square < squared_distance(start, i, start, j):
+                return i, j
+    return -1, 0
 
-    `ignored` (s,) marks spheres that touched something where the motion starts: they may, until
-    they are clear once. Own links that touch at the `start` may not come closer.
+
+@kernel
+def pose_contact(
+    spheres: RobotSpheres,
+    at: NDArray[np.float64],
+    start: NDArray[np.float64],
+    obstacles: Obstacles,
+    ignored: NDArray[np.bool_],
+) -> tuple[int, int, int]:
+    """The first contact of a pose with its spheres `at` (s, 3): kind, sphere, other.
+
+    `ignored` (s,) marks spheres that touch something where the motion starts. They may, until they
+    are free once. Own spheres that touch at the `start` may not come closer.
     """
-    _, _, radii, first, rows, partners, ball = spheres
-    states, near, lower, scale, margin = known
-    centers, wide, team_margin = team
-    # the outermost links first: they travel farthest into what is not known
-    for s in range(len(radii) - 1, first - 1, -1):
-        state = map_contact(at, s, radii[s], states, near, lower, scale, margin)
-        mate = team_contact(at, s, radii[s], centers, wide, team_margin)
+    radii, voxels, team = spheres.radii, obstacles.voxels, obstacles.team
+    # the outermost links first: they travel farthest into unknown space
+    for s in range(len(radii) - 1, spheres.n_static - 1, -1):
+        state = map_contact(at, s, radii[s], voxels)
+        mate = team_contact(at, s, radii[s], team)
         if state == 0 and mate < 0:
             ignored[s] = False
         elif not ignored[s]:
             return (MAP_CONTACT, s, state) if state > 0 else (TEAM_CONTACT, s, mate)
-    for i in range(first, len(radii)):
-        begin = rows[i, 0]
-        apart = radii[i] + ball[0, 3]
-        if squared_distance(at, i, ball, 0) > apart * apart:  # away from all that does not move
-            begin = rows[i, 1]
-        for p in range(begin, rows[i, 2]):
-            j = partners[p]
-            apart = radii[i] + radii[j]
-            gap = squared_distance(at, i, at, j)
-            if gap < apart * apart and gap < squared_distance(start, i, start, j):
-                return SELF_CONTACT, i, j
-    return NO_CONTACT, -1, 0
+    i, j = self_contact(spheres, at, start)
+    return (NO_CONTACT, -1, 0) if i < 0 else (SELF_CONTACT, i, j)
 
 
-@njit(cache=True, nogil=True)
-def mark_initial_contacts(spheres, start, known, team, ignored):
+@kernel
+def mark_initial_contacts(
+    spheres: RobotSpheres,
+    start: NDArray[np.float64],
+    obstacles: Obstacles,
+    touching: NDArray[np.bool_],
+) -> None:
     """Mark the spheres that touch something where the robot already stands."""
-    radii, first = spheres[2], spheres[3]
-    states, near, lower, scale, margin = known
-    centers, wide, team_margin = team
-    for s in range(first, len(radii)):
-        state = map_contact(start, s, radii[s], states, near, lower, scale, margin)
-        mate = team_contact(start, s, radii[s], centers, wide, team_margin)
-        ignored[s] = state > 0 or mate >= 0
+    radii = spheres.radii
+    for s in range(spheres.n_static, len(radii)):
+        state = map_contact(start, s, radii[s], obstacles.voxels)
+        mate = team_contact(start, s, radii[s], obstacles.team)
+        touching[s] = state > 0 or mate >= 0
 
 
-@njit(cache=True, nogil=True)
-def ignore_unmoved_contacts(spheres, start, goal, step, ignored, out):
-    """Of the excused spheres, those that are at the goal where they were at the start."""
-    for s in range(spheres[3], len(start)):
-        out[s] = ignored[s] and squared_distance(start, s, goal, s) < step * step
+@kernel
+def ignore_unmoved_contacts(
+    spheres: RobotSpheres,
+    start: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    step: float,
+    touching: NDArray[np.bool_],
+    out: NDArray[np.bool_],
+) -> None:
+    """Of the touching spheres, mark those that are at the goal where they are at the start."""
+    for s in range(spheres.n_static, len(start)):
+        out[s] = touching[s] and squared_distance(start, s, goal, s) < step * step
 
 
-@njit(cache=True, nogil=True)
-def count_waypoints(body, spheres, q0, q1, work, step, counts, here, there):
-    """Cut a motion into pieces, and those so that no centre moves more than `step` at a time.
+@kernel
+def count_waypoints(
+    robot: Robot,
+    q0: NDArray[np.float64],
+    q1: NDArray[np.float64],
+    step: float,
+    poses: BodyPoses,
+    counts: NDArray[np.int64],
+    previous: NDArray[np.float64],
+    current: NDArray[np.float64],
+) -> int:
+    """Cut a motion into segments, and those so that no center moves more than `step` at a time.
 
-    Returns the number of pieces; `counts` tells the steps in each. `here` and `there` (s, 3) are
-    scratch.
+    Returns the number of segments and writes the steps in each to `counts`. `previous` and
+    `current` (s, 3) are scratch.
     """
-    first = spheres[3]
+    first = robot.spheres.n_static
     largest = 0.0
     for n in range(len(q0)):
         largest = max(largest, abs(q1[n] - q0[n]))
-    pieces = min(int(np.ceil(largest / MAX_SEGMENT)), len(counts))
-    sphere_positions(body, spheres, q0, work, first, here)
-    for piece in range(pieces):
-        q = q0 + (q1 - q0) * ((piece + 1.0) / pieces)
-        sphere_positions(body, spheres, q, work, first, there)
+    segments = min(int(np.ceil(largest / MAX_SEGMENT)), len(counts))
+    sphere_positions(robot, q0, poses, first, previous)
+    for segment in range(segments):
+        q = q0 + (q1 - q0) * ((segment + 1.0) / segments)
+        sphere_positions(robot, q, poses, first, current)
         farthest = 0.0
-        for s in range(first, len(there)):
-            farthest = max(farthest, squared_distance(here, s, there, s))
+        for s in range(first, len(current)):
+            farthest = max(farthest, squared_distance(previous, s, current, s))
             for i in range(3):
-                here[s, i] = there[s, i]
-        # a little more, for arcs are longer than chords and not run through evenly
-        counts[piece] = int(1.15 * np.sqrt(farthest) / step) + 1
-    return pieces
+                previous[s, i] = current[s, i]
+        # a little more, because arcs are longer than chords and speeds along them vary
+        counts[segment] = int(1.15 * np.sqrt(farthest) / step) + 1
+    return segments
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def first_contact_on_path(
-    body, spheres, known, team, q0, q1, work, step, counts, start, ignored, at
-):
-    """First contact before the goal: (kind, sphere, with what, share of the motion before it).
+    robot: Robot,
+    obstacles: Obstacles,
+    q0: NDArray[np.float64],
+    q1: NDArray[np.float64],
+    step: float,
+    start: NDArray[np.float64],
+    ignored: NDArray[np.bool_],
+    at: NDArray[np.float64],
+) -> tuple[int, int, int, float]:
+    """First contact before the goal: kind, sphere, other, and the fraction of the motion before it.
 
-    Without a contact the share is that of the last step before the goal.
+    Without a contact the fraction is that of the last step before the goal.
     """
-    pieces = count_waypoints(body, spheres, q0, q1, work, step, counts, start.copy(), at)
+    spheres, poses = robot.spheres, base_poses(robot)
+    counts = np.empty(int(np.abs(q1 - q0).max() / MAX_SEGMENT) + 1, np.int64)
+    segments = count_waypoints(robot, q0, q1, step, poses, counts, start.copy(), at)
     q, fraction = np.empty(len(q0)), 0.0
-    for piece in range(pieces):
-        for w in range(1, counts[piece] + (piece < pieces - 1)):
-            there = (piece + w / counts[piece]) / pieces
+    for segment in range(segments):
+        for w in range(1, counts[segment] + (segment < segments - 1)):
+            along = (segment + w / counts[segment]) / segments
             for n in range(len(q)):
-                q[n] = q0[n] + (q1[n] - q0[n]) * there
-            sphere_positions(body, spheres, q, work, spheres[3], at)
-            kind, s, other = pose_contact(spheres, at, start, known, team, ignored)
+                q[n] = q0[n] + (q1[n] - q0[n]) * along
+            sphere_positions(robot, q, poses, spheres.n_static, at)
+            kind, s, other = pose_contact(spheres, at, start, obstacles, ignored)
             if kind != NO_CONTACT:
                 return kind, s, other, fraction
-            fraction = there
+            fraction = along
     return NO_CONTACT, -1, 0, fraction
 
 
-@njit(cache=True, nogil=True)
-def first_contacts(body, base, spheres, known, team, q0, q1, step, goal_first, counts, found, at):
-    """First contacts on the straight joint motions from q0 (n,) to each of q1 (k, n).
+@kernel
+def first_contacts(
+    robot: Robot,
+    obstacles: Obstacles,
+    q0: NDArray[np.float64],
+    q1: NDArray[np.float64],
+    step: float,
+    goal_first: bool,
+    found: FirstContacts,
+) -> None:
+    """Write the first contacts on the straight joint motions from q0 (n,) to each of q1 (k, n).
 
-    Writes per motion `found` (k, 5): kind, sphere, with what, share of the motion that is free,
-    whether it is the goal's contact; and where the spheres are then, `at` (k, s, 3). With
-    `goal_first` the goal is asked about before the way there; the share is 0 if it is in contact.
+    With `goal_first` the goal comes before the path; the free fraction is 0 if it is in contact.
     """
-    n_bodies, n_spheres, first = len(body.parent), len(spheres[0]), spheres[3]
-    R, t = np.empty((n_bodies, 3, 3)), np.empty((n_bodies, 3))
-    R[0], t[0] = base[0], base[1]
-    work = (R, t, np.empty((3, 3)))
+    spheres, poses = robot.spheres, base_poses(robot)
+    n_spheres = len(spheres.radii)
     start, goal = np.empty((n_spheres, 3)), np.empty((n_spheres, 3))
     touching = np.zeros(n_spheres, dtype=np.bool_)
     ignored = np.zeros(n_spheres, dtype=np.bool_)
-    sphere_positions(body, spheres, q0, work, 0, start)
+    sphere_positions(robot, q0, poses, 0, start)
     goal[:] = start
-    mark_initial_contacts(spheres, start, known, team, touching)
+    mark_initial_contacts(spheres, start, obstacles, touching)
     for m in range(len(q1)):
-        sphere_positions(body, spheres, q1[m], work, first, goal)
+        at = found.positions[m]
+        sphere_positions(robot, q1[m], poses, spheres.n_static, goal)
         ignore_unmoved_contacts(spheres, start, goal, step, touching, ignored)
-        kind, s, other = pose_contact(spheres, goal, start, known, team, ignored)
+        kind, s, other = pose_contact(spheres, goal, start, obstacles, ignored)
         fraction, at_goal = 0.0, kind != NO_CONTACT
         if not (at_goal and goal_first):
             ignored[:] = touching
-            at[m] = start
+            at[:] = start
             path_kind, path_sphere, path_other, fraction = first_contact_on_path(
-                body, spheres, known, team, q0, q1[m], work, step, counts, start, ignored, at[m]
+                robot, obstacles, q0, q1[m], step, start, ignored, at
             )
             if path_kind != NO_CONTACT:
                 kind, s, other, at_goal = path_kind, path_sphere, path_other, False
             elif not at_goal:
                 fraction = 1.0
         if at_goal:
-            at[m] = goal
-        found[m, 0], found[m, 1], found[m, 2] = kind, s, other
-        found[m, 3], found[m, 4] = fraction, at_goal
+            at[:] = goal
+        found.kind[m], found.sphere[m], found.other[m] = kind, s, other
+        found.free_fraction[m], found.at_goal[m] = fraction, at_goal
 
 
-@njit(cache=True, nogil=True)
-def are_poses_free(body, base, spheres, known, team, q, out):
-    """Whether poses q (k, n) are clear, wherever the robot comes from: out (k,)."""
-    n_bodies, n_spheres = len(body.parent), len(spheres[0])
-    R, t = np.empty((n_bodies, 3, 3)), np.empty((n_bodies, 3))
-    R[0], t[0] = base[0], base[1]
-    work = (R, t, np.empty((3, 3)))
+@kernel
+def are_poses_free(
+    robot: Robot, obstacles: Obstacles, q: NDArray[np.float64], out: NDArray[np.bool_]
+) -> None:
+    """Write whether poses q (k, n) are free, wherever the robot comes from, to `out` (k,)."""
+    spheres, poses = robot.spheres, base_poses(robot)
+    n_spheres = len(spheres.radii)
     at = np.empty((n_spheres, 3))
     nowhere = np.zeros((n_spheres, 3))
-    nowhere[:, 0] = 1e9 * np.arange(n_spheres)  # far apart, so that no touching is excused
+    nowhere[:, 0] = 1e9 * np.arange(n_spheres)  # far apart, so that no contact is ignored
     ignored = np.zeros(n_spheres, dtype=np.bool_)
     for k in range(len(q)):
-        sphere_positions(body, spheres, q[k], work, 0, at)
-        out[k] = pose_contact(spheres, at, nowhere, known, team, ignored)[0] == NO_CONTACT
+        sphere_positions(robot, q[k], poses, 0, at)
+        out[k] = pose_contact(spheres, at, nowhere, obstacles, ignored)[0] == NO_CONTACT

@@ -1,4 +1,4 @@
-"""Ways around: joint motions in several straight pieces, by OMPL."""
+"""Joint paths of several straight motions, by OMPL."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def plan_path(
     seed: int,
     iterations: int = 300,
 ) -> NDArray[np.float64] | None:
-    """A motion from `start` to `goal` of which each straight piece is free, if one is found.
+    """A path from `start` to `goal` of which each straight motion is free, if one is found.
 
     The straight motion if that is free; else RRT-Connect (Kuffner and LaValle 2000) over the
-    mount's joints, shortened by leaving out waypoints. The same seed gives the same path; what is
-    limited is the number of its steps, not its time.
+    mount's joints, shortened by leaving out waypoints. The same seed gives the same path: the
+    number of steps is limited, not the time.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def plan_path(
         return np.stack([q0, q1])
     if contact.at_goal:
         return None
-    # a reading at the end of a joint's travel may lie a hair outside of its limits
+    # an encoder reading at the end of a joint's range may lie slightly outside of its limits
     inside = np.clip(q0, chain.lower, chain.upper)
     found = _rrt_connect(checker, inside, q1, seed, iterations)
     return None if found is None else np.concatenate([[q0], _shortcut_path(checker, found)[1:]])
@@ -124,7 +124,7 @@ def _rrt_connect(
 
 
 def _shortcut_path(checker: CollisionChecker, path: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Leave out waypoints: from each go straight to the last one that can be reached so."""
+    """Leave out waypoints: go straight from each to the last one that a free motion reaches."""
     kept, at = [0], 0
     while at < len(path) - 1:
         free = checker.are_motions_free(path[at], path[at + 1 :])

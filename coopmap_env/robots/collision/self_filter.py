@@ -1,17 +1,31 @@
-"""Robots know where they are: what a camera sees of them is no part of the scene."""
+"""Robots know their own poses: the points that a camera measures on them are not mapped."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import kernel
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.sensing.noise import RangeNoise
-from coopmap_env.sensing.point_cloud import PointCloud
+from coopmap_env.sensing import PointCloud, RangeNoise
 
 ANGLE_TOLERANCE = 1e-6
-"""Radians by which a sphere counts as in sight that is not, for rounding's sake."""
+"""Radians by which the view cone is widened, against rounding."""
+
+
+class PointUncertainty(NamedTuple):
+    """Standard deviation of a measured point by its distance: Eq. 1 and the camera's pose."""
+
+    factor: float
+    """S * T_depth of Eq. 1."""
+    exponent: float
+    """n of Eq. 1."""
+    translation: float
+    """Trace of the covariance of the camera's position, m^2."""
+    rotation: float
+    """Trace of the covariance of the camera's rotation vector, rad^2."""
 
 
 def filter_robot_points(
@@ -22,24 +36,24 @@ def filter_robot_points(
     noise: RangeNoise,
     pose_covariance: NDArray[np.float64] | None = None,
 ) -> PointCloud:
-    """A look from which the robots are taken: hits on them become beams that are clear up to them.
+    """A point cloud without the robots: hits on them become free beams that end in front of them.
 
-    A hit is a robot's if it lies in one of its spheres, grown by three standard deviations of the
-    range there (Eq. 1) and of where the camera takes the point to be. Its beam then says that all
-    is free up to where it enters the first of the spheres that it crosses. Spheres in which the
-    camera is itself count for hits inside of them only, from which it learns nothing.
+    A hit is a robot's if it lies in one of its spheres, inflated by three standard deviations of
+    the range there (Eq. 1) and of the point's position due to the camera's pose. Its beam then is
+    free up to where it enters the first of the spheres that it crosses. A sphere that contains the
+    camera only counts for hits inside of it, and nothing is learned from them.
 
     Parameters
     ----------
     cloud : PointCloud
         n beams in the camera frame.
     T_world_camera : Pose
-        Where the robot believes that its camera stands.
+        Estimated pose of the camera.
     centers : array_like, shape (s, 3)
         Spheres that cover the robots, its own too, in the world frame.
     radii : array_like, shape (s,)
     noise : RangeNoise
-        What the camera states of its uncertainty.
+        Range noise of the camera's specification.
     pose_covariance : ndarray, shape (6, 6), optional
         Of the camera's pose, [translation, rotation vector].
 
@@ -51,34 +65,43 @@ def filter_robot_points(
     at, wide = np.asarray(centers, dtype=np.float64), np.asarray(radii, dtype=np.float64)
     if at.ndim != 2 or at.shape[1] != 3 or wide.shape != (len(at),):
         raise ValueError(
-            f"spheres need centres (s, 3) and radii (s,), got {at.shape}, {wide.shape}"
+            f"spheres need centers (s, 3) and radii (s,), got {at.shape}, {wide.shape}"
         )
     local = np.ascontiguousarray(T_world_camera.inverse().transform(at))
     points, hit = cloud.points.copy(), cloud.hit.copy()
-    pose = np.zeros((6, 6)) if pose_covariance is None else pose_covariance
-    uncertainty = (
-        float(noise.intrinsic * noise.depth), float(noise.exponent),
-        float(np.trace(pose[:3, :3])), float(np.trace(pose[3:, 3:])),
-    )  # fmt: skip
+    covariance = np.zeros((6, 6)) if pose_covariance is None else pose_covariance
+    uncertainty = PointUncertainty(
+        float(noise.intrinsic * noise.depth),
+        float(noise.exponent),
+        float(np.trace(covariance[:3, :3])),
+        float(np.trace(covariance[3:, 3:])),
+    )
     filter_points_in_spheres(points, hit, local, np.ascontiguousarray(wide), uncertainty)
     return PointCloud(points, hit)
 
 
-@njit(cache=True, nogil=True)
-def _three_sigma(distance, uncertainty):
-    """Metres by which spheres grow there."""
+@kernel
+def _three_sigma(distance: float, uncertainty: PointUncertainty) -> float:
+    """Metres by which spheres are inflated at a distance from the camera."""
     factor, exponent, translation, rotation = uncertainty
     power = distance * distance if exponent == 2.0 else distance**exponent
     along = factor * power
     return 3.0 * np.sqrt(along * along + translation + rotation * distance * distance)
 
 
-@njit(cache=True, nogil=True)
-def _spheres_in_view(points, hit, centers, radii, uncertainty, kept):
-    """Write the numbers of the spheres that a hit may lie in, or its beam cross; how many.
+@kernel
+def _spheres_in_view(
+    points: NDArray[np.float64],
+    hit: NDArray[np.bool_],
+    centers: NDArray[np.float64],
+    radii: NDArray[np.float64],
+    uncertainty: PointUncertainty,
+    kept: NDArray[np.int64],
+) -> int:
+    """Write the indices of the spheres that a hit may lie in or its beam cross; return how many.
 
-    All hits lie in a cone about the optical axis, no further than the farthest of them. Most of the
-    robots stands elsewhere: of the 48 spheres of two masts 6 are left on average.
+    All hits lie in a cone about the optical axis, no further than the farthest of them. Most
+    spheres lie outside: of the 48 of two masts 6 are left on average.
     """
     lowest, farthest = 1.0, 0.0
     for k in range(len(points)):
@@ -105,9 +128,15 @@ def _spheres_in_view(points, hit, centers, radii, uncertainty, kept):
     return count
 
 
-@njit(cache=True, nogil=True)
-def filter_points_in_spheres(points, hit, centers, radii, uncertainty):
-    """`filter_robot_points` in the camera frame, in place; `uncertainty` is (S * T_depth, n) of Eq. 1."""
+@kernel
+def filter_points_in_spheres(
+    points: NDArray[np.float64],
+    hit: NDArray[np.bool_],
+    centers: NDArray[np.float64],
+    radii: NDArray[np.float64],
+    uncertainty: PointUncertainty,
+) -> None:
+    """`filter_robot_points` in the camera frame, in place."""
     kept = np.empty(len(radii), np.int64)
     n_kept = _spheres_in_view(points, hit, centers, radii, uncertainty, kept)
     if n_kept == 0:

@@ -41,19 +41,19 @@ class Chain:
     """Shape (n,): lower limits, radians or metres; -inf where there is none."""
     upper: NDArray[np.float64]
     is_prismatic: NDArray[np.bool_]
-    """Shape (n,): whether a joint slides, so that its value is in metres."""
+    """Shape (n,): whether a joint is prismatic, so that its value is in metres."""
     link_names: tuple[str, ...]
     masses: NDArray[np.float64]
     """Shape (L,): kilograms."""
     centers_of_mass: NDArray[np.float64]
     """Shape (L, 3), in the links' frames."""
     inertias: NDArray[np.float64]
-    """Shape (L, 3, 3): kg m^2 about the centres of mass, along the links' axes."""
+    """Shape (L, 3, 3): kg m^2 about the centers of mass, along the links' axes."""
     meshes: tuple[NDArray[np.float64], ...]
-    """Per link triangles (m, 3, 3) in the link's frame: what is seen of it."""
+    """Per link triangles (m, 3, 3) in the link's frame: its visible surface."""
     tree: KinematicTree
     link_body: NDArray[np.int64]
-    """Shape (L,): the rigid body that each link belongs to; 0 is what does not move."""
+    """Shape (L,): the rigid body that each link belongs to; body 0 does not move."""
     link_rotations: NDArray[np.float64]
     """Shape (L, 3, 3): of the links' frames in their bodies."""
     link_translations: NDArray[np.float64]
@@ -70,7 +70,7 @@ class Chain:
         package_dirs: Sequence[str] = (),
         fixed_joints: Mapping[str, float] | None = None,
     ) -> Chain:
-        """Read a URDF; joints that are not in `joints` are frozen.
+        """Read a URDF; joints that are not in `joints` are fixed.
 
         Parameters
         ----------
@@ -82,9 +82,9 @@ class Chain:
         T_link_camera : Pose, optional
             Camera frame (x optical axis, y left, z up) in the link's frame.
         package_dirs : sequence of str, optional
-            Folders in which ``package://`` meshes are looked up.
+            Folders in which ``package://`` meshes are searched.
         fixed_joints : mapping of str to float, optional
-            Values at which other joints are frozen; 0 if not given.
+            Values of other joints; 0 if not given.
 
         Raises
         ------
@@ -132,11 +132,6 @@ class Chain:
         """Number of joints that move."""
         return len(self.joint_names)
 
-    @property
-    def n_links(self) -> int:
-        """Number of links."""
-        return len(self.link_names)
-
     def as_joint_values(self, q: ArrayLike) -> NDArray[np.float64]:
         """Joint values as an array (k, n), or (n,) as given.
 
@@ -157,7 +152,7 @@ class Chain:
         return q
 
     def check_limits(self, q: ArrayLike) -> NDArray[np.float64]:
-        """As `as_joint_values`, and refuse values outside the limits.
+        """As `as_joint_values`; values outside the limits are an error.
 
         Raises
         ------

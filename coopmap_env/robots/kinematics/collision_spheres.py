@@ -1,19 +1,21 @@
-"""The space that a vehicle takes: spheres that cover its links."""
+"""Collision geometry of a vehicle: spheres that cover its links."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.settings import Positive, PositiveInt, Settings
 from coopmap_env.robots.kinematics.chain import Chain
 
 
 @dataclass(frozen=True)
-class CollisionSphereSettings:
+class CollisionSphereSettings(Settings):
     """How finely links are covered.
 
     Raises
@@ -22,19 +24,21 @@ class CollisionSphereSettings:
         If a value is not positive.
     """
 
-    radius: float = 0.15
+    radius: Positive = 0.15
     """Metres: parts of moving links are halved until their spheres are no larger."""
-    static_radius: float = 0.2
-    """Metres, the same for links that do not move: they meet the mount's own links only."""
-    max_spheres: int = 8
+    static_radius: Positive = 0.2
+    """Metres, the same for links that do not move: only the mount's own links can touch them."""
+    max_spheres: PositiveInt = 8
     """Spheres per link, whatever their radius."""
 
-    def __post_init__(self) -> None:
-        for name in ("radius", "static_radius", "max_spheres"):
-            if not getattr(self, name) > 0:
-                raise ValueError(
-                    f"CollisionSphereSettings.{name} must be > 0, got {getattr(self, name)}"
-                )
+
+class PartnerRanges(NamedTuple):
+    """For each sphere (s,) its slice of `CollisionSpheres.partners`."""
+
+    start: NDArray[np.int64]
+    first_moving: NDArray[np.int64]
+    """Partners before this one are static."""
+    end: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +60,11 @@ class CollisionSpheres:
     """Shape (s,): index in `chain.link_names`."""
     partners: NDArray[np.int64]
     """Shape (p,): spheres that moving ones must not touch, by moving sphere, static ones first."""
-    partner_ranges: NDArray[np.int64]
-    """Shape (s, 3): in `partners` a sphere's begin, its first moving one, and its end."""
-    static_bounding_sphere: NDArray[np.float64]
-    """Shape (4,): centre and radius of a ball around all static spheres, base frame."""
+    partner_ranges: PartnerRanges
+    static_center: NDArray[np.float64]
+    """Shape (3,): center of a sphere around all static ones, base frame."""
+    static_radius: float
+    """Metres, of that sphere."""
 
     @classmethod
     def from_chain(
@@ -67,8 +72,8 @@ class CollisionSpheres:
     ) -> CollisionSpheres:
         """Cover the links of a chain, once per process.
 
-        `home` tells which spheres touch by construction: pairs that overlap there are not asked
-        about, and neither are those of joined links, which the joints' limits keep apart.
+        Spheres that overlap at `home` touch by construction: such pairs are not checked, nor are
+        those of joined links, which the joints' limits keep apart.
         """
         return _cover_chain(
             chain, tuple(float(v) for v in home), settings or CollisionSphereSettings()
@@ -82,7 +87,7 @@ class CollisionSpheres:
     @property
     def pairs(self) -> NDArray[np.int64]:
         """Pairs (p, 2) of a moving sphere and another one that it must not touch."""
-        counts = self.partner_ranges[:, 2] - self.partner_ranges[:, 0]
+        counts = self.partner_ranges.end - self.partner_ranges.start
         return np.stack([np.repeat(np.arange(self.n_spheres), counts), self.partners], axis=1)
 
     def checked_link_pairs(self) -> set[frozenset[str]]:
@@ -91,25 +96,14 @@ class CollisionSpheres:
         return {frozenset((names[a], names[b])) for a, b in self.link[self.pairs].tolist()}
 
     @property
-    def is_static(self) -> NDArray[np.bool_]:
-        """Shape (s,): spheres that no joint moves, as those of the chassis."""
-        return self.sphere_body_index == 0
-
-    @property
     def n_static_spheres(self) -> int:
         """Number of spheres that no joint moves; they come first."""
         return int(np.count_nonzero(self.sphere_body_index == 0))
 
     def centers(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Centres (k, s, 3) in the base frame; (s, 3) for a single q (n,)."""
+        """Centers (k, s, 3) in the base frame; (s, 3) for a single q (n,)."""
         out = self.chain.point_positions(q, self.sphere_body_index, self.local_centers)
         return out if np.ndim(q) == 2 else out[0]
-
-    def spheres(
-        self, q: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        """Centres (k, s, 3) in the base frame, radii (s,) and links (s,)."""
-        return self.centers(q), self.radii, self.link
 
 
 @lru_cache(maxsize=32)
@@ -126,13 +120,15 @@ def _cover_chain(
         for center, radius in cover_with_spheres(triangles, limit, settings.max_spheres):
             rows.append((body, R @ center + t, radius, link))
     if not rows:
-        raise ValueError("no link has a shape, so there is nothing to keep clear of obstacles")
+        raise ValueError("no link has a shape, so no collision can be checked")
     rows = [row for row in rows if not any(_contains_sphere(other, row) for other in rows)]
     rows.sort(key=lambda row: row[0] != 0)
     bodies = np.array([row[0] for row in rows], dtype=np.int64)
     centers, radii = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
     at_home = chain.point_positions(home, bodies, centers)[0]
     partners, partner_ranges = _collision_pairs(chain.tree.parent, bodies, at_home, radii)
+    static = bodies == 0
+    static_center, static_radius = _bounding_sphere_of_spheres(at_home[static], radii[static])
     return CollisionSpheres(
         chain=chain,
         sphere_body_index=bodies,
@@ -141,9 +137,8 @@ def _cover_chain(
         link=np.array([row[3] for row in rows], dtype=np.int64),
         partners=partners,
         partner_ranges=partner_ranges,
-        static_bounding_sphere=_bounding_sphere_of_spheres(
-            at_home[bodies == 0], radii[bodies == 0]
-        ),
+        static_center=static_center,
+        static_radius=static_radius,
     )
 
 
@@ -161,8 +156,8 @@ def _collision_pairs(
     body: NDArray[np.int64],
     centers: NDArray[np.float64],
     radii: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """`CollisionSpheres.partners` and `partner_ranges`: spheres apart at home that are not on joined bodies.
+) -> tuple[NDArray[np.int64], PartnerRanges]:
+    """Partners and their ranges: spheres apart at home whose bodies are not joined.
 
     Two moving bodies with one between them count as joined: the axes of a wrist lie close.
     """
@@ -178,17 +173,17 @@ def _collision_pairs(
     checked &= np.tri(len(body), k=-1, dtype=np.bool_)  # static ones come first, so second here
     static, ends = checked[:, body == 0].sum(axis=1), checked.sum(axis=1).cumsum()
     begins = np.concatenate([[0], ends[:-1]])
-    return np.nonzero(checked)[1], np.stack([begins, begins + static, ends], axis=1)
+    return np.nonzero(checked)[1], PartnerRanges(begins, begins + static, ends)
 
 
 def _bounding_sphere_of_spheres(
     centers: NDArray[np.float64], radii: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """A ball (4,) around balls; far away and of no size if there are none."""
+) -> tuple[NDArray[np.float64], float]:
+    """Center (3,) and radius of a sphere around spheres; far away and empty if there are none."""
     if not len(radii):
-        return np.array([1e9, 1e9, 1e9, 0.0])
+        return np.array([1e9, 1e9, 1e9]), 0.0
     middle = 0.5 * ((centers - radii[:, None]).min(axis=0) + (centers + radii[:, None]).max(axis=0))
-    return np.append(middle, (np.linalg.norm(centers - middle, axis=1) + radii).max())
+    return middle, float((np.linalg.norm(centers - middle, axis=1) + radii).max())
 
 
 def cover_with_spheres(

@@ -1,12 +1,13 @@
-"""Forward kinematics of a tree of rigid bodies, in batches (numba)."""
+"""Forward kinematics of a tree of rigid bodies, in batches: kernels."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
 
 
 class KinematicTree(NamedTuple):
@@ -30,6 +31,17 @@ class KinematicTree(NamedTuple):
     offset: NDArray[np.float64]
 
 
+class BodyPoses(NamedTuple):
+    """Buffers for the poses of all bodies of a tree at one q."""
+
+    rotations: NDArray[np.float64]
+    """Shape (b, 3, 3); that of the root is given."""
+    translations: NDArray[np.float64]
+    """Shape (b, 3); that of the root is given."""
+    R_joint: NDArray[np.float64]
+    """Shape (3, 3), scratch."""
+
+
 def rodrigues_terms(
     rotation: NDArray[np.float64], axis: NDArray[np.float64], prismatic: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -46,30 +58,28 @@ def rodrigues_terms(
     return constant, turns * (rotation - rotation @ along), turns * (rotation @ cross)
 
 
-@njit(cache=True, nogil=True)
-def matmul_3x3(A, B, out):
+@kernel
+def matmul_3x3(A: NDArray[np.float64], B: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """The product A @ B of (3, 3) matrices, written to `out`, which must be neither of them."""
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
 
 
-@njit(cache=True, nogil=True)
-def allocate_body_poses(tree):
-    """Arrays for `body_poses`: R and t, the root's at the origin, and one for its use."""
+@kernel
+def allocate_body_poses(tree: KinematicTree) -> BodyPoses:
+    """Buffers for `body_poses`, with the root at the origin."""
     n = len(tree.parent)
     R, t = np.empty((n, 3, 3)), np.empty((n, 3))
     R[0] = np.eye(3)
     t[0] = 0.0
-    return R, t, np.empty((3, 3))
+    return BodyPoses(R, t, np.empty((3, 3)))
 
 
-@njit(cache=True, nogil=True)
-def body_poses(tree, q, R, t, R_joint):
-    """Poses of all bodies at one q (n,), from that of the root in R[0], t[0].
-
-    R (b, 3, 3) and t (b, 3) are written from body 1 on; `R_joint` (3, 3) is scratch.
-    """
+@kernel
+def body_poses(tree: KinematicTree, q: NDArray[np.float64], poses: BodyPoses) -> None:
+    """Write the poses of all bodies at one q (n,), from body 1 on; that of the root is given."""
+    R, t, R_joint = poses.rotations, poses.translations, poses.R_joint
     for b in range(1, len(tree.parent)):
         p = tree.parent[b]
         value = tree.multiplier[b] * q[tree.variable[b]] + tree.offset[b]
@@ -91,12 +101,21 @@ def body_poses(tree, q, R, t, R_joint):
             matmul_3x3(R[p], R_joint, R[b])
 
 
-@njit(cache=True, nogil=True)
-def frame_poses(tree, q, body, rotation, translation, R, t):
-    """Poses of frames fixed to bodies, for a batch q (k, n): R (k, f, 3, 3), t (k, f, 3)."""
-    Rb, tb, R_joint = allocate_body_poses(tree)
+@kernel
+def frame_poses(
+    tree: KinematicTree,
+    q: NDArray[np.float64],
+    body: NDArray[np.int64],
+    rotation: NDArray[np.float64],
+    translation: NDArray[np.float64],
+    R: NDArray[np.float64],
+    t: NDArray[np.float64],
+) -> None:
+    """Write poses of frames fixed to bodies, for a batch q (k, n): R (k, f, 3, 3), t (k, f, 3)."""
+    poses = allocate_body_poses(tree)
+    Rb, tb = poses.rotations, poses.translations
     for k in range(len(q)):
-        body_poses(tree, q[k], Rb, tb, R_joint)
+        body_poses(tree, q[k], poses)
         for f in range(len(body)):
             b, o = body[f], translation[f]
             matmul_3x3(Rb[b], rotation[f], R[k, f])
@@ -104,12 +123,19 @@ def frame_poses(tree, q, body, rotation, translation, R, t):
                 t[k, f, i] = tb[b, i] + Rb[b, i, 0] * o[0] + Rb[b, i, 1] * o[1] + Rb[b, i, 2] * o[2]
 
 
-@njit(cache=True, nogil=True)
-def point_positions(tree, q, body, points, out):
-    """Positions of points (s, 3) fixed to bodies, for a batch q (k, n): out (k, s, 3)."""
-    Rb, tb, R_joint = allocate_body_poses(tree)
+@kernel
+def point_positions(
+    tree: KinematicTree,
+    q: NDArray[np.float64],
+    body: NDArray[np.int64],
+    points: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write positions of points (s, 3) fixed to bodies, for a batch q (k, n): out (k, s, 3)."""
+    poses = allocate_body_poses(tree)
+    Rb, tb = poses.rotations, poses.translations
     for k in range(len(q)):
-        body_poses(tree, q[k], Rb, tb, R_joint)
+        body_poses(tree, q[k], poses)
         for s in range(len(body)):
             b = body[s]
             x, y, z = points[s, 0], points[s, 1], points[s, 2]
@@ -117,16 +143,26 @@ def point_positions(tree, q, body, points, out):
                 out[k, s, i] = tb[b, i] + Rb[b, i, 0] * x + Rb[b, i, 1] * y + Rb[b, i, 2] * z
 
 
-@njit(cache=True, nogil=True)
-def frame_jacobian(tree, q, body, translation, out):
-    """Jacobian (6, n) [translation; rotation] of a frame fixed to `body`, in the root's frame."""
-    R, t, R_joint = allocate_body_poses(tree)
-    body_poses(tree, q, R, t, R_joint)
+@kernel
+def frame_jacobian(
+    tree: KinematicTree,
+    q: NDArray[np.float64],
+    body: int,
+    translation: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write the Jacobian (6, n) of a frame fixed to `body`: [translation; rotation vector].
+
+    In the root's frame, at one q (n,).
+    """
+    poses = allocate_body_poses(tree)
+    body_poses(tree, q, poses)
+    R, t = poses.rotations, poses.translations
     position = t[body] + R[body] @ translation
     out[:] = 0.0
     b = body
     while b > 0:
-        # turning about an axis, or sliding along it, leaves the axis where it is
+        # neither rotation about an axis nor translation along it moves the axis
         axis = R[b] @ tree.axis[b]
         n, m = tree.variable[b], tree.multiplier[b]
         if tree.prismatic[b]:

@@ -1,4 +1,4 @@
-"""What a URDF says, as plain data: a tree of links, with masses and triangles."""
+"""A URDF as plain data: a tree of links with masses and triangles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vehicles put together from the URDFs of others, on a suspension."""
+"""Edits of URDFs: links removed, joints fixed, trees joined, a vehicle put on a suspension."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from coopmap_env.robots.kinematics.urdf import MOVABLE_JOINT_TYPES, joint_transf
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS
 
 TINY_MASS, TINY_INERTIA = 1e-3, 1e-6
-"""Of links without a mass: physics engines take a missing one for 1 kg, and zero for fixed."""
+"""Of links without a mass: physics engines read a missing one as 1 kg, and zero as fixed."""
 
 
 def load_urdf_xml(path: str | Path, package_dirs: Sequence[str] = ()) -> ET.Element:
@@ -50,7 +50,7 @@ def load_urdf_xml(path: str | Path, package_dirs: Sequence[str] = ()) -> ET.Elem
 
 
 def remove_links(tree: ET.Element, links: Iterable[str]) -> None:
-    """Remove links with all that hangs on them."""
+    """Remove links with all their descendants."""
     pending = list(links)
     while pending:
         name = pending.pop()
@@ -129,7 +129,7 @@ def add_suspension(
     root_height : float
         Of the old root above ground at rest, metres.
     wheels : iterable of str
-        Links that stay on the ground with all that hangs on them.
+        Links that stay on the ground with all their descendants.
     """
     old_root = root_link(tree)
     names = {element.get("name") for element in tree.findall("link")}

@@ -11,10 +11,11 @@ from plain.random_voxel_map import random_poses, random_voxel_map
 from coopmap_env.information import (
     FieldRatingFunction,
     FieldRatingSettings,
+    ViewContext,
     joint_distance,
 )
 from coopmap_env.information.field.pooling import pool, pooled_grid
-from coopmap_env.mapping import LogOddsRange, OccupancyMap, VoxelGrid
+from coopmap_env.mapping import LogOddsRange, MapArrays, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
 SMALL = DepthCamera(far=1.5)
@@ -49,9 +50,9 @@ def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(camera, int
         frustum = rating.fine.frustum
         reserved_mask = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
         R, t = random_poses(rng, map_, 6)
-        ni, unknown = rating.new_information(map_, R, t), rating.count_unknown_cells(map_, R, t)
-        rest = rating.new_information(map_, R, t, reserved_mask)
-        rest_unknown = rating.count_unknown_cells(map_, R, t, reserved_mask)
+        ni, unknown = rating.new_information(map_, (R, t)), rating.count_unknown_cells(map_, (R, t))
+        rest = rating.new_information(map_, (R, t), ViewContext(reserved_mask))
+        rest_unknown = rating.count_unknown_cells(map_, (R, t), ViewContext(reserved_mask))
         blocked = map_.sampled & (map_.probability >= 0.5)
         for k in range(6):
             seen, d = dense_views.visible_mask(
@@ -72,9 +73,9 @@ def test_what_is_known_and_empty_tells_nothing_but_what_the_count_is_off_eq_7():
     map_ = empty_map()
     map_.mark_free(np.arange(map_.grid.n_cells))
     rating = rating_of(map_)
-    seen = len(rating.visible_cells(map_, ALONG_X[0], MIDDLE[0]))
+    seen = len(rating.visible_cells(map_, (ALONG_X[0], MIDDLE[0])))
     assert seen == pytest.approx(rating.max_visible_cells, rel=0.02)
-    assert rating.new_information(map_, ALONG_X, MIDDLE)[0] < 0.02
+    assert rating.new_information(map_, (ALONG_X, MIDDLE))[0] < 0.02
 
 
 def test_an_unknown_view_tells_the_entropy_of_its_shells_eq_8b():
@@ -85,17 +86,17 @@ def test_an_unknown_view_tells_the_entropy_of_its_shells_eq_8b():
     q = np.diff(edges**3) / (1 - 0.2**3)
     expected = -(q * np.log(q)).sum()
     # shells of four voxels, rounded to voxels
-    assert rating.new_information(map_, ALONG_X, MIDDLE)[0] == pytest.approx(expected, rel=0.02)
+    assert rating.new_information(map_, (ALONG_X, MIDDLE))[0] == pytest.approx(expected, rel=0.02)
 
 
 def test_a_wall_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7():
     map_ = empty_map()
     rating = rating_of(map_)
-    values = [rating.new_information(map_, ALONG_X, MIDDLE)[0]]
+    values = [rating.new_information(map_, (ALONG_X, MIDDLE))[0]]
     for x in (28, 25, 22, 19):
         cells = np.arange(map_.grid.n_cells).reshape(map_.grid.shape)[x]
         set_cells(map_, cells.ravel(), 0.99)
-        values.append(rating.new_information(map_, ALONG_X, MIDDLE)[0])
+        values.append(rating.new_information(map_, (ALONG_X, MIDDLE))[0])
     assert (np.diff(values) < 0).all()
 
 
@@ -110,17 +111,18 @@ def test_an_overlap_counts_once_for_the_robot_that_comes_first():
     R[2], t[2] = R[0], t[0]
     d = np.array([0.1, 0.2, 0.3, 0.4])
     occluder_spheres = [(t[[j for j in range(4) if j != k]], np.full(3, 0.1)) for k in range(4)]
-    found = rating.rate_team(map_, R, t, d, occluder_spheres)
+    found = rating.rate_team(map_, (R, t), d, occluder_spheres)
     reserved_mask = np.zeros(map_.grid.n_cells, dtype=np.uint8)
     for k in range(4):
         one = R[k : k + 1], t[k : k + 1]
-        alone = rating.rate(map_, *one, d[k : k + 1], reserved_mask, occluder_spheres[k])
+        context = ViewContext(reserved_mask, occluder_spheres[k])
+        alone = rating.rate(map_, one, d[k : k + 1], context)
         for name in ("new_information", "distance", "motion_cost", "occupancy", "rating"):
             assert getattr(found, name)[k] == pytest.approx(getattr(alone, name)[0])
-        reserved_mask[rating.visible_cells(map_, R[k], t[k], occluder_spheres[k])] = 1
+        reserved_mask[rating.visible_cells(map_, (R[k], t[k]), context)] = 1
     assert found.new_information[2] == 0
     assert (
-        rating.sequential_new_information(map_, R, t, occluder_spheres) == found.new_information
+        rating.sequential_new_information(map_, (R, t), occluder_spheres) == found.new_information
     ).all()
 
 
@@ -130,15 +132,15 @@ def test_asking_changes_neither_the_map_nor_the_next_answer():
     rating = rating_of(map_)
     R, t = random_poses(rng, map_, 40)
     log_odds_fixed, sampled = map_.log_odds_fixed.copy(), map_.sampled_mask.copy()
-    first = rating.new_information(map_, R, t)
-    team = rating.rate_team(map_, R[:3], t[:3], np.zeros(3)).new_information
+    first = rating.new_information(map_, (R, t))
+    team = rating.rate_team(map_, (R[:3], t[:3]), np.zeros(3)).new_information
     with pytest.raises(ValueError, match="radii"):  # the second robot's, after the first has looked
         rating.sequential_new_information(
-            map_, R[:2], t[:2], [None, (np.zeros((2, 3)), np.zeros(1))]
+            map_, (R[:2], t[:2]), [None, (np.zeros((2, 3)), np.zeros(1))]
         )
-    assert (rating.rate_team(map_, R[:3], t[:3], np.zeros(3)).new_information == team).all()
-    rating.new_information(map_, R, t, coarse=True)
-    assert (rating.new_information(map_, R[::-1], t[::-1]) == first[::-1]).all()
+    assert (rating.rate_team(map_, (R[:3], t[:3]), np.zeros(3)).new_information == team).all()
+    rating.new_information(map_, (R, t), ViewContext(coarse=True))
+    assert (rating.new_information(map_, (R[::-1], t[::-1])) == first[::-1]).all()
     assert (map_.log_odds_fixed == log_odds_fixed).all()
     assert (map_.sampled_mask == sampled).all()
 
@@ -158,7 +160,7 @@ def test_rating_by_hand_eq_9():
     map_ = empty_map()
     rating = rating_of(map_, K=0.1, exponent=2.0)
     set_cells(map_, int(map_.grid.flat_index([15, 15, 15])), 0.2)
-    found = rating.rate(map_, ALONG_X, MIDDLE, [3.0])
+    found = rating.rate(map_, (ALONG_X, MIDDLE), [3.0])
     assert found.distance == pytest.approx([3.0])
     assert found.motion_cost == pytest.approx([0.9])
     # a level is 1 / 1024 nat
@@ -169,7 +171,7 @@ def test_rating_by_hand_eq_9():
 
 def test_a_camera_outside_the_grid_is_worth_nothing_eq_9():
     map_ = empty_map()
-    found = rating_of(map_).rate(map_, ALONG_X, [[1.5, 1.5, 3.2]], [0.5])
+    found = rating_of(map_).rate(map_, (ALONG_X, [[1.5, 1.5, 3.2]]), [0.5])
     assert found.occupancy == 1
     assert found.rating == 0
     assert found.new_information == 0
@@ -186,7 +188,9 @@ def test_a_pooled_block_is_occupied_by_any_and_unknown_by_most_of_its_voxels():
     assert coarse == VoxelGrid((4, 3, 2), 0.2, (1.0, 2.0, 3.0))
     log_odds_fixed = rng.integers(-900, 90, grid.n_cells).astype(np.int32)
     sampled, reserved_mask = (rng.random((2, grid.n_cells)) < 0.5).astype(np.uint8)
-    found = pool(log_odds_fixed * sampled, sampled, reserved_mask, grid)
+    arrays = MapArrays(log_odds_fixed * sampled, sampled, grid.shape_3d, 1000)
+    pooled, pooled_mask = pool(arrays, reserved_mask, grid)
+    found = pooled.log_odds_fixed, pooled.sampled_mask, pooled_mask
     block = {}
     for cell, index in enumerate(np.ndindex(grid.shape)):
         block.setdefault(tuple(i // 2 for i in index), []).append(cell)
@@ -210,7 +214,7 @@ def test_views_of_the_pooled_map_agree_with_those_of_the_map():
     rating = rating_of(map_, DepthCamera())
     R, t = random_poses(rng, map_, 100)
     for score in (rating.new_information, rating.count_unknown_cells):
-        fine, coarse = score(map_, R, t), score(map_, R, t, coarse=True)
+        fine, coarse = score(map_, (R, t)), score(map_, (R, t), ViewContext(coarse=True))
         assert np.corrcoef(fine, coarse)[0, 1] > 0.97
         assert coarse.mean() == pytest.approx(fine.mean(), rel=0.15)
     assert rating.coarse.frustum.pixels == (12, 9)
@@ -222,8 +226,8 @@ def test_the_best_thirty_on_the_pooled_map_hold_the_best_ten_on_the_map():
     rating = rating_of(map_, DepthCamera())
     R, t = random_poses(rng, map_, 200)
     d = rng.uniform(0, 2, 200)
-    every = rating.rate(map_, R, t, d).rating
-    rough = rating.rate(map_, R, t, d, coarse=True).rating
+    every = rating.rate(map_, (R, t), d).rating
+    rough = rating.rate(map_, (R, t), d, ViewContext(coarse=True)).rating
     best, short = np.argsort(-every), np.argsort(-rough)[:30]
     assert best[0] in short
     assert len(set(best[:10]) & set(short)) >= 9
@@ -236,11 +240,11 @@ def test_maps_of_another_kind_are_refused():
     rating = rating_of(empty_map())
     other = OccupancyMap(VoxelGrid((32, 31, 31), 0.2))
     with pytest.raises(ValueError, match=r"0\.2"):
-        rating.new_information(other, ALONG_X, MIDDLE)
+        rating.new_information(other, (ALONG_X, MIDDLE))
     clamped = OccupancyMap(empty_map().grid, log_odds_range=LogOddsRange(0.9))
     with pytest.raises(ValueError, match="clamp 2250"):
-        rating.new_information(clamped, ALONG_X, MIDDLE)
-    with pytest.raises(ValueError, match="grid in space"):
+        rating.new_information(clamped, (ALONG_X, MIDDLE))
+    with pytest.raises(ValueError, match="3-D grid"):
         FieldRatingFunction(SMALL, VoxelGrid((9, 9)))
 
 
@@ -248,17 +252,21 @@ def test_arguments_that_do_not_fit_are_refused():
     map_ = empty_map()
     rating = rating_of(map_)
     with pytest.raises(ValueError, match=r"\(3, 3\) and \(1, 3\)"):
-        rating.new_information(map_, np.eye(3), MIDDLE)
+        rating.new_information(map_, (np.eye(3), MIDDLE))
     with pytest.raises(ValueError, match="not finite"):
-        rating.new_information(map_, ALONG_X, [[1.0, math.nan, 1.0]])
+        rating.new_information(map_, (ALONG_X, [[1.0, math.nan, 1.0]]))
     with pytest.raises(ValueError, match="reserved_mask must be uint8"):
-        rating.new_information(map_, ALONG_X, MIDDLE, np.zeros(5, dtype=np.uint8))
+        rating.new_information(map_, (ALONG_X, MIDDLE), ViewContext(np.zeros(5, dtype=np.uint8)))
     with pytest.raises(ValueError, match=r"occluder_spheres .* \(2, 3\) and \(3,\)"):
         rating.new_information(
-            map_, ALONG_X, MIDDLE, occluder_spheres=(np.zeros((2, 3)), np.ones(3))
+            map_,
+            (ALONG_X, MIDDLE),
+            ViewContext(occluder_spheres=(np.zeros((2, 3)), np.ones(3))),
         )
     with pytest.raises(ValueError, match="occluder_spheres have a value that is not finite"):
-        rating.new_information(map_, ALONG_X, MIDDLE, occluder_spheres=([[0, 0, math.inf]], [1.0]))
+        rating.new_information(
+            map_, (ALONG_X, MIDDLE), ViewContext(occluder_spheres=([[0, 0, math.inf]], [1.0]))
+        )
 
 
 @pytest.mark.parametrize(

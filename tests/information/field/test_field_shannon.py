@@ -8,8 +8,13 @@ from plain import dense_views
 from plain.random_maps import set_cells
 from plain.random_voxel_map import random_poses, random_voxel_map
 
-from coopmap_env.information import FieldMutualInformation, FieldRatingFunction, entropy
-from coopmap_env.information.planar.mutual_information import MIN_REACH_PROBABILITY
+from coopmap_env.information import (
+    FieldMutualInformation,
+    FieldRatingFunction,
+    ViewContext,
+    entropy,
+)
+from coopmap_env.information.entropy import MIN_REACH_PROBABILITY
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
@@ -35,7 +40,7 @@ def row(*probabilities):
 def one_beam(map_, **kwargs):
     # the centre of the camera's own voxel lies behind it
     information = information_of(map_, BEAM, **kwargs)
-    (value,) = information.mutual_information(map_, [np.eye(3)], [[0.06, 0.05, 0.05]])
+    (value,) = information.mutual_information(map_, ([np.eye(3)], [[0.06, 0.05, 0.05]]))
     return float(value)
 
 
@@ -73,8 +78,12 @@ def test_a_view_is_the_plain_sum_over_its_voxels(camera):
     reserved_mask = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
     R, t = random_poses(rng, map_, 5, any_orientation=True)
     occluder_spheres = (t.mean(axis=0) + rng.normal(0, 0.3, (3, 3)), np.array([0.2, 0.1, 0.15]))
-    found = information.mutual_information(map_, R, t, occluder_spheres=occluder_spheres)
-    rest = information.mutual_information(map_, R, t, reserved_mask, occluder_spheres)
+    found = information.mutual_information(
+        map_, (R, t), ViewContext(occluder_spheres=occluder_spheres)
+    )
+    rest = information.mutual_information(
+        map_, (R, t), ViewContext(reserved_mask, occluder_spheres)
+    )
     cells = dense_views.all_cells(map_.grid.shape)
     spheres = list(
         zip(map_.grid.to_cell_units(occluder_spheres[0]), occluder_spheres[1] / 0.1, strict=True)
@@ -102,12 +111,12 @@ def test_a_wall_hides_what_is_behind():
     map_ = OccupancyMap(VoxelGrid((31, 31, 31), 0.1))
     information = information_of(map_, SMALL, prior=0.05)
     pose = [np.eye(3)], [[1.53, 1.52, 1.51]]
-    (whole,) = information.mutual_information(map_, *pose)
+    (whole,) = information.mutual_information(map_, pose)
     cells = np.arange(map_.grid.n_cells).reshape(map_.grid.shape)
     set_cells(map_, cells[22].ravel(), 0.999)
-    (near,) = information.mutual_information(map_, *pose)
+    (near,) = information.mutual_information(map_, pose)
     set_cells(map_, cells[23:].ravel(), 0.5)
-    (filled,) = information.mutual_information(map_, *pose)
+    (filled,) = information.mutual_information(map_, pose)
     assert near < 0.3 * whole
     # nothing but a thousandth passes the wall
     assert filled == pytest.approx(near, rel=1e-2)
@@ -118,15 +127,15 @@ def test_the_pooled_map_ranks_views_alike():
     map_ = random_voxel_map(rng, (64, 64, 32), 12, 4)
     information = information_of(map_, DepthCamera(far=4.0), prior=0.12, known_probability=0.999)
     R, t = random_poses(rng, map_, 60)
-    fine = information.mutual_information(map_, R, t)
-    coarse = information.mutual_information(map_, R, t, coarse=True)
+    fine = information.mutual_information(map_, (R, t))
+    coarse = information.mutual_information(map_, (R, t), ViewContext(coarse=True))
     assert np.corrcoef(fine, coarse)[0, 1] > 0.95
 
 
 def test_a_camera_outside_the_grid_learns_nothing():
     map_ = OccupancyMap(VoxelGrid((31, 31, 31), 0.1))
     information = information_of(map_, SMALL)
-    assert information.mutual_information(map_, [np.eye(3)], [[-0.1, 1.5, 1.5]]) == 0
+    assert information.mutual_information(map_, ([np.eye(3)], [[-0.1, 1.5, 1.5]])) == 0
 
 
 @pytest.mark.parametrize(("prior", "known"), [(0.0, 1.0), (1.0, 1.0), (0.5, 0.5), (0.5, 1.1)])

@@ -8,7 +8,7 @@ from plain import dense_views
 from plain.random_maps import set_cells
 from plain.random_voxel_map import random_poses, random_voxel_map, rotation
 
-from coopmap_env.information import FieldRatingFunction
+from coopmap_env.information import FieldRatingFunction, ViewContext
 from coopmap_env.information.field.depth_buffer import occluder_bounds
 from coopmap_env.information.field.views import MIN_VIEWS_FOR_BOX
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
@@ -38,7 +38,9 @@ def test_a_view_is_that_of_the_plain_depth_buffer(camera, n_bodies):
         for k in range(8):
             centers = t[k] + rng.normal(0, 0.5, (n_bodies, 3))
             radii = rng.uniform(0.03, 0.25, n_bodies)
-            found = rating.visible_cells(map_, R[k], t[k], (centers, radii))
+            found = rating.visible_cells(
+                map_, (R[k], t[k]), ViewContext(occluder_spheres=(centers, radii))
+            )
             occluder_spheres = list(zip(in_cells(map_, centers), radii / 0.1, strict=True))
             seen, _ = dense_views.visible_mask(
                 blocked_cells(map_),
@@ -58,7 +60,7 @@ def test_the_number_of_unknown_voxels_is_that_of_dense_rays_and_so_is_the_best_p
         rating = FieldRatingFunction(DepthCamera(), map_.grid)
         frustum = rating.fine.frustum
         R, t = random_poses(rng, map_, 60)
-        found = rating.count_unknown_cells(map_, R, t)
+        found = rating.count_unknown_cells(map_, (R, t))
         unknown = map_.sampled_mask == 0
         blocked, positions = blocked_cells(map_), in_cells(map_, t)
         dense = [
@@ -77,7 +79,7 @@ def wall(map_, at, p=0.99):
 
 def view_of(map_, translation=(1.53, 1.52, 1.51), camera=SMALL, **kwargs):
     rating = FieldRatingFunction(camera, map_.grid)
-    cells = rating.visible_cells(map_, ALONG_X, translation, **kwargs)
+    cells = rating.visible_cells(map_, (ALONG_X, translation), ViewContext(**kwargs))
     return np.stack(np.unravel_index(cells, map_.grid.shape), axis=-1)
 
 
@@ -154,12 +156,12 @@ def test_the_box_of_the_occluders_by_hand():
     map_, box = OccupancyMap(VoxelGrid((9, 8, 7))), np.empty((2, 3))
     for index, p in (((3, 5, 1), 0.99), ((4, 2, 1), 0.5), ((8, 7, 6), 0.49)):
         set_cells(map_, int(map_.grid.flat_index(index)), p)
-    occluder_bounds(map_.log_odds_fixed, map_.sampled_mask, map_.grid.shape, box)
+    occluder_bounds(map_.arrays, box)
     np.testing.assert_allclose(box, [[3, 2, 1], [5, 6, 2]], atol=2e-6)
     assert (box[0] < [3, 2, 1]).all()
     assert (box[1] > [5, 6, 2]).all()
     map_.clear()
-    occluder_bounds(map_.log_odds_fixed, map_.sampled_mask, map_.grid.shape, box)
+    occluder_bounds(map_.arrays, box)
     assert (box[0] > box[1]).all()
 
 
@@ -176,8 +178,8 @@ def test_many_poses_see_what_each_sees_alone(occluders):
     rating = FieldRatingFunction(WIDE, map_.grid)
     R, t = random_poses(rng, map_, 40, any_orientation=True)
     R[:4] = [rotation(yaw, 0, 0).round() for yaw in (0, np.pi / 2, np.pi, -np.pi / 2)]
-    ni, unknown = rating.information_and_unknown(map_, R, t)
-    alone = [rating.information_and_unknown(map_, R[k : k + 1], t[k : k + 1]) for k in range(40)]
+    ni, unknown = rating.information_and_unknown(map_, (R, t))
+    alone = [rating.information_and_unknown(map_, (R[k : k + 1], t[k : k + 1])) for k in range(40)]
     assert ni.tolist() == [float(one[0]) for one, _ in alone]
     assert unknown.tolist() == [int(one[0]) for _, one in alone]
     assert len(R) >= MIN_VIEWS_FOR_BOX
@@ -193,5 +195,5 @@ def test_a_view_looks_the_same_wherever_the_world_lies_and_however_large_its_vox
     one = FieldRatingFunction(DepthCamera(near=3.0, far=15.0), unit.grid)
     two = FieldRatingFunction(DepthCamera(near=0.15, far=0.75), small.grid)
     for k in range(10):
-        other = two.visible_cells(small, R[k], t[k] * 0.05 + small.grid.origin)
-        assert (one.visible_cells(unit, R[k], t[k]) == other).all()
+        other = two.visible_cells(small, (R[k], t[k] * 0.05 + small.grid.origin))
+        assert (one.visible_cells(unit, (R[k], t[k])) == other).all()

@@ -49,7 +49,7 @@ def test_the_first_point_that_any_pose_sees_equals_asking_one_by_one(density):
         points, t = low + size * rng.random((n, 3)), low + size * rng.random((k, 3))
         R = Rotation.random(k, rng=rng).as_matrix()
         expected = [[plain_sees(map_, p, R[i], t[i]) for i in range(k)] for p in points]
-        first, sees_point = first_visible_point(map_, points, R, t, FRUSTUM)
+        first, sees_point = first_visible_point(map_, points, (R, t), FRUSTUM)
         any_sees = np.any(expected, axis=1)
         if not any_sees.any():
             assert first == n
@@ -62,7 +62,7 @@ def test_the_first_point_that_any_pose_sees_equals_asking_one_by_one(density):
 def test_a_camera_outside_the_grid_sees_nothing():
     map_ = OccupancyMap(GRID)
     first, sees_point = first_visible_point(
-        map_, np.array([[0.0, 0.0, 0.5]]), np.eye(3)[None], np.array([[-1.6, 0.0, 0.5]]), FRUSTUM
+        map_, np.array([[0.0, 0.0, 0.5]]), (np.eye(3)[None], np.array([[-1.6, 0.0, 0.5]])), FRUSTUM
     )
     assert first == 1
     assert not sees_point.any()

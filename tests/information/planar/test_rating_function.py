@@ -8,7 +8,13 @@ import pytest
 from plain import views
 from plain.random_maps import random_map, set_cells
 
-from coopmap_env.information import RatingFunction, RatingSettings, entropy, motion_distance
+from coopmap_env.information import (
+    RatingFunction,
+    RatingSettings,
+    ViewContext,
+    entropy,
+    motion_distance,
+)
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
@@ -38,7 +44,7 @@ HERE = pose_at(MIDDLE, MIDDLE)
 
 
 def ni(rating, map_, pose_id=HERE, reserved_mask=None):
-    (value,) = rating.new_information(map_, [pose_id], reserved_mask)
+    (value,) = rating.new_information(map_, [pose_id], ViewContext(reserved_mask))
     return float(value)
 
 
@@ -245,7 +251,7 @@ def test_unknown_cells_are_those_in_view_that_were_never_sampled(n_beams):
     ids = rng.integers(0, rating.lattice.n_poses, 60)
     free, taken = (
         rating.count_unknown_cells(map_, ids),
-        rating.count_unknown_cells(map_, ids, reserved_mask),
+        rating.count_unknown_cells(map_, ids, ViewContext(reserved_mask)),
     )
     for k, pose_id in enumerate(ids.tolist()):
         visible = rating.visible_cells(map_, pose_id)
@@ -262,7 +268,9 @@ def test_claimed_cells_are_left_out_but_stop_no_beam():
     reserved_mask = (rng.random(map_.grid.n_cells) < 0.3).astype(np.uint8)
     cells = {divmod(int(cell), 15) for cell in np.flatnonzero(reserved_mask)}
     ids = rng.integers(0, rating.lattice.n_poses, 30)
-    for pose_id, value in zip(ids, rating.new_information(map_, ids, reserved_mask), strict=True):
+    for pose_id, value in zip(
+        ids, rating.new_information(map_, ids, ViewContext(reserved_mask)), strict=True
+    ):
         plain = views.new_information(
             map_,
             camera,
@@ -274,7 +282,7 @@ def test_claimed_cells_are_left_out_but_stop_no_beam():
         )
         assert value == pytest.approx(plain, abs=1e-12)
     everything = np.ones(map_.grid.n_cells, dtype=np.uint8)
-    assert not rating.new_information(map_, ids, everything).any()
+    assert not rating.new_information(map_, ids, ViewContext(everything)).any()
 
 
 def test_asking_changes_neither_the_map_nor_the_next_answer():
@@ -283,7 +291,7 @@ def test_asking_changes_neither_the_map_nor_the_next_answer():
     before = map_.log_odds_fixed.copy(), map_.sampled_mask.copy()
     ids = np.arange(0, rating.lattice.n_poses, 7)
     first = rating.new_information(map_, ids)
-    rating.rate_team(map_, ids[:3], ids[3:6])
+    rating.rate_team(map_, ids[:3], rating.distance(ids[:3], ids[3:6]))
     assert (rating.new_information(map_, ids) == first).all()
     assert (map_.log_odds_fixed == before[0]).all()
     assert (map_.sampled_mask == before[1]).all()
@@ -322,7 +330,7 @@ def test_rating_by_hand_eq_9():
     rating = rating_of(map_, K=0.02, exponent=2.0, alpha_position=1.0, alpha_heading=4.0)
     goal = pose_at(MIDDLE + 3, MIDDLE + 4, 4)
     set_cells(map_, goal // 16, 0.2)
-    found = rating.rate(map_, [goal], HERE)
+    found = rating.rate(map_, [goal], rating.distance([goal], HERE))
     d = math.sqrt(25 + math.pi**2)
     assert found.distance == pytest.approx([d])
     # a level is 1 / 1024 nat
@@ -335,7 +343,7 @@ def test_rating_by_hand_eq_9():
 
 def test_to_stay_costs_nothing_eq_9():
     map_ = unknown_map()
-    found = rating_of(map_, K=5.0, alpha_heading=1.0).rate(map_, [HERE], HERE)
+    found = rating_of(map_, K=5.0, alpha_heading=1.0).rate(map_, [HERE], [0.0])
     assert found.distance == 0
     assert found.rating == pytest.approx(found.new_information / 2)
 
@@ -359,10 +367,12 @@ def test_ratings_are_the_plain_formulas_eqs_5_and_9(interpretation, resolution):
     ids = rng.integers(0, lattice.n_poses, 80)
     current = int(rng.integers(lattice.n_poses))
     reserved_mask = (rng.random(map_.grid.n_cells) < 0.1).astype(np.uint8)
-    found = rating.rate(map_, ids, current, reserved_mask)
+    found = rating.rate(map_, ids, rating.distance(ids, current), ViewContext(reserved_mask))
     d = motion_distance(lattice.poses(ids), lattice.poses(current), 0.8, 0.6)
     p = map_.probability.ravel()[ids // 16]
-    assert found.new_information == pytest.approx(rating.new_information(map_, ids, reserved_mask))
+    assert found.new_information == pytest.approx(
+        rating.new_information(map_, ids, ViewContext(reserved_mask))
+    )
     assert found.distance == pytest.approx(d)
     assert found.occupancy == pytest.approx(p)
     assert found.rating == pytest.approx((found.new_information - s.K * d**s.exponent) * (1 - p))
@@ -373,13 +383,15 @@ def test_the_rating_falls_with_the_way_and_with_the_danger_eq_9():
     rating = rating_of(map_, K=0.05)
     # every view of an unknown world is the same
     goals = [pose_at(MIDDLE + step, MIDDLE) for step in range(6)]
-    ratings = rating.rate(map_, goals, HERE).rating
+    ratings = rating.rate(map_, goals, rating.distance(goals, HERE)).rating
     assert np.diff(ratings) == pytest.approx(np.full(5, -0.05 / 2))
     danger = []
     for p in (0.01, 0.1, 0.4):
         map_.clear()
         set_cells(map_, goals[3] // 16, p)
-        danger.append(float(rating.rate(map_, goals[3:4], HERE).rating[0]))
+        danger.append(
+            float(rating.rate(map_, goals[3:4], rating.distance(goals[3:4], HERE)).rating[0])
+        )
     assert danger[0] > danger[1] > danger[2]
 
 
@@ -391,10 +403,15 @@ def test_a_team_counts_what_it_sees_together_once():
     for _ in range(20):
         ids = rng.integers(0, rating.lattice.n_poses, 3)
         current = rng.integers(0, rating.lattice.n_poses, 3)
-        found = rating.rate_team(map_, ids, current)
+        found = rating.rate_team(map_, ids, rating.distance(ids, current))
         reserved_mask = np.zeros(map_.grid.n_cells, dtype=np.uint8)
         for k in range(3):
-            alone = rating.rate(map_, ids[k : k + 1], int(current[k]), reserved_mask)
+            alone = rating.rate(
+                map_,
+                ids[k : k + 1],
+                rating.distance(ids[k : k + 1], int(current[k])),
+                ViewContext(reserved_mask),
+            )
             for name in ("new_information", "distance", "occupancy", "rating"):
                 assert getattr(found, name)[k] == pytest.approx(getattr(alone, name)[0])
             reserved_mask[rating.visible_cells(map_, int(ids[k]))] = 1
@@ -403,7 +420,7 @@ def test_a_team_counts_what_it_sees_together_once():
 def test_two_robots_at_one_pose_are_worth_one():
     map_ = unknown_map()
     rating = rating_of(map_)
-    together = rating.rate_team(map_, [HERE, HERE], [HERE, HERE])
+    together = rating.rate_team(map_, [HERE, HERE], [0.0, 0.0])
     assert together.new_information == pytest.approx([ni(rating, map_), 0.0])
 
 

@@ -7,11 +7,14 @@ import pytest
 from plain.random_maps import random_map, set_cells
 
 from coopmap_env.geometry import traverse
-from coopmap_env.information import RatingFunction, RatingSettings, entropy
-from coopmap_env.information.planar.mutual_information import (
-    MIN_REACH_PROBABILITY,
+from coopmap_env.information import (
     MutualInformation,
+    RatingFunction,
+    RatingSettings,
+    ViewContext,
+    entropy,
 )
+from coopmap_env.information.entropy import MIN_REACH_PROBABILITY
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
@@ -73,7 +76,7 @@ def test_a_view_is_the_plain_sum_with_each_cell_once_by_its_luckiest_beam(camera
     reserved_mask = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
     ids = rng.integers(0, lattice.n_poses, 30)
     free = information.mutual_information(map_, ids)
-    taken = information.mutual_information(map_, ids, reserved_mask)
+    taken = information.mutual_information(map_, ids, ViewContext(reserved_mask))
     for k, pose_id in enumerate(ids.tolist()):
         x, y, heading = lattice.pose(pose_id)
         reached = {}

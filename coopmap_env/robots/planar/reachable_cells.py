@@ -1,8 +1,7 @@
 """Constraints i and ii of the paper: collision-free goals, reached by collision-free paths.
 
 Both are decided on the *known* map alone: a cell is free if it was sampled and P < 0.05, and a
-path leads through face-neighbouring free cells only. A camera therefore never moves through the
-unknown.
+path leads through face-neighboring free cells only. A camera never moves through unknown space.
 """
 
 from __future__ import annotations
@@ -10,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.traversal import init_axis, step_voxel
-from coopmap_env.mapping import OccupancyMap
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.core.kernels import kernel
+from coopmap_env.geometry.traversal import start_ray, step_ray
+from coopmap_env.mapping import MapArrays, OccupancyMap, to_log_odds_fixed
 
 FREE_PROBABILITY = 0.05
 """Occupancy below which a sampled cell counts as unoccupied (the paper's 2 sigma)."""
@@ -27,20 +25,26 @@ def free_mask(map_: OccupancyMap) -> NDArray[np.bool_]:
     return (map_.log_odds_fixed < FREE_LOG_ODDS_FIXED) & (map_.sampled_mask != 0)
 
 
-@njit(cache=True, nogil=True)
-def is_free(log_odds_fixed, sampled, cell):
+@kernel
+def is_free(arrays: MapArrays, cell: int | np.uint64) -> bool:
     """Whether one cell is known to be free."""
-    return sampled[cell] != 0 and log_odds_fixed[cell] < FREE_LOG_ODDS_FIXED
+    return arrays.sampled_mask[cell] != 0 and arrays.log_odds_fixed[cell] < FREE_LOG_ODDS_FIXED
 
 
-@njit(cache=True, nogil=True)
-def breadth_first_search(log_odds_fixed, sampled, nx, ny, start, goal, step_counts, queue):
+@kernel
+def breadth_first_search(
+    arrays: MapArrays,
+    start: int,
+    goal: int,
+    step_counts: NDArray[np.int32],
+    queue: NDArray[np.int32],
+) -> int:
     """Breadth-first search over free cells from `start`; return how many it reached.
 
-    It ends at `goal`, if it gets there; -1 lets it go on to all cells.
-
-    `queue` lists them, nearest first by steps; `step_counts` counts steps + 1, 0 where not reached.
+    It ends at `goal`, if it gets there; with -1 it visits all cells. `queue` lists the cells by
+    number of steps; `step_counts` is 1 + steps, 0 where no path leads.
     """
+    nx, ny, _ = arrays.shape
     queue[0] = start
     step_counts[start] = 1
     head, tail = 0, 1
@@ -51,17 +55,17 @@ def breadth_first_search(log_odds_fixed, sampled, nx, ny, start, goal, step_coun
         steps = step_counts[np.uint64(cell)] + 1
         for side in range(4):
             if side == 0:
-                neighbour, inside = cell - ny, cell >= ny
+                neighbor, inside = cell - ny, cell >= ny
             elif side == 1:
-                neighbour, inside = cell + ny, cell + ny < nx * ny
+                neighbor, inside = cell + ny, cell + ny < nx * ny
             elif side == 2:
-                neighbour, inside = cell - 1, iy > 0
+                neighbor, inside = cell - 1, iy > 0
             else:
-                neighbour, inside = cell + 1, iy + 1 < ny
-            index = np.uint64(neighbour)  # the compiler guards signed indices against negative ones
-            if inside and step_counts[index] == 0 and is_free(log_odds_fixed, sampled, index):
+                neighbor, inside = cell + 1, iy + 1 < ny
+            index = np.uint64(neighbor)  # the compiler guards signed indices against negative ones
+            if inside and step_counts[index] == 0 and is_free(arrays, index):
                 step_counts[index] = steps
-                queue[np.uint64(tail)] = neighbour
+                queue[np.uint64(tail)] = neighbor
                 tail += 1
     return tail
 
@@ -69,38 +73,35 @@ def breadth_first_search(log_odds_fixed, sampled, nx, ny, start, goal, step_coun
 GOAL_UNKNOWN, GOAL_NOT_FREE, PATH_BLOCKED, PATH_FREE = range(4)
 
 
-@njit(cache=True, nogil=True)
-def _straight_path_status(log_odds_fixed, sampled, nx, ny, start, goal):
-    """What is known of the straight segment between two cell centres, the goal first."""
+@kernel
+def _straight_path_status(arrays: MapArrays, start: int, goal: int) -> int:
+    """What is known of the straight segment between two cell centers; the goal comes first."""
+    nx, ny, _ = arrays.shape
     if start == goal:
         return PATH_FREE
-    if not sampled[goal]:
+    if not arrays.sampled_mask[goal]:
         return GOAL_UNKNOWN
-    if not is_free(log_odds_fixed, sampled, goal):
+    if not is_free(arrays, goal):
         return GOAL_NOT_FREE
     x0, y0 = start // ny + 0.5, start % ny + 0.5
     ux, uy = goal // ny + 0.5 - x0, goal % ny + 0.5 - y0
     length = np.sqrt(ux * ux + uy * uy)
-    cx, sx, tx, dx, _ = init_axis(x0, ux / length, nx, ny)
-    cy, sy, ty, dy, _ = init_axis(y0, uy / length, ny, 1)
-    cell = cx + cy
-    t = 0.0
-    while t < length and cell != goal:
-        if cell != start and not is_free(log_odds_fixed, sampled, cell):
+    ray, position = start_ray((x0, y0, 0.5), (ux / length, uy / length, 0.0), (nx, ny, 1))
+    while position.distance < length and position.cell != goal:
+        if position.cell != start and not is_free(arrays, position.cell):
             return PATH_BLOCKED
-        cell, tx, ty, _, t = step_voxel(cell, sx, sy, 0, tx, ty, np.inf, dx, dy, np.inf)
+        position = step_ray(ray, position)
     return PATH_FREE
 
 
 def infeasibility_reason(map_: OccupancyMap, start: int, goal: int) -> str:
     """Why a camera cannot go from one cell to another (constraints i and ii); empty if it can.
 
-    A free straight segment is a path of free face neighbours, and the quickest to find; only if
-    it is blocked the known free space is searched for a way around. The start cell is where the
-    camera already stands and is not asked about.
+    A free straight segment is a path of free face neighbors, and the quickest to find. Only if it
+    is blocked, the known free space is searched for another path. The start cell, where the camera
+    already stands, need not be free.
     """
-    nx, ny = map_.grid.shape
-    status = _straight_path_status(map_.log_odds_fixed, map_.sampled_mask, nx, ny, start, goal)
+    status = _straight_path_status(map_.arrays, start, goal)
     if status == GOAL_UNKNOWN:
         return "goal is unknown"
     if status == GOAL_NOT_FREE:
@@ -111,12 +112,8 @@ def infeasibility_reason(map_: OccupancyMap, start: int, goal: int) -> str:
 
 
 def is_straight_path_free(map_: OccupancyMap, start: int, goal: int) -> bool:
-    """Whether the straight segment between the centres of two cells is known to be free."""
-    nx, ny = map_.grid.shape
-    return bool(
-        _straight_path_status(map_.log_odds_fixed, map_.sampled_mask, nx, ny, start, goal)
-        == PATH_FREE
-    )
+    """Whether the straight segment between the centers of two cells is known to be free."""
+    return _straight_path_status(map_.arrays, start, goal) == PATH_FREE
 
 
 @dataclass(frozen=True)
@@ -144,7 +141,5 @@ class ReachableCells:
             raise ValueError(f"cell {start} lies outside the map of {nx} x {ny} cells")
         steps = np.zeros(nx * ny, dtype=np.int32)
         queue = np.empty(nx * ny, dtype=np.int32)
-        count = breadth_first_search(
-            map_.log_odds_fixed, map_.sampled_mask, nx, ny, start, goal, steps, queue
-        )
+        count = breadth_first_search(map_.arrays, start, goal, steps, queue)
         return cls(queue[:count].copy(), steps)

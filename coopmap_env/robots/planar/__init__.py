@@ -1,0 +1,1 @@
+"""Where planar cameras can stand: the pose lattice, and the cells that free paths reach."""

@@ -1,0 +1,145 @@
+"""The configuration space of a planar camera: cell centers times headings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.core.kernels import kernel
+from coopmap_env.mapping import VoxelGrid
+
+
+class LatticeGeometry(NamedTuple):
+    """A `PoseLattice` as kernels take it."""
+
+    n_headings: int
+    ny: int
+    """Cells along y."""
+    resolution: float
+    """Edge of a cell, metres."""
+    origin: tuple[float, float]
+    """Lower corner of the grid, metres."""
+
+
+@dataclass(frozen=True)
+class PoseLattice:
+    """The discrete points of the configuration space that the paper searches.
+
+    A camera stands at the center of a cell and faces one of `n_headings` directions. A pose has the
+    id ``cell * n_headings + heading``; the cell is its flat number in the grid.
+
+    Raises
+    ------
+    ValueError
+        If the grid is not planar, or `n_headings` is not a positive integer.
+    """
+
+    grid: VoxelGrid
+    n_headings: int = 16
+    """Every 22.5 degrees: a third of the default field of view, so neighboring views overlap."""
+
+    def __post_init__(self) -> None:
+        if self.grid.dimension != 2:
+            raise ValueError(f"PoseLattice needs a planar grid, got {self.grid.shape}")
+        if not (isinstance(self.n_headings, int | np.integer) and self.n_headings >= 1):
+            raise ValueError(
+                f"PoseLattice.n_headings must be an integer >= 1, got {self.n_headings}"
+            )
+
+    @property
+    def n_poses(self) -> int:
+        """Number of poses, free or not."""
+        return self.grid.n_cells * self.n_headings
+
+    @cached_property
+    def geometry(self) -> LatticeGeometry:
+        """The lattice as kernels take it."""
+        grid = self.grid
+        x0, y0 = grid.origin
+        return LatticeGeometry(
+            int(self.n_headings), grid.shape[1], float(grid.resolution), (x0, y0)
+        )
+
+    def poses(self, ids: ArrayLike) -> NDArray[np.float64]:
+        """Poses (..., 3) [x, y, heading in [-pi, pi)], metres and radians, of pose ids."""
+        ids = np.asarray(ids, dtype=np.int64)
+        out = np.empty((ids.size, 3))
+        write_poses(ids.ravel(), self.geometry, out)
+        return out.reshape(*ids.shape, 3)
+
+    def pose(self, pose_id: int) -> tuple[float, float, float]:
+        """One pose (x, y, heading) of a pose id; as `poses`, without arrays."""
+        x, y, heading = pose_from_id(pose_id, self.geometry)
+        return x, y, heading
+
+    def cells_within(
+        self, cells: NDArray[np.int32], pose_id: int, half_width: float
+    ) -> NDArray[np.int32]:
+        """Those of some cells in a square around a pose, aligned with its heading.
+
+        A cell counts if its center lies at most `half_width` metres ahead of the pose or behind it,
+        and to either side, up to the rounding of the rotation.
+        """
+        out = np.empty_like(cells)
+        count = write_cells_within(cells, pose_id, half_width * (1 + 1e-9), self.geometry, out)
+        return out[:count]
+
+    def nearest_pose_id(self, pose: tuple[float, float, float]) -> int:
+        """Id of the lattice pose nearest to (x, y, heading); -1 if that is outside the grid."""
+        x, y, heading = pose
+        (nx, ny), resolution, (x0, y0) = self.grid.shape, self.grid.resolution, self.grid.origin
+        ix, iy = math.floor((x - x0) / resolution), math.floor((y - y0) / resolution)
+        if not (0 <= ix < nx and 0 <= iy < ny):
+            return -1
+        heading_index = round(heading * self.n_headings / (2 * math.pi)) % self.n_headings
+        return int((ix * ny + iy) * self.n_headings + heading_index)
+
+
+@kernel
+def cell_center(cell: int, lattice: LatticeGeometry) -> tuple[float, float]:
+    """Center of a flat cell, metres."""
+    ny, resolution, (x0, y0) = lattice.ny, lattice.resolution, lattice.origin
+    return (cell // ny + 0.5) * resolution + x0, (cell % ny + 0.5) * resolution + y0
+
+
+@kernel
+def pose_from_id(pose_id: int, lattice: LatticeGeometry) -> tuple[float, float, float]:
+    """The pose (x, y, heading) of a pose id; see `PoseLattice.poses`."""
+    n_headings = lattice.n_headings
+    x, y = cell_center(pose_id // n_headings, lattice)
+    heading = pose_id % n_headings
+    if 2 * heading >= n_headings:
+        heading -= n_headings
+    return x, y, heading * (2.0 * math.pi / n_headings)
+
+
+@kernel
+def write_poses(ids: NDArray[np.int64], lattice: LatticeGeometry, out: NDArray[np.float64]) -> None:
+    """Write the poses (k, 3) of ids (k,)."""
+    for k in range(len(ids)):
+        out[k, 0], out[k, 1], out[k, 2] = pose_from_id(ids[k], lattice)
+
+
+@kernel
+def write_cells_within(
+    cells: NDArray[np.int32],
+    pose_id: int,
+    half_width: float,
+    lattice: LatticeGeometry,
+    out: NDArray[np.int32],
+) -> int:
+    """Write the cells of `PoseLattice.cells_within` in their order; return how many they are."""
+    x, y, heading = pose_from_id(pose_id, lattice)
+    c, s = math.cos(heading), math.sin(heading)
+    count = 0
+    for cell in cells:
+        cell_x, cell_y = cell_center(cell, lattice)
+        dx, dy = cell_x - x, cell_y - y
+        out[count] = cell  # the next one is written over it unless it is within
+        count += abs(c * dx + s * dy) <= half_width and abs(c * dy - s * dx) <= half_width
+    return count
