@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
 from coopmap_env.core.settings import NonNegative, OpenUnitInterval, Settings
-from coopmap_env.geometry.traversal import start_ray, step_ray
-from coopmap_env.mapping import LogOddsRange, VoxelGrid
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.geometry import start_ray, step_ray
+from coopmap_env.mapping import LogOddsRange, VoxelGrid, to_log_odds_fixed
 from coopmap_env.sensing import Scan
 
 
