@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.arguments import MappingArguments
-from coopmap_env.envs.mapping_env import MappingEnv
 
 
 @dataclass(frozen=True, kw_only=True)

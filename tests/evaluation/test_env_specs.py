@@ -36,7 +36,7 @@ def test_a_comparison_takes_a_scene_of_json(tmp_path):
         ({"name": "obstacles", "craters": 3}, r"scene 'obstacles': unknown .*\['craters'\]; known"),
         (
             {"name": "obstacles", "occupied_fraction": 2},
-            "'obstacles': occupied_fraction must lie in",
+            "'obstacles': Obstacles.occupied_fraction must be",
         ),
     ],
 )

@@ -20,7 +20,7 @@ from coopmap_env.evaluation.replay.page import (
 )
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.rendering.panels import ROBOT_COLORS
+from coopmap_env.rendering import ROBOT_COLORS
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
 

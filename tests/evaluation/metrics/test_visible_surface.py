@@ -121,7 +121,7 @@ def test_no_pose_reaches_into_an_obstacle(vehicle, free_map):
     poses = visible_surface.sample_collision_free_poses(
         vehicle, known, np.random.default_rng(0), 50
     )
-    moving = ~vehicle.body.is_static
+    moving = vehicle.body.sphere_body_index > 0
     centers, radii = vehicle.spheres(poses)
     assert len(poses) == 50
     assert (centers[:, moving, 1] + radii[moving] < 0.3 + grid.resolution).all()
