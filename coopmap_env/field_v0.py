@@ -16,47 +16,66 @@ scenes             "worksite", "clutter", "rubble", or a YAML file of meshes and
 end                truncation after ``max_scans`` scans of each robot; no termination
 =================  =====================================================================
 
-The world frame is that of the target. Vehicles stand around it, know where they stand, and do not
-drive; each moves a depth camera on a mount. In a step all mounts move, in the order of their
-numbers (or, with stepped physics, all at once); then all cameras look, and their scans are fused
-into one probabilistic voxel map.
+The world frame is that of the target. Vehicles are parked around it and do not drive; each moves a
+depth camera on a mount. In a step all mounts move, in the order of their indices (or, with stepped
+physics, all at once). Then all cameras scan, and their scans are fused into one probabilistic voxel
+map.
 
-A motion has to keep clear of every voxel that is not known to be free (P >= 0.05 or never sampled),
-along its whole way, of the own vehicle and of the teammates; otherwise the mount stays and
-``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the mount bumps into what is there, is
-stopped, and pays `FieldSettings.contact_cost`; where on its links it was touched it does not feel,
-so the map learns nothing of it (in the plane it does). Surfaces at a grazing angle, and voxels that
-a surface only touches, may be taken as free. The room in which a vehicle was parked is known.
+A motion must keep clear of the own vehicle, of teammates and of every voxel that is not known to be
+free (P >= 0.05 or never sampled), along its whole path. Otherwise the mount stays, and
+``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the mount collides, is stopped,
+and pays `FieldSettings.contact_cost`. It has no touch sensors, so the map learns nothing of the
+collision (the planar environment marks the cell). Surfaces seen at a grazing angle, and voxels that
+a surface only touches, may be mapped as free. The space in which a vehicle was parked is known.
 
-Bodies stand on springs: a mount that swings out leans its vehicle, and the camera does not end
-where its encoders say. The map is made from where the robot takes its camera to be, with the
-covariance of encoders, calibration and suspension added to that of the range noise
-(``motion_correction="kinematic"``, which is fast). With ``"fiducials"``, surfaces that were seen
-before and the known target correct the pose of each look, as far as they tell (2.5); ``"exact"``
-poses are for upper bounds only. Robots see each other, know each other's shape, and keep it out of
-the map.
+Vehicles stand on springs: a mount that reaches out tilts its vehicle, so that the true camera pose
+differs from that of the encoders. The map is made with the robot's estimate of the camera pose; the
+covariance of encoders, calibration and suspension adds to that of the range noise
+(``motion_correction="kinematic"``, the fastest). With ``"fiducials"``, surfaces observed before and
+the known target correct the pose of each scan in the directions that they constrain (2.5).
+``"exact"`` poses are for upper bounds only. Robots know each other's shape, and points on robots
+are removed from their scans.
 
-The common frame is that of the target. A target that looks alike from several sides has several
-such frames; the first robot that is located takes the one in which the world is written.
+A symmetric target has several equivalent frames. The first robot that is located takes the one in
+which the world is written.
 
-By default robots know where they stand: policies train on mapping alone, and results do not hang on
-registration. With ``initialization="search"`` they are parked with any heading (but for those that
-a scene's file names), know their mounts
-and the target's geometry, and nothing of where they or the others stand (2.2). Each maps in a frame
-of its own, in which its base stands in the middle of a grid, and is rewarded for that map; after
-each scan it looks for the target in all that it has seen. Once it is located, its looks are moved
-into the team's map, which was empty before, and are not paid again. Robots that are both located
-know each other as obstacles. A robot that never finds the target leaves nothing in the team's map.
+By default robots know their base poses: policies train on mapping alone, and results do not depend
+on registration. With ``initialization="search"`` they are parked with any heading (except for poses
+that a scene file fixes). They know their mounts and the geometry of the target, but not where they
+or the others stand (2.2). Each robot maps in a frame of its own, with its base in the middle of the
+grid, and is rewarded for that map. After each scan it searches for the target in all of its scans.
+Once it is located, its scans are transferred to the team's map, which was empty before, and are not
+rewarded again. Located robots know each other as obstacles. A robot that never finds the target
+contributes nothing to the team's map.
 
-``infos[agent]`` holds ``reward_terms`` (all reward terms), ``rejected_reason`` (why the mount stayed, or ""),
-``contact`` (whether it bumped into something) and ``collided_with`` (into what), ``camera_error`` (metres
-between where the camera is and where it is taken to be; scoring only, as ``camera_angle_error``,
-``base_error`` and ``base_angle_error``, the last two None until it is located), ``located``,
-``localization_failure`` (why not, or ""), ``corrected_directions`` (of the camera pose's six, how many
-fiducials told better than the prediction) and ``correction_failure`` (why they told nothing, or ""),
-``new_information``,
-``distance``, ``new_cells``, ``entropy_reduction``, ``scans``, ``observed_fraction``, and ``action_mask`` in
-"candidates" mode. After a reset there are only ``scans``, ``observed_fraction`` and the mask.
+Entries of ``infos[agent]`` after a step:
+
+========================  ==========================================================================
+key                       content
+========================  ==========================================================================
+``reward_terms``          every reward term by name
+``rejected_reason``       why the pose was rejected and the mount stayed; "" if it was not
+``contact``               whether the mount collided
+``collided_with``         name of what it collided with, or ""
+``new_information``       NI (Eqs. 6-8) of the executed pose, nats
+``distance``              d of Eq. 5 that the joints moved
+``new_cells``             voxels observed for the first time by this robot's scan
+``entropy_reduction``     decrease of the map's entropy by this robot's scan, nats
+``scans``                 scans of each robot so far
+``observed_fraction``     observed voxels of the team map, as a fraction of the grid
+``located``               whether the robot knows its base pose
+``localization_failure``  why it is not located, or ""
+``corrected_directions``  number of the camera pose's six directions in which fiducials are more
+                          precise than kinematics
+``correction_failure``    why fiducials corrected nothing, or ""
+``camera_error``          metres between the true and the estimated camera; for scoring only
+``camera_angle_error``    radians, likewise
+``base_error``            metres, of the base; None until it is located; for scoring only
+``base_angle_error``      radians, likewise
+``action_mask``           int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
+========================  ==========================================================================
+
+After a reset there are only ``scans``, ``observed_fraction`` and ``action_mask``.
 
 Version history
 ---------------

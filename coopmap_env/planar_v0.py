@@ -1,4 +1,4 @@
-"""Planar-v0: a team of cameras maps an unknown planar world.
+"""Planar-v0: a team of planar cameras maps an unknown world.
 
 =================  =====================================================================
 import             ``from coopmap_env import planar_v0``
@@ -13,21 +13,34 @@ settings           `PlanarSettings`: camera, noise, map, rating function, reach
 end                truncation after ``max_scans`` scans of each robot; no termination
 =================  =====================================================================
 
-Every robot is a planar camera that stands at a cell centre of the known free space and looks in
-one of 16 directions. In a step all robots move, then all look; their scans are fused into one
-probabilistic map, whose cells hold P(occupied). The first scans are taken with the first step: a
-reset shows only the few cells around the robots. Cameras are points: they neither hide the world
-from each other nor stand in each other's way.
+Every robot is a planar camera at the centre of a cell, with one of 16 headings. In a step all robots
+move, then all scan; their scans are fused into one probabilistic map, whose cells hold P(occupied).
+The first scans are taken in the first step: after a reset only the cells around the robots are
+known. Cameras are points: they neither occlude the world for each other nor block each other.
 
-Noise can make a wall look free. A camera that is sent there bumps into it and stays, and the map
-learns of the cell. Only the goal is asked about: a path may lead through such a cell.
+A robot can move to a cell that is known to be free, along a path through such cells. Noise can make
+an obstacle look free. A camera that is sent into it collides and stays, and the map marks the cell
+as occupied. Only the goal is tested: a path may lead through such a cell.
 
-``infos[agent]`` holds ``reward_terms`` (all reward terms), ``rejected_reason`` (why the camera stayed, or ""),
-``contact`` (whether it bumped into something that the map took as free),
-``new_information``, ``distance``, ``new_cells``, ``entropy_reduction``, ``scans``, ``observed_fraction``, and
-``action_mask`` in "candidates" mode. After a reset there are only ``scans``, ``observed_fraction`` and
-the mask. ``observed_fraction`` counts every cell of the world, the insides of obstacles too, so it does
-not reach one.
+Entries of ``infos[agent]`` after a step:
+
+=====================  =============================================================================
+key                    content
+=====================  =============================================================================
+``reward_terms``       every reward term by name
+``rejected_reason``    why the pose was rejected and the camera stayed; "" if it was not
+``contact``            whether the camera collided with an obstacle that is mapped as free
+``new_information``    NI (Eqs. 6-8) of the executed pose, nats
+``distance``           d of Eq. 5 that the camera moved
+``new_cells``          cells observed for the first time by this robot's scan
+``entropy_reduction``  decrease of the map's entropy by this robot's scan, nats
+``scans``              scans of each robot so far
+``observed_fraction``  observed cells of the team map, as a fraction of all cells of the world; the
+                       insides of obstacles count too, so that it does not reach 1
+``action_mask``        int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
+=====================  =============================================================================
+
+After a reset there are only ``scans``, ``observed_fraction`` and ``action_mask``.
 
 Version history
 ---------------

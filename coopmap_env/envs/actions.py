@@ -27,7 +27,7 @@ class InvalidActionError(ValueError):
 
 
 def parse_pose_action(agent: str, action: Any, names: tuple[str, ...]) -> NDArray[np.float64]:
-    """The numbers of a "pose" action, shape (len(names),), each in [-1, 1].
+    """Values of a "pose" action, shape (len(names),), each in [-1, 1].
 
     Raises
     ------
@@ -60,7 +60,7 @@ class CandidateMode:
         return spaces.Discrete(self.n_candidates)
 
     def decode(self, agent: str, action: Any, belief: Belief) -> tuple[Any, str]:
-        """Read the candidate of that index; one that is masked out cannot be taken."""
+        """The candidate of that index; one that is masked out is infeasible."""
         value = np.asarray(action)
         if value.shape != () or not np.issubdtype(value.dtype, np.integer):
             raise InvalidActionError(f"{agent}: a candidate action is one integer, got {action!r}")
@@ -79,17 +79,17 @@ class CandidateMode:
         return candidates[index], ""
 
     def encode(self, robot: int, pose: Any, belief: Belief) -> np.int64:
-        """Index of the pose among the candidates on offer."""
+        """Index of the pose among the candidates."""
         candidates = self._candidates_of(belief, robot)
         (matches,) = np.nonzero((candidates == pose).reshape(len(candidates), -1).all(axis=1))
         if not len(matches):
             raise InvalidActionError(
-                f"{belief.agents[robot]}: pose {pose} is not among the candidates on offer"
+                f"{belief.agents[robot]}: pose {pose} is not among the candidates"
             )
         return np.int64(matches[0])
 
     @staticmethod
     def _candidates_of(belief: Belief, robot: int) -> Poses:
         if belief.candidates is None:
-            raise InvalidActionError("this belief carries no candidates")
+            raise InvalidActionError("this belief has no candidates")
         return belief.candidates[robot]

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopmap_env.information import Ratings
+from coopmap_env.information import Ratings, ReservedMask
 from coopmap_env.mapping import OccupancyMap
 
 Observation = dict[str, NDArray[Any]]
@@ -20,8 +20,6 @@ Observations = Mapping[str, Observation]
 Poses = NDArray[Any]
 """Camera poses of one robot, one a row: lattice ids (k,) in the planar environment, mount joints
 (k, n) in the field environment. Planners pass them on and do not interpret them."""
-ReservedMask = NDArray[np.uint8] | None
-"""1 at cells (n_cells,) that a teammate is about to see: they are left out of every count."""
 
 
 class ActionMode(Protocol):

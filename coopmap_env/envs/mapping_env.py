@@ -23,7 +23,7 @@ from coopmap_env.envs.transition import (
     Transition,
     step_outcomes,
 )
-from coopmap_env.rendering.window import HumanWindow
+from coopmap_env.rendering import HumanWindow
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.scenes import world_seed
 

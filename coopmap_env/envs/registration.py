@@ -1,4 +1,4 @@
-"""Names under which Gymnasium and PettingZoo find the environments."""
+"""Ids under which Gymnasium and PettingZoo find the environments."""
 
 from typing import Any
 
@@ -6,17 +6,17 @@ import gymnasium
 import pettingzoo
 
 SEARCH_ARGUMENTS = {"initialization": "search", "motion_correction": "fiducials"}
-"""The whole of the paper: robots find the target first, and fiducials correct their cameras."""
+"""The full method of the paper: robots find the target first, fiducials correct camera poses."""
 ENVS: dict[str, tuple[str, dict[str, Any]]] = {
     "coopmap/Planar-v0": ("Planar", {}),
     "coopmap/Field-v0": ("Field", {}),
     "coopmap/FieldSearch-v0": ("Field", SEARCH_ARGUMENTS),
 }
-"""World and arguments of each id."""
+"""Class prefix and arguments of each id."""
 
 
 def register_envs() -> None:
-    """Enter the environments into both registries; done once, on import of `coopmap_env`."""
+    """Register the environments in both registries; done once, on import of `coopmap_env`."""
     for name, (world, arguments) in ENVS.items():
         module = f"coopmap_env.envs.{world.lower()}"
         pettingzoo.register("parallel", name, f"{module}:{world}Env", kwargs=arguments)

@@ -20,13 +20,13 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
     """A parallel environment seen by a single agent; takes the same arguments.
 
     Observations are those of the robots, each entry concatenated along its first axis (maps along
-    their channels). The action is the robots' actions in a row: a ``Box(-1, 1)`` of all their
-    numbers, or ``MultiDiscrete([m] * n_robots)``. The reward is the sum over the robots; ``infos``
-    are keyed by robot under ``"robots"``.
+    their channels). The action is the robots' actions one after another: a ``Box(-1, 1)`` of
+    all their values, or ``MultiDiscrete([m] * n_robots)``. The reward is the sum over the robots;
+    their infos are in ``info["robots"]``, by robot.
     """
 
     parallel_env: ClassVar[Callable[..., MappingEnv[Any]]]
-    """The environment of the world, said by its team environment."""
+    """The parallel environment; set by each subclass."""
 
     def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
         EzPickle.__init__(self, render_mode, **arguments)
@@ -55,7 +55,7 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         return self._concatenate(observations), {"robots": infos}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Move and look with all robots; see `MappingEnv.step`.
+        """Move and scan with all robots; see `MappingEnv.step`.
 
         Raises
         ------

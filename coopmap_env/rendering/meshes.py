@@ -1,4 +1,4 @@
-"""Triangles for pictures of the field: robots in fewer of them, and voxels as cubes."""
+"""Triangles for pictures of field episodes: simplified robots, and voxels as cubes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.robots import Vehicle
-from coopmap_env.robots.kinematics.chain import Chain
+from coopmap_env.robots import Chain, Vehicle
 
 MESH_DETAIL = 0.02
-"""Metres: smaller details of a robot are not drawn; a Husky with a Panda has 139,000 triangles."""
+"""Metres: smaller details of a robot are not drawn. A Husky with a Panda has 139,000 triangles."""
 
 _SIDES = tuple(
     (axis, step, np.array(corners))

@@ -1,4 +1,4 @@
-"""What the pictures of all worlds share: colours, and two panels side by side."""
+"""What all pictures have in common: colours, and two panels side by side."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 Color = tuple[int, int, int]
 Legend = Sequence[tuple[Sequence[Color], str]]
-"""What each colour, or row of colours, stands for; the last one is drawn leftmost."""
+"""Meaning of each colour or row of colours; the last one is drawn leftmost."""
 
 ROBOT_COLORS: tuple[Color, ...] = (
     (213, 94, 0),
@@ -30,7 +30,7 @@ ROBOT_COLORS: tuple[Color, ...] = (
 FREE: Color = (252, 252, 250)
 OCCUPIED: Color = (38, 40, 46)
 NEVER_SAMPLED: Color = (143, 160, 184)
-"""Blue enough to be told from the gray of p = ½, light enough for trails to show."""
+"""Distinct from the gray of p = 1/2, and light enough for trails to show."""
 
 _BACKGROUND: Color = (238, 239, 242)
 _TEXT: Color = (45, 48, 56)
@@ -42,7 +42,7 @@ _STRIP = 34
 
 
 def robot_color(robot: int) -> Color:
-    """Return the colour of a robot by its number; the palette repeats after six."""
+    """Colour of a robot by its index; the palette repeats after six."""
     return ROBOT_COLORS[robot % len(ROBOT_COLORS)]
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a planar team: the truth at the left, what the team knows at the right.
+"""Pictures of planar episodes: the true world at the left, the team's map at the right.
 
 Positions are in cells: cell ``[i, j]`` covers x in [i, i + 1) and y in [j, j + 1). The picture has
 x to the right and y up.
@@ -48,13 +48,13 @@ def render_team(
     probability : array_like of float (nx, ny)
         P(occupied) of the team map; ignored where not sampled.
     sampled : array_like of bool (nx, ny)
-        Cells that the team has seen.
+        Cells that the team has observed.
     poses : array_like (n, 3)
         Cameras: x and y in cells, heading in radians from x towards y.
     field_of_view : float
         Opening angle of a camera, in radians.
     depth_of_field : float
-        Reach of a camera, in cells.
+        Range of a camera, in cells.
     trails : sequence of array_like (k, 2)
         Visited positions of each robot in cells, oldest first.
     caption : str
@@ -63,7 +63,7 @@ def render_team(
     Returns
     -------
     ndarray of uint8 (height, width, 3)
-        RGB. Each panel is about 600 pixels, a whole number of pixels for every cell.
+        RGB. Each panel is about 600 pixels, an integer number of pixels for every cell.
 
     Raises
     ------
@@ -126,7 +126,7 @@ class _Panel:
         self._stamp(wedge, color, sector)
 
     def draw_trail(self, trail: NDArray[np.float64], color: Color) -> None:
-        """Join the visited positions by a thin line with a knot at each."""
+        """Join the visited positions by a thin line with a dot at each."""
         if len(trail) == 0:
             return
 

@@ -1,14 +1,12 @@
 """Shaded pictures of coloured triangles, ray traced by Embree.
 
-A sky that is brighter above, one sun with shadows, and cameras that cast their robot's colour on
-what they see, as a torch would.
+Light comes from a sky that is brighter above, and from a sun with shadows. Robots' cameras tint
+what they see in the colour of the robot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,90 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry import Pose
+from coopmap_env.rendering.view_camera import Floats, ViewCamera, dot_rows
 from coopmap_env.sensing import DepthCamera
-
-Floats = NDArray[np.float32]
 
 SUN_DIRECTION = np.array([-0.35, -0.25, 0.9], dtype=np.float32)
 """Towards the light, from the viewer's: right, away, up; not a unit vector."""
 SUNLIGHT, SKYLIGHT = 0.38, (0.46, 0.66)
-"""Brightness by the sun, and by the sky on surfaces that look down and up."""
+"""Brightness by the sun, and by the sky on surfaces that face down and up."""
 TINT_STRENGTH = 0.42
-"""Share of a camera's colour on what it sees."""
+"""Fraction of a camera's colour on what it sees."""
 RAY_CHUNK = 8192
-"""Rays at a time: what is worked out for them stays in the processor's cache."""
+"""Rays at a time: their intermediate results stay in the processor's cache."""
 EDGE_THRESHOLD = 0.06
-"""Pixels that differ more than this from a neighbour are taken in 4 points instead of one."""
+"""Pixels that differ more than this from a neighbour are sampled at 4 points instead of one."""
 SHADOW_OFFSET = 2e-3
-"""Metres above a surface at which a ray to the light begins."""
-
-
-@dataclass(frozen=True)
-class ViewCamera:
-    """The camera that a picture is taken with; up is z.
-
-    Raises
-    ------
-    ValueError
-        If it would look straight up or down, or a value is outside of its range.
-    """
-
-    eye: tuple[float, float, float]
-    look_at: tuple[float, float, float]
-    field_of_view: float
-    """Horizontal, radians."""
-    width: int
-    """Pixels."""
-    height: int
-
-    def __post_init__(self) -> None:
-        away = np.subtract(self.eye, self.look_at)[:2]
-        if not np.hypot(*away) > 1e-6:
-            raise ValueError(f"Overview must not look straight down: {self.eye}, {self.look_at}")
-        if not 0 < self.field_of_view < np.pi:
-            raise ValueError(
-                f"Overview.field_of_view must lie in (0, pi) radians, got {self.field_of_view}"
-            )
-        if not (self.width >= 1 and self.height >= 1):
-            raise ValueError(f"Overview must have pixels, got {self.width} x {self.height}")
-
-    @cached_property
-    def axes(self) -> NDArray[np.float64]:
-        """Rows: right, up, and towards the viewer, in the world frame."""
-        back = np.subtract(self.eye, self.look_at)
-        back = back / np.linalg.norm(back)
-        right = np.cross([0.0, 0.0, 1.0], back)
-        right /= np.linalg.norm(right)
-        return np.stack([right, np.cross(back, right), back])
-
-    @property
-    def focal_length(self) -> float:
-        """Pixels."""
-        return self.width / 2 / float(np.tan(self.field_of_view / 2))
-
-    @cached_property
-    def centers(self) -> Floats:
-        """Positions (n, 2) of all pixels, row by row: column, row."""
-        rows, columns = np.indices((self.height, self.width), dtype=np.float32)
-        return np.stack([columns.ravel(), rows.ravel()], axis=1) + np.float32(0.5)
-
-    def rays(self, pixels: Floats) -> Floats:
-        """Unit vectors (n, 3) through positions (n, 2) in the picture: column, row."""
-        right, up, back = self.axes.astype(np.float32)
-        column, row = pixels.T
-        rays: Floats = column[:, None] * right - row[:, None] * up
-        rays -= self.width / 2 * right - self.height / 2 * up + self.focal_length * back
-        rays /= np.sqrt(_dot(rays, rays))[:, None]
-        return rays
-
-    def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions (..., 2) in the picture of points (..., 3), and their distances (...)."""
-        away = np.asarray(points, dtype=np.float64) - self.eye
-        local = away @ self.axes.T
-        depth = np.maximum(-local[..., 2:], 1e-6)
-        at = local[..., :2] * (1, -1) * self.focal_length / depth
-        at += [self.width / 2, self.height / 2]
-        return at, np.linalg.norm(away, axis=-1)
+"""Metres above a surface at which a ray to the light starts."""
 
 
 class FrustumTint(NamedTuple):
@@ -112,16 +41,16 @@ class FrustumTint(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """Where rays end."""
+    """First intersections of rays."""
 
     distance: Floats
-    """Metres; inf where there is nothing."""
+    """Metres; inf without an intersection."""
     triangle: NDArray[np.int32]
-    """-1 where there is nothing."""
+    """-1 without an intersection."""
 
 
 class RayTracedScene:
-    """Coloured triangles that pictures can be taken of.
+    """Coloured triangles, rendered by ray tracing.
 
     Parameters
     ----------
@@ -130,11 +59,11 @@ class RayTracedScene:
     colors : sequence of array_like, (3,) or (m, 3)
         Of each surface, or of each of its triangles; 0 to 255.
     background : array_like (3,)
-        Colour where there is nothing, and into which surfaces fade far from `center`.
+        Colour where there is no surface, and of surfaces far from `center`.
     center : array_like (3,)
-        Middle of what is shown.
+        Middle of the scene.
     fade : (float, float)
-        Metres from there at which fading begins and ends.
+        Metres from `center` at which surfaces start to fade, and are faded out.
 
     Raises
     ------
@@ -168,7 +97,7 @@ class RayTracedScene:
         import_optional("embreex.mesh_construction", "field").TriangleMesh(self._scene, corners)
 
     def intersect(self, origins: Floats, directions: Floats) -> Hits:
-        """What rays (n, 3) of unit directions meet first."""
+        """First intersections of rays (n, 3) of unit directions."""
         found = self._scene.run(
             np.ascontiguousarray(origins), np.ascontiguousarray(directions),
             query="INTERSECT", output=True,
@@ -177,7 +106,7 @@ class RayTracedScene:
         return Hits(np.where(nothing, np.float32(np.inf), found["tfar"]), found["primID"])
 
     def occluded(self, origins: Floats, directions: Floats, lengths: Floats) -> NDArray[np.bool_]:
-        """Whether anything lies on rays (n, 3) of these lengths."""
+        """Whether anything lies on rays (n, 3) of given lengths."""
         if not len(lengths):
             return np.empty(0, dtype=np.bool_)
         found = self._scene.run(
@@ -189,7 +118,7 @@ class RayTracedScene:
     def render(self, view: ViewCamera, tints: Sequence[FrustumTint]) -> tuple[Floats, Floats]:
         """Colours (height, width, 3) from 0 to 1, and the distance of each pixel (height, width).
 
-        Edges are smooth: where neighbouring pixels differ, four points of the pixel are taken.
+        Edges are smooth: where neighbouring pixels differ, four points of the pixel are averaged.
         """
         colors, distance = self._shade(view, view.centers, tints)
         image = colors.reshape(view.height, view.width, 3)
@@ -221,7 +150,7 @@ class RayTracedScene:
         rays, triangle = rays[hit], hits.triangle[hit]
         points = eye[hit] + hits.distance[hit, None] * rays
         normals = self._normals[triangle]
-        normals = np.where(_dot(normals, rays)[:, None] > 0, -normals, normals)
+        normals = np.where(dot_rows(normals, rays)[:, None] > 0, -normals, normals)
         points = points + SHADOW_OFFSET * normals
         shaded = self._colors[triangle]
         for tint in tints:
@@ -237,7 +166,7 @@ class RayTracedScene:
         return colors, hits.distance
 
     def _light(self, view: ViewCamera, points: Floats, normals: Floats) -> Floats:
-        """Brightness of points: the sky's, and Lambert's of the sun where it shines."""
+        """Brightness of points: that of the sky, and Lambert's of the sun outside of shadows."""
         right, _, back = view.axes
         ahead = np.array([-back[0], -back[1]]) / np.hypot(back[0], back[1])
         sun = np.array(
@@ -257,7 +186,7 @@ class RayTracedScene:
     def _visible_points(
         self, tint: FrustumTint, points: Floats, normals: Floats
     ) -> NDArray[np.int64]:
-        """Which points a camera sees: in its field of view and range, and nothing in between."""
+        """Which points a camera sees: in its field of view and range, and not occluded."""
         camera, t = tint.camera, tint.pose.translation.astype(np.float32)
         ahead, left, up = tint.pose.rotation.T.astype(np.float32)
         indices = np.flatnonzero(
@@ -272,9 +201,9 @@ class RayTracedScene:
             away = points[indices] - t
             indices = indices[(away @ (bound - axis) > 0) & (away @ (bound + axis) > 0)]
         away = points[indices] - t
-        distance: Floats = np.sqrt(_dot(away, away))
+        distance: Floats = np.sqrt(dot_rows(away, away))
         inside = (distance > camera.near) & (distance < camera.far)
-        inside &= _dot(away, normals[indices]) < 0
+        inside &= dot_rows(away, normals[indices]) < 0
         indices, distance = indices[inside], distance[inside]
         back: Floats = -away[inside] / distance[:, None]
         return indices[~self.occluded(points[indices], back, distance - np.float32(camera.near))]
@@ -283,11 +212,7 @@ class RayTracedScene:
 _SUBPIXELS = np.array(
     [[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], dtype=np.float32
 )
-"""A turned grid: lines near the axes get four shades."""
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    return np.einsum("nk,nk->n", a, b)
+"""A rotated grid: lines near the axes get four shades."""
 
 
 def _edges(image: Floats) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""A window for people to look at."""
+"""A window that shows pictures to a person."""
 
 import os
 from typing import Any
@@ -13,7 +13,7 @@ class HumanWindow:
     """A window that shows RGB frames, opened by the first one.
 
     A person may close it at any time: from then on frames are dropped silently. pygame has one
-    window per process, so two of these share it.
+    window per process, so that two of these objects use the same.
     """
 
     def __init__(self) -> None:

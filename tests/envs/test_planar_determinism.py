@@ -50,7 +50,10 @@ def test_a_pickled_environment_plays_the_same_episode(mode, library):
 @pytest.mark.parametrize("mode", MODES)
 def test_another_process_with_other_string_hashes_plays_the_same_episode(mode):
     arguments = small(mode)
-    code = f"from plain.rollouts import env_trajectory_hash; print(env_trajectory_hash({arguments!r}, {SEED}))"
+    code = (
+        "from plain.rollouts import env_trajectory_hash; "
+        f"print(env_trajectory_hash({arguments!r}, {SEED}))"
+    )
     path = os.pathsep.join([str(Path(__file__).parents[1]), *filter(None, sys.path)])
     found = subprocess.run(
         [sys.executable, "-c", code],

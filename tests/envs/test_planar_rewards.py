@@ -195,8 +195,8 @@ def test_infos_hold_what_the_page_names():
         assert all(set(info) == {"scans", "observed_fraction"} | mask for info in infos.values())
         *_, infos = env.step(random_actions(env, np.random.default_rng(0)))
         told = {
-            "reward_terms", "rejected_reason", "contact", "new_information", "distance", "new_cells",
-            "entropy_reduction", "scans", "observed_fraction",
+            "reward_terms", "rejected_reason", "contact", "new_information", "distance",
+            "new_cells", "entropy_reduction", "scans", "observed_fraction",
         }  # fmt: skip
         assert all(set(info) == told | mask for info in infos.values())
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from coopmap_env.rendering.panels import FREE, NEVER_SAMPLED, OCCUPIED, ROBOT_COLORS, robot_color
-from coopmap_env.rendering.planar import render_team
-from coopmap_env.rendering.window import HumanWindow
+from coopmap_env.rendering import ROBOT_COLORS, HumanWindow, render_team, robot_color
+from coopmap_env.rendering.panels import FREE, NEVER_SAMPLED, OCCUPIED
 
 pytest.importorskip("PIL")
 pygame = pytest.importorskip("pygame")

@@ -1,4 +1,4 @@
-"""The "pose" action of the field: the joints of the camera mount.
+"""The "pose" action of field robots: the joints of the camera mount.
 
 ``Box(-1, 1, (n,), float32)``: joint i goes to the middle of its limits plus ``action[i]`` times
 half their range; a joint without limits turns from -pi to pi.
@@ -33,7 +33,7 @@ class JointMode:
     def decode(
         self, agent: str, action: object, belief: FieldBelief
     ) -> tuple[NDArray[np.float64], str]:
-        """Joints that the action asks for, and why the mount cannot go there."""
+        """Requested joints, and why they are infeasible (or empty)."""
         robot = belief.agents.index(agent)
         q = self._spaces[robot].denormalize(parse_pose_action(agent, action, self._names[robot]))
         return q, belief.infeasibility_reason(robot, q)
@@ -41,5 +41,5 @@ class JointMode:
     def encode(
         self, robot: int, pose: NDArray[np.float64], belief: FieldBelief
     ) -> NDArray[np.float32]:
-        """Write joints as shares of their limits."""
+        """Joints normalized to their limits."""
         return self._spaces[robot].normalize(pose)

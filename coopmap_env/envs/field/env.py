@@ -28,8 +28,7 @@ from coopmap_env.envs.team import TeamEnv
 from coopmap_env.envs.transition import EpisodeRngs, FusedScans, TeamMoveResult, Transition
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.rendering.field import overview_camera, render_field, scene_meshes
-from coopmap_env.rendering.meshes import robot_triangles
+from coopmap_env.rendering import overview_camera, render_field, robot_triangles, scene_meshes
 from coopmap_env.robots import Mount, make_mount
 from coopmap_env.simulation.field import FieldSimulator
 from coopmap_env.simulation.scenes.field import FieldScene, FieldWorld, UserScene, make_field_scene

@@ -1,7 +1,7 @@
-"""The mount's joints as numbers in [-1, 1]: what actions are, and where poses are drawn from.
+"""A mount's joints, normalized to [-1, 1] as in actions, and the sampling of poses.
 
-Poses are drawn as 32-bit actions, so that a pose that a planner has chosen comes back bit for bit
-when its action is decoded.
+Poses are sampled as 32-bit actions, so that a pose that a planner has chosen is restored bit for
+bit when its action is decoded.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class JointSpace:
     Parameters
     ----------
     lower, upper : ndarray, shape (n,)
-        Radians or metres; a joint without limits turns once around, -pi to pi.
+        Radians or metres; a joint without limits ranges from -pi to pi.
     max_grid_poses : int
-        At most so many poses in `grid`.
+        Largest number of poses in `grid`.
     """
 
     lower: NDArray[np.float64]
@@ -45,7 +45,7 @@ class JointSpace:
         return self.lower + half * (np.asarray(action, dtype=np.float64) + 1.0)
 
     def normalize(self, q: ArrayLike) -> NDArray[np.float32]:
-        """Normalised values (..., n) in [-1, 1] of joints, clipped at the limits."""
+        """Normalized values (..., n) in [-1, 1] of joints, clipped at the limits."""
         half = 0.5 * (self.upper - self.lower)
         values = (np.asarray(q, dtype=np.float64) - self.lower) / half - 1.0
         return np.clip(values, -1.0, 1.0).astype(np.float32)
@@ -67,7 +67,7 @@ class JointSpace:
         return self.denormalize(np.stack(axes, axis=-1).reshape(-1, self.n).astype(np.float32))
 
     def grid_index(self, q: ArrayLike) -> NDArray[np.int64]:
-        """Place (...,) of joints in the order of the grid: that of the part they lie in."""
+        """Index (...,) in `grid` of the pose in whose part of the joint space the joints lie."""
         fraction = (self.normalize(q).astype(np.float64) + 1.0) / 2.0
         parts = np.minimum((fraction * self.grid_steps).astype(np.int64), self.grid_steps - 1)
         return np.asarray(parts @ self.grid_steps ** np.arange(self.n)[::-1])

@@ -1,8 +1,8 @@
-"""What each robot observes in the field, and what a centralised critic may see.
+"""Observations of a field robot, and of a centralised critic.
 
 Observation of one robot, a `Dict`:
 
-``map``: uint8 (2 Z, V, V), V, Z = `FieldSettings.crop_cells`. The local probabilistic 3-D map
+``map``: uint8 (2 Z, V, V), V, Z = `FieldSettings.crop_cells`. A crop of the probabilistic 3-D map
 around the robot's base: cell [z, i, j] lies (i + 1/2 - V/2) cells ahead of the base,
 (j + 1/2 - V/2) to its left and (z + 1/2) above the bottom of the map; a cell is
 `FieldSettings.crop_pooling` voxels wide.
@@ -12,12 +12,12 @@ channels      content      values
 ============  ===========  =====================================================================
 0 ... Z-1     occupancy    255 P(occupied) of the most occupied sampled voxel, rounded; 128 where
                            none was sampled
-Z ... 2Z-1    sampled      255 times the share of sampled voxels, rounded down
+Z ... 2Z-1    sampled      255 times the fraction of sampled voxels, rounded down
 ============  ===========  =====================================================================
 
-``joints``: float32 (n,) in [-1, 1], the encoders' readings between the joints' limits.
+``joints``: float32 (n,) in [-1, 1], encoder readings, normalized to the joint limits.
 
-``camera``: float32 (9,) in [-1, 1], the camera where the robot takes it to be, in its base frame.
+``camera``: float32 (9,) in [-1, 1], the estimated camera pose in the robot's base frame.
 
 =======  ===============================================================
 index    content
@@ -28,11 +28,11 @@ index    content
 =======  ===============================================================
 
 ``teammates``: float32 (n_robots - 1, 9) in [-1, 1], the same of each teammate's camera, in the own
-base frame, positions in diagonals of the world; in order of their numbers, absent for one robot;
-zeros as long as one of the two has not been located.
+base frame, positions in diagonals of the world; in order of their indices, absent for one robot;
+zeros until both robots are located.
 
-Where robots have to find the target first, ``located``: int8 (n_robots,), 1 for each robot that has
-found it, the own one first, teammates as above. Until then ``map`` shows the robot's own map.
+With ``initialization="search"``, ``located``: int8 (n_robots,), 1 for each located robot, the own
+one first, teammates as above. Until a robot is located, ``map`` shows its own map.
 
 In "candidates" mode also ``candidates``: float32 (m, n + 11), zeros where masked, and
 ``action_mask``: int8 (m,), 1 where the candidate can be taken.
@@ -42,11 +42,11 @@ index       content
 ==========  =====================================================================
 0 ... n-1   joints, as above
 n ... n+5   position and optical axis of the camera there, as 0 - 5 of ``camera``
-n+6         NI (Eqs. 6-8) as a share of its maximum, ln(n_gray_bins)
-n+7         motion cost K d**n (Eqs. 5, 9) as a share of ln(n_gray_bins), at most 10
+n+6         NI (Eqs. 6-8) as a fraction of its maximum, ln(n_gray_bins)
+n+7         motion cost K d**n (Eqs. 5, 9) as a fraction of ln(n_gray_bins), at most 10
 n+8         P at the camera position
-n+9         rating (Eq. 9) as a share of ln(n_gray_bins), at least -10
-n+10        never-sampled voxels in view, as a share of the most the camera sees
+n+9         rating (Eq. 9) as a fraction of ln(n_gray_bins), at least -10
+n+10        never-sampled voxels in view, as a fraction of the most it can see
 ==========  =====================================================================
 """
 
@@ -74,7 +74,7 @@ N_RATING_FEATURES = 11
 
 
 class FieldObserver:
-    """Fills observations; one object per environment, its spaces declared beside.
+    """Computes observations and declares their spaces; one object per environment.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class FieldObserver:
     n_candidates : int or None
         m in "candidates" mode.
     include_located : bool, optional
-        Whether observations say which robots have been located.
+        Whether observations include which robots are located.
     """
 
     def __init__(
@@ -140,11 +140,11 @@ class FieldObserver:
         return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def state(self, belief: FieldBelief) -> NDArray[np.float32]:
-        """Write the map around the target and all robots in one vector, for centralised critics.
+        """The map around the target and all robots as one vector, for centralised critics.
 
         First the crop as in ``map``, around the origin of the target's frame, between 0 and 1; then
         the joints of each robot, then each robot's camera in the target's frame as in ``camera``,
-        positions in diagonals of the world; zeros for a robot that has not been located.
+        positions in diagonals of the world; zeros for a robot that is not located.
         """
         origin = Pose(np.zeros(3), np.eye(3))
         crop = self._map_crop(belief.map, Crop.around(self._grid, origin, *self._crop_size))

@@ -1,13 +1,13 @@
-"""The "pose" action of the plane: a camera pose relative to the current one, in its frame.
+"""The "pose" action of planar robots: a camera pose relative to the current one, in its frame.
 
-``Box(-1, 1, (3,), float32)``; the nearest lattice pose is taken.
+``Box(-1, 1, (3,), float32)``; it is rounded to the nearest lattice pose.
 
 =======  ==========================================
 index    content
 =======  ==========================================
-0        ahead, as a share of `PlanarSettings.reach`
-1        left, as a share of it
-2        turn to the left, as a share of pi
+0        ahead, as a fraction of `PlanarSettings.reach`
+1        left, as a fraction of it
+2        turn to the left, as a fraction of pi
 =======  ==========================================
 """
 
@@ -35,7 +35,7 @@ class PoseMode:
         return spaces.Box(-1.0, 1.0, (3,), np.float32)
 
     def decode(self, agent: str, action: object, belief: PlanarBelief) -> tuple[int, str]:
-        """Nearest lattice pose to the one asked for."""
+        """Nearest lattice pose to the requested one, and why it is infeasible (or empty)."""
         ahead, left, turn = parse_pose_action(agent, action, ("ahead", "left", "turn")).tolist()
         robot = belief.agents.index(agent)
         reach, _, half_turn = self._scale.tolist()
@@ -50,7 +50,7 @@ class PoseMode:
         return pose_id, belief.infeasibility_reason(robot, pose_id)
 
     def encode(self, robot: int, pose_id: int, belief: PlanarBelief) -> NDArray[np.float32]:
-        """Write the relative pose, as shares of the reach and of half a turn."""
+        """The relative pose, as fractions of the reach and of half a turn."""
         relative = to_camera_frame(belief.lattice.poses(pose_id), belief.poses[robot])
         action = relative / self._scale
         if np.abs(action).max() > 1 + 1e-6:

@@ -22,7 +22,7 @@ from coopmap_env.envs.team import TeamEnv
 from coopmap_env.envs.transition import EpisodeRngs, FusedScans, TeamMoveResult
 from coopmap_env.information import RatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
-from coopmap_env.rendering.planar import render_team
+from coopmap_env.rendering import render_team
 from coopmap_env.robots import PoseLattice
 from coopmap_env.simulation import PlanarSimulator
 from coopmap_env.simulation.scenes.planar import PlanarScene, PlanarWorld, make_planar_scene

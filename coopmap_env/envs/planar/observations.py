@@ -1,8 +1,8 @@
-"""What each robot observes, and what a centralised critic may see.
+"""Observations of a planar robot, and of a centralised critic.
 
 Observation of one robot, a `Dict`:
 
-``map``: uint8 (4, V, V), V = `PlanarSettings.crop_cells`. The local probabilistic map in the
+``map``: uint8 (4, V, V), V = `PlanarSettings.crop_cells`. A crop of the probabilistic map in the
 camera's frame: cell [i, j] lies i + 1/2 - V/2 cells ahead of the camera and j + 1/2 - V/2 cells to
 its left (nearest cell of the map).
 
@@ -20,11 +20,11 @@ channel  content               values
 =======  ==========================================
 index    content
 =======  ==========================================
-0, 1     x, y as shares of the world's sides, 0 to 1
+0, 1     x, y as fractions of the world's sides
 2, 3     cosine and sine of the heading
 =======  ==========================================
 
-``teammates``: float32 (n_robots - 1, 4) in [-1, 1], in order of their numbers; absent for a single
+``teammates``: float32 (n_robots - 1, 4) in [-1, 1], in order of their indices; absent for a single
 robot.
 
 =======  ================================================================
@@ -42,11 +42,11 @@ index    content
 =======  ===================================================================
 0, 1     ahead, left of the camera now, in diagonals of the world
 2, 3     cosine and sine of the turn
-4        NI (Eqs. 6-8) as a share of its maximum, ln(n_gray_bins)
-5        motion cost K d**n (Eqs. 5, 9) as a share of ln(n_gray_bins), at most 10
+4        NI (Eqs. 6-8) as a fraction of its maximum, ln(n_gray_bins)
+5        motion cost K d**n (Eqs. 5, 9) as a fraction of ln(n_gray_bins), at most 10
 6        P at the camera position
-7        rating (Eq. 9) as a share of ln(n_gray_bins), at least -10
-8        never-sampled cells in view, as a share of the most the camera sees
+7        rating (Eq. 9) as a fraction of ln(n_gray_bins), at least -10
+8        never-sampled cells in view, as a fraction of the most it can see
 =======  ===================================================================
 """
 
@@ -79,7 +79,7 @@ FEATURE_LIMIT = 10.0
 
 
 class PlanarObserver:
-    """Fills observations; one object per environment, its spaces declared beside."""
+    """Computes observations and declares their spaces; one object per environment."""
 
     def __init__(self, belief: PlanarBelief, crop_cells: int, n_candidates: int | None) -> None:
         grid = belief.map.grid
@@ -135,7 +135,7 @@ class PlanarObserver:
         return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def state(self, belief: PlanarBelief) -> NDArray[np.float32]:
-        """Write the team map and all poses in one vector, for centralised critics.
+        """The team map and all poses as one vector, for centralised critics.
 
         First P(occupied), then sampled (each nx ny values, row-major), then four values a robot
         as in the observation's ``pose``.

@@ -1,4 +1,4 @@
-"""Where a team starts: close together, in the largest free region of the world."""
+"""Start poses of a planar team: close together, in the largest free region of the world."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def sample_start_poses(
     radius: float,
     rng: np.random.Generator,
 ) -> tuple[tuple[int, ...], NDArray[np.int64]]:
-    """Draw the start poses and the cells that are known to be free because robots stand there.
+    """Sample the start poses, and the cells that are known to be free around them.
 
     Parameters
     ----------
@@ -29,15 +29,15 @@ def sample_start_poses(
     spread : float
         Metres: teammates start no further than this from the first robot.
     radius : float
-        Metres around each start whose free cells are known, as far as they hang together.
+        Metres around each start within which free cells are known, if connected to it.
     rng : numpy.random.Generator
 
     Returns
     -------
     pose_ids : tuple of int
-        Lattice numbers, cells different as long as there are enough within `spread`.
+        Pose ids; cells are different as long as there are enough within `spread`.
     known : ndarray, shape (k,)
-        Flat numbers of the known cells: the truly free ones around the starts, none of them
+        Flat indices of the known cells: the truly free ones around the starts, none of them
         behind a wall.
     """
     region = largest_free_region(world.occupied)
@@ -59,7 +59,7 @@ def sample_start_poses(
 
 
 def _connected_cells(cells: NDArray[np.int64], start: int, world: PlanarWorld) -> NDArray[np.int64]:
-    """The part of some cells that hangs together with the start by faces."""
+    """The cells that are connected with the start by faces."""
     ny = world.shape[1]
     left, found = set(cells.tolist()) - {start}, [start]
     for cell in found:
@@ -76,7 +76,7 @@ def _connected_cells(cells: NDArray[np.int64], start: int, world: PlanarWorld) -
 
 
 def _disc(mask: NDArray[np.bool_], cell: int, radius: float) -> NDArray[np.int64]:
-    """Flat numbers of the cells of `mask` no further than `radius` cells from a cell."""
+    """Flat indices of the cells of `mask` no further than `radius` cells from a cell."""
     nx, ny = mask.shape
     x, y = divmod(cell, ny)
     radius *= 1 + 1e-9  # a cell counts if its centre is that near, but for rounding

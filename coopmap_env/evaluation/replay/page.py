@@ -19,16 +19,18 @@ from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
 from coopmap_env.evaluation.replay.recording import Frame, Replay
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.rendering.field import (
+from coopmap_env.rendering import (
     HEIGHT_COLORS,
     MAX_COLOR_HEIGHT,
     TARGET_COLOR,
+    Color,
+    cluster_vertices,
     floor_height,
     height_colors,
     overview_camera,
+    robot_color,
+    simplified_links,
 )
-from coopmap_env.rendering.meshes import cluster_vertices, simplified_links
-from coopmap_env.rendering.panels import Color, robot_color
 from coopmap_env.robots import R_OPTICAL_CAMERA
 
 OVERLAY_TEMPLATE = Path(__file__).with_name("overlay.html")
