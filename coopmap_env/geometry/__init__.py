@@ -20,11 +20,20 @@ from coopmap_env.geometry.transforms import (
     to_world_frame,
     wrap_angle,
 )
-from coopmap_env.geometry.traversal import Traversal, traverse
+from coopmap_env.geometry.traversal import (
+    Ray,
+    RayPosition,
+    Traversal,
+    start_ray,
+    step_ray,
+    traverse,
+)
 
 __all__ = [
     "Z_AXIS",
     "Pose",
+    "Ray",
+    "RayPosition",
     "RigidTransform",
     "Traversal",
     "apply_displacement",
@@ -37,6 +46,8 @@ __all__ = [
     "rotation_from_rpy",
     "rotvec_from_rotation",
     "skew",
+    "start_ray",
+    "step_ray",
     "to_camera_frame",
     "to_world_frame",
     "traverse",
