@@ -7,9 +7,8 @@ import pytest
 from plain import fusion
 from scipy.stats import norm
 
-from coopmap_env.mapping import BeamModel, beam_occupancy
+from coopmap_env.mapping import BeamModel, beam_occupancy, to_log_odds_fixed
 from coopmap_env.mapping.beam import beam_log_odds_fixed, endpoint_posterior
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
 
 ENTRY, ANYWHERE = BeamModel(surface="entry"), BeamModel(surface="anywhere")
 READINGS = pytest.mark.parametrize("model", [ENTRY, ANYWHERE], ids=["entry", "anywhere"])

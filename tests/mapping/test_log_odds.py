@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from coopmap_env.mapping import LogOddsRange
-from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
+from coopmap_env.mapping import STEPS_PER_NAT, LogOddsRange, to_log_odds_fixed
 
 
 def test_fixed_point_log_odds_of_known_probabilities():

@@ -9,8 +9,14 @@ import pytest
 from plain.fusion import PlainMap
 from plain.random_scans import random_scan
 
-from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid, merge_gaussians
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.mapping import (
+    BeamModel,
+    LogOddsRange,
+    OccupancyMap,
+    VoxelGrid,
+    merge_gaussians,
+    to_log_odds_fixed,
+)
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation import PlanarSimulator
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld

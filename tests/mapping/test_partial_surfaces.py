@@ -5,8 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid, beam_occupancy
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.mapping import (
+    BeamModel,
+    OccupancyMap,
+    VoxelGrid,
+    beam_occupancy,
+    to_log_odds_fixed,
+)
 from coopmap_env.sensing import Scan
 
 PARTIAL = BeamModel(free=0.2, occupied=0.7, surface="partial")

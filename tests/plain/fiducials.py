@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from coopmap_env.geometry.traversal import traverse
+from coopmap_env.geometry import traverse
 
 
 def neighbours(grid, cell):

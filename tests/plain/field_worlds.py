@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from coopmap_env.geometry import Z_AXIS, rotation_about_axis
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.solid import (
     box_corners,

@@ -1,7 +1,6 @@
 """Random maps, written cell by cell rather than scanned."""
 
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.mapping import OccupancyMap, VoxelGrid, to_log_odds_fixed
 
 
 def set_cells(map_, cells, probability):

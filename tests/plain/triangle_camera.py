@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from coopmap_env.geometry import rotation_about_z
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose, rotation_about_z
 from coopmap_env.sensing import PointCloud
 
 

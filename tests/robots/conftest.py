@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import Vehicle, make_mount
 

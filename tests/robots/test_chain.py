@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from plain.kinematics import link_poses, random_joints
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.robots import Chain
 from coopmap_env.robots.kinematics.urdf import UrdfModel
 

@@ -7,7 +7,7 @@ import pytest
 from plain.point_covariances import covariance, cross_matrix
 from scipy.spatial.transform import Rotation
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.sensing import PointCloud, RangeNoise, transform_cloud
 from coopmap_env.sensing.scan import is_covariance
 

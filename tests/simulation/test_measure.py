@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera, RangeNoise, transform_cloud
 from coopmap_env.simulation.depth.renderer import simulate_point_cloud

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.geometry.transforms import RigidTransform
+from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field.frustum import Frustum, FrustumGeometry
 from coopmap_env.information.field.views import PoseArrays
 from coopmap_env.information.ratings import CameraPoses

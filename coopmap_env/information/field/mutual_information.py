@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel, unchecked_division_kernel
-from coopmap_env.geometry.transforms import RigidTransform
-from coopmap_env.geometry.traversal import start_ray, step_ray
+from coopmap_env.geometry import RigidTransform, start_ray, step_ray
 from coopmap_env.information.entropy import MIN_REACH_PROBABILITY, CellModel, validate_prior
 from coopmap_env.information.field.depth_buffer import (
     CameraArrays,

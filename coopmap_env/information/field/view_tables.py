@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry.transforms import RigidTransform
+from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field.depth_buffer import CameraArrays, SphereArrays
 from coopmap_env.information.field.frustum import MAX_PIXEL_ANGLE, Frustum
 from coopmap_env.information.field.views import (

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel, unchecked_division_kernel
-from coopmap_env.geometry.transforms import RigidTransform
+from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field.depth_buffer import (
     CameraArrays,
     SphereArrays,

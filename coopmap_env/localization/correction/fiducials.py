@@ -35,8 +35,7 @@ from coopmap_env.localization.correction.peaks import (
     ball_offsets,
     select_peaks,
 )
-from coopmap_env.mapping import OccupancyMap
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.mapping import OccupancyMap, to_log_odds_fixed
 from coopmap_env.sensing import DepthCamera
 
 Probability = Annotated[float, Range(at_least=0, below=1)]

@@ -5,7 +5,7 @@ import pytest
 
 from coopmap_env.evaluation.metrics.surface_samples import clip_triangles, sample_surface
 from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field import FieldWorld, Solid
 from coopmap_env.simulation.scenes.field.solid import box_corners, solid_from_boxes

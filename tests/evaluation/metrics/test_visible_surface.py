@@ -8,7 +8,7 @@ from plain import triangles as rays
 from plain import true_surfaces as plain
 
 from coopmap_env.evaluation.metrics import visible_surface
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera

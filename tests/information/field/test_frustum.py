@@ -7,7 +7,7 @@ import pytest
 from plain.dense_views import all_cells, in_frustum
 from plain.random_voxel_map import rotation
 
-from coopmap_env.geometry.transforms import RigidTransform
+from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field.frustum import (
     Frustum,
     FrustumRuns,

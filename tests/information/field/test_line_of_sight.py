@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from coopmap_env.geometry.traversal import traverse
+from coopmap_env.geometry import traverse
 from coopmap_env.information.field.frustum import Frustum
 from coopmap_env.information.field.line_of_sight import first_visible_point
 from coopmap_env.mapping import OccupancyMap, VoxelGrid

@@ -6,14 +6,13 @@ import pytest
 from plain import fiducials as plain
 from scipy.spatial.transform import Rotation
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.localization.correction.fiducials import (
     Fiducials,
     FiducialSettings,
     select_fiducials,
 )
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.mapping import OccupancyMap, VoxelGrid, to_log_odds_fixed
 from coopmap_env.sensing import DepthCamera
 
 GRID = VoxelGrid((40, 20, 20), 0.1, (-0.05, -1.05, -1.05))

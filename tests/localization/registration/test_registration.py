@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from plain.triangle_camera import box, look_at_pose, render_scan
 
-from coopmap_env.geometry import rotation_about_z
-from coopmap_env.geometry.rotations import apply_displacement, displacement_between
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose, apply_displacement, displacement_between, rotation_about_z
 from coopmap_env.localization.registration.acceptance import AcceptanceSettings
 from coopmap_env.localization.registration.alignment import (
     AlignmentSettings,

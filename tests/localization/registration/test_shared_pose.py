@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.geometry import rotation_about_z
-from coopmap_env.geometry.rotations import apply_displacement, displacement_between
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose, apply_displacement, displacement_between, rotation_about_z
 from coopmap_env.localization.registration.shared_pose import (
     camera_to_base_covariances,
     shared_pose,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.settings import NonNegative, Positive, Settings
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.solid import Solid
 from coopmap_env.simulation.scenes.field.solid_queries import (
     distance_to_triangles,

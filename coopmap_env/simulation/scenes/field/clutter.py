@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.settings import Positive, Settings
 from coopmap_env.geometry import Z_AXIS, rotation_about_axis
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
     DEFAULT_PLACEMENT,
     BasePlacement,

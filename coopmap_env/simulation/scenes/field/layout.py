@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
     MIN_VISIBLE_FRACTION,
     first_hits_toward_target,

@@ -35,7 +35,7 @@ import numpy as np
 
 from coopmap_env.core.files import read_yaml_mapping
 from coopmap_env.geometry import rotation_from_rpy
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.field.shape_files import MeshShape, read_mesh, read_urdf
 from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes

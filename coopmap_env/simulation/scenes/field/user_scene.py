@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.base_poses import (
     DEFAULT_PLACEMENT,
     BasePlacement,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 
 if TYPE_CHECKING:
     from coopmap_env.simulation.scenes.field.solid import Solid

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.settings import NonNegativeInt, Settings
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.solid import Solid, ground_slab
 from coopmap_env.simulation.scenes.field.voxel_truth import voxelize_solids
 

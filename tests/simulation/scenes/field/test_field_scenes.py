@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.geometry import Pose
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes import world_seed
 from coopmap_env.simulation.scenes.field import (
     BASE_CLEARANCE,

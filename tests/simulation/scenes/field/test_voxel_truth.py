@@ -3,7 +3,7 @@ import pytest
 from plain import solids as plain
 
 from coopmap_env.geometry import random_rotation
-from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
