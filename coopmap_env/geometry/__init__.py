@@ -19,6 +19,7 @@ from coopmap_env.geometry.transforms import (
     to_camera_frame,
     to_world_frame,
     wrap_angle,
+    wrap_scalar_angle,
 )
 from coopmap_env.geometry.traversal import (
     Ray,
@@ -52,4 +53,5 @@ __all__ = [
     "to_world_frame",
     "traverse",
     "wrap_angle",
+    "wrap_scalar_angle",
 ]

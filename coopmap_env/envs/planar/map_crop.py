@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.geometry.transforms import wrap_scalar_angle
+from coopmap_env.geometry import wrap_scalar_angle
 from coopmap_env.mapping import MapArrays
 from coopmap_env.robots import LatticeGeometry, pose_from_id
 
