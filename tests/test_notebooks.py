@@ -31,8 +31,8 @@ def test_a_notebook_runs_from_start_to_end_without_a_warning(path, tmp_path, mon
     # without folders of kernels to look into, "python3" is this interpreter with its ipykernel
     manager = AsyncKernelManager(kernel_spec_manager=KernelSpecManager(kernel_dirs=[]))
     notebook = nbformat.read(path, as_version=4)
-    place = {"metadata": {"path": str(tmp_path)}}
-    client = NotebookClient(notebook, km=manager, timeout=SECONDS_PER_CELL, resources=place)
+    resources = {"metadata": {"path": str(tmp_path)}}
+    client = NotebookClient(notebook, km=manager, timeout=SECONDS_PER_CELL, resources=resources)
     client.execute(cleanup_kc=True)  # a manager that it did not make itself it would leave open
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     errors = [output.text for output in outputs if output.get("name") == "stderr"]

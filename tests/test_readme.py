@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from coopmap_agents.pretrained.shipped import pretrained_path
+from coopmap_agents.pretrained import pretrained_path
 
 from coopmap_env.cli import parse
 
@@ -37,7 +37,7 @@ def test_python_block_runs(code, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_readme_holds_the_commands_that_are_tested_here():
+def test_the_readme_has_only_commands_that_are_tested_here():
     kinds = {shlex.split(command)[0] for command in COMMANDS}
     assert kinds == {"pip", "make", "coopmap"}
 

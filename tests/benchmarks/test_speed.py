@@ -9,7 +9,7 @@ from coopmap_env.studies.section3.study import section3_settings
 
 
 @pytest.fixture
-def half_done_env():
+def half_finished_env():
     env = planar_v0.parallel_env(settings=section3_settings(), split="train")
     policy = coopmap_baselines.make("rating_function", search=50)
     observations, _ = env.reset(seed=0)
@@ -36,23 +36,26 @@ def test_step_with_random_actions(benchmark):
 
 
 @pytest.mark.parametrize("search", [100, "exhaustive"])
-def test_decision_of_the_rating_function(benchmark, half_done_env, search):
+def test_decision_of_the_rating_function(benchmark, half_finished_env, search):
     policy = coopmap_baselines.make("rating_function", search=search)
     policy.reset(np.random.default_rng(0))
-    actions = benchmark(policy.act, half_done_env.belief(), {})
-    assert set(actions) == set(half_done_env.agents)
+    actions = benchmark(policy.act, half_finished_env.belief(), {})
+    assert set(actions) == set(half_finished_env.agents)
 
 
-def test_rating_a_thousand_poses(benchmark, half_done_env):
-    belief = half_done_env.belief()
+def test_rating_a_thousand_poses(benchmark, half_finished_env):
+    belief = half_finished_env.belief()
     cells = belief.feasible_cells(0).astype(np.int64)
     ids = np.random.default_rng(0).choice(cells, 1000) * belief.lattice.n_headings
     rated = benchmark(belief.rate, 0, ids)
     assert np.isfinite(rated.rating).all()
 
 
-def test_fusing_the_scans_of_a_team(benchmark, half_done_env):
+def test_fusing_the_scans_of_a_team(benchmark, half_finished_env):
     rng = np.random.default_rng(0)
-    scans = [half_done_env._simulator.scan_from(pose, rng) for pose in half_done_env.belief().poses]
-    gains = benchmark(half_done_env.belief().map.integrate, scans)
+    scans = [
+        half_finished_env._simulator.scan_from(pose, rng)
+        for pose in half_finished_env.belief().poses
+    ]
+    gains = benchmark(half_finished_env.belief().map.integrate, scans)
     assert len(gains) == 2

@@ -15,12 +15,12 @@ def recorded():
     return env, list(calibration.record_scans(env, policy, range(4)))
 
 
-def test_every_visited_pose_gives_a_scan(recorded):
+def test_every_visited_pose_has_a_scan(recorded):
     _, worlds = recorded
     assert [len(world.scans) for world in worlds] == [20] * 4
 
 
-def test_recording_is_the_same_again(recorded):
+def test_recording_is_deterministic(recorded):
     env, worlds = recorded
     again = next(calibration.record_scans(env, make_policy("rating_function:search=30"), [2]))
     assert np.array_equal(again.occupied, worlds[2].occupied)

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from coopmap_env.cli import main
-from coopmap_env.studies.commands.reproduce import missing_extras
+from coopmap_env.studies.commands.reproduce import missing_extras_hint
 from coopmap_env.studies.field import study as field_study
 from coopmap_env.studies.field.report import (
     TABLE_SCORES,
@@ -37,7 +37,7 @@ def test_every_policy_is_scored_against_the_surface_on_every_world(study):
         assert ((evaluation.table["f_score"] > 0) & (evaluation.table["f_score"] < 1)).all()
 
 
-def test_octomap_saw_the_scans_of_the_pictured_episode(study):
+def test_octomap_fuses_the_scans_of_the_recorded_episode(study):
     assert study.octomap.n_scans == 4
     assert study.octomap.agreement > 0.9
     assert study.octomap.ours.log_loss_common < study.octomap.octomap.log_loss_common
@@ -57,8 +57,8 @@ def test_all_parts_are_written(study, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
-def test_nothing_is_missing_here():
-    assert missing_extras() == ""
+def test_no_extra_is_missing_in_the_development_environment():
+    assert missing_extras_hint() == ""
 
 
 def test_the_replay_command_writes_a_page(tmp_path):

@@ -20,20 +20,20 @@ def test_one_beam_by_hand():
     assert map_.sampled[:, 0].tolist() == [True] * 4 + [False] * 2
 
 
-def test_a_beam_without_return_only_passes():
+def test_a_beam_without_return_only_frees_cells():
     map_ = HitMissMap(VoxelGrid((6, 1)), HitMissModel(hit=0.8, miss=0.25))
     map_.integrate(scan([0.5, 0.5], [[2.9, 0.5]], [False]))
     assert map_.probability[:4, 0] == pytest.approx([0.25, 0.25, 0.25, 0.5], abs=1e-3)
 
 
-def test_in_one_scan_a_hit_goes_before_passing_and_a_cell_is_updated_once():
+def test_in_one_scan_hits_come_first_and_each_cell_is_updated_once():
     map_ = HitMissMap(VoxelGrid((6, 1)), HitMissModel(hit=0.8, miss=0.25, hit_offset=0.0))
     beams = [[2.5, 0.5], [5.5, 0.5], [2.6, 0.5]]
     map_.integrate(scan([0.5, 0.5], beams, [True, False, True]))
     assert map_.probability[2, 0] == pytest.approx(0.8, abs=1e-3)
 
 
-def test_it_equals_plain_loops_on_random_scans():
+def test_the_kernel_equals_plain_loops_on_random_scans():
     rng = np.random.default_rng(0)
     model = HitMissModel(hit=0.7, miss=0.3, hit_offset=0.5)
     map_ = HitMissMap(VoxelGrid((12, 9)), model)

@@ -90,7 +90,7 @@ def test_a_bad_record_is_named_with_its_file_and_line(zipped, line, message):
     assert str(error.value).startswith(f"{path}, line 3: ")
 
 
-def test_a_file_that_is_no_zip_is_refused(tmp_path):
+def test_a_file_that_is_no_zip_is_rejected(tmp_path):
     path = tmp_path / "walk.g2o.zip"
     path.write_text("VERTEX_SE2 0 0 0 0")
     with pytest.raises(LaserLogError, match="not a zip file"):
@@ -99,13 +99,13 @@ def test_a_file_that_is_no_zip_is_refused(tmp_path):
         read_laser_log(tmp_path / "missing.zip")
 
 
-def test_a_zip_without_its_member_is_refused(zipped):
+def test_a_zip_without_its_member_is_rejected(zipped):
     path = zipped(record([1.0, 2.0], (0, 0, 0)), member="run.g2o")
     with pytest.raises(LaserLogError, match=r"has no member walk\.g2o"):
         read_laser_log(path)
 
 
-def test_a_file_without_scans_is_refused(zipped):
+def test_a_file_without_scans_is_rejected(zipped):
     with pytest.raises(LaserLogError, match="no ROBOTLASER1 record"):
         read_laser_log(zipped("VERTEX_SE2 0 0 0 0"))
 
@@ -113,7 +113,7 @@ def test_a_file_without_scans_is_refused(zipped):
 # Scans
 
 
-def test_the_points_of_a_turned_laser_by_hand():
+def test_the_points_of_a_rotated_laser_by_hand():
     log = log_of([2.0, 3.0], poses=[(10.0, 20.0, math.pi / 2)])
     scan = scan_from_log(log, 0)
     assert scan.origin.tolist() == [10.0, 20.0]
@@ -140,12 +140,12 @@ def test_no_returns_and_readings_beyond_the_usable_range_are_left_out():
 
 
 @pytest.mark.parametrize("usable_range", [0.0, 50.5, math.nan])
-def test_a_usable_range_that_the_laser_does_not_have_is_refused(usable_range):
+def test_a_usable_range_beyond_the_laser_is_rejected(usable_range):
     with pytest.raises(ValueError, match="usable_range must lie in"):
         scan_from_log(log_of([1.0, 2.0]), 0, usable_range=usable_range)
 
 
-def test_the_grid_holds_all_that_the_laser_can_use():
+def test_the_grid_contains_the_usable_range_of_every_pose():
     log = log_of([1, 1], [1, 1], poses=[(0.0, -3.0, 0.0), (7.3, 2.0, 1.0)])
     grid = killian.grid_for_log(log)
     reach = killian.USABLE_RANGE
@@ -162,7 +162,7 @@ def test_every_tenth_scan_is_held_out():
     assert sorted(kept + held_out) == list(range(0, 60, 2))
 
 
-def test_a_beam_frees_the_cells_left_a_cell_before_its_end_and_occupies_the_one_it_ends_in():
+def test_a_beam_observes_free_cells_before_its_end_and_an_occupied_cell_at_its_end():
     grid = VoxelGrid((6, 2), 0.5)
     # along +x from (0.25, 0.25) over 1.9 m: 3.8 cells from 0.5 on, to 4.3 in cell 4. It leaves
     # cells 0, 1, 2, 3 after 0.5, 1.5, 2.5, 3.5 cells; a cell before its end is 2.8.
@@ -190,7 +190,7 @@ def test_the_held_out_loss_by_hand():
     assert loss["all"] == pytest.approx((3 * free + hit) / 4)
 
 
-def test_a_kind_that_was_not_observed_has_no_loss():
+def test_a_kind_without_observations_has_no_loss():
     loss = held_out_loss(np.array([[0.1]]), CellObservations(np.array([0]), np.array([False])))
     assert loss["free"] == loss["all"] == pytest.approx(-math.log(0.9))
     assert math.isnan(loss["hit"])
@@ -226,7 +226,7 @@ def test_a_corridor_has_free_space_between_two_walls():
 
 
 @pytest.mark.usefixtures("in_corridor")
-def test_scores_name_both_maps_and_are_those_of_every_run():
+def test_scores_have_both_maps_and_are_deterministic():
     first, second = killian.run(), killian.run()
     assert first.scores == second.scores
     np.testing.assert_array_equal(first.probability, second.probability)
@@ -239,7 +239,7 @@ def test_scores_name_both_maps_and_are_those_of_every_run():
 @pytest.mark.parametrize(
     ("stride", "message"), [(0, "at least 1, got 0"), (7, "fewer than 10 scans")]
 )
-def test_a_stride_that_leaves_nothing_to_score_is_refused(stride, message):
+def test_a_stride_without_held_out_scans_is_rejected(stride, message):
     with pytest.raises(ValueError, match=message):
         killian.run(stride)
 

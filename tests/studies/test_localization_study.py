@@ -78,7 +78,7 @@ def test_consistent_errors_lie_in_the_band_and_overconfident_ones_do_not():
     assert nees_summary([np.zeros(0)]) == {"scans": 0}
 
 
-def test_groups_are_resampled_as_a_whole():
+def test_clusters_are_resampled_as_a_whole():
     groups = [[0.0] * 50, [1.0] * 50]
 
     def mean(rows):

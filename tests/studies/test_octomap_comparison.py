@@ -29,7 +29,7 @@ def truth():
     return occupied
 
 
-def test_on_sharp_beams_both_maps_agree_and_are_right():
+def test_both_maps_agree_and_are_right_for_precise_beams():
     result = compare_with_octomap(
         [beams((8, 2, 2), (8, 3, 2), hit=[True, True])] * 3, truth(), GRID, MODEL
     )
@@ -64,7 +64,7 @@ def test_beams_without_return_are_free_up_to_their_own_ends():
     assert not known[6:, 3, 2].any()
 
 
-def test_a_beam_of_no_length_says_nothing():
+def test_a_beam_of_zero_length_observes_nothing():
     result = compare_with_octomap([beams((0, 2, 2), hit=[False])], truth(), GRID)
     assert result.common_cells == result.ours.cells == result.octomap.cells == 0
     assert math.isnan(result.agreement)
@@ -78,7 +78,7 @@ def test_the_result_is_plain_values():
     }  # fmt: skip
 
 
-def test_no_scans_and_a_truth_of_another_shape_are_refused():
+def test_no_scans_and_a_truth_of_another_shape_are_rejected():
     scan = beams((8, 2, 2), hit=[True])
     with pytest.raises(ValueError, match="0 scans"):
         compare_with_octomap([], truth(), GRID)

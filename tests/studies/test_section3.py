@@ -33,7 +33,7 @@ def test_all_files_are_written(out):
 
 
 @pytest.mark.slow
-def test_table_1_stands_beside_the_papers(out):
+def test_table_1_has_the_papers_values_beside(out):
     rows = {
         row["search"]: row for row in csv.DictReader((out / "table1.csv").read_text().split("\n"))
     }

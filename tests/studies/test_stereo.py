@@ -34,7 +34,7 @@ def test_images_without_anything_in_common_mostly_have_no_disparity():
     assert np.isfinite(stereo_matching.match_blocks(left, right, 40)).mean() < 0.45
 
 
-def test_images_that_do_not_fit_are_refused():
+def test_images_that_do_not_fit_are_rejected():
     with pytest.raises(ValueError, match=r"one shape, got \(4, 9\), \(4, 8\)"):
         stereo_matching.match_blocks(np.zeros((4, 9)), np.zeros((4, 8)), 5)
     with pytest.raises(ValueError, match=r"\[3, 9\], got 2"):
@@ -57,7 +57,7 @@ def test_the_fit_finds_the_law_that_made_the_errors(n):
         assert law.intrinsic_at_2 == pytest.approx(0.003, rel=0.05)
 
 
-def test_too_few_errors_are_refused():
+def test_too_few_errors_are_rejected():
     with pytest.raises(ValueError, match="too few"):
         stereo.fit_error_law(np.ones((30, 30)), np.ones((30, 30)), np.random.default_rng(0))
 

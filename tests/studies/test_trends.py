@@ -56,26 +56,26 @@ def test_equal_coverage_is_not_held_if_one_search_is_far_off():
     assert trend.details["ratio_to_mean"]["m2"]["estimate"] == pytest.approx(0.652, abs=0.01)
 
 
-def test_a_raster_scan_that_views_half_is_far_less():
+def test_a_raster_scan_with_half_the_coverage_is_far_less():
     trend = raster_coverage_is_lower(evaluation(0.045, seed=9), searches([0.09, 0.1, 0.09]))
     assert trend.held
     assert trend.value == pytest.approx(0.5, abs=0.03)
     assert trend.p_value < 1e-4
 
 
-def test_a_raster_scan_that_views_a_little_less_is_not_far_less():
+def test_a_raster_scan_with_slightly_less_coverage_is_not_far_less():
     trend = raster_coverage_is_lower(evaluation(0.08, seed=9), searches([0.09, 0.1, 0.09]))
     assert not trend.held
     assert trend.p_value < 0.05
 
 
-def test_falling_extents_are_found():
+def test_decreasing_extents_are_detected():
     trend = extent_decreases(searches([0.09] * 3, sigmas=(9.0, 8.0, 7.0)))
     assert trend.held
     assert trend.p_value < 1e-6
 
 
-def test_rising_extents_do_not_pass_for_falling_ones():
+def test_increasing_extents_are_not_decreasing():
     trend = extent_decreases(searches([0.09] * 3, sigmas=(7.0, 8.0, 9.0)))
     assert not trend.held
     assert trend.p_value > 0.9
