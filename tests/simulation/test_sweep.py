@@ -5,16 +5,10 @@ import pytest
 from plain.field_worlds import base_pose
 from plain.sweeps import collides_with_boxes, points_in_boxes
 
-from coopmap_env.robots.mount import make_mount
+from coopmap_env.robots import make_mount
 from coopmap_env.simulation.physics.joint_map import JointMap
-from coopmap_env.simulation.physics.sweep import (
-    NO_SPHERES,
-    Obstacles,
-    Spheres,
-    SweepModel,
-    covering_spheres,
-    squared_distance_to_box,
-)
+from coopmap_env.simulation.physics.sweep import Obstacles, Spheres, squared_distance_to_box
+from coopmap_env.simulation.physics.sweep_model import NO_SPHERES, SweepModel, covering_spheres
 
 pytest.importorskip("pybullet")
 NO_BOXES = np.zeros((0, 2, 3))

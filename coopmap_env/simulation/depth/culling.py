@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import PlainTuple, inlined_kernel, kernel
 from coopmap_env.geometry import RigidTransform
 
 CULL_MARGIN = 1e-5
@@ -46,13 +46,16 @@ class ViewCone(NamedTuple):
     axis: NDArray[np.float64]
     """Shape (3,), of length 1."""
     angle: float
-    """Radians between the axis and the outermost ray; NaN if a ray is not of length 1."""
+    """Radians between the axis and the outermost ray."""
 
 
 @kernel
-def bounding_cone(directions: NDArray[np.float64]) -> ViewCone:
-    """The cone about the mean of directions (n, 3)."""
-    axis = np.zeros(3)
+def bounding_cone(directions: NDArray[np.float64], axis: NDArray[np.float64]) -> float:
+    """Write the axis (3,) of the cone about directions (n, 3); its angle, radians.
+
+    NaN if a direction is not of length 1.
+    """
+    axis[:] = 0.0
     unit = True
     for k in range(len(directions)):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
@@ -61,29 +64,33 @@ def bounding_cone(directions: NDArray[np.float64]) -> ViewCone:
         axis[1] += y
         axis[2] += z
     if not unit:
-        return ViewCone(axis, math.nan)
+        return math.nan
     length = math.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
     if length < 1e-9:
-        return ViewCone(axis, math.pi)
+        return math.pi
     for i in range(3):
         axis[i] /= length
     lowest = 1.0
     for k in range(len(directions)):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
         lowest = min(lowest, axis[0] * x + axis[1] * y + axis[2] * z)
-    return ViewCone(axis, math.acos(max(lowest, -1.0)))
+    return math.acos(max(lowest, -1.0))
 
 
 @kernel
 def rotate_rays(
-    directions: NDArray[np.float64], R: NDArray[np.float64], origin: NDArray[np.float64], rays: Rays
+    directions: NDArray[np.float64],
+    R: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    origins: NDArray[np.float32],
+    rotated: NDArray[np.float32],
 ) -> None:
     """Fill the first n rays: directions (n, 3) rotated by R, all from `origin` (3,)."""
     for k in range(len(directions)):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
         for i in range(3):
-            rays.origins[k, i] = origin[i]
-            rays.directions[k, i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+            origins[k, i] = origin[i]
+            rotated[k, i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
 
 
 @kernel
@@ -147,21 +154,24 @@ def camera_in_box(
 @kernel
 def cull_rays(
     directions: NDArray[np.float64],
-    cone: ViewCone,
-    T_world_camera: RigidTransform,
-    T_world_bodies: RigidTransform,
-    boxes: BodyBoxes,
+    view_cone: PlainTuple,
+    camera_pose: PlainTuple,
+    body_poses: PlainTuple,
+    body_boxes: PlainTuple,
     visible: NDArray[np.bool_],
     starts: NDArray[np.int64],
-    rays: Rays,
+    ray_buffers: PlainTuple,
 ) -> None:
-    """Append the rays that may meet each body, in the frame of the middle of its box.
+    """Append the rays that may hit each body, in the frame of the middle of its box.
 
-    `T_world_bodies` holds rotations (b, 3, 3) and translations (b, 3). The first n of
-    `rays.lengths` say how far each ray goes in the static scene. Those of body b take places
-    starts[b] to starts[b + 1].
+    `view_cone` is a plain `ViewCone`, `camera_pose` a plain `RigidTransform`, as is `body_poses`
+    with rotations (b, 3, 3) and translations (b, 3), `body_boxes` a plain `BodyBoxes`, and
+    `ray_buffers` a plain `Rays`, whose first n lengths say how far each ray goes in the static
+    scene. The rays of body b take places starts[b] to starts[b + 1].
     """
     n = len(directions)
+    cone, boxes, rays = ViewCone(*view_cone), BodyBoxes(*body_boxes), Rays(*ray_buffers)
+    T_world_camera, T_world_bodies = RigidTransform(*camera_pose), RigidTransform(*body_poses)
     lengths = rays.lengths
     count = n
     o, M, c = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
@@ -203,11 +213,15 @@ def cull_rays(
 
 
 @kernel
-def nearest_hits(count: int, rays: Rays, out: NDArray[np.float64]) -> None:
+def nearest_hits(
+    count: int,
+    lengths: NDArray[np.float32],
+    pixels: NDArray[np.int32],
+    out: NDArray[np.float64],
+) -> None:
     """Fill out (n,) with the nearest hit of every pixel among the first `count` rays."""
     n = len(out)
     for k in range(n):
-        out[k] = rays.lengths[k]
+        out[k] = lengths[k]
     for k in range(n, count):
-        pixel = rays.pixels[k]
-        out[pixel] = min(out[pixel], rays.lengths[k])
+        out[pixels[k]] = min(out[pixels[k]], lengths[k])

@@ -7,9 +7,9 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import RigidTransform
-from coopmap_env.sensing import DepthCamera, NoiseParameters, PointCloud, RangeNoise
+from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 from coopmap_env.simulation.depth.culling import (
     BodyBoxes,
     Rays,
@@ -111,25 +111,33 @@ class DepthRenderer:
         visible: NDArray[np.bool_],
     ) -> NDArray[np.float64]:
         n, n_bodies = len(directions), len(self.bodies)
-        cone = bounding_cone(directions)
-        if np.isnan(cone.angle):
+        axis = np.empty(3)
+        angle = bounding_cone(directions, axis)
+        if np.isnan(angle):
             raise ValueError("directions must be unit vectors: one is not of length 1")
         if len(self._rays.lengths) < n * (n_bodies + 1):
             self._rays = _allocate_rays(n * (n_bodies + 1))
         rays = self._rays
         rays.lengths[:n] = np.inf
         origin = T_world_camera.translation - self.scene.center
-        rotate_rays(directions, T_world_camera.rotation, origin, rays)
+        rotate_rays(directions, T_world_camera.rotation, origin, rays.origins, rays.directions)
         self.scene.intersect(rays.origins[:n], rays.directions[:n], rays.lengths[:n])
         starts = np.empty(n_bodies + 1, dtype=np.int64)
         cull_rays(
-            directions, cone, T_world_camera, T_world_bodies, self._boxes, visible, starts, rays
+            directions,
+            (axis, angle),
+            tuple(T_world_camera),
+            tuple(T_world_bodies),
+            tuple(self._boxes),
+            visible,
+            starts,
+            tuple(rays),
         )
         ends = starts.tolist()
         for mesh, i, j in zip(self.bodies, ends[:-1], ends[1:], strict=True):
             mesh.intersect(rays.origins[i:j], rays.directions[i:j], rays.lengths[i:j])
         out = np.empty(n)
-        nearest_hits(ends[-1], rays, out)
+        nearest_hits(ends[-1], rays.lengths, rays.pixels, out)
         return out
 
 
@@ -169,14 +177,14 @@ def add_range_noise(
     directions: NDArray[np.float64],
     near: float,
     far: float,
-    noise: NoiseParameters,
+    noise: PlainTuple,
     draws: NDArray[np.float32],
     points: NDArray[np.float64],
     hit: NDArray[np.bool_],
 ) -> None:
     """Fill the points (n, 3) of a cloud and `hit` (n,): Eq. 1 at the true distances (n,).
 
-    `draws` (n, 3) are standard normal numbers.
+    `draws` (n, 3) are standard normal numbers; `noise` is a plain `NoiseParameters`.
     """
     intrinsic, depth_factor, lateral_factor, exponent = noise
     for k in range(len(distances)):
@@ -240,7 +248,7 @@ def simulate_point_cloud(
         camera.directions,
         float(camera.near),
         float(camera.far),
-        noise.parameters,
+        tuple(noise.parameters),
         rng.standard_normal((n, 3), dtype=np.float32),
         points,
         hit,

@@ -14,16 +14,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.kernels import kernel
-from coopmap_env.robots import Mount
-from coopmap_env.robots.kinematics.forward import (
+from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.robots import (
     BodyPoses,
     KinematicTree,
+    Mount,
     allocate_body_poses,
     body_poses,
 )
@@ -112,8 +113,16 @@ def solve_roll_pitch(u: NDArray[np.float64], springs: Springs) -> tuple[float, f
 
 
 @kernel
-def solve_equilibrium(model: MassModel, springs: Springs, q: NDArray[np.float64]) -> None:
-    """Overwrite the first three of the joints q (k, 3 + n) by the deflections at rest."""
+def solve_equilibrium(
+    plain_model: PlainTuple, plain_springs: PlainTuple, q: NDArray[np.float64]
+) -> None:
+    """Overwrite the first three of the joints q (k, 3 + n) by the deflections at rest.
+
+    `plain_model` is a plain `MassModel` with a plain tree, `plain_springs` a plain `Springs`.
+    """
+    tree, masses, centers, pivot = plain_model
+    model = MassModel(KinematicTree(*tree), masses, centers, pivot)
+    springs = Springs(*plain_springs)
     work, u = allocate_body_poses(model.tree), np.empty(3)
     for k in range(len(q)):
         q[k, :3] = 0.0
@@ -171,11 +180,15 @@ class Equilibrium:
         springs = Springs(weight, np.array(suspension.stiffness), preload)
         return cls(model, springs, np.array(suspension.damping))
 
+    @cached_property
+    def _plain_model(self) -> PlainTuple:
+        return tuple(self.model.tree), *self.model[1:]
+
     def rest_configurations(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joints (k, n) of the mount with the deflections before them: (k, 3 + n)."""
         q = np.empty((len(joints), N_SUSPENSION + joints.shape[1]))
         q[:, N_SUSPENSION:] = joints
-        solve_equilibrium(self.model, self.springs, q)
+        solve_equilibrium(self._plain_model, tuple(self.springs), q)
         return q
 
 

@@ -9,12 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
-from coopmap_env.robots import Mount
-from coopmap_env.robots.kinematics.chain import Chain
-from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
-from coopmap_env.robots.kinematics.urdf import UrdfModel
+from coopmap_env.robots import Chain, CollisionSpheres, Mount, UrdfModel
 from coopmap_env.simulation.physics.client import BulletClient
-from coopmap_env.simulation.physics.sweep import SweepModel
+from coopmap_env.simulation.physics.sweep_model import SweepModel
 
 HOME_CONTACT_DISTANCE = 0.005
 """Metres: links of one vehicle that are this near to each other at home may touch for good."""

@@ -1,4 +1,4 @@
-"""Which parts of a mount's motion could touch anything: a fast test by spheres and boxes.
+"""Kernels: which parts of a mount's motion could touch anything, by spheres and boxes.
 
 Links are covered by spheres. At a few configurations along the motion, their gaps to the boxes
 around all solids, to the spheres of other vehicles and to the boxes of the own body are compared
@@ -9,22 +9,14 @@ check. The test errs on one side only: a segment that is not marked touches noth
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import RigidTransform
-from coopmap_env.robots.kinematics.chain import Chain
-from coopmap_env.robots.kinematics.forward import (
-    BodyPoses,
-    KinematicTree,
-    allocate_body_poses,
-    body_poses,
-)
+from coopmap_env.robots import BodyPoses, KinematicTree, allocate_body_poses, body_poses
 
 ARC_FACTOR = 0.55
 """Of the chord between two configurations: no point of the arc is further from both its ends, for
@@ -40,17 +32,6 @@ class Spheres(NamedTuple):
     """Shape (s, 3)."""
     radii: NDArray[np.float64]
     """Shape (s,)."""
-
-
-NO_SPHERES = Spheres(np.zeros((0, 3)), np.zeros(0))
-
-
-def join_spheres(parts: Sequence[Spheres]) -> Spheres:
-    """All spheres of `parts`, in their order."""
-    return Spheres(
-        np.concatenate([NO_SPHERES.centers, *(part.centers for part in parts)]),
-        np.concatenate([NO_SPHERES.radii, *(part.radii for part in parts)]),
-    )
 
 
 class Obstacles(NamedTuple):
@@ -180,20 +161,39 @@ def measure_gaps(
 
 
 @kernel
-def mark_swept_collisions(
-    tree: KinematicTree,
-    arm: LinkSpheres,
-    own: OwnBoxes,
-    T_world_base: RigidTransform,
+def write_sphere_centers(
+    plain_tree: PlainTuple,
+    base_pose: PlainTuple,
     q: NDArray[np.float64],
-    obstacles: Obstacles,
+    plain_spheres: PlainTuple,
+    out: NDArray[np.float64],
+) -> None:
+    """Write the centres (s, 3) of spheres at one q, world frame.
+
+    A plain `KinematicTree`, `RigidTransform` and `LinkSpheres`.
+    """
+    tree, spheres = KinematicTree(*plain_tree), LinkSpheres(*plain_spheres)
+    sphere_centers(tree, RigidTransform(*base_pose), q, spheres, allocate_body_poses(tree), out)
+
+
+@kernel
+def mark_swept_collisions(
+    model: PlainTuple,
+    base_pose: PlainTuple,
+    q: NDArray[np.float64],
+    boxes: NDArray[np.float64],
+    plain_spheres: PlainTuple,
     may_collide: NDArray[np.bool_],
     travel: NDArray[np.float64],
 ) -> None:
     """Mark the segments (k - 1,) between configurations q (k, m) in which something may touch.
 
-    `travel` (k - 1,) receives how far the fastest sphere goes, in a straight line.
+    `model` is that of `SweepModel.plain`, `base_pose` a plain `RigidTransform`; `boxes` (b, 2, 3)
+    and the plain `Spheres` are the obstacles. `travel` (k - 1,) receives how far the fastest
+    sphere goes, in a straight line.
     """
+    tree, arm, own = KinematicTree(*model[0]), LinkSpheres(*model[1]), OwnBoxes(*model[2])
+    T_world_base, obstacles = RigidTransform(*base_pose), Obstacles(boxes, Spheres(*plain_spheres))
     n, n_spheres = len(q), len(arm.bodies)
     work = allocate_body_poses(tree)
     centers = np.empty((n, n_spheres, 3))
@@ -213,92 +213,3 @@ def mark_swept_collisions(
             needed = ARC_FACTOR * chord + arm.radii[s] + CONTACT_MARGIN
             if gaps[k, s] < needed or gaps[k + 1, s] < needed:
                 may_collide[k] = True
-
-
-def covering_spheres(box: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Centres (n, 3) and radius of spheres in a row along a box's (2, 3) longest side."""
-    size = box[1] - box[0]
-    longest = int(size.argmax())
-    n = max(1, math.ceil(size[longest] / max(np.sort(size)[1], 1e-3)))
-    n = min(n, 16)
-    centers = np.tile(box.mean(axis=0), (n, 1))
-    centers[:, longest] = box[0, longest] + size[longest] * (np.arange(n) + 0.5) / n
-    size[longest] /= n
-    return centers, float(np.linalg.norm(size) / 2)
-
-
-@dataclass(frozen=True, eq=False)
-class SweepModel:
-    """Spheres around the links of one mount, and boxes around the body that carries it."""
-
-    tree: KinematicTree
-    links: LinkSpheres
-    """Around all links; those of the mount come first."""
-    arm: LinkSpheres
-    """Around the links that the mount moves."""
-    own: OwnBoxes
-
-    @classmethod
-    def from_link_boxes(
-        cls,
-        chain: Chain,
-        boxes: Mapping[str, NDArray[np.float64]],
-        arm: Collection[str],
-        ignored_pairs: Collection[tuple[str, str]],
-    ) -> SweepModel:
-        """Make the model from boxes (2, 3) around links, in their frames.
-
-        `arm` names the links that the mount moves; `ignored_pairs` are pairs of a link of the arm
-        and one of the body.
-        """
-        names = [*(n for n in boxes if n in arm), *(n for n in boxes if n not in arm)]
-        rows: list[tuple[str, int, NDArray[np.float64], float]] = []
-        own: list[tuple[str, int, NDArray[np.float64]]] = []
-        for name in names:
-            link = chain.link_names.index(name)
-            R, t = chain.link_rotations[link], chain.link_translations[link]
-            body = int(chain.link_body[link])
-            centers, radius = covering_spheres(boxes[name])
-            rows += [(name, body, R @ center + t, radius) for center in centers]
-            if name not in arm:
-                middle, half = boxes[name].mean(axis=0), np.diff(boxes[name], axis=0)[0] / 2
-                half_in_body = np.abs(R) @ half
-                center = R @ middle + t
-                own.append((name, body, np.stack([center - half_in_body, center + half_in_body])))
-        mount = [row for row in rows if row[0] in arm]
-        links = LinkSpheres(
-            bodies=np.array([row[1] for row in rows], dtype=np.int64),
-            offsets=np.array([row[2] for row in rows]).reshape(-1, 3),
-            radii=np.array([row[3] for row in rows]),
-        )
-        n = len(mount)
-        return cls(
-            tree=chain.tree,
-            links=links,
-            arm=LinkSpheres(links.bodies[:n], links.offsets[:n], links.radii[:n]),
-            own=OwnBoxes(
-                boxes=np.array([row[2] for row in own]).reshape(-1, 2, 3),
-                bodies=np.array([row[1] for row in own], dtype=np.int64),
-                checked_pairs=np.array(
-                    [[(row[0], other[0]) not in ignored_pairs for other in own] for row in mount],
-                    dtype=np.bool_,
-                ).reshape(n, len(own)),
-            ),
-        )
-
-    def spheres(self, T_world_base: RigidTransform, q: NDArray[np.float64]) -> Spheres:
-        """Spheres in the world around all links at q (m,)."""
-        centers = np.empty((len(self.links.bodies), 3))
-        work = allocate_body_poses(self.tree)
-        sphere_centers(self.tree, T_world_base, q, self.links, work, centers)
-        return Spheres(centers, self.links.radii)
-
-    def swept_collisions(
-        self, T_world_base: RigidTransform, q: NDArray[np.float64], obstacles: Obstacles
-    ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-        """Marks (k - 1,) of what may touch between configurations q (k, m); metres travelled."""
-        may_collide, travel = np.empty(len(q) - 1, dtype=np.bool_), np.empty(len(q) - 1)
-        mark_swept_collisions(
-            self.tree, self.arm, self.own, T_world_base, q, obstacles, may_collide, travel
-        )
-        return may_collide, travel

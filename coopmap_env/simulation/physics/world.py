@@ -34,7 +34,8 @@ from coopmap_env.simulation.physics.loading import (
     load_vehicle,
     part_boxes,
 )
-from coopmap_env.simulation.physics.sweep import Obstacles, Spheres, join_spheres
+from coopmap_env.simulation.physics.sweep import Obstacles, Spheres
+from coopmap_env.simulation.physics.sweep_model import join_spheres
 from coopmap_env.simulation.physics.vehicle import LoadedVehicle
 from coopmap_env.simulation.scenes.field.solid import Solid
 
