@@ -43,7 +43,7 @@ class Train(EnvironmentOptions, TrainingOptions):
         from coopmap_agents.record import POLICY_FILE, throughput_line
         from coopmap_agents.training import run_training
 
-        from coopmap_env.core.serial import settings_to_dict
+        from coopmap_env.core.settings import settings_to_dict
 
         settings = self.settings()
         env = EnvConfig(

@@ -23,7 +23,7 @@ from safetensors.torch import save_file
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_env.core.files import atomic_path
-from coopmap_env.core.serial import settings_from_dict
+from coopmap_env.core.settings import settings_from_dict
 from coopmap_env.core.version import __version__
 
 FORMAT = 2

@@ -47,7 +47,7 @@ class Evaluate(EnvironmentOptions):
         """Play all episodes, write the files, print a summary."""
         from coopmap_env import evaluation
         from coopmap_env.core.files import write_atomically
-        from coopmap_env.core.serial import settings_to_dict
+        from coopmap_env.core.settings import settings_to_dict
         from coopmap_env.core.version import __version__
         from coopmap_env.evaluation import write_episodes
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import write_atomically
-from coopmap_env.core.serial import settings_to_dict
+from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation.env_specs import get_env_spec, make_env

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from coopmap_env.core.serial import settings_from_dict
+from coopmap_env.core.settings import settings_from_dict
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings

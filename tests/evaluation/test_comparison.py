@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coopmap_env import evaluation, planar_v0
-from coopmap_env.core.serial import settings_from_dict, settings_to_dict
+from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.core.serial import settings_to_dict
+from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.evaluation import summarize
 from coopmap_env.evaluation.replay import write_replay
 from coopmap_env.studies.common.figures import draw_coverage_curves, save_frame

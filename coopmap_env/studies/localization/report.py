@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from coopmap_env.core.files import write_atomically
-from coopmap_env.core.serial import settings_to_dict
+from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.studies.common.figures import save_frame
 from coopmap_env.studies.common.pages import format_interval, render_template

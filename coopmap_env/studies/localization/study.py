@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.serial import settings_to_dict
+from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.evaluation import (

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from coopmap_env.core.files import write_atomically
-from coopmap_env.core.serial import settings_to_dict
+from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, summarize
 from coopmap_env.evaluation.statistics import bootstrap_mean
