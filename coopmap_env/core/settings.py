@@ -9,8 +9,8 @@ The range of a field is part of its type, and is checked in one place::
 
 Numbers are finite, integers are integers, nested settings are of their class, and a `Literal` is
 one of its choices. Relations between fields are checked by a class's own `__post_init__`, which
-calls that of `Settings` first. `settings_to_dict` and
-`settings_from_dict` are the way to JSON and back, so that a job or a summary records what it ran with.
+calls that of `Settings` first. `settings_to_dict` and `settings_from_dict` write and read them as
+JSON values, so that a job or a summary records what it ran with.
 """
 
 from __future__ import annotations
