@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.geometry import Pose, RigidTransform
 from coopmap_env.localization.correction.keyframes import ScanSurfaces
 from coopmap_env.localization.depth_rendering import DepthImage, render_depth
@@ -155,7 +155,7 @@ def label_target_pixels(
             pixel_planes.points[k, i] = planes.points[m, i]
 
 
-@kernel
+@inlined_kernel
 def _nearest(centers: Array, q: Array) -> int:
     """Index of the centre (k, 3) that is nearest to a point (3,)."""
     least, nearest = np.inf, -1

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.localization.correction.keyframes import KeyframeArrays, ScanSurfaces
 from coopmap_env.localization.correction.known_target import PixelPlanes
 from coopmap_env.localization.correction.settings import CorrectionSettings
@@ -226,100 +226,95 @@ def accumulate_patches(
     sums: PatchSums,
 ) -> None:
     """Add each labelled pixel to its patch; the sums are zero at first."""
-    surfaces, labels, planes = scan.surfaces, scan.labels, scan.planes
-    n, plane_normals = np.empty(3), planes.normals
+    (points, normals, planar, normal_variances, deviations), labels, planes, axis, ratio = scan
+    plane_normals, plane_points = planes
+    keyframes, slots, used_pixels = sources
+    key_surfaces, rotations, translations = keyframes
+    n = np.empty(3)
     for k in range(len(labels)):
         patch = labels[k]
         if patch < 0:
             continue
-        p = surfaces.points[k]
+        p = points[k]
         slot, column, m = _NO_SOURCE, TARGET_SOURCE, -1
         on_target = (
             plane_normals[k, 0] != 0.0 or plane_normals[k, 1] != 0.0 or plane_normals[k, 2] != 0.0
         )
-        if on_target:
-            slot = TARGET_SOURCE
-        elif surfaces.planar[k]:
-            slot, column, m = _find_source(scan, k, sources, intrinsics, gates.max_distance)
-        if slot == _NO_SOURCE:
+        if not on_target and planar[k]:
+            for i in range(len(slots)):
+                m = associate(p, normals[k], slots[i], keyframes, intrinsics, gates.max_distance)
+                if m >= 0 and not used_pixels[i, m]:
+                    slot, column = slots[i], i
+                    break
+        if not on_target and slot == _NO_SOURCE:
             continue
         if on_target:
-            e = _target_residual(planes, k, p, n)
+            e = _target_residual(plane_normals, plane_points, k, p, n)
         else:
-            e = _keyframe_residual(scan, k, sources.keyframes, slot, m, n)
-        variance = _point_variance(surfaces.deviations[k], n, scan.optical_axis, scan.lateral_ratio)
+            for i in range(3):
+                n[i] = normals[k, i]
+            e = _keyframe_residual(
+                key_surfaces.points, key_surfaces.normals, rotations, translations, slot, m, p, n
+            )
+        variance = _point_variance(deviations[k], n, axis, ratio)
         normal_variance = 0.0
         if not on_target:
-            keyframes = sources.keyframes
-            deviation = keyframes.surfaces.deviations[slot, m]
-            axis = keyframes.rotations[slot, :, 0]
-            variance += _point_variance(deviation, n, axis, scan.lateral_ratio)
-            normal_variance = 0.25 * (
-                surfaces.normal_variances[k] + keyframes.surfaces.normal_variances[slot, m]
-            )
+            key_axis = rotations[slot, :, 0]
+            variance += _point_variance(key_surfaces.deviations[slot, m], n, key_axis, ratio)
+            normal_variance = 0.25 * (normal_variances[k] + key_surfaces.normal_variances[slot, m])
         variance = max(variance, MIN_VARIANCE) + gates.gate_std * gates.gate_std
         if abs(e) > _GATE_SIGMAS * math.sqrt(variance):
             continue
         if not on_target:
-            sources.used_pixels[column, m] = True
+            used_pixels[column, m] = True
         _add_pixel(sums, patch, column + 1, n, p, e, 1.0 / variance, normal_variance)
 
 
-@kernel
-def _find_source(
-    scan: PatchScan,
-    k: int,
-    sources: PatchSources,
-    intrinsics: PinholeIntrinsics,
-    max_distance: float,
-) -> tuple[int, int, int]:
-    """Slot, index and pixel of the first keyframe with a free pixel for pixel k of a scan."""
-    p, normal = scan.surfaces.points[k], scan.surfaces.normals[k]
-    for i in range(len(sources.slots)):
-        slot = sources.slots[i]
-        m = associate(p, normal, slot, sources.keyframes, intrinsics, max_distance)
-        if m >= 0 and not sources.used_pixels[i, m]:
-            return slot, i, m
-    return _NO_SOURCE, TARGET_SOURCE, -1
-
-
-@kernel
-def _target_residual(planes: PixelPlanes, k: int, p: Array, n: Array) -> float:
-    """Residual of a point on the target's plane, whose normal is written to n."""
+@inlined_kernel
+def _target_residual(
+    plane_normals: Array, plane_points: Array, k: int, p: Array, n: Array
+) -> float:
+    """Residual of a point on a pixel's plane, whose normal is written to n."""
     e = 0.0
     for i in range(3):
-        n[i] = planes.normals[k, i]
-        e += n[i] * (planes.points[k, i] - p[i])
+        n[i] = plane_normals[k, i]
+        e += n[i] * (plane_points[k, i] - p[i])
     return e
 
 
-@kernel
+@inlined_kernel
 def _keyframe_residual(
-    scan: PatchScan, k: int, keyframes: KeyframeArrays, slot: int, m: int, n: Array
+    points: Array,
+    normals: Array,
+    rotations: Array,
+    translations: Array,
+    slot: int,
+    m: int,
+    p: Array,
+    n: Array,
 ) -> float:
-    """Residual of pixel k from pixel m of a keyframe, along the normal that is written to n.
+    """Residual of a point p from pixel m of a keyframe, along the mean of both normals.
 
-    The normals of both scans are noisy: the variance of their mean is half as large.
+    `n` holds the normal at p, and then the mean. The normals of both scans are noisy: the variance
+    of their mean is half as large.
     """
-    (points, normals, _, _, _), R, t = keyframes
-    p = scan.surfaces.points[k]
-    e, length = 0.0, 0.0
+    length = 0.0
     for i in range(3):
-        n[i] = scan.surfaces.normals[k, i]
         for j in range(3):
-            n[i] += R[slot, i, j] * normals[slot, m, j]
+            n[i] += rotations[slot, i, j] * normals[slot, m, j]
         length += n[i] * n[i]
     length = math.sqrt(length)
+    e = 0.0
     for i in range(3):
         n[i] /= length
-        q = t[slot, i]
+        q = translations[slot, i]
         for j in range(3):
-            q += R[slot, i, j] * points[slot, m, j]
+            q += rotations[slot, i, j] * points[slot, m, j]
         e += n[i] * (q - p[i])
     return e
 
 
-@kernel
+@inlined_kernel
 def _point_variance(deviation: float, n: Array, axis: Array, lateral_ratio: float) -> float:
     """Variance (Eq. 1) of a point along n (3,), by its deviation along the optical axis (3,)."""
     along = 0.0
@@ -329,7 +324,7 @@ def _point_variance(deviation: float, n: Array, axis: Array, lateral_ratio: floa
     return deviation**2 * (along + lateral_ratio * lateral_ratio * (1.0 - along))
 
 
-@kernel
+@inlined_kernel
 def _add_pixel(
     sums: PatchSums,
     patch: int,
@@ -341,13 +336,12 @@ def _add_pixel(
     normal_variance: float,
 ) -> None:
     """Add one pixel with weight w to the sums of a patch and source."""
-    information, vector = sums.information[patch, source], sums.vector[patch, source]
-    position = sums.position[patch, source]
+    information, vector, position, weight, normal_variances, n_pixels = sums
     for i in range(3):
         for j in range(3):
-            information[i, j] += w * n[i] * n[j]
-        vector[i] += w * e * n[i]
-        position[i] += w * p[i]
-    sums.weight[patch, source] += w
-    sums.normal_variance[patch, source] += w * normal_variance
-    sums.n_pixels[patch, source] += 1.0
+            information[patch, source, i, j] += w * n[i] * n[j]
+        vector[patch, source, i] += w * e * n[i]
+        position[patch, source, i] += w * p[i]
+    weight[patch, source] += w
+    normal_variances[patch, source] += w * normal_variance
+    n_pixels[patch, source] += 1.0

@@ -19,6 +19,7 @@ from coopmap_env.mapping.line_of_sight import has_line_of_sight
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
+Levels = NDArray[np.int32]
 Shape = tuple[int, int, int]
 
 HALF_DIAGONAL = math.sqrt(3.0) / 2.0
@@ -136,14 +137,14 @@ def select_peaks(
 
     Previous ones come first, in their order, while they are peaks in view; then the best new ones.
     """
-    log_odds = map_.occupancy.log_odds_fixed
+    log_odds, shape, precision = map_.occupancy.log_odds_fixed, map_.occupancy.shape, map_.precision
     cells, positions, covariances, radii, scores = selected
     capacity, count = len(cells), 0
     tolerance = limits.occlusion_tolerance
     for cell in previous:
         if count == capacity or log_odds[cell] < limits.min_log_odds:
             continue
-        if map_.precision[cell, 0, 0] <= 0.0 or not _is_peak(map_, cell, False):
+        if precision[cell, 0, 0] <= 0.0 or not _is_peak(log_odds, precision, shape, cell, False):
             continue
         point = positions[count]
         radius, score = _score_peak(map_, frustum, ball, 0.0, cell, point, covariances[count])
@@ -172,13 +173,14 @@ def _peaks_in_view(
     map_: PeakMap, frustum: Frustum, ball: BallLimits, limits: SelectionLimits
 ) -> tuple[Cells, Array, Array]:
     """Cells of all peaks in view, ascending, hidden or not, their radii and scores."""
-    cells = np.empty(map_.occupancy.log_odds_fixed.size, dtype=np.int64)
+    log_odds, shape, precision = map_.occupancy.log_odds_fixed, map_.occupancy.shape, map_.precision
+    cells = np.empty(log_odds.size, dtype=np.int64)
     n = _hit_voxels(map_, frustum, limits.min_log_odds, cells)
     radii, scores = np.empty(n), np.empty(n)
     point, covariance = np.empty(3), np.empty((3, 3))
     count = 0
     for cell in cells[:n]:
-        if _is_peak(map_, cell, True):
+        if _is_peak(log_odds, precision, shape, cell, True):
             radius, score = _score_peak(
                 map_, frustum, ball, limits.border_fraction, cell, point, covariance
             )
@@ -236,12 +238,12 @@ def _trace(precision: Array, cell: int) -> float:
 
 
 @kernel
-def _is_peak(map_: PeakMap, cell: int, unique: bool) -> bool:
+def _is_peak(levels: Levels, precision: Array, shape: Shape, cell: int, unique: bool) -> bool:
     """Whether no neighbour of 26 is above; with `unique`, none is equal and known better."""
-    levels, _, (nx, ny, nz), _ = map_.occupancy
+    nx, ny, nz = shape
     i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
     level = levels[cell]
-    own_trace = _trace(map_.precision, cell)
+    own_trace = _trace(precision, cell)
     for x in range(max(i - 1, 0), min(i + 2, nx)):
         for y in range(max(j - 1, 0), min(j + 2, ny)):
             for z in range(max(k - 1, 0), min(k + 2, nz)):
@@ -249,7 +251,7 @@ def _is_peak(map_: PeakMap, cell: int, unique: bool) -> bool:
                 if levels[other] > level:
                     return False
                 if unique and levels[other] == level and other != cell:
-                    trace = _trace(map_.precision, other)
+                    trace = _trace(precision, other)
                     if trace > own_trace or (trace == own_trace and other < cell):
                         return False
     return True
@@ -259,6 +261,7 @@ def _is_peak(map_: PeakMap, cell: int, unique: bool) -> bool:
 def _hit_voxels(map_: PeakMap, frustum: Frustum, min_log_odds: int, cells: Cells) -> int:
     """Write the likely voxels with surface points in the frustum, ascending; return how many."""
     levels, _, (nx, ny, nz), _ = map_.occupancy
+    precision = map_.precision
     position, reach = frustum.position, frustum.far + HALF_DIAGONAL
     planes, low, high = np.empty((4, 3)), position.copy(), position.copy()
     _side_planes(frustum, reach, planes, low, high)
@@ -287,7 +290,7 @@ def _hit_voxels(map_: PeakMap, frustum: Frustum, min_log_odds: int, cells: Cells
             last = min(nz - 1, math.floor(top + position[2] - 0.5))
             column = (i * ny + j) * nz
             for cell in range(column + first, column + last + 1):
-                if levels[cell] >= min_log_odds and map_.precision[cell, 0, 0] > 0.0:
+                if levels[cell] >= min_log_odds and precision[cell, 0, 0] > 0.0:
                     cells[count] = cell
                     count += 1
     return count

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.localization.registration.likelihood_field import FieldLevel
 from coopmap_env.localization.registration.views import Beams
 
@@ -239,7 +239,7 @@ def _votes(points: Array, x: float, y: float, yaw: float, field: FieldLevel) -> 
     return total / 255.0
 
 
-@kernel
+@inlined_kernel
 def _reaches_ring(grid: SearchGrid, i: int, j: int, size: int) -> bool:
     """Whether a square of leaves may have one in the ring."""
     corner, step, center = grid.corner, grid.step, grid.center

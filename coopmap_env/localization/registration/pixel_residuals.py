@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.localization.depth_rendering import DepthImage
 from coopmap_env.localization.registration.likelihood_field import DistanceField
@@ -85,50 +85,55 @@ def pixel_residuals(
         Sum of the agreeing pixels' squared residuals over their variances.
     """
     R, t = T_target_base
-    R_camera = view.T_base_camera.rotation
+    points, hit, ranges, min_ranges, (R_camera, t_camera) = view
+    depth, triangle_index = image
+    normals, plane_points = planes
     floor, gate, margin, max_residual = thresholds
-    p, d, axis = np.empty(3), np.empty(3), np.empty(3)
+    verdicts, H, b = evidence
+    p, d, axis, camera, J = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(6)
     chi2 = 0.0
     for i in range(3):
+        camera[i] = R[i, 0] * t_camera[0] + R[i, 1] * t_camera[1] + R[i, 2] * t_camera[2] + t[i]
         axis[i] = R[i, 0] * R_camera[0, 0] + R[i, 1] * R_camera[1, 0] + R[i, 2] * R_camera[2, 0]
-    for k in range(len(view.points)):
-        evidence.verdicts[k] = UNDECIDED
-        m = image.triangle_index[k]
+    for k in range(len(points)):
+        verdicts[k] = UNDECIDED
+        m = triangle_index[k]
         if m < 0:
             continue
-        length = view.ranges[k]
+        length = ranges[k]
         if length == 0.0:
-            evidence.verdicts[k] = OCCLUDED
+            verdicts[k] = OCCLUDED
             continue
-        _transform(view.T_base_camera, view.points, k, d)
+        _transform(R_camera, t_camera, points, k, d)
         r, along = 0.0, 0.0
         for i in range(3):
             p[i] = R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2]  # T p - t
-            r += planes.normals[m, i] * (p[i] + t[i] - planes.points[m, i])
-            along += planes.normals[m, i] * axis[i]
+            r += normals[m, i] * (p[i] + t[i] - plane_points[m, i])
+            along += normals[m, i] * axis[i]
         # points lie on their rays: range and depth grow alike
-        surface = image.depth[k] * length / view.points[k, 0]
+        surface = depth[k] * length / points[k, 0]
         variance = _variance(noise, length, along) + floor * floor
         near = abs(length - surface) < max_residual and r * r < gate * gate * variance
-        if view.hit[k] and near:
-            evidence.verdicts[k] = AGREES
+        if hit[k] and near:
+            verdicts[k] = AGREES
             chi2 += r * r / variance
             # where the ray meets the surface, not where noise puts the point
-            _mark_patch(patches, p, T_target_base, view.T_base_camera, surface / length)
-            _add_residual(evidence, p, planes.normals, m, r, variance)
+            for i in range(3):
+                d[i] = camera[i] + surface / length * (p[i] + t[i] - camera[i]) - patches.origin[i]
+            _mark_patch(patches.seen, d, patches.size)
+            _add_residual(H, b, J, p, normals[m], r, variance)
             continue
         tolerance = margin + 3.0 * noise.intrinsic * noise.depth * surface**noise.exponent
-        if length < surface - tolerance or (not view.hit[k] and length < surface + tolerance):
-            evidence.verdicts[k] = OCCLUDED  # or the ray was not followed as far
-        elif view.min_ranges[k] > surface + tolerance:
-            evidence.verdicts[k] = SEEN_THROUGH
+        if length < surface - tolerance or (not hit[k] and length < surface + tolerance):
+            verdicts[k] = OCCLUDED  # or the ray was not followed as far
+        elif min_ranges[k] > surface + tolerance:
+            verdicts[k] = SEEN_THROUGH
     return chi2
 
 
-@kernel
-def _transform(T: RigidTransform, points: Array, index: int, out: Array) -> None:
-    """Write T p of one of the points (n, 3)."""
-    R, t = T
+@inlined_kernel
+def _transform(R: Array, t: Array, points: Array, index: int, out: Array) -> None:
+    """Write R p + t of one of the points (n, 3)."""
     for i in range(3):
         out[i] = (
             R[i, 0] * points[index, 0]
@@ -138,7 +143,7 @@ def _transform(T: RigidTransform, points: Array, index: int, out: Array) -> None
         )
 
 
-@kernel
+@inlined_kernel
 def _variance(noise: NoiseParameters, length: float, along: float) -> float:
     """Variance (Eq. 1) of a point along a normal with the cosine `along` to the optical axis."""
     scale = noise.intrinsic * length**noise.exponent
@@ -152,40 +157,30 @@ def _variance(noise: NoiseParameters, length: float, along: float) -> float:
     )
 
 
-@kernel
-def _mark_patch(
-    patches: SurfacePatches,
-    p: Array,
-    T: RigidTransform,
-    T_base_camera: RigidTransform,
-    scale: float,
-) -> None:
-    """Mark the cell in which the ray to T p, scaled from the camera on, ends; `p` is T p - t."""
-    R, t = T
-    t_camera = T_base_camera.translation
-    cell = [0, 0, 0]
-    for i in range(3):
-        camera = R[i, 0] * t_camera[0] + R[i, 1] * t_camera[1] + R[i, 2] * t_camera[2] + t[i]
-        at = camera + scale * (p[i] + t[i] - camera) - patches.origin[i]
-        cell[i] = min(max(int(at / patches.size), 0), patches.seen.shape[i] - 1)
-    patches.seen[cell[0], cell[1], cell[2]] = True
+@inlined_kernel
+def _mark_patch(seen: NDArray[np.bool_], at: Array, size: float) -> None:
+    """Mark the cell (nx, ny, nz) at a position (3,) from the first cell's corner."""
+    nx, ny, nz = seen.shape
+    x = min(max(int(at[0] / size), 0), nx - 1)
+    y = min(max(int(at[1] / size), 0), ny - 1)
+    z = min(max(int(at[2] / size), 0), nz - 1)
+    seen[x, y, z] = True
 
 
-@kernel
+@inlined_kernel
 def _add_residual(
-    evidence: ViewEvidence, p: Array, normals: Array, m: int, r: float, variance: float
+    H: Array, b: Array, J: Array, p: Array, normal: Array, r: float, variance: float
 ) -> None:
-    """Add one residual to the normal equations."""
-    J = np.empty(6)
+    """Add one residual to the normal equations; J (6,) is overwritten by its derivative."""
     for i in range(3):
-        J[i] = normals[m, i]
-    J[3] = p[1] * normals[m, 2] - p[2] * normals[m, 1]
-    J[4] = p[2] * normals[m, 0] - p[0] * normals[m, 2]
-    J[5] = p[0] * normals[m, 1] - p[1] * normals[m, 0]
+        J[i] = normal[i]
+    J[3] = p[1] * normal[2] - p[2] * normal[1]
+    J[4] = p[2] * normal[0] - p[0] * normal[2]
+    J[5] = p[0] * normal[1] - p[1] * normal[0]
     for i in range(6):
-        evidence.b[i] -= J[i] * r / variance
+        b[i] -= J[i] * r / variance
         for j in range(6):
-            evidence.H[i, j] += J[i] * J[j] / variance
+            H[i, j] += J[i] * J[j] / variance
 
 
 @kernel
@@ -205,12 +200,13 @@ def count_off_surface(
     """
     R, t = T_target_base
     d, q = np.empty(3), np.empty(3)
-    points, origin, cell = view.points, field.origin, field.cell
+    points, hit, _, _, (R_camera, t_camera) = view
+    distances, origin, cell = field
     count = 0
     for k in range(len(points)):
-        if not view.hit[k]:
+        if not hit[k]:
             continue
-        _transform(view.T_base_camera, points, k, d)
+        _transform(R_camera, t_camera, points, k, d)
         inside = True
         for i in range(3):
             q[i] = R[i, 0] * d[0] + R[i, 1] * d[1] + R[i, 2] * d[2] + t[i]
@@ -222,6 +218,6 @@ def count_off_surface(
         z = int((q[2] - origin[2]) / cell)
         square = points[k, 0] ** 2 + points[k, 1] ** 2 + points[k, 2] ** 2
         sigma = noise.intrinsic * noise.depth * square ** (0.5 * noise.exponent)
-        if field.distances[x, y, z] > tolerance + 3.0 * sigma:
+        if distances[x, y, z] > tolerance + 3.0 * sigma:
             count += 1
     return count
