@@ -1,6 +1,7 @@
-"""What the world answers: scenes, and simulators that look at them."""
+"""True worlds: the scenes that make them, and the simulators that move robots and scan in them."""
 
+from coopmap_env.simulation.field import FieldSimulator, Physics
 from coopmap_env.simulation.planar import PlanarSimulator
-from coopmap_env.simulation.simulator import Simulator
+from coopmap_env.simulation.simulator import MoveResult, Simulator
 
-__all__ = ["PlanarSimulator", "Simulator"]
+__all__ = ["FieldSimulator", "MoveResult", "Physics", "PlanarSimulator", "Simulator"]

@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.arguments import check_choice
 from coopmap_env.geometry import Pose
-from coopmap_env.robots import Chain, Mount
-from coopmap_env.robots.kinematics.forward import frame_poses
+from coopmap_env.robots import Chain, Mount, frame_poses
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.depth.renderer import DepthRenderer, simulate_point_cloud
-from coopmap_env.simulation.depth.traced_mesh import TracedMesh
-from coopmap_env.simulation.physics.kinematic import move_kinematically
-from coopmap_env.simulation.physics.stepped import SteppingSettings, move_stepped
-from coopmap_env.simulation.physics.world import BulletWorld
+from coopmap_env.simulation.depth import DepthRenderer, TracedMesh, simulate_point_cloud
+from coopmap_env.simulation.physics import (
+    BulletWorld,
+    SteppingSettings,
+    move_kinematically,
+    move_stepped,
+)
 from coopmap_env.simulation.scenes.field import FieldWorld
 from coopmap_env.simulation.simulator import MoveResult
 

@@ -11,8 +11,7 @@ from coopmap_env.envs import InvalidActionError
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.information import ViewContext
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.simulation.scenes.field import FieldWorld, Worksite
-from coopmap_env.simulation.scenes.field.solid import box_corners, solid_from_boxes
+from coopmap_env.simulation.scenes.field import FieldWorld, Worksite, box_corners, solid_from_boxes
 
 pytest.importorskip("pybullet")
 

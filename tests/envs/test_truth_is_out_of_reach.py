@@ -5,8 +5,7 @@ import pytest
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.field import FieldSimulator
+from coopmap_env.simulation import FieldSimulator, PlanarSimulator
 from coopmap_env.simulation.scenes.field import FieldWorld, Solid
 from coopmap_env.simulation.scenes.planar import PlanarWorld
 

@@ -31,7 +31,7 @@ def test_a_box_with_a_lug_on_one_side_has_but_the_identity():
 
 
 def test_the_worksites_panel_has_but_the_identity():
-    from coopmap_env.simulation.scenes.field.worksite import target_solids
+    from coopmap_env.simulation.scenes.field import target_solids
 
     assert degrees(TargetModel(target_solids()[0].triangles)) == [0]
 

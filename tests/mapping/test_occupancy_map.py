@@ -19,7 +19,7 @@ from coopmap_env.mapping import (
 )
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.scenes.planar.world import PlanarWorld
+from coopmap_env.simulation.scenes.planar import PlanarWorld
 
 GRIDS = [
     pytest.param(VoxelGrid((14, 11), 0.5, (-2.0, 1.0)), id="2-D"),

@@ -36,7 +36,7 @@ class CorrectionTeam:
 
     def __init__(self, world, targets=(), seed=0, **settings):
         # imported here: tests that use this are skipped without the extra
-        from coopmap_env.simulation.field import FieldSimulator
+        from coopmap_env.simulation import FieldSimulator
 
         self._simulator, self.simulator = FieldSimulator, None
         self.seed, self.rng = seed, np.random.default_rng([seed, 1])

@@ -4,13 +4,13 @@ import numpy as np
 
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.scenes.field import FieldWorld
 from coopmap_env.simulation.scenes.field.solid import (
     box_corners,
     ground_slab,
     solid_from_boxes,
     solid_from_hull,
 )
-from coopmap_env.simulation.scenes.field.world import FieldWorld
 
 GRID = VoxelGrid((128, 128, 40), 0.1, (-6.4, -6.4, -0.35))
 

@@ -17,15 +17,13 @@ from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
 from coopmap_env.geometry import random_rotation
 from coopmap_env.geometry.transforms import Pose
-from coopmap_env.robots.mount import make_mount
-from coopmap_env.robots.suspension import Suspension
+from coopmap_env.robots import Suspension, make_mount
 from coopmap_env.sensing import DepthCamera
+from coopmap_env.simulation.physics import SteppingSettings, move_kinematically, move_stepped
 from coopmap_env.simulation.physics.client import BulletClient, quaternion_from_matrix
 from coopmap_env.simulation.physics.joint_map import JointMap
-from coopmap_env.simulation.physics.kinematic import move_kinematically
-from coopmap_env.simulation.physics.stepped import SteppingSettings, move_stepped
 from coopmap_env.simulation.physics.world import OWN_BODY, BulletWorld
-from coopmap_env.simulation.scenes.field.solid import Solid
+from coopmap_env.simulation.scenes.field import Solid
 
 pybullet = pytest.importorskip("pybullet")
 

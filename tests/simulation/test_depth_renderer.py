@@ -14,8 +14,7 @@ from coopmap_env.sensing import DepthCamera
 
 pytest.importorskip("embreex")
 
-from coopmap_env.simulation.depth.renderer import DepthRenderer
-from coopmap_env.simulation.depth.traced_mesh import TracedMesh
+from coopmap_env.simulation.depth import DepthRenderer, TracedMesh
 
 NOTHING = np.empty((0, 3, 3))
 CAMERA = DepthCamera()

@@ -8,7 +8,7 @@ import pytest
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera, RangeNoise, transform_cloud
-from coopmap_env.simulation.depth.renderer import simulate_point_cloud
+from coopmap_env.simulation.depth import simulate_point_cloud
 
 EXACT = RangeNoise(intrinsic=0.0)
 SMALL = DepthCamera(width=4, height=3)

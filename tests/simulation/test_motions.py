@@ -7,13 +7,15 @@ import pytest
 from plain.crane import crane
 from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
-from coopmap_env.robots.mount import make_mount
-from coopmap_env.robots.suspension import Suspension
-from coopmap_env.simulation.physics.kinematic import move_kinematically
+from coopmap_env.robots import Suspension, make_mount
+from coopmap_env.simulation.physics import (
+    BulletWorld,
+    SteppingSettings,
+    move_kinematically,
+    move_stepped,
+)
 from coopmap_env.simulation.physics.path import FREE_CLEARANCE
-from coopmap_env.simulation.physics.stepped import SteppingSettings, move_stepped
 from coopmap_env.simulation.physics.trajectory import trapezoidal_profile
-from coopmap_env.simulation.physics.world import BulletWorld
 
 pytest.importorskip("pybullet")
 OUT = np.array([0.0, 0.8, 0.9, 0.0, 0.0])

@@ -7,7 +7,7 @@ import pytest
 
 from coopmap_env.sensing import PlanarCamera, RangeNoise, rotate_covariances
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.simulation.scenes.planar.world import PlanarWorld
+from coopmap_env.simulation.scenes.planar import PlanarWorld
 
 EXACT = RangeNoise(intrinsic=0.0)
 

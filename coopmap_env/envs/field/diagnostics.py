@@ -13,7 +13,7 @@ from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.starts import initial_free_voxels
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.robots import Mount, Vehicle
-from coopmap_env.simulation.field import FieldSimulator
+from coopmap_env.simulation import FieldSimulator
 from coopmap_env.simulation.scenes.field import FieldWorld
 
 

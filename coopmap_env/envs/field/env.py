@@ -30,7 +30,7 @@ from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.rendering import overview_camera, render_field, robot_triangles, scene_meshes
 from coopmap_env.robots import Mount, make_mount
-from coopmap_env.simulation.field import FieldSimulator
+from coopmap_env.simulation import FieldSimulator
 from coopmap_env.simulation.scenes.field import FieldScene, FieldWorld, UserScene, make_field_scene
 
 
@@ -273,7 +273,7 @@ class FieldTeamEnv(TeamEnv):
 
     Stable-Baselines3 takes the smallest side of an image for its channels. With two robots and
     more, the layers of all maps together are more than the sides: give it the parallel environment
-    through `coopmap_agents.sb3.vec_env.SharedPolicyVecEnv`, or a smaller `crop_cells[1]`.
+    through `coopmap_agents.sb3.SharedPolicyVecEnv`, or a smaller `crop_cells[1]`.
     """
 
     metadata = FieldEnv.metadata

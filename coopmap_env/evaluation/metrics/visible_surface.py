@@ -25,7 +25,7 @@ from coopmap_env.geometry import RigidTransform
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import CollisionChecker, CollisionSettings, Vehicle
 from coopmap_env.sensing import DepthCamera
-from coopmap_env.simulation.depth.traced_mesh import TracedMesh
+from coopmap_env.simulation.depth import TracedMesh
 from coopmap_env.simulation.scenes.field import FieldWorld
 
 N_POSES = 1600

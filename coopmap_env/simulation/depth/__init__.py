@@ -1,1 +1,6 @@
-"""Depth images by ray tracing (Embree)."""
+"""Depth images of the truth: rays through triangles, by Embree."""
+
+from coopmap_env.simulation.depth.renderer import DepthRenderer, simulate_point_cloud
+from coopmap_env.simulation.depth.traced_mesh import TracedMesh
+
+__all__ = ["DepthRenderer", "TracedMesh", "simulate_point_cloud"]

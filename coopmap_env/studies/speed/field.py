@@ -20,8 +20,8 @@ from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.evaluation import make_policy, rollout
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.sensing import Scan, transform_cloud
-from coopmap_env.simulation.depth.renderer import DepthRenderer, simulate_point_cloud
-from coopmap_env.simulation.physics.world import BulletWorld
+from coopmap_env.simulation.depth import DepthRenderer, simulate_point_cloud
+from coopmap_env.simulation.physics import BulletWorld
 from coopmap_env.studies.field.octomap_comparison import fuse_octomap
 from coopmap_env.studies.speed.common import resident_memory_mb, step_profile
 

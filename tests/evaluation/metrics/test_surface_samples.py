@@ -7,9 +7,13 @@ from coopmap_env.evaluation.metrics.surface_samples import clip_triangles, sampl
 from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.simulation.scenes.field import FieldWorld, Solid
-from coopmap_env.simulation.scenes.field.solid import box_corners, solid_from_boxes
-from coopmap_env.simulation.scenes.field.world import make_ground
+from coopmap_env.simulation.scenes.field import (
+    FieldWorld,
+    Solid,
+    box_corners,
+    make_ground,
+    solid_from_boxes,
+)
 
 GRID = VoxelGrid((40, 40, 20), 0.1, (-2.0, -2.0, -0.35))
 BASE = Pose(np.array([1.5, 0.0, 0.0]), np.eye(3))

@@ -12,7 +12,7 @@ from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
-from coopmap_env.simulation.depth.traced_mesh import TracedMesh
+from coopmap_env.simulation.depth import TracedMesh
 from coopmap_env.simulation.scenes.field import FIELD_GRID
 
 pytest.importorskip("embreex")

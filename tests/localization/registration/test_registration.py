@@ -23,7 +23,7 @@ from coopmap_env.localization.registration.views import ViewBatch
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.scenes.field.worksite import target_solids
+from coopmap_env.simulation.scenes.field import target_solids
 
 CAMERA, NOISE = DepthCamera(), RangeNoise()
 GROUND = box((40, 40, 1), (0, 0, -0.5))

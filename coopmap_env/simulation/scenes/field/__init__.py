@@ -17,7 +17,12 @@ from coopmap_env.simulation.scenes.factory import make_scene
 from coopmap_env.simulation.scenes.field.base_poses import BasePlacement
 from coopmap_env.simulation.scenes.field.clutter import Clutter
 from coopmap_env.simulation.scenes.field.rubble import Rubble
-from coopmap_env.simulation.scenes.field.solid import Solid
+from coopmap_env.simulation.scenes.field.solid import (
+    Solid,
+    box_corners,
+    solid_from_boxes,
+    solid_from_hull,
+)
 from coopmap_env.simulation.scenes.field.user_file import read_user_scene
 from coopmap_env.simulation.scenes.field.user_scene import UserScene
 from coopmap_env.simulation.scenes.field.worksite import Worksite, target_solids
@@ -26,6 +31,7 @@ from coopmap_env.simulation.scenes.field.world import (
     FIELD_GRID,
     FieldScene,
     FieldWorld,
+    make_ground,
 )
 
 __all__ = [
@@ -39,8 +45,12 @@ __all__ = [
     "Solid",
     "UserScene",
     "Worksite",
+    "box_corners",
     "make_field_scene",
+    "make_ground",
     "read_user_scene",
+    "solid_from_boxes",
+    "solid_from_hull",
     "target_solids",
 ]
 

@@ -22,7 +22,9 @@ from coopmap_env.simulation.scenes.field import (
     FieldWorld,
     Rubble,
     Worksite,
+    box_corners,
     make_field_scene,
+    solid_from_boxes,
     target_solids,
 )
 from coopmap_env.simulation.scenes.field.base_poses import (
@@ -31,7 +33,6 @@ from coopmap_env.simulation.scenes.field.base_poses import (
     visible_target_fraction,
 )
 from coopmap_env.simulation.scenes.field.layout import SceneLayout
-from coopmap_env.simulation.scenes.field.solid import box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.solid_queries import distance_to_axis
 from coopmap_env.simulation.scenes.field.voxel_truth import is_closed
 
