@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from coopmap_env.core.settings import PositiveInt, Settings
+
 EnvKwargs = Mapping[str, Any]
 """Arguments of an environment's constructor, as JSON values."""
 
@@ -112,16 +114,16 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class BenchmarkSize:
+class BenchmarkSize(Settings):
     """Numbers of worlds."""
 
-    planar: int
+    planar: PositiveInt
     """Worlds of the main condition in the planar environment."""
-    field: int
+    field: PositiveInt
     """Worlds of the main condition in the field environment."""
-    generalization_planar: int
+    generalization_planar: PositiveInt
     """Worlds of each condition that differs from the training."""
-    generalization_field: int
+    generalization_field: PositiveInt
 
 
 FULL = BenchmarkSize(100, 100, 100, 20)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.settings import PositiveInt, Settings
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, Policy, compare, make_policy, rollout
 from coopmap_env.evaluation.replay import Replay, record_replay
@@ -29,10 +30,10 @@ RECORDED_SEED = 0
 
 
 @dataclass(frozen=True)
-class FieldSize:
+class FieldSize(Settings):
     """Number of worlds, and the policies."""
 
-    worlds: int
+    worlds: PositiveInt
     policies: tuple[str, ...]
 
 

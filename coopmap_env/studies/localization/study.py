@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.settings import settings_to_dict
+from coopmap_env.core.settings import PositiveInt, Settings, settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.evaluation import (
@@ -39,12 +39,12 @@ SCENE = "worksite"
 
 
 @dataclass(frozen=True)
-class LocalizationSize:
+class LocalizationSize(Settings):
     """Numbers of worlds and draws."""
 
-    search_worlds: int
-    map_worlds: int
-    n_draws: int
+    search_worlds: PositiveInt
+    map_worlds: PositiveInt
+    n_draws: PositiveInt
     """Random draws of the comparison of pose estimators."""
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from coopmap_env.core.settings import PositiveInt, Settings
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, compare, make_policy
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
@@ -54,18 +55,18 @@ FIGURE_7_SCANS_EACH = 200
 
 
 @dataclass(frozen=True)
-class Section3Size:
+class Section3Size(Settings):
     """Numbers of worlds and values that the study runs."""
 
-    worlds: int
+    worlds: PositiveInt
     """Test worlds of Table 1 and Figure 8."""
-    sweep_worlds: int
+    sweep_worlds: PositiveInt
     """Worlds of the sensitivity to K and of the two interpretations of Eq. 8a."""
     k_sweep: tuple[float, ...]
     """Values of K, nats per cell of motion."""
-    house_runs: int
+    house_runs: PositiveInt
     """Start poses in the house."""
-    calibration_worlds: int
+    calibration_worlds: PositiveInt
     """Test worlds on which the map's calibration is scored."""
 
 
