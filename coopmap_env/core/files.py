@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import uuid
 from collections.abc import Iterator, Mapping
@@ -54,3 +55,16 @@ def read_yaml_mapping(path: Path, error_type: type[ValueError]) -> Mapping[str, 
     if not isinstance(content, Mapping):
         raise error_type(f"{path}: expected a YAML mapping of fields, not {content!r:.80}")
     return content
+
+
+def read_yaml_number(value: object) -> float:
+    """A YAML scalar as a number, NaN if it is none.
+
+    ``5e-2`` is a string to PyYAML (YAML 1.1 wants ``5.0e-2``) and a number to most other readers.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return math.nan
+    try:
+        return float(value)
+    except (ValueError, OverflowError):
+        return math.nan

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.core.files import read_yaml_mapping
+from coopmap_env.core.files import read_yaml_mapping, read_yaml_number
 from coopmap_env.mapping.files.base import MapFileError
 
 MODES = ("trinary", "scale", "raw")
@@ -129,14 +129,14 @@ class _Fields:
         return name
 
     def resolution(self) -> float:
-        metres = _number(self.value("resolution"))
+        metres = read_yaml_number(self.value("resolution"))
         if not 0.0 < metres < math.inf:
             raise self.error("resolution", "a finite number of metres above 0")
         return metres
 
     def origin(self) -> tuple[float, float]:
         values = self.value("origin")
-        numbers = [_number(value) for value in values] if isinstance(values, list) else []
+        numbers = [read_yaml_number(value) for value in values] if isinstance(values, list) else []
         if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
             raise self.error("origin", "three finite numbers [x, y, yaw]")
         if numbers[2] != 0.0:
@@ -144,7 +144,7 @@ class _Fields:
         return numbers[0], numbers[1]
 
     def threshold(self, field: str) -> float:
-        probability = _number(self.value(field))
+        probability = read_yaml_number(self.value(field))
         if not 0.0 <= probability <= 1.0:
             raise self.error(field, "a number in [0, 1]")
         return probability
@@ -162,19 +162,6 @@ class _Fields:
         if mode not in MODES:
             raise self.error("mode", f"one of {', '.join(MODES)}")
         return str(mode)
-
-
-def _number(value: object) -> float:
-    """A YAML scalar as a number, NaN if it is none.
-
-    ``5e-2`` is a string to PyYAML (YAML 1.1 wants ``5.0e-2``) and a number to map_server.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return math.nan
-    try:
-        return float(value)
-    except (ValueError, OverflowError):
-        return math.nan
 
 
 def _read_image(path: Path, image: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.files import read_yaml_mapping
+from coopmap_env.core.files import read_yaml_mapping, read_yaml_number
 from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.factory import SceneError
@@ -59,12 +59,12 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
     """
     path = Path(path)
     top = _Fields(str(path), read_yaml_mapping(path, SceneError))
-    top.only("grid", "ground", "objects", "bases")
+    top.check_keys("grid", "ground", "objects", "bases")
     grid = _grid(top)
     entries = top.content.get("objects")
     if not isinstance(entries, list) or not entries:
-        raise top.wrong("objects", "a list of at least one object")
-    solids = [make_ground(grid)] if top.flag("ground", True) else []
+        raise top.error("objects", "a list of at least one object")
+    solids = [make_ground(grid)] if top.boolean("ground", True) else []
     for k, entry in enumerate(entries):
         where = f"{path}: objects[{k}]"
         if not isinstance(entry, Mapping):
@@ -90,87 +90,81 @@ class _Fields:
     where: str
     content: Mapping[str, Any]
 
-    def only(self, *known: str) -> None:
+    def check_keys(self, *known: str) -> None:
+        """Raise SceneError if there is another field than these."""
         unknown = [key for key in self.content if key not in known]
         if unknown:
             raise SceneError(
                 f"{self.where}: unknown field {unknown[0]!r}, expected {', '.join(known)}"
             )
 
-    def wrong(self, field: str, expected: str) -> SceneError:
+    def error(self, field: str, expected: str) -> SceneError:
+        """The error that a field is missing or not as expected."""
         if field not in self.content:
             return SceneError(f"{self.where}: {field} is missing, expected {expected}")
         value = self.content[field]
         return SceneError(f"{self.where}: {field} must be {expected}, not {value!r:.80}")
 
-    def flag(self, field: str, default: bool) -> bool:
+    def boolean(self, field: str, default: bool) -> bool:
+        """Read true or false."""
         value = self.content.get(field, default)
         if not isinstance(value, bool):
-            raise self.wrong(field, "true or false")
+            raise self.error(field, "true or false")
         return value
 
-    def text(self, field: str, default: str | None = None) -> str:
+    def string(self, field: str, default: str | None = None) -> str:
+        """Read text that is not empty."""
         value = self.content.get(field, default)
         if not isinstance(value, str) or not value or "\0" in value:
-            raise self.wrong(field, "text")
+            raise self.error(field, "text")
         return value
 
-    def three(self, field: str, default: float | None = None, least: float = -math.inf) -> Any:
-        """Read three finite numbers above `least`, (3,)."""
+    def vector(self, field: str, default: float | None = None, above: float = -math.inf) -> Any:
+        """Read three finite numbers above `above`, (3,)."""
         if field not in self.content and default is not None:
             return np.full(3, default)
         values = self.content.get(field)
-        numbers = [_number(value) for value in values] if isinstance(values, list) else []
-        if len(numbers) != 3 or not all(map(math.isfinite, numbers)) or min(numbers) <= least:
-            above = "" if least == -math.inf else f" above {least:g}"
-            raise self.wrong(field, f"three finite numbers{above}")
+        numbers = [read_yaml_number(value) for value in values] if isinstance(values, list) else []
+        if len(numbers) != 3 or not all(map(math.isfinite, numbers)) or min(numbers) <= above:
+            bound = "" if above == -math.inf else f" above {above:g}"
+            raise self.error(field, f"three finite numbers{bound}")
         return np.array(numbers)
-
-
-def _number(value: object) -> float:
-    """Read a YAML scalar as a number, NaN if it is none (``1e-2`` is a string to PyYAML)."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return math.nan
-    try:
-        return float(value)
-    except (ValueError, OverflowError):
-        return math.nan
 
 
 def _grid(top: _Fields) -> VoxelGrid:
     if "grid" not in top.content:
         return FIELD_GRID
     if not isinstance(top.content["grid"], Mapping):
-        raise top.wrong("grid", "a mapping of shape, resolution and origin")
+        raise top.error("grid", "a mapping of shape, resolution and origin")
     fields = _Fields(f"{top.where}: grid", top.content["grid"])
-    fields.only("shape", "resolution", "origin")
-    shape = fields.three("shape", least=0.0)
+    fields.check_keys("shape", "resolution", "origin")
+    shape = fields.vector("shape", above=0.0)
     if (shape % 1.0).any():
-        raise fields.wrong("shape", "three integers")
-    resolution = _number(fields.content.get("resolution", FIELD_GRID.resolution))
+        raise fields.error("shape", "three integers")
+    resolution = read_yaml_number(fields.content.get("resolution", FIELD_GRID.resolution))
     if not 0.0 < resolution < math.inf:
-        raise fields.wrong("resolution", "a finite number of metres above 0")
+        raise fields.error("resolution", "a finite number of metres above 0")
     nx, ny, nz = (int(n) for n in shape)
-    x, y, z = (float(metres) for metres in fields.three("origin"))
+    x, y, z = (float(metres) for metres in fields.vector("origin"))
     return VoxelGrid((nx, ny, nz), resolution, (x, y, z))
 
 
 def _solid(fields: _Fields, folder: Path, name: str) -> Solid:
     """Make the solid of an entry."""
-    fields.only(*_OBJECT)
+    fields.check_keys(*_OBJECT)
     kinds = [kind for kind in _KINDS if kind in fields.content]
     if len(kinds) != 1:
         raise SceneError(
             f"{fields.where}: expected one of {', '.join(_KINDS)}, not {kinds or 'none'}"
         )
-    name, is_target = fields.text("name", name), fields.flag("target", False)
-    position = fields.three("position", default=0.0)
-    rotation = rotation_from_rpy(*np.radians(fields.three("rpy", default=0.0)))
+    name, is_target = fields.string("name", name), fields.boolean("target", False)
+    position = fields.vector("position", default=0.0)
+    rotation = rotation_from_rpy(*np.radians(fields.vector("rpy", default=0.0)))
     scale = _scale(fields)
     if kinds == ["box"]:
-        corners = box_corners(fields.three("box", least=0.0) * scale, position, rotation)
+        corners = box_corners(fields.vector("box", above=0.0) * scale, position, rotation)
         return solid_from_boxes(name, [corners], is_target=is_target)
-    file = folder / fields.text(kinds[0])
+    file = folder / fields.string(kinds[0])
     try:
         shape: MeshShape = read_mesh(file) if kinds == ["mesh"] else read_urdf(file)
         return Solid(
@@ -188,10 +182,10 @@ def _solid(fields: _Fields, folder: Path, name: str) -> Solid:
 def _scale(fields: _Fields) -> Any:
     """Factors (3,)."""
     if isinstance(fields.content.get("scale"), list):
-        return fields.three("scale", least=0.0)
-    scale = _number(fields.content.get("scale", 1.0))
+        return fields.vector("scale", above=0.0)
+    scale = read_yaml_number(fields.content.get("scale", 1.0))
     if not 0.0 < scale < math.inf:
-        raise fields.wrong("scale", "a finite number above 0, or three")
+        raise fields.error("scale", "a finite number above 0, or three")
     return np.full(3, scale)
 
 
@@ -199,9 +193,9 @@ def _bases(top: _Fields) -> tuple[tuple[float, float, float], ...]:
     """Read x, y and yaw (radians) of each base."""
     entries = top.content.get("bases", [])
     if not isinstance(entries, list):
-        raise top.wrong("bases", "a list of [x, y, yaw in degrees]")
+        raise top.error("bases", "a list of [x, y, yaw in degrees]")
     bases = []
     for k, entry in enumerate(entries):
-        x, y, yaw = _Fields(top.where, {f"bases[{k}]": entry}).three(f"bases[{k}]")
+        x, y, yaw = _Fields(top.where, {f"bases[{k}]": entry}).vector(f"bases[{k}]")
         bases.append((float(x), float(y), math.radians(yaw)))
     return tuple(bases)
