@@ -9,7 +9,7 @@ from coopmap_env.mapping import OccupancyMap
 
 
 def adjacent_to_unknown(map_: OccupancyMap) -> NDArray[np.bool_]:
-    """Which cells have a never-sampled face neighbour inside the grid, flat, shape (n_cells,)."""
+    """Which cells have a never-sampled face neighbor inside the grid, flat, shape (n_cells,)."""
     unknown = ~map_.sampled
     beside = np.zeros_like(unknown)
     for axis in range(unknown.ndim):

@@ -1,4 +1,4 @@
-"""What both rating functions share: motion distance (Eq. 5), rating (Eq. 9), and their arguments.
+"""Common to both rating functions: motion distance (Eq. 5), rating (Eq. 9), and arguments.
 
 `RatingFunction` and `FieldRatingFunction` have the same methods. Each takes a map, camera poses and
 a `ViewContext`: planar poses are the ids of a `PoseLattice`, field poses are `CameraPoses`.
@@ -36,7 +36,7 @@ class ViewContext:
 
 
 WHOLE_VIEW = ViewContext()
-"""Nothing is reserved, no robot stands in the view, full resolution."""
+"""Nothing is reserved, no robot is in view, full resolution."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Ratings:
 def joint_distance(q: ArrayLike, current: ArrayLike, alpha: ArrayLike) -> NDArray[np.float64]:
     """Eq. 5 of a mount: d = sqrt(sum of alpha_i (q_i - q'_i)^2), shape (...,).
 
-    Angles are not wrapped: a joint with limits cannot turn the other way round.
+    Angles are not wrapped: a joint with limits cannot turn in the other direction.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """Where cameras can stand: the poses of a planar lattice, and articulated mounts on vehicles."""
 
 from coopmap_env.robots.collision.checker import CollisionChecker, CollisionSettings, Contact
-from coopmap_env.robots.collision.clearance import VoxelStates, are_spheres_free
 from coopmap_env.robots.collision.planning import plan_path
 from coopmap_env.robots.collision.self_filter import filter_robot_points
+from coopmap_env.robots.collision.voxel_states import VoxelStates, are_spheres_free
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import (
     CollisionSpheres,

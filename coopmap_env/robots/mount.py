@@ -46,7 +46,7 @@ class Mount:
     alpha: tuple[float, ...] | float = 1.0
     """Weights of squared joint motions in Eq. 5: per rad^2, or per m^2 of a prismatic joint."""
     package_dirs: tuple[str, ...] = ()
-    """Folders in which ``package://`` meshes are looked up."""
+    """Folders in which ``package://`` meshes are searched."""
 
     def __post_init__(self) -> None:
         n = len(self.joints)

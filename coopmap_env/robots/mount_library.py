@@ -59,7 +59,7 @@ def mount_from_urdf(
     fixed_joints : mapping of str to float, optional
         Values of joints that are not to move, such as a folded arm; 0 if not given.
     package_dirs : sequence of str, optional
-        Folders in which ``package://`` meshes are looked up.
+        Folders in which ``package://`` meshes are searched.
     **settings
         Other fields of `Mount`: `T_link_camera`, `encoder_noise`, `calibration_error`, `alpha`.
 

@@ -28,7 +28,7 @@ class PoseEstimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Vehicle:
-    """A mount on a vehicle that stands still.
+    """A mount on a stationary vehicle.
 
     Poses follow from the joints alone: the robot does not measure its suspension and assumes it at
     rest, as at home.
@@ -56,7 +56,7 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         if self.T_world_base.translation.shape != (3,):
-            raise ValueError(f"a vehicle stands at a pose in space, got {self.T_world_base}")
+            raise ValueError(f"a vehicle needs a 3-D base pose, got {self.T_world_base}")
 
     @property
     def home(self) -> NDArray[np.float64]:

@@ -67,7 +67,7 @@ def test_at_home_no_own_triangle_is_in_sight(any_mount):
 
 
 def test_the_suspended_mass_of_the_mast_is_damped_as_documented(mast):
-    """A damping ratio of 0.7 in heave, roll and pitch about the roll centre, at home."""
+    """A damping ratio of 0.7 in heave, roll and pitch about the roll center, at home."""
     chain, suspension = mast.chain(with_suspension=True), mast.suspension
     R, t = chain.link_poses([0, 0, 0, *mast.home])
     body = chain.link_body >= 3
@@ -189,7 +189,7 @@ def test_a_mount_stays_as_it_is_and_checks_its_lengths():
 
 
 def test_suspensions_need_stiffness():
-    with pytest.raises(ValueError, match=r"Suspension.roll_stiffness must be a finite number > 0, got 0"):
+    with pytest.raises(ValueError, match=r"Suspension.roll_stiffness must be .* > 0, got 0"):
         Suspension(roll_stiffness=0)
     with pytest.raises(
         ValueError, match=r"Suspension.heave_damping must be a finite number >= 0, got -1"

@@ -62,7 +62,7 @@ def test_poses_keep_the_shape_of_the_numbers():
 
 
 def test_cells_ahead_or_to_a_side_by_hand():
-    # from cell (2, 1), looking along +y: one cell of 0.5 m ahead and back, and to both sides
+    # from cell (2, 1), facing +y: one cell of 0.5 m ahead and back, and to both sides
     square = [c for c in range(15) if 1 <= c // 3 <= 3]
     assert LATTICE.cells_within(np.arange(15), 7 * 8 + 2, 0.5).tolist() == square
     assert LATTICE.cells_within(np.arange(15), 7 * 8 + 2, 0.49).tolist() == [7]

@@ -51,7 +51,7 @@ def test_by_hand_the_covariance_of_a_mast_that_errs_in_its_turntable_alone(somew
 
 
 def test_the_covariance_eq_that_of_many_drawn_errors(any_mount, somewhere):
-    """First order: standard deviations of a degree or less; 4000 draws tell them to 5 %."""
+    """First order: standard deviations of a degree or less; 4000 draws give them to 5 %."""
     vehicle = Vehicle.from_mount(any_mount, somewhere)
     rng = np.random.default_rng(2)
     q = np.clip(vehicle.home + 0.1, vehicle.chain.lower, vehicle.chain.upper)
@@ -151,12 +151,12 @@ def test_somewhere_else_it_is_the_same_vehicle(vehicle):
         there.inverse().transform(reach),
         vehicle.T_world_base.inverse().transform(vehicle.workspace_sphere[0]), atol=1e-12,
     )  # fmt: skip
-    with pytest.raises(ValueError, match="a pose in space"):
+    with pytest.raises(ValueError, match="a 3-D base pose"):
         vehicle.with_base_pose(Pose.planar(0, 0, 0))
 
 
-def test_by_hand_own_errors_are_those_that_are_new_at_each_look(mast, somewhere):
-    """A turntable alone: 0.03 rad of noise are the look's own, 0.04 rad of offset are not."""
+def test_by_hand_own_errors_are_those_that_are_new_at_each_cloud_of(mast, somewhere):
+    """A turntable alone: 0.03 rad of noise differ in each scan, 0.04 rad of offset do not."""
     mount = dataclasses.replace(
         mast, suspension=None, encoder_noise=(0.03, 0, 0, 0, 0),
         calibration_error=(0.04, 0, 0, 0, 0),
@@ -169,14 +169,14 @@ def test_by_hand_own_errors_are_those_that_are_new_at_each_look(mast, somewhere)
     np.testing.assert_allclose(own, 0.03**2 * np.outer(column, column), atol=1e-15)
 
 
-def test_a_suspension_errs_anew_at_each_look(mast, somewhere):
+def test_a_suspension_errs_anew_at_each_cloud_of(mast, somewhere):
     stiff = Vehicle.from_mount(dataclasses.replace(mast, suspension=None), somewhere)
     vehicle = Vehicle.from_mount(mast, somewhere)
     J = differences(
         lambda d: somewhere @ Pose(*mast.chain(True).camera_poses([*d, *mast.home])[::-1]), 3
     )
-    share = (J * np.square(mast.suspension.std)) @ J.T
-    wanted = stiff.per_scan_covariance(mast.home) + share
+    added = (J * np.square(mast.suspension.std)) @ J.T
+    wanted = stiff.per_scan_covariance(mast.home) + added
     # of variances of 1e-5, by differences that are off by 1e-8
     np.testing.assert_allclose(vehicle.per_scan_covariance(mast.home), wanted, atol=1e-12)
 
@@ -199,7 +199,7 @@ def test_the_estimate_is_of_own_and_of_lasting_errors(any_mount, somewhere):
 
 
 def test_the_share_of_the_base_eq_that_of_many_drawn_bases(mast, somewhere):
-    """First order, of a base known to a degree or less; 4000 draws tell deviations to 5 %."""
+    """First order, of a base known to a degree or less; 4000 draws give deviations to 5 %."""
     vehicle = Vehicle.from_mount(mast, somewhere).with_base_pose(somewhere, BASE_COVARIANCE)
     rng, q = np.random.default_rng(4), mast.home
     pose = vehicle.camera_pose(q)
@@ -213,39 +213,41 @@ def test_the_share_of_the_base_eq_that_of_many_drawn_bases(mast, somewhere):
         rowvar=False,
     )
     exact = Vehicle.from_mount(mast, somewhere).camera_estimate(q).covariance
-    share = vehicle.camera_estimate(q).covariance - exact
+    added = vehicle.camera_estimate(q).covariance - exact
     scale = np.sqrt(np.diag(drawn))
-    np.testing.assert_allclose(np.sqrt(np.diag(share)), scale, rtol=0.05)
+    np.testing.assert_allclose(np.sqrt(np.diag(added)), scale, rtol=0.05)
     both = np.outer(scale, scale)
-    np.testing.assert_allclose(share / both, drawn / both, atol=0.08)
+    np.testing.assert_allclose(added / both, drawn / both, atol=0.08)
 
 
 def test_a_vehicle_stands_in_space():
-    with pytest.raises(ValueError, match="a pose in space"):
+    with pytest.raises(ValueError, match="a 3-D base pose"):
         Vehicle.from_mount("mast", Pose.planar(0, 0, 0))
 
 
 EXACT = RangeNoise(intrinsic=0.0)
 
 
-def look(points, hit):
+def cloud_of(points, hit):
     return PointCloud(np.array(points, dtype=np.float64), np.array(hit))
 
 
 def test_by_hand_a_hit_on_a_robot_becomes_a_beam_that_is_clear_up_to_it(somewhere):
     """A sphere of 0.5 m, 2 m ahead: its front is hit, a wall beside and behind it stays."""
     center = somewhere.transform([[2.0, 0, 0]])
-    cloud = look([[1.6, 0, 0], [3, 0, 0], [2, 1, 0], [1.7, 0, 0]], [True, True, True, False])
+    cloud = cloud_of([[1.6, 0, 0], [3, 0, 0], [2, 1, 0], [1.7, 0, 0]], [True, True, True, False])
     out = filter_robot_points(cloud, somewhere, center, [0.5], EXACT)
     np.testing.assert_allclose(out.points, [[1.5, 0, 0], [3, 0, 0], [2, 1, 0], [1.7, 0, 0]])
     np.testing.assert_array_equal(out.hit, [False, True, True, False])
-    np.testing.assert_array_equal(cloud.hit, [True, True, True, False])  # the look is not changed
+    np.testing.assert_array_equal(
+        cloud.hit, [True, True, True, False]
+    )  # the argument is not changed
 
 
 def test_by_hand_three_standard_deviations_are_granted():
     here = Pose(np.zeros(3), np.eye(3))
     noise = RangeNoise(intrinsic=0.01, exponent=1.0)  # 3 sigma at 1.45 m are 0.0435
-    cloud = look([[1.46, 0, 0], [1.45, 0, 0]], [True, True])
+    cloud = cloud_of([[1.46, 0, 0], [1.45, 0, 0]], [True, True])
     out = filter_robot_points(cloud, here, [[2.0, 0, 0]], [0.5], noise)
     np.testing.assert_array_equal(out.hit, [False, True])
     assert 1.45 < out.points[0, 0] < 1.46
@@ -253,14 +255,14 @@ def test_by_hand_three_standard_deviations_are_granted():
 
 def test_a_camera_inside_a_sphere_learns_nothing_from_what_it_sees_of_that_robot():
     here = Pose(np.zeros(3), np.eye(3))
-    out = filter_robot_points(look([[0.3, 0, 0]], [True]), here, [[0.2, 0, 0]], [0.4], EXACT)
+    out = filter_robot_points(cloud_of([[0.3, 0, 0]], [True]), here, [[0.2, 0, 0]], [0.4], EXACT)
     np.testing.assert_array_equal(out.points, [[0, 0, 0]])
     assert not out.hit[0]
 
 
 def test_a_sphere_around_the_camera_does_not_hide_another_robot():
     here = Pose(np.zeros(3), np.eye(3))
-    cloud = look([[1.6, 0, 0], [3.0, 0, 0]], [True, True])
+    cloud = cloud_of([[1.6, 0, 0], [3.0, 0, 0]], [True, True])
     out = filter_robot_points(cloud, here, [[2.0, 0, 0], [0, 0, 0]], [0.5, 0.2], EXACT)
     np.testing.assert_allclose(out.points, [[1.5, 0, 0], [3, 0, 0]])
 
@@ -268,10 +270,10 @@ def test_a_sphere_around_the_camera_does_not_hide_another_robot():
 def test_by_hand_the_uncertainty_of_the_pose_is_granted_too():
     here = Pose(np.zeros(3), np.eye(3))
     # 1 cm along each axis, and 0.01 rad about each: 3 sqrt(3 0.01^2 (1 + 1.41^2)) = 0.0898 m
-    cloud = look([[1.411, 0, 0], [1.42, 0, 0]], [True, True])
+    cloud = cloud_of([[1.411, 0, 0], [1.42, 0, 0]], [True, True])
     out = filter_robot_points(cloud, here, [[2.0, 0, 0]], [0.5], EXACT, 1e-4 * np.eye(6))
     np.testing.assert_array_equal(out.hit, [False, False])
-    cloud = look([[1.409, 0, 0]], [True])
+    cloud = cloud_of([[1.409, 0, 0]], [True])
     out = filter_robot_points(cloud, here, [[2.0, 0, 0]], [0.5], EXACT, 1e-4 * np.eye(6))
     assert out.hit[0]
 
@@ -303,7 +305,7 @@ def test_spheres_out_of_sight_are_left_out_without_a_difference():
             hit = rng.random(60) < 0.7
             centers, radii = rng.normal(size=(40, 3)) * 3, rng.uniform(0.1, 0.6, 40)
             noise = RangeNoise(intrinsic=0.01)
-            out = filter_robot_points(look(points, hit), here, centers, radii, noise)
+            out = filter_robot_points(cloud_of(points, hit), here, centers, radii, noise)
             wanted = plain_without(points, hit, centers, radii, noise.intrinsic * noise.depth)
             np.testing.assert_allclose(out.points, wanted[0], atol=1e-9)
             np.testing.assert_array_equal(out.hit, wanted[1])
@@ -314,4 +316,4 @@ def test_spheres_out_of_sight_are_left_out_without_a_difference():
 def test_spheres_of_other_shapes_are_refused():
     here = Pose(np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match=r"centers \(s, 3\) and radii \(s,\)"):
-        filter_robot_points(look([[1, 0, 0]], [True]), here, np.zeros((2, 3)), [0.1], EXACT)
+        filter_robot_points(cloud_of([[1, 0, 0]], [True]), here, np.zeros((2, 3)), [0.1], EXACT)

@@ -1,4 +1,4 @@
-"""The depth buffer of a view: how deep each pixel looks into the known map.
+"""The depth buffer of a view: the depth that each pixel sees on the known map.
 
 Occluders are sampled voxels with P >= 1/2, and the spheres that cover the other robots; unknown
 voxels let the view pass. The voxel that holds the camera hides nothing.
@@ -22,7 +22,7 @@ from coopmap_env.information.field.frustum import FrustumGeometry
 from coopmap_env.mapping import MapArrays
 
 DEPTH_TOLERANCE = math.sqrt(3.0) / 2.0
-"""Cells by which the centre of a visible voxel may lie behind the surface that a pixel saw: half
+"""Cells by which the center of a visible voxel may lie behind the surface that a pixel saw: half
 the diagonal of a voxel, so that an occluder's own voxels count as seen whichever way it faces."""
 BOX_MARGIN = 1e-6
 """Cells by which the box of the occluders is larger than they are: distances carry rounding

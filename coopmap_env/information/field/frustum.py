@@ -1,7 +1,7 @@
 """The frustum of a depth camera, and the voxel columns that it cuts out of a grid.
 
 Everything is in *cells*: lengths divided by the resolution, positions from the grid's lower corner.
-A voxel belongs to a view if its centre lies in the field of view, not nearer than `near` and not
+A voxel belongs to a view if its center lies in the field of view, not nearer than `near` and not
 further than `far`. The flat number of a voxel runs along z, so a view is a set of runs, one for
 each vertical column: what the four planes and the two spheres leave of it follows from one division
 each, and a walk along a run needs no further test.
@@ -27,9 +27,9 @@ from coopmap_env.sensing import DepthCamera
 
 MAX_PIXEL_ANGLE = math.radians(2.5)
 """Of the depth buffer, at most: two and a half default voxels at the default depth of field. Pixels
-of 3.75 degrees are a quarter faster, but let a view look through a known ground plane."""
+of 3.75 degrees are a quarter faster, but let a view pass through a known ground plane."""
 MIN_DISTANCE = 1e-6
-"""Cells: nearer centres are never seen, so that a depth is never zero."""
+"""Cells: nearer centers are never seen, so that a depth is never zero."""
 MIN_SLOPE = 1e-12
 """A plane with a smaller slope along z counts as vertical."""
 
@@ -98,7 +98,7 @@ class Frustum:
         """N of Eq. 7: the voxels that the camera can see in empty space; a constant.
 
         The volume of the frustum in voxels: solid angle times (far^3 - near^3) / 3. How many
-        centres it holds depends on the pose, by a few in a thousand.
+        centers it holds depends on the pose, by a few in a thousand.
         """
         a, b = self.tangents
         solid_angle = 4 * math.atan(a * b / math.sqrt(1 + a * a + b * b))

@@ -1,6 +1,6 @@
 """Which cells a camera pose would see: a beam fan prepared once per heading.
 
-A camera at the centre of a cell sends the same beams whatever the cell. So the traversal of all
+A camera at the center of a cell sends the same beams whatever the cell. So the traversal of all
 beams is done once for each heading: every crossed cell is listed with the set of beams that cross
 it, as bits. A view of the known map is then one pass over the list, nearest cell first: a cell is
 visible if any of its beams is still alive, and an occupied cell ends its beams. The result is that
@@ -48,7 +48,7 @@ class BeamFan:
     beams: NDArray[np.uint64]
     """Shape (k, words): bit b of word w is set if beam 64 w + b crosses the cell."""
     distance: NDArray[np.float64]
-    """Shape (k,): centre to centre, cells."""
+    """Shape (k,): center to center, cells."""
     all_beams: NDArray[np.uint64]
     """Shape (words,): the bits of all beams of the camera."""
     depth: float

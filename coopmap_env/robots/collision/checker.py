@@ -14,20 +14,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.settings import NonNegative, Positive, Settings
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots.collision.clearance import STATE_NAMES, VoxelStates
-from coopmap_env.robots.collision.contact import (
-    MAP_CONTACT,
-    NO_CONTACT,
-    SELF_CONTACT,
+from coopmap_env.robots.collision.arrays import (
     FirstContacts,
     MapVoxels,
     Obstacles,
     Robot,
     RobotSpheres,
     TeamSpheres,
+)
+from coopmap_env.robots.collision.contact import (
+    MAP_CONTACT,
+    NO_CONTACT,
+    SELF_CONTACT,
     are_poses_free,
     first_contacts,
 )
+from coopmap_env.robots.collision.voxel_states import STATE_NAMES, VoxelStates
 from coopmap_env.robots.vehicle import Vehicle
 
 _MIN_POSES_TO_DILATE = 100
@@ -51,9 +53,9 @@ class CollisionSettings(Settings):
     """Metres: no sphere center moves farther between two checks; half a voxel."""
     margin: NonNegative = 0.03
     """Metres between a link's spheres and a blocked voxel: half a step, so that nothing is missed
-    between two checks, and a little for the body's sway."""
+    between two checks, and a little for the body's motion on its suspension."""
     team_margin: NonNegative = 0.1
-    """Metres between own spheres and those of a teammate, whose body sways too."""
+    """Metres between own spheres and those of a teammate, whose body moves, too."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Contact:
     def __str__(self) -> str:
         where = ", ".join(f"{v:.2f}" for v in self.position)
         when = (
-            "at the goal" if self.at_goal else f"after {100 * self.free_fraction:.0f} % of the way"
+            "at the goal" if self.at_goal else f"after {100 * self.free_fraction:.0f} % of the path"
         )
         return f"link {self.link} would touch {self.other} at ({where}), {when}"
 
@@ -222,8 +224,8 @@ def _reachable_teammate_spheres(
     reach: float,
     settings: CollisionSettings,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Spheres of teammates that the mount could touch: whose, centres, radii."""
-    whose, centers, radii = [np.zeros(0, np.int64)], [np.zeros((0, 3))], [np.zeros(0)]
+    """Spheres of teammates that the mount can reach: teammate index, centers, radii."""
+    index, centers, radii = [np.zeros(0, np.int64)], [np.zeros((0, 3))], [np.zeros(0)]
     for number, (at, wide) in enumerate(team):
         at, wide = np.asarray(at, dtype=np.float64), np.asarray(wide, dtype=np.float64)
         if at.ndim != 2 or at.shape[1] != 3 or wide.shape != (len(at),):
@@ -232,7 +234,7 @@ def _reachable_teammate_spheres(
                 f"{wide.shape}"
             )
         near = np.linalg.norm(at - center, axis=1) < reach + wide + settings.team_margin
-        whose.append(np.full(np.count_nonzero(near), number))
+        index.append(np.full(np.count_nonzero(near), number))
         centers.append(at[near])
         radii.append(wide[near])
-    return np.concatenate(whose), np.concatenate(centers), np.concatenate(radii)
+    return np.concatenate(index), np.concatenate(centers), np.concatenate(radii)

@@ -170,7 +170,9 @@ def _collision_pairs(
             joined[b, above] = joined[above, b] = True
     gaps = np.linalg.norm(centers[:, None] - centers, axis=2) - radii[:, None] - radii
     checked = (gaps > 0) & ~joined[body[:, None], body] & (body[:, None] > 0)
-    checked &= np.tri(len(body), k=-1, dtype=np.bool_)  # static ones come first, so second here
+    checked &= np.tri(
+        len(body), k=-1, dtype=np.bool_
+    )  # static spheres come first, so they are second here
     static, ends = checked[:, body == 0].sum(axis=1), checked.sum(axis=1).cumsum()
     begins = np.concatenate([[0], ends[:-1]])
     return np.nonzero(checked)[1], PartnerRanges(begins, begins + static, ends)
@@ -189,7 +191,7 @@ def _bounding_sphere_of_spheres(
 def cover_with_spheres(
     triangles: NDArray[np.float64], radius: float, max_spheres: int
 ) -> list[tuple[NDArray[np.float64], float]]:
-    """Spheres (centre, radius) whose union covers triangles (m, 3, 3).
+    """Spheres (center, radius) whose union covers triangles (m, 3, 3).
 
     The part with the largest sphere is cut across its longest side, triangles with it, until no
     sphere is larger than `radius` or there are `max_spheres`.
@@ -212,7 +214,7 @@ def cover_with_spheres(
 def _clip_triangles(
     triangles: NDArray[np.float64], axis: int, level: float, sign: float
 ) -> NDArray[np.float64]:
-    """Triangles of what lies beyond a plane across an axis: ``sign * (x - level) >= 0``."""
+    """The part of triangles beyond a plane normal to an axis: ``sign * (x - level) >= 0``."""
     side = sign * (triangles[:, :, axis] - level)
     inside = side >= 0
     count = inside.sum(axis=1)
@@ -222,7 +224,7 @@ def _clip_triangles(
         cut = triangles[count == wanted]
         if not len(cut):
             continue
-        # turn each so that the vertex that is alone on its side comes first
+        # rotate each so that the vertex that is alone on its side comes first
         alone = (inside[count == wanted] == (wanted == 1)).argmax(axis=1)
         order = (alone[:, None] + np.arange(3)) % 3
         a, b, c = np.moveaxis(np.take_along_axis(cut, order[:, :, None], axis=1), 1, 0)
@@ -237,10 +239,10 @@ def _clip_triangles(
 
 
 def _bounding_sphere(triangles: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """A ball around all vertices, next to the smallest.
+    """A sphere around all vertices, close to the smallest one.
 
-    Steps towards the farthest vertex, ever shorter, find the smallest ball's centre (Badoiu and
-    Clarkson 2003); the radius is measured, so that nothing sticks out.
+    Ever shorter steps towards the farthest vertex find the smallest sphere's center (Badoiu and
+    Clarkson 2003); the radius is measured, so that the sphere contains all vertices.
     """
     points = np.unique(triangles.reshape(-1, 3), axis=0)
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))

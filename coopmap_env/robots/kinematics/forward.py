@@ -11,7 +11,7 @@ from coopmap_env.core.kernels import kernel
 
 
 class KinematicTree(NamedTuple):
-    """A kinematic tree: body 0 is fixed; body b hangs on `parent[b]` < b by one moving joint.
+    """A kinematic tree: body 0 is fixed; body b is joined to `parent[b]` < b by one moving joint.
 
     The joint's frame in the parent body is at `translation[b]`; it turns about (or, if
     `prismatic[b]`, slides along) `axis[b]` of that frame by the value

@@ -43,7 +43,7 @@ class UrdfLink:
     center_of_mass: NDArray[np.float64]
     """Shape (3,), in the link's frame."""
     inertia: NDArray[np.float64]
-    """Shape (3, 3), about the centre of mass, along the link's axes."""
+    """Shape (3, 3), about the center of mass, along the link's axes."""
     shapes: tuple[Any, ...] = field(repr=False)
     """Visual shapes, or where there are none the collision shapes, as parsed."""
 
@@ -67,7 +67,7 @@ class UrdfModel:
         ----------
         path : path
         package_dirs : sequence of str, optional
-            Folders in which ``package://name/...`` is looked up.
+            Folders in which ``package://name/...`` is searched.
 
         Raises
         ------

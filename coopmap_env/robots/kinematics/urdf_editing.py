@@ -161,7 +161,7 @@ def add_suspension(
 def _attach_wheel_to_base(
     tree: ET.Element, wheel: str, root: str, base: str, root_height: float
 ) -> None:
-    """Hang a wheel on the ground-fixed base instead of on the body."""
+    """Attach a wheel to the ground-fixed base instead of the body."""
     above = {_parent_and_child(joint)[1]: joint for joint in tree.findall("joint")}
     if wheel not in above:
         raise ValueError(f"there is no wheel {wheel!r} below the root; there are {sorted(above)}")

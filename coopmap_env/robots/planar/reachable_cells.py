@@ -118,7 +118,7 @@ def is_straight_path_free(map_: OccupancyMap, start: int, goal: int) -> bool:
 
 @dataclass(frozen=True)
 class ReachableCells:
-    """All cells that a camera can reach from where it stands, nearest first."""
+    """All cells that a camera can reach from its own, nearest first."""
 
     cells: NDArray[np.int32]
     """Shape (k,): flat cell numbers by number of steps; the first is the start."""

@@ -134,7 +134,7 @@ def test_asking_changes_neither_the_map_nor_the_next_answer():
     log_odds_fixed, sampled = map_.log_odds_fixed.copy(), map_.sampled_mask.copy()
     first = rating.new_information(map_, (R, t))
     team = rating.rate_team(map_, (R[:3], t[:3]), np.zeros(3)).new_information
-    with pytest.raises(ValueError, match="radii"):  # the second robot's, after the first has looked
+    with pytest.raises(ValueError, match="radii"):  # the second robot's, after the first view
         rating.sequential_new_information(
             map_, (R[:2], t[:2]), [None, (np.zeros((2, 3)), np.zeros(1))]
         )
@@ -152,7 +152,7 @@ def test_joint_distance_by_hand_eq_5():
     # 3 rad and 4 m with weights 1 and 0.25: sqrt(9 + 4)
     assert joint_distance([[4.0, 5.0]], [1.0, 1.0], [1.0, 0.25]) == pytest.approx([math.sqrt(13)])
     assert joint_distance([1.0, 2.0], [1.0, 2.0], [1.0, 1.0]) == 0
-    # no way round behind the limits of a joint
+    # a joint does not turn past its limits
     assert joint_distance([math.pi], [-math.pi], [1.0]) == pytest.approx(2 * math.pi)
 
 

@@ -65,7 +65,7 @@ def test_each_run_starts_at_the_image_coordinates_of_its_first_voxel():
 
 
 def test_n_of_eq_7_by_hand_and_by_counting():
-    """A quarter turn each way is a sixth of the sphere."""
+    """A cube's face is a sixth of the sphere."""
     cube_face = DepthCamera(math.pi / 2, math.pi / 2, near=0.2, far=1.0)
     frustum = Frustum.from_camera(cube_face, 0.1)
     assert frustum.max_visible_cells == round(4 / 3 * math.pi * (1000 - 8) / 6)

@@ -1,4 +1,4 @@
-"""Which cells a pose sees: the prepared fan is as good as walking every beam."""
+"""Which cells a pose sees: the prepared fan equals tracing every beam."""
 
 import itertools
 import math

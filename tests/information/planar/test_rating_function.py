@@ -102,7 +102,7 @@ def test_what_is_known_and_empty_tells_nothing_eq_7(interpretation):
 
 
 def test_a_heading_that_sees_fewer_cells_than_others_keeps_a_trace_of_nothing_eq_7():
-    """N is one constant of the camera, so a full view of f < N empty cells tells -f/N ln f/N."""
+    """N is one constant of the camera, so a full view of f < N empty cells has NI = -f/N ln f/N."""
     map_ = unknown_map()
     map_.mark_free(np.arange(map_.grid.n_cells))
     rating = rating_of(map_)
@@ -141,7 +141,7 @@ def test_more_unknown_voxels_tell_more_eq_8b(interpretation):
             values.append(ni(rating, map_))
         tenth = len(order) // 10 // 12 + 1
         assert (np.diff(values[tenth:]) < 0).all()
-        # at least a third of what an unknown view tells, for each third that is unknown
+        # at least a third of the NI of an unknown view, for each third that is unknown
         assert values[0] > 0.97 * max(values)
 
 
@@ -179,34 +179,34 @@ def test_an_occluder_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7(i
     assert wall[0] < 0.2
 
 
-def share_of_cells_at(p, interpretation, share=0.5, nearest=0.0):
-    """NI of a view in which a share of the cells has probability p and the rest is empty."""
+def information_with_fraction_at(p, interpretation, fraction=0.5, nearest=0.0):
+    """NI of a view in which a fraction of the cells has probability p and the rest is empty."""
     map_ = unknown_map()
     map_.mark_free(np.arange(map_.grid.n_cells))
     rating = rating_of(map_, interpretation=interpretation)
     visible = rating.visible_cells(map_, HERE)
     x, y = np.divmod(visible, SIZE)
     d = np.hypot(x - MIDDLE, y - MIDDLE)
-    chosen = visible[(d >= nearest) & (np.random.default_rng(0).random(len(visible)) < share)]
+    chosen = visible[(d >= nearest) & (np.random.default_rng(0).random(len(visible)) < fraction)]
     set_cells(map_, chosen, p)
     return ni(rating, map_)
 
 
 def test_free_cells_near_one_half_count_for_more_than_certain_ones_eq_8a():
-    certain, doubtful = (share_of_cells_at(p, "distance_free") for p in (0.01, 0.45))
+    certain, doubtful = (information_with_fraction_at(p, "distance_free") for p in (0.01, 0.45))
     assert certain == 0
     assert doubtful > 0.6
 
 
 def test_the_literal_reading_sees_doubt_within_two_voxels_only_eq_8a():
-    assert share_of_cells_at(0.45, "literal", share=1.0) > 0
-    assert share_of_cells_at(0.45, "literal", share=1.0, nearest=2.0) == 0
-    assert share_of_cells_at(0.45, "distance_free", share=1.0, nearest=2.0) > 0
+    assert information_with_fraction_at(0.45, "literal", fraction=1.0) > 0
+    assert information_with_fraction_at(0.45, "literal", fraction=1.0, nearest=2.0) == 0
+    assert information_with_fraction_at(0.45, "distance_free", fraction=1.0, nearest=2.0) > 0
 
 
 @pytest.mark.parametrize("sides", [(0.01, 0.11, 0.39, 0.49), (0.89, 0.99, 0.51, 0.61)])
 def test_voxels_spread_near_one_half_tell_more_than_spread_near_0_or_1_eq_8a(sides):
-    """The histogram cannot tell where its events lie, only how many there are.
+    """The histogram does not depend on where its events lie, only how many there are.
 
     So equal doubts of all cells are as good as none; but the same spread of p fills more bins near
     one half, where gray levels are the finest. Occupied cells stand on an arc, none behind another.
@@ -249,7 +249,7 @@ def test_unknown_cells_are_those_in_view_that_were_never_sampled(n_beams):
     rating = rating_of(map_, PlanarCamera(depth_of_field=7.0, n_beams=n_beams))
     reserved_mask = (rng.random(map_.grid.n_cells) < 0.3).astype(np.uint8)
     ids = rng.integers(0, rating.lattice.n_poses, 60)
-    free, taken = (
+    free, reserved = (
         rating.count_unknown_cells(map_, ids),
         rating.count_unknown_cells(map_, ids, ViewContext(reserved_mask)),
     )
@@ -257,7 +257,7 @@ def test_unknown_cells_are_those_in_view_that_were_never_sampled(n_beams):
         visible = rating.visible_cells(map_, pose_id)
         unknown = map_.sampled_mask[visible] == 0
         assert free[k] == unknown.sum()
-        assert taken[k] == (unknown & (reserved_mask[visible] == 0)).sum()
+        assert reserved[k] == (unknown & (reserved_mask[visible] == 0)).sum()
 
 
 def test_claimed_cells_are_left_out_but_stop_no_beam():

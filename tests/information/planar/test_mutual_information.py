@@ -76,7 +76,7 @@ def test_a_view_is_the_plain_sum_with_each_cell_once_by_its_luckiest_beam(camera
     reserved_mask = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
     ids = rng.integers(0, lattice.n_poses, 30)
     free = information.mutual_information(map_, ids)
-    taken = information.mutual_information(map_, ids, ViewContext(reserved_mask))
+    rest_only = information.mutual_information(map_, ids, ViewContext(reserved_mask))
     for k, pose_id in enumerate(ids.tolist()):
         x, y, heading = lattice.pose(pose_id)
         reached = {}
@@ -93,7 +93,7 @@ def test_a_view_is_the_plain_sum_with_each_cell_once_by_its_luckiest_beam(camera
         # a sum of some hundred terms below ln 2
         assert free[k] == pytest.approx(sum(terms.values()), abs=1e-9)
         rest = sum(t for (i, j), t in terms.items() if not reserved_mask[i * 13 + j])
-        assert taken[k] == pytest.approx(rest, abs=1e-9)
+        assert rest_only[k] == pytest.approx(rest, abs=1e-9)
 
 
 def test_asking_twice_gives_the_same_answer():

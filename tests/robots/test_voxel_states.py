@@ -5,14 +5,14 @@ from scipy.ndimage import distance_transform_edt
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import VoxelStates, are_spheres_free
-from coopmap_env.robots.collision.clearance import FREE, OCCUPIED, OUTSIDE, UNKNOWN
+from coopmap_env.robots.collision.voxel_states import FREE, OCCUPIED, OUTSIDE, UNKNOWN
 from coopmap_env.robots.planar.reachable_cells import FREE_LOG_ODDS_FIXED
 
 
-def scattered(rng, shape=(24, 20, 16), share=0.02):
+def scattered(rng, shape=(24, 20, 16), fraction=0.02):
     map_ = OccupancyMap(VoxelGrid(shape, 0.1, (-1.0, -0.7, -0.3)))
     cells = rng.permutation(map_.grid.n_cells)
-    blocked = int(share * len(cells))
+    blocked = int(fraction * len(cells))
     map_.mark_free(cells[blocked:])
     map_.mark_occupied(cells[: blocked // 2])
     return map_
@@ -54,7 +54,7 @@ def test_a_cell_is_free_as_in_the_plane_below_5_percent():
 def test_spheres_meet_what_the_plain_reference_says():
     rng = np.random.default_rng(0)
     for _ in range(5):
-        map_ = scattered(rng, share=rng.choice([0.01, 0.1, 0.6]))
+        map_ = scattered(rng, fraction=rng.choice([0.01, 0.1, 0.6]))
         around = VoxelStates.from_map(map_, rng.uniform(-0.5, 0.5, 3), 2.5)
         centers, radii = rng.uniform(-1.2, 1.4, (60, 3)), rng.uniform(0.01, 0.35, 60)
         wanted = [
@@ -65,7 +65,7 @@ def test_spheres_meet_what_the_plain_reference_says():
 
 
 def test_clearness_agrees_with_scipys_distances_within_half_a_voxels_diagonal():
-    """Distances between voxels' centres bound that of a centre from a voxel's box on both sides."""
+    """Distances between voxels' centers bound that of a center from a voxel's box on both sides."""
     rng = np.random.default_rng(1)
     map_ = scattered(rng)
     grid = map_.grid
@@ -84,7 +84,7 @@ def test_clearness_agrees_with_scipys_distances_within_half_a_voxels_diagonal():
 def test_where_nothing_is_near_all_spheres_are_clear():
     rng = np.random.default_rng(2)
     for radius in (0.05, 0.13, 0.2, 0.27):
-        map_ = scattered(rng, share=0.003)
+        map_ = scattered(rng, fraction=0.003)
         around = VoxelStates.from_map(map_, (0.2, 0.3, 0.5), 0.7)
         near = around.blocked_neighborhood(radius)
         empty = np.argwhere(near == 0)

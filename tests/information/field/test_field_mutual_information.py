@@ -20,7 +20,7 @@ from coopmap_env.sensing import DepthCamera
 
 SMALL = DepthCamera(far=1.5)
 BEAM = DepthCamera(0.01, 0.01, near=0.0, far=3.0)
-"""A single pixel that looks along a row of voxels."""
+"""A single pixel whose ray follows a row of voxels."""
 
 
 def information_of(map_, camera, **kwargs):
@@ -38,7 +38,7 @@ def row(*probabilities):
 
 
 def one_beam(map_, **kwargs):
-    # the centre of the camera's own voxel lies behind it
+    # the center of the camera's own voxel lies behind it
     information = information_of(map_, BEAM, **kwargs)
     (value,) = information.mutual_information(map_, ([np.eye(3)], [[0.06, 0.05, 0.05]]))
     return float(value)

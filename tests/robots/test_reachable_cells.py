@@ -173,12 +173,12 @@ def test_a_straight_path_is_reachable_and_free_where_clipping_says_it_runs(shape
                     crossed |= {
                         c for c, _, _ in crossed_cells(here + 0.5, there - here, length, shape)
                     }
-                clear = all(free[cell] for cell in crossed - {tuple(here.tolist())})
+                is_free = all(free[cell] for cell in crossed - {tuple(here.tolist())})
                 if straight:
                     found += 1
-                    assert clear
+                    assert is_free
                     assert reach.steps[goal] > 0
                 # a diagonal also asks for the cells that it touches at corners
                 elif not runs_through_corners(there - here):
-                    assert not clear
+                    assert not is_free
     assert found > 20

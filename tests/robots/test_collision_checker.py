@@ -16,12 +16,12 @@ LEFT, RIGHT = np.array([-1.0, 0.6, 0.9, 0, 0]), np.array([1.0, 0.6, 0.9, 0, 0])
 
 @pytest.fixture
 def ahead(mast):
-    """A mast at the origin, looking along x."""
+    """A mast at the origin, facing x."""
     return Vehicle.from_mount(mast, Pose(np.zeros(3), np.eye(3)))
 
 
 def wall(map_, mark):
-    """A wall in the robot's way from left to right."""
+    """A wall that blocks the robot from left to right."""
     index = np.stack(np.unravel_index(np.arange(map_.grid.n_cells), map_.grid.shape), axis=-1)
     x, y, z = map_.grid.center(index).T
     mark(np.flatnonzero((abs(y) < 0.1) & (x > 0.55) & (z > 0)))
@@ -49,7 +49,7 @@ def test_why_not_names_the_link_and_what_it_would_touch(ahead, open_map):
     wall(open_map, open_map.mark_occupied)
     text = CollisionChecker(ahead, open_map).infeasibility_reason(LEFT, RIGHT)
     assert "link forearm would touch an obstacle at (" in text
-    assert "% of the way" in text
+    assert "% of the path" in text
     wall(open_map, forget(open_map))
     s = CollisionChecker(ahead, open_map)
     assert "would touch unknown space" in s.infeasibility_reason(LEFT, RIGHT)
@@ -92,7 +92,7 @@ def test_teammates_are_in_the_way_too(mast, open_map):
 
 @pytest.mark.parametrize("n", [3, 40])
 def test_poses_are_clear_where_the_plain_reference_says_so(vehicle, mast, open_map, n):
-    """With few poses the voxels are asked directly, with many after a look at their neighbours."""
+    """Few poses test the voxels directly, many the dilated mask first."""
     rng = np.random.default_rng(n)
     cells = rng.choice(open_map.grid.n_cells, open_map.grid.n_cells // 400)
     open_map.mark_occupied(cells[::2])
@@ -151,9 +151,9 @@ def test_no_centre_moves_more_than_a_step_between_two_checks(any_mount):
         poses = allocate_body_poses(chain.tree)
         pieces = count_waypoints(robot, q0, q1, 0.05, poses, counts, here, there)
         at = [(p + np.arange(1, c + 1) / c) / pieces for p, c in enumerate(counts[:pieces])]
-        shares = np.concatenate([[0.0], *at])
-        assert shares[-1] == 1.0
-        moved = np.diff(body.centers(q0 + shares[:, None] * (q1 - q0)), axis=0)
+        fractions = np.concatenate([[0.0], *at])
+        assert fractions[-1] == 1.0
+        moved = np.diff(body.centers(q0 + fractions[:, None] * (q1 - q0)), axis=0)
         largest = max(largest, np.linalg.norm(moved, axis=2).max())
     assert 0.03 < largest <= 0.05
 

@@ -101,5 +101,7 @@ def test_the_static_ball_holds_the_static_spheres(any_mount):
 
 
 def test_settings_must_be_positive():
-    with pytest.raises(ValueError, match=r"CollisionSphereSettings.radius must be a finite number > 0, got 0"):
+    with pytest.raises(
+        ValueError, match=r"CollisionSphereSettings.radius must be a finite number > 0, got 0"
+    ):
         CollisionSphereSettings(radius=0)
