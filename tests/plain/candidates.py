@@ -24,7 +24,7 @@ def candidate_features(belief, robot, pose_id):
     lattice, rating, grid = belief.lattice, belief.rating, belief.map.grid
     here = belief.pose_ids[robot]
     ahead, left, turn = to_camera_frame(lattice.pose(pose_id), lattice.pose(here)).tolist()
-    rated = rating.rate(belief.map, [pose_id], here)
+    rated = rating.rate(belief.map, [pose_id], rating.distance([pose_id], here))
     diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
     max_entropy = math.log(rating.settings.n_gray_bins)
     visible = rating.visible_cells(belief.map, pose_id)

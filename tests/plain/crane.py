@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from coopmap_env.robots.mount import Mount
-from coopmap_env.robots.suspension import Suspension
+from coopmap_env.robots import Mount, Suspension
 
 BODY_MASS, SLIDER_MASS, ROLL_CENTRE_HEIGHT = 80.0, 10.0, 0.3
 """Kilograms; the height of the roll centre, in which the body's centre of mass and the beam lie."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from coopmap_env.robots.kinematics.urdf import UrdfModel
+from coopmap_env.robots import UrdfModel
 
 
 def rotation_about_axis(axis, angle):
