@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics.chain import IDENTITY_POSE, Chain
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics import urdf_editing
 from coopmap_env.robots.mount import DEGREE, Mount
 from coopmap_env.robots.suspension import Suspension

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry.rotations import skew
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose, skew
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
 from coopmap_env.robots.mount import Mount

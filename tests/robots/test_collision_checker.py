@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plain.kinematics import pose_is_free, random_joints, waypoints
 
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose
 from coopmap_env.robots import CollisionChecker, CollisionSettings, Vehicle, plan_path
 from coopmap_env.robots.collision.checker import robot_arrays
 from coopmap_env.robots.collision.contact import count_waypoints

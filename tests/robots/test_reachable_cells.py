@@ -8,8 +8,7 @@ from plain.random_maps import random_map, set_cells
 from plain.ray_cells import crossed_cells
 from scipy import ndimage
 
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
-from coopmap_env.mapping.log_odds import to_log_odds_fixed
+from coopmap_env.mapping import OccupancyMap, VoxelGrid, to_log_odds_fixed
 from coopmap_env.robots import ReachableCells, free_mask, is_straight_path_free
 
 SHAPES = [(12, 9), (1, 20), (15, 1), (8, 30)]

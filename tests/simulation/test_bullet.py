@@ -15,8 +15,7 @@ from plain.bullet_renderer import BulletRenderer
 from plain.crane import ROLL_CENTRE_HEIGHT, crane
 from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 
-from coopmap_env.geometry import random_rotation
-from coopmap_env.geometry.transforms import Pose
+from coopmap_env.geometry import Pose, random_rotation
 from coopmap_env.robots import Suspension, make_mount
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.physics import SteppingSettings, move_kinematically, move_stepped

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
-from coopmap_env.geometry.transforms import RigidTransform
-from coopmap_env.geometry.traversal import start_ray, step_ray
+from coopmap_env.geometry import RigidTransform, start_ray, step_ray
 from coopmap_env.information.field.frustum import FrustumGeometry
 from coopmap_env.mapping import MapArrays
 

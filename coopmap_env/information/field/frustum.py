@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.geometry.transforms import RigidTransform
+from coopmap_env.geometry import RigidTransform
 from coopmap_env.sensing import DepthCamera
 
 MAX_PIXEL_ANGLE = math.radians(2.5)

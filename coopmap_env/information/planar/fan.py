@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry.traversal import traverse
+from coopmap_env.geometry import traverse
 from coopmap_env.sensing import PlanarCamera
 
 BEAMS_PER_WORD = 64

@@ -14,16 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.mapping import MapArrays
-from coopmap_env.mapping.line_of_sight import has_line_of_sight
+from coopmap_env.localization.correction.frustum import (
+    HALF_DIAGONAL,
+    Frustum,
+    distance_in_view,
+    end_column,
+    first_column,
+    side_planes,
+)
+from coopmap_env.mapping import MapArrays, has_line_of_sight
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
 Levels = NDArray[np.int32]
 Shape = tuple[int, int, int]
-
-HALF_DIAGONAL = math.sqrt(3.0) / 2.0
-"""Cells: half the diagonal of a voxel, by which its surface point may lie off its centre."""
 
 
 class PeakMap(NamedTuple):
@@ -38,21 +42,6 @@ class PeakMap(NamedTuple):
     """Shape (n_cells, 3): see `OccupancyMap.information_vector`."""
     resolution: float
     """Edge of a cell, metres."""
-
-
-class Frustum(NamedTuple):
-    """What a camera can see: a pyramid between two spheres."""
-
-    rotation: Array
-    """Shape (3, 3): of the camera, x is the optical axis."""
-    position: Array
-    """Shape (3,): cells."""
-    tan_x: float
-    tan_y: float
-    """Tangents of half the fields of view."""
-    near: float
-    far: float
-    """Cells from the camera."""
 
 
 class BallOffsets(NamedTuple):
@@ -202,7 +191,7 @@ def _score_peak(
 ) -> tuple[float, float]:
     """Write the surface point and its covariance; radius of the ball and score, 0 out of view."""
     _surface_point(map_, cell, point, covariance)
-    distance = _distance_in_view(point, frustum, border)
+    distance = distance_in_view(point, frustum, border)
     if distance == math.inf:
         return 0.0, 0.0
     radius = _ball_radius(map_, cell, ball)
@@ -264,11 +253,13 @@ def _hit_voxels(map_: PeakMap, frustum: Frustum, min_log_odds: int, cells: Cells
     precision = map_.precision
     position, reach = frustum.position, frustum.far + HALF_DIAGONAL
     planes, low, high = np.empty((4, 3)), position.copy(), position.copy()
-    _side_planes(frustum, reach, planes, low, high)
+    side_planes(frustum, reach, planes, low, high)
     count = 0
-    for i in range(_first_column(low, position, reach, 0), _end(high, position, reach, 0, nx)):
+    for i in range(first_column(low, position, reach, 0), end_column(high, position, reach, 0, nx)):
         dx = i + 0.5 - position[0]
-        for j in range(_first_column(low, position, reach, 1), _end(high, position, reach, 1, ny)):
+        for j in range(
+            first_column(low, position, reach, 1), end_column(high, position, reach, 1, ny)
+        ):
             dy = j + 0.5 - position[1]
             rest = reach * reach - dx * dx - dy * dy
             if rest < 0.0:
@@ -297,33 +288,6 @@ def _hit_voxels(map_: PeakMap, frustum: Frustum, min_log_odds: int, cells: Cells
 
 
 @kernel
-def _side_planes(frustum: Frustum, reach: float, planes: Array, low: Array, high: Array) -> None:
-    """Fill the inward normals (4, 3) of the sides; extend the box (3,), (3,) to their corners."""
-    R, position = frustum.rotation, frustum.position
-    a, b = frustum.tan_x, frustum.tan_y
-    for q in range(4):
-        s, t = 1.0 - 2.0 * (q % 2), 1.0 - 2.0 * (q // 2)
-        for axis in range(3):
-            corner = position[axis] + reach * (R[axis, 0] + s * a * R[axis, 1] + t * b * R[axis, 2])
-            low[axis], high[axis] = min(low[axis], corner), max(high[axis], corner)
-            side = s * R[axis, 1] if q < 2 else s * R[axis, 2]
-            tangent = a if q < 2 else b
-            planes[q, axis] = (tangent * R[axis, 0] + side) / math.sqrt(1.0 + tangent * tangent)
-
-
-@kernel
-def _first_column(low: Array, position: Array, reach: float, axis: int) -> int:
-    """First column whose centre is inside the frustum's box and sphere along an axis."""
-    return max(0, math.ceil(max(low[axis] - HALF_DIAGONAL, position[axis] - reach) - 0.5))
-
-
-@kernel
-def _end(high: Array, position: Array, reach: float, axis: int, n: int) -> int:
-    """One past the last such column."""
-    return min(n, math.floor(min(high[axis] + HALF_DIAGONAL, position[axis] + reach) - 0.5) + 1)
-
-
-@kernel
 def _surface_point(map_: PeakMap, cell: int, point: Array, covariance: Array) -> None:
     """Write the merged surface point of a voxel, in cells, and its covariance (Eqs. 2, 4)."""
     shape = map_.occupancy.shape
@@ -344,20 +308,6 @@ def _surface_point(map_: PeakMap, cell: int, point: Array, covariance: Array) ->
     for m in range(3):
         for n in range(3):
             point[m] += covariance[m, n] * map_.information_vector[cell, n] / map_.resolution
-
-
-@kernel
-def _distance_in_view(point: Array, frustum: Frustum, border: float) -> float:
-    """Distance to a point in the field of view less its border, and in range; else infinity."""
-    R, position, tan_x, tan_y, near, far = frustum
-    dx, dy, dz = point[0] - position[0], point[1] - position[1], point[2] - position[2]
-    x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-    y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-    z = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    width = (1.0 - border) * x
-    in_view = x > 0.0 and abs(y) <= tan_x * width and abs(z) <= tan_y * width
-    return distance if in_view and near <= distance <= far else math.inf
 
 
 @kernel

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.geometry.traversal import start_ray, step_ray
+from coopmap_env.geometry import start_ray, step_ray
 from coopmap_env.mapping import MapArrays, OccupancyMap, to_log_odds_fixed
 
 FREE_PROBABILITY = 0.05
