@@ -1,4 +1,4 @@
-"""What the planners share: where they search, and how a team coordinates."""
+"""Base classes of the planners: where they search, and how a team coordinates."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ class Planner(ABC):
     Parameters
     ----------
     search : int or "exhaustive"
-        Best of m random feasible poses, or of all. In "candidates" mode always among those on
-        offer.
+        Best of m random feasible poses, or of all. In "candidates" mode always of the candidates.
     coordination : {"independent", "sequential"}
-        Whether robots plan as if alone (the paper's), or in turn, each leaving out the cells that
-        the robots before it are about to see.
+        Whether robots plan as if alone (the paper's), or one after another, each leaving out the
+        cells that the robots before it are about to see.
 
     Raises
     ------
     ValueError
-        If an option is none of its choices.
+        If an option is not one of its choices.
     """
 
     def __init__(
@@ -85,15 +84,39 @@ class Planner(ABC):
         return belief.feasible_poses(robot)
 
 
-def subtract_motion_cost(
-    gain: NDArray[np.float64], belief: Belief, robot: int, poses: Poses, weight: float
-) -> NDArray[np.float64]:
-    """`gain` (k,) minus `weight` times the distance d of Eq. 5 from the robot's pose."""
-    return gain - weight * belief.distance(robot, poses)
+class GainPlanner(Planner):
+    """Maximises a gain minus the weighted motion that it takes.
 
+    Parameters
+    ----------
+    search, coordination
+        See `Planner`.
+    motion_weight : float
+        Gain that a motion by one unit of d (Eq. 5) must bring. On training worlds the default has
+        the best area under the coverage curve within a hundredth, with less motion than smaller
+        weights.
+    """
 
-def check_motion_weight(weight: float) -> float:
-    """The weight of the motion; ValueError unless it is finite and >= 0."""
-    if not isinstance(weight, int | float) or not (math.isfinite(weight) and weight >= 0):
-        raise ValueError(f"motion_weight must be finite and >= 0, got {weight!r}")
-    return weight
+    def __init__(
+        self,
+        search: Search = 100,
+        coordination: Coordination = "independent",
+        motion_weight: float = 0.006,
+    ) -> None:
+        super().__init__(search, coordination)
+        if not isinstance(motion_weight, int | float) or not 0 <= motion_weight < math.inf:
+            raise ValueError(f"motion_weight must be finite and >= 0, got {motion_weight!r}")
+        self.motion_weight = motion_weight
+
+    @abstractmethod
+    def gain(
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+    ) -> NDArray[np.float64]:
+        """Gain of each pose (k,), as a fraction of that of a full view."""
+
+    def score(
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+    ) -> NDArray[np.float64]:
+        """Gain minus the weighted distance."""
+        gain = self.gain(belief, robot, poses, reserved_mask)
+        return gain - self.motion_weight * belief.distance(robot, poses)

@@ -26,7 +26,7 @@ def test_options_reach_the_policy():
     assert make("coverage", motion_weight=0.5).motion_weight == 0.5
 
 
-def test_an_unknown_name_is_told_with_the_choices():
+def test_an_unknown_name_is_rejected_with_the_choices():
     with pytest.raises(ValueError, match=r"'greedy'; choose from rating_function, .*, random"):
         make("greedy")
 
@@ -61,12 +61,7 @@ def test_the_entry_points_of_the_project_are_the_policies():
         assert getattr(import_module(module), attribute) is POLICIES[name]
 
 
-def test_the_listed_packages_are_the_folders_on_disk():
-    found = set()
-    for name, folder in PROJECT["tool"]["setuptools"]["package-dir"].items():
+def test_every_folder_with_modules_is_a_package_that_setuptools_finds():
+    for folder in PROJECT["tool"]["setuptools"]["package-dir"].values():
         for module in (ROOT / folder).rglob("*.py"):
-            parts = module.parent.relative_to(ROOT / folder).parts
-            found.add(".".join((name, *parts)))
             assert (module.parent / "__init__.py").exists()
-    assert found == set(PROJECT["tool"]["setuptools"]["packages"])
-    assert len(found) == len(PROJECT["tool"]["setuptools"]["packages"])

@@ -111,7 +111,7 @@ def test_frontier_without_a_frontier_takes_the_nearest_cell_that_shows_the_unkno
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     known = np.zeros((40, 40), dtype=bool)
     known[10:31, 10:31] = True
-    set_poses(env, (20, 20, 0), known_probability=known)
+    set_poses(env, (20, 20, 0), known=known)
     belief = env.belief()
     edge = known.copy()
     edge[11:30, 11:30] = False
@@ -124,7 +124,7 @@ def test_frontier_without_a_frontier_takes_the_nearest_cell_that_shows_the_unkno
 
 def test_frontier_stays_feasible_when_everything_is_known():
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
-    belief = set_poses(env, (20, 20, 5), known_probability=np.ones((40, 40), dtype=bool))
+    belief = set_poses(env, (20, 20, 5), known=np.ones((40, 40), dtype=bool))
     assert chosen(FrontierPolicy(), belief) // 16 == belief.cell(0)
 
 
@@ -139,7 +139,7 @@ def test_raster_visits_the_poses_in_sequence_and_wraps_around():
     policy = coopmap_baselines.make("raster")
     at, visited = (20, 20, 14), []
     for _ in range(2 * len(everything)):
-        pose = chosen(policy, set_poses(env, at, known_probability=known))
+        pose = chosen(policy, set_poses(env, at, known=known))
         visited.append(pose)
         at = (*divmod(pose // 16, 40), pose % 16)
     first = everything.index(pose_id(env, 20, 20, 15))
@@ -167,7 +167,7 @@ def test_random_takes_every_pose_as_often(mode):
     env = env_with_world(
         open_world(), n_robots=1, settings=SETTINGS, action_mode=mode, n_candidates=40
     )
-    belief = set_poses(env, (20, 20, 0), known_probability=[20 * 40 + 21])
+    belief = set_poses(env, (20, 20, 0), known=[20 * 40 + 21])
     policy = coopmap_baselines.make("random")
     policy.reset(np.random.default_rng(0))
     counts = np.bincount([chosen(policy, belief) for _ in range(3200)])
@@ -211,7 +211,7 @@ def test_one_beam_tells_the_entropy_of_its_reading(quarter, prior):
 
 def test_entropy_that_no_look_can_take_away_counts_for_nothing():
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
-    belief = set_poses(env, (20, 20, 0), known_probability=list(range(40 * 40)))
+    belief = set_poses(env, (20, 20, 0), known=list(range(40 * 40)))
     clamp = belief.map.log_odds_range.max_probability
     known = MutualInformation(belief.rating, known_probability=clamp).mutual_information(
         belief.map, [8000]
@@ -220,7 +220,7 @@ def test_entropy_that_no_look_can_take_away_counts_for_nothing():
     assert MutualInformation(belief.rating).mutual_information(belief.map, [8000])[0] > 0.1
 
 
-@pytest.mark.parametrize("options", [{"prior": 0.0}, {"prior": 1.0}, {"known": 0.5}])
+@pytest.mark.parametrize("options", [{"prior": 0.0}, {"prior": 1.0}, {"known_probability": 0.5}])
 def test_probabilities_of_beam_information_out_of_range_are_named(options):
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     (name,) = options
@@ -254,7 +254,7 @@ def test_information_gain_prefers_the_unknown_to_the_certain():
     known = np.zeros((40, 40), dtype=bool)
     known[20:] = True  # all that lies towards +x
     scores = policy.score(
-        set_poses(env, (20, 20, 0), known_probability=known), 0, np.arange(16) + 820 * 16, None
+        set_poses(env, (20, 20, 0), known=known), 0, np.arange(16) + 820 * 16, None
     )
     assert scores[8] > scores[0]
     assert np.argmax(scores) not in (14, 15, 0, 1, 2)
@@ -301,7 +301,7 @@ def test_frontier_takes_the_nearest_frontier_among_offers_in_any_order():
         open_world(), n_robots=1, settings=SETTINGS, action_mode="candidates", n_candidates=200
     )
     known = [x * 40 + y for x in range(14, 27) for y in range(17, 24)]
-    belief = set_poses(env, (20, 20, 0), known_probability=known)
+    belief = set_poses(env, (20, 20, 0), known=known)
     candidates = belief.candidates[0]
     shows = belief.rating.count_unknown_cells(belief.map, candidates) > 0
     at_frontier = adjacent_to_unknown(belief.map)[candidates // 16]
