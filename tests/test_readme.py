@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from coopmap_agents.pretrained import pretrained_path
 
-from coopmap_env.cli import parse
+from coopmap_env.cli import parse_command
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -64,7 +64,7 @@ def test_evaluate_command_runs(command, tmp_path):
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("coopmap")])
 def test_every_command_is_understood(command):
     words = shlex.split(command)
-    assert type(parse(words[1:])).__name__.lower() == words[1]
+    assert type(parse_command(words[1:])).__name__.lower() == words[1]
 
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("make")])
