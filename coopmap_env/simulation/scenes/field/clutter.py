@@ -6,6 +6,7 @@ for their boxes; nothing is dropped by physics.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,15 +44,27 @@ TARGET = "table"
 
 _TABLE_HEIGHT = 0.625
 _TABLE_SIZE = np.array([1.5, 1.0])
-_SLOTS = [
-    *((x, 0.384, 0.40, 0.40) for x in (-0.21, 0.21)),
+
+
+class Compartment(NamedTuple):
+    """A compartment of a shelf, metres in the frame of the shelf."""
+
+    x: float
+    """Of its middle."""
+    floor: float
+    """z of its floor."""
+    width: float
+    height: float
+
+
+_COMPARTMENTS = [
+    *(Compartment(x, 0.384, 0.40, 0.40) for x in (-0.21, 0.21)),
     *(
-        (x, floor, 0.27, height)
+        Compartment(x, floor, 0.27, height)
         for floor, height in ((0.814, 0.23), (1.074, 0.20), (1.304, 0.21), (1.544, 0.22))
         for x in (-0.285, 0.0, 0.285)
     ),
 ]
-"""Compartments of a shelf: x of the middle, z of the floor, width and height in metres."""
 _SHELF_OBJECT_SCALE = 1.5
 """Factor on the size of random objects on shelves, whose compartments are small."""
 _MAX_TRIES = 20
@@ -145,9 +158,9 @@ class Clutter(Settings):
             return
         position = np.array([*middle, 0.0])
         support = layout.add(shelf(name, position, support_rotation))
-        slots = rng.permutation(len(_SLOTS))
+        slots = rng.permutation(len(_COMPARTMENTS))
         for slot in slots[: _sample_count(rng, self.loose_objects)]:
-            x, floor, width, height = _SLOTS[slot]
+            x, floor, width, height = _COMPARTMENTS[slot]
             number, y = RANDOM_ASSETS[rng.integers(len(RANDOM_ASSETS))], rng.uniform(-0.25, 0.25)
             asset = load_random_asset(number, _SHELF_OBJECT_SCALE)
             if asset.size[0] < width and asset.size[2] < height:

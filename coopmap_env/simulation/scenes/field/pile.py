@@ -31,7 +31,7 @@ class RestingBlock:
     columns: tuple[slice, ...]
     """Columns around it."""
     tops: NDArray[np.float64]
-    """Its highest z over these columns, -inf where it covers none of a column."""
+    """Its highest z over these columns, -inf where a column misses it."""
 
 
 class Pile:

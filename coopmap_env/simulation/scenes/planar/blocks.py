@@ -32,7 +32,7 @@ def scatter_blocks(
     ----------
     occupied : (nx, ny) bool array
         Changed in place.
-    missing : int
+    n_missing : int
         Number of cells to occupy.
     centres : (n, 2) float array
         In cells from the lower corner of the world.

@@ -68,12 +68,12 @@ def split_floor(
         Chooses where to cut.
     shape : (int, int)
         Cells of the floor with its outer wall.
-    measures : Measures
+    sizes : FloorPlanSizes
         ``room_max`` holds two smallest rooms and a wall.
 
     Returns
     -------
-    list of Part
+    list of FloorPart
         Disjoint, with walls in between.
     """
     wall = sizes.wall

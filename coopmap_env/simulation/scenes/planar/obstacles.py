@@ -72,9 +72,8 @@ class Obstacles(Settings):
         while n_missing > 0:
             centres = rng.random((_BATCH, 2)) * self.shape
             edge_headings, distances, reaches = self._random_blocks(rng, _BATCH)
-            slopes = np.stack(
-                [np.cos(2 * np.pi * edge_headings), np.sin(2 * np.pi * edge_headings)], axis=-1
-            )
+            angles = 2 * np.pi * edge_headings
+            slopes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
             slopes /= distances[:, :, None]
             n_missing = scatter_blocks(occupied, n_missing, centres, reaches, slopes)
         return PlanarWorld(occupied, self.resolution, self.origin, self.name)
@@ -88,7 +87,7 @@ class Obstacles(Settings):
 
         Returns
         -------
-        turns : (n, 6) float array
+        edge_headings : (n, 6) float array
             Headings of the outward normals in full turns, ascending within one turn.
         distances : (n, 6) float array
             Distances of the edges from the origin in cells; infinite where a block has fewer.
