@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from coopmap_env.core.arguments import check_array_shapes
 from coopmap_env.core.settings import NonNegative, Positive, PositiveInt, Range, Settings
 from coopmap_env.geometry import Pose
+from coopmap_env.localization.correction.frustum import Frustum
 from coopmap_env.localization.correction.peaks import (
     BallLimits,
-    Frustum,
     PeakMap,
     SelectedPeaks,
     SelectionLimits,

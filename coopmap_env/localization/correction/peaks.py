@@ -15,12 +15,9 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
 from coopmap_env.localization.correction.frustum import (
-    HALF_DIAGONAL,
     Frustum,
     distance_in_view,
-    end_column,
-    first_column,
-    side_planes,
+    write_surface_voxels,
 )
 from coopmap_env.mapping import MapArrays, has_line_of_sight
 
@@ -164,7 +161,7 @@ def _peaks_in_view(
     """Cells of all peaks in view, ascending, hidden or not, their radii and scores."""
     log_odds, shape, precision = map_.occupancy.log_odds_fixed, map_.occupancy.shape, map_.precision
     cells = np.empty(log_odds.size, dtype=np.int64)
-    n = _hit_voxels(map_, frustum, limits.min_log_odds, cells)
+    n = write_surface_voxels(map_.occupancy, precision, frustum, limits.min_log_odds, cells)
     radii, scores = np.empty(n), np.empty(n)
     point, covariance = np.empty(3), np.empty((3, 3))
     count = 0
@@ -244,47 +241,6 @@ def _is_peak(levels: Levels, precision: Array, shape: Shape, cell: int, unique: 
                     if trace > own_trace or (trace == own_trace and other < cell):
                         return False
     return True
-
-
-@kernel
-def _hit_voxels(map_: PeakMap, frustum: Frustum, min_log_odds: int, cells: Cells) -> int:
-    """Write the likely voxels with surface points in the frustum, ascending; return how many."""
-    levels, _, (nx, ny, nz), _ = map_.occupancy
-    precision = map_.precision
-    position, reach = frustum.position, frustum.far + HALF_DIAGONAL
-    planes, low, high = np.empty((4, 3)), position.copy(), position.copy()
-    side_planes(frustum, reach, planes, low, high)
-    count = 0
-    for i in range(first_column(low, position, reach, 0), end_column(high, position, reach, 0, nx)):
-        dx = i + 0.5 - position[0]
-        for j in range(
-            first_column(low, position, reach, 1), end_column(high, position, reach, 1, ny)
-        ):
-            dy = j + 0.5 - position[1]
-            rest = reach * reach - dx * dx - dy * dy
-            if rest < 0.0:
-                continue
-            bottom, top = -math.sqrt(rest), math.sqrt(rest)
-            for q in range(4):
-                inside = planes[q, 0] * dx + planes[q, 1] * dy + HALF_DIAGONAL
-                slope = planes[q, 2]
-                if abs(slope) < 1e-9:
-                    if inside < 0.0:
-                        top = -math.inf
-                elif slope > 0.0:
-                    bottom = max(bottom, -inside / slope)
-                else:
-                    top = min(top, -inside / slope)
-            if top < bottom:
-                continue
-            first = max(0, math.ceil(bottom + position[2] - 0.5))
-            last = min(nz - 1, math.floor(top + position[2] - 0.5))
-            column = (i * ny + j) * nz
-            for cell in range(column + first, column + last + 1):
-                if levels[cell] >= min_log_odds and precision[cell, 0, 0] > 0.0:
-                    cells[count] = cell
-                    count += 1
-    return count
 
 
 @kernel

@@ -25,7 +25,7 @@ class AcceptanceSettings(Settings):
     """
 
     min_points: NonNegativeInt = 100
-    """Points on the target: with fewer, parts of other things look like it."""
+    """Points on the target: with fewer, parts of other things fit as well."""
     min_area: NonNegative = 0.65
     """Square metres of the target that points lie on: a crate near by fills an image with points
     and is like a part of many things. Wrong poses had up to 0.55."""

@@ -1,7 +1,7 @@
 """Verdicts and residuals of a view's pixels, for a hypothesis of the base's pose.
 
-A depth image that is rendered of the target tells for each pixel which of the target's planes is
-there (projective association, Blais & Levine 1995), so a measured point has one plane to lie on:
+A depth image that is rendered of the target associates each pixel with one of the target's planes
+(projective association, Blais & Levine 1995), so a measured point has one plane to lie on:
 
     r = n . (T p - q),    sigma^2 = n^T R diag(sigma_depth^2, sigma_lateral^2, ...) R^T n
 
@@ -77,12 +77,9 @@ def pixel_residuals(
     evidence: ViewEvidence,
     patches: SurfacePatches,
 ) -> float:
-    """Judge a view's pixels: fill the verdicts, add to H and b, mark the patches that are seen.
+    """Compare a view's pixels with the target: verdicts, normal equations, patches that are seen.
 
-    Returns
-    -------
-    chi2 : float
-        Sum of the agreeing pixels' squared residuals over their variances.
+    Returns chi^2: the sum of the agreeing pixels' squared residuals over their variances.
     """
     R, t = T_target_base
     points, hit, ranges, min_ranges, (R_camera, t_camera) = view

@@ -21,7 +21,7 @@ from coopmap_env.mapping import OccupancyMap
 MIN_VOXELS = 30
 """Voxels, besides the target, that both the robot has measured and the map knows."""
 MIN_MARGIN = 0.5
-"""Nats per voxel by which the best frame must be likelier than the next."""
+"""Nats per voxel by which the best frame must exceed the next."""
 TARGET_PADDING = 0.2
 """Metres around the target that belong to it: it is the same in all frames."""
 GROUND_HEIGHT = 0.1

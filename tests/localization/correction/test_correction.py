@@ -59,7 +59,7 @@ def test_with_the_target_in_view_the_error_falls_to_a_third(on_target, number, p
     """In the median over 20 worlds."""
     scans = [of[number] for of in on_target[:20]]
     assert all(scan.correction.reason == "" for scan in scans)
-    # two faces tell four of the six: along their edge, and about it, the mount knows better
+    # two faces determine four of the six: along their edge, and about it, the mount is better
     assert np.median([scan.correction.n_directions for scan in scans]) >= 4
     before = np.median(length([scan.kinematic_error for scan in scans], part))
     after = np.median(length([scan.error for scan in scans], part))
@@ -181,7 +181,7 @@ def test_fiducials_that_were_lost_are_found_again():
         team.simulator.close()
     for part in (POSITION, ANGLE):
         corrected, kinematic = np.median(length(since, part), axis=0)
-        assert corrected < kinematic / 1.6  # a half, of which 20 worlds tell a fifth
+        assert corrected < kinematic / 1.6  # a half; 20 worlds resolve a fifth of it
 
 
 # outliers
@@ -247,7 +247,7 @@ def test_a_crate_that_moved_does_not_drag_the_pose_along(unmoved, moved, step):
 
 @pytest.mark.parametrize(("moved", "step"), [("left", 0.05), ("large", 0.07)])
 def test_fiducials_that_moved_a_little_are_called_outliers(unmoved, moved, step):
-    """By so little that they are still taken for what they were: the others outvote them."""
+    """By so little that they are still associated: the others outvote them."""
     dragged, outliers = [], [0, 0]
     for seed, (still, _) in enumerate(unmoved):
         scan, _ = after_a_change(seed, crates(moved, (step, 0, 0)))
@@ -332,11 +332,11 @@ def test_flat_ground_alone_determines_three_directions_at_most():
 
 
 @pytest.fixture(scope="module")
-def placed():
+def registered():
     """40 bases that registration has found to 1.5 cm and half a degree, with three scans each.
 
-    Of each the camera's scans; where the base was found and where it is by all that was seen, as
-    displacements (2, 6) that lead to the truth; and the squared error of the latter.
+    Of each: the scans; the displacements (2, 6) to the true base from the registered pose and from
+    the estimate by all scans; and the squared error of the latter in its covariance.
     """
     std = np.array([0.015, 0.015, 0.005, 0.0025, 0.0025, 0.0075])
     found = []
@@ -346,28 +346,28 @@ def placed():
         there = apply_displacement(true, std * rng.standard_normal(6))
         team.correction.set_base(0, PoseEstimate(there, np.diag(std**2)))
         scans = [team.scan(q) for q in readings_aimed_at(team.vehicles[0], MIDDLE, 3, rng)]
-        base_pose = team.correction.poses.base_pose(0)
-        off = displacement_between(base_pose.pose, true)
-        square = off @ np.linalg.solve(base_pose.covariance, off)
+        base = team.correction.poses.base(0)
+        off = displacement_between(base.pose, true)
+        square = off @ np.linalg.solve(base.covariance, off)
         found.append((scans, [displacement_between(there, true), off], square))
         team.simulator.close()
     return found
 
 
-def test_a_robot_that_does_not_know_its_base_exactly_knows_how_well_it_knows_its_camera(placed):
+def test_the_covariance_of_a_camera_is_not_too_small_on_an_inexact_base(registered):
     """The base is off by more than fiducials are: no scan is paired with a wrong face."""
-    squares = np.array([[scan.nees for scan in scans] for scans, _, _ in placed])
+    squares = np.array([[scan.nees for scan in scans] for scans, _, _ in registered])
     assert (squares.mean(axis=0) < chi2.ppf(0.995, 6 * 40) / 40).all()
     assert squares.max() < chi2.ppf(1 - 1e-5, 6)  # one scan in 100 000
 
 
-def test_a_base_follows_from_cameras_and_the_kinematics(placed):
+def test_a_base_follows_from_cameras_and_the_kinematics(registered):
     """Scans to one side share the suspension's error, which is modelled as noise: hence 1.5."""
-    offs = np.array([off for _, off, _ in placed])
+    offs = np.array([off for _, off, _ in registered])
     for part in (POSITION, ANGLE):
         before, after = np.median(length(offs, part), axis=0)
         assert after < 0.75 * before
-    assert np.mean([square for _, _, square in placed]) < 1.5 * chi2.ppf(0.995, 6 * 40) / 40
+    assert np.mean([square for _, _, square in registered]) < 1.5 * chi2.ppf(0.995, 6 * 40) / 40
 
 
 def test_a_scan_without_surfaces_is_not_kept():

@@ -9,19 +9,21 @@ from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry import Pose, apply_displacement
 from coopmap_env.localization import CorrectionSettings
-from coopmap_env.localization.correction.keyframes import KeyframeArrays, ScanSurfaces
-from coopmap_env.localization.correction.known_target import PixelPlanes
-from coopmap_env.localization.correction.patches import (
+from coopmap_env.localization.correction.association import (
     MIN_NORMAL_COSINE,
-    MIN_VARIANCE,
-    TARGET_SOURCE,
     AssociationGates,
     PatchScan,
     PatchSources,
-    PatchSums,
     accumulate_patches,
     associate,
     count_overlap,
+)
+from coopmap_env.localization.correction.keyframes import KeyframeArrays, ScanSurfaces
+from coopmap_env.localization.correction.known_target import PixelPlanes
+from coopmap_env.localization.correction.patches import (
+    MIN_VARIANCE,
+    TARGET_SOURCE,
+    PatchSums,
     patches_from_sums,
 )
 from coopmap_env.localization.correction.surface_normals import surface_normals

@@ -338,8 +338,8 @@ def test_fiducials_that_have_moved_are_found(moved):
         for i in moved:
             step = rng.normal(size=3)
             image[i] += rng.uniform(0.15, 0.25) * step / np.linalg.norm(step)
-        taken = consistent_subset(points, image, np.full(8, 0.01))
-        np.testing.assert_array_equal(np.flatnonzero(~taken), moved)
+        selected = consistent_subset(points, image, np.full(8, 0.01))
+        np.testing.assert_array_equal(np.flatnonzero(~selected), moved)
 
 
 def test_two_fiducials_that_moved_together_are_found():
@@ -348,8 +348,8 @@ def test_two_fiducials_that_moved_together_are_found():
     points = scattered(rng, 8)
     image = seen(random_pose(rng), points)
     image[[2, 5]] += [0.1, 0.15, 0.0]
-    taken = consistent_subset(points, image, np.full(8, 0.01))
-    np.testing.assert_array_equal(np.flatnonzero(~taken), [2, 5])
+    selected = consistent_subset(points, image, np.full(8, 0.01))
+    np.testing.assert_array_equal(np.flatnonzero(~selected), [2, 5])
 
 
 def test_by_hand_distances_agree_up_to_so_many_deviations():
@@ -360,7 +360,7 @@ def test_by_hand_distances_agree_up_to_so_many_deviations():
     assert consistent_subset(points, image, deviations, 2.99).tolist() == [True, False]
 
 
-def test_those_taken_all_agree_and_are_about_as_many_as_can():
+def test_those_selected_all_agree_and_are_about_as_many_as_can():
     """The greedy choice against every set of nine fiducials, half of which are anywhere."""
     rng = np.random.default_rng(18)
     sizes = []
@@ -369,12 +369,12 @@ def test_those_taken_all_agree_and_are_about_as_many_as_can():
         image = seen(random_pose(rng), points) + 0.01 * rng.normal(size=points.shape)
         image[:4] += rng.normal(size=(4, 3)) * rng.choice([0.02, 0.2])
         deviations = rng.uniform(0.005, 0.02, 9)
-        taken = np.flatnonzero(consistent_subset(points, image, deviations))
+        selected = np.flatnonzero(consistent_subset(points, image, deviations))
         for i in range(9):
-            others = [j for j in taken if j != i]
+            others = [j for j in selected if j != i]
             agree = [plain.distances_agree(points, image, deviations, i, j, 3.0) for j in others]
-            assert all(agree) == (i in taken)  # a clique that nothing can be added to
-        sizes.append((len(taken), plain.largest_clique(points, image, deviations, 3.0)))
+            assert all(agree) == (i in selected)  # a clique that nothing can be added to
+        sizes.append((len(selected), plain.largest_clique(points, image, deviations, 3.0)))
     found, largest = np.array(sizes).T
     assert (found <= largest).all()
     assert (found == largest).mean() > 0.8  # what greedy means

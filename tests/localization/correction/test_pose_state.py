@@ -92,7 +92,7 @@ def test_two_cameras_of_a_robot_share_their_offsets_and_those_of_two_robots_noth
 
 
 def test_predictions_are_those_of_many_drawn_errors():
-    """Of base, offsets, encoders and body; 4000 draws tell standard deviations to 5 %."""
+    """Of base, offsets, encoders and body; 4000 draws determine standard deviations to 5 %."""
     poses = team()
     poses.set_base(0, PoseEstimate(standing(0.3, 0.4, 2.0), BASE_COVARIANCE / 4))
     poses.add(0, OUT)

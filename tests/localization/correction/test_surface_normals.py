@@ -219,7 +219,7 @@ def test_the_spread_of_normals_is_that_of_tilts_in_its_worst_direction(normal, d
         )  # the ranges and lengths they are made of are noisy themselves
     spread = np.sqrt(np.linalg.eigvalsh(np.cov(np.concatenate(normals).T)))
     wanted = np.sqrt(np.mean(windows(by_hand**2, 0.25)))
-    # pixels are 4.5 % lower than they are wide, and 1700 windows tell a spread to 2 %
+    # pixels are 4.5 % lower than they are wide, and 1700 windows determine a spread to 2 %
     assert spread[2] == pytest.approx(wanted, rel=0.1)
     assert spread[1] == pytest.approx(-n[0] * wanted, rel=0.15)
     assert spread[0] < 0.1 * wanted  # lengths do not change
@@ -237,6 +237,6 @@ def test_noise_alone_makes_a_window_too_rough_once_in_thirty():
     large, small = np.concatenate(large), np.concatenate(small)
     wanted = chi2.cdf(1.6 * 22, 22), chi2.cdf(2.2 * 6, 6)
     assert wanted == pytest.approx((1 - 1 / 27, 1 - 1 / 25), abs=0.002)
-    # a share of 0.04 of 6000 and of 1200 windows, to three standard errors
+    # a fraction of 0.04 of 6000 and of 1200 windows, to three standard errors
     assert large.mean() == pytest.approx(wanted[0], abs=3 * np.sqrt(0.04 / len(large)))
     assert small.mean() == pytest.approx(wanted[1], abs=3 * np.sqrt(0.04 / len(small)))

@@ -53,10 +53,10 @@ def views_at(triangles, T_target_base, targets, seed=0, std=STD):
     views = []
     for at in targets:
         eye = np.array([0.3, 0.1, 1.6]) + 0.3 * rng.uniform(-1, 1, 3)
-        believed = look_at_pose(eye, T_target_base.inverse().transform(at))
-        true = apply_displacement(believed, std * rng.standard_normal(6))
+        estimated = look_at_pose(eye, T_target_base.inverse().transform(at))
+        true = apply_displacement(estimated, std * rng.standard_normal(6))
         cloud = render_scan(triangles, T_target_base @ true, CAMERA, NOISE, rng)
-        views.append(View(cloud, PoseEstimate(believed, np.diag(np.square(std)))))
+        views.append(View(cloud, PoseEstimate(estimated, np.diag(np.square(std)))))
     return views
 
 
