@@ -6,7 +6,8 @@ import numpy as np
 from coopmap_baselines.planner import GainPlanner
 from numpy.typing import NDArray
 
-from coopmap_env.envs import Belief, Poses, ReservedMask
+from coopmap_env.envs import Belief, Poses
+from coopmap_env.information import ReservedMask
 
 
 class CoveragePolicy(GainPlanner):

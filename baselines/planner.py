@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs import Belief, Observations, Poses, ReservedMask
+from coopmap_env.envs import Belief, Observations, Poses
+from coopmap_env.information import ReservedMask
 
 Search = int | Literal["exhaustive"]
 Coordination = Literal["independent", "sequential"]

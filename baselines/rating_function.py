@@ -6,7 +6,8 @@ import numpy as np
 from coopmap_baselines.planner import Coordination, Planner, Search
 from numpy.typing import NDArray
 
-from coopmap_env.envs import Belief, Planning, PoseRater, Poses, ReservedMask
+from coopmap_env.envs import Belief, Planning, PoseRater, Poses
+from coopmap_env.information import ReservedMask
 
 
 class RatingFunctionPolicy(Planner):

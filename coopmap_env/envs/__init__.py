@@ -12,7 +12,6 @@ from coopmap_env.envs.belief import (
     Planning,
     PoseRater,
     Poses,
-    ReservedMask,
 )
 from coopmap_env.envs.mapping_env import Infos, MappingEnv
 from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome
@@ -30,7 +29,6 @@ __all__ = [
     "Planning",
     "PoseRater",
     "Poses",
-    "ReservedMask",
     "RewardScale",
     "StepOutcome",
     "TeamEnv",

@@ -33,7 +33,7 @@ def env():
 
 @pytest.fixture
 def belief(env):
-    """After two looks of both robots."""
+    """After two scans of both robots."""
     env.reset(seed=1)
     rng = np.random.default_rng(0)
     for _ in range(2):
@@ -112,7 +112,7 @@ def test_the_raster_scan_counts_through_the_grid_of_the_joints(belief):
     np.testing.assert_array_equal(chosen, belief.action_for(0, expected))
 
 
-def test_frontier_looks_at_the_nearest_frontier_that_any_pose_sees(belief):
+def test_frontier_views_the_nearest_frontier_that_any_pose_sees(belief):
     poses = belief.random_poses(0, 25, np.random.default_rng(5))
     shows = belief.unknown_fraction(0, poses) > 0
     there = belief.planning.nearest_frontier_mask(belief, 0, poses, shows)

@@ -29,8 +29,8 @@ SETTINGS = PlanarSettings(noise=NO_NOISE)
 def chosen(policy, belief, robot=0):
     """Pose number of a robot's action."""
     agent = belief.agents[robot]
-    pose, refused = belief.actions.decode(agent, policy.act(belief, {})[agent], belief)
-    assert refused == ""
+    pose, reason = belief.actions.decode(agent, policy.act(belief, {})[agent], belief)
+    assert reason == ""
     return pose
 
 
@@ -190,7 +190,7 @@ def first_hit_entropy(p):
 
 @pytest.mark.parametrize("quarter", range(4))
 @pytest.mark.parametrize("prior", [0.5, 0.12])
-def test_one_beam_tells_the_entropy_of_its_reading(quarter, prior):
+def test_the_information_of_one_beam_is_the_entropy_of_its_measurement(quarter, prior):
     camera = PlanarCamera(field_of_view=0.01, depth_of_field=8.0, n_beams=1)
     settings = PlanarSettings(camera=camera, noise=NO_NOISE, n_headings=4)
     env = env_with_world(open_world(), n_robots=1, settings=settings)
@@ -209,7 +209,7 @@ def test_one_beam_tells_the_entropy_of_its_reading(quarter, prior):
         assert information[0] == pytest.approx(first_hit_entropy(p), abs=1e-9)
 
 
-def test_entropy_that_no_look_can_take_away_counts_for_nothing():
+def test_entropy_that_no_scan_can_reduce_does_not_count():
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     belief = set_poses(env, (20, 20, 0), known=list(range(40 * 40)))
     clamp = belief.map.log_odds_range.max_probability
@@ -228,7 +228,7 @@ def test_probabilities_of_beam_information_out_of_range_are_named(options):
         MutualInformation(env.unwrapped._belief.rating, **options)
 
 
-def test_the_score_of_information_gain_weighs_shares_of_a_full_view_against_motion():
+def test_the_score_of_information_gain_is_a_fraction_of_a_full_view_minus_motion():
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     belief = set_poses(env, (20, 20, 0))
     policy = coopmap_baselines.make("information_gain", motion_weight=0.125, prior=0.2)
@@ -296,7 +296,7 @@ def test_the_heavier_the_motion_the_nearer_the_pose(name, small_scene):
     assert ways[0] > ways[-1] == 0
 
 
-def test_frontier_takes_the_nearest_frontier_among_offers_in_any_order():
+def test_frontier_takes_the_nearest_frontier_among_candidates_in_any_order():
     env = env_with_world(
         open_world(), n_robots=1, settings=SETTINGS, action_mode="candidates", n_candidates=200
     )

@@ -30,20 +30,20 @@ def episode(env, policy, seed=1, rng=0):
         for agent, action in actions.items():
             assert env.action_space(agent).contains(action)
         observations, _, _, _, infos = env.step(actions)
-        refused = tuple(info["rejected_reason"] for info in infos.values())
-        steps.append((env.belief().pose_ids, refused))
+        reasons = tuple(info["rejected_reason"] for info in infos.values())
+        steps.append((env.belief().pose_ids, reasons))
     return steps
 
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(("name", "options"), POLICIES)
-def test_whole_episodes_without_a_refusal_the_same_again_with_the_same_generator(
+def test_whole_episodes_without_a_rejection_repeat_with_the_same_generator(
     name, options, mode, small_scene
 ):
     env = PlanarEnv(2, mode, scene=small_scene, max_scans=6, n_candidates=12)
     policy = coopmap_baselines.make(name, **options)
     first = episode(env, policy)
-    assert all(refused == ("", "") for _, refused in first)
+    assert all(reasons == ("", "") for _, reasons in first)
     episode(env, policy, seed=5, rng=3)  # a used policy starts afresh
     assert episode(env, policy) == first
     assert episode(env, coopmap_baselines.make(name, **options)) == first
@@ -121,7 +121,7 @@ def overlap(belief, actions):
 
 
 @pytest.mark.parametrize("name", SCORING)
-def test_in_sequence_robots_at_one_place_look_elsewhere(name):
+def test_sequential_robots_at_one_pose_choose_different_views(name):
     env = env_with_world(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
     known = np.zeros((40, 40), dtype=bool)
     known[19:22, 19:22] = True

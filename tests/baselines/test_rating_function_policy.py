@@ -17,7 +17,7 @@ def settings_of(interpretation, resolution=1.0, **changes):
 
 
 def play_and_compare(env, policy, seed):
-    """Compare every step's scores with rating all poses anew; return how many poses those are."""
+    """Compare every step's scores with rating all poses again; return how many poses those are."""
     observations, _ = env.reset(seed=seed)
     policy.reset(np.random.default_rng(0))
     brute = 0
@@ -69,7 +69,7 @@ def test_far_fewer_poses_are_rated_than_there_are():
     assert 0 < policy._rater.cache.n_rated < 0.6 * brute
 
 
-# Two bins tell sampled cells from unknown ones only: what changes there is who hides whom.
+# Two bins distinguish only sampled and unknown cells: what can change is occlusion.
 @pytest.mark.parametrize(
     ("interpretation", "n_gray_bins"),
     [("literal", 64), ("distance_free", 64), ("distance_free", 2)],

@@ -94,16 +94,16 @@ def test_another_process_with_other_string_hashes_plays_the_same_episode(physics
     assert found.stdout.split()[-1] == env_trajectory_hash(small("pose", physics), SEED, FieldEnv)
 
 
-def test_looking_at_state_belief_and_pictures_changes_nothing():
+def test_reading_state_belief_and_pictures_changes_nothing():
     pytest.importorskip("PIL")
 
-    def look(env):
+    def read_everything(env):
         env.state()
         env.belief().feasible_poses(0)
         env.render()
 
     env = FieldEnv(**small("pose", max_scans=1, render_mode="rgb_array"))
-    assert trajectory_hash(env, SEED, look) == env_trajectory_hash(
+    assert trajectory_hash(env, SEED, read_everything) == env_trajectory_hash(
         small("pose", max_scans=1), SEED, FieldEnv
     )
     env.close()

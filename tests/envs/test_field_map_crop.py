@@ -53,7 +53,7 @@ def test_the_crop_equals_a_voxel_by_voxel_lookup():
 
 
 def test_ahead_and_left_of_the_base_are_the_first_and_second_axis():
-    pose = base(0.0, 0.0, math.pi / 2)  # looks along +y
+    pose = base(0.0, 0.0, math.pi / 2)  # faces +y
     crop = Crop.around(GRID, pose, (4, 4), 1)
     ahead = np.unravel_index(crop.columns[3, 2, 0], GRID.shape)
     assert GRID.center(np.array(ahead))[1] > 0.1  # +1.5 cells along y

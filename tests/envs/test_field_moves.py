@@ -55,7 +55,7 @@ def staying(env):
     }
 
 
-def test_an_action_moves_every_joint_to_that_share_of_its_limits(make):
+def test_an_action_moves_every_joint_to_that_fraction_of_its_limits(make):
     mount = exact_mount()
     env = make(n_robots=1, mount=mount)
     env.reset(seed=0)
@@ -91,7 +91,7 @@ def test_encoders_read_the_target_and_the_truth_differs_by_noise_and_suspension(
         assert 1e-4 < infos[agent]["camera_error"] < 0.1
 
 
-def test_a_pose_in_unknown_space_is_refused_with_link_and_reason_and_the_mount_stays(make):
+def test_a_pose_in_unknown_space_is_rejected_with_link_and_reason_and_the_mount_stays(make):
     env = make(n_robots=1, settings=replace(FAST, initial_free_radius=0.45))
     env.reset(seed=0)
     before = env.belief().joints[0].copy()
@@ -108,7 +108,7 @@ def test_a_pose_in_unknown_space_is_refused_with_link_and_reason_and_the_mount_s
     np.testing.assert_array_equal(env.belief().joints[0], before)
 
 
-def test_offered_and_drawn_poses_are_feasible_and_come_back_bit_for_bit(make):
+def test_candidates_and_random_poses_are_feasible_and_are_decoded_bit_for_bit(make):
     env = make(n_robots=2, action_mode="candidates", n_candidates=6)
     observations, _ = env.reset(seed=3)
     while env.agents:
@@ -125,9 +125,7 @@ def test_offered_and_drawn_poses_are_feasible_and_come_back_bit_for_bit(make):
 
 
 def test_what_the_map_did_not_know_stops_the_mount_is_reported_and_charged(make):
-    blind = replace(
-        FAST, initial_free_radius=2.0
-    )  # the robot is told that there is room all around
+    blind = replace(FAST, initial_free_radius=2.0)  # the space all around is mapped as free
     env = make(n_robots=1, mount=exact_mount(), scene=Crated(), settings=blind)
     env.reset(seed=0)
     belief = env.belief()
@@ -181,7 +179,7 @@ class NothingButTheTarget(Worksite):
 
 
 @pytest.mark.parametrize(("mount", "n_robots"), [("mast", 2), ("mast", 5), ("tiago", 3)])
-def test_robots_look_at_each_other_and_never_enter_the_map(make, mount, n_robots):
+def test_robots_scan_each_other_and_never_enter_the_map(make, mount, n_robots):
     if mount == "tiago":
         pytest.importorskip("cmeel")
     env = make(mount=mount, n_robots=n_robots, max_scans=6, scene=NothingButTheTarget())
@@ -207,7 +205,7 @@ def test_robots_look_at_each_other_and_never_enter_the_map(make, mount, n_robots
 
 
 def most_at_teammates(belief, robot, rng):
-    """Of some feasible poses the one that looks most directly at a teammate."""
+    """Of some feasible poses the one whose optical axis is closest to a teammate."""
     poses = belief.random_poses(robot, 40, rng)
     R, t = belief.vehicles[robot].camera_poses(poses)
     others = np.delete(belief.positions, robot, axis=0)
@@ -245,8 +243,8 @@ def test_only_exact_poses_have_no_error(make):
 
 
 @pytest.mark.parametrize("mount", ["mast", "husky_panda", "tiago"])
-def test_the_claimed_covariance_of_the_camera_is_that_of_its_errors(make, mount):
-    """The mean squared error in units of what is claimed, over calibrations and poses.
+def test_the_estimated_covariance_of_the_camera_is_that_of_its_errors(make, mount):
+    """The mean squared error in units of the estimated covariance, over calibrations and poses.
 
     Normal errors of 48 independent episodes would lie within 20 % of one in the mean of the six
     axes; those of the suspension are not normal, and poses near the limits lean more than others.
@@ -281,7 +279,7 @@ def test_the_covariance_of_the_pose_enters_that_of_every_observed_point(make):
     assert traces[0].mean() < traces[1].mean()
 
 
-def test_with_ompl_a_way_around_is_found_where_the_straight_one_is_blocked(make):
+def test_ompl_plans_a_path_where_the_straight_motion_is_blocked(make):
     pytest.importorskip("ompl")
     tight = replace(FAST, initial_free_radius=0.45)
     plain = make(n_robots=1, max_scans=1, settings=tight)
@@ -346,7 +344,7 @@ class OneTooFew(Worksite):
         return super().world(rng, n_robots - (type(self).worlds > 1), footprint)
 
 
-def test_a_world_of_another_grid_is_refused(make):
+def test_a_world_of_another_grid_is_rejected(make):
     with pytest.raises(ValueError, match=r"made a world of VoxelGrid\(shape=\(64, 64, 20\)"):
         make(scene=OtherGrid()).reset(seed=0)
 
@@ -361,7 +359,7 @@ def test_an_episode_goes_on_after_a_reset_that_failed(make):
     env.step(staying(env))
 
 
-def test_a_closed_environment_says_so_and_can_be_reset(make):
+def test_a_closed_environment_raises_and_can_be_reset(make):
     env = make()
     env.reset(seed=0)
     actions = staying(env)

@@ -21,7 +21,7 @@ def base(x, y, heading):
 
 
 def test_a_camera_ahead_of_a_turned_base_by_hand():
-    # the base looks along +y; the camera is 3 m ahead, 1.5 m to the left and 1.2 m up, looks along
+    # the base faces +y; the camera is 3 m ahead, 1.5 m to the left and 1.2 m up, its axis along
     # the base's left (-x) and is upright
     R = np.array([[-1.0, 0, 0], [0, -1, 0], [0, 0, 1]])
     camera = Pose(np.array([1.0 - 1.5, 2.0 + 3.0, 1.2]), R)
@@ -36,7 +36,7 @@ def test_far_positions_are_clipped():
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("n_robots", [1, 3])
-def test_every_observation_lies_in_its_space_and_says_what_the_belief_says(mode, n_robots):
+def test_every_observation_lies_in_its_space_and_agrees_with_the_belief(mode, n_robots):
     env = FieldEnv(
         n_robots=n_robots, action_mode=mode, n_candidates=5, max_scans=3, settings=SETTINGS
     )

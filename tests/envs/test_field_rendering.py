@@ -130,7 +130,7 @@ def test_rays_and_projection_belong_together():
         ({"width": 0}, "0 x 81"),
     ],
 )
-def test_an_impossible_overview_is_refused(change, words):
+def test_an_invalid_view_camera_is_rejected(change, words):
     good = {
         "eye": AHEAD.eye, "look_at": AHEAD.look_at, "field_of_view": 1.0, "width": 10, "height": 81
     }  # fmt: skip
@@ -154,7 +154,7 @@ def test_a_box_is_seen_in_its_colour_at_its_distance_before_the_background():
     assert np.isfinite(distance[40]).sum() == pytest.approx(2 * 101 / 6, abs=1)
 
 
-def test_edges_are_smooth_and_planes_are_not_touched():
+def test_edges_are_smoothed_and_planes_are_unchanged():
     view = ViewCamera(AHEAD.eye, (0.0, 0.6, 0.0), 1.0, 101, 81)
     image, _ = painted([box((0, 0, 0), 2.0)], [(255, 0, 0)], view=view)
     shares = image[..., 1]

@@ -51,7 +51,7 @@ def all_located(env):
 
 
 def found_worlds(env, seeds):
-    """Seeds in which these looks find the target for all."""
+    """Seeds in which all robots find the target by these scans."""
     for seed in seeds:
         env.reset(seed=seed)
         wander(env, np.random.default_rng(seed), all_located)
@@ -59,7 +59,7 @@ def found_worlds(env, seeds):
             yield seed
 
 
-def test_at_the_start_nobody_knows_anything_but_its_own_parking_room(make):
+def test_at_the_start_a_robot_knows_only_the_space_around_its_vehicle(make):
     env = make(n_robots=3)
     observations, infos = env.reset(seed=0)
     belief = env.belief()
@@ -77,7 +77,7 @@ def test_at_the_start_nobody_knows_anything_but_its_own_parking_room(make):
 
 
 def test_all_robots_begin_alike_wherever_they_stand(make):
-    """What a robot knows at the start tells nothing of its true pose, or of the seed."""
+    """The initial belief of a robot depends neither on its true pose nor on the seed."""
     env = make()
     first, _ = env.reset(seed=0)
     second, _ = env.reset(seed=1)
@@ -121,10 +121,10 @@ def test_located_robots_stand_where_they_think_and_see_each_other(make):
     assert np.degrees(np.median(angle)) < 0.5
 
 
-def test_the_teams_map_holds_each_look_of_the_located_exactly_once(make):
-    """A map made anew of the looks' own points is the same, bit for bit."""
+def test_the_teams_map_holds_each_scan_of_located_robots_exactly_once(make):
+    """A map rebuilt from the points of the scans is the same, bit for bit."""
     env = make(motion_correction="exact", max_scans=10)
-    looks = []
+    scans = []
     original = env._reset_world
 
     def start(rngs):
@@ -134,7 +134,7 @@ def test_the_teams_map_holds_each_look_of_the_located_exactly_once(make):
 
         def scan(robot, rng):
             cloud = measured(robot, rng)
-            looks.append((robot, cloud, simulator.true_camera_pose(robot)))
+            scans.append((robot, cloud, simulator.true_camera_pose(robot)))
             return cloud
 
         simulator.scan = scan
@@ -142,12 +142,12 @@ def test_the_teams_map_holds_each_look_of_the_located_exactly_once(make):
 
     env._reset_world = start
     seed = next(found_worlds(env, range(8)))
-    looks.clear()
+    scans.clear()
     env.reset(seed=seed)
     wander(env, np.random.default_rng(seed), all_located)
     belief = env.belief()
     hits = OccupancyMap(env.scene.grid, env.settings.beam, env.settings.log_odds_range)
-    for robot, cloud, true in looks:
+    for robot, cloud, true in scans:
         # with exact poses, the hits that are no robot's carry the same points as the true ones
         hits.integrate(transform_cloud(cloud, true, env.settings.noise))
         assert robot in (0, 1)
@@ -158,7 +158,7 @@ def test_the_teams_map_holds_each_look_of_the_located_exactly_once(make):
     shared = sorted(set(ours) & set(theirs))
     assert len(shared) > 0.5 * len(ours)
     ratio = np.array([ours[cell] / theirs[cell] for cell in shared])
-    # twice the precision would mean that a look was counted twice
+    # twice the precision would mean that a scan was counted twice
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
     assert (ratio < 1.5).mean() > 0.95
 
@@ -218,7 +218,7 @@ def test_when_a_robot_is_located_its_scan_is_in_the_frame_of_its_camera(make):
     assert moved_in > 0
 
 
-def test_infos_say_why_a_robot_is_not_located(make):
+def test_infos_contain_why_a_robot_is_not_located(make):
     env = make(max_scans=10)
     seed = next(found_worlds(env, range(8)))
     env.reset(seed=seed)
@@ -229,7 +229,7 @@ def test_infos_say_why_a_robot_is_not_located(make):
     assert all(info["localization_failure"] == "" for info in last.values())
 
 
-def test_headings_of_a_scenes_file_are_kept_and_bases_out_of_reach_refused(make, tmp_path):
+def test_headings_of_a_scene_file_are_kept_and_bases_out_of_range_rejected(make, tmp_path):
     pytest.importorskip("yaml")
     path = tmp_path / "shed.yaml"
     scene = """
@@ -249,7 +249,7 @@ bases:
         far.reset(seed=0)
 
 
-def test_a_match_that_puts_the_camera_outside_of_the_map_is_refused(make, monkeypatch):
+def test_a_match_that_puts_the_camera_outside_of_the_map_is_rejected(make, monkeypatch):
     def far_off(*_, **__):
         there = Pose(np.array([50.0, 0.0, 0.0]), np.eye(3))
         return Registration(True, "", there, 1e-4 * np.eye(6), None, (there,))
@@ -262,7 +262,7 @@ def test_a_match_that_puts_the_camera_outside_of_the_map_is_refused(make, monkey
     assert any("outside of the map" in info["localization_failure"] for info in infos.values())
 
 
-def test_own_frames_do_not_change_what_a_look_brings(make):
+def test_local_frames_do_not_change_the_gain_of_a_scan(make):
     """Before it is located, a robot's pose is off by its encoders only, as it is afterwards."""
     env = make(max_scans=2)
     env.reset(seed=0)
@@ -291,7 +291,7 @@ def test_every_policy_searches(make):
         ({"motion_correction": "stereo"}, "motion_correction must be one of .*'stereo'"),
     ],
 )
-def test_unknown_choices_are_refused(make, arguments, message):
+def test_unknown_choices_are_rejected(make, arguments, message):
     with pytest.raises(ValueError, match=message):
         make(**arguments)
 

@@ -91,19 +91,19 @@ def test_splits_make_different_worlds_of_the_same_seed():
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_looking_at_state_belief_and_pictures_changes_nothing(mode):
+def test_reading_state_belief_and_pictures_changes_nothing(mode):
     pytest.importorskip("PIL")
 
-    def look(env):
+    def read_everything(env):
         env.state()
         env.belief().feasible_cells(0)
         env.render()
 
     env = PlanarEnv(**small(mode, render_mode="rgb_array"))
-    assert trajectory_hash(env, SEED, look) == env_trajectory_hash(small(mode), SEED)
+    assert trajectory_hash(env, SEED, read_everything) == env_trajectory_hash(small(mode), SEED)
 
 
-def test_the_hash_tells_types_and_bits_apart():
+def test_the_hash_distinguishes_types_and_bits():
     import hashlib
 
     values = [

@@ -52,7 +52,7 @@ def test_a_feasible_pose_is_taken():
         (8, 0, "no path through known free space leads there"),
     ],
 )
-def test_an_infeasible_pose_leaves_the_camera_where_it_looks_from(ahead, left, reason):
+def test_an_infeasible_pose_does_not_move_the_camera(ahead, left, reason):
     # Free are a room around the robot and one cell that nothing leads to.
     env = alone(box(slice(15, 26), slice(15, 26)) | box(28, 20), start=(20, 20, 3))
     map_ = env.belief().map
@@ -97,7 +97,7 @@ def test_no_path_slips_between_two_cells_that_touch_at_a_corner():
     assert step(alone(known), 2, 2)["rejected_reason"] == ""
 
 
-def test_a_masked_candidate_leaves_the_camera_where_it_looks_from():
+def test_a_masked_candidate_does_not_move_the_camera():
     env = env_with_world(
         open_world(), n_robots=1, settings=SETTINGS, action_mode="candidates", n_candidates=40
     )
@@ -116,7 +116,7 @@ def test_a_masked_candidate_leaves_the_camera_where_it_looks_from():
 @pytest.mark.parametrize("mode", MODES)
 def test_robots_stand_only_where_the_map_before_the_step_knew_free_space(mode, scene):
     env = PlanarEnv(3, mode, scene=scene, max_scans=12)
-    moved = refused = 0
+    moved = n_rejected = 0
     for seed in range(3):
         episode = random_rollout(env, seed, np.random.default_rng(seed))
         next(episode)
@@ -129,7 +129,7 @@ def test_robots_stand_only_where_the_map_before_the_step_knew_free_space(mode, s
             free = (map_.probability < 0.05) & map_.sampled
             for robot, info in enumerate(infos.values()):
                 cell = env.belief().cell(robot)
-                refused += bool(info["rejected_reason"])
+                n_rejected += bool(info["rejected_reason"])
                 if info["rejected_reason"]:
                     assert env.belief().pose_ids[robot] == before[robot]
                 elif cell != belief.cell(robot):
@@ -137,7 +137,7 @@ def test_robots_stand_only_where_the_map_before_the_step_knew_free_space(mode, s
                     assert free.flat[cell]
                     assert cell in feasible[robot]
     assert moved > 20
-    assert refused > 20 or mode == "candidates"
+    assert n_rejected > 20 or mode == "candidates"
 
 
 @pytest.mark.parametrize("n_headings", [1, 5, 16])
@@ -213,7 +213,7 @@ def test_candidates_are_feasible_distinct_and_reproducible():
     assert len(set(offered)) == len(offered)
 
 
-def test_every_feasible_pose_is_offered_as_often():
+def test_every_feasible_pose_is_a_candidate_equally_often():
     env = env_with_world(
         open_world(), n_robots=1, settings=SETTINGS, action_mode="candidates", n_candidates=8
     )
@@ -225,7 +225,7 @@ def test_every_feasible_pose_is_offered_as_often():
     np.testing.assert_allclose(counts, 500, atol=4 * np.sqrt(500 * 0.75))  # four standard errors
 
 
-def test_a_pose_that_is_not_on_offer_has_no_action():
+def test_a_pose_that_is_no_candidate_has_no_action():
     env = PlanarEnv(action_mode="candidates")
     env.reset(seed=0)
     belief = env.belief()
@@ -236,7 +236,7 @@ def test_a_pose_that_is_not_on_offer_has_no_action():
         belief.action_for(1, other)
 
 
-def test_a_wall_that_the_map_takes_as_free_is_bumped_into_and_learned():
+def test_a_collision_with_a_wall_that_is_mapped_as_free_corrects_the_map():
     env = env_with_world(
         open_world(walls=[(23, 20)]), n_robots=1, settings=PlanarSettings(noise=NO_NOISE)
     )

@@ -22,7 +22,7 @@ def env_of(n_robots=1, world=None, **changes):
     return env_with_world(world or open_world(), n_robots=n_robots, settings=settings)
 
 
-def look(env, robot=0):
+def observation_of(env, robot=0):
     return env._observe()[f"robot_{robot}"]
 
 
@@ -42,7 +42,7 @@ def test_a_cell_ahead_of_the_camera_is_shown_ahead(quarters, ahead):
     env = env_of()
     set_poses(env, (20, 20, quarters * QUARTER))
     set_cells(env.belief().map, [ahead[0] * 40 + ahead[1]], 0.9)
-    image = look(env)["map"]
+    image = observation_of(env)["map"]
     # ahead is towards +x or +y at headings 0 and 1, and left of the camera at 3 and 0
     i = 7 + 3 if quarters in (0, 1) else 8 + 3
     j = 7 if quarters in (0, 3) else 8
@@ -60,18 +60,18 @@ def test_a_cell_to_the_left_of_the_camera_is_shown_at_a_higher_j(quarters, left)
     set_cells(env.belief().map, [left[0] * 40 + left[1]], 0.9)
     i = 7 if quarters in (0, 1) else 8
     j = 7 + 2 if quarters in (0, 3) else 8 + 2
-    assert shown(look(env)["map"], OCCUPANCY, round(0.9 * 255)) == [(i, j)]
+    assert shown(observation_of(env)["map"], OCCUPANCY, round(0.9 * 255)) == [(i, j)]
 
 
 def test_in_a_picture_of_odd_side_the_camera_is_in_the_middle_at_every_heading():
     env = env_of(crop_cells=9)
     for heading in range(16):
         set_poses(env, (20, 20, heading))
-        assert shown(look(env)["map"], SAMPLED) == [(4, 4)]
+        assert shown(observation_of(env)["map"], SAMPLED) == [(4, 4)]
         angle = heading * math.tau / 16
         ahead = (20 + round(3 * math.cos(angle)), 20 + round(3 * math.sin(angle)))
         set_cells(env.belief().map, [ahead[0] * 40 + ahead[1]], 0.9)
-        assert (7, 4) in shown(look(env)["map"], OCCUPANCY, round(0.9 * 255))
+        assert (7, 4) in shown(observation_of(env)["map"], OCCUPANCY, round(0.9 * 255))
 
 
 def test_every_picture_cell_shows_the_nearest_map_cell():
@@ -83,7 +83,7 @@ def test_every_picture_cell_shows_the_nearest_map_cell():
         known = random_map(rng, (30, 24))
         env.belief().map.log_odds_fixed[:] = known.log_odds_fixed
         env.belief().map.sampled_mask[:] = known.sampled_mask
-        image, angle = look(env)["map"], heading * math.tau / 16
+        image, angle = observation_of(env)["map"], heading * math.tau / 16
         for i, j in np.ndindex(SIDE, SIDE):
             ahead, left = i + 0.5 - SIDE / 2, j + 0.5 - SIDE / 2
             cx = math.floor(x + 0.5 + math.cos(angle) * ahead - math.sin(angle) * left + 1e-9)
@@ -100,7 +100,7 @@ def test_unknown_is_128_free_is_0_and_occupied_255():
     env = env_of()
     set_poses(env, (20, 20, 0))
     set_cells(env.belief().map, [21 * 40 + 20], 0.9989)
-    image = look(env)["map"]
+    image = observation_of(env)["map"]
     assert image[OCCUPANCY, 7, 7] == 0
     assert image[OCCUPANCY, 8, 7] == 255
     assert (image[OCCUPANCY] == 128).sum() == SIDE**2 - 2
@@ -110,7 +110,7 @@ def test_unknown_is_128_free_is_0_and_occupied_255():
 def test_outside_the_world_nothing_is_inside_known_or_sampled():
     env = env_of()
     set_poses(env, (1, 38, 0), known=np.ones((40, 40), dtype=bool))
-    image = look(env)["map"]
+    image = observation_of(env)["map"]
     # cells (1 + i - 7, 38 + j - 7): inside for i >= 6 and j <= 8
     inside = np.zeros((SIDE, SIDE), dtype=bool)
     inside[6:, :9] = True
@@ -129,43 +129,43 @@ def test_a_teammate_is_a_block_of_nine_at_its_place_at_every_heading(quarters, r
     left = [(0, 1), (-1, 0), (0, -1), (1, 0)][quarters]
     mate = [20 + 3 * ahead[axis] - 5 * left[axis] for axis in (0, 1)]
     set_poses(env, (20, 20, quarters * QUARTER), (*mate, 0))
-    image = look(env)["map"]
+    image = observation_of(env)["map"]
     # 3 ahead and 5 to the right of the picture's middle, which lies between cells 7 and 8
     block = [(i, j) for i in (10, 11, 12) for j in (2, 3, 4)]
     assert shown(image, TEAMMATES) == block
 
 
-def test_a_teammate_beside_the_picture_is_clipped_and_one_far_away_is_not_shown():
+def test_a_teammate_at_the_edge_of_the_crop_is_clipped_and_one_far_away_is_not_shown():
     env = env_of(2)
     set_poses(env, (20, 20, 0), (28, 20, 0))
-    assert shown(look(env)["map"], TEAMMATES) == [(15, 7), (15, 8), (15, 9)]
+    assert shown(observation_of(env)["map"], TEAMMATES) == [(15, 7), (15, 8), (15, 9)]
     set_poses(env, (20, 20, 0), (30, 20, 0))
-    assert shown(look(env)["map"], TEAMMATES) == []
+    assert shown(observation_of(env)["map"], TEAMMATES) == []
 
 
 def test_one_does_not_see_oneself():
     env = env_of(1)
     set_poses(env, (20, 20, 0))
-    assert not look(env)["map"][TEAMMATES].any()
-    assert "teammates" not in look(env)
+    assert not observation_of(env)["map"][TEAMMATES].any()
+    assert "teammates" not in observation_of(env)
 
 
-def test_pose_is_shares_of_the_sides_and_the_direction():
+def test_pose_is_fractions_of_the_sides_and_the_direction():
     env = env_of(world=open_world(40, 20, 0.5, (-4.0, 9.0)))
     set_poses(env, (9, 14, 2))
     expected = [9.5 / 40, 14.5 / 20, math.cos(math.pi / 4), math.sin(math.pi / 4)]
-    np.testing.assert_allclose(look(env)["pose"], expected, rtol=1e-6)  # float32
+    np.testing.assert_allclose(observation_of(env)["pose"], expected, rtol=1e-6)  # float32
 
 
 def test_teammates_are_in_the_own_frame_and_in_order_of_their_numbers():
     env = env_of(3, open_world(30, 40, 2.0))  # a diagonal of 100 m
     set_poses(env, (10, 10, 4), (10, 15, 4), (7, 10, 8))
-    # from robot 0, which looks along +y: robot 1 is 10 m ahead, robot 2 is 6 m to the left
+    # from robot 0, which faces +y: robot 1 is 10 m ahead, robot 2 is 6 m to the left
     expected = [[0.10, 0.0, 1.0, 0.0], [0.0, 0.06, 0.0, 1.0]]
-    np.testing.assert_allclose(look(env, 0)["teammates"], expected, atol=1e-7)
-    # from robot 2, which looks along -x: robot 0 is 6 m behind, robot 1 also 10 m to the right
+    np.testing.assert_allclose(observation_of(env, 0)["teammates"], expected, atol=1e-7)
+    # from robot 2, which faces -x: robot 0 is 6 m behind, robot 1 also 10 m to the right
     expected = [[-0.06, 0.0, 0.0, -1.0], [-0.06, -0.10, 0.0, -1.0]]
-    np.testing.assert_allclose(look(env, 2)["teammates"], expected, atol=1e-7)
+    np.testing.assert_allclose(observation_of(env, 2)["teammates"], expected, atol=1e-7)
 
 
 def test_the_state_is_the_map_row_by_row_then_the_poses():
@@ -190,14 +190,14 @@ def test_candidate_features_by_hand():
         action_mode="candidates", n_candidates=40,
     )  # fmt: skip
     belief = set_poses(env, (10, 10, 4), known=[10 * 40 + 11])
-    observation, most = look(env), math.log(rating.n_gray_bins)
+    observation, most = observation_of(env), math.log(rating.n_gray_bins)
     assert observation["action_mask"].tolist() == [1] * 32 + [0] * 8
     assert not observation["candidates"][32:].any()
     row = belief.candidates[0].tolist().index(pose_id(env, 10, 11, heading=0))
     rated = belief.rate(0, [pose_id(env, 10, 11)])
     d2 = 2.0**2 + 0.5 * (math.pi / 2) ** 2
     expected = [
-        0.02, 0.0,  # 2 m ahead of the camera, which looks along +y
+        0.02, 0.0,  # 2 m ahead of the camera, which faces +y
         0.0, -1.0,  # a quarter turn to the right
         rated.new_information[0] / most,
         0.1 * d2 / most,
@@ -230,10 +230,12 @@ def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings)
         env._belief = env._with_candidates(env._belief)
         belief = env.belief()
         for robot in range(3):
-            observation, offer = look(env, robot), belief.candidates[robot]
-            told = observation["candidates"][: len(offer)]
+            observation, offer = observation_of(env, robot), belief.candidates[robot]
+            actual = observation["candidates"][: len(offer)]
             expected = [candidate_features(belief, robot, int(pose)) for pose in offer]
-            np.testing.assert_array_equal(told.view(np.uint32), np.array(expected).view(np.uint32))
+            np.testing.assert_array_equal(
+                actual.view(np.uint32), np.array(expected).view(np.uint32)
+            )
 
 
 def test_huge_costs_end_at_the_limit():
@@ -242,7 +244,7 @@ def test_huge_costs_end_at_the_limit():
         open_world(), n_robots=1, settings=PlanarSettings(rating=rating), action_mode="candidates"
     )
     set_poses(env, (20, 20, 0), known=[20 * 40 + 21])
-    features = look(env)["candidates"]
+    features = observation_of(env)["candidates"]
     moved = np.abs(features[:, 1]) + np.abs(features[:, 0]) > 0
     assert moved.any()
     assert (features[moved, 5] == 10).all()

@@ -83,8 +83,8 @@ def test_the_sequential_exhaustive_planner_maximises_the_reward(scene):
                         ViewContext(reserved_mask),
                     ).rating.max()
                 )
-                chosen, refused = belief.actions.decode(agent, actions[agent], belief)
-                assert refused == ""
+                chosen, reason = belief.actions.decode(agent, actions[agent], belief)
+                assert reason == ""
                 reserved_mask[belief.rating.visible_cells(belief.map, chosen)] = 1
             observations, rewards, *_ = env.step(actions)
             assert list(rewards.values()) == best
@@ -114,7 +114,7 @@ def test_information_telescopes_to_the_drop_of_entropy(mode, scene):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_coverage_sums_to_the_change_of_the_viewed_share(mode, scene):
+def test_coverage_sums_to_the_change_of_the_observed_fraction(mode, scene):
     env = PlanarEnv(3, mode, scene=scene, reward="coverage", max_scans=8)
     _, infos = env.reset(seed=2)
     start, rng, paid, cells = (
@@ -164,7 +164,7 @@ def test_back_to_back_robots_are_paid_as_if_alone():
 
 
 @pytest.mark.parametrize("reward", REWARD_TERMS)
-def test_whatever_is_paid_all_terms_are_told_and_shared_is_the_mean(reward):
+def test_infos_contain_all_terms_and_the_shared_reward_is_the_mean(reward):
     own = PlanarEnv(3, scene=SMALL, reward=reward, max_scans=5)
     shared = PlanarEnv(3, scene=SMALL, reward=reward, team_reward="shared", max_scans=5)
     own.reset(seed=3)
@@ -194,11 +194,11 @@ def test_infos_hold_what_the_page_names():
         mask = {"action_mask"} if mode == "candidates" else set()
         assert all(set(info) == {"scans", "observed_fraction"} | mask for info in infos.values())
         *_, infos = env.step(random_actions(env, np.random.default_rng(0)))
-        told = {
+        keys = {
             "reward_terms", "rejected_reason", "contact", "new_information", "distance",
             "new_cells", "entropy_reduction", "scans", "observed_fraction",
         }  # fmt: skip
-        assert all(set(info) == told | mask for info in infos.values())
+        assert all(set(info) == keys | mask for info in infos.values())
 
 
 @pytest.mark.parametrize("camera", [PlanarCamera(), PlanarCamera(n_beams=70)])

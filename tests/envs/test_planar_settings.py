@@ -27,12 +27,13 @@ def test_scaled_settings_play_the_same_episode_in_cells_of_any_size(resolution):
     while plain.agents:
         actions = {agent: rng.uniform(-0.3, 0.3, 3) for agent in plain.agents}
         observations, rewards, _, _, infos = plain.step(actions)
-        same, paid, _, _, told = scaled.step(actions)
-        for agent, reward in paid.items():
+        same, scaled_rewards, _, _, other_infos = scaled.step(actions)
+        for agent, reward in scaled_rewards.items():
             assert reward == pytest.approx(rewards[agent], rel=1e-12)
-            assert told[agent]["rejected_reason"] == infos[agent]["rejected_reason"]
+            assert other_infos[agent]["rejected_reason"] == infos[agent]["rejected_reason"]
             assert (
-                told[agent]["reward_terms"]["coverage"] == infos[agent]["reward_terms"]["coverage"]
+                other_infos[agent]["reward_terms"]["coverage"]
+                == infos[agent]["reward_terms"]["coverage"]
             )
             np.testing.assert_array_equal(same[agent]["map"], observations[agent]["map"])
             np.testing.assert_allclose(

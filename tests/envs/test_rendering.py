@@ -75,7 +75,7 @@ def test_the_truth_shows_obstacles_that_the_map_does_not_know():
     assert center_of(right, NEVER_SAMPLED)[2] >= 600 * 600
 
 
-def test_the_map_tells_free_occupied_undecided_and_never_sampled_apart():
+def test_the_picture_distinguishes_free_occupied_undecided_and_never_sampled():
     probability = np.full((20, 20), 0.5)
     probability[0], probability[1] = 0.0, 1.0
     sampled = np.zeros((20, 20), dtype=bool)
@@ -170,7 +170,7 @@ def test_drawing_leaves_its_inputs_alone_and_repeats_itself():
         np.testing.assert_array_equal(array, copies[name])
 
 
-def test_maps_and_poses_of_the_wrong_shape_are_refused():
+def test_maps_and_poses_of_the_wrong_shape_are_rejected():
     with pytest.raises(ValueError, match=r"\(20, 20\), \(20, 20\) and \(20, 19\)"):
         picture(sampled=np.zeros((20, 19), dtype=bool))
     with pytest.raises(ValueError, match=r"poses must have shape \(n, 3\), got \(2,\)"):

@@ -89,7 +89,7 @@ def test_every_cell_of_the_region_every_heading_and_every_mate_is_as_likely():
     np.testing.assert_allclose(counts, 400, atol=77)
 
 
-def test_more_robots_than_cells_share_them_evenly():
+def test_more_robots_than_cells_are_distributed_evenly():
     occupied = np.ones((8, 8), dtype=bool)
     occupied[3, 4:7] = False
     for seed in range(20):
@@ -114,7 +114,7 @@ def test_a_radius_of_three_cells_is_that_even_if_its_division_rounds_down():
     assert max(len(place(world, 1, seed, radius=0.6)[2]) for seed in range(20)) == 29
 
 
-def test_without_spread_or_radius_the_team_shares_and_knows_one_cell():
+def test_without_distance_or_radius_the_team_starts_in_one_known_cell():
     _, cells, known = place(world_of(np.zeros((8, 8), dtype=bool)), 3, 0, spread=0.0, radius=0.0)
     assert len(set(cells.tolist())) == 1
     assert known.tolist() == [cells[0]]

@@ -10,11 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, ReservedMask
+from coopmap_env.envs.belief import Belief
 from coopmap_env.envs.field.joint_space import JointSpace
 from coopmap_env.envs.field.reachability import Joints, MotionLimits, Reachability, Spheres
 from coopmap_env.geometry import Pose
-from coopmap_env.information import FieldRatingFunction, Ratings, ViewContext, joint_distance
+from coopmap_env.information import (
+    FieldRatingFunction,
+    Ratings,
+    ReservedMask,
+    ViewContext,
+    joint_distance,
+)
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import PoseEstimate, Vehicle
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import ReservedMask
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.reachability import Joints
 from coopmap_env.information import (
     FieldMutualInformation,
     FieldRatingFunction,
     Ratings,
+    ReservedMask,
     adjacent_to_unknown,
     entropy,
     first_visible_point,

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.reachability import Joints
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.localization import (
@@ -26,7 +26,6 @@ from coopmap_env.robots import PoseEstimate, filter_robot_points
 from coopmap_env.sensing import PointCloud, RangeNoise
 from coopmap_env.simulation.scenes.field import FieldWorld
 
-Joints = NDArray[np.float64]
 MAX_SEARCHED_SCANS = 8
 """Scans at most in which the target is searched for at once, the last ones: 40 ms each."""
 MIN_HITS = 50

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.envs.belief import Belief, ReservedMask
-from coopmap_env.information import RatingFunction, Ratings, ViewContext
+from coopmap_env.envs.belief import Belief
+from coopmap_env.information import RatingFunction, Ratings, ReservedMask, ViewContext
 from coopmap_env.robots import PoseLattice, ReachableCells, infeasibility_reason
 
 

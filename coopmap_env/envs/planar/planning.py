@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import ReservedMask
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.information import (
     MutualInformation,
     NewInformationCache,
     RatingFunction,
     Ratings,
+    ReservedMask,
     ViewContext,
     adjacent_to_unknown,
     entropy,
