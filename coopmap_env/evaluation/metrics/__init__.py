@@ -6,6 +6,7 @@ from coopmap_env.evaluation.metrics.calibration import (
     brier_score,
     expected_calibration_error,
     log_loss,
+    observed_mask,
     reliability_curve,
 )
 from coopmap_env.evaluation.metrics.surface import SurfaceEvaluator
@@ -19,5 +20,6 @@ __all__ = [
     "brier_score",
     "expected_calibration_error",
     "log_loss",
+    "observed_mask",
     "reliability_curve",
 ]

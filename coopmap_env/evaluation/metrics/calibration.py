@@ -165,6 +165,36 @@ def expected_calibration_error(
     return float(np.average(gaps, weights=curve.counts[filled]))
 
 
+def observed_mask(sampled: ArrayLike, initially_sampled: ArrayLike) -> NDArray[np.bool_]:
+    """Sampled voxels without those that are known from the start, such as the initial free space.
+
+    That space, 11 m³ for each of two robots by default, is certain and right whatever a policy
+    does. Counted in, it would make Brier score and log loss of two masts 6 % smaller after 16 scans
+    and a quarter smaller after one scan, and more for more robots. The scores would then depend on
+    the size of that space instead of the quality of the map.
+
+    Parameters
+    ----------
+    sampled : array_like of bool
+        `OccupancyMap.sampled` at the time of scoring.
+    initially_sampled : array_like of bool
+        The same before the first scan.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or a voxel is only sampled initially.
+    """
+    now, before = np.asarray(sampled, dtype=bool), np.asarray(initially_sampled, dtype=bool)
+    if now.shape != before.shape:
+        raise ValueError(
+            f"sampled and initially_sampled must have one shape, got {now.shape}, {before.shape}"
+        )
+    if (before & ~now).any():
+        raise ValueError("initially_sampled has voxels that are not in sampled; is it another map?")
+    return np.asarray(now & ~before)
+
+
 def _sampled_cells(
     probability: ArrayLike, occupied: ArrayLike, sampled: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plain import true_surfaces as plain
 
-from coopmap_env.evaluation.episode import observed_mask
+from coopmap_env.evaluation.metrics import observed_mask
 from coopmap_env.evaluation.metrics.surface_scores import (
     SampleVoxels,
     distance_scores,
