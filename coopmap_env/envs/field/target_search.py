@@ -14,13 +14,13 @@ from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.localization import (
     Registration,
+    SearchSettings,
     TargetModel,
     View,
     in_equivalent_frame,
     register,
     resolve_symmetry,
 )
-from coopmap_env.localization.registration.search import SearchSettings
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import PoseEstimate, filter_robot_points
 from coopmap_env.sensing import PointCloud, RangeNoise

@@ -27,7 +27,7 @@ MAX_DEPTH_RESIDUAL = 0.1
 MIN_INCIDENCE_COSINE = 0.15
 """Least cosine between a surface's normal and the ray. At a grazing angle a small error of the pose
 decides whether a pixel is on a face or on the next one."""
-MIN_NORMAL_COSINE = 0.8
+MIN_FACE_COSINE = 0.8
 """Least cosine between the normal of the target's face and the measured one."""
 
 
@@ -143,7 +143,7 @@ def label_target_pixels(
             for i in range(3):
                 for j in range(3):
                     cosine += n[i] * R[i, j] * scan.normals[k, j]
-            if cosine < MIN_NORMAL_COSINE:
+            if cosine < MIN_FACE_COSINE:
                 continue
         for i in range(3):
             q[i] = t[i]
