@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 from coopmap_agents.config import EnvConfig, TrainingConfig, TrainingOptions
-
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
 
@@ -42,7 +41,6 @@ class Train(EnvironmentOptions, TrainingOptions):
         """Train, and say where the policy is."""
         from coopmap_agents.record import POLICY_FILE, throughput_line
         from coopmap_agents.training import run_training
-
         from coopmap_env.core.settings import settings_to_dict
 
         settings = self.settings()

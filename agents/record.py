@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents.config import TrainingConfig
 
+from coopmap_agents.config import TrainingConfig
 from coopmap_env.core.version import __version__
 from coopmap_env.evaluation import file_hashes
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from pathlib import Path
 
-import coopmap_agents._require_rl  # noqa: F401
 import numpy as np
-from coopmap_agents.config import PPOSettings
-from coopmap_agents.record import SegmentReport
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.policies import ActorCriticPolicy
+
+import coopmap_agents._require_rl  # noqa: F401
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.record import SegmentReport
 
 
 class Trainer(ABC):

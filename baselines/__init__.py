@@ -20,7 +20,6 @@ from coopmap_baselines.information_gain import InformationGainPolicy
 from coopmap_baselines.random_poses import RandomPolicy
 from coopmap_baselines.raster import RasterPolicy
 from coopmap_baselines.rating_function import RatingFunctionPolicy
-
 from coopmap_env.evaluation import Policy
 
 __all__ = [

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from coopmap_baselines.planner import GainPlanner
 from numpy.typing import NDArray
 
+from coopmap_baselines.planner import GainPlanner
 from coopmap_env.envs import Belief, Poses
 from coopmap_env.information import ReservedMask
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from coopmap_baselines.planner import Coordination, Planner, Search
 from numpy.typing import NDArray
 
+from coopmap_baselines.planner import Coordination, Planner, Search
 from coopmap_env.envs import Belief, Planning, PoseRater, Poses
 from coopmap_env.information import ReservedMask
 

@@ -5,7 +5,6 @@ available to ``coopmap evaluate`` by an entry point of the group ``coopmap.polic
 """
 
 import coopmap_baselines
-
 from coopmap_env import planar_v0
 from coopmap_env.evaluation import evaluate
 

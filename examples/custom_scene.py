@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import coopmap_baselines
-
 from coopmap_env import field_v0
 from coopmap_env.evaluation import rollout
 

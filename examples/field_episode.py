@@ -1,7 +1,6 @@
 """One episode in the field environment; the map is saved for OctoMap and for mesh viewers."""
 
 import coopmap_baselines
-
 from coopmap_env import field_v0
 from coopmap_env.evaluation import rollout
 from coopmap_env.mapping.files import save_map, save_surfaces

@@ -1,9 +1,9 @@
 """One episode of the rating-function planner in the planar environment."""
 
-import coopmap_baselines
 import numpy as np
 from PIL import Image
 
+import coopmap_baselines
 from coopmap_env import planar_v0
 
 SCANS_EACH = 16

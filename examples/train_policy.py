@@ -3,7 +3,6 @@
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.pretrained import LearnedPolicy, save_policy
 from coopmap_agents.sb3 import train
-
 from coopmap_env import planar_v0
 from coopmap_env.evaluation import evaluate
 

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from coopmap_agents.pretrained import pretrained_path
 
+from coopmap_agents.pretrained import pretrained_path
 from coopmap_env.cli import parse_command
 
 ROOT = Path(__file__).parents[1]

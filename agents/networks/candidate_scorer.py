@@ -21,15 +21,15 @@ from typing import Any, get_args
 
 import numpy as np
 import torch
-from coopmap_agents.config import InitialPolicy
-from coopmap_agents.networks.features import ObservationFeatures, as_tensors
-from coopmap_agents.networks.pose_policy import mlp
 from gymnasium import spaces
 from stable_baselines3.common.distributions import CategoricalDistribution, Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
+from coopmap_agents.config import InitialPolicy
+from coopmap_agents.networks.features import ObservationFeatures, as_tensors
+from coopmap_agents.networks.pose_policy import mlp
 from coopmap_env.core.arguments import check_choice
 
 MASKED_LOGIT = -1e8

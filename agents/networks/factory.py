@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks.candidate_scorer import CandidateScorer
-from coopmap_agents.networks.pose_policy import PosePolicy
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
+
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks.candidate_scorer import CandidateScorer
+from coopmap_agents.networks.pose_policy import PosePolicy
 
 CRITIC_PREFIXES = (
     "network.value.",

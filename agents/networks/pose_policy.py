@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from coopmap_agents.networks.features import ObservationFeatures, as_tensors
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from torch import nn
+
+from coopmap_agents.networks.features import ObservationFeatures, as_tensors
 
 
 def mlp(widths: list[int]) -> nn.Sequential:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from coopmap_agents.record import POLICY_FILE, RECORD_FILE, Record, read_record
-
 from coopmap_env.core.files import write_atomically
 
 

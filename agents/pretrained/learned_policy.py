@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents.networks import CandidateScorer, actor_parameters
-from coopmap_agents.pretrained.library import pretrained_names, pretrained_path
-from coopmap_agents.pretrained.policy_file import load_policy, read_metadata
-from coopmap_agents.rollouts import stack
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
+from coopmap_agents.networks import CandidateScorer, actor_parameters
+from coopmap_agents.pretrained.library import pretrained_names, pretrained_path
+from coopmap_agents.pretrained.policy_file import load_policy, read_metadata
+from coopmap_agents.rollouts import stack
 from coopmap_env.envs import Belief, Observation
 
 VARIABLE_LENGTH_KEYS = ("candidates", "action_mask", "teammates", "located")

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import actor_parameters, make_network
 from gymnasium import spaces
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from stable_baselines3.common.policies import ActorCriticPolicy
 
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks import actor_parameters, make_network
 from coopmap_env.core.files import atomic_path
 from coopmap_env.core.settings import settings_from_dict
 from coopmap_env.core.version import __version__

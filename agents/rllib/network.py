@@ -8,10 +8,6 @@ from typing import Any
 
 import gymnasium
 import torch
-from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import make_network
-from coopmap_agents.rllib.env import suppress_rllib_warnings
-from coopmap_agents.rollouts.team_block import TeamSpaces
 from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module import RLModuleSpec
@@ -19,6 +15,11 @@ from ray.rllib.core.rl_module.apis import ValueFunctionAPI
 from ray.rllib.core.rl_module.torch import TorchRLModule
 from ray.rllib.utils.debug import update_global_seed_if_necessary
 from stable_baselines3.common.policies import ActorCriticPolicy
+
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.networks import make_network
+from coopmap_agents.rllib.env import suppress_rllib_warnings
+from coopmap_agents.rollouts.team_block import TeamSpaces
 
 SHARED_POLICY_ID = "shared"
 """RLlib's name of the policy that all robots share."""

@@ -33,6 +33,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ray.rllib.algorithms import Algorithm
+from ray.rllib.algorithms.ppo import PPOConfig
+from ray.rllib.core.rl_module import MultiRLModuleSpec
+from ray.rllib.utils.debug import update_global_seed_if_necessary
+from ray.rllib.utils.metrics import (
+    ENV_RUNNER_RESULTS,
+    LEARNER_RESULTS,
+    NUM_MODULE_STEPS_SAMPLED,
+)
+from stable_baselines3.common.policies import ActorCriticPolicy
+
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import set_actor_trainable
 from coopmap_agents.record import SegmentReport
@@ -51,17 +62,6 @@ from coopmap_agents.rllib.network import (
 )
 from coopmap_agents.rollouts import EnvFactory, TeamBlock
 from coopmap_agents.trainer import Trainer
-from ray.rllib.algorithms import Algorithm
-from ray.rllib.algorithms.ppo import PPOConfig
-from ray.rllib.core.rl_module import MultiRLModuleSpec
-from ray.rllib.utils.debug import update_global_seed_if_necessary
-from ray.rllib.utils.metrics import (
-    ENV_RUNNER_RESULTS,
-    LEARNER_RESULTS,
-    NUM_MODULE_STEPS_SAMPLED,
-)
-from stable_baselines3.common.policies import ActorCriticPolicy
-
 from coopmap_env.evaluation.jobs import ray_session
 
 LOGGED_METRICS = {

@@ -22,6 +22,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 import cloudpickle  # type: ignore[import-untyped]
+
 from coopmap_agents.rollouts.team_block import EnvFactory, TeamBlock
 
 SHUTDOWN_TIMEOUT = 10.0

@@ -19,17 +19,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ConvertCallback
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
+
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import copy_weights, network_class, set_actor_trainable
 from coopmap_agents.record import SegmentReport
 from coopmap_agents.rollouts import EnvFactory
 from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
 from coopmap_agents.trainer import Trainer
-from gymnasium import spaces
-from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback, CallbackList, ConvertCallback
-from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 
 
 def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, workers: int = 0) -> PPO:

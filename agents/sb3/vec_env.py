@@ -23,6 +23,9 @@ from operator import methodcaller
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
 from coopmap_agents.rollouts import (
     BlockStep,
     EnvFactory,
@@ -32,9 +35,6 @@ from coopmap_agents.rollouts import (
     WorkerPool,
     concatenate_blocks,
 )
-from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
-
 from coopmap_env.envs import Observation
 
 Indices = int | Iterable[int] | None

@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from coopmap_agents.config import ImitationSettings
-from coopmap_agents.pretrained import LearnedPolicy
-from coopmap_agents.rollouts import EnvFactory, stack
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 
+from coopmap_agents.config import ImitationSettings
+from coopmap_agents.pretrained import LearnedPolicy
+from coopmap_agents.rollouts import EnvFactory, stack
 from coopmap_env.envs import Belief, Observation
 from coopmap_env.evaluation import Policy, rollout
 

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+
 from coopmap_agents.config import TrainingConfig
 from coopmap_agents.networks import copy_weights
 from coopmap_agents.pretrained import LearnedPolicy, resolve_network, save_policy
@@ -41,7 +42,6 @@ from coopmap_agents.sb3 import SB3Trainer
 from coopmap_agents.trainer import Trainer
 from coopmap_agents.training.checkpoints import load_checkpoint, save_checkpoint
 from coopmap_agents.training.imitation import behavior_clone
-
 from coopmap_env.core.files import write_atomically
 from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import evaluate, make_policy

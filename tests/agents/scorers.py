@@ -2,9 +2,10 @@
 
 import numpy as np
 import torch
+from gymnasium import spaces
+
 from coopmap_agents.networks import CandidateScorer
 from coopmap_agents.sb3 import SharedPolicyVecEnv
-from gymnasium import spaces
 
 
 def scorer_of(env, seed=0, **options):

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
+from scorers import logits, other_sizes, played_rows, sampled_rows, scorer_of
+from small_worlds import small_world
+
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import CandidateScorer
 from coopmap_agents.networks.candidate_scorer import RATING_FEATURE_INDEX
 from coopmap_agents.pretrained import LearnedPolicy
 from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model
 from coopmap_baselines import make
-from gymnasium import spaces
-from scorers import logits, other_sizes, played_rows, sampled_rows, scorer_of
-from small_worlds import small_world
-
 from coopmap_env import field_v0
 
 SMALL = PPOSettings(n_envs=1, rollout_steps=32, batch_size=32)

@@ -3,6 +3,7 @@ import subprocess
 import sys
 
 import pytest
+
 from coopmap_agents.config import EnvConfig, PPOSettings
 
 

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.networks import ObservationFeatures
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
+
+from coopmap_agents.networks import ObservationFeatures
 
 
 def batch(space, n=2, seed=0):

@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from small_worlds import small_world
+
 from coopmap_agents.config import ImitationSettings, PPOSettings
 from coopmap_agents.pretrained import LearnedPolicy
 from coopmap_agents.sb3 import make_model
 from coopmap_agents.training import behavior_clone
 from coopmap_agents.training.imitation import collect_demonstrations
 from coopmap_baselines import make
-from small_worlds import small_world
-
 from coopmap_env.evaluation import evaluate
 
 NETWORK = PPOSettings(n_envs=1, rollout_steps=32, batch_size=32, hidden=(32, 32), image_features=16)

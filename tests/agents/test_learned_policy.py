@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from small_worlds import SETTINGS, masked_world, small_world
+from stable_baselines3 import PPO
+
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import ObservationFeatures
 from coopmap_agents.pretrained import LearnedPolicy, save_policy
 from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model, train
-from small_worlds import SETTINGS, masked_world, small_world
-from stable_baselines3 import PPO
-
 from coopmap_env.evaluation import Policy, evaluate
 
 TINY = PPOSettings(total_steps=128, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2)

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.config import PPOSettings
-from coopmap_agents.sb3 import SharedPolicyVecEnv, ppo
 from scorers import as_tensors, played_rows, scorer_of
 from small_worlds import masked_world
 from stable_baselines3.common.vec_env import VecEnvWrapper
+
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.sb3 import SharedPolicyVecEnv, ppo
 
 KEPT = [3, 17, 299]
 

@@ -4,14 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.config import PPOSettings
-from coopmap_agents.pretrained import LearnedPolicy, load_policy, read_metadata, save_policy
-from coopmap_agents.pretrained.policy_file import FORMAT, METADATA_KEY
-from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model
 from safetensors.torch import load_file, save_file
 from small_worlds import masked_world, small_world
 
 import coopmap_env
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.pretrained import LearnedPolicy, load_policy, read_metadata, save_policy
+from coopmap_agents.pretrained.policy_file import FORMAT, METADATA_KEY
+from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model
 from coopmap_env.evaluation import evaluate
 
 SMALL = PPOSettings(n_envs=2, rollout_steps=16, batch_size=32, hidden=(16, 8), image_features=8)

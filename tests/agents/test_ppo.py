@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from coopmap_agents.config import PPOSettings
-from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model, train
 from small_worlds import masked_world, small_world
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor
 from toy_team import ConstantChoice, ConstantReward
+
+from coopmap_agents.config import PPOSettings
+from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model, train
 
 TINY = PPOSettings(total_steps=128, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2)
 CONSTANT_REWARD = PPOSettings(

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.pretrained import LearnedPolicy, save_policy
 from coopmap_agents.sb3 import train
 from coopmap_baselines import make
-
 from coopmap_env import planar_v0
 from coopmap_env.evaluation import evaluate
 from coopmap_env.evaluation.statistics import bootstrap_paired_difference

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from coopmap_agents.config import EnvConfig, PPOSettings, TrainingConfig
 from coopmap_agents.pretrained import (
     LearnedPolicy,
@@ -16,7 +17,6 @@ from coopmap_agents.pretrained import (
 from coopmap_agents.pretrained.export import export
 from coopmap_agents.pretrained.policy_file import FORMAT
 from coopmap_agents.training import run_training
-
 from coopmap_env.evaluation import evaluate, make_policy
 from coopmap_env.studies.benchmark.learning_curves import draw_learning_curves
 

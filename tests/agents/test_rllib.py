@@ -10,6 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from pettingzoo.utils import BaseParallelWrapper
+from ray.rllib.core.columns import Columns
+from small_worlds import masked_world, small_world
+from toy_team import ConstantChoice, ConstantReward, HookedEnv, StatefulEnv
+
 from coopmap_agents.config import EnvConfig, PPOSettings, TrainingConfig
 from coopmap_agents.networks import copy_weights
 from coopmap_agents.pretrained import LearnedPolicy
@@ -19,11 +24,6 @@ from coopmap_agents.rllib.network import SHARED_POLICY_ID, shared_network_spec
 from coopmap_agents.rollouts import TeamBlock, stack
 from coopmap_agents.sb3 import SB3Trainer
 from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
-from pettingzoo.utils import BaseParallelWrapper
-from ray.rllib.core.columns import Columns
-from small_worlds import masked_world, small_world
-from toy_team import ConstantChoice, ConstantReward, HookedEnv, StatefulEnv
-
 from coopmap_env.evaluation import ray_session
 
 TINY = PPOSettings(

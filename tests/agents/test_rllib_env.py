@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from coopmap_agents.rllib import RLlibTeamEnv
-from coopmap_agents.rollouts import TeamBlock
 from ray.rllib.env.env_context import EnvContext
 from toy_team import ConstantReward, StatefulEnv
+
+from coopmap_agents.rllib import RLlibTeamEnv
+from coopmap_agents.rollouts import TeamBlock
 
 
 def team(factory=ConstantReward, seed=0, worker=1, with_state=False):

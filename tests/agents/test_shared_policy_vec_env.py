@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
-from coopmap_agents.sb3 import SharedPolicyVecEnv
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor
 from toy_team import ConstantReward
+
+from coopmap_agents.sb3 import SharedPolicyVecEnv
 
 
 def toy(n_envs=3, **arguments):

@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
+from safetensors.torch import load_file
+from toy_team import ConstantReward
+
 from coopmap_agents.config import EnvConfig, ImitationSettings, PPOSettings, TrainingConfig
 from coopmap_agents.pretrained import LearnedPolicy, read_metadata
 from coopmap_agents.sb3 import make_model
 from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
 from coopmap_agents.training import loop as training
 from coopmap_baselines import make
-from gymnasium import spaces
-from safetensors.torch import load_file
-from toy_team import ConstantReward
-
 from coopmap_env.evaluation import evaluate
 from coopmap_env.mapping.files import write_map_server
 

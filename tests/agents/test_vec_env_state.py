@@ -3,11 +3,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from coopmap_agents.sb3 import SharedPolicyVecEnv
 from gymnasium import spaces
 from small_worlds import masked_world, small_world
 from stable_baselines3.common.vec_env import VecCheckNan
 from toy_team import ConstantReward, StatefulEnv
+
+from coopmap_agents.sb3 import SharedPolicyVecEnv
 
 
 def test_every_robot_of_an_environment_observes_its_state():

@@ -9,11 +9,11 @@ from functools import partial
 
 import numpy as np
 import pytest
-from coopmap_agents.rollouts import workers
-from coopmap_agents.sb3 import SharedPolicyVecEnv
 from small_worlds import masked_world, small_world
 from toy_team import ConstantReward, FailingFactory, HookedEnv
 
+from coopmap_agents.rollouts import workers
+from coopmap_agents.sb3 import SharedPolicyVecEnv
 from coopmap_env.envs import InvalidActionError
 
 

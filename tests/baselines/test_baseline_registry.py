@@ -2,10 +2,10 @@ import tomllib
 from importlib import import_module
 from pathlib import Path
 
-import coopmap_baselines
 import pytest
-from coopmap_baselines import POLICIES, make
 
+import coopmap_baselines
+from coopmap_baselines import POLICIES, make
 from coopmap_env.evaluation import Policy
 
 ROOT = Path(__file__).parents[2]

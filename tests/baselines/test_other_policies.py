@@ -3,10 +3,8 @@
 import itertools
 import math
 
-import coopmap_baselines
 import numpy as np
 import pytest
-from coopmap_baselines.frontier import FrontierPolicy
 from plain.planar_worlds import (
     NO_NOISE,
     env_with_world,
@@ -18,6 +16,8 @@ from plain.planar_worlds import (
 from plain.random_maps import random_map, set_cells
 from plain.views import visible_cells
 
+import coopmap_baselines
+from coopmap_baselines.frontier import FrontierPolicy
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.information import MutualInformation, adjacent_to_unknown
 from coopmap_env.robots import ReachableCells

@@ -1,11 +1,11 @@
 """What all reference planners have in common."""
 
-import coopmap_baselines
 import numpy as np
 import pytest
 from plain.planar_worlds import NO_NOISE, env_with_world, open_world, set_poses
 from plain.rollouts import MODES
 
+import coopmap_baselines
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 
 POLICIES = [

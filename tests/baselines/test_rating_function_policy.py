@@ -1,9 +1,9 @@
 from dataclasses import replace
 
-import coopmap_baselines
 import numpy as np
 import pytest
 
+import coopmap_baselines
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.information import NewInformationCache, ViewContext
 from coopmap_env.sensing import PlanarCamera

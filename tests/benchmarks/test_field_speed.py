@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import coopmap_baselines
 import numpy as np
 import pytest
 
+import coopmap_baselines
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 
 pytest.importorskip("pybullet")

@@ -1,9 +1,9 @@
 """Speed, for comparing versions: `pytest tests/benchmarks --benchmark-enable`."""
 
-import coopmap_baselines
 import numpy as np
 import pytest
 
+import coopmap_baselines
 from coopmap_env import planar_v0
 from coopmap_env.studies.section3.study import section3_settings
 

@@ -1,10 +1,10 @@
-import coopmap_baselines
 import numpy as np
 import pytest
 from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, set_poses
 from plain.random_maps import set_cells
 from plain.rollouts import MODES, random_rollout
 
+import coopmap_baselines
 from coopmap_env.envs import InvalidActionError
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 

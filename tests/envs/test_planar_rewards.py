@@ -1,13 +1,13 @@
 import math
 from dataclasses import replace
 
-import coopmap_baselines
 import numpy as np
 import pytest
 from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, set_poses
 from plain.rollouts import MODES, random_actions
 from plain.views import new_information, visible_cells
 
+import coopmap_baselines
 from coopmap_env.envs import REWARD_TERMS
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.information import RatingSettings, ViewContext

@@ -2,10 +2,10 @@ import csv
 import json
 from dataclasses import asdict, replace
 
-import coopmap_baselines
 import numpy as np
 import pytest
 
+import coopmap_baselines
 from coopmap_env import evaluation, planar_v0
 from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 from coopmap_env.envs.field import FieldSettings

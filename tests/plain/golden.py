@@ -11,11 +11,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import coopmap_baselines
 import numpy as np
 import pettingzoo
 from plain.rollouts import random_actions
 
+import coopmap_baselines
 import coopmap_env  # noqa: F401 - registers the ids
 
 N_EPISODES = 100

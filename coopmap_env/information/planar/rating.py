@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -22,16 +20,6 @@ from coopmap_env.information.settings import RatingSettings
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
-
-
-class RatingTerms(NamedTuple):
-    """`Ratings` as kernels take them, each (k,)."""
-
-    new_information: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    motion_cost: NDArray[np.float64]
-    occupancy: NDArray[np.float64]
-    rating: NDArray[np.float64]
 
 
 class RatingFunction:
@@ -172,12 +160,13 @@ class RatingFunction:
         d = np.asarray(distance, dtype=np.float64)
         if d.shape != ids.shape:
             d = np.full(ids.shape, d)
-        cost, occupancy, rating = np.empty((3, len(ids)))
-        terms = RatingTerms(new_information, d, cost, occupancy, rating)
         table, clamp, s = map_.log_odds_range.probability, self._clamp, self.settings
         cells = ids // self.lattice.n_headings
-        rate_poses(map_.log_odds_fixed, table, clamp, cells, s.K, s.exponent, terms)
-        return Ratings(*terms)
+        cost, occupancy, rating = rate_poses(
+            map_.log_odds_fixed, table, clamp, cells, float(s.K), float(s.exponent),
+            new_information, d,
+        )  # fmt: skip
+        return Ratings(new_information, d, cost, occupancy, rating)
 
     def reserved_cells(self, context: ViewContext) -> NDArray[np.uint8]:
         """The context's reserved mask, or zeros."""
@@ -235,11 +224,14 @@ def rate_poses(
     cells: NDArray[np.int64],
     K: float,
     exponent: float,
-    terms: RatingTerms,
-) -> None:
-    """Eq. 9: write K d**n, P and RF; `probability` is the table of the map's log-odds."""
-    ni, d, cost, p = terms.new_information, terms.distance, terms.motion_cost, terms.occupancy
-    for k in range(len(d)):
+    ni: NDArray[np.float64],
+    d: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Eq. 9: K d**n, P and RF; `probability` is the table of the map's log-odds."""
+    n = len(d)
+    cost, p, rating = np.empty(n), np.empty(n), np.empty(n)
+    for k in range(n):
         p[k] = probability[log_odds_fixed[cells[k]] + clamp]
         cost[k] = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power costs 20 ns
-        terms.rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])
+        rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])
+    return cost, p, rating

@@ -73,9 +73,13 @@ class PoseLattice:
         return out.reshape(*ids.shape, 3)
 
     def pose(self, pose_id: int) -> tuple[float, float, float]:
-        """One pose (x, y, heading) of a pose id; as `poses`, without arrays."""
-        x, y, heading = pose_from_id(pose_id, self.geometry)
-        return x, y, heading
+        """One pose (x, y, heading) of a pose id; the same bits as `poses`, without its kernel."""
+        n, ny, resolution, (x0, y0) = self.geometry
+        cell, heading = divmod(int(pose_id), n)
+        if 2 * heading >= n:
+            heading -= n
+        x, y = (cell // ny + 0.5) * resolution + x0, (cell % ny + 0.5) * resolution + y0
+        return x, y, heading * (2.0 * math.pi / n)
 
     def cells_within(
         self, cells: NDArray[np.int32], pose_id: int, half_width: float

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from coopmap_agents.pretrained import pretrained_names, pretrained_record
 
+from coopmap_agents.pretrained import pretrained_names, pretrained_record
 from coopmap_env.studies.common.figures import import_pyplot, save_figure
 
 
