@@ -20,14 +20,10 @@ from coopmap_env.localization.correction.settings import CorrectionSettings
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.sensing import DepthCamera, RangeNoise
 
-MAX_ASSOCIATION_DISTANCE = 0.25
-"""Metres between a point and the surface that it may belong to."""
 OVERLAP_STRIDE = 5
 """One pixel in so many counts towards the overlap of two scans."""
 MIN_OVERLAP = 3
 """Of these pixels: with fewer, a keyframe is not compared."""
-MIN_PLANAR_PIXELS = 40
-"""Pixels with a normal: with fewer, a scan does not become a keyframe."""
 
 
 class PatchMatcher:
@@ -64,7 +60,7 @@ class PatchMatcher:
 
     def add_keyframe(self, scan: ScanSurfaces) -> bool:
         """Keep a scan for later ones; False if it has too few planar pixels."""
-        if scan.planar.sum() < MIN_PLANAR_PIXELS:
+        if scan.planar.sum() < self._settings.min_planar_pixels:
             return False
         self._keyframes.add(scan)
         return True
@@ -82,7 +78,7 @@ class PatchMatcher:
         slots = np.array(self._keyframes.slots, dtype=np.int64)
         count_overlap(
             scan.in_world(T_world_camera), OVERLAP_STRIDE, slots, self._keyframes.arrays,
-            self._intrinsics, MAX_ASSOCIATION_DISTANCE, counts,
+            self._intrinsics, self._settings.max_association_distance, counts,
         )  # fmt: skip
         best = np.argsort(-counts, kind="stable")[: self._settings.max_sources]
         return [int(index) for index in best if counts[index] >= MIN_OVERLAP]
@@ -127,7 +123,7 @@ class PatchMatcher:
             ),
             PatchSources(self._keyframes.arrays, slots, used_pixels),
             self._intrinsics,
-            AssociationGates(MAX_ASSOCIATION_DISTANCE, gate_std),
+            AssociationGates(self._settings.max_association_distance, gate_std),
             sums,
         )
         return patches_from_sums(sums, self._settings)

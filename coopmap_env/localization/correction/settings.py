@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from coopmap_env.core.settings import NonNegative, Positive, PositiveInt, Settings
+from coopmap_env.core.settings import (
+    NonNegative,
+    NonNegativeInt,
+    Positive,
+    PositiveInt,
+    Settings,
+)
 
 
 @dataclass(frozen=True)
@@ -29,8 +35,12 @@ class CorrectionSettings(Settings):
     few centimetres may pass, and moves the pose by some millimetres."""
     max_keyframes: PositiveInt = 32
     """Earlier scans that are kept for comparison; the oldest is dropped first."""
+    min_planar_pixels: NonNegativeInt = 40
+    """Pixels with a normal that an earlier scan needs to be kept."""
     max_sources: PositiveInt = 4
     """Earlier scans that a scan is compared with: those with the largest overlap."""
+    max_association_distance: Positive = 0.25
+    """Metres between a point and the surface that it may belong to."""
     target_spacing: Positive = 0.4
     """Metres between the fiducials on the known target."""
     iterations: PositiveInt = 5

@@ -42,9 +42,6 @@ _GOLDEN = 0.618033988749895
 """Golden ratio: fractional parts of its multiples are spread evenly."""
 _DUPLICATE_TOLERANCE = np.array([0.06, 0.06, 0.04])
 """Metres and radians within which two hypotheses have climbed to the same maximum."""
-_MAX_VISITS = 24_000
-"""Nodes of a search: about 0.15 s. A worksite needs some hundreds to a few thousand. In dense
-rubble the search may end here, and the robot needs more scans."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +83,9 @@ class SearchSettings(Settings):
     """Score of a hypothesis as a fraction of the best one."""
     max_hypotheses: PositiveInt = 32
     """Hypotheses that are returned."""
+    max_visits: PositiveInt = 24_000
+    """Nodes of a search: about 0.15 s. A worksite needs some hundreds to a few thousand. In dense
+    rubble the search may end here, and the robot needs more scans."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -131,7 +131,7 @@ def search(model: TargetModel, batch: ViewBatch, settings: SearchSettings) -> li
     beams = batch.beams(s.seen_through_margin)
     grid = _search_grid(model, s)
     limits = SearchLimits(
-        s.min_separation, s.min_score / stride, s.min_relative_score, s.max_hypotheses, _MAX_VISITS
+        s.min_separation, s.min_score / stride, s.min_relative_score, s.max_hypotheses, s.max_visits
     )
     field = likelihood_field(model, s.xy_step, s.field_sigma, s.n_levels)
     cells = points_to_cells(points, grid, field.finest)
