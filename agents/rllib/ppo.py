@@ -62,7 +62,7 @@ from coopmap_agents.rllib.network import (
 )
 from coopmap_agents.rollouts import EnvFactory, TeamBlock
 from coopmap_agents.trainer import Trainer
-from coopmap_env.evaluation.jobs import ray_session
+from coopmap_env.evaluation import ray_session
 
 LOGGED_METRICS = {
     "train/policy_gradient_loss": "policy_loss",

@@ -14,7 +14,7 @@ from coopmap_env.mapping.beam import BeamParameters
 from coopmap_env.mapping.grid import GridGeometry
 from coopmap_env.mapping.integration_scalar import integrate_rays
 from coopmap_env.mapping.integration_simd import integrate_rays_simd
-from coopmap_env.sensing.scan import ScanArrays
+from coopmap_env.sensing import ScanArrays
 
 CAMERA_OUTSIDE_GRID = -2
 """Result of `validate_scan` for a camera outside of the grid."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
-from coopmap_env.geometry.traversal import Ray, RayPosition, start_ray, step_ray
+from coopmap_env.geometry import Ray, RayPosition, start_ray, step_ray
 from coopmap_env.mapping.arrays import SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import (
     MAX_PATH_IN_CELL,
@@ -25,7 +25,7 @@ from coopmap_env.mapping.beam import (
 )
 from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.grid import GridGeometry
-from coopmap_env.sensing.scan import ScanArrays
+from coopmap_env.sensing import ScanArrays
 
 
 class EndCells(NamedTuple):

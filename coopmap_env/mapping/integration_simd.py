@@ -34,7 +34,7 @@ from coopmap_env.mapping.ray_lanes import (
     init_lane,
     step_lanes,
 )
-from coopmap_env.sensing.scan import ScanArrays
+from coopmap_env.sensing import ScanArrays
 
 
 class EndCellFaces(NamedTuple):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.geometry.traversal import Vector, start_ray, step_ray
+from coopmap_env.geometry import start_ray, step_ray
+from coopmap_env.geometry.traversal import Vector
 from coopmap_env.mapping.arrays import MapArrays
 
 

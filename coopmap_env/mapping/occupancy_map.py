@@ -21,7 +21,7 @@ from coopmap_env.mapping.integration import (
     validate_scan,
 )
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange
-from coopmap_env.sensing.scan import Scan
+from coopmap_env.sensing import Scan
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
-from coopmap_env.geometry.traversal import start_ray
+from coopmap_env.geometry import start_ray
 from coopmap_env.mapping.beam import MAX_PATH_IN_CELL, MIN_RANGE_SIGMA, RANGE_WINDOW
 from coopmap_env.mapping.grid import GridGeometry
 
