@@ -1,0 +1,73 @@
+"""Each public name has one import path; modules with an underscore stay inside of their package."""
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = {
+    "coopmap_env": "coopmap_env",
+    "agents": "coopmap_agents",
+    "baselines": "coopmap_baselines",
+}
+
+
+def module_name(path):
+    top, *rest = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join([FOLDERS[top], *rest]).removesuffix(".__init__")
+
+
+TREES = {
+    module_name(path): ast.parse(path.read_text(encoding="utf-8"))
+    for folder in FOLDERS
+    for path in sorted((ROOT / folder).rglob("*.py"))
+}
+
+
+def exported(tree):
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
+            return ast.literal_eval(node.value)
+    return []
+
+
+# `planar_v0` and `field_v0` are pages that gather what users of one environment need.
+EXPORTS = {module: exported(tree) for module, tree in TREES.items() if not module.endswith("_v0")}
+PACKAGE_OF = {name: module for module, names in EXPORTS.items() for name in names}
+
+
+def imports():
+    """Importing module, imported module and name of every import of ours."""
+    for module, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module in TREES:
+                for alias in node.names:
+                    yield module, node.module, alias.name
+
+
+def room(module):
+    """`coopmap_env.mapping` of any of its modules; agents and baselines are a room each."""
+    parts = module.split(".")
+    return ".".join(parts[:2] if parts[0] == "coopmap_env" else parts[:1])
+
+
+def test_no_name_is_exported_by_two_packages():
+    names = [name for exports in EXPORTS.values() for name in exports]
+    assert sorted(name for name in set(names) if names.count(name) > 1) == []
+
+
+def test_other_rooms_import_public_names_from_the_package_that_exports_them():
+    def bypasses(importer, module, name):
+        package = PACKAGE_OF.get(name, "")
+        inside = package and module.startswith(f"{package}.")
+        return inside and package != "coopmap_env" and room(importer) != room(module)
+
+    assert [found for found in imports() if bypasses(*found)] == []
+
+
+def test_underscored_modules_stay_inside_of_their_package():
+    def escapes(importer, module, name):
+        target = f"{module}.{name}" if f"{module}.{name}" in TREES else module
+        package, _, last = target.rpartition(".")
+        return last.startswith("_") and not f"{importer}.".startswith(f"{package}.")
+
+    assert [found for found in imports() if escapes(*found)] == []
