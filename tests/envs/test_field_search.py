@@ -245,7 +245,7 @@ bases:
     assert np.degrees(np.arctan2(base.rotation[1, 0], base.rotation[0, 0])) == pytest.approx(75.0)
     path.write_text(scene % 5.3)
     far = make(n_robots=1, scene=str(path))
-    with pytest.raises(ValueError, match=r"robot_0 stands 5.30 m .* looked for 2 to 5.2 m"):
+    with pytest.raises(ValueError, match=r"robot_0 stands 5.30 m .* the searched 2 to 5.2 m"):
         far.reset(seed=0)
 
 

@@ -43,8 +43,8 @@ def test_draws_are_uniform_over_each_joint():
 
 
 @pytest.mark.parametrize(("size", "steps"), [(100, 10), (99, 9), (1, 1), (3, 1), (4, 2)])
-def test_the_grid_holds_at_most_so_many_poses(size, steps):
-    assert space(size).steps == steps
+def test_the_grid_holds_at_most_the_given_number_of_poses(size, steps):
+    assert space(size).grid_steps == steps
     assert len(space(size).grid()) == steps**2 <= size
 
 
@@ -54,6 +54,6 @@ def test_the_grid_counts_the_last_joint_fastest_from_the_middles_of_equal_parts(
     )
 
 
-def test_places_number_the_grid_in_its_order_and_hold_the_limits():
+def test_grid_indices_follow_the_order_of_the_grid_and_include_the_limits():
     np.testing.assert_array_equal(space().grid_index(space().grid()), np.arange(100))
     np.testing.assert_array_equal(space().grid_index([[-1.0, 0.0], [1.0, 4.0]]), [0, 99])
