@@ -15,7 +15,7 @@ from coopmap_env.envs.actions import CandidateMode, InvalidActionError
 from coopmap_env.envs.arguments import MappingArguments
 from coopmap_env.envs.belief import ActionMode, Observation
 from coopmap_env.envs.rewards import RewardScale, reward_terms
-from coopmap_env.envs.transition import (
+from coopmap_env.envs.step_data import (
     BeliefT,
     EpisodeRngs,
     FusedScans,
@@ -71,18 +71,22 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._seed_rng = np.random.default_rng()
         self._scans_done = 0
         self._has_reset = False
-        self.scans: list[Scan] = []
+        self.last_scans: list[Scan] = []
         """Of the last step, as they were fused."""
         self._trails: list[list[NDArray[np.float64]]] = []
 
     def _set_up(
-        self, actions: ActionMode, scale: RewardScale, observer: Observer, contact_cost: float = 0.0
+        self,
+        actions: ActionMode,
+        scale: RewardScale,
+        observer: Observer,
+        collision_cost: float = 0.0,
     ) -> None:
         """Set the parts that depend on the kind of world, and declare the spaces."""
         self._actions = actions
         self._reward_scale = scale
         self._observer = observer
-        self._contact_cost = contact_cost
+        self._contact_cost = collision_cost
         agents = list(enumerate(self.possible_agents))
         self.action_spaces = {agent: actions.space(robot) for robot, agent in agents}
         self.observation_spaces = {agent: observer.space(robot) for robot, agent in agents}
@@ -147,7 +151,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._belief = self._with_candidates(belief)
         self._has_reset = True
         self._scans_done = 0
-        self.scans = []
+        self.last_scans = []
         self.agents = list(self.possible_agents)
         self._trails = [[] for _ in self.agents]
         self._record_positions()
@@ -165,7 +169,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
 
         A pose that is infeasible on the known map does not move the camera: it scans from where it
         is, and ``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the robot
-        collides with what is there and is stopped: ``infos[agent]["contact"]`` is true.
+        collides with what is there and is stopped: ``infos[agent]["collided"]`` is true.
 
         Raises
         ------
@@ -179,7 +183,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         targets = [None if reason else pose for pose, reason in decoded]
         transition = self._transition(self._belief, targets, self._rngs.noise)
         self._belief = self._with_candidates(transition.belief)
-        self.scans = transition.scans
+        self.last_scans = transition.scans
         self._scans_done += 1
         self._record_positions()
         terms = [reward_terms(outcome, self._reward_scale) for outcome in transition.outcomes]
@@ -274,8 +278,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
 
     def _record_positions(self) -> None:
         """Append the known camera positions to the trails, for pictures."""
-        for trail, position in zip(self._trails, self._belief.positions, strict=True):
-            if not np.isnan(position).any():
+        positions = self._belief.positions
+        unknown = np.isnan(positions[:, 0]).tolist()
+        for trail, position, is_unknown in zip(self._trails, positions, unknown, strict=True):
+            if not is_unknown:
                 trail.append(position)
 
     def _observe(self) -> dict[str, Observation]:
@@ -298,7 +304,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             agent: {
                 **common,
                 "rejected_reason": reasons[robot],
-                "contact": bool(transition.collided_with[robot]),
+                "collided": bool(transition.collided_with[robot]),
                 "reward_terms": terms[robot],
                 "new_information": transition.outcomes[robot].new_information,
                 "distance": transition.outcomes[robot].distance,
@@ -310,7 +316,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         }
 
     def _common_info(self) -> dict[str, Any]:
-        return {"scans": self._scans_done, "observed_fraction": self._belief.map.observed_fraction}
+        return {
+            "n_scans": self._scans_done,
+            "observed_fraction": self._belief.map.observed_fraction,
+        }
 
 
 def _copy_masks(observations: Mapping[str, Observation], infos: Infos) -> None:
