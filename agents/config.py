@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from coopmap_env.core.settings import (
+    Bounds,
     NonNegative,
     NonNegativeInt,
     OpenUnitInterval,
     Positive,
     PositiveInt,
-    Range,
     Settings,
     UnitInterval,
 )
@@ -48,7 +48,7 @@ class PPOSettings(Settings):
     """Parallel environments: a roll-out then holds steps from 8 different worlds at a time."""
     rollout_steps: PositiveInt = 64
     """Steps of each robot between updates: four episodes of the default 16 scans."""
-    batch_size: Annotated[int, Range(at_least=2)] = 256
+    batch_size: Annotated[int, Bounds(at_least=2)] = 256
     """Rows of a gradient step; should divide n_envs * n_robots * rollout_steps."""
     n_epochs: PositiveInt = 5
     """Passes over a roll-out: simulation is cheap here, so samples need not be reused often."""
@@ -99,7 +99,7 @@ class PPOSettings(Settings):
 class ImitationSettings(Settings):
     """Imitation of a planner; a decision is one action of one robot."""
 
-    episodes: Annotated[int, Range(at_least=2)] = 150
+    episodes: Annotated[int, Bounds(at_least=2)] = 150
     """Episodes of each round. All decisions stay in memory: 10 kB each with the planar map."""
     rounds: PositiveInt = 3
     """The expert plays the first round and the network the others, so that it also learns what to

@@ -23,10 +23,11 @@ map.
 
 A motion must keep clear of the own vehicle, of teammates and of every voxel that is not known to be
 free (P >= 0.05 or never sampled), along its whole path. Otherwise the mount stays, and
-``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the mount collides, is stopped,
-and pays `FieldSettings.contact_cost`. It has no touch sensors, so the map learns nothing of the
-collision (the planar environment marks the cell). Surfaces seen at a grazing angle, and voxels that
-a surface only touches, may be mapped as free. The space in which a vehicle was parked is known.
+``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the mount collides, is
+stopped, and pays `FieldSettings.collision_cost`. It has no touch sensors, so the map learns nothing
+of the collision (the planar environment marks the cell). Surfaces seen at a grazing angle, and
+voxels that a surface only touches, may be mapped as free. The space in which a vehicle was parked
+is known.
 
 Vehicles stand on springs: a mount that reaches out tilts its vehicle, so that the true camera pose
 differs from that of the encoders. The map is made with the robot's estimate of the camera pose; the
@@ -55,13 +56,13 @@ key                       content
 ========================  ==========================================================================
 ``reward_terms``          every reward term by name
 ``rejected_reason``       why the pose was rejected and the mount stayed; "" if it was not
-``contact``               whether the mount collided
+``collided``               whether the mount collided
 ``collided_with``         name of what it collided with, or ""
 ``new_information``       NI (Eqs. 6-8) of the executed pose, nats
 ``distance``              d of Eq. 5 that the joints moved
 ``new_cells``             voxels observed for the first time by this robot's scan
 ``entropy_reduction``     decrease of the map's entropy by this robot's scan, nats
-``scans``                 scans of each robot so far
+``n_scans``                 scans of each robot so far
 ``observed_fraction``     observed voxels of the team map, as a fraction of the grid
 ``located``               whether the robot knows its base pose
 ``localization_failure``  why it is not located, or ""
@@ -75,7 +76,7 @@ key                       content
 ``action_mask``           int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 ========================  ==========================================================================
 
-After a reset there are only ``scans``, ``observed_fraction`` and ``action_mask``.
+After a reset there are only ``n_scans``, ``observed_fraction`` and ``action_mask``.
 
 Version history
 ---------------

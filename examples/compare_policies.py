@@ -12,7 +12,7 @@ ENVIRONMENT = {"split": "test", "max_scans": 8}
 evaluations = compare(POLICIES, WORLDS, ENVIRONMENT, Path("episodes"), progress=False)
 summary = summarize(evaluations, reference=POLICIES[0])
 for name, scores in summary.items():
-    coverage, cost = (Interval(**scores[key]["mean"]) for key in ("coverage", "motion_cost"))
+    coverage, cost = (Interval(**scores[key]["mean"]) for key in ("coverage", "motion_distance"))
     print(f"{name:<26} coverage {coverage:.3f}, motion cost {cost:.0f}")
     if "comparison" in scores:
         difference = Interval(**scores["comparison"]["difference"])

@@ -38,4 +38,4 @@ policies = {
 for name, policy in policies.items():
     table = evaluate(env, policy, WORLDS).table
     print(f"{name:<18} coverage {table['coverage'].mean():.1%}, ", end="")
-    print(f"distance {table['motion_cost'].mean():.0f} m")
+    print(f"distance {table['motion_distance'].mean():.0f} m")

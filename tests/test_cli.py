@@ -33,7 +33,7 @@ def test_evaluate_writes_a_row_for_each_policy_and_world_and_a_summary(tmp_path,
         ("raster", "5"),
         ("raster", "6"),
     ]
-    wanted = "coverage coverage_auc reward entropy log_loss motion_cost planning_time_ms"
+    wanted = "coverage coverage_auc reward entropy log_loss motion_distance planning_time_ms"
     assert set(wanted.split()) < set(rows[0])
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["env"]["split"] == "validation"

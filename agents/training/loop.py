@@ -46,7 +46,7 @@ from coopmap_env.core.files import write_atomically
 from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import evaluate, make_policy
 
-SCORES = ("coverage_auc", "coverage", "reward", "log_loss", "motion_cost")
+VALIDATION_SCORES = ("coverage_auc", "coverage", "reward", "log_loss", "motion_distance")
 """Columns of an evaluation's table; the record has their means over the validation worlds."""
 
 
@@ -157,7 +157,7 @@ class _Run:
         start = time.perf_counter()
         seeds = range(self.config.validation_episodes)
         table = evaluate(self.validation, LearnedPolicy(trainer.network), seeds).table
-        scores = {name: float(table[name].mean()) for name in SCORES}
+        scores = {name: float(table[name].mean()) for name in VALIDATION_SCORES}
         seconds = time.perf_counter() - start
         n_robots = len(self.validation.possible_agents)
         add_row(self.record, trainer.steps, n_robots, trainer.report, scores, seconds)

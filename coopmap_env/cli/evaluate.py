@@ -89,7 +89,7 @@ def summary_line(table: dict[str, Any]) -> str:
     parts = [
         f"coverage {100 * table['coverage'].mean():6.2f} %",
         f"area under curve {100 * table['coverage_auc'].mean():6.2f} %",
-        f"motion {table['motion_cost'].mean():7.1f}",
+        f"motion {table['motion_distance'].mean():7.1f}",
         f"planning {table['planning_time_ms'].mean():7.3f} ms",
     ]
     if "surface_coverage" in table:

@@ -5,7 +5,7 @@ The range of a field is part of its type, and is checked in one place::
     @dataclass(frozen=True)
     class RangeNoise(Settings):
         intrinsic: NonNegative = 0.0015
-        exponent: Annotated[float, Range(at_least=1, at_most=3)] = 2.0
+        exponent: Annotated[float, Bounds(at_least=1, at_most=3)] = 2.0
 
 Numbers are finite, integers are integers, nested settings are of their class, and a `Literal` is
 one of its choices. Relations between fields are checked by a class's own `__post_init__`, which
@@ -27,7 +27,7 @@ SettingsT = TypeVar("SettingsT")
 
 
 @dataclass(frozen=True)
-class Range:
+class Bounds:
     """Interval of the numbers that a field accepts; a bound that is left out is infinite."""
 
     at_least: float = -math.inf
@@ -48,12 +48,12 @@ class Range:
         return " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if math.isfinite(bound))
 
 
-Positive = Annotated[float, Range(above=0)]
-NonNegative = Annotated[float, Range(at_least=0)]
-UnitInterval = Annotated[float, Range(at_least=0, at_most=1)]
-OpenUnitInterval = Annotated[float, Range(above=0, below=1)]
-PositiveInt = Annotated[int, Range(at_least=1)]
-NonNegativeInt = Annotated[int, Range(at_least=0)]
+Positive = Annotated[float, Bounds(above=0)]
+NonNegative = Annotated[float, Bounds(at_least=0)]
+UnitInterval = Annotated[float, Bounds(at_least=0, at_most=1)]
+OpenUnitInterval = Annotated[float, Bounds(above=0, below=1)]
+PositiveInt = Annotated[int, Bounds(at_least=1)]
+NonNegativeInt = Annotated[int, Bounds(at_least=0)]
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,10 @@ def _checks(kind: Any) -> dict[str, Check]:
     return {field.name: _check(hints[field.name]) for field in fields(kind)}
 
 
-def _check(hint: Any, within: Range | None = None) -> Check:
+def _check(hint: Any, within: Bounds | None = None) -> Check:
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        ranges = [part for part in parts[1:] if isinstance(part, Range)]
+        ranges = [part for part in parts[1:] if isinstance(part, Bounds)]
         return _check(parts[0], ranges[0] if ranges else within)
     if origin is Literal:
         return (lambda value: value in parts), f"one of {', '.join(map(repr, parts))}"
@@ -108,8 +108,8 @@ def _check(hint: Any, within: Range | None = None) -> Check:
     return (lambda value: True), "any value"
 
 
-def _number_check(hint: type, within: Range | None) -> Check:
-    is_integer, bounds = hint is int, within or Range()
+def _number_check(hint: type, within: Bounds | None) -> Check:
+    is_integer, bounds = hint is int, within or Bounds()
     kind: type = Integral if is_integer else Real
 
     def accepts(value: Any) -> bool:
@@ -119,7 +119,7 @@ def _number_check(hint: type, within: Range | None) -> Check:
     return accepts, f"{'an integer' if is_integer else 'a finite number'} {bounds}".rstrip()
 
 
-def _tuple_check(parts: tuple[Any, ...], within: Range | None) -> Check:
+def _tuple_check(parts: tuple[Any, ...], within: Bounds | None) -> Check:
     if parts[-1] is Ellipsis:
         accepts, expected = _check(parts[0], within)
         return (

@@ -28,7 +28,7 @@ class StepOutcome(NamedTuple):
     """RF (Eq. 9) of the executed pose, from this NI."""
     gain: ScanGain
     """What the scan added to the map."""
-    contact_cost: float = 0.0
+    collision_cost: float = 0.0
     """Cost of a collision, as a fraction of the largest NI; 0 without a collision."""
 
 
@@ -50,7 +50,7 @@ class RewardScale(NamedTuple):
 
 def rating(outcome: StepOutcome, scale: RewardScale) -> float:
     """Eq. 9 of the executed pose on the map before the scan: what the planner maximises; nats."""
-    return outcome.rating - outcome.contact_cost * scale.max_information
+    return outcome.rating - outcome.collision_cost * scale.max_information
 
 
 def information(outcome: StepOutcome, scale: RewardScale) -> float:
@@ -62,13 +62,13 @@ def information(outcome: StepOutcome, scale: RewardScale) -> float:
     return (
         outcome.gain.entropy_reduction / scale.full_view_entropy
         - motion_cost
-        - outcome.contact_cost
+        - outcome.collision_cost
     )
 
 
 def coverage(outcome: StepOutcome, scale: RewardScale) -> float:
     """Newly observed cells as a fraction of the world."""
-    return outcome.gain.new_cells / scale.n_cells - outcome.contact_cost
+    return outcome.gain.new_cells / scale.n_cells - outcome.collision_cost
 
 
 REWARD_TERMS: dict[str, Callable[[StepOutcome, RewardScale], float]] = {

@@ -39,14 +39,14 @@ from coopmap_env.evaluation.statistics import (
 )
 from coopmap_env.simulation.scenes.field import read_user_scene
 
-SCORES = (
+SUMMARY_SCORES = (
     "coverage",
     "coverage_auc",
     "reward",
     "entropy",
     "log_loss",
     "brier_score",
-    "motion_cost",
+    "motion_distance",
     "n_collisions",
     "planning_time_ms",
     *SURFACE_SCORES,
@@ -263,7 +263,7 @@ def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict
         table = evaluation.table
         entry: dict[str, Any] = {"episodes": len(evaluation.episodes)}
         if len(evaluation.episodes) > 1:
-            for score in (score for score in SCORES if score in table):
+            for score in (score for score in SUMMARY_SCORES if score in table):
                 entry[score] = {
                     "mean": bootstrap_mean(table[score], rng).as_dict(),
                     "interquartile_mean": bootstrap_interquartile_mean(

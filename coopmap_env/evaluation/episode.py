@@ -104,7 +104,7 @@ class Episode:
     """Entropy of the team map, nats."""
     reward: float
     """Sum over steps and robots."""
-    motion_cost: float
+    motion_distance: float
     """Sum over steps and robots of Eq. 5's distance."""
     log_loss: float
     """Of the observed cells, nats. In the field environment without the initial free space, which
@@ -143,7 +143,7 @@ class Episode:
             "entropy": self.entropy_curve[-1],
             "log_loss": self.log_loss,
             "brier_score": self.brier_score,
-            "motion_cost": self.motion_cost,
+            "motion_distance": self.motion_distance,
             "max_radius": self.extent.max_radius,
             "mean_radius": self.extent.mean_radius,
             "radius_std": self.extent.radius_std,
@@ -180,7 +180,7 @@ class EpisodeRecorder:
         self._coverage: list[float] = []
         self._entropy: list[float] = []
         self._surface_coverage: list[float] = []
-        self._reward = self._motion_cost = self._planning_s = 0.0
+        self._reward = self._motion_distance = self._planning_s = 0.0
         self._n_rejected_actions = self._n_collisions = self._n_decisions = 0
         self._add_map()
 
@@ -190,9 +190,9 @@ class EpisodeRecorder:
         self._n_decisions += len(step.actions)
         infos = step.infos.values()
         self._reward += sum(step.rewards.values())
-        self._motion_cost += sum(info["distance"] for info in infos)
+        self._motion_distance += sum(info["distance"] for info in infos)
         self._n_rejected_actions += sum(bool(info["rejected_reason"]) for info in infos)
-        self._n_collisions += sum(info["contact"] for info in infos)
+        self._n_collisions += sum(info["collided"] for info in infos)
         self._add_map()
 
     def _add_map(self) -> None:
@@ -212,7 +212,7 @@ class EpisodeRecorder:
             coverage_curve=self._coverage,
             entropy_curve=self._entropy,
             reward=self._reward,
-            motion_cost=self._motion_cost,
+            motion_distance=self._motion_distance,
             log_loss=_value_or(log_loss(probability, occupied, observed), LOG_LOSS_OF_PRIOR),
             brier_score=_value_or(
                 brier_score(probability, occupied, observed), BRIER_SCORE_OF_PRIOR

@@ -9,8 +9,8 @@ from coopmap_env.information.frontier import adjacent_to_unknown
 from coopmap_env.information.gray_levels import gray_bin, sampled_gray_level, unknown_gray_level
 from coopmap_env.information.planar.fan import BeamFan
 from coopmap_env.information.planar.information_cache import NewInformationCache
-from coopmap_env.information.planar.mutual_information import MutualInformation
-from coopmap_env.information.planar.rating import RatingFunction
+from coopmap_env.information.planar.mutual_information import PlanarMutualInformation
+from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.ratings import (
     CameraPoses,
     Ratings,
@@ -20,7 +20,11 @@ from coopmap_env.information.ratings import (
     joint_distance,
     motion_distance,
 )
-from coopmap_env.information.settings import FieldRatingSettings, RatingConstants, RatingSettings
+from coopmap_env.information.settings import (
+    FieldRatingSettings,
+    PlanarRatingSettings,
+    RatingSettings,
+)
 
 __all__ = [
     "BeamFan",
@@ -29,10 +33,10 @@ __all__ = [
     "FieldRatingFunction",
     "FieldRatingSettings",
     "Frustum",
-    "MutualInformation",
     "NewInformationCache",
-    "RatingConstants",
-    "RatingFunction",
+    "PlanarMutualInformation",
+    "PlanarRatingFunction",
+    "PlanarRatingSettings",
     "RatingSettings",
     "Ratings",
     "ReservedMask",

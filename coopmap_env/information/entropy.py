@@ -53,7 +53,7 @@ class CellModel(NamedTuple):
     def of_map(
         cls, log_odds_range: LogOddsRange, prior: float, known_probability: float
     ) -> CellModel:
-        """Tables of a map's log-odds; see `MutualInformation` for the other arguments."""
+        """Tables of a map's log-odds; see `PlanarMutualInformation` for the other arguments."""
         return cls(
             log_odds_range.probability,
             log_odds_range.entropy,

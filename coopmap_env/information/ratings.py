@@ -1,7 +1,7 @@
 """Common to both rating functions: motion distance (Eq. 5), rating (Eq. 9), and arguments.
 
-`RatingFunction` and `FieldRatingFunction` have the same methods. Each takes a map, camera poses and
-a `ViewContext`: planar poses are the ids of a `PoseLattice`, field poses are `CameraPoses`.
+`PlanarRatingFunction` and `FieldRatingFunction` have the same methods. Each takes a map, camera
+poses and a `ViewContext`: planar poses are ids of a `PoseLattice`, field poses are `CameraPoses`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry import wrap_angle
-from coopmap_env.information.settings import RatingConstants
+from coopmap_env.information.settings import RatingSettings
 
 ReservedMask = NDArray[np.uint8] | None
 """Shape (n_cells,): 1 at cells that a teammate's next scan will observe; None if there are none."""
@@ -60,7 +60,7 @@ class Ratings:
         new_information: NDArray[np.float64],
         distance: NDArray[np.float64],
         occupancy: NDArray[np.float64],
-        constants: RatingConstants,
+        constants: RatingSettings,
     ) -> Ratings:
         """Eq. 9: RF = (NI - K d**n) (1 - P)."""
         cost = constants.K * distance**constants.exponent

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from coopmap_env.core.settings import NonNegative, Range, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Settings
 from coopmap_env.information.gray_levels import Interpretation
 
 
 @dataclass(frozen=True)
-class RatingConstants(Settings):
+class RatingSettings(Settings):
     """Constants of Eqs. 6 to 9, which every rating needs; those of Eq. 5 depend on the mount.
 
     Raises
@@ -23,7 +23,7 @@ class RatingConstants(Settings):
     """Weight of the motion, nats per unit of d**n."""
     exponent: NonNegative = 1.0
     """n of Eq. 9."""
-    n_gray_bins: Annotated[int, Range(at_least=2, at_most=256)] = 64
+    n_gray_bins: Annotated[int, Bounds(at_least=2, at_most=256)] = 64
     """Bins over the gray levels [0, 2] (Eq. 7). Half of them tell unknown cells apart by their
     distance, in steps of less than one cell in 2-D and of less than two in 3-D."""
     interpretation: Interpretation = "literal"
@@ -31,7 +31,7 @@ class RatingConstants(Settings):
 
 
 @dataclass(frozen=True)
-class RatingSettings(RatingConstants):
+class PlanarRatingSettings(RatingSettings):
     """Constants of Eqs. 5 to 9 of the 2-D (planar) environment.
 
     Raises
@@ -50,7 +50,7 @@ class RatingSettings(RatingConstants):
 
 
 @dataclass(frozen=True)
-class FieldRatingSettings(RatingConstants):
+class FieldRatingSettings(RatingSettings):
     """Constants of Eqs. 6 to 9 of the 3-D (field) environment; `Mount.alpha` has those of Eq. 5.
 
     Raises

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
-from coopmap_env.core.settings import Range, Settings
+from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
 
 RANGE_WINDOW = 4.0
@@ -72,9 +72,9 @@ class BeamModel(Settings):
         If a value is outside of its range.
     """
 
-    free: Annotated[float, Range(above=0, below=0.5)] = 0.001
+    free: Annotated[float, Bounds(above=0, below=0.5)] = 0.001
     """Lowest occupancy that a single scan may give a cell."""
-    occupied: Annotated[float, Range(above=0.5, below=1)] = 0.998
+    occupied: Annotated[float, Bounds(above=0.5, below=1)] = 0.998
     """Highest occupancy that a single scan may give a cell."""
     surface: Literal["entry", "anywhere", "partial"] = "entry"
     """Where the surface of an occupied cell lies: at the face by which the beam enters, if the
@@ -210,7 +210,7 @@ def merge_updates(one: int, other: int) -> int:
 
 
 @inlined_kernel
-def scale_free_update(update: int, path_length: float) -> int:
+def weight_by_path_length(update: int, path_length: float) -> int:
     """Update by a passing beam, in proportion to its path through the cell (cells), at most 1."""
     return math.floor(update * min(path_length, 1.0) + 0.5)
 

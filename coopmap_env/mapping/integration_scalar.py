@@ -21,7 +21,7 @@ from coopmap_env.mapping.beam import (
     endpoint_posterior,
     merge_updates,
     partial_endpoint_posterior,
-    scale_free_update,
+    weight_by_path_length,
 )
 from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.grid import GridGeometry
@@ -88,7 +88,7 @@ def _update_free_cells(
     while beam.partial_surface and position.distance < until:
         cell, entry = position.cell, position.distance
         position = step_ray(ray, position)
-        update = scale_free_update(lowest, position.distance - entry)
+        update = weight_by_path_length(lowest, position.distance - entry)
         index = np.uint64(cell)  # the compiler guards signed indices against negative ones
         current = pending[index]
         updated_cells[np.uint64(count)] = cell
@@ -152,7 +152,7 @@ def _update_end_cells(
         updated_cells[np.uint64(count)] = cells[k]
         if beam.partial_surface:
             if update < 0:
-                update = scale_free_update(update, exits[k] - entries[k])
+                update = weight_by_path_length(update, exits[k] - entries[k])
             if update == 0 and k == best:
                 update = -1  # a cell that keeps the beam's point is one that was sampled
             count += current == 0 and update != 0

@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.settings import Range, Settings
+from coopmap_env.core.settings import Bounds, Settings
 
 STEPS_PER_NAT = 1024
 """Fixed-point steps of one nat: finer than any probability of the sensor model is known."""
@@ -36,7 +36,7 @@ class LogOddsRange(Settings):
         If `max_probability` does not lie in (0.5, 1).
     """
 
-    max_probability: Annotated[float, Range(above=0.5, below=1)] = 0.999
+    max_probability: Annotated[float, Bounds(above=0.5, below=1)] = 0.999
     """Clamp, and one minus it at the other end: one or two contradicting scans can still change a
     cell, and a wrong cell has a log loss of at most 6.9 nats."""
 

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.settings import NonNegative, Positive, PositiveInt, Range, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Positive, PositiveInt, Settings
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class PlanarCamera(Settings):
         If a value is outside of its range.
     """
 
-    field_of_view: Annotated[float, Range(above=0, at_most=2 * math.pi)] = math.radians(60.0)
+    field_of_view: Annotated[float, Bounds(above=0, at_most=2 * math.pi)] = math.radians(60.0)
     """Radians. 60 degrees is that of a usual stereo camera."""
     depth_of_field: Positive = 20.0
     """Metres: surfaces farther than this are not measured."""
@@ -64,9 +64,9 @@ class DepthCamera(Settings):
         If a value is outside of its range.
     """
 
-    horizontal_field_of_view: Annotated[float, Range(above=0, below=math.pi)] = math.radians(60.0)
+    horizontal_field_of_view: Annotated[float, Bounds(above=0, below=math.pi)] = math.radians(60.0)
     """Radians, between the left and the right edge of the image."""
-    vertical_field_of_view: Annotated[float, Range(above=0, below=math.pi)] = math.radians(45.0)
+    vertical_field_of_view: Annotated[float, Bounds(above=0, below=math.pi)] = math.radians(45.0)
     """Radians, between the upper and the lower edge of the image."""
     width: PositiveInt = 64
     """Pixels of a row: at 6 m the default ones are 0.11 m apart, about a voxel."""

@@ -19,7 +19,7 @@ from plain.views import visible_cells
 import coopmap_baselines
 from coopmap_baselines.frontier import FrontierPolicy
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.information import MutualInformation, adjacent_to_unknown
+from coopmap_env.information import PlanarMutualInformation, adjacent_to_unknown
 from coopmap_env.robots import ReachableCells
 from coopmap_env.sensing import PlanarCamera
 
@@ -203,7 +203,7 @@ def test_the_information_of_one_beam_is_the_entropy_of_its_measurement(quarter, 
             set_cells(belief.map, [cell], rng.uniform(0.01, 0.5))
         known = belief.map.sampled.flat[cells]
         p = np.where(known, belief.map.probability.flat[cells], prior)
-        information = MutualInformation(belief.rating, prior=prior).mutual_information(
+        information = PlanarMutualInformation(belief.rating, prior=prior).mutual_information(
             belief.map, [pose_id(env, 20, 20, quarter)]
         )
         assert information[0] == pytest.approx(first_hit_entropy(p), abs=1e-9)
@@ -213,11 +213,11 @@ def test_entropy_that_no_scan_can_reduce_does_not_count():
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     belief = set_poses(env, (20, 20, 0), known=list(range(40 * 40)))
     clamp = belief.map.log_odds_range.max_probability
-    known = MutualInformation(belief.rating, known_probability=clamp).mutual_information(
+    known = PlanarMutualInformation(belief.rating, known_probability=clamp).mutual_information(
         belief.map, [8000]
     )
     assert known[0] == pytest.approx(0.0, abs=1e-3)
-    assert MutualInformation(belief.rating).mutual_information(belief.map, [8000])[0] > 0.1
+    assert PlanarMutualInformation(belief.rating).mutual_information(belief.map, [8000])[0] > 0.1
 
 
 @pytest.mark.parametrize("options", [{"prior": 0.0}, {"prior": 1.0}, {"known_probability": 0.5}])
@@ -225,7 +225,7 @@ def test_probabilities_of_beam_information_out_of_range_are_named(options):
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     (name,) = options
     with pytest.raises(ValueError, match=name):
-        MutualInformation(env.unwrapped._belief.rating, **options)
+        PlanarMutualInformation(env.unwrapped._belief.rating, **options)
 
 
 def test_the_score_of_information_gain_is_a_fraction_of_a_full_view_minus_motion():
@@ -233,7 +233,9 @@ def test_the_score_of_information_gain_is_a_fraction_of_a_full_view_minus_motion
     belief = set_poses(env, (20, 20, 0))
     policy = coopmap_baselines.make("information_gain", motion_weight=0.125, prior=0.2)
     ids = np.array([pose_id(env, 20, 20, 0), pose_id(env, 23, 20, 0)])
-    information = MutualInformation(belief.rating, 0.2, belief.map.log_odds_range.max_probability)
+    information = PlanarMutualInformation(
+        belief.rating, 0.2, belief.map.log_odds_range.max_probability
+    )
     h = -0.2 * math.log(0.2) - 0.8 * math.log(0.8)
     shares = information.mutual_information(belief.map, ids) / (
         belief.rating.fan.max_visible_cells * h

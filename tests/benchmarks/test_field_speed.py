@@ -59,5 +59,5 @@ def test_decision_of_300_candidates(benchmark, env, policy):
 
 
 def test_fusing_the_scans_of_a_team(benchmark, env):
-    gains = benchmark(env.belief().map.copy().integrate, env.scans)
+    gains = benchmark(env.belief().map.copy().integrate, env.last_scans)
     assert len(gains) == 2

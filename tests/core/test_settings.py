@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from coopmap_env.core.settings import (
+    Bounds,
     NonNegative,
     OpenUnitInterval,
     Positive,
     PositiveInt,
-    Range,
     Settings,
 )
 
@@ -27,7 +27,7 @@ class Camera(Settings):
     distortion: tuple[float, ...] = ()
     noise: NonNegative = 0.0
     quality: OpenUnitInterval = 0.5
-    tilt: Annotated[float, Range(at_least=-math.pi, below=math.pi)] = 0.0
+    tilt: Annotated[float, Bounds(at_least=-math.pi, below=math.pi)] = 0.0
     mode: Literal["gray", "color"] = "gray"
     gain: Positive | None = None
     is_on: bool = True

@@ -134,7 +134,7 @@ def test_what_the_map_did_not_know_stops_the_mount_is_reported_and_charged(make)
     assert belief.infeasibility_reason(0, swing) == ""
     _, rewards, _, _, infos = env.step({"robot_0": belief.action_for(0, swing)})
     info = infos["robot_0"]
-    assert info["contact"]
+    assert info["collided"]
     assert info["collided_with"] == "crate in the way"
     assert np.abs(env.belief().joints[0] - swing).max() > 0.1
     free = info["new_information"] - FAST.rating.K * info["distance"]
@@ -163,8 +163,8 @@ def test_the_rating_reward_is_eq_9_of_where_the_cameras_went_on_the_map_before(m
             rated = belief.rating.rate(before, (R, t), [d], context)
             assert infos[agent]["distance"] == pytest.approx(d)
             expected = rated.rating[0]
-            if infos[agent]["contact"]:
-                expected -= FAST.contact_cost * np.log(FAST.rating.n_gray_bins)
+            if infos[agent]["collided"]:
+                expected -= FAST.collision_cost * np.log(FAST.rating.n_gray_bins)
             assert rewards[agent] == pytest.approx(expected, abs=1e-9)
             reserved_mask[belief.rating.visible_cells(before, (R[0], t[0]), context)] = 1
 
@@ -194,7 +194,7 @@ def test_robots_scan_each_other_and_never_enter_the_map(make, mount, n_robots):
                 for robot, agent in enumerate(env.agents)
             }
             env.step(actions)
-            for scan in env.scans:  # beams that a robot cut off end before the depth of field
+            for scan in env.last_scans:  # beams that a robot cut off end before the depth of field
                 lengths = np.linalg.norm(scan.points - scan.origin, axis=1)
                 seen += int((~scan.hit & (lengths < 5.9) & (lengths > 0)).sum())
         map_ = env.belief().map
@@ -274,7 +274,7 @@ def test_the_covariance_of_the_pose_enters_that_of_every_observed_point(make):
     for env in (sure, unsure):
         env.reset(seed=0)
         env.step(staying(env))
-        (scan,) = env.scans
+        (scan,) = env.last_scans
         traces.append(np.trace(scan.covariances[scan.hit], axis1=1, axis2=2))
     assert traces[0].mean() < traces[1].mean()
 
@@ -391,7 +391,7 @@ def test_wrong_arguments_are_named(arguments, message):
 def test_wrong_settings_are_named():
     for changes, message in (
         ({"physics": "real"}, "FieldSettings.physics must be one of 'kinematic', 'stepped'"),
-        ({"contact_cost": -1.0}, "contact_cost must be a finite number >= 0, got -1.0"),
+        ({"collision_cost": -1.0}, "collision_cost must be a finite number >= 0, got -1.0"),
         ({"crop_cells": (40,)}, r"crop_cells must be \(an integer >= 4, an integer >= 4\), got"),
         ({"crop_pooling": 0}, "crop_pooling must be an integer >= 1, got 0"),
         (
@@ -399,7 +399,7 @@ def test_wrong_settings_are_named():
             "initial_free_radius must be a finite number > 0, got inf",
         ),
         ({"initial_free_radius": "a"}, "initial_free_radius must be a finite number > 0, got 'a'"),
-        ({"contact_cost": None}, "contact_cost must be a finite number >= 0, got None"),
+        ({"collision_cost": None}, "collision_cost must be a finite number >= 0, got None"),
         ({"crop_cells": 5}, r"crop_cells must be \(.*\), got 5"),
         ({"noise": 3}, "FieldSettings.noise must be RangeNoise, got 3"),
         ({"motion": None}, "FieldSettings.motion must be CollisionSettings, got None"),

@@ -209,7 +209,7 @@ def test_when_a_robot_is_located_its_scan_is_in_the_frame_of_its_camera(make):
 
     def check(env):
         nonlocal moved_in
-        for scan, estimate in zip(env.scans, env.belief().estimates, strict=False):
+        for scan, estimate in zip(env.last_scans, env.belief().estimates, strict=False):
             np.testing.assert_array_equal(scan.origin, estimate.pose.translation)
             moved_in += 1
         return all_located(env)
@@ -223,7 +223,7 @@ def test_infos_contain_why_a_robot_is_not_located(make):
     seed = next(found_worlds(env, range(8)))
     env.reset(seed=seed)
     rng = np.random.default_rng(seed)
-    first = wander(env, rng, lambda env: env.scans)
+    first = wander(env, rng, lambda env: env.last_scans)
     assert any(info["localization_failure"] for info in first.values())
     last = wander(env, rng, all_located)
     assert all(info["localization_failure"] == "" for info in last.values())

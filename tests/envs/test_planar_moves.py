@@ -38,7 +38,7 @@ def test_a_feasible_pose_is_taken():
     assert env.belief().pose_ids == (pose_id(env, 25, 18, heading=2),)
     assert info["rejected_reason"] == ""
     assert info["distance"] == pytest.approx(np.hypot(5, 2))
-    assert info["scans"] == 1
+    assert info["n_scans"] == 1
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_an_infeasible_pose_does_not_move_the_camera(ahead, left, reason):
     assert info["rejected_reason"] == reason
     assert env.belief().pose_ids == before
     assert info["distance"] == 0
-    assert info["scans"] == 1
+    assert info["n_scans"] == 1
     assert info["new_cells"] > 0
 
 
@@ -244,13 +244,13 @@ def test_a_collision_with_a_wall_that_is_mapped_as_free_corrects_the_map():
     here = env.belief().pose_ids[0]
     action = env.belief().action_for(0, pose_id(env, 23, 20))
     _, _, _, _, infos = env.step({"robot_0": action})
-    assert infos["robot_0"]["contact"] is True
+    assert infos["robot_0"]["collided"] is True
     assert infos["robot_0"]["rejected_reason"] == ""
     assert infos["robot_0"]["distance"] == 0
     assert env.belief().pose_ids == (here,)
     assert env.belief().map.probability[23, 20] == pytest.approx(0.999, abs=1e-4)
     _, _, _, _, infos = env.step({"robot_0": action})
-    assert infos["robot_0"]["contact"] is False
+    assert infos["robot_0"]["collided"] is False
     assert infos["robot_0"]["rejected_reason"] == "goal is not known to be free"
 
 

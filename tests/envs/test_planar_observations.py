@@ -9,7 +9,7 @@ from plain.rollouts import random_actions
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.planar.map_crop import crop_offsets
-from coopmap_env.information import RatingSettings
+from coopmap_env.information import PlanarRatingSettings
 from coopmap_env.sensing import PlanarCamera
 
 SIDE = 16
@@ -183,7 +183,7 @@ def test_the_state_is_the_map_row_by_row_then_the_poses():
 
 
 def test_candidate_features_by_hand():
-    rating = RatingSettings(K=0.1, exponent=2.0, alpha_heading=0.5)
+    rating = PlanarRatingSettings(K=0.1, exponent=2.0, alpha_heading=0.5)
     settings = PlanarSettings(noise=NO_NOISE, rating=rating)
     env = env_with_world(
         open_world(30, 40, 2.0), n_robots=1, settings=settings,
@@ -218,7 +218,7 @@ def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings)
         open_world(30, 34, 0.3, origin=(-3.0, 7.7)), n_robots=3, action_mode="candidates",
         settings=PlanarSettings(
             camera=PlanarCamera(depth_of_field=3.0), reach=2.4, n_headings=n_headings,
-            rating=RatingSettings(exponent=2.0, alpha_heading=0.7),
+            rating=PlanarRatingSettings(exponent=2.0, alpha_heading=0.7),
         ),
     )  # fmt: skip
     for _ in range(4):
@@ -239,7 +239,7 @@ def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings)
 
 
 def test_huge_costs_end_at_the_limit():
-    rating = RatingSettings(K=1e5)
+    rating = PlanarRatingSettings(K=1e5)
     env = env_with_world(
         open_world(), n_robots=1, settings=PlanarSettings(rating=rating), action_mode="candidates"
     )

@@ -10,7 +10,7 @@ from plain.views import new_information, visible_cells
 import coopmap_baselines
 from coopmap_env.envs import REWARD_TERMS
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.information import RatingSettings, ViewContext
+from coopmap_env.information import PlanarRatingSettings, ViewContext
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 
@@ -32,7 +32,10 @@ def plain_rating(env, map_, robot, before, after, reserved_mask):
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(
     "rating",
-    [RatingSettings(), RatingSettings(K=0.05, exponent=1.5, alpha_heading=0.7, n_gray_bins=20)],
+    [
+        PlanarRatingSettings(),
+        PlanarRatingSettings(K=0.05, exponent=1.5, alpha_heading=0.7, n_gray_bins=20),
+    ],
 )
 @pytest.mark.parametrize("interpretation", ["literal", "distance_free"])
 def test_rating_is_eq_9_of_the_executed_pose_on_the_map_before_the_scan(
@@ -192,11 +195,11 @@ def test_infos_hold_what_the_page_names():
         env = PlanarEnv(2, mode, scene=SMALL)
         _, infos = env.reset(seed=0)
         mask = {"action_mask"} if mode == "candidates" else set()
-        assert all(set(info) == {"scans", "observed_fraction"} | mask for info in infos.values())
+        assert all(set(info) == {"n_scans", "observed_fraction"} | mask for info in infos.values())
         *_, infos = env.step(random_actions(env, np.random.default_rng(0)))
         keys = {
-            "reward_terms", "rejected_reason", "contact", "new_information", "distance",
-            "new_cells", "entropy_reduction", "scans", "observed_fraction",
+            "reward_terms", "rejected_reason", "collided", "new_information", "distance",
+            "new_cells", "entropy_reduction", "n_scans", "observed_fraction",
         }  # fmt: skip
         assert all(set(info) == keys | mask for info in infos.values())
 

@@ -6,7 +6,7 @@ from plain.rollouts import MODES, random_rollout, sample_action
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
-from coopmap_env.information import RatingSettings
+from coopmap_env.information import PlanarRatingSettings
 
 DTYPES = {
     "map": np.uint8,
@@ -43,9 +43,9 @@ def test_everything_observed_lies_in_its_space_at_every_step(mode, n_robots, sce
 @pytest.mark.parametrize(
     "rating",
     [
-        RatingSettings(n_gray_bins=2, K=0.0),
-        RatingSettings(n_gray_bins=256, K=1e6, exponent=3.0),
-        RatingSettings(alpha_position=0.0, alpha_heading=50.0),
+        PlanarRatingSettings(n_gray_bins=2, K=0.0),
+        PlanarRatingSettings(n_gray_bins=256, K=1e6, exponent=3.0),
+        PlanarRatingSettings(alpha_position=0.0, alpha_heading=50.0),
     ],
 )
 def test_features_stay_in_their_space_whatever_the_constants(rating):
@@ -122,7 +122,7 @@ def test_an_episode_is_truncated_after_exactly_max_scans_and_never_terminated(ma
             _, _, terminations, truncations, infos, _ = next(episode)
             assert terminations == dict.fromkeys(env.possible_agents, False)
             assert truncations == dict.fromkeys(env.possible_agents, scan == max_scans)
-            assert {info["scans"] for info in infos.values()} == {scan}
+            assert {info["n_scans"] for info in infos.values()} == {scan}
             assert env.agents == ([] if scan == max_scans else env.possible_agents)
         assert next(episode, None) is None
 

@@ -50,7 +50,7 @@ def episode(seed=0, coverage_curve=(0.0, 0.1, 0.3), radius_std=1.0, max_radius=9
         coverage_curve=list(coverage_curve),
         entropy_curve=[3.0] * len(coverage_curve),
         reward=1.0,
-        motion_cost=2.0,
+        motion_distance=2.0,
         log_loss=0.1,
         brier_score=0.01,
         extent=MappedExtent(max_radius, 3.0, radius_std),

@@ -65,4 +65,4 @@ def test_a_recorder_measures_what_run_episode_returns():
     expected = run_episode(small_env(), make_policy("frontier"), seed=1)
     found = recorder.episode()
     assert found.coverage_curve == expected.coverage_curve
-    assert (found.reward, found.motion_cost) == (expected.reward, expected.motion_cost)
+    assert (found.reward, found.motion_distance) == (expected.reward, expected.motion_distance)

@@ -23,7 +23,7 @@ def evaluation(coverage, sigma=5.0, worlds=24, seed=0):
                 coverage_curve=[0.0, scatter(coverage)],
                 entropy_curve=[1.0, 0.5],
                 reward=0.0,
-                motion_cost=0.0,
+                motion_distance=0.0,
                 log_loss=0.0,
                 brier_score=0.0,
                 extent=MappedExtent(4 * scatter(sigma), 2 * sigma, scatter(sigma)),

@@ -18,7 +18,7 @@ from coopmap_env.envs.field.joint_space import JointSpace
 
 
 class JointMode:
-    """Joints of the mounts, normalize to their limits."""
+    """Joints of the mounts, normalized to their limits."""
 
     def __init__(
         self, joint_spaces: Sequence[JointSpace], joint_names: Sequence[tuple[str, ...]]

@@ -24,8 +24,8 @@ from coopmap_env.envs.field.starts import initial_free_voxels, local_base_pose, 
 from coopmap_env.envs.field.target_search import check_bases_in_search_range
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.rewards import RewardScale
+from coopmap_env.envs.step_data import EpisodeRngs, FusedScans, TeamMoveResult, Transition
 from coopmap_env.envs.team import TeamEnv
-from coopmap_env.envs.transition import EpisodeRngs, FusedScans, TeamMoveResult, Transition
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.rendering import overview_camera, render_field, robot_triangles, scene_meshes
@@ -93,7 +93,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
                 self._candidate_mode.n_candidates if self._candidate_mode else None,
                 include_located=arguments.initialization == "search",
             ),
-            s.contact_cost,
+            s.collision_cost,
         )
 
     def _reset_world(self, rngs: EpisodeRngs) -> FieldBelief:

@@ -21,7 +21,7 @@ from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.envs.field.starts import initial_free_voxels
 from coopmap_env.envs.field.target_search import RecordedScan, TargetSearch, without_robots
-from coopmap_env.envs.transition import FusedScans
+from coopmap_env.envs.step_data import FusedScans
 from coopmap_env.geometry import Pose
 from coopmap_env.localization import PoseCorrection, PoseCorrector, Registration, TargetModel
 from coopmap_env.mapping import ScanGain

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from coopmap_env.core.settings import NonNegative, Positive, PositiveInt, Range, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Positive, PositiveInt, Settings
 from coopmap_env.information import FieldRatingSettings
 from coopmap_env.localization import (
     CorrectionSettings,
@@ -17,7 +17,7 @@ from coopmap_env.mapping import BeamModel, LogOddsRange
 from coopmap_env.robots import CollisionSettings
 from coopmap_env.sensing import DepthCamera, RangeNoise
 
-CropSide = Annotated[int, Range(at_least=4)]
+CropSide = Annotated[int, Bounds(at_least=4)]
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class FieldSettings(Settings):
     """Whether a motion is straight in joint space or, where that is blocked, planned by OMPL."""
     initial_free_radius: Positive = 1.0
     """Metres around each vehicle's axis that are known to be free: it was parked there."""
-    contact_cost: NonNegative = 0.05
+    collision_cost: NonNegative = 0.05
     """Cost of a collision in every reward, as a fraction of the largest NI."""
     crop_cells: tuple[CropSide, CropSide] = (40, 16)
     """Sides of the observed crop of the map, horizontal and vertical, in its own cells."""

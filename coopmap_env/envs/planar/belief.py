@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.envs.belief import Belief
-from coopmap_env.information import RatingFunction, Ratings, ReservedMask, ViewContext
+from coopmap_env.information import PlanarRatingFunction, Ratings, ReservedMask, ViewContext
 from coopmap_env.robots import PoseLattice, ReachableCells, infeasibility_reason
 
 
@@ -20,7 +20,7 @@ class PlanarBelief(Belief):
 
     pose_ids: tuple[int, ...]
     """Pose id of each camera."""
-    rating: RatingFunction
+    rating: PlanarRatingFunction
     """Rates poses with the constants of the environment; has the pose lattice."""
     reach: float
     """Metres; see `PlanarSettings.reach`."""
@@ -62,29 +62,29 @@ class PlanarBelief(Belief):
         return self.pose_ids[robot] // self.lattice.n_headings
 
     def rate(self, robot: int, poses: ArrayLike, reserved_mask: ReservedMask = None) -> Ratings:
-        """See `RatingFunction.rate`."""
+        """See `PlanarRatingFunction.rate`."""
         distance = self.distance(robot, poses)
         return self.rating.rate(self.map, poses, distance, ViewContext(reserved_mask))
 
     def rate_team(self, poses: ArrayLike) -> Ratings:
-        """See `RatingFunction.rate_team`."""
+        """See `PlanarRatingFunction.rate_team`."""
         distance = self.rating.distance(poses, self.pose_ids)
         return self.rating.rate_team(self.map, poses, distance)
 
     def distance(self, robot: int, poses: ArrayLike) -> NDArray[np.float64]:
-        """See `RatingFunction.distance`."""
+        """See `PlanarRatingFunction.distance`."""
         return self.rating.distance(poses, self.pose_ids[robot])
 
     def unknown_fraction(
         self, robot: int, poses: ArrayLike, reserved_mask: ReservedMask = None
     ) -> NDArray[np.float64]:
-        """See `RatingFunction.count_unknown_cells`."""
+        """See `PlanarRatingFunction.count_unknown_cells`."""
         context = ViewContext(reserved_mask)
         unknown = self.rating.count_unknown_cells(self.map, poses, context)
         return unknown / self.rating.max_visible_cells
 
     def visible_cells(self, robot: int, pose: int) -> NDArray[np.int64]:
-        """See `RatingFunction.visible_cells`."""
+        """See `PlanarRatingFunction.visible_cells`."""
         return self.rating.visible_cells(self.map, pose)
 
     def infeasibility_reason(self, robot: int, pose_id: int) -> str:

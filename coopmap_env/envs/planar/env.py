@@ -18,9 +18,9 @@ from coopmap_env.envs.planar.planning import PlanarPlanning
 from coopmap_env.envs.planar.settings import PlanarSettings
 from coopmap_env.envs.planar.starts import sample_start_poses
 from coopmap_env.envs.rewards import RewardScale
+from coopmap_env.envs.step_data import EpisodeRngs, FusedScans, TeamMoveResult
 from coopmap_env.envs.team import TeamEnv
-from coopmap_env.envs.transition import EpisodeRngs, FusedScans, TeamMoveResult
-from coopmap_env.information import RatingFunction
+from coopmap_env.information import PlanarRatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.rendering import render_team
 from coopmap_env.robots import PoseLattice
@@ -142,7 +142,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
             planning=PlanarPlanning(),
             candidates=None,
             pose_ids=(0,) * len(self.possible_agents),
-            rating=RatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
+            rating=PlanarRatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
             reach=s.reach,
         )
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.information import (
-    MutualInformation,
     NewInformationCache,
-    RatingFunction,
+    PlanarMutualInformation,
+    PlanarRatingFunction,
     Ratings,
     ReservedMask,
     ViewContext,
@@ -36,7 +36,7 @@ class PlanarPlanning:
         prior: float,
         reserved_mask: ReservedMask,
     ) -> NDArray[np.float64]:
-        """See `MutualInformation`; a cell at the clamp cannot become more certain."""
+        """See `PlanarMutualInformation`; a cell at the clamp cannot become more certain."""
         rating, map_ = belief.rating, belief.map
         beams = _mutual_information(rating, prior, map_.log_odds_range.max_probability)
         full_view = rating.max_visible_cells * entropy([prior, 1.0 - prior])
@@ -102,6 +102,6 @@ class CachedRater:
 
 @lru_cache(maxsize=4)
 def _mutual_information(
-    rating: RatingFunction, prior: float, known_probability: float
-) -> MutualInformation:
-    return MutualInformation(rating, prior, known_probability)
+    rating: PlanarRatingFunction, prior: float, known_probability: float
+) -> PlanarMutualInformation:
+    return PlanarMutualInformation(rating, prior, known_probability)

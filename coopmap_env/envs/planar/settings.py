@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-from coopmap_env.core.settings import Positive, PositiveInt, Range, Settings
-from coopmap_env.information import RatingSettings
+from coopmap_env.core.settings import Bounds, Positive, PositiveInt, Settings
+from coopmap_env.information import PlanarRatingSettings
 from coopmap_env.mapping import BeamModel, LogOddsRange
 from coopmap_env.sensing import PlanarCamera, RangeNoise
 
@@ -28,7 +28,7 @@ class PlanarSettings(Settings):
     noise: RangeNoise = field(default_factory=RangeNoise)
     beam: BeamModel = field(default_factory=BeamModel)
     log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
-    rating: RatingSettings = field(default_factory=RatingSettings)
+    rating: PlanarRatingSettings = field(default_factory=PlanarRatingSettings)
     n_headings: PositiveInt = 16
     """Headings of the configuration space; see `PoseLattice`."""
     reach: Positive = 20.0
@@ -39,7 +39,7 @@ class PlanarSettings(Settings):
     max_start_distance: Positive = 20.0
     """Metres: teammates start no further than this from the first robot. By default a depth of
     field."""
-    crop_cells: Annotated[int, Range(at_least=4)] = 48
+    crop_cells: Annotated[int, Bounds(at_least=4)] = 48
     """Side of the observed crop of the map, cells: the default depth of field lies inside."""
 
     @classmethod

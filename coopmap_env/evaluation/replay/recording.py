@@ -171,6 +171,6 @@ def _note(info: dict[str, Any]) -> str:
     """What kept the robot from doing what its action asked for."""
     if info["rejected_reason"]:
         return f"stayed: {info['rejected_reason']}"
-    if info["contact"]:
+    if info["collided"]:
         return f"collided with {info.get('collided_with') or 'something'}"
     return "" if info["located"] else "not located yet"

@@ -37,7 +37,7 @@ class FieldMutualInformation:
     rating : FieldRatingFunction
         Holds the camera and the grid.
     prior, known_probability : float
-        See `MutualInformation`.
+        See `PlanarMutualInformation`.
 
     Raises
     ------

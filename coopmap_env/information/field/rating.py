@@ -22,7 +22,7 @@ from coopmap_env.information.ratings import (
     Spheres,
     ViewContext,
 )
-from coopmap_env.information.settings import FieldRatingSettings, RatingConstants
+from coopmap_env.information.settings import FieldRatingSettings, RatingSettings
 from coopmap_env.mapping import LogOddsRange, MapArrays, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
@@ -48,7 +48,7 @@ class FieldRatingFunction:
         self,
         camera: DepthCamera,
         grid: VoxelGrid,
-        settings: RatingConstants | None = None,
+        settings: RatingSettings | None = None,
         log_odds_range: LogOddsRange | None = None,
     ) -> None:
         if grid.dimension != 3:

@@ -19,7 +19,7 @@ from coopmap_env.information.field.views import (
 )
 from coopmap_env.information.gray_levels import GrayBins, GrayLevelTable
 from coopmap_env.information.ratings import CameraPoses, Spheres
-from coopmap_env.information.settings import RatingConstants
+from coopmap_env.information.settings import RatingSettings
 from coopmap_env.mapping import LogOddsRange, MapArrays, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
@@ -39,7 +39,7 @@ class ViewTables:
         cls,
         camera: DepthCamera,
         grid: VoxelGrid,
-        constants: RatingConstants,
+        constants: RatingSettings,
         log_odds_range: LogOddsRange,
         distance_unit: float,
     ) -> ViewTables:

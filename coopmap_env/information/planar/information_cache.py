@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.information.planar.rating import RatingFunction
+from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.ratings import WHOLE_VIEW, ViewContext
 from coopmap_env.mapping import MapArrays, OccupancyMap
 
@@ -46,10 +46,10 @@ class NewInformationCache:
 
     Parameters
     ----------
-    rating : RatingFunction
+    rating : PlanarRatingFunction
     """
 
-    def __init__(self, rating: RatingFunction) -> None:
+    def __init__(self, rating: PlanarRatingFunction) -> None:
         self.rating = rating
         lattice, n_cells = rating.lattice, rating.lattice.grid.n_cells
         self._rows = _row_intervals(rating)
@@ -64,7 +64,7 @@ class NewInformationCache:
     def new_information(
         self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.float64]:
-        """As `RatingFunction.new_information`, shape (k,)."""
+        """As `PlanarRatingFunction.new_information`, shape (k,)."""
         ids = self.rating.validate_ids(map_, poses)
         self._invalidate_changed(map_)
         self._rate_missing(map_, ids)
@@ -104,7 +104,7 @@ class NewInformationCache:
         return out
 
 
-def _row_intervals(rating: RatingFunction) -> RowIntervals:
+def _row_intervals(rating: PlanarRatingFunction) -> RowIntervals:
     fan, start, rows = rating.fan, [0], []
     for h in range(fan.n_headings):
         offsets = fan.offsets[fan.start[h] : fan.start[h + 1]].astype(np.int64)

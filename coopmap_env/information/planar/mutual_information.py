@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.kernels import kernel
 from coopmap_env.information.entropy import MIN_REACH_PROBABILITY, CellModel, validate_prior
 from coopmap_env.information.planar.fan import BEAMS_PER_WORD, BeamFan, FanArrays
-from coopmap_env.information.planar.rating import RatingFunction
+from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.ratings import WHOLE_VIEW, ViewContext
 from coopmap_env.mapping import MapArrays, OccupancyMap
 
@@ -38,12 +38,12 @@ class BeamEntries(NamedTuple):
     entries: NDArray[np.int32]
 
 
-class MutualInformation:
+class PlanarMutualInformation:
     """Mutual information of lattice poses.
 
     Parameters
     ----------
-    rating : RatingFunction
+    rating : PlanarRatingFunction
         Holds the lattice and the camera's fan.
     prior : float
         Occupancy expected of cells that were never sampled. The map's own is one half, through
@@ -59,7 +59,7 @@ class MutualInformation:
     """
 
     def __init__(
-        self, rating: RatingFunction, prior: float = 0.5, known_probability: float = 1.0
+        self, rating: PlanarRatingFunction, prior: float = 0.5, known_probability: float = 1.0
     ) -> None:
         validate_prior(prior, known_probability)
         self._prior, self._known_probability = float(prior), known_probability
@@ -69,7 +69,7 @@ class MutualInformation:
     def mutual_information(
         self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.float64]:
-        """Nats, shape (k,), of lattice poses; the arguments are those of `RatingFunction`."""
+        """Nats, shape (k,), of lattice poses; the arguments are those of `PlanarRatingFunction`."""
         ids = self._rating.validate_ids(map_, poses)
         out = np.empty(len(ids))
         model = CellModel.of_map(map_.log_odds_range, self._prior, self._known_probability)

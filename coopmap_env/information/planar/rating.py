@@ -16,13 +16,13 @@ from coopmap_env.information.planar.views import (
     sequential_new_information,
 )
 from coopmap_env.information.ratings import WHOLE_VIEW, Ratings, ViewContext
-from coopmap_env.information.settings import RatingSettings
+from coopmap_env.information.settings import PlanarRatingSettings
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
 
 
-class RatingFunction:
+class PlanarRatingFunction:
     """Rates lattice poses on a known map; planner and reward use the same object.
 
     Parameters
@@ -30,7 +30,7 @@ class RatingFunction:
     camera : PlanarCamera
     lattice : PoseLattice
         Its grid must be the map's.
-    settings : RatingSettings
+    settings : PlanarRatingSettings
     log_odds_range : LogOddsRange
         That of the maps to be rated on.
 
@@ -43,7 +43,7 @@ class RatingFunction:
         self,
         camera: PlanarCamera,
         lattice: PoseLattice,
-        settings: RatingSettings,
+        settings: PlanarRatingSettings,
         log_odds_range: LogOddsRange,
     ) -> None:
         self.lattice = lattice

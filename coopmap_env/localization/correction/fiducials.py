@@ -24,9 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.arguments import check_array_shapes
-from coopmap_env.core.settings import NonNegative, Positive, PositiveInt, Range, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Positive, PositiveInt, Settings
 from coopmap_env.geometry import Pose
-from coopmap_env.localization.correction.frustum import Frustum
 from coopmap_env.localization.correction.peaks import (
     BallLimits,
     PeakMap,
@@ -35,10 +34,11 @@ from coopmap_env.localization.correction.peaks import (
     ball_offsets,
     select_peaks,
 )
+from coopmap_env.localization.correction.voxels_in_view import Frustum
 from coopmap_env.mapping import OccupancyMap, to_log_odds_fixed
 from coopmap_env.sensing import DepthCamera
 
-Probability = Annotated[float, Range(at_least=0, below=1)]
+Probability = Annotated[float, Bounds(at_least=0, below=1)]
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class FiducialSettings(Settings):
 
     max_fiducials: PositiveInt = 32
     """The error of a pose falls with their root, the time to track them grows with them."""
-    min_peak_probability: Annotated[float, Range(above=0.5, below=1)] = 0.9
+    min_peak_probability: Annotated[float, Bounds(above=0.5, below=1)] = 0.9
     """More certain voxels are better fiducials (section 2.5). 0.6 would hardly add any, for next
     to a surface most voxels have a more certain neighbour."""
     min_rise: Probability = 0.05

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.localization.correction.frustum import (
+from coopmap_env.localization.correction.voxels_in_view import (
     Frustum,
     distance_in_view,
     write_surface_voxels,

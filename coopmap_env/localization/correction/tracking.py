@@ -27,7 +27,7 @@ from scipy.ndimage import label
 from scipy.spatial.distance import cdist
 
 from coopmap_env.core.arguments import check_array_shapes
-from coopmap_env.core.settings import NonNegative, PositiveInt, Range, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, PositiveInt, Settings
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 Array = NDArray[np.float64]
@@ -46,7 +46,9 @@ class TrackingSettings(Settings):
     lie."""
     step_sigmas: NonNegative = 3.0
     """Standard deviations (Eq. 1) of the difference of two depths by which they may differ."""
-    max_incidence_angle: Annotated[float, Range(at_least=0, below=math.pi / 2)] = math.radians(70.0)
+    max_incidence_angle: Annotated[float, Bounds(at_least=0, below=math.pi / 2)] = math.radians(
+        70.0
+    )
     """Radians between the optical axis and the normal of a surface: from one pixel to the next its
     depth changes by the tangent of this times the pixels' distance. The ground 4 m ahead of a
     camera at a height of 1.5 m has 69 degrees."""

@@ -67,7 +67,7 @@ def _area_columns(area: str) -> tuple[Column, ...]:
 
 _REWARD = Column("reward", "reward", digits=1, bounds=False)
 _LOG_LOSS = Column("log-loss", "log_loss", digits=4, bounds=False)
-_MOTION = Column("motion cost", "motion_cost", digits=0, bounds=False)
+_MOTION = Column("motion distance", "motion_distance", digits=0, bounds=False)
 _TIME = Column("planning, ms", "planning_time_ms", bounds=False)
 COLUMNS = {
     "planar": (
@@ -99,7 +99,7 @@ ALL_SCORES = (
     Column("F-score", "f_score", digits=3),
     Column("reward", "reward"),
     Column("log-loss", "log_loss", digits=4),
-    Column("motion cost", "motion_cost", digits=1),
+    Column("motion distance", "motion_distance", digits=1),
     Column("planning, ms", "planning_time_ms", bounds=False),
 )
 
@@ -213,7 +213,7 @@ def all_scores(part: dict[str, Any]) -> Table:
 def comparison_table(part: dict[str, Any]) -> Table:
     """All comparisons of one condition, by the AUC of its drawn curve."""
     area = part["areas"][0]
-    rows = [["method", "minus", "AUC, points", "P(improvement)", "reward", "motion cost"]]
+    rows = [["method", "minus", "AUC, points", "P(improvement)", "reward", "motion distance"]]
     for label, method in part["methods"].items():
         for other, comparison in method["comparisons"].items():
             change = comparison["difference"]
@@ -224,7 +224,7 @@ def comparison_table(part: dict[str, Any]) -> Table:
                     format_interval(change[area], 100, sign="+"),
                     format_interval(comparison["probability_of_improvement"][area]),
                     format_interval(change["reward"], sign="+"),
-                    format_interval(change["motion_cost"], digits=1, sign="+"),
+                    format_interval(change["motion_distance"], digits=1, sign="+"),
                 ]
             )
     return rows

@@ -19,12 +19,12 @@ from coopmap_env.studies.benchmark.methods import BenchmarkPlan, Condition, Meth
 
 Array = NDArray[np.float64]
 
-SCORES = (
+BENCHMARK_SCORES = (
     "coverage",
     "coverage_auc",
     "reward",
     "log_loss",
-    "motion_cost",
+    "motion_distance",
     "surface_coverage",
     "surface_coverage_auc",
     "f_score",
@@ -47,7 +47,7 @@ class MethodResult:
         tables = [run.table for run in self.runs]
         return {
             name: np.array([table[name] for table in tables])
-            for name in SCORES
+            for name in BENCHMARK_SCORES
             if name in tables[0]
         }
 

@@ -21,7 +21,7 @@ TABLE_SCORES = (
     "false_free_fraction",
     "log_loss",
     "brier_score",
-    "motion_cost",
+    "motion_distance",
     "n_collisions",
     "planning_time_ms",
 )
@@ -68,6 +68,6 @@ def field_text_table(study: FieldStudy) -> str:
             f"{name:<50}{100 * t['surface_coverage']:>8.1f}%"
             f"{100 * t['surface_coverage_auc']:>8.1f}%"
             f"{t['f_score']:>9.3f}{t['chamfer']:>7.3f} m{t['log_loss']:>10.4f}"
-            f"{t['motion_cost']:>9.1f}"
+            f"{t['motion_distance']:>9.1f}"
         )
     return "\n".join(lines)

@@ -119,5 +119,5 @@ def collect_scans(env: FieldEnv, policy: Policy, seed: int) -> list[Scan]:
     """The scans of an episode, in the order of their fusion."""
     scans: list[Scan] = []
     for _ in rollout(env, policy, seed):
-        scans += env.scans
+        scans += env.last_scans
     return scans

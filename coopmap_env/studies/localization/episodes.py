@@ -94,7 +94,7 @@ def run_search_episode(job: Job) -> Result:
                 )
                 true = env.truth.base_poses[robot]
                 robots[agent] = {
-                    "n_scans": step.infos[agent]["scans"],
+                    "n_scans": step.infos[agent]["n_scans"],
                     **_pose_errors(estimate, true),
                 }
         times.extend(env.localizer.registration_times)
@@ -157,7 +157,7 @@ class PoseAblation:
 
     def add(self, robot: int) -> None:
         """Fuse a robot's last scan into each map."""
-        env, scan = self._env, self._env.scans[robot]
+        env, scan = self._env, self._env.last_scans[robot]
         belief = env.belief()
         estimated = belief.estimates[robot]
         cloud = PointCloud(estimated.pose.inverse().transform(scan.points), scan.hit)
@@ -189,7 +189,7 @@ def _scan_record(env: FieldEnv, robot: int, info: dict[str, Any]) -> dict[str, A
     belief, true = env.belief(), env.diagnostics.true_cameras[robot]
     estimated = belief.estimates[robot]
     kinematic = belief.vehicles[robot].camera_estimate(belief.joints[robot])
-    scan = env.scans[robot]
+    scan = env.last_scans[robot]
     measured_points = estimated.pose.inverse().transform(scan.points[scan.hit])
     out: dict[str, Any] = {
         "corrected_directions": info["corrected_directions"],

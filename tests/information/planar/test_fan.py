@@ -9,7 +9,7 @@ from plain.random_maps import random_map, set_cells
 from plain.views import visible_cells
 
 from coopmap_env.geometry import traverse
-from coopmap_env.information import BeamFan, RatingFunction, RatingSettings
+from coopmap_env.information import BeamFan, PlanarRatingFunction, PlanarRatingSettings
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
@@ -26,7 +26,7 @@ CAMERAS = [
 
 def rating_of(map_, camera, n_headings):
     lattice = PoseLattice(map_.grid, n_headings)
-    return RatingFunction(camera, lattice, RatingSettings(), map_.log_odds_range)
+    return PlanarRatingFunction(camera, lattice, PlanarRatingSettings(), map_.log_odds_range)
 
 
 def seen(rating, map_, pose_id):

@@ -8,9 +8,9 @@ from plain.random_maps import random_map, set_cells
 
 from coopmap_env.geometry import traverse
 from coopmap_env.information import (
-    MutualInformation,
-    RatingFunction,
-    RatingSettings,
+    PlanarMutualInformation,
+    PlanarRatingFunction,
+    PlanarRatingSettings,
     ViewContext,
     entropy,
 )
@@ -22,7 +22,9 @@ from coopmap_env.sensing import PlanarCamera
 
 def information_of(map_, camera, n_headings):
     lattice = PoseLattice(map_.grid, n_headings)
-    return MutualInformation(RatingFunction(camera, lattice, RatingSettings(), map_.log_odds_range))
+    return PlanarMutualInformation(
+        PlanarRatingFunction(camera, lattice, PlanarRatingSettings(), map_.log_odds_range)
+    )
 
 
 def row(*probabilities):

@@ -9,8 +9,8 @@ from plain import views
 from plain.random_maps import random_map, set_cells
 
 from coopmap_env.information import (
-    RatingFunction,
-    RatingSettings,
+    PlanarRatingFunction,
+    PlanarRatingSettings,
     ViewContext,
     entropy,
     motion_distance,
@@ -33,7 +33,9 @@ def unknown_map():
 
 def rating_of(map_, camera=CAMERA, n_headings=16, **settings):
     lattice = PoseLattice(map_.grid, n_headings)
-    return RatingFunction(camera, lattice, RatingSettings(**settings), map_.log_odds_range)
+    return PlanarRatingFunction(
+        camera, lattice, PlanarRatingSettings(**settings), map_.log_odds_range
+    )
 
 
 def pose_at(x, y, heading=LOOKING, n_headings=16, ny=SIZE):
@@ -427,13 +429,13 @@ def test_two_robots_at_one_pose_are_worth_one():
 @pytest.mark.parametrize("name", ["K", "exponent", "alpha_position", "alpha_heading"])
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
 def test_constants_that_are_negative_or_not_finite_are_refused(name, value):
-    with pytest.raises(ValueError, match=rf"RatingSettings\.{name} .* {value}"):
-        dataclasses.replace(RatingSettings(), **{name: value})
+    with pytest.raises(ValueError, match=rf"PlanarRatingSettings\.{name} .* {value}"):
+        dataclasses.replace(PlanarRatingSettings(), **{name: value})
 
 
 @pytest.mark.parametrize(
     ("name", "value"), [("n_gray_bins", 1), ("n_gray_bins", 257), ("interpretation", "odd")]
 )
 def test_bins_and_readings_that_do_not_exist_are_refused(name, value):
-    with pytest.raises(ValueError, match=rf"RatingSettings\.{name} .*{value}"):
-        RatingSettings(**{name: value})
+    with pytest.raises(ValueError, match=rf"PlanarRatingSettings\.{name} .*{value}"):
+        PlanarRatingSettings(**{name: value})

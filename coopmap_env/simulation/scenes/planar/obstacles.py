@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.settings import Positive, Range, Settings, UnitInterval
+from coopmap_env.core.settings import Bounds, Positive, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar.blocks import scatter_blocks
 from coopmap_env.simulation.scenes.planar.world import CellsPerSide, PlanarWorld
 
@@ -38,7 +38,7 @@ class Obstacles(Settings):
     """Side of a cell in metres: Table 1 gives its distances in cells, so they are metres here."""
     origin: tuple[float, float] = (0.0, 0.0)
     """Lower corner of cell (0, 0) in metres."""
-    occupied_fraction: Annotated[float, Range(at_least=0, at_most=MAX_OCCUPIED_FRACTION)] = 0.12
+    occupied_fraction: Annotated[float, Bounds(at_least=0, at_most=MAX_OCCUPIED_FRACTION)] = 0.12
     """Fraction of all cells that are occupied, exact to the cell: enough to hide what lies behind,
     little enough to leave passages. The paper does not state its own."""
     side_min: Positive = 4.0

@@ -11,11 +11,11 @@ from typing import Annotated, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.settings import Range
+from coopmap_env.core.settings import Bounds
 
 MIN_CELLS_PER_SIDE = 8
 """Cells along a side: less than this leaves no room for a robot and something to map."""
-CellsPerSide = Annotated[int, Range(at_least=MIN_CELLS_PER_SIDE)]
+CellsPerSide = Annotated[int, Bounds(at_least=MIN_CELLS_PER_SIDE)]
 """Type of the sides of a scene's shape."""
 
 
