@@ -16,7 +16,8 @@ end                truncation after ``max_scans`` scans of each robot; no termin
 Every robot is a planar camera at the centre of a cell, with one of 16 headings. In a step all
 robots move, then all scan; their scans are fused into one probabilistic map, whose cells hold
 P(occupied). The first scans are taken in the first step: after a reset only the cells around the
-robots are known. Cameras are points: they neither occlude the world for each other nor block each other.
+robots are known. Cameras are points: they neither occlude the world for each other nor block each
+other.
 
 A robot can move to a cell that is known to be free, along a path through such cells. Noise can make
 an obstacle look free. A camera that is sent into it collides and stays, and the map marks the cell
