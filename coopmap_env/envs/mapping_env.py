@@ -277,7 +277,9 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         return belief.with_candidates([belief.random_poses(robot, m, rng) for robot in robots])
 
     def _record_positions(self) -> None:
-        """Append the known camera positions to the trails, for pictures."""
+        """Append the known camera positions to the trails, which pictures show."""
+        if self.render_mode is None:
+            return
         positions = self._belief.positions
         unknown = np.isnan(positions[:, 0]).tolist()
         for trail, position, is_unknown in zip(self._trails, positions, unknown, strict=True):

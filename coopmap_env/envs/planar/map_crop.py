@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import wrap_scalar_angle
 from coopmap_env.mapping import MapArrays
 from coopmap_env.robots import LatticeGeometry, pose_from_id
@@ -149,9 +149,9 @@ def write_teammates(
 
 @kernel
 def write_observations(
-    arrays: MapArrays,
-    world: WorldFrame,
-    tables: CropTables,
+    map_tuple: PlainTuple,
+    world_tuple: PlainTuple,
+    crop_tuple: PlainTuple,
     pose_ids: NDArray[np.int64],
     poses: NDArray[np.float64],
     maps: NDArray[np.uint8],
@@ -160,9 +160,11 @@ def write_observations(
 ) -> None:
     """Fill the maps, own pose vectors and teammates of all robots, as of `ObservationArrays`.
 
-    `pose_ids` (n,) are those of the lattice, `poses` (n, 3) the same in metres and radians. What is
-    written travels as bare arrays: to unpack one more named tuple takes a tenth of the kernel.
+    `pose_ids` (n,) are those of the lattice, `poses` (n, 3) the same in metres and radians. The
+    tuples are plain `MapArrays`, `WorldFrame` and `CropTables`.
     """
+    arrays, world = MapArrays(*map_tuple), WorldFrame(*world_tuple)
+    tables = CropTables(*crop_tuple)
     origin, size = world.origin, world.size
     n_headings = len(tables.offsets)
     diagonal = math.hypot(size[0], size[1])
@@ -183,17 +185,20 @@ def write_candidate_features(
     ids: NDArray[np.int64],
     counts: NDArray[np.int64],
     cameras: NDArray[np.float64],
-    lattice: LatticeGeometry,
-    rated: RatedCandidates,
-    scale: FeatureScale,
+    lattice_tuple: PlainTuple,
+    rated_tuple: PlainTuple,
+    scale_tuple: PlainTuple,
     features: NDArray[np.float32],
     mask: NDArray[np.int8],
 ) -> None:
     """Fill the features and masks of all robots' candidates.
 
     `ids` (k,) are the pose ids of the first robot's candidates, then those of the next; `counts`
-    (n,) the number of each robot, `cameras` (n, 3) its pose.
+    (n,) the number of each robot, `cameras` (n, 3) its pose. The tuples are plain
+    `LatticeGeometry`, `RatedCandidates` and `FeatureScale`.
     """
+    lattice, rated = LatticeGeometry(*lattice_tuple), RatedCandidates(*rated_tuple)
+    scale = FeatureScale(*scale_tuple)
     k = 0
     for robot in range(len(counts)):
         x, y, heading = cameras[robot]

@@ -66,7 +66,6 @@ from coopmap_env.envs.planar.map_crop import (
     CropTables,
     FeatureScale,
     ObservationArrays,
-    RatedCandidates,
     WorldFrame,
     crop_offsets,
     write_candidate_features,
@@ -88,13 +87,15 @@ class PlanarObserver:
         self._n_candidates = n_candidates
         self._shape = grid.shape
         size = tuple(n * grid.resolution for n in grid.shape)
-        self._world = WorldFrame(grid.origin, size, grid.resolution)
+        self._world = tuple(WorldFrame(grid.origin, size, grid.resolution))
         offsets = crop_offsets(crop_cells, belief.lattice.n_headings)
         gray_values = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
-        self._tables = CropTables(offsets, int(np.abs(offsets).max()), gray_values)
+        self._tables = tuple(CropTables(offsets, int(np.abs(offsets).max()), gray_values))
         max_information = math.log(belief.rating.settings.n_gray_bins)
-        self._scale = FeatureScale(
-            math.hypot(*size), max_information, belief.rating.max_visible_cells, FEATURE_LIMIT
+        self._scale = tuple(
+            FeatureScale(
+                math.hypot(*size), max_information, belief.rating.max_visible_cells, FEATURE_LIMIT
+            )
         )
 
     def space(self, robot: int) -> spaces.Dict:
@@ -154,7 +155,7 @@ class PlanarObserver:
         )
         pose_ids = np.array(belief.pose_ids)
         write_observations(
-            belief.map.arrays, self._world, self._tables, pose_ids, belief.poses, *out
+            tuple(belief.map.arrays), self._world, self._tables, pose_ids, belief.poses, *out
         )
         return out
 
@@ -170,8 +171,8 @@ class PlanarObserver:
         features = np.zeros((self._n_robots, m, N_FEATURES), dtype=np.float32)
         mask = np.zeros((self._n_robots, m), dtype=np.int8)
         write_candidate_features(
-            ids, counts, belief.poses, belief.lattice.geometry,
-            RatedCandidates(ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
+            ids, counts, belief.poses, tuple(belief.lattice.geometry),
+            (ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
             self._scale, features, mask,
         )  # fmt: skip
         return features, mask

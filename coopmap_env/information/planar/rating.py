@@ -56,8 +56,8 @@ class PlanarRatingFunction:
             settings.interpretation,
             log_odds_range,
         )
-        self._fan = self.fan.arrays
-        self._gray = self.gray.arrays(self.max_visible_cells)
+        self._fan = tuple(self.fan.arrays)
+        self._gray = tuple(self.gray.arrays(self.max_visible_cells))
         self._clamp = log_odds_range.clamp
         self._no_reservation = np.zeros(lattice.grid.n_cells, dtype=np.uint8)
 
@@ -89,7 +89,7 @@ class PlanarRatingFunction:
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         ni, unknown = np.empty(len(ids)), np.empty(len(ids), dtype=np.int64)
         reserved = self.reserved_cells(context)
-        evaluate_views(map_.arrays, reserved, ids, self._fan, self._gray, ni, unknown)
+        evaluate_views(tuple(map_.arrays), reserved, ids, self._fan, self._gray, ni, unknown)
         return ni, unknown
 
     def visible_cells(
@@ -100,8 +100,9 @@ class PlanarRatingFunction:
         Reserved cells are included.
         """
         (pose_id,) = self.validate_ids(map_, [pose])
-        view = allocate_view(self._fan, self._gray.n_bins)
-        n = find_visible_cells(map_.arrays, pose_id, self._fan, view)
+        fan = self.fan.arrays
+        view = allocate_view(fan, self.settings.n_gray_bins)
+        n = find_visible_cells(map_.arrays, pose_id, fan, view)
         return view.visible[:n].copy()
 
     def distance(self, poses: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
@@ -136,7 +137,7 @@ class PlanarRatingFunction:
         ids = self.validate_ids(map_, poses)
         ni = np.empty(len(ids))
         sequential_new_information(
-            map_.arrays, self._no_reservation, ids, self._fan, self._gray, ni
+            tuple(map_.arrays), self._no_reservation, ids, self._fan, self._gray, ni
         )
         return self._rate(map_, ids, distance, ni)
 

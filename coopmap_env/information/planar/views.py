@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.information.gray_levels import GrayBins
 from coopmap_env.information.planar.fan import FanArrays
 from coopmap_env.mapping import MapArrays
@@ -112,15 +112,19 @@ def view_information(
 
 @kernel
 def evaluate_views(
-    arrays: MapArrays,
+    map_tuple: PlainTuple,
     reserved_mask: NDArray[np.uint8],
     poses: NDArray[np.int64],
-    fan: FanArrays,
-    gray: GrayBins,
+    fan_tuple: PlainTuple,
+    gray_tuple: PlainTuple,
     ni: NDArray[np.float64],
     unknown: NDArray[np.int64],
 ) -> None:
-    """Write NI (Eqs. 6-8) of each pose, and how many never-sampled cells it sees."""
+    """Write NI (Eqs. 6-8) of each pose, and how many never-sampled cells it sees.
+
+    The tuples are plain `MapArrays`, `FanArrays` and `GrayBins`.
+    """
+    arrays, fan, gray = MapArrays(*map_tuple), FanArrays(*fan_tuple), GrayBins(*gray_tuple)
     if len(fan.all_beams) == 1:
         _evaluate_views_64_beams(arrays, reserved_mask, poses, fan, gray, ni, unknown)
         return
@@ -186,14 +190,18 @@ def _evaluate_views_64_beams(
 
 @kernel
 def sequential_new_information(
-    arrays: MapArrays,
+    map_tuple: PlainTuple,
     reserved_mask: NDArray[np.uint8],
     poses: NDArray[np.int64],
-    fan: FanArrays,
-    gray: GrayBins,
+    fan_tuple: PlainTuple,
+    gray_tuple: PlainTuple,
     out: NDArray[np.float64],
 ) -> None:
-    """Write NI of each pose without what the poses before it see; `reserved_mask` ends as zeros."""
+    """Write NI of each pose without what the poses before it see; `reserved_mask` ends as zeros.
+
+    The tuples are plain, as of `evaluate_views`.
+    """
+    arrays, fan, gray = MapArrays(*map_tuple), FanArrays(*fan_tuple), GrayBins(*gray_tuple)
     view = allocate_view(fan, gray.n_bins)
     visible = np.empty((len(poses), fan.max_visible_cells), np.int64)
     n_visible = np.zeros(len(poses), np.int64)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.mapping import VoxelGrid
 
 
@@ -69,7 +69,7 @@ class PoseLattice:
         """Poses (..., 3) [x, y, heading in [-pi, pi)], metres and radians, of pose ids."""
         ids = np.asarray(ids, dtype=np.int64)
         out = np.empty((ids.size, 3))
-        write_poses(ids.ravel(), self.geometry, out)
+        write_poses(ids.ravel(), tuple(self.geometry), out)
         return out.reshape(*ids.shape, 3)
 
     def pose(self, pose_id: int) -> tuple[float, float, float]:
@@ -90,7 +90,8 @@ class PoseLattice:
         and to either side, up to the rounding of the rotation.
         """
         out = np.empty_like(cells)
-        count = write_cells_within(cells, pose_id, half_width * (1 + 1e-9), self.geometry, out)
+        geometry = tuple(self.geometry)
+        count = write_cells_within(cells, pose_id, half_width * (1 + 1e-9), geometry, out)
         return out[:count]
 
     def nearest_pose_id(self, pose: tuple[float, float, float]) -> int:
@@ -123,8 +124,9 @@ def pose_from_id(pose_id: int, lattice: LatticeGeometry) -> tuple[float, float, 
 
 
 @kernel
-def write_poses(ids: NDArray[np.int64], lattice: LatticeGeometry, out: NDArray[np.float64]) -> None:
-    """Write the poses (k, 3) of ids (k,)."""
+def write_poses(ids: NDArray[np.int64], geometry: PlainTuple, out: NDArray[np.float64]) -> None:
+    """Write the poses (k, 3) of ids (k,); `geometry` is a plain `LatticeGeometry`."""
+    lattice = LatticeGeometry(*geometry)
     for k in range(len(ids)):
         out[k, 0], out[k, 1], out[k, 2] = pose_from_id(ids[k], lattice)
 
@@ -134,10 +136,14 @@ def write_cells_within(
     cells: NDArray[np.int32],
     pose_id: int,
     half_width: float,
-    lattice: LatticeGeometry,
+    geometry: PlainTuple,
     out: NDArray[np.int32],
 ) -> int:
-    """Write the cells of `PoseLattice.cells_within` in their order; return how many they are."""
+    """Write the cells of `PoseLattice.cells_within` in their order; return how many they are.
+
+    `geometry` is a plain `LatticeGeometry`.
+    """
+    lattice = LatticeGeometry(*geometry)
     x, y, heading = pose_from_id(pose_id, lattice)
     c, s = math.cos(heading), math.sin(heading)
     count = 0

@@ -1,4 +1,4 @@
-"""Constraints i and ii of the paper: collision-free goals, reached by collision-free paths.
+"""Collision-free goals, reached by collision-free paths: constraints i and ii of the paper.
 
 Both are decided on the *known* map alone: a cell is free if it was sampled and P < 0.05, and a
 path leads through face-neighboring free cells only. A camera never moves through unknown space.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import start_ray, step_ray
 from coopmap_env.mapping import MapArrays, OccupancyMap, to_log_odds_fixed
 
@@ -21,7 +21,7 @@ FREE_LOG_ODDS_FIXED = to_log_odds_fixed(FREE_PROBABILITY)
 
 
 def free_mask(map_: OccupancyMap) -> NDArray[np.bool_]:
-    """Cells known to be free, flat: sampled and P < 0.05 (constraint i)."""
+    """Cells known to be free, flat: sampled and P < 0.05."""
     return (map_.log_odds_fixed < FREE_LOG_ODDS_FIXED) & (map_.sampled_mask != 0)
 
 
@@ -33,7 +33,7 @@ def is_free(arrays: MapArrays, cell: int | np.uint64) -> bool:
 
 @kernel
 def breadth_first_search(
-    arrays: MapArrays,
+    map_tuple: PlainTuple,
     start: int,
     goal: int,
     step_counts: NDArray[np.int32],
@@ -42,8 +42,10 @@ def breadth_first_search(
     """Breadth-first search over free cells from `start`; return how many it reached.
 
     It ends at `goal`, if it gets there; with -1 it visits all cells. `queue` lists the cells by
-    number of steps; `step_counts` is 1 + steps, 0 where no path leads.
+    number of steps; `step_counts` is 1 + steps, 0 where no path leads. `map_tuple` is a plain
+    `MapArrays`.
     """
+    arrays = MapArrays(*map_tuple)
     nx, ny, _ = arrays.shape
     queue[0] = start
     step_counts[start] = 1
@@ -74,8 +76,12 @@ GOAL_UNKNOWN, GOAL_NOT_FREE, PATH_BLOCKED, PATH_FREE = range(4)
 
 
 @kernel
-def _straight_path_status(arrays: MapArrays, start: int, goal: int) -> int:
-    """What is known of the straight segment between two cell centers; the goal comes first."""
+def _straight_path_status(map_tuple: PlainTuple, start: int, goal: int) -> int:
+    """What is known of the straight segment between two cell centers; the goal comes first.
+
+    `map_tuple` is a plain `MapArrays`.
+    """
+    arrays = MapArrays(*map_tuple)
     nx, ny, _ = arrays.shape
     if start == goal:
         return PATH_FREE
@@ -95,13 +101,13 @@ def _straight_path_status(arrays: MapArrays, start: int, goal: int) -> int:
 
 
 def infeasibility_reason(map_: OccupancyMap, start: int, goal: int) -> str:
-    """Why a camera cannot go from one cell to another (constraints i and ii); empty if it can.
+    """Why a camera cannot go from one cell to another; empty if it can.
 
     A free straight segment is a path of free face neighbors, and the quickest to find. Only if it
     is blocked, the known free space is searched for another path. The start cell, where the camera
     already stands, need not be free.
     """
-    status = _straight_path_status(map_.arrays, start, goal)
+    status = _straight_path_status(tuple(map_.arrays), start, goal)
     if status == GOAL_UNKNOWN:
         return "goal is unknown"
     if status == GOAL_NOT_FREE:
@@ -113,7 +119,7 @@ def infeasibility_reason(map_: OccupancyMap, start: int, goal: int) -> str:
 
 def is_straight_path_free(map_: OccupancyMap, start: int, goal: int) -> bool:
     """Whether the straight segment between the centers of two cells is known to be free."""
-    return _straight_path_status(map_.arrays, start, goal) == PATH_FREE
+    return _straight_path_status(tuple(map_.arrays), start, goal) == PATH_FREE
 
 
 @dataclass(frozen=True)
@@ -127,7 +133,7 @@ class ReachableCells:
 
     @classmethod
     def search(cls, map_: OccupancyMap, start: int, goal: int = -1) -> ReachableCells:
-        """Search the known free space from flat cell `start` (constraint ii).
+        """Search the known free space from the cell with flat index `start`.
 
         With a `goal`, the search ends there, and cells as far away may be missing.
 
@@ -141,5 +147,5 @@ class ReachableCells:
             raise ValueError(f"cell {start} lies outside the map of {nx} x {ny} cells")
         steps = np.zeros(nx * ny, dtype=np.int32)
         queue = np.empty(nx * ny, dtype=np.int32)
-        count = breadth_first_search(map_.arrays, start, goal, steps, queue)
+        count = breadth_first_search(tuple(map_.arrays), start, goal, steps, queue)
         return cls(queue[:count].copy(), steps)
