@@ -6,11 +6,12 @@ import shlex
 import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
 
 from coopmap_agents.config import EnvConfig, TrainingConfig, TrainingOptions
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
+from coopmap_env.envs import RewardName
+from coopmap_env.envs.arguments import ActionModeName
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,9 +33,9 @@ class Train(EnvironmentOptions, TrainingOptions):
     """Folder of the training."""
     workers: int = 0
     """Processes for the environments; 0 steps them in this one."""
-    action_mode: Literal["pose", "candidates"] = "candidates"
+    action_mode: ActionModeName = "candidates"
     """Any pose (field: joints of the mount), or a choice among random candidates."""
-    reward: Literal["rating", "information", "coverage"] = "coverage"
+    reward: RewardName = "coverage"
     """The reward that is learned from."""
 
     def run(self) -> None:

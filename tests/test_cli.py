@@ -2,12 +2,14 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import fields
 from typing import get_args, get_type_hints
 
 import pytest
 
 from coopmap_env.cli import main
 from coopmap_env.cli.environment import EnvironmentOptions
+from coopmap_env.envs.arguments import TaskArguments
 from coopmap_env.envs.field import FieldArguments
 from coopmap_env.envs.planar import PlanarArguments
 
@@ -54,8 +56,14 @@ def test_evaluate_scores_robots_that_are_not_located(tmp_path):
     assert summary["env"]["initialization"] == "search"
 
 
+def test_commands_have_an_option_for_each_argument_of_a_task():
+    assert issubclass(EnvironmentOptions, TaskArguments)
+    task = {field.name for field in fields(TaskArguments)}
+    assert set(EnvironmentOptions(env="field").env_kwargs()) == task
+
+
 @pytest.mark.parametrize("arguments", [PlanarArguments, FieldArguments])
-def test_options_are_those_of_the_environment_arguments(arguments):
+def test_options_have_the_choices_of_the_environment_arguments(arguments):
     found, expected = get_type_hints(EnvironmentOptions), get_type_hints(arguments)
     choices = {name: set(get_args(hint)) for name, hint in expected.items()}
     for name in set(expected) - {"split", "render_mode", "settings", "scene", "mount"}:

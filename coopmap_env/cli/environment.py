@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 from coopmap_env.envs import MappingEnv
-from coopmap_env.envs.arguments import MappingArguments
+from coopmap_env.envs.arguments import TaskArguments
+from coopmap_env.envs.field.arguments import Initialization, MotionCorrection
+from coopmap_env.simulation import Physics
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnvironmentOptions:
-    """Which environment, and its arguments; an empty text stands for the environment's default."""
+class EnvironmentOptions(TaskArguments):
+    """Which environment, and its arguments.
+
+    Those of all environments are inherited. Of those declared here, an empty text stands for the
+    environment's default.
+    """
 
     env: Literal["planar", "field"] = "planar"
     """2-D (planar) or 3-D (field); "field" needs the extra of that name."""
@@ -20,24 +26,18 @@ class EnvironmentOptions:
     (default), clutter, rubble, or a YAML file of meshes."""
     mount: str = ""
     """field: mast (default), husky_panda or tiago; or one for each robot, separated by commas."""
-    physics: Literal["", "kinematic", "stepped"] = ""
+    physics: Literal["", Physics] = ""
     """field: kinematic (default) or stepped; see FieldSettings.physics."""
-    initialization: Literal["", "located", "search"] = ""
+    initialization: Literal["", Initialization] = ""
     """field: located (default), or search: robots localize themselves on the target first."""
-    motion_correction: Literal["", "kinematic", "fiducials", "exact"] = ""
+    motion_correction: Literal["", MotionCorrection] = ""
     """field: how camera poses are estimated; kinematic (default)."""
-    n_robots: int = MappingArguments.n_robots
-    """Robots in the team."""
-    max_scans: int = MappingArguments.max_scans
-    """Scans of each robot."""
-    action_mode: Literal["pose", "candidates"] = MappingArguments.action_mode
-    """Any pose (field: mount joints), or a choice among random candidates."""
-    n_candidates: int = MappingArguments.n_candidates
-    """Candidates of each robot (m), in candidates mode."""
-    reward: Literal["rating", "information", "coverage"] = MappingArguments.reward
-    """The reward."""
-    team_reward: Literal["individual", "shared"] = MappingArguments.team_reward
-    """Each robot gets its own reward, or all get the mean of the team."""
+
+    def __post_init__(self) -> None:
+        """Accept any value: the environment checks it, outside of the parser of the command line.
+
+        So a wrong value gives one line of `coopmap_env.cli.main`, whatever the argument.
+        """
 
     def env_kwargs(self) -> dict[str, Any]:
         """Arguments of the environment, without the split and the settings.
@@ -51,14 +51,7 @@ class EnvironmentOptions:
             if self.env != "field" and getattr(self, name):
                 option = name.replace("_", "-")
                 raise ValueError(f"--{option} belongs to --env field, not to --env {self.env}")
-        arguments: dict[str, Any] = {
-            "n_robots": self.n_robots,
-            "max_scans": self.max_scans,
-            "action_mode": self.action_mode,
-            "n_candidates": self.n_candidates,
-            "reward": self.reward,
-            "team_reward": self.team_reward,
-        }
+        arguments = {field.name: getattr(self, field.name) for field in fields(TaskArguments)}
         if self.mount:
             arguments["mount"] = parse_mounts(self.mount)
         for name in ("scene", "initialization", "motion_correction"):

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
+from coopmap_env.envs.arguments import SplitName
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class Evaluate(EnvironmentOptions):
     """Names with options: name:key=value+key=value, separated by commas."""
     episodes: int = 50
     """Worlds for each policy."""
-    split: Literal["train", "validation", "test"] = "test"
+    split: SplitName = "test"
     """Split of the worlds."""
     seed: int = 0
     """Seed of the first world; the other worlds have the following seeds."""

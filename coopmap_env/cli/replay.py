@@ -8,6 +8,7 @@ from typing import Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
+from coopmap_env.envs.arguments import SplitName
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +26,7 @@ class Replay(EnvironmentOptions):
     """Only field episodes have a replay."""
     policy: str = "rating_function:search=100"
     """Name with options: name:key=value+key=value."""
-    split: Literal["train", "validation", "test"] = "test"
+    split: SplitName = "test"
     """Split of the world."""
     seed: int = 0
     """Seed of the world."""

@@ -14,7 +14,7 @@ from coopmap_env.envs.belief import (
     Poses,
 )
 from coopmap_env.envs.mapping_env import Infos, MappingEnv
-from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome
+from coopmap_env.envs.rewards import REWARD_TERMS, RewardName, RewardScale, StepOutcome
 from coopmap_env.envs.team import TeamEnv
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "Planning",
     "PoseRater",
     "Poses",
+    "RewardName",
     "RewardScale",
     "StepOutcome",
     "TeamEnv",

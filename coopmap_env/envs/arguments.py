@@ -1,7 +1,9 @@
 """Arguments of the environments: declared once, for constructors, commands and documentation.
 
-A world's arguments inherit from `MappingArguments`. Its environment takes them by name or in this
-order, and shows their signature; `coopmap evaluate` and the other commands have an option for each.
+An environment's arguments inherit from `MappingArguments`. It takes them by name or in this order,
+and shows their signature. `TaskArguments` are also options of `coopmap evaluate`, `replay` and
+`train`, which inherit them; `coopmap_env.cli.environment` declares the options for arguments of a
+single environment.
 """
 
 from __future__ import annotations
@@ -12,30 +14,40 @@ from dataclasses import dataclass
 from typing import Literal, ParamSpec, TypeVar, cast
 
 from coopmap_env.core.settings import PositiveInt, Settings
+from coopmap_env.envs.rewards import RewardName
 
 Parameters = ParamSpec("Parameters")
 Env = TypeVar("Env")
 
+ActionModeName = Literal["pose", "candidates"]
+SplitName = Literal["train", "validation", "test"]
+
 
 @dataclass(frozen=True)
-class MappingArguments(Settings):
-    """Arguments that all environments have."""
+class TaskArguments(Settings):
+    """What a team has to do, in any environment; options of the commands too."""
 
     n_robots: PositiveInt = 2
     """Robots in the team."""
-    action_mode: Literal["pose", "candidates"] = "pose"
+    action_mode: ActionModeName = "pose"
     """Any pose (in the field: joints of the mount), or a choice among random feasible poses; see
     `coopmap_env.envs.actions`."""
-    reward: Literal["rating", "information", "coverage"] = "rating"
+    reward: RewardName = "rating"
     """Term that is paid; see `coopmap_env.envs.rewards`. All terms are in `infos`."""
     team_reward: Literal["individual", "shared"] = "individual"
     """Each robot its own reward, or all robots the mean of the team."""
-    split: Literal["train", "validation", "test"] = "train"
-    """Frozen split from which seeds draw their worlds."""
     max_scans: PositiveInt = 16
     """Scans of each robot until truncation."""
     n_candidates: PositiveInt = 32
     """Number of candidates m, in "candidates" mode."""
+
+
+@dataclass(frozen=True)
+class MappingArguments(TaskArguments):
+    """Arguments that all environments have."""
+
+    split: SplitName = "train"
+    """Frozen split from which seeds draw their worlds."""
     render_mode: Literal["rgb_array", "human"] | None = None
     """Whether `render` returns an image, or shows it in a window."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from coopmap_env.mapping import ScanGain
 
@@ -71,7 +71,10 @@ def coverage(outcome: StepOutcome, scale: RewardScale) -> float:
     return outcome.gain.new_cells / scale.n_cells - outcome.collision_cost
 
 
-REWARD_TERMS: dict[str, Callable[[StepOutcome, RewardScale], float]] = {
+RewardName = Literal["rating", "information", "coverage"]
+"""The choices of the argument `reward`; a new term is named here and in `REWARD_TERMS`, from which
+`reward_terms` takes it. The tests compare the two, and the commands offer it by themselves."""
+REWARD_TERMS: dict[RewardName, Callable[[StepOutcome, RewardScale], float]] = {
     "rating": rating,
     "information": information,
     "coverage": coverage,

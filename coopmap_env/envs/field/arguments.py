@@ -12,6 +12,9 @@ from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.robots import Mount
 from coopmap_env.simulation.scenes.field import FieldScene
 
+Initialization = Literal["located", "search"]
+MotionCorrection = Literal["kinematic", "fiducials", "exact"]
+
 
 @dataclass(frozen=True)
 class FieldArguments(MappingArguments):
@@ -21,12 +24,12 @@ class FieldArguments(MappingArguments):
     """"mast", "husky_panda", "tiago" or a `Mount`; one for all vehicles, or one for each."""
     scene: str | os.PathLike[str] | FieldScene = "worksite"
     """"worksite", "clutter", "rubble", a YAML file of meshes and URDFs, or an object."""
-    initialization: Literal["located", "search"] = "located"
+    initialization: Initialization = "located"
     """Whether robots know their base poses, or have to find the target first, parked with any
-    heading (2.2)."""
-    motion_correction: Literal["kinematic", "fiducials", "exact"] = "kinematic"
+    heading (Section 2.2 of the paper)."""
+    motion_correction: MotionCorrection = "kinematic"
     """Source of the estimated camera poses: kinematics, with the covariance of encoders,
-    calibration and suspension; kinematics corrected by fiducials (2.5); or, for upper bounds only,
-    the true poses."""
+    calibration and suspension; kinematics corrected by fiducials (Section 2.5); or, for upper
+    bounds only, the true poses."""
     settings: FieldSettings | None = None
     """Camera, noise, map, rating function, motion and physics."""
