@@ -11,15 +11,7 @@ from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
 from coopmap_env.evaluation.rollout import Step, policy_rng, rollout
 
 if TYPE_CHECKING:
-    from coopmap_env.evaluation.comparison import (
-        BOOTSTRAP_SEED,
-        Evaluation,
-        compare,
-        evaluate,
-        file_hashes,
-        summarize,
-        write_episodes,
-    )
+    from coopmap_env.evaluation.comparison import Evaluation, compare, evaluate, write_episodes
     from coopmap_env.evaluation.env_specs import EnvSpec, get_env_spec, make_env
     from coopmap_env.evaluation.episode import (
         Episode,
@@ -30,7 +22,9 @@ if TYPE_CHECKING:
         make_surface_evaluator,
         run_episode,
     )
+    from coopmap_env.evaluation.hashes import file_hashes
     from coopmap_env.evaluation.jobs import Job, Result, ray_session, run_jobs
+    from coopmap_env.evaluation.summary import BOOTSTRAP_SEED, summarize
 
 __all__ = [
     "BOOTSTRAP_SEED",
@@ -62,7 +56,7 @@ __all__ = [
     "write_episodes",
 ]
 
-_SUBMODULES = ("env_specs", "episode", "jobs", "comparison")
+_SUBMODULES = ("env_specs", "episode", "hashes", "jobs", "comparison", "summary")
 """Loaded on first use: planners import this package and need no statistics."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -26,17 +26,6 @@ SURFACE_SPAWN_KEY = 0x5C0
 """Spawn key of the samples and poses that evaluate a surface: the same for every policy."""
 LOG_LOSS_OF_PRIOR, BRIER_SCORE_OF_PRIOR = math.log(2.0), 0.25
 """Scores of p = 1/2 everywhere, which an episode without any scored cell gets."""
-SURFACE_SCORES = (
-    "surface_coverage",
-    "surface_coverage_auc",
-    "target_coverage",
-    "f_score",
-    "precision",
-    "recall",
-    "chamfer",
-    "false_free_fraction",
-)
-"""Columns that only environments with a true surface have."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +33,7 @@ class MappedExtent:
     """Distances of the observed cells from the start: the columns of the paper's Table 1."""
 
     max_radius: float
-    """Largest distance of an observed cell's centre from the start, metres."""
+    """Largest distance of an observed cell's center from the start, metres."""
     mean_radius: float
     """Mean of these distances, metres."""
     radius_std: float
@@ -78,16 +67,17 @@ class SurfaceResult:
 
     def row(self) -> dict[str, float]:
         """The scores by their column names."""
-        return {
-            "surface_coverage": self.coverage_curve[-1],
-            "surface_coverage_auc": _normalized_auc(self.coverage_curve),
-            "target_coverage": self.target_coverage,
-            "f_score": self.f_score,
-            "precision": self.precision,
-            "recall": self.recall,
-            "chamfer": self.chamfer,
-            "false_free_fraction": self.false_free_fraction,
-        }
+        curve = self.coverage_curve
+        scores = (getattr(self, name) for name in _SCORES_AT_END)
+        values = (curve[-1], _normalized_auc(curve), *scores)
+        return dict(zip(SURFACE_SCORES, values, strict=True))
+
+
+_SCORES_AT_END = tuple(
+    field.name for field in fields(SurfaceResult) if field.name != "coverage_curve"
+)
+SURFACE_SCORES = ("surface_coverage", "surface_coverage_auc", *_SCORES_AT_END)
+"""Columns that only environments with a true surface have."""
 
 
 @dataclass(frozen=True)

@@ -12,21 +12,19 @@ from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation import (
     Episode,
+    Evaluation,
     MappedExtent,
     Policy,
-    comparison,
+    compare,
     episode_from_dict,
+    episode_jobs,
     make_policy,
     policy_names,
     run_episode,
-)
-from coopmap_env.evaluation.comparison import (
-    Evaluation,
-    compare,
-    make_job,
     summarize,
     write_episodes,
 )
+from coopmap_env.evaluation.episode_jobs import make_job
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files import write_map_server
 from coopmap_env.sensing import DepthCamera
@@ -68,7 +66,7 @@ def test_the_area_under_the_curve_is_the_mean_of_its_trapezoids():
 
 def test_the_extent_of_two_observed_cells_by_hand():
     map_ = OccupancyMap(VoxelGrid((8, 8)))
-    map_.mark_free([0 * 8 + 0, 3 * 8 + 4])  # centres (0.5, 0.5) and (3.5, 4.5)
+    map_.mark_free([0 * 8 + 0, 3 * 8 + 4])  # centers (0.5, 0.5) and (3.5, 4.5)
     extent = MappedExtent.from_map(map_, np.array([0.5, 0.5]))
     assert (extent.max_radius, extent.mean_radius, extent.radius_std) == (5.0, 2.5, 2.5)
 
@@ -254,7 +252,7 @@ class Reader:
 
 
 def test_the_content_of_a_file_in_a_spec_enters_the_job(tmp_path, monkeypatch):
-    monkeypatch.setattr(comparison, "make_policy", lambda spec: Reader())
+    monkeypatch.setattr(episode_jobs, "make_policy", lambda spec: Reader())
     notes = tmp_path / "notes.txt"
     notes.write_bytes(b"one")
     before = make_job(f"reader:notes={notes}", 0, {}, None)
@@ -266,11 +264,11 @@ def test_the_content_of_a_file_in_a_spec_enters_the_job(tmp_path, monkeypatch):
 def test_a_policy_fingerprint_enters_the_job(monkeypatch):
     jobs = []
     for fingerprint in ("one", "two"):
-        comparison._fingerprint.cache_clear()
+        episode_jobs._fingerprint.cache_clear()
         learned = Reader(fingerprint=fingerprint)
-        monkeypatch.setattr(comparison, "make_policy", lambda spec, learned=learned: learned)
+        monkeypatch.setattr(episode_jobs, "make_policy", lambda spec, learned=learned: learned)
         jobs.append(make_job("reader", 0, {}, None))
-    comparison._fingerprint.cache_clear()
+    episode_jobs._fingerprint.cache_clear()
     assert [job["fingerprint"] for job in jobs] == ["one", "two"]
 
 

@@ -1,0 +1,86 @@
+"""Episodes as jobs: JSON values that determine the result, played in any process."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from functools import lru_cache
+from typing import Any
+
+from coopmap_env.core.settings import settings_to_dict
+from coopmap_env.core.version import __version__
+from coopmap_env.envs import MappingEnv
+from coopmap_env.evaluation.env_specs import make_env
+from coopmap_env.evaluation.episode import episode_from_dict, run_episode
+from coopmap_env.evaluation.hashes import file_hashes
+from coopmap_env.evaluation.jobs import Job, Result
+from coopmap_env.evaluation.policy import Policy, make_policy
+from coopmap_env.evaluation.rollout import warm_up
+
+POLICY_KEYS = ("policy", "fingerprint", "seed")
+"""Entries of a job that its environment does not depend on."""
+
+
+def make_job(
+    policy: str, seed: int, env_kwargs: dict[str, Any], settings: Any, env_name: str = "planar"
+) -> Job:
+    """One episode as JSON values. They determine its result: equal jobs have equal results.
+
+    Files that are named by the policy's options or by the scene (its YAML file, images, meshes and
+    URDFs) enter by the hash of their content. So does the `fingerprint` of a policy that has one:
+    learned weights can change under the same name.
+
+    Parameters
+    ----------
+    policy : str
+        Spec, see `make_policy`.
+    seed : int
+    env_kwargs : dict
+        Arguments of the environment as JSON values, without the settings.
+    settings : PlanarSettings or FieldSettings, optional
+    env_name : {"planar", "field"}
+    """
+    return {
+        "version": __version__,
+        "files": file_hashes(policy, str(env_kwargs.get("scene", "")), env_name),
+        "policy": policy,
+        "fingerprint": _fingerprint(policy),
+        "seed": seed,
+        "env_name": env_name,
+        "env_kwargs": env_kwargs,
+        "settings": None if settings is None else settings_to_dict(settings),
+    }
+
+
+@lru_cache(maxsize=64)
+def _fingerprint(policy: str) -> str:
+    return str(getattr(make_policy(policy), "fingerprint", ""))
+
+
+@lru_cache(maxsize=4)
+def _env(arguments: str) -> MappingEnv[Any]:
+    values = json.loads(arguments)
+    return make_env(values["env_name"], values["env_kwargs"], values["settings"])
+
+
+@lru_cache(maxsize=16)
+def _policy(spec: str, arguments: str) -> Policy:
+    policy = make_policy(spec)
+    warm_up(_env(arguments), policy)
+    return policy
+
+
+def run_job(job: Job) -> Result:
+    """Play the episode of a job; environments and policies are reused by later jobs."""
+    env_values = {name: value for name, value in job.items() if name not in POLICY_KEYS}
+    arguments = json.dumps(env_values, sort_keys=True)
+    return asdict(run_episode(_env(arguments), _policy(job["policy"], arguments), job["seed"]))
+
+
+def is_episode(result: Any) -> bool:
+    """Whether a stored result has the fields of an episode of this version."""
+    try:
+        episode_from_dict(result)
+    except (TypeError, KeyError):
+        return False
+    return True
