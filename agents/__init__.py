@@ -1,4 +1,4 @@
-"""Learned policies and their training; needs the extra ``rl``.
+"""Learned policies and their training, installed as `coopmap_agents`; needs the extra ``rl``.
 
 ==============  ================================================================================
 module          content

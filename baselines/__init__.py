@@ -1,4 +1,4 @@
-"""The reference planners, all through the `Policy` protocol.
+"""The reference planners, all through the `Policy` protocol; installed as `coopmap_baselines`.
 
 ====================  ==========================================================================
 name                  next poses
@@ -41,6 +41,8 @@ POLICIES: dict[str, type[Policy]] = {
     "raster": RasterPolicy,
     "random": RandomPolicy,
 }
+"""Baselines by name. For the commands and `coopmap_env.evaluation.make_policy`, ``pyproject.toml``
+registers them under the same names; a test compares the two."""
 
 
 def make(name: str, **options: Any) -> Policy:

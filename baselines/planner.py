@@ -93,9 +93,8 @@ class GainPlanner(Planner):
     search, coordination
         See `Planner`.
     motion_weight : float
-        Gain that a motion by one unit of d (Eq. 5) must bring. On training worlds the default has
-        the best area under the coverage curve within a hundredth, with less motion than smaller
-        weights.
+        Gain that is worth one unit of d (Eq. 5). On training worlds, the default has the largest
+        area under the coverage curve up to a hundredth, and the least motion of such weights.
     """
 
     def __init__(

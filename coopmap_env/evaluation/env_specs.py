@@ -9,8 +9,8 @@ from coopmap_env.core.settings import settings_from_dict
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.simulation.scenes.field import Clutter, Rubble, Worksite
-from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
+from coopmap_env.simulation.scenes.field import FIELD_SCENES
+from coopmap_env.simulation.scenes.planar import PLANAR_SCENES
 
 
 class EnvSpec(NamedTuple):
@@ -18,8 +18,13 @@ class EnvSpec(NamedTuple):
 
     constructor: Callable[..., MappingEnv[Any]]
     settings_class: type[Any]
-    scene_classes: dict[str, type[Any]]
-    """Scenes that can be given as JSON objects, by name."""
+    scenes: Mapping[str, Callable[[], Any]]
+    """Makers of the scenes with a name."""
+
+    @property
+    def scene_classes(self) -> dict[str, type[Any]]:
+        """Scenes that can be given as JSON objects, by name."""
+        return {name: make for name, make in self.scenes.items() if isinstance(make, type)}
 
     def make(self, **arguments: Any) -> MappingEnv[Any]:
         """Make an environment.
@@ -54,10 +59,8 @@ class EnvSpec(NamedTuple):
 
 
 ENV_SPECS = {
-    "planar": EnvSpec(PlanarEnv, PlanarSettings, {"obstacles": Obstacles, "rooms": Rooms}),
-    "field": EnvSpec(
-        FieldEnv, FieldSettings, {"worksite": Worksite, "clutter": Clutter, "rubble": Rubble}
-    ),
+    "planar": EnvSpec(PlanarEnv, PlanarSettings, PLANAR_SCENES),
+    "field": EnvSpec(FieldEnv, FieldSettings, FIELD_SCENES),
 }
 
 

@@ -37,6 +37,7 @@ from coopmap_env.simulation.scenes.field.world import (
 __all__ = [
     "BASE_CLEARANCE",
     "FIELD_GRID",
+    "FIELD_SCENES",
     "BasePlacement",
     "Clutter",
     "FieldScene",
@@ -54,11 +55,12 @@ __all__ = [
     "target_solids",
 ]
 
-_SCENES: dict[str, Callable[[], FieldScene]] = {
+FIELD_SCENES: dict[str, Callable[[], FieldScene]] = {
     "worksite": Worksite,
     "clutter": Clutter,
     "rubble": Rubble,
 }
+"""Makers of the scenes with a name. Scenes that are classes can also be made from JSON."""
 
 
 def make_field_scene(scene: str | os.PathLike[str] | FieldScene) -> FieldScene:
@@ -78,4 +80,4 @@ def make_field_scene(scene: str | os.PathLike[str] | FieldScene) -> FieldScene:
     ImportError
         With the pip command, if an extra is missing.
     """
-    return make_scene(scene, FieldScene, _SCENES, read_user_scene)
+    return make_scene(scene, FieldScene, FIELD_SCENES, read_user_scene)

@@ -24,6 +24,7 @@ from coopmap_env.simulation.scenes.planar.rooms import Rooms
 from coopmap_env.simulation.scenes.planar.world import PlanarScene, PlanarWorld
 
 __all__ = [
+    "PLANAR_SCENES",
     "Obstacles",
     "PlanarScene",
     "PlanarWorld",
@@ -36,11 +37,12 @@ __all__ = [
     "read_map_server",
 ]
 
-_SCENES: dict[str, Callable[[], PlanarScene]] = {
+PLANAR_SCENES: dict[str, Callable[[], PlanarScene]] = {
     "obstacles": Obstacles,
     "rooms": Rooms,
     "house": load_house,
 }
+"""Makers of the scenes with a name. Scenes that are classes can also be made from JSON."""
 
 
 def make_planar_scene(scene: str | os.PathLike[str] | PlanarScene) -> PlanarScene:
@@ -60,4 +62,4 @@ def make_planar_scene(scene: str | os.PathLike[str] | PlanarScene) -> PlanarScen
     ImportError
         With the pip command, if an extra is missing.
     """
-    return make_scene(scene, PlanarScene, _SCENES, read_map_server)
+    return make_scene(scene, PlanarScene, PLANAR_SCENES, read_map_server)
