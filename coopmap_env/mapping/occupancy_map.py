@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,8 +24,7 @@ from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange
 from coopmap_env.sensing import Scan
 
 
-@dataclass(frozen=True)
-class ScanGain:
+class ScanGain(NamedTuple):
     """What one scan added to the map, counted in the order of the scans."""
 
     new_cells: int
@@ -122,7 +121,7 @@ class OccupancyMap:
         d = self.grid.dimension
         if scan.points.shape[1] != d:
             raise ValueError(f"a {scan.points.shape[1]}-D scan cannot enter a {d}-D map")
-        arrays = tuple(scan.arrays)
+        arrays = (scan.origin, scan.points, scan.covariances, scan.hit)
         invalid_beam = validate_scan(arrays, self._grid)
         if invalid_beam == CAMERA_OUTSIDE_GRID:
             raise ValueError(f"camera at {scan.origin} is outside the map's grid {self.grid}")

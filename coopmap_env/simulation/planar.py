@@ -98,6 +98,7 @@ class PlanarSimulator:
         self.world = world
         self.camera = camera
         self._grid = tuple(VoxelGrid(world.shape, world.resolution, world.origin).geometry)
+        self._extent = (*world.shape, world.resolution, *world.origin)
         self._beams = np.column_stack([np.cos(camera.bearings), np.sin(camera.bearings)])
         self._noise = tuple(noise.parameters)
         self._poses: list[Sequence[float]] = []
@@ -132,8 +133,11 @@ class PlanarSimulator:
         """
         n = len(self._beams)
         camera_pose: NDArray[np.float64] = np.array(pose, dtype=np.float64)
-        arrays = ScanArrays(
-            camera_pose[:2], np.empty((n, 2)), np.empty((n, 2, 2)), np.empty(n, dtype=np.bool_)
+        arrays = (
+            camera_pose[:2],
+            np.empty((n, 2)),
+            np.empty((n, 2, 2)),
+            np.empty(n, dtype=np.bool_),
         )
         self._cell(*camera_pose.tolist())
         simulate_scan(
@@ -144,7 +148,7 @@ class PlanarSimulator:
             self.camera.depth_of_field,
             self._noise,
             rng.standard_normal((n, 2)),
-            tuple(arrays),
+            arrays,
         )
         return Scan(*arrays)
 
@@ -160,7 +164,7 @@ class PlanarSimulator:
         return bool(self.world.occupied[self._cell(x, y, heading)])
 
     def _cell(self, x: float, y: float, heading: float) -> tuple[int, int]:
-        (nx, ny), resolution, (x0, y0) = self.world.shape, self.world.resolution, self.world.origin
+        nx, ny, resolution, x0, y0 = self._extent
         i, j = (x - x0) / resolution, (y - y0) / resolution
         if not (0 <= i < nx and 0 <= j < ny and math.isfinite(heading)):
             raise ValueError(

@@ -68,8 +68,8 @@ class PlanarBelief(Belief):
 
     def rate_team(self, poses: ArrayLike) -> Ratings:
         """See `PlanarRatingFunction.rate_team`."""
-        distance = self.rating.distance(poses, self.pose_ids)
-        return self.rating.rate_team(self.map, poses, distance)
+        ids = np.array(poses)
+        return self.rating.rate_team(self.map, ids, self.rating.distance(ids, self.pose_ids))
 
     def distance(self, robot: int, poses: ArrayLike) -> NDArray[np.float64]:
         """See `PlanarRatingFunction.distance`."""

@@ -108,7 +108,7 @@ class PlanarRatingFunction:
     def distance(self, poses: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
         """D of Eq. 5, shape (k,), from `current`: one pose for each, or one for all."""
         new = np.asarray(poses, dtype=np.int64)
-        old = np.atleast_1d(np.asarray(current, dtype=np.int64))
+        old = np.asarray(current, dtype=np.int64).reshape(-1)
         out = np.empty(len(new))
         grid, s = self.lattice.grid, self.settings
         lattice_distances(
@@ -163,10 +163,12 @@ class PlanarRatingFunction:
             d = np.full(ids.shape, d)
         table, clamp, s = map_.log_odds_range.probability, self._clamp, self.settings
         cells = ids // self.lattice.n_headings
-        cost, occupancy, rating = rate_poses(
-            map_.log_odds_fixed, table, clamp, cells, float(s.K), float(s.exponent),
-            new_information, d,
+        out = np.empty((3, len(ids)))
+        rate_poses(
+            map_.log_odds_fixed, table, clamp, cells, (float(s.K), float(s.exponent)),
+            new_information, d, out,
         )  # fmt: skip
+        cost, occupancy, rating = out
         return Ratings(new_information, d, cost, occupancy, rating)
 
     def reserved_cells(self, context: ViewContext) -> NDArray[np.uint8]:
@@ -223,16 +225,18 @@ def rate_poses(
     probability: NDArray[np.float64],
     clamp: int,
     cells: NDArray[np.int64],
-    K: float,
-    exponent: float,
+    cost_law: tuple[float, float],
     ni: NDArray[np.float64],
     d: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Eq. 9: K d**n, P and RF; `probability` is the table of the map's log-odds."""
-    n = len(d)
-    cost, p, rating = np.empty(n), np.empty(n), np.empty(n)
-    for k in range(n):
+    out: NDArray[np.float64],
+) -> None:
+    """Eq. 9: write K d**n, P and RF, one row each, to `out` (3, k).
+
+    `probability` is the table of the map's log-odds, `cost_law` is K and n.
+    """
+    K, exponent = cost_law
+    cost, p, rating = out[0], out[1], out[2]
+    for k in range(len(d)):
         p[k] = probability[log_odds_fixed[cells[k]] + clamp]
-        cost[k] = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power costs 20 ns
+        cost[k] = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power is slow
         rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])
-    return cost, p, rating
