@@ -1,4 +1,8 @@
-"""Cooperative active mapping: robots with cameras build one probabilistic map."""
+"""Cooperative active mapping: robots with cameras build one probabilistic map.
+
+"The paper", whose equations and sections docstrings number, is V. A. Sujan and S. Dubowsky,
+"Cooperative mapping by robot teams" (see CITATION.cff).
+"""
 
 from types import ModuleType
 

@@ -33,9 +33,9 @@ Vehicles stand on springs: a mount that reaches out tilts its vehicle, so that t
 differs from that of the encoders. The map is made with the robot's estimate of the camera pose; the
 covariance of encoders, calibration and suspension adds to that of the range noise
 (``motion_correction="kinematic"``, the fastest). With ``"fiducials"``, surfaces observed before and
-the known target correct the pose of each scan in the directions that they constrain (2.5).
-``"exact"`` poses are for upper bounds only. Robots know each other's shape, and points on robots
-are removed from their scans.
+the known target correct the pose of each scan in the directions that they constrain (Section 2.5 of
+the paper). ``"exact"`` poses are for upper bounds only. Robots know each other's shape, and points
+on robots are removed from their scans.
 
 A symmetric target has several equivalent frames. The first robot that is located takes the one in
 which the world is written.
@@ -43,11 +43,11 @@ which the world is written.
 By default robots know their base poses: policies train on mapping alone, and results do not depend
 on registration. With ``initialization="search"`` they are parked with any heading (except for poses
 that a scene file fixes). They know their mounts and the geometry of the target, but not where they
-or the others stand (2.2). Each robot maps in a frame of its own, with its base in the middle of the
-grid, and is rewarded for that map. After each scan it searches for the target in all of its scans.
-Once it is located, its scans are transferred to the team's map, which was empty before, and are not
-rewarded again. Located robots know each other as obstacles. A robot that never finds the target
-contributes nothing to the team's map.
+or the others stand (Section 2.2). Each robot maps in a frame of its own, with its base in the
+middle of the grid, and is rewarded for that map. After each scan it searches for the target in all
+of its scans. Once it is located, its scans are transferred to the team's map, which was empty
+before, and are not rewarded again. Located robots know each other as obstacles. A robot that never
+finds the target contributes nothing to the team's map.
 
 Entries of ``infos[agent]`` after a step:
 

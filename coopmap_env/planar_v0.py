@@ -13,7 +13,7 @@ settings           `PlanarSettings`: camera, noise, map, rating function, reach
 end                truncation after ``max_scans`` scans of each robot; no termination
 =================  =====================================================================
 
-Every robot is a planar camera at the centre of a cell, with one of 16 headings. In a step all
+Every robot is a planar camera at the center of a cell, with one of 16 headings. In a step all
 robots move, then all scan; their scans are fused into one probabilistic map, whose cells hold
 P(occupied). The first scans are taken in the first step: after a reset only the cells around the
 robots are known. Cameras are points: they neither occlude the world for each other nor block each
@@ -21,7 +21,7 @@ other.
 
 A robot can move to a cell that is known to be free, along a path through such cells. Noise can make
 an obstacle look free. A camera that is sent into it collides and stays, and the map marks the cell
-as occupied. Only the goal is tested: a path may lead through such a cell.
+as occupied. In the true world only the goal is tested: a path may lead through an obstacle.
 
 Entries of ``infos[agent]`` after a step:
 
@@ -30,12 +30,12 @@ key                    content
 =====================  =============================================================================
 ``reward_terms``       every reward term by name
 ``rejected_reason``    why the pose was rejected and the camera stayed; "" if it was not
-``collided``            whether the camera collided with an obstacle that is mapped as free
+``collided``           whether the camera collided with an obstacle that is mapped as free
 ``new_information``    NI (Eqs. 6-8) of the executed pose, nats
 ``distance``           d of Eq. 5 that the camera moved
 ``new_cells``          cells observed for the first time by this robot's scan
 ``entropy_reduction``  decrease of the map's entropy by this robot's scan, nats
-``n_scans``              scans of each robot so far
+``n_scans``            scans of each robot so far
 ``observed_fraction``  observed cells of the team map, as a fraction of all cells of the world; the
                        insides of obstacles count too, so that it does not reach 1
 ``action_mask``        int8 (m,), only in "candidates" mode: 1 where a candidate can be taken

@@ -1,1 +1,1 @@
-"""The ground: files, serialisation, optional imports, argument checks; each exists once."""
+"""Utilities without domain knowledge: files, settings, kernels, optional imports, progress."""

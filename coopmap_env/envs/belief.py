@@ -55,9 +55,11 @@ class PoseRater(Protocol):
 
 
 class Planning(Protocol):
-    """What single planners ask of a belief, answered for each kind of environment.
+    """Operations that only one or two of the baselines need, such as the order of a raster.
 
-    An environment makes one object, which all of its beliefs carry.
+    Each kind of environment implements them, so that planners need not ask in which one they are.
+    Beliefs carry the object of their environment (`Belief.planning`); it belongs to no particular
+    belief, so each method takes one.
     """
 
     unknown_prior: float
@@ -107,7 +109,7 @@ class Belief(ABC):
     actions: ActionMode
     """How actions are encoded."""
     planning: Planning
-    """Answers to what single planners ask."""
+    """Operations that only some baselines need, for this kind of environment."""
     candidates: tuple[Poses, ...] | None
     """Candidate poses of each robot, in "candidates" mode."""
 
@@ -118,7 +120,7 @@ class Belief(ABC):
 
     @abstractmethod
     def feasible_poses(self, robot: int) -> Poses:
-        """All poses of the discrete configuration space that satisfy constraints i and ii."""
+        """All poses of the discrete configuration space that are reached without a collision."""
 
     @abstractmethod
     def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> Poses:

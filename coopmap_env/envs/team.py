@@ -21,8 +21,9 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
 
     Observations are those of the robots, each entry concatenated along its first axis (maps along
     their channels). The action is the robots' actions one after another: a ``Box(-1, 1)`` of
-    all their values, or ``MultiDiscrete([m] * n_robots)``. The reward is the sum over the robots;
-    their infos are in ``info["robots"]``, by robot.
+    all their values, or ``MultiDiscrete([m] * n_robots)``. The reward is the *sum* over the robots
+    (with ``team_reward="shared"``, the parallel environment pays each of them the *mean*, which has
+    the same sum); their infos are in ``info["robots"]``, by robot.
     """
 
     parallel_env: ClassVar[Callable[..., MappingEnv[Any]]]

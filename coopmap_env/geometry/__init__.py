@@ -1,4 +1,4 @@
-"""Rigid transforms, rotations, and exact voxel traversal."""
+"""Rigid transforms, rotations, spheres, and exact voxel traversal."""
 
 from coopmap_env.geometry.rotations import (
     Z_AXIS,
@@ -13,6 +13,7 @@ from coopmap_env.geometry.rotations import (
     rotvec_from_rotation,
     skew,
 )
+from coopmap_env.geometry.spheres import NO_SPHERES, Spheres, join_spheres
 from coopmap_env.geometry.transforms import (
     Pose,
     RigidTransform,
@@ -31,14 +32,17 @@ from coopmap_env.geometry.traversal import (
 )
 
 __all__ = [
+    "NO_SPHERES",
     "Z_AXIS",
     "Pose",
     "Ray",
     "RayPosition",
     "RigidTransform",
+    "Spheres",
     "Traversal",
     "apply_displacement",
     "displacement_between",
+    "join_spheres",
     "nearest_rotation",
     "random_rotation",
     "rotation_about_axis",

@@ -37,7 +37,7 @@ class Ray(NamedTuple):
     """What stays the same along a ray."""
 
     strides: tuple[int, int, int]
-    """Change of the flat cell number at a step along each axis."""
+    """Change of the flat cell index at a step along each axis."""
     deltas: tuple[float, float, float]
     """Distance between two faces across each axis, cells."""
     end: float
@@ -48,7 +48,7 @@ class RayPosition(NamedTuple):
     """A position on a ray: the current cell and the faces ahead."""
 
     cell: int
-    """Flat number of the current cell; valid while `distance` is below `Ray.end`."""
+    """Flat index of the current cell; valid while `distance` is below `Ray.end`."""
     next_x: float
     """Distance at which the ray crosses the next face across x, cells; `next_y`, `next_z` alike."""
     next_y: float
@@ -63,7 +63,7 @@ def _init_axis(
 ) -> tuple[int, int, float, float, float]:
     """One axis of a ray that starts inside the grid.
 
-    Returns the first cell's part of the flat cell number, the change of it at each step, and the
+    Returns the first cell's part of the flat cell index, the change of it at each step, and the
     distances to the first face, between faces, and to the border of the grid.
     """
     cell = math.floor(position)

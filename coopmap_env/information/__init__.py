@@ -2,8 +2,8 @@
 
 from coopmap_env.information.entropy import entropy
 from coopmap_env.information.field.frustum import Frustum
-from coopmap_env.information.field.line_of_sight import first_visible_point
 from coopmap_env.information.field.mutual_information import FieldMutualInformation
+from coopmap_env.information.field.point_visibility import first_visible_point
 from coopmap_env.information.field.rating import FieldRatingFunction
 from coopmap_env.information.frontier import adjacent_to_unknown
 from coopmap_env.information.gray_levels import gray_bin, sampled_gray_level, unknown_gray_level
@@ -15,7 +15,6 @@ from coopmap_env.information.ratings import (
     CameraPoses,
     Ratings,
     ReservedMask,
-    Spheres,
     ViewContext,
     joint_distance,
     motion_distance,
@@ -40,7 +39,6 @@ __all__ = [
     "RatingSettings",
     "Ratings",
     "ReservedMask",
-    "Spheres",
     "ViewContext",
     "adjacent_to_unknown",
     "entropy",

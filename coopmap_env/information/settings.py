@@ -27,7 +27,7 @@ class RatingSettings(Settings):
     """Bins over the gray levels [0, 2] (Eq. 7). Half of them tell unknown cells apart by their
     distance, in steps of less than one cell in 2-D and of less than two in 3-D."""
     interpretation: Interpretation = "literal"
-    """Of Eq. 8a: with the distance as printed, or without it."""
+    """Interpretation of Eq. 8a: with the distance as printed, or without it."""
 
 
 @dataclass(frozen=True)

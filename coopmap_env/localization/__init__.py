@@ -1,4 +1,4 @@
-"""Poses of robots and cameras: target registration (2.2) and correction by fiducials (2.5)."""
+"""Poses of robots and cameras: registration (Section 2.2), correction by fiducials (2.5)."""
 
 from coopmap_env.localization.correction.corrector import (
     FiducialMatches,

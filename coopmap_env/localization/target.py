@@ -98,7 +98,7 @@ class TargetModel:
 
     @property
     def center_xy(self) -> Array:
-        """Centre (2,) of the bounding box, x and y, metres."""
+        """Center (2,) of the bounding box, x and y, metres."""
         return np.asarray(self.bounds[:, :2].mean(axis=0))
 
     @cached_property
@@ -133,7 +133,7 @@ class TargetModel:
     def symmetries(self) -> tuple[Pose, ...]:
         """Rotations about z that map the target onto itself; the identity is the first.
 
-        They keep the centre of the surface, so only rotations about it are tried: those by 360
+        They keep the center of the surface, so only rotations about it are tried: those by 360
         degrees over 2 to 6 and 8, and their multiples. A round target has more of them; its yaw
         cannot be found, which `register` reports as a lack of evidence.
         """

@@ -78,8 +78,11 @@ class BeamModel(Settings):
     """Highest occupancy that a single scan may give a cell."""
     surface: Literal["entry", "anywhere", "partial"] = "entry"
     """Where the surface of an occupied cell lies: at the face by which the beam enters, if the
-    cells are the obstacles; anywhere inside, if cells merely contain surfaces; in a part of the
-    cell, beside which other beams of the scan may pass (recorded data)."""
+    cells are the obstacles; anywhere inside, if cells merely contain surfaces; or in a part of the
+    cell, beside which other beams of the scan may pass (measured data, 3-D). "partial" has three
+    effects: the posterior of the end cell has its own prior (`partial_endpoint_posterior`); of a
+    scan's updates of a cell only the strongest counts (`merge_updates`), not the sum; and passing
+    beams are weighted by their path (`weight_by_path_length`)."""
 
     @property
     def log_odds_bounds(self) -> tuple[int, int]:

@@ -61,7 +61,7 @@ def add_observation(
     """Merge one observation into a cell's information form: two sums (Eqs. 2 and 4).
 
     ``precision[cell] += P`` and ``information_vector[cell] += P @ deviation`` with
-    P = (C + floor I)^-1. The deviation is the point minus the cell's centre, so that no digits
+    P = (C + floor I)^-1. The deviation is the point minus the cell's center, so that no digits
     cancel far from the origin.
     """
     precision, vector = surfaces
@@ -81,7 +81,7 @@ def add_observation(
     scale = 1.0 / (xx * a + xy * b + xz * c)
     P, v = precision[cell], vector[cell]
     x, y, z = deviation[0], deviation[1], deviation[2]
-    # written out: loops over rows take four times as long
+    # written out: faster than loops over rows
     a, b, c, d, e, f = a * scale, b * scale, c * scale, d * scale, e * scale, f * scale
     P[0, 0] += a
     P[0, 1] += b

@@ -87,7 +87,7 @@ class VoxelGrid:
         return np.floor(self.to_cell_units(points)).astype(np.int64)
 
     def center(self, index: ArrayLike) -> NDArray[np.float64]:
-        """Centres (..., D) of cells, metres."""
+        """Centers (..., D) of cells, metres."""
         return (np.asarray(index) + 0.5) * self.resolution + self.origin
 
     def contains(self, index: ArrayLike) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ def to_log_odds_fixed(probability: float) -> int:
 
 @dataclass(frozen=True)
 class LogOddsRange(Settings):
-    """The clamp of a map and the tables over its log-odds.
+    """The range to which a map clamps its log-odds, and tables over it: probability and entropy.
 
     Raises
     ------
@@ -37,8 +37,8 @@ class LogOddsRange(Settings):
     """
 
     max_probability: Annotated[float, Bounds(above=0.5, below=1)] = 0.999
-    """Clamp, and one minus it at the other end: one or two contradicting scans can still change a
-    cell, and a wrong cell has a log loss of at most 6.9 nats."""
+    """Highest P of a cell; the lowest is one minus it. With this clamp, one or two contradicting
+    scans can still change a cell, and a wrong cell has a log loss of at most 6.9 nats."""
 
     @cached_property
     def clamp(self) -> int:

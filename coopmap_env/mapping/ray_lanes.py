@@ -33,7 +33,7 @@ FREE_UNTIL, STOP = 7 * LANES, 8 * LANES
 
 # rows of `Lanes.strides`
 CELL = 0 * LANES
-"""Flat number of the current cell."""
+"""Flat index of the current cell."""
 STRIDE_X, STRIDE_Y, STRIDE_Z = 1 * LANES, 2 * LANES, 3 * LANES
 """Change of it at a step along each axis."""
 
@@ -57,7 +57,7 @@ class CrossedCells(NamedTuple):
     """The cells that the rays of all lanes cross; step k of a lane is at k LANES + lane."""
 
     cells: NDArray[np.int64]
-    """Flat numbers."""
+    """Flat indices."""
     entries: NDArray[np.float64]
     """Distances at which they are entered, cells."""
     free_updates: NDArray[np.int64]

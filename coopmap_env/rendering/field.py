@@ -41,11 +41,11 @@ HEIGHT_COLORS: tuple[Color, ...] = (
     (52, 92, 140),
     (62, 46, 110),
 )
-"""Of mapped voxels, from the ground to `MAX_COLOR_HEIGHT` and above."""
+"""Colors of mapped voxels, from the ground to `MAX_COLOR_HEIGHT` and above."""
 MAX_COLOR_HEIGHT = 2.0
 """Metres."""
 SAMPLED_FLOOR_COLOR: Color = (214, 221, 230)
-"""Of the floor below voxels that were sampled."""
+"""Color of the floor below voxels that were sampled."""
 CHECKER_CONTRAST = 0.022
 """Every other voxel is this much brighter, so that they can be distinguished."""
 FLOOR_OFFSET = 0.75

@@ -24,7 +24,7 @@ _SIDES = tuple(
         (2, 1, [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]),
     )
 )
-"""Of a cube: axis, direction and corners of each side, anticlockwise as seen from outside."""
+"""Axis, direction and corners of each side of a cube, anticlockwise as seen from outside."""
 
 
 def exposed_faces(
@@ -32,7 +32,7 @@ def exposed_faces(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Triangles (m, 3, 3) of the sides between filled voxels and others, and their voxels (m,).
 
-    Two triangles a side, anticlockwise as seen from outside; voxels are flat numbers.
+    Two triangles a side, anticlockwise as seen from outside; voxels are flat indices.
     """
     around = np.pad(filled, 1)
     triangles, voxels = [], []

@@ -1,6 +1,10 @@
 """Where cameras can stand: the poses of a planar lattice, and articulated mounts on vehicles."""
 
-from coopmap_env.robots.collision.checker import CollisionChecker, CollisionSettings, Contact
+from coopmap_env.robots.collision.checker import (
+    CollisionChecker,
+    CollisionSettings,
+    PredictedContact,
+)
 from coopmap_env.robots.collision.planning import plan_path
 from coopmap_env.robots.collision.self_filter import filter_robot_points
 from coopmap_env.robots.collision.voxel_states import VoxelStates, are_spheres_free
@@ -40,12 +44,12 @@ __all__ = [
     "CollisionSettings",
     "CollisionSphereSettings",
     "CollisionSpheres",
-    "Contact",
     "KinematicTree",
     "LatticeGeometry",
     "Mount",
     "PoseEstimate",
     "PoseLattice",
+    "PredictedContact",
     "ReachableCells",
     "Suspension",
     "UrdfModel",

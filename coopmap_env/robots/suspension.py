@@ -49,12 +49,12 @@ class Suspension(Settings):
 
     @property
     def stiffness(self) -> tuple[float, float, float]:
-        """Of heave, roll and pitch, in the order of `SUSPENSION_JOINTS`."""
+        """Stiffness of heave, roll and pitch, in the order of `SUSPENSION_JOINTS`."""
         return self.heave_stiffness, self.roll_stiffness, self.pitch_stiffness
 
     @property
     def damping(self) -> tuple[float, float, float]:
-        """Of heave, roll and pitch."""
+        """Damping of heave, roll and pitch."""
         return self.heave_damping, self.roll_damping, self.pitch_damping
 
     @property

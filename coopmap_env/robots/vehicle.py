@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry import Pose, skew
+from coopmap_env.geometry import Pose, Spheres, skew
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
 from coopmap_env.robots.mount import Mount
@@ -77,9 +77,9 @@ class Vehicle:
         R, t = self.chain.link_poses(q)
         return self.T_world_base.rotation @ R, self.T_world_base.transform(t)
 
-    def spheres(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def spheres(self, q: ArrayLike) -> Spheres:
         """Centers (k, s, 3) in the world frame and radii (s,) of the spheres that cover it."""
-        return self.T_world_base.transform(self.body.centers(q)), self.body.radii
+        return Spheres(self.T_world_base.transform(self.body.centers(q)), self.body.radii)
 
     @cached_property
     def workspace_sphere(self) -> tuple[NDArray[np.float64], float]:
@@ -168,7 +168,7 @@ class Vehicle:
 
     @cached_property
     def _per_scan_variances(self) -> NDArray[np.float64]:
-        """Of the joints of `_suspended_chain`, or of the chain if the mount has no suspension."""
+        """Joint variances of `_suspended_chain`, or of the chain if there is no suspension."""
         mount = self.mount
         body = () if mount.suspension is None else np.square(mount.suspension.std)
         return np.concatenate([body, np.square(mount.encoder_noise)])

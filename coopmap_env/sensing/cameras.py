@@ -33,7 +33,7 @@ class PlanarCamera(Settings):
 
     @property
     def bearings(self) -> NDArray[np.float64]:
-        """Angles of the beams to the optical axis, shape (n_beams,), radians: pixel centres."""
+        """Angles of the beams to the optical axis, shape (n_beams,), radians: pixel centers."""
         pixel = self.field_of_view / self.n_beams
         return (np.arange(self.n_beams, dtype=np.float64) + 0.5) * pixel - self.field_of_view / 2
 
@@ -107,7 +107,7 @@ class DepthCamera(Settings):
 
     @cached_property
     def directions(self) -> NDArray[np.float64]:
-        """Unit vectors through the pixel centres, shape (n_pixels, 3), camera frame; read-only."""
+        """Unit vectors through the pixel centers, shape (n_pixels, 3), camera frame; read-only."""
         left = math.tan(self.horizontal_field_of_view / 2)
         top = math.tan(self.vertical_field_of_view / 2)
         rays = np.ones((self.height, self.width, 3))

@@ -207,7 +207,7 @@ class VehicleMeshes(NamedTuple):
     bodies: NDArray[np.int64]
     """Shape (b,): rigid bodies that move and have a surface."""
     meshes: list[TracedMesh]
-    """Of each, in its own frame."""
+    """Mesh of each, in its own frame."""
     static_triangles: NDArray[np.float64]
     """Shape (m, 3, 3): of what does not move, such as wheels, base frame."""
 

@@ -1,4 +1,4 @@
-"""The one seam between an environment and its true world."""
+"""The interface between an environment and its true world."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The experiments of the paper and of the benchmark, as customers of the library."""
+"""The experiments of the paper and of the benchmark; they use the library as any program does."""

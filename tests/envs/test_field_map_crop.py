@@ -2,8 +2,8 @@ import math
 
 import numpy as np
 
+from coopmap_env.envs.field.initial_knowledge import initial_free_voxels
 from coopmap_env.envs.field.map_crop import Crop, write_crop
-from coopmap_env.envs.field.starts import initial_free_voxels
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
@@ -42,13 +42,13 @@ def test_the_crop_equals_a_voxel_by_voxel_lookup():
         -map_.log_odds_range.clamp, map_.log_odds_range.clamp + 1, GRID.n_cells
     )
     map_.sampled_mask[:] = rng.random(GRID.n_cells) < 0.6
-    gray_values = np.round(255 * map_.log_odds_range.probability).astype(np.uint8)
+    byte_of_log_odds = np.round(255 * map_.log_odds_range.probability).astype(np.uint8)
     for heading in (0.0, 0.3, -2.0):
         # off the voxels' faces, where rounding would decide
         pose, cells = base(0.213, -0.127, heading), (6, 5)
         crop = Crop.around(GRID, pose, cells, 2)
         out = np.empty((10, 6, 6), dtype=np.uint8)
-        write_crop(map_.arrays, crop, 2, gray_values, out)
+        write_crop(map_.arrays, crop, 2, byte_of_log_odds, out)
         np.testing.assert_array_equal(out, plain_crop(map_, pose, cells, 2))
 
 

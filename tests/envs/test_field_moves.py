@@ -39,8 +39,8 @@ class Crated(Worksite):
     def world(self, rng, n_robots, footprint=1.2):
         world = super().world(rng, n_robots, footprint)
         base = world.base_poses[0]
-        centre = base.transform([0.0, 0.9, 1.55])
-        crate = solid_from_boxes("crate in the way", [box_corners([0.5, 0.5, 0.9], centre)])
+        center = base.transform([0.0, 0.9, 1.55])
+        crate = solid_from_boxes("crate in the way", [box_corners([0.5, 0.5, 0.9], center)])
         return FieldWorld(
             world.name, (*world.solids, crate), world.target, world.grid, world.base_poses
         )

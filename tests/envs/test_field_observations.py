@@ -7,7 +7,7 @@ import pytest
 from plain.rollouts import MODES, random_actions
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
-from coopmap_env.envs.field.observations import N_RATING_FEATURES, camera_vector
+from coopmap_env.envs.field.observations import N_POSE_AND_RATING_FEATURES, camera_vector
 from coopmap_env.geometry import Pose
 
 pytest.importorskip("pybullet")
@@ -70,7 +70,7 @@ def check_candidates(belief, robot, observation):
     """The candidate table of one robot."""
     candidates, table = belief.candidates[robot], observation["candidates"]
     n = belief.joint_spaces[robot].n
-    assert table.shape == (5, n + N_RATING_FEATURES)
+    assert table.shape == (5, n + N_POSE_AND_RATING_FEATURES)
     np.testing.assert_array_equal(observation["action_mask"], np.arange(5) < len(candidates))
     assert not table[len(candidates) :].any()
     rated, scale = belief.rate(robot, candidates), math.log(belief.rating.settings.n_gray_bins)

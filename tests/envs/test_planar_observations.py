@@ -32,7 +32,7 @@ def shown(image, channel, value=255):
 
 
 # A cell i + 1/2 - 8 cells ahead and j + 1/2 - 8 to the left, for a camera in cell (20, 20). A map
-# cell's centre lies on the border of two cells of the picture, and the same neighbour is taken for
+# cell's center lies on the border of two cells of the picture, and the same neighbour is taken for
 # every heading: the one towards +x and +y. So the camera's cell is picture cell 7 or 8.
 @pytest.mark.parametrize(
     ("quarters", "ahead"),
@@ -287,6 +287,6 @@ def test_observations_are_new_arrays_each_time():
 def test_the_corners_of_the_picture_are_half_a_side_away():
     offsets = crop_offsets(SIDE, 16)
     assert offsets.shape == (16, SIDE * SIDE, 2)
-    # heading 0, corner [0, 0]: 7.5 cells back and to the right of a cell centre
+    # heading 0, corner [0, 0]: 7.5 cells back and to the right of a cell center
     assert offsets[0, 0].tolist() == [-7, -7]
     assert offsets[0, -1].tolist() == [8, 8]

@@ -102,7 +102,7 @@ def test_the_view_opens_along_the_heading_in_both_panels(heading, right, up):
     for panel, empty in zip(halves(picture(poses=pose)), halves(picture()), strict=True):
         columns, rows = changed(panel, empty)
         dot_column, dot_row, _ = center_of(panel, ROBOT_COLORS[0])
-        # 5 cells of 30 pixels: the wedge reaches 150 pixels, its centre of mass about 90
+        # 5 cells of 30 pixels: the wedge reaches 150 pixels, its center of mass about 90
         assert np.mean(columns - dot_column) == pytest.approx(90 * right, abs=30)
         assert np.mean(dot_row - rows) == pytest.approx(90 * up, abs=30)
 

@@ -27,8 +27,8 @@ def place(world, n_robots, seed, spread=SPREAD, radius=RADIUS):
     return pose_ids, cells, known
 
 
-def centres(world, cells):
-    """Cell centres (n, 2) in metres from the lower corner."""
+def centers(world, cells):
+    """Cell centers (n, 2) in metres from the lower corner."""
     return (np.column_stack(np.unravel_index(cells, world.shape)) + 0.5) * world.resolution
 
 
@@ -45,17 +45,17 @@ def test_robots_start_in_different_cells_of_the_largest_region_close_together(wo
         _, cells, _ = place(world, n_robots, seed)
         assert len(set(cells.tolist())) == n_robots
         assert largest_free_region(world.occupied).ravel()[cells].all()
-        apart = centres(world, cells) - centres(world, cells[:1])
+        apart = centers(world, cells) - centers(world, cells[:1])
         assert (np.hypot(*apart.T) <= SPREAD + 1e-9).all()  # but for rounding
 
 
 def test_known_cells_are_the_free_ones_around_a_start_and_none_behind_a_wall(worlds):
     for seed, world in enumerate(worlds):
         _, cells, known = place(world, 3, seed)
-        every = centres(world, np.arange(world.occupied.size))
+        every = centers(world, np.arange(world.occupied.size))
         expected = set()
         for cell in cells:
-            offsets = every - centres(world, np.array([cell]))
+            offsets = every - centers(world, np.array([cell]))
             near = np.hypot(*offsets.T) <= RADIUS + 1e-9
             free = (near & ~world.occupied.ravel()).reshape(world.shape)
             pieces, _ = ndimage.label(free)

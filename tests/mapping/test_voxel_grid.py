@@ -8,7 +8,7 @@ import pytest
 from coopmap_env.mapping import VoxelGrid
 
 
-def test_points_cells_and_centres_by_hand():
+def test_points_cells_and_centers_by_hand():
     grid = VoxelGrid((4, 3), resolution=0.5, origin=(-1.0, 10.0))
     assert grid.to_cell_units([0.25, 10.5]) == pytest.approx([2.5, 1.0])
     assert grid.index([[0.25, 10.5], [-1.0, 11.49], [-1.1, 9.9]]).tolist() == [
@@ -27,7 +27,7 @@ def test_a_planar_grid_is_one_layer_for_kernels():
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (3, 4, 5)])
-def test_every_cell_is_found_again_by_its_centre_and_its_flat_number(shape):
+def test_every_cell_is_found_again_by_its_center_and_its_flat_number(shape):
     grid = VoxelGrid(shape, resolution=0.1, origin=(0.3,) * len(shape))
     index = np.argwhere(np.ones(shape))
     assert grid.n_cells == len(index)

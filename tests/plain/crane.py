@@ -5,7 +5,7 @@ import numpy as np
 from coopmap_env.robots import Mount, Suspension
 
 BODY_MASS, SLIDER_MASS, ROLL_CENTRE_HEIGHT = 80.0, 10.0, 0.3
-"""Kilograms; the height of the roll centre, in which the body's centre of mass and the beam lie."""
+"""Kilograms; the height of the roll center, in which the body's center of mass and the beam lie."""
 
 LINK = """<link name="{name}"><inertial><mass value="{mass}"/>
 <inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>{shape}</link>"""

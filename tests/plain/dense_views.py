@@ -11,7 +11,7 @@ from coopmap_env.information.field.depth_buffer import DEPTH_TOLERANCE
 
 
 def all_cells(shape):
-    """Indices of all voxels in the order of their flat numbers."""
+    """Indices of all voxels in the order of their flat indices."""
     return np.indices(shape).reshape(3, -1).T
 
 
@@ -50,7 +50,7 @@ def sphere_distance(position, direction, occluder_spheres):
 
 
 def visible_mask(blocked, position, R, frustum, occluder_spheres=()):
-    """Flat mask of the visible voxels, and their distances; spheres are (centre, radius)."""
+    """Flat mask of the visible voxels, and their distances; spheres are (center, radius)."""
     X, u, v, distance, inside = in_frustum(all_cells(blocked.shape), position, R, frustum)
     if (position < 0).any() or (position >= blocked.shape).any():
         return np.zeros_like(inside), distance
@@ -125,7 +125,7 @@ def _march(blocked, position, R, a, b, w, h, near, far, step, seen):
 def voxels_hit_by_rays(blocked, position, R, frustum, rays_per_cell=4, step=0.5):
     """Flat indices of the voxels of the frustum that any of many rays hits before it is blocked.
 
-    `rays_per_cell` of them pass between the centres of neighbours at the far end.
+    `rays_per_cell` of them pass between the centers of neighbours at the far end.
     """
     (a, b), far = frustum.tangents, frustum.far
     w, h = (math.ceil(2 * tangent * far * rays_per_cell) for tangent in (a, b))

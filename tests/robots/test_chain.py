@@ -65,7 +65,7 @@ def test_joints_are_frozen_at_given_values(two_links):
     np.testing.assert_allclose(chain.camera_poses([0.0])[1], [1, 0, 1.25], atol=1e-12)
 
 
-def test_masses_centres_and_triangles_are_read(two_links):
+def test_masses_centers_and_triangles_are_read(two_links):
     chain = Chain.from_urdf(two_links, ("turn",), "b")
     c, b = chain.link_names.index("c"), chain.link_names.index("b")
     assert chain.masses[c] == 3

@@ -139,7 +139,7 @@ def test_many_motions_are_judged_like_single_ones(vehicle, open_map):
     assert 0 < together.mean() < 1
 
 
-def test_no_centre_moves_more_than_a_step_between_two_checks(any_mount):
+def test_no_center_moves_more_than_a_step_between_two_checks(any_mount):
     vehicle = Vehicle.from_mount(any_mount, Pose(np.zeros(3), np.eye(3)))
     chain, body = vehicle.chain, vehicle.body
     robot = robot_arrays(vehicle)

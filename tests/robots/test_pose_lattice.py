@@ -19,7 +19,7 @@ LATTICES = [
 
 
 def test_a_pose_number_is_its_cell_times_the_headings_plus_the_heading():
-    # cell (2, 1) has flat number 7; heading 2 of 8 is a quarter turn
+    # cell (2, 1) has flat index 7; heading 2 of 8 is a quarter turn
     pose_id = 7 * 8 + 2
     assert LATTICE.poses(pose_id) == pytest.approx([0.25, 2.75, math.pi / 2])
     assert LATTICE.pose(pose_id) == pytest.approx((0.25, 2.75, math.pi / 2))
@@ -76,7 +76,7 @@ def test_cells_within_reach_are_those_of_plain_rotations_in_their_order(lattice)
     for _ in range(60):
         cells = rng.permutation(lattice.grid.n_cells).astype(np.int32)
         pose_id = int(rng.integers(lattice.n_poses))
-        reach = rng.integers(0, 6) / 2 * lattice.grid.resolution  # borders on cells' centres, too
+        reach = rng.integers(0, 6) / 2 * lattice.grid.resolution  # borders on cells' centers, too
         found = lattice.cells_within(cells, pose_id, reach)
         assert found.dtype == np.int32
         assert found.tolist() == candidates.cells_within_reach(lattice, cells, pose_id, reach)

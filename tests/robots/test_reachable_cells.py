@@ -39,7 +39,7 @@ def plain_steps(free, start):
 
 
 def runs_through_corners(delta):
-    """Whether the segment between two cell centres meets corners: both odd, in lowest terms."""
+    """Whether the segment between two cell centers meets corners: both odd, in lowest terms."""
     dx, dy = np.abs(delta) // np.gcd(*delta)
     return dx % 2 == dy % 2
 

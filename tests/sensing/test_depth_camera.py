@@ -22,7 +22,7 @@ def test_one_pixel_is_on_the_optical_axis():
 
 def test_four_pixels_of_a_right_angled_camera_by_hand():
     camera = DepthCamera(math.pi / 2, math.pi / 2, width=2, height=2)
-    # pixel centres lie half way between the axis and the edges of the image, at 1 m
+    # pixel centers lie half way between the axis and the edges of the image, at 1 m
     expected = np.array([[1, 0.5, 0.5], [1, -0.5, 0.5], [1, 0.5, -0.5], [1, -0.5, -0.5]])
     assert camera.directions == pytest.approx(expected / math.sqrt(1.5))
 

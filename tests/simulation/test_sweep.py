@@ -5,10 +5,11 @@ import pytest
 from plain.field_worlds import base_pose
 from plain.sweeps import collides_with_boxes, points_in_boxes
 
+from coopmap_env.geometry import NO_SPHERES, Spheres
 from coopmap_env.robots import make_mount
 from coopmap_env.simulation.physics.joint_map import JointMap
-from coopmap_env.simulation.physics.sweep import Obstacles, Spheres, squared_distance_to_box
-from coopmap_env.simulation.physics.sweep_model import NO_SPHERES, SweepModel, covering_spheres
+from coopmap_env.simulation.physics.sweep import SweepObstacles, squared_distance_to_box
+from coopmap_env.simulation.physics.sweep_model import SweepModel, covering_spheres
 
 pytest.importorskip("pybullet")
 NO_BOXES = np.zeros((0, 2, 3))
@@ -64,7 +65,9 @@ def test_what_is_not_marked_touches_nothing(mast, sweep_model):
         k = int(np.ceil(np.abs(end - start).max() / 0.15)) + 1
         q = np.zeros((k, 8))
         q[:, 3:] = start + np.linspace(0, 1, k)[:, None] * (end - start)
-        marked, moved = sweep_model.swept_collisions(where.arrays, q, Obstacles(boxes, NO_SPHERES))
+        marked, moved = sweep_model.swept_collisions(
+            where.arrays, q, SweepObstacles(boxes, NO_SPHERES)
+        )
         for a, b, mark, far in zip(q[:-1], q[1:], marked, moved, strict=True):
             fine = a + np.linspace(0, 1, 30)[:, None] * (b - a)
             at = where.transform(chain.point_positions(fine, of, points))
@@ -82,14 +85,14 @@ def test_another_vehicles_spheres_are_obstacles(sweep_model):
     q = np.zeros((2, 8))
     q[:, 4], q[:, 5] = 0.7, [0.2, 0.3]
     others = sweep_model.spheres(beside.arrays, q[0])
-    assert sweep_model.swept_collisions(here.arrays, q, Obstacles(NO_BOXES, others))[0].all()
+    assert sweep_model.swept_collisions(here.arrays, q, SweepObstacles(NO_BOXES, others))[0].all()
     far = Spheres(others.centers + np.array([5.0, 0.0, 0.0]), others.radii)
-    assert not sweep_model.swept_collisions(here.arrays, q, Obstacles(NO_BOXES, far))[0].any()
+    assert not sweep_model.swept_collisions(here.arrays, q, SweepObstacles(NO_BOXES, far))[0].any()
 
 
 def test_an_arm_that_comes_near_its_own_body_is_marked(sweep_model):
     """Bent down further than it can, the wrist is beside the chassis; upright it is far from it."""
-    here, nothing = base_pose(0.0, 0.0), Obstacles(NO_BOXES, NO_SPHERES)
+    here, nothing = base_pose(0.0, 0.0), SweepObstacles(NO_BOXES, NO_SPHERES)
     down, up = np.zeros((2, 8)), np.zeros((2, 8))
     down[:, 4], down[:, 5] = 1.0, [2.1, 2.2]
     up[:, 5] = [0.2, 0.3]
@@ -105,7 +108,7 @@ def test_adjacent_links_are_no_obstacle(mast):
         "post": np.array([[-0.1, -0.1, 0.0], [0.1, 0.1, 0.35]]),
     }
     q, where = np.zeros((2, 8)), base_pose(0.0, 0.0)
-    nothing = Obstacles(NO_BOXES, NO_SPHERES)
+    nothing = SweepObstacles(NO_BOXES, NO_SPHERES)
     for ignored_pairs, expected in (([("post", "chassis")], False), ([], True)):
         model = SweepModel.from_link_boxes(chain, boxes, ["post"], ignored_pairs)
         marked, _ = model.swept_collisions(where.arrays, q, nothing)

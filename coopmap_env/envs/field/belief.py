@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief
 from coopmap_env.envs.field.joint_space import JointSpace
-from coopmap_env.envs.field.reachability import Joints, MotionLimits, Reachability, Spheres
-from coopmap_env.geometry import Pose
+from coopmap_env.envs.field.reachability import MotionLimits, Reachability
+from coopmap_env.envs.field.team_state import Joints, TeamState
+from coopmap_env.geometry import Pose, Spheres
 from coopmap_env.information import (
     FieldRatingFunction,
     Ratings,
@@ -22,17 +23,16 @@ from coopmap_env.information import (
     joint_distance,
 )
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import PoseEstimate, Vehicle
+from coopmap_env.robots import PoseEstimate, Vehicle, filter_robot_points
+from coopmap_env.sensing import PointCloud, RangeNoise
 
 
 @dataclass(frozen=True)
 class FieldBelief(Belief):
     """What a field team knows. A pose is the joints (n,) of a robot's mount."""
 
-    vehicles: tuple[Vehicle, ...]
-    """Mounts and base poses: in the world frame, or in a robot's own frame until it is located."""
-    joints: tuple[Joints, ...]
-    """Encoder readings of each mount."""
+    team: TeamState
+    """Vehicles and joints; maps of robots that are not located, which make no use of `map`."""
     estimates: tuple[PoseEstimate, ...]
     """Estimated pose and covariance of each camera."""
     rating: FieldRatingFunction
@@ -40,14 +40,21 @@ class FieldBelief(Belief):
     limits: MotionLimits
     """What bounds the motions of the mounts."""
     reachability: Reachability
-    """Bodies of the team at these joints, and what the mounts can reach on the maps."""
-    local_maps: tuple[OccupancyMap | None, ...] = ()
-    """Map of each robot that is not located, in a frame of its own, None for the others; empty if
-    all are located from the start. A robot that is not located makes no use of `map`."""
+    """What the mounts can reach from these joints on the maps as they are."""
     position_bounds: tuple[float, ...] = ()
     """Three standard deviations of each camera's position by kinematics, metres."""
     coarse: bool = False
     """Whether views are evaluated on the map pooled to half its resolution, which is faster."""
+
+    @property
+    def vehicles(self) -> tuple[Vehicle, ...]:
+        """Mounts and base poses; see `TeamState`."""
+        return self.team.vehicles
+
+    @property
+    def joints(self) -> tuple[Joints, ...]:
+        """Encoder readings of each mount."""
+        return self.team.joints
 
     @property
     def joint_spaces(self) -> tuple[JointSpace, ...]:
@@ -58,29 +65,35 @@ class FieldBelief(Belief):
     def positions(self) -> NDArray[np.float64]:
         """Estimated camera positions, shape (n_robots, 3), metres; NaN if not located."""
         positions = np.array([estimate.pose.translation for estimate in self.estimates])
-        positions[[not known for known in self.located]] = np.nan
+        positions[[not is_located for is_located in self.located]] = np.nan
         return positions
 
     @property
     def located(self) -> tuple[bool, ...]:
         """Which robots know their pose in the common frame, that of the target."""
-        return self.reachability.located
+        return self.team.located
 
     def planning_map(self, robot: int) -> OccupancyMap:
         """The map that a robot plans on: the team's, or its own until it is located."""
-        return self.reachability.planning_map(robot)
+        return self.team.planning_map(robot)
 
     def located_teammates(self, robot: int) -> list[int]:
         """The other robots whose pose in the frame of a robot's map is known."""
-        return self.reachability.located_teammates(robot)
+        return self.team.located_teammates(robot)
 
     def occluder_spheres(self, robot: int) -> Spheres:
-        """Spheres around a robot's located teammates: centres (s, 3), radii (s,), metres."""
-        return self.reachability.occluder_spheres(robot)
+        """Spheres around a robot's located teammates."""
+        return self.team.occluder_spheres(robot)
 
-    def robot_spheres(self, robot: int) -> Spheres:
-        """Spheres that contain a robot and its located teammates, whatever their deviation."""
-        return self.reachability.robot_spheres(robot, self.position_bounds)
+    def remove_robot_points(
+        self, robot: int, cloud: PointCloud, estimate: PoseEstimate, noise: RangeNoise
+    ) -> PointCloud:
+        """A robot's point cloud without the points on robots whose poses are known.
+
+        `estimate` is that of the camera when the cloud was measured.
+        """
+        spheres = self.team.robot_spheres(robot, self.position_bounds)
+        return filter_robot_points(cloud, estimate.pose, *spheres, noise, estimate.covariance)
 
     def infeasibility_reason(self, robot: int, q: Joints) -> str:
         """Why this pose is infeasible; empty if it is feasible."""
@@ -112,8 +125,8 @@ class FieldBelief(Belief):
         """See `FieldRatingFunction.rate_team`; robots with local maps share no cells."""
         if all(self.located):
             return self._rate_together(list(range(len(poses))), poses)
-        groups = [[robot for robot, known in enumerate(self.located) if known]]
-        groups += [[robot] for robot, known in enumerate(self.located) if not known]
+        groups = [[robot for robot, is_located in enumerate(self.located) if is_located]]
+        groups += [[robot] for robot, is_located in enumerate(self.located) if not is_located]
         rated = [(group, self._rate_together(group, poses)) for group in groups if group]
         columns = {part.name: np.empty(len(poses)) for part in fields(Ratings)}
         for group, ratings in rated:
@@ -163,14 +176,12 @@ class FieldBelief(Belief):
             vehicle.camera_estimate(q) for vehicle, q in zip(self.vehicles, poses, strict=True)
         )
         variances = [float(np.trace(covariance[:3, :3])) for _, covariance in estimates]
-        joints = tuple(poses)
+        team = replace(self.team, joints=tuple(poses))
         return replace(
             self,
-            joints=joints,
+            team=team,
             estimates=estimates,
-            reachability=Reachability(
-                self.limits, self.vehicles, joints, self.map, self.local_maps
-            ),
+            reachability=Reachability(self.limits, team),
             position_bounds=tuple(3.0 * math.sqrt(variance) for variance in variances),
             candidates=None,
         )
@@ -185,12 +196,11 @@ class FieldBelief(Belief):
         self, robot: int, T_world_base: Pose, covariance: NDArray[np.float64] | None
     ) -> FieldBelief:
         """The same belief with a robot that is located; its local map is dropped."""
-        vehicles, maps = list(self.vehicles), list(self.local_maps)
+        vehicles, maps = list(self.vehicles), list(self.team.local_maps)
         vehicles[robot] = vehicles[robot].with_base_pose(T_world_base, covariance)
         maps[robot] = None
-        located = replace(self, vehicles=tuple(vehicles), local_maps=tuple(maps)).with_poses(
-            self.joints
-        )
+        team = replace(self.team, vehicles=tuple(vehicles), local_maps=tuple(maps))
+        located = replace(self, team=team).with_poses(self.joints)
         for other, estimate in enumerate(self.estimates):
             if other != robot:
                 located = located.with_camera_estimate(other, estimate)

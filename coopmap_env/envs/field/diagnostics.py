@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,16 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.starts import initial_free_voxels
+from coopmap_env.envs.field.initial_knowledge import initial_free_voxels, make_vehicles
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.robots import Mount, Vehicle
 from coopmap_env.simulation import FieldSimulator
 from coopmap_env.simulation.scenes.field import FieldWorld
-
-
-def make_vehicles(mounts: Sequence[Mount], bases: Sequence[Pose]) -> tuple[Vehicle, ...]:
-    """The vehicles of a team with their bases at given poses, each T_world_base."""
-    return tuple(Vehicle.from_mount(mount, base) for mount, base in zip(mounts, bases, strict=True))
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,26 @@ from numpy.typing import NDArray
 from coopmap_env.envs.field.actions import JointMode
 from coopmap_env.envs.field.arguments import FieldArguments
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.diagnostics import FieldDiagnostics, make_vehicles
+from coopmap_env.envs.field.diagnostics import FieldDiagnostics
+from coopmap_env.envs.field.episode_world import (
+    check_bases_in_search_range,
+    has_fixed_bases,
+    make_world,
+)
+from coopmap_env.envs.field.initial_knowledge import (
+    initial_free_voxels,
+    local_base_pose,
+    make_vehicles,
+    reset_local_maps,
+)
 from coopmap_env.envs.field.joint_space import JointSpace
 from coopmap_env.envs.field.localizer import TeamLocalizer
 from coopmap_env.envs.field.observations import FieldObserver
 from coopmap_env.envs.field.planning import FieldPlanning
-from coopmap_env.envs.field.reachability import Joints, MotionLimits, Reachability
+from coopmap_env.envs.field.reachability import MotionLimits, Reachability
 from coopmap_env.envs.field.settings import FieldSettings
-from coopmap_env.envs.field.starts import initial_free_voxels, local_base_pose, reset_local_maps
-from coopmap_env.envs.field.target_search import check_bases_in_search_range
+from coopmap_env.envs.field.team_state import Joints, TeamState
+from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.rewards import RewardScale
 from coopmap_env.envs.step_data import EpisodeRngs, FusedScans, TeamMoveResult, Transition
@@ -31,7 +42,7 @@ from coopmap_env.mapping import OccupancyMap
 from coopmap_env.rendering import overview_camera, render_field, robot_triangles, scene_meshes
 from coopmap_env.robots import Mount, make_mount
 from coopmap_env.simulation import FieldSimulator
-from coopmap_env.simulation.scenes.field import FieldScene, FieldWorld, UserScene, make_field_scene
+from coopmap_env.simulation.scenes.field import FieldWorld, make_field_scene
 
 
 class FieldEnv(MappingEnv[FieldBelief], EzPickle):
@@ -98,11 +109,11 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
 
     def _reset_world(self, rngs: EpisodeRngs) -> FieldBelief:
         s, n = self.settings, len(self.possible_agents)
-        world = _make_world(self.scene, rngs.scene, n)
+        world = make_world(self.scene, rngs.scene, n)
         searching = self.initialization == "search"
         if searching:
             headings = rngs.start.uniform(-math.pi, math.pi, n)
-            if not _has_fixed_bases(self.scene):
+            if not has_fixed_bases(self.scene):
                 world = world.with_headings(headings)
             check_bases_in_search_range(world, s.registration.search)
         simulator = FieldSimulator(world, self.mounts, s.camera, s.noise, s.physics, rngs.start)
@@ -115,24 +126,23 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
                 initial_free_voxels(world.grid, world.base_poses, s.initial_free_radius)
             )
         bases = [local_base_pose(world.grid)] * n if searching else world.base_poses
-        vehicles = make_vehicles(self.mounts, bases)
         home = [np.array(mount.home) for mount in self.mounts]
+        local_maps = self._local_maps or (None,) * n
+        team = TeamState(make_vehicles(self.mounts, bases), tuple(home), self._map, local_maps)
         belief = FieldBelief(
             agents=tuple(self.possible_agents),
             map=self._map,
             actions=self._actions,
             planning=self._planning,
             candidates=None,
-            vehicles=vehicles,
-            joints=(),
+            team=team,
             estimates=(),
             rating=self._rating,
             limits=self._limits,
-            reachability=Reachability(self._limits, vehicles, home, self._map, self._local_maps),
-            local_maps=self._local_maps,
+            reachability=Reachability(self._limits, team),
         ).with_poses(home)
         self._localizer = TeamLocalizer(
-            s, self.motion_correction, world.target_triangles, belief, world.base_poses
+            s, self.motion_correction, world.target_triangles, belief, TruePoses(world.base_poses)
         )
         return belief
 
@@ -200,22 +210,22 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
 
     def _render_frame(self) -> NDArray[np.uint8]:
         belief, world = self._belief, self.truth
-        known = [robot for robot, located in enumerate(belief.located) if located]
+        located = [robot for robot, is_located in enumerate(belief.located) if is_located]
         return render_field(
             scene_meshes(world),
             belief.map,
-            [robot_triangles(belief.vehicles[robot], belief.joints[robot]) for robot in known],
-            [belief.estimates[robot].pose for robot in known],
+            [robot_triangles(belief.vehicles[robot], belief.joints[robot]) for robot in located],
+            [belief.estimates[robot].pose for robot in located],
             self.settings.camera,
             overview_camera(world.target_triangles, world.base_poses),
-            [self._trails[robot] for robot in known],
+            [self._trails[robot] for robot in located],
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
             f"observed {belief.map.observed_fraction:.1%}",
-            known,
+            located,
             {
                 robot: robot_triangles(vehicle, belief.joints[robot])
                 for robot, vehicle in enumerate(self.diagnostics.true_vehicles)
-                if robot not in known
+                if robot not in located
             },
         )
 
@@ -250,22 +260,6 @@ def _make_mounts(mount: str | Mount | Sequence[str | Mount], n_robots: int) -> t
             f"mount must be one for all or one for each of {n_robots} robots, got {len(mount)}"
         )
     return tuple(make_mount(one) for one in mount)
-
-
-def _has_fixed_bases(scene: FieldScene) -> bool:
-    """Whether a scene's file names the poses of the bases."""
-    return isinstance(scene, UserScene) and bool(scene.bases)
-
-
-def _make_world(scene: FieldScene, rng: np.random.Generator, n_robots: int) -> FieldWorld:
-    world = scene.world(rng, n_robots)
-    if world.grid != scene.grid:
-        raise ValueError(f"scene {scene.name!r} made a world of {world.grid}, not {scene.grid}")
-    if world.n_robots != n_robots:
-        raise ValueError(
-            f"scene {scene.name!r} made room for {world.n_robots} robots, not {n_robots}"
-        )
-    return world
 
 
 class FieldTeamEnv(TeamEnv):

@@ -40,7 +40,7 @@ class JointSpace:
         return len(self.lower)
 
     def denormalize(self, action: ArrayLike) -> NDArray[np.float64]:
-        """Joints (..., n) of normalize values in [-1, 1]."""
+        """Joints (..., n) of normalized values in [-1, 1]."""
         half = 0.5 * (self.upper - self.lower)
         return self.lower + half * (np.asarray(action, dtype=np.float64) + 1.0)
 

@@ -1,4 +1,4 @@
-"""How a team estimates the poses of its cameras and bases (2.2, 2.5).
+"""How a team estimates the poses of its cameras and bases (Sections 2.2 and 2.5).
 
 A robot that has not found the target maps in a frame of its own: its base stands in the middle of
 a grid as large as the world's. When it is located, all of its scans are transformed to the frame of
@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.initial_knowledge import initial_free_voxels
+from coopmap_env.envs.field.recorded_scan import RecordedScan
 from coopmap_env.envs.field.settings import FieldSettings
-from coopmap_env.envs.field.starts import initial_free_voxels
-from coopmap_env.envs.field.target_search import RecordedScan, TargetSearch, without_robots
+from coopmap_env.envs.field.target_search import TargetSearch
+from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.envs.step_data import FusedScans
 from coopmap_env.geometry import Pose
 from coopmap_env.localization import PoseCorrection, PoseCorrector, Registration, TargetModel
@@ -28,7 +30,6 @@ from coopmap_env.mapping import ScanGain
 from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import PointCloud, Scan, transform_cloud
 
-ZERO_COVARIANCE = np.zeros((6, 6))
 BASE_COVARIANCE_INFLATION = 2.0
 """Factor on the covariance of a registered base, with which motion correction starts: the scans
 that registered it are corrected by the same pixels, which carry less information a second time."""
@@ -54,9 +55,8 @@ class TeamLocalizer:
         Triangles of the target in the world frame.
     belief : FieldBelief
         At the start of the episode.
-    true_bases : sequence of Pose
-        T_world_base: for the setting "exact", and to select one of the frames that a symmetric
-        target has.
+    true_poses : TruePoses
+        For the setting "exact", and to select one of the frames that a symmetric target has.
     """
 
     def __init__(
@@ -65,11 +65,11 @@ class TeamLocalizer:
         motion_correction: str,
         target: NDArray[np.float64],
         belief: FieldBelief,
-        true_bases: Sequence[Pose],
+        true_poses: TruePoses,
     ) -> None:
         self._settings = settings
         self._motion_correction = motion_correction
-        self._true_bases = tuple(true_bases)
+        self._true_poses = true_poses
         self._triangles = target
         self._corrector = (
             PoseCorrector(
@@ -82,13 +82,13 @@ class TeamLocalizer:
         self._recorded_scans: list[RecordedScan] = []
         n_robots = len(belief.agents)
         self.corrections: list[PoseCorrection | None] = [None] * n_robots
-        """Of each robot's last scan, if fiducials were used."""
+        """Correction of each robot's last scan, if fiducials were used."""
         self.correction_times = [0.0] * n_robots
-        """Seconds that these took; they differ from run to run."""
+        """Seconds that each correction took; they differ from run to run."""
         self.registrations: list[Registration | None] = [None] * n_robots
-        """The last attempt of each robot."""
+        """Result of each robot's last search for the target."""
         self.registration_times: list[float] = []
-        """Seconds that those of the last step took."""
+        """Seconds that each search of the last step took."""
 
     @cached_property
     def _target(self) -> TargetModel:
@@ -97,7 +97,7 @@ class TeamLocalizer:
 
     @cached_property
     def _target_search(self) -> TargetSearch:
-        return TargetSearch(self._settings, self._target, self._true_bases)
+        return TargetSearch(self._settings, self._target, self._true_poses)
 
     def failure_reason(self, robot: int) -> str:
         """Why a robot has not been located yet."""
@@ -140,12 +140,8 @@ class TeamLocalizer:
         """A scan with the camera pose of the setting, without points on robots."""
         noise, estimate, correction = self._settings.noise, belief.estimates[robot], None
         if self._motion_correction == "exact":
-            pose = true_camera
-            if not belief.located[robot]:
-                own = belief.vehicles[robot].T_world_base
-                pose = own @ self._true_bases[robot].inverse() @ true_camera
-            estimate = PoseEstimate(pose, ZERO_COVARIANCE)
-        cloud = without_robots(belief, robot, cloud, estimate, noise)
+            estimate = self._true_poses.exact_camera(belief, robot, true_camera)
+        cloud = belief.remove_robot_points(robot, cloud, estimate, noise)
         if self._corrector is not None and belief.located[robot]:
             start_time = time.perf_counter()
             correction = self._corrector.correct(robot, belief.joints[robot], cloud, belief.map)
@@ -161,8 +157,8 @@ class TeamLocalizer:
         """
         self.registration_times = []
         last_scans = {}
-        for robot, known in enumerate(belief.located):
-            if known:
+        for robot, is_located in enumerate(belief.located):
+            if is_located:
                 continue
             start_time = time.perf_counter()
             own = [record for record in self._recorded_scans if record.robot == robot]
@@ -216,13 +212,14 @@ class TeamLocalizer:
     def _rebuild_team_map(self, belief: FieldBelief) -> None:
         """Make the team's map from the scans of all located robots."""
         located, s = belief.located, self._settings
-        bases = [v.T_world_base for v, known in zip(belief.vehicles, located, strict=True) if known]
+        pairs = zip(belief.vehicles, located, strict=True)
+        bases = [vehicle.T_world_base for vehicle, is_located in pairs if is_located]
         belief.map.clear()
         belief.map.mark_free(initial_free_voxels(belief.map.grid, bases, s.initial_free_radius))
         for robot, cloud, joints, _, estimate in self._recorded_scans:
             if located[robot]:
                 past_belief = belief.with_poses(joints)
-                cloud = without_robots(past_belief, robot, cloud, estimate, s.noise)
+                cloud = past_belief.remove_robot_points(robot, cloud, estimate, s.noise)
                 scan = transform_cloud(cloud, estimate.pose, s.noise, estimate.covariance)
                 belief.map.integrate(scan)
 
@@ -231,12 +228,12 @@ def _integrate(belief: FieldBelief, scans: Sequence[Scan]) -> list[ScanGain]:
     """Fuse each scan into the map that its robot plans on, all of the team's map at once."""
     if all(belief.located):
         return belief.map.integrate(scans)
-    shared = [robot for robot, known in enumerate(belief.located) if known]
+    shared = [robot for robot, is_located in enumerate(belief.located) if is_located]
     shared_gains = belief.map.integrate([scans[robot] for robot in shared])
     gains = dict(zip(shared, shared_gains, strict=True))
     return [
-        gains[robot] if known else belief.planning_map(robot).integrate(scan)[0]
-        for robot, (scan, known) in enumerate(zip(scans, belief.located, strict=True))
+        gains[robot] if is_located else belief.planning_map(robot).integrate(scan)[0]
+        for robot, (scan, is_located) in enumerate(zip(scans, belief.located, strict=True))
     ]
 
 

@@ -25,9 +25,9 @@ class Crop(NamedTuple):
     def around(cls, grid: VoxelGrid, T_world_base: Pose, cells: tuple[int, int], pool: int) -> Crop:
         """The crop of V, Z = `cells` cells around a base, each `pool` voxels wide and high.
 
-        Cell [z, i, j] is centred (i + 1/2 - V/2) cells ahead of the base and (j + 1/2 - V/2) to its
-        left, and (z + 1/2) cells above the bottom of the grid. It covers the voxels nearest to
-        pool**3 points that are spread evenly over it.
+        The center of cell [z, i, j] is (i + 1/2 - V/2) cells ahead of the base, (j + 1/2 - V/2) to
+        its left, and (z + 1/2) cells above the bottom of the grid. The cell covers the voxels
+        nearest to pool**3 points that are spread evenly over it.
         """
         side, height = cells
         along = (np.arange(side * pool) + 0.5 - side * pool / 2) * grid.resolution
@@ -62,7 +62,7 @@ class CropScale(NamedTuple):
     """Layers of voxels in a cell."""
     clamp: int
     """Highest log-odds in fixed point."""
-    gray_values: NDArray[np.uint8]
+    byte_of_log_odds: NDArray[np.uint8]
     """255 P, rounded, of each log-odds value in fixed point (2 clamp + 1,)."""
     fractions: NDArray[np.uint8]
     """255 times the sampled fraction, rounded down, of each number of sampled voxels."""
@@ -80,7 +80,7 @@ def _write_column(
         for b in range(1, pooling):
             count += buffers.counts[a + np.uint64(b)]
             top = max(top, buffers.highest[a + np.uint64(b)])
-        out[z, i, j] = scale.gray_values[np.uint64((top if count else 0) + scale.clamp)]
+        out[z, i, j] = scale.byte_of_log_odds[np.uint64((top if count else 0) + scale.clamp)]
         out[depth + z, i, j] = scale.fractions[np.uint64(count)]
 
 
@@ -89,13 +89,13 @@ def write_crop(
     arrays: MapArrays,
     crop: Crop,
     pooling: int,
-    gray_values: NDArray[np.uint8],
+    byte_of_log_odds: NDArray[np.uint8],
     out: NDArray[np.uint8],
 ) -> None:
     """Fill `out` (2 Z, V, V): highest occupancy of the sampled voxels, and their fraction.
 
-    `gray_values` holds 255 P of each log-odds value. A column is read in the order of memory, which
-    takes half of the time of going from cell to cell.
+    `byte_of_log_odds` holds 255 P of each log-odds value. A column is read in the order of memory,
+    which is faster than going from cell to cell.
     """
     log_odds_fixed, sampled, columns = arrays.log_odds_fixed, arrays.sampled_mask, crop.columns
     side, _, k = columns.shape
@@ -104,7 +104,7 @@ def write_crop(
     counts = np.empty(n, np.int32)
     lowest = np.int32(-arrays.clamp)
     fractions = (255 * np.arange(k * pooling + 1) // (k * pooling)).astype(np.uint8)
-    scale = CropScale(pooling, arrays.clamp, gray_values, fractions)
+    scale = CropScale(pooling, arrays.clamp, byte_of_log_odds, fractions)
     buffers = ColumnBuffers(highest, counts)
     for i in range(side):
         for j in range(side):

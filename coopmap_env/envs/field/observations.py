@@ -34,7 +34,7 @@ zeros until both robots are located.
 With ``initialization="search"``, ``located``: int8 (n_robots,), 1 for each located robot, the own
 one first, teammates as above. Until a robot is located, ``map`` shows its own map.
 
-In "candidates" mode also ``candidates``: float32 (m, n + 11), zeros where masked, and
+In "candidates" mode also ``candidates``: float32 (m, n + 11) for n joints, zeros where masked, and
 ``action_mask``: int8 (m,), 1 where the candidate can be taken.
 
 ==========  =====================================================================
@@ -43,8 +43,8 @@ index       content
 0 ... n-1   joints, as above
 n ... n+5   position and optical axis of the camera there, as 0 - 5 of ``camera``
 n+6         NI (Eqs. 6-8) as a fraction of its maximum, ln(n_gray_bins)
-n+7         motion cost K d**n (Eqs. 5, 9) as a fraction of ln(n_gray_bins), at most 10
-n+8         P at the camera position
+n+7         motion cost (Eqs. 5, 9) as a fraction of ln(n_gray_bins), at most 10
+n+8         P(occupied) at the camera position
 n+9         rating (Eq. 9) as a fraction of ln(n_gray_bins), at least -10
 n+10        never-sampled voxels in view, as a fraction of the most it can see
 ==========  =====================================================================
@@ -69,7 +69,7 @@ from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 FEATURE_LIMIT = 10.0
 N_CAMERA_VALUES = 9
-N_RATING_FEATURES = 11
+N_POSE_AND_RATING_FEATURES = 11
 """Features of a candidate besides its joints."""
 
 
@@ -103,9 +103,11 @@ class FieldObserver:
         self._n_joints = tuple(n_joints)
         self._n_candidates = n_candidates
         self._diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
-        self._gray_values = np.round(255 * settings.log_odds_range.probability).astype(np.uint8)
+        self._byte_of_log_odds = np.round(255 * settings.log_odds_range.probability).astype(
+            np.uint8
+        )
         self._crops: dict[int, tuple[Pose, Crop]] = {}
-        self._scale = math.log(settings.rating.n_gray_bins)
+        self._max_information = math.log(settings.rating.n_gray_bins)
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
@@ -122,7 +124,7 @@ class FieldObserver:
             parts["located"] = spaces.Box(0, 1, (1 + n_others,), np.int8)
         if m is not None:
             parts["candidates"] = spaces.Box(
-                -FEATURE_LIMIT, FEATURE_LIMIT, (m, n + N_RATING_FEATURES), np.float32
+                -FEATURE_LIMIT, FEATURE_LIMIT, (m, n + N_POSE_AND_RATING_FEATURES), np.float32
             )
             parts["action_mask"] = spaces.Box(0, 1, (m,), np.int8)
         return spaces.Dict(parts)
@@ -183,7 +185,8 @@ class FieldObserver:
         if belief.candidates is not None and self._n_candidates is not None:
             candidates = belief.candidates[robot]
             features = np.zeros(
-                (self._n_candidates, self._n_joints[robot] + N_RATING_FEATURES), dtype=np.float32
+                (self._n_candidates, self._n_joints[robot] + N_POSE_AND_RATING_FEATURES),
+                dtype=np.float32,
             )
             if len(candidates):
                 features[: len(candidates)] = self._candidate_features(belief, robot, candidates)
@@ -205,7 +208,7 @@ class FieldObserver:
         side, height = self._settings.crop_cells
         out = np.empty((2 * height, side, side), dtype=np.uint8)
         pooling = self._settings.crop_pooling
-        write_crop(map_.arrays, crop, pooling, self._gray_values, out)
+        write_crop(map_.arrays, crop, pooling, self._byte_of_log_odds, out)
         return out
 
     def _candidate_features(
@@ -215,15 +218,15 @@ class FieldObserver:
         rated, unknown = belief.rate_with_unknown_fraction(robot, candidates)
         rotations, translations = vehicle.camera_poses(candidates)
         base = vehicle.T_world_base
-        out = np.empty((len(candidates), n + N_RATING_FEATURES), dtype=np.float32)
+        out = np.empty((len(candidates), n + N_POSE_AND_RATING_FEATURES), dtype=np.float32)
         out[:, :n] = belief.joint_spaces[robot].normalize(candidates)
         position = (translations - base.translation) @ base.rotation
         out[:, n : n + 3] = position / self._settings.camera.depth_of_field
         out[:, n + 3 : n + 6] = rotations[:, :, 0] @ base.rotation
-        out[:, n + 6] = rated.new_information / self._scale
-        out[:, n + 7] = np.minimum(rated.motion_cost / self._scale, FEATURE_LIMIT)
+        out[:, n + 6] = rated.new_information / self._max_information
+        out[:, n + 7] = np.minimum(rated.motion_cost / self._max_information, FEATURE_LIMIT)
         out[:, n + 8] = rated.occupancy
-        out[:, n + 9] = np.maximum(rated.rating / self._scale, -FEATURE_LIMIT)
+        out[:, n + 9] = np.maximum(rated.rating / self._max_information, -FEATURE_LIMIT)
         out[:, n + 10] = unknown
         return out
 

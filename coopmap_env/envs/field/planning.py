@@ -1,4 +1,4 @@
-"""What single planners ask of a field belief."""
+"""Operations on field beliefs that only some baselines need."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.reachability import Joints
+from coopmap_env.envs.field.team_state import Joints
 from coopmap_env.information import (
     FieldMutualInformation,
     FieldRatingFunction,

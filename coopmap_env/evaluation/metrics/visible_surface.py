@@ -4,7 +4,7 @@ A point is visible if a camera at some feasible pose has it in its image, betwee
 and without an occluder. A fixed number of random poses of each vehicle, uniform within the joint
 limits, stands for all poses; see `N_POSES`.
 
-A pose is feasible if it is free of collisions (constraint i) on a map of the true occupancy: the
+A pose is feasible if it is free of collisions on a map of the true occupancy: the
 links keep clear of each occupied voxel, of each other, and of the grid's border. Whether a
 collision-free path leads to the pose is not checked. Robots, the own one included, neither occlude
 nor obstruct. So a team may be unable to cover all visible points. Points that only poses between

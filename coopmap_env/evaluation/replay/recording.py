@@ -105,7 +105,7 @@ class Replay:
             if len(shape) != 3 or shape[1:] != (3, 3):
                 raise ValueError(f"Replay.{name} must be triangles (m, 3, 3), got {shape}")
         if len(self.target) == 0:
-            raise ValueError("Replay.target must have triangles: the view is centred on it")
+            raise ValueError("Replay.target must have triangles: the view is centered on it")
         if len(self.frames) < 2:
             raise ValueError(
                 f"a replay needs a start and at least one scan, got {len(self.frames)}"

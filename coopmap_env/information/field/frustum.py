@@ -2,7 +2,7 @@
 
 Everything is in *cells*: lengths divided by the resolution, positions from the grid's lower corner.
 A voxel belongs to a view if its center lies in the field of view, not nearer than `near` and not
-further than `far`. The flat number of a voxel runs along z, so a view is a set of runs, one for
+further than `far`. The flat index of a voxel runs along z, so a view is a set of runs, one for
 each vertical column: what the four planes and the two spheres leave of it follows from one division
 each, and a walk along a run needs no further test.
 
@@ -26,8 +26,8 @@ from coopmap_env.geometry import RigidTransform
 from coopmap_env.sensing import DepthCamera
 
 MAX_PIXEL_ANGLE = math.radians(2.5)
-"""Of the depth buffer, at most: two and a half default voxels at the default depth of field. Pixels
-of 3.75 degrees are a quarter faster, but let a view pass through a known ground plane."""
+"""Largest angle of a pixel of the depth buffer: two and a half default voxels at the default depth
+of field. Much larger pixels let a view pass through a known ground plane."""
 MIN_DISTANCE = 1e-6
 """Cells: nearer centers are never seen, so that a depth is never zero."""
 MIN_SLOPE = 1e-12
@@ -50,10 +50,14 @@ class FrustumGeometry(NamedTuple):
 
 
 class FrustumRuns(NamedTuple):
-    """Voxel runs of a frustum, each along z; arrays (max_runs,)."""
+    """Voxel runs of a frustum, each along z; arrays (max_runs,).
+
+    ``half_height**2 + horizontal_quarters``, rounded down, is the squared distance of a voxel in
+    quarters of a squared cell: tables by distance are indexed by it.
+    """
 
     first: NDArray[np.int64]
-    """Flat number of the first voxel."""
+    """Flat index of the first voxel."""
     length: NDArray[np.int64]
     """Number of voxels."""
     x: NDArray[np.float64]
@@ -62,11 +66,10 @@ class FrustumRuns(NamedTuple):
     """U of the first voxel's center."""
     v: NDArray[np.float64]
     """V of the first voxel's center."""
-    height: NDArray[np.float64]
-    """Of the first voxel's center above the camera, half cells."""
-    horizontal: NDArray[np.float64]
-    """Squared horizontal distance from the camera, quarters of a squared cell. Plus the squared
-    height it is the squared distance in quarters."""
+    half_height: NDArray[np.float64]
+    """Height of the first voxel's center above the camera, half cells."""
+    horizontal_quarters: NDArray[np.float64]
+    """Squared horizontal distance from the camera, quarters of a squared cell."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Frustum:
     """What a camera could see in empty space, on cells of one size."""
 
     tangents: tuple[float, float]
-    """Of half the horizontal and half the vertical field of view."""
+    """Tangents of half the horizontal and half the vertical field of view."""
     near: float
     """Cells, distance from the camera."""
     far: float
@@ -195,7 +198,7 @@ def _write_run(
     runs.x[n] = rows[0, 0] * dx + rows[0, 1] * dy + rows[0, 2] * dz
     runs.u[n] = rows[1, 0] * dx + rows[1, 1] * dy + rows[1, 2] * dz
     runs.v[n] = rows[2, 0] * dx + rows[2, 1] * dy + rows[2, 2] * dz
-    runs.height[n], runs.horizontal[n] = 2.0 * dz, 4.0 * (dx * dx + dy * dy)
+    runs.half_height[n], runs.horizontal_quarters[n] = 2.0 * dz, 4.0 * (dx * dx + dy * dy)
 
 
 @kernel

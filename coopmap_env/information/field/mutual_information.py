@@ -60,13 +60,16 @@ class FieldMutualInformation:
         On the pooled map a block counts as its eight voxels, and hides as two in a row would.
         """
         coarse = context.coarse
-        tables, arrays, reserved = self._rating.view_tables(map_, context.reserved_mask, coarse)
-        cameras, spheres = tables.poses(poses), tables.spheres(context.occluder_spheres)
+        tables, arrays, reserved = self._rating.checked_inputs(map_, context.reserved_mask, coarse)
+        cameras, spheres = (
+            tables.to_cell_poses(poses),
+            tables.to_cell_spheres(context.occluder_spheres),
+        )
         out = np.empty(len(cameras.positions))
         model = CellModel.of_map(map_.log_odds_range, self._prior, self._known_probability)
         if coarse:
             model = model._replace(prior=1.0 - (1.0 - self._prior) ** 2)
-        mutual_information(arrays, reserved, cameras, spheres, tables.camera, model, out)
+        write_mutual_information(arrays, reserved, cameras, spheres, tables.camera, model, out)
         return out * (8.0 if coarse else 1.0)
 
 
@@ -172,7 +175,7 @@ def _pixel_reach_probabilities(
 
 
 @kernel
-def mutual_information(
+def write_mutual_information(
     arrays: MapArrays,
     reserved_mask: NDArray[np.uint8],
     poses: PoseArrays,

@@ -89,7 +89,7 @@ class FieldRatingFunction:
         self, map_: OccupancyMap, poses: CameraPoses, context: ViewContext = WHOLE_VIEW
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """`new_information` and `count_unknown_cells` of poses, in one pass over the map."""
-        tables, arrays, reserved = self.view_tables(map_, context.reserved_mask, context.coarse)
+        tables, arrays, reserved = self.checked_inputs(map_, context.reserved_mask, context.coarse)
         histogram = tables.histograms(arrays, reserved, poses, context.occluder_spheres)
         unknown = histogram[:, tables.gray.n_bins :].sum(axis=1) * (8 if context.coarse else 1)
         return tables.entropies(histogram), np.asarray(unknown)
@@ -100,11 +100,11 @@ class FieldRatingFunction:
         pose: tuple[ArrayLike, ArrayLike],
         context: ViewContext = WHOLE_VIEW,
     ) -> NDArray[np.int32]:
-        """Flat numbers of the voxels that a pose (R, t) would see on the known map, by column.
+        """Flat indices of the voxels that a pose (R, t) would see on the known map, by column.
 
         Reserved voxels are included, and the resolution is that of the map.
         """
-        tables, arrays, _ = self.view_tables(map_)
+        tables, arrays, _ = self.checked_inputs(map_)
         return tables.visible_voxels(arrays, pose, context.occluder_spheres)[0]
 
     def sequential_new_information(
@@ -117,9 +117,9 @@ class FieldRatingFunction:
 
         `occluder_spheres` are, for each robot, the spheres of its teammates.
         """
-        tables, arrays, reserved = self.view_tables(map_, self._sequential_mask)
+        tables, arrays, reserved = self.checked_inputs(map_, self._sequential_mask)
         rotations, translations = np.asarray(poses[0]), np.asarray(poses[1])
-        tables.poses(poses)  # validated together, before the first is evaluated
+        tables.to_cell_poses(poses)  # validated together, before the first is evaluated
         histogram = np.zeros((len(rotations), 2 * tables.gray.n_bins), dtype=np.int64)
         views = []
         try:
@@ -181,7 +181,7 @@ class FieldRatingFunction:
         p[inside] = map_.log_odds_range.probability[log_odds_fixed + map_.log_odds_range.clamp]
         return p
 
-    def view_tables(
+    def checked_inputs(
         self, map_: OccupancyMap, reserved_mask: ReservedMask = None, coarse: bool = False
     ) -> tuple[ViewTables, MapArrays, NDArray[np.uint8]]:
         """The camera, the map's arrays and the reserved mask, at full resolution or pooled.

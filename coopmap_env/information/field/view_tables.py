@@ -13,9 +13,9 @@ from coopmap_env.information.field.depth_buffer import CameraArrays, SphereArray
 from coopmap_env.information.field.frustum import MAX_PIXEL_ANGLE, Frustum
 from coopmap_env.information.field.views import (
     PoseArrays,
-    entropies,
     find_visible_voxels,
-    histograms,
+    write_entropies,
+    write_histograms,
 )
 from coopmap_env.information.gray_levels import GrayBins, GrayLevelTable
 from coopmap_env.information.ratings import CameraPoses, Spheres
@@ -62,7 +62,7 @@ class ViewTables:
         """The gray levels as kernels take them."""
         return self.gray_levels.arrays(self.frustum.max_visible_cells)
 
-    def spheres(self, spheres: Spheres | None) -> SphereArrays:
+    def to_cell_spheres(self, spheres: Spheres | None) -> SphereArrays:
         """Spheres in cells of the grid.
 
         Raises
@@ -84,7 +84,7 @@ class ViewTables:
             )
         return SphereArrays(self.grid.to_cell_units(centers), radii / self.grid.resolution)
 
-    def poses(self, poses: CameraPoses) -> PoseArrays:
+    def to_cell_poses(self, poses: CameraPoses) -> PoseArrays:
         """Camera poses in cells of the grid.
 
         Raises
@@ -111,10 +111,10 @@ class ViewTables:
         occluder_spheres: Spheres | None,
     ) -> NDArray[np.int64]:
         """Gray levels in view of each pose, (k, 2 n_gray_bins): sampled voxels, then unknown."""
-        cameras = self.poses(poses)
+        cameras = self.to_cell_poses(poses)
         out = np.empty((len(cameras.positions), 2 * self.gray.n_bins), dtype=np.int64)
-        spheres = self.spheres(occluder_spheres)
-        histograms(arrays, reserved_mask, cameras, spheres, self.camera, self.gray, out)
+        spheres = self.to_cell_spheres(occluder_spheres)
+        write_histograms(arrays, reserved_mask, cameras, spheres, self.camera, self.gray, out)
         return out
 
     def visible_voxels(
@@ -123,13 +123,15 @@ class ViewTables:
         pose: tuple[ArrayLike, ArrayLike],
         occluder_spheres: Spheres | None,
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Flat numbers of the voxels in view, and their squared distances in quarters."""
-        (R,), (position,) = self.poses((np.asarray(pose[0])[None], np.asarray(pose[1])[None]))
-        spheres = self.spheres(occluder_spheres)
+        """Flat indices of the voxels in view, and their squared distances in quarters."""
+        (R,), (position,) = self.to_cell_poses(
+            (np.asarray(pose[0])[None], np.asarray(pose[1])[None])
+        )
+        spheres = self.to_cell_spheres(occluder_spheres)
         return find_visible_voxels(arrays, RigidTransform(R, position), spheres, self.camera)
 
     def entropies(self, histogram: NDArray[np.int64]) -> NDArray[np.float64]:
         """NI (Eqs. 6, 7) of each row of `histograms`, nats, shape (k,)."""
         out = np.empty(len(histogram))
-        entropies(histogram, self.gray.entropy_terms, out)
+        write_entropies(histogram, self.gray.entropy_terms, out)
         return out

@@ -1,8 +1,8 @@
 """Kernels over the voxels that camera poses would see on the known map.
 
 First the depth buffer of the pose, then one pass along the runs of its frustum: a voxel is visible
-if its depth is within the limit of its pixel. Sparse rays would miss half of the visible voxels,
-dense ones cost six times as much.
+if its depth is within the limit of its pixel. Sparse rays would miss visible voxels, and dense ones
+are slower.
 
 All lengths are in cells of the grid. The tables of `GrayBins` are indexed by the squared distance
 in quarters of a squared cell. `reserved_mask` is 1 at voxels that are not counted.
@@ -29,7 +29,7 @@ from coopmap_env.information.gray_levels import GrayBins
 from coopmap_env.mapping import MapArrays
 
 MIN_VIEWS_FOR_BOX = 8
-"""Views for which it pays to find the box of the occluders: 200 us against 50 us each."""
+"""Views from which on it pays to find the box of the occluders first."""
 
 
 class PoseArrays(NamedTuple):
@@ -103,7 +103,7 @@ def _add_to_histogram(
     gray: GrayBins,
     counts: NDArray[np.int64],
 ) -> None:
-    """Add one view of n runs to its histogram (see `histograms`)."""
+    """Add one view of n runs to its histogram (see `write_histograms`)."""
     log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
     table, distance_class, unknown_bin = gray.sampled, gray.distance_class, gray.unknown
     limits, runs = view.limits, view.runs
@@ -111,14 +111,14 @@ def _add_to_histogram(
     step_x, step_u, step_v = step[0], step[1], step[2]
     for r in range(n):
         X, U, V = runs.x[r], runs.u[r], runs.v[r]
-        height, horizontal = runs.height[r], runs.horizontal[r]
+        half_height, horizontal = runs.half_height[r], runs.horizontal_quarters[r]
         first = np.uint64(runs.first[r])  # the compiler guards signed indices against negative ones
         for cell in range(first, first + np.uint64(runs.length[r])):
             inverse = 1.0 / X
             depth = limits[np.uint64(int(U * inverse) * stride + int(V * inverse))]
             if depth >= X:  # noqa: SIM102 - nested is faster
                 if not reserved_mask[cell]:
-                    d = np.uint64(height * height + horizontal)
+                    d = np.uint64(half_height * half_height + horizontal)
                     if sampled[cell]:
                         row = np.uint64(distance_class[d])
                         column = np.uint64(log_odds_fixed[cell] + clamp)
@@ -128,11 +128,11 @@ def _add_to_histogram(
             X += step_x
             U += step_u
             V += step_v
-            height += 2.0
+            half_height += 2.0
 
 
 @kernel
-def histograms(
+def write_histograms(
     arrays: MapArrays,
     reserved_mask: NDArray[np.uint8],
     poses: PoseArrays,
@@ -163,7 +163,7 @@ def histograms(
 def find_visible_voxels(
     arrays: MapArrays, pose: RigidTransform, spheres: SphereArrays, camera: CameraArrays
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Visible voxels of one pose: flat numbers, and squared distances in quarters."""
+    """Visible voxels of one pose: flat indices, and squared distances in quarters."""
     view = allocate_view(camera)
     limits, runs = view.limits, view.runs
     stride = camera.frustum.height + 1
@@ -175,16 +175,16 @@ def find_visible_voxels(
     count = 0
     for r in range(n):
         X, U, V = runs.x[r], runs.u[r], runs.v[r]
-        height, horizontal = runs.height[r], runs.horizontal[r]
+        half_height, horizontal = runs.half_height[r], runs.horizontal_quarters[r]
         for cell in range(runs.first[r], runs.first[r] + runs.length[r]):
             inverse = 1.0 / X
-            cells[count], distances[count] = cell, int(height * height + horizontal)
+            cells[count], distances[count] = cell, int(half_height * half_height + horizontal)
             # the next one is written over it unless it is visible
             count += limits[int(U * inverse) * stride + int(V * inverse)] >= X
             X += step[0]
             U += step[1]
             V += step[2]
-            height += 2.0
+            half_height += 2.0
     return cells[:count], distances[:count]
 
 
@@ -197,7 +197,7 @@ def view_histogram(
     gray: GrayBins,
     counts: NDArray[np.int64],
 ) -> None:
-    """As `histograms`, from the voxels of a view that is known already."""
+    """As `write_histograms`, from the voxels of a view that is known already."""
     log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
     n_gray_bins = len(counts) // 2
     for v in range(len(cells)):
@@ -217,10 +217,10 @@ def fill_mask(mask: NDArray[np.uint8], cells: NDArray[np.int32], value: int) -> 
 
 
 @kernel
-def entropies(
+def write_entropies(
     histogram: NDArray[np.int64], entropy_terms: NDArray[np.float64], out: NDArray[np.float64]
 ) -> None:
-    """Write NI (Eq. 6) of each row of `histograms`; a bin with N or more has no entropy."""
+    """Write NI (Eq. 6) of each row of `write_histograms`; a bin with N or more has no entropy."""
     n_gray_bins = histogram.shape[1] // 2
     full = len(entropy_terms) - 1
     for p in range(len(histogram)):

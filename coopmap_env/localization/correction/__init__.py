@@ -1,1 +1,1 @@
-"""Correction of camera poses after a motion, by fiducials (2.5)."""
+"""Correction of camera poses after a motion, by fiducials (Section 2.5)."""

@@ -46,7 +46,7 @@ class PatchScan(NamedTuple):
     optical_axis: Array
     """Shape (3,): world frame."""
     lateral_ratio: float
-    """Of Eq. 1: error across the optical axis, as a fraction of that along it."""
+    """Error across the optical axis (Eq. 1), as a fraction of that along it."""
 
 
 class PatchSources(NamedTuple):

@@ -1,4 +1,4 @@
-"""Correction of the camera pose after a motion, by fiducials (2.5).
+"""Correction of the camera pose after a motion, by fiducials (Section 2.5).
 
 Mounts have calibration errors and suspensions give way, so encoders predict a camera's pose only
 roughly. Earlier scans and the known target measure it better. Fiducials are selected in the map and
@@ -83,7 +83,7 @@ class PoseCorrection(NamedTuple):
     predicted: PoseEstimate
     """T_world_camera by the encoders, with the estimates of base and offsets so far."""
     n_directions: int
-    """Of the pose's six: how many the fiducials determine better than the prediction does."""
+    """How many of the pose's six directions the fiducials determine better than the prediction."""
     reason: str
     """Why nothing was corrected; empty if it was."""
     matches: FiducialMatches

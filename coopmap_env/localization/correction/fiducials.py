@@ -1,4 +1,4 @@
-"""Fiducials from the probabilistic map (section 2.5): peaks, the balls around them, their choice.
+"""Fiducials from the probabilistic map (Section 2.5): peaks, the balls around them, their choice.
 
 Local peaks of the map are potential fiducials. At each, spherical expansion finds the largest ball
 inside which values fall off outwards; the nearest voxel beyond it is the first that increases
@@ -48,7 +48,7 @@ class FiducialSettings(Settings):
     max_fiducials: PositiveInt = 32
     """The error of a pose falls with their root, the time to track them grows with them."""
     min_peak_probability: Annotated[float, Bounds(above=0.5, below=1)] = 0.9
-    """More certain voxels are better fiducials (section 2.5). 0.6 would hardly add any, for next
+    """More certain voxels are better fiducials (Section 2.5). 0.6 would hardly add any, for next
     to a surface most voxels have a more certain neighbour."""
     min_rise: Probability = 0.05
     """Probability by which a value must exceed that of its neighbour nearer to the peak to end the
@@ -62,7 +62,7 @@ class FiducialSettings(Settings):
     """Metres from the camera: there the range error of Eq. 1 is 4 cm, twice as large as that of a
     position predicted from the encoders."""
     border_fraction: Probability = 0.1
-    """Of the half field of view, at its edge, where no new ones are selected: they would soon
+    """Part of the half field of view, at its edge, where none is newly selected: it would soon
     leave the view, and half of their region may be outside."""
     occlusion_tolerance: NonNegative = 0.3
     """Metres in front of a fiducial in which occupied voxels do not hide it: a ray that meets the
@@ -101,7 +101,7 @@ def select_fiducials(
     settings: FiducialSettings | None = None,
     previous: Fiducials | None = None,
 ) -> Fiducials:
-    """Select the fiducials that a camera is expected to see from a pose (section 2.5).
+    """Select the fiducials that a camera is expected to see from a pose (Section 2.5).
 
     A fiducial is in view if its position lies in the field of view and within range, and no
     occupied voxel (sampled, P >= 1/2) lies between.

@@ -1,4 +1,4 @@
-"""Fiducials on the known target, whose geometry is exact (2.1).
+"""Fiducials on the known target, whose geometry is exact (Section 2.1).
 
 Its surface is divided into patches, each around one of evenly spaced points. A pixel belongs to the
 nearest of them, unless its point is far from the surface that it should see there, the measured
@@ -157,7 +157,7 @@ def label_target_pixels(
 
 @inlined_kernel
 def _nearest(centers: Array, q: Array) -> int:
-    """Index of the centre (k, 3) that is nearest to a point (3,)."""
+    """Index of the center (k, 3) that is nearest to a point (3,)."""
     least, nearest = np.inf, -1
     for c in range(len(centers)):
         square = (

@@ -23,7 +23,7 @@ from coopmap_env.sensing import DepthCamera, RangeNoise
 OVERLAP_STRIDE = 5
 """One pixel in so many counts towards the overlap of two scans."""
 MIN_OVERLAP = 3
-"""Of these pixels: with fewer, a keyframe is not compared."""
+"""Least of these pixels: with fewer, a keyframe is not compared."""
 
 
 class PatchMatcher:

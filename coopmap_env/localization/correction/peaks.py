@@ -68,7 +68,7 @@ class SelectionLimits(NamedTuple):
     min_log_odds: int
     """In fixed point."""
     border_fraction: float
-    """Of the half field of view, at its edge, where no new ones are selected."""
+    """Part of the half field of view, at its edge, where no new ones are selected."""
     min_spacing: float
     """Cells between new ones and all others."""
     occlusion_tolerance: float

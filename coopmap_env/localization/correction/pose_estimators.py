@@ -282,8 +282,8 @@ def _validated_pairs(base_points: ArrayLike, observed_points: ArrayLike) -> tupl
 def _eigenvalue_ratios(points: Array, weights: Array | None = None) -> tuple[float, float]:
     """Smallest and middle eigenvalue of the points' scatter, over the largest."""
     w = np.ones(len(points)) if weights is None else weights
-    centred = points - w @ points / w.sum()
-    smallest, second, largest = np.linalg.eigvalsh(centred.T @ (w[:, None] * centred))
+    centered = points - w @ points / w.sum()
+    smallest, second, largest = np.linalg.eigvalsh(centered.T @ (w[:, None] * centered))
     return (smallest / largest, second / largest) if largest > 0 else (0.0, 0.0)
 
 

@@ -20,7 +20,7 @@ class CorrectionSettings(Settings):
     min_fiducials: PositiveInt = 3
     """With fewer, the pose stays as predicted."""
     min_patch_pixels: PositiveInt = 6
-    """Of a patch that counts: in a smaller one, a wrong pixel decides."""
+    """Least pixels of a patch that counts: in a smaller one, a wrong pixel decides."""
     patch_model_std: NonNegative = 0.0005
     """Metres by which a patch may be off for other reasons than its pixels' noise: surfaces are
     sampled by pixels, and normals differ a little inside of a patch. Of 0, 0.5 and 1 mm the one
@@ -44,4 +44,5 @@ class CorrectionSettings(Settings):
     target_spacing: Positive = 0.4
     """Metres between the fiducials on the known target."""
     iterations: PositiveInt = 5
-    """Of associating pixels and solving; the last ones move the camera by less than 0.1 mm."""
+    """Rounds of associating pixels and solving; the last ones move the camera by less than 0.1
+    mm."""

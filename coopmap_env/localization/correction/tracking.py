@@ -1,4 +1,4 @@
-"""Fiducials in a depth image: tracking by region growing (section 2.5).
+"""Fiducials in a depth image: tracking by region growing (Section 2.5).
 
 The predicted pose of the camera says where a fiducial is expected: the seed is the measured point
 nearest to the prediction. From there the region grows from pixel to pixel, up, down, left and
@@ -39,8 +39,8 @@ class TrackingSettings(Settings):
     """Where a fiducial is expected, and where its region ends."""
 
     min_pixels: PositiveInt = 4
-    """Of a region: fewer may be edges of something else, and their mean is hardly better than a
-    single point."""
+    """Least pixels of a region: fewer may be edges of something else, with a mean hardly better
+    than a single point."""
     gate_sigmas: NonNegative = 3.0
     """Standard deviations of the prediction, beyond the fiducial's radius, in which the seed may
     lie."""
@@ -198,7 +198,7 @@ def _in_view(points: Array, camera: DepthCamera) -> Mask:
 def _assign_owners(
     points: Array, seeds: Array, indices: NDArray[np.int64], radii: Array
 ) -> NDArray[np.int64]:
-    """Of each point, the fiducial with the nearest seed, if the point is in its ball; else -1."""
+    """The fiducial with the seed nearest to each point, if the point is in its ball; else -1."""
     if not len(seeds):
         return np.full(len(points), -1)
     distances = cdist(seeds, points)

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
 HALF_DIAGONAL = math.sqrt(3.0) / 2.0
-"""Cells: half the diagonal of a voxel, by which its surface point may lie off its centre."""
+"""Cells: half the diagonal of a voxel, by which its surface point may lie off its center."""
 
 
 class Frustum(NamedTuple):
@@ -94,7 +94,7 @@ def _side_planes(frustum: Frustum, reach: float, planes: Array, low: Array, high
 
 @kernel
 def _first_column(low: Array, position: Array, reach: float, axis: int) -> int:
-    """First column whose centre is inside the frustum's box and sphere along an axis."""
+    """First column whose center is inside the frustum's box and sphere along an axis."""
     return max(0, math.ceil(max(low[axis] - HALF_DIAGONAL, position[axis] - reach) - 0.5))
 
 

@@ -1,1 +1,1 @@
-"""Target registration (2.2): a robot's base pose, from scans of the known target."""
+"""Target registration (Section 2.2): a robot's base pose, from scans of the known target."""

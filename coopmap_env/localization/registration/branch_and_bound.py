@@ -33,11 +33,11 @@ class SearchGrid(NamedTuple):
     yaws: Array
     """Headings, radians."""
     center: Array
-    """Shape (2,): centre of the target, metres."""
+    """Shape (2,): center of the target, metres."""
     min_distance: float
-    """Metres from the centre, inner radius of the ring."""
+    """Metres from the center, inner radius of the ring."""
     max_distance: float
-    """Metres from the centre, outer radius of the ring."""
+    """Metres from the center, outer radius of the ring."""
 
 
 class SearchLimits(NamedTuple):

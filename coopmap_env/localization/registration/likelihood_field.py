@@ -91,7 +91,7 @@ class DistanceField(NamedTuple):
 def distance_field(model: TargetModel, cell: float, padding: float) -> DistanceField:
     """The distance field of a target's bounding box and some padding around it, metres.
 
-    Cached, because it takes 5 ms.
+    Cached, because it takes long.
     """
     origin = model.bounds[0] - padding
     shape = np.ceil((model.bounds[1] + padding - origin) / cell).astype(int)

@@ -1,4 +1,4 @@
-"""Target registration: the pose of a robot's base from views of the known target (2.2).
+"""Target registration: the pose of a robot's base from views of the known target (Section 2.2).
 
 The search gives hypotheses, which are aligned and compared with every pixel. The best one must fit,
 be fully determined and clearly better than all others. Otherwise the robot is not located yet; it
@@ -49,7 +49,7 @@ _SLIDE_DISTANCES = (0.07, 0.15, 0.3)
 _MAX_SLIDES = 3
 """Rounds of such moves."""
 _HALF_TURNS = (0.5, 1.0, 1.5)
-"""Half turns about the target's centre: most manufactured objects look alike after one."""
+"""Half turns about the target's center: most manufactured objects look alike after one."""
 _ICP_SPACING = 0.06
 """Metres between the samples of the surface for ICP."""
 _ICP_MAX_CHANGE = (0.3, 0.25)
@@ -83,7 +83,7 @@ class Registration:
     covariance: NDArray[np.float64] | None = None
     """(6, 6) of the base's displacement [translation, rotation vector] in the target's frame."""
     fitness: Fitness | None = None
-    """Of the best hypothesis, accepted or not; None if there is none."""
+    """Fitness of the best hypothesis, accepted or not; None if there is none."""
     equivalent_poses: tuple[Pose, ...] = ()
     """All poses that fit alike with a symmetric target: `T_target_base` first."""
 
@@ -189,7 +189,7 @@ def _align_rivals(
     """Align the likeliest rivals of the best pose too; the best of all, and all of them.
 
     The search may have missed poses that slide along the target's faces, or are rotated about its
-    centre.
+    center.
     """
     found = list(found)
 

@@ -49,13 +49,13 @@ class SearchSettings(Settings):
     """What is searched, how finely, and what counts."""
 
     min_distance: NonNegative = 2.0
-    """Least distance between the base and the target's centre, metres."""
+    """Least distance between the base and the target's center, metres."""
     max_distance: NonNegative = 5.2
     """Largest distance, metres: vehicles stand 2.5 to 4.5 m away."""
     xy_step: Positive = 0.1
     """Metres between neighbouring poses: the alignment converges from twice as far."""
     yaw_step: Positive = math.radians(5.0)
-    """Radians: moves what lies 1.2 m from the target's centre by a step."""
+    """Radians: moves what lies 1.2 m from the target's center by a step."""
     n_levels: PositiveInt = 3
     """Halvings from the largest cells, of 0.8 m, to a step."""
     field_sigma: Positive = 0.08

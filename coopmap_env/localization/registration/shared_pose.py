@@ -35,7 +35,7 @@ class SharedPose(NamedTuple):
     x: Array
     """Displacement (6,) of the base."""
     covariance: Array
-    """Of x, (6, 6)."""
+    """Covariance of x, shape (6, 6)."""
     errors: Array
     """e + e_v of each view, (v, 6)."""
 

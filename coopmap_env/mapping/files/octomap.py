@@ -39,7 +39,7 @@ CENTER_KEY = 1 << 15
 """Key of the voxel whose lower corner is OctoMap's origin; keys are 16 bits."""
 COMMENT_PREFIX = b"# coopmap "
 NODE_BYTES = 5
-"""Of a node in an ``.ot`` file: a float and which children it has."""
+"""Size of a node in an ``.ot`` file: a float and which children it has."""
 MAX_CELLS = 100_000_000
 """Cells: a file of another program whose bounding box is larger is rejected, as maps are dense."""
 

@@ -1,7 +1,7 @@
 """PLY point clouds of the surface estimates, with their covariances as vertex properties.
 
 Each vertex is the merged surface point of one hit cell: x, y, z, the six numbers of its symmetric
-covariance, the cell's occupancy probability and its flat number. Viewers that do not know the
+covariance, the cell's occupancy probability and its flat index. Viewers that do not know the
 extra properties show the points. Binary files, and ASCII ones with 17 digits, keep every bit.
 """
 
@@ -39,7 +39,7 @@ class SurfaceEstimates:
     """Surface estimates of a map; see `OccupancyMap.surfaces`."""
 
     cells: NDArray[np.int64]
-    """Flat numbers (k,)."""
+    """Flat indices (k,)."""
     means: NDArray[np.float64]
     """Merged points (k, D), metres."""
     covariances: NDArray[np.float64]

@@ -58,7 +58,7 @@ class TeamSpheres(NamedTuple):
     """Metres between a sphere and a teammate's."""
 
 
-class Obstacles(NamedTuple):
+class CollisionObstacles(NamedTuple):
     """What a robot may touch besides itself."""
 
     voxels: MapVoxels
@@ -75,7 +75,7 @@ class FirstContacts(NamedTuple):
     other: NDArray[np.int64]
     """Voxel state, own sphere or teammate's sphere that it touches (k,)."""
     free_fraction: NDArray[np.float64]
-    """Of the motion, up to the last waypoint without contact (k,)."""
+    """Fraction of the motion up to the last waypoint without contact (k,)."""
     at_goal: NDArray[np.bool_]
     """Whether the contact is the goal's (k,)."""
     positions: NDArray[np.float64]

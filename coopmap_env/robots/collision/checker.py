@@ -1,4 +1,4 @@
-"""Which mount poses are reached without collision: constraints i and ii of the paper, in 3-D.
+"""Which mount poses are free of collisions and reached by collision-free paths, in 3-D.
 
 A motion is straight in the joints. The decision rests on what the robot knows: its map, its own
 links and the poses of its teammates.
@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.settings import NonNegative, Positive, Settings
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots.collision.arrays import (
+    CollisionObstacles,
     FirstContacts,
     MapVoxels,
-    Obstacles,
     Robot,
     RobotSpheres,
     TeamSpheres,
@@ -33,9 +33,9 @@ from coopmap_env.robots.collision.voxel_states import STATE_NAMES, VoxelStates
 from coopmap_env.robots.vehicle import Vehicle
 
 _MIN_POSES_TO_DILATE = 100
-"""Poses for which the dilated mask pays: 0.1 ms against 1 us for each pose."""
+"""Poses from which on it pays to dilate the mask first."""
 _TYPICAL_WAYPOINTS = 20
-"""Of a motion."""
+"""Waypoints of a typical motion."""
 _NO_NEIGHBORHOOD = np.empty((0, 0, 0), dtype=np.uint8)
 
 
@@ -59,7 +59,7 @@ class CollisionSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Contact:
+class PredictedContact:
     """The first contact on a motion."""
 
     kind: int
@@ -70,7 +70,7 @@ class Contact:
     position: NDArray[np.float64]
     """Shape (3,): of the link's sphere, world frame."""
     free_fraction: float
-    """Of the motion, up to the last waypoint without contact."""
+    """Fraction of the motion up to the last waypoint without contact."""
     at_goal: bool
 
     def __str__(self) -> str:
@@ -116,7 +116,7 @@ class CollisionChecker:
         self._team = TeamSpheres(centers, radii, float(self.settings.team_margin))
 
     def are_poses_free(self, q: ArrayLike) -> NDArray[np.bool_]:
-        """Whether poses (k, n) touch nothing: constraint i, whatever the path."""
+        """Whether poses (k, n) touch nothing, whatever the path."""
         q = np.atleast_2d(self.vehicle.chain.check_limits(q))
         out = np.empty(len(q), dtype=np.bool_)
         are_poses_free(self._robot, self._obstacles(len(q)), q, out)
@@ -129,7 +129,7 @@ class CollisionChecker:
 
     def first_contact(
         self, start: ArrayLike, goal: ArrayLike, goal_first: bool = False
-    ) -> Contact | None:
+    ) -> PredictedContact | None:
         """The first contact on the straight motion between joint values (n,); None if it is free.
 
         Spheres that touch something at the start already, which a new scan may reveal, may move
@@ -152,7 +152,7 @@ class CollisionChecker:
             what = f"its own {links[link[other]]}"
         else:
             what = f"teammate {self._teammate_index[other]}"
-        return Contact(
+        return PredictedContact(
             kind,
             links[link[sphere]],
             what,
@@ -166,7 +166,7 @@ class CollisionChecker:
         contact = self.first_contact(start, goal, goal_first=True)
         return "" if contact is None else str(contact)
 
-    def _obstacles(self, n_poses: int) -> Obstacles:
+    def _obstacles(self, n_poses: int) -> CollisionObstacles:
         """Obstacles for kernels; the dilated mask pays for many poses only."""
         if self._neighborhood is None and n_poses >= _MIN_POSES_TO_DILATE:
             self._neighborhood = self.voxel_states.blocked_neighborhood(self._largest_radius)
@@ -177,7 +177,7 @@ class CollisionChecker:
             1.0 / self.voxel_states.resolution,
             float(self.settings.margin),
         )
-        return Obstacles(voxels, self._team)
+        return CollisionObstacles(voxels, self._team)
 
     def _first_contacts(
         self, start: ArrayLike, goals: ArrayLike, goal_first: bool

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
 from coopmap_env.robots.collision.arrays import (
+    CollisionObstacles,
     FirstContacts,
     MapVoxels,
-    Obstacles,
     Robot,
     RobotSpheres,
     TeamSpheres,
@@ -102,7 +102,7 @@ def pose_contact(
     spheres: RobotSpheres,
     at: NDArray[np.float64],
     start: NDArray[np.float64],
-    obstacles: Obstacles,
+    obstacles: CollisionObstacles,
     ignored: NDArray[np.bool_],
 ) -> tuple[int, int, int]:
     """The first contact of a pose with its spheres `at` (s, 3): kind, sphere, other.
@@ -127,7 +127,7 @@ def pose_contact(
 def mark_initial_contacts(
     spheres: RobotSpheres,
     start: NDArray[np.float64],
-    obstacles: Obstacles,
+    obstacles: CollisionObstacles,
     touching: NDArray[np.bool_],
 ) -> None:
     """Mark the spheres that touch something where the robot already stands."""
@@ -147,7 +147,7 @@ def ignore_unmoved_contacts(
     touching: NDArray[np.bool_],
     out: NDArray[np.bool_],
 ) -> None:
-    """Of the touching spheres, mark those that are at the goal where they are at the start."""
+    """Mark those of the touching spheres that are at the goal where they are at the start."""
     for s in range(spheres.n_static, len(start)):
         out[s] = touching[s] and squared_distance(start, s, goal, s) < step * step
 
@@ -190,7 +190,7 @@ def count_waypoints(
 @kernel
 def first_contact_on_path(
     robot: Robot,
-    obstacles: Obstacles,
+    obstacles: CollisionObstacles,
     q0: NDArray[np.float64],
     q1: NDArray[np.float64],
     step: float,
@@ -222,7 +222,7 @@ def first_contact_on_path(
 @kernel
 def first_contacts(
     robot: Robot,
-    obstacles: Obstacles,
+    obstacles: CollisionObstacles,
     q0: NDArray[np.float64],
     q1: NDArray[np.float64],
     step: float,
@@ -265,7 +265,7 @@ def first_contacts(
 
 @kernel
 def are_poses_free(
-    robot: Robot, obstacles: Obstacles, q: NDArray[np.float64], out: NDArray[np.bool_]
+    robot: Robot, obstacles: CollisionObstacles, q: NDArray[np.float64], out: NDArray[np.bool_]
 ) -> None:
     """Write whether poses q (k, n) are free, wherever the robot comes from, to `out` (k,)."""
     spheres, poses = robot.spheres, base_poses(robot)

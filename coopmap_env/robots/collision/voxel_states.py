@@ -1,10 +1,8 @@
-"""Which voxels around a robot are known to be free: constraints i and ii of the paper, in 3-D.
+"""Which voxels around a robot are known to be free, for collision checking in 3-D.
 
 A voxel is free if it was sampled and P < 0.05, as in 2-D; all others, and all beyond the map, are
 blocked. A sphere is free if it touches no blocked voxel. The voxels themselves are tested, without
-a distance field: the test is exact. For spheres of a voxel or two it is cheaper than the distance
-field, unless ten thousand poses are tested on the same map (SciPy's takes 3.5 ms for 40 x 40 x 40
-voxels; copying their states takes 0.06 ms).
+a distance field: the test is exact and, for spheres of a voxel or two, faster.
 """
 
 from __future__ import annotations

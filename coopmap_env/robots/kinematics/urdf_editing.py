@@ -19,7 +19,8 @@ from coopmap_env.robots.kinematics.urdf import MOVABLE_JOINT_TYPES, joint_transf
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS
 
 TINY_MASS, TINY_INERTIA = 1e-3, 1e-6
-"""Of links without a mass: physics engines read a missing one as 1 kg, and zero as fixed."""
+"""Mass and inertia of links without a mass: physics engines read a missing one as 1 kg, and zero as
+fixed."""
 
 
 def load_urdf_xml(path: str | Path, package_dirs: Sequence[str] = ()) -> ET.Element:

@@ -31,7 +31,7 @@ class PoseLattice:
     """The discrete points of the configuration space that the paper searches.
 
     A camera stands at the center of a cell and faces one of `n_headings` directions. A pose has the
-    id ``cell * n_headings + heading``; the cell is its flat number in the grid.
+    id ``cell * n_headings + heading``; the cell is its flat index in the grid.
 
     Raises
     ------

@@ -127,7 +127,7 @@ class ReachableCells:
     """All cells that a camera can reach from its own, nearest first."""
 
     cells: NDArray[np.int32]
-    """Shape (k,): flat cell numbers by number of steps; the first is the start."""
+    """Shape (k,): flat cell indices by number of steps; the first is the start."""
     steps: NDArray[np.int32]
     """Shape (n_cells,): 1 + steps from the start, 0 where there is no path."""
 

@@ -12,7 +12,7 @@ from coopmap_env.core.kernels import PlainTuple, inlined_kernel, kernel
 from coopmap_env.geometry import RigidTransform
 
 CULL_MARGIN = 1e-5
-"""Of a body's size: the selection is this much too large, as rays are traced in single
+"""Fraction of a body's size by which the selection is too large, as rays are traced in single
 precision."""
 
 
@@ -37,7 +37,7 @@ class BodyBoxes(NamedTuple):
     half_sizes: NDArray[np.float64]
     """Shape (b, 3)."""
     radii: NDArray[np.float64]
-    """Shape (b,): of the balls about the centres that hold the bodies."""
+    """Shape (b,): of the balls about the centers that hold the bodies."""
 
 
 class ViewCone(NamedTuple):
@@ -95,7 +95,7 @@ def rotate_rays(
 
 @kernel
 def is_in_cone(center: NDArray[np.float64], distance: float, radius: float, cone: ViewCone) -> bool:
-    """Whether a ball, its centre (3,) in the camera frame, may reach into a cone."""
+    """Whether a ball, its center (3,) in the camera frame, may reach into a cone."""
     axis = cone.axis
     along = (center[0] * axis[0] + center[1] * axis[1] + center[2] * axis[2]) / distance
     off_axis = math.acos(min(max(along, -1.0), 1.0))

@@ -21,8 +21,8 @@ from coopmap_env.simulation.depth.culling import (
 from coopmap_env.simulation.depth.traced_mesh import TracedMesh
 
 MAX_RELATIVE_ERROR = 0.5
-"""Of the depth: no error of a measurement is larger, so that a hit stays in front of the camera
-whatever the noise. The default noise would need 40 standard deviations to get there."""
+"""Fraction of the depth: no error of a measurement is larger, so that a hit stays in front of the
+camera whatever the noise. The default noise would need 40 standard deviations to get there."""
 NO_ROTATIONS, NO_TRANSLATIONS = np.empty((0, 3, 3)), np.empty((0, 3))
 
 

@@ -1,7 +1,7 @@
 """Where a vehicle's body comes to rest on its suspension, at given joints of its mount.
 
 With the deflections s = (heave h, roll r, pitch p), the stiffness K, the preload P and the weight w
-(mass times gravity) of all that the springs carry, whose centre of mass lies at u from the centre
+(mass times gravity) of all that the springs carry, whose center of mass lies at u from the center
 of roll and pitch, the potential energy is
 
     V(s) = s^T K s / 2 - P^T s - w^T (h e_z + R_x(r) R_y(p) u)
@@ -43,7 +43,7 @@ class MassModel(NamedTuple):
     masses: NDArray[np.float64]
     """Shape (b,): kilograms."""
     centers: NDArray[np.float64]
-    """Shape (b, 3): centres of mass in the frames of the bodies."""
+    """Shape (b, 3): centers of mass in the frames of the bodies."""
     pivot: NDArray[np.float64]
     """Shape (3,): where the axes of roll and pitch intersect at rest, base frame."""
 
@@ -66,7 +66,7 @@ def center_of_mass_offset(
     work: BodyPoses,
     out: NDArray[np.float64],
 ) -> None:
-    """Write the centre of mass (3,) at q (3 + n,), from the pivot.
+    """Write the center of mass (3,) at q (3 + n,), from the pivot.
 
     `work` is what `allocate_body_poses` made.
     """

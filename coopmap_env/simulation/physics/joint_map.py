@@ -35,11 +35,11 @@ class JointMap:
     speed_limits: NDArray[np.float64]
     """Shape (n,): limits of the mount's joints, rad/s or m/s."""
     motor_forces: tuple[float, ...]
-    """Of the motors of all `joints`, N m or N."""
+    """Forces of the motors of all `joints`, N m or N."""
     n_suspension: int
     """How many of the joints are the suspension's: 3, or 0 without one."""
     link_names: tuple[str, ...]
-    """Of link j at j + 1."""
+    """Name of link j at j + 1."""
     arm: frozenset[int]
     """The links that the mount's joints move."""
     ignored_pairs: tuple[tuple[int, int], ...]

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.simulation.physics.sweep import Spheres
-from coopmap_env.simulation.physics.sweep_model import NO_SPHERES, join_spheres
+from coopmap_env.geometry import NO_SPHERES, Spheres, join_spheres
 from coopmap_env.simulation.physics.world import BulletWorld
 
 COARSE_STEP = 0.15

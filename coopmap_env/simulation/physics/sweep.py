@@ -15,26 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple, kernel
-from coopmap_env.geometry import RigidTransform
+from coopmap_env.geometry import RigidTransform, Spheres
 from coopmap_env.robots import BodyPoses, KinematicTree, allocate_body_poses, body_poses
 
 ARC_FACTOR = 0.55
-"""Of the chord between two configurations: no point of the arc is further from both its ends, for
-arcs of less than a quarter turn; half the chord would be that of a straight line."""
+"""Fraction of the chord between two configurations: no point of the arc is further from both its
+ends, for arcs of less than a quarter turn; half the chord would be that of a straight line."""
 CONTACT_MARGIN = 0.005
 """Metres: more than the margins that the physics engine puts around its shapes."""
 
 
-class Spheres(NamedTuple):
-    """Spheres in the world."""
-
-    centers: NDArray[np.float64]
-    """Shape (s, 3)."""
-    radii: NDArray[np.float64]
-    """Shape (s,)."""
-
-
-class Obstacles(NamedTuple):
+class SweepObstacles(NamedTuple):
     """What a mount may collide with, but for its own body."""
 
     boxes: NDArray[np.float64]
@@ -48,7 +39,7 @@ class LinkSpheres(NamedTuple):
     bodies: NDArray[np.int64]
     """Shape (s,): the rigid body of each."""
     offsets: NDArray[np.float64]
-    """Shape (s, 3): their centres in the frames of their bodies."""
+    """Shape (s, 3): their centers in the frames of their bodies."""
     radii: NDArray[np.float64]
     """Shape (s,)."""
 
@@ -84,7 +75,7 @@ def sphere_centers(
     work: BodyPoses,
     out: NDArray[np.float64],
 ) -> None:
-    """Write the centres (s, 3) of spheres at one q, world frame; `work` is overwritten."""
+    """Write the centers (s, 3) of spheres at one q, world frame; `work` is overwritten."""
     R, t = work[0], work[1]
     R[0] = T_world_base.rotation
     t[0] = T_world_base.translation
@@ -104,7 +95,7 @@ def squared_distance_to_own_body(
     R: NDArray[np.float64],
     t: NDArray[np.float64],
 ) -> float:
-    """Squared distance from the centre (3,) of a sphere to the nearest box that it can touch.
+    """Squared distance from the center (3,) of a sphere to the nearest box that it can touch.
 
     `R` (b, 3, 3), `t` (b, 3) are the poses of all rigid bodies.
     """
@@ -126,7 +117,7 @@ def measure_gaps(
     centers: NDArray[np.float64],
     s: int,
     radius: float,
-    obstacles: Obstacles,
+    obstacles: SweepObstacles,
     gaps: NDArray[np.float64],
 ) -> None:
     """Lower the gaps (k, s) of one sphere to what is near to its whole path.
@@ -168,7 +159,7 @@ def write_sphere_centers(
     plain_spheres: PlainTuple,
     out: NDArray[np.float64],
 ) -> None:
-    """Write the centres (s, 3) of spheres at one q, world frame.
+    """Write the centers (s, 3) of spheres at one q, world frame.
 
     A plain `KinematicTree`, `RigidTransform` and `LinkSpheres`.
     """
@@ -193,7 +184,10 @@ def mark_swept_collisions(
     sphere goes, in a straight line.
     """
     tree, arm, own = KinematicTree(*model[0]), LinkSpheres(*model[1]), OwnBoxes(*model[2])
-    T_world_base, obstacles = RigidTransform(*base_pose), Obstacles(boxes, Spheres(*plain_spheres))
+    T_world_base, obstacles = (
+        RigidTransform(*base_pose),
+        SweepObstacles(boxes, Spheres(*plain_spheres)),
+    )
     n, n_spheres = len(q), len(arm.bodies)
     work = allocate_body_poses(tree)
     centers = np.empty((n, n_spheres, 3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,30 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple
-from coopmap_env.geometry import RigidTransform
+from coopmap_env.geometry import RigidTransform, Spheres
 from coopmap_env.robots import Chain, KinematicTree
 from coopmap_env.simulation.physics.sweep import (
     LinkSpheres,
-    Obstacles,
     OwnBoxes,
-    Spheres,
+    SweepObstacles,
     mark_swept_collisions,
     write_sphere_centers,
 )
 
-NO_SPHERES = Spheres(np.zeros((0, 3)), np.zeros(0))
-
-
-def join_spheres(parts: Sequence[Spheres]) -> Spheres:
-    """All spheres of `parts`, in their order."""
-    return Spheres(
-        np.concatenate([NO_SPHERES.centers, *(part.centers for part in parts)]),
-        np.concatenate([NO_SPHERES.radii, *(part.radii for part in parts)]),
-    )
-
 
 def covering_spheres(box: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Centres (n, 3) and radius of spheres in a row along a box's (2, 3) longest side."""
+    """Centers (n, 3) and radius of spheres in a row along a box's (2, 3) longest side."""
     size = box[1] - box[0]
     longest = int(size.argmax())
     n = max(1, math.ceil(size[longest] / max(np.sort(size)[1], 1e-3)))
@@ -116,7 +105,7 @@ class SweepModel:
         return Spheres(centers, self.links.radii)
 
     def swept_collisions(
-        self, T_world_base: RigidTransform, q: NDArray[np.float64], obstacles: Obstacles
+        self, T_world_base: RigidTransform, q: NDArray[np.float64], obstacles: SweepObstacles
     ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
         """Marks (k - 1,) of what may touch between configurations q (k, m); metres travelled."""
         may_collide, travel = np.empty(len(q) - 1, dtype=np.bool_), np.empty(len(q) - 1)

@@ -11,7 +11,7 @@ from coopmap_env.simulation.physics.path import StraightPath
 from coopmap_env.simulation.physics.world import BulletWorld
 
 RAMP_FRACTION = 0.25
-"""Of a motion's time: so long it accelerates, and so long it decelerates."""
+"""Fraction of a motion's time for which it accelerates, and for which it decelerates."""
 RETREAT_STEP = 0.01
 """Metres by which a mount that touches something goes back in each step."""
 MAX_JOINT_SPEED = 3.0
@@ -32,7 +32,8 @@ class TrajectoryTracker:
         """That of the next step (n,), if it is known."""
         self.obstacle = ""
         self.fractions: list[float] = [*fractions.tolist(), 1.0]
-        """Of the path, after each time step; in the last of them the mount comes to a halt."""
+        """Fractions of the path after each time step; in the last of them the mount comes to a
+        halt."""
         before = [0.0, 0.0, *self.fractions]
         self._second_differences = [
             c - 2.0 * b + a for a, b, c in zip(before, before[1:], self.fractions, strict=False)

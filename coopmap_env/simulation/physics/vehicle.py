@@ -54,11 +54,11 @@ class LoadedVehicle:
         """Indices of the entries of q among them."""
         self.zeros = [0.0] * len(self.dof_joints)
         self.planned_accelerations = self.zeros
-        """Of all of them, in the next step."""
+        """Accelerations of all joints in the next step."""
         self.suspension_dofs = [self.dof_joints.index(joint) for joint in joint_map.joints[:n]]
         """Indices of heave, roll and pitch among them."""
         self.inertias = [1.0] * n
-        """Of heave, roll and pitch, with the mount at home."""
+        """Inertias of heave, roll and pitch, with the mount at home."""
         self.springs: Equilibrium | None = None
         self.spring_rates: list[SpringRates] = []
         self.implicit_springs: list[ImplicitSpring] = []

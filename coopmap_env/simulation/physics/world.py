@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.geometry import Pose
+from coopmap_env.geometry import Pose, Spheres, join_spheres
 from coopmap_env.robots import Mount
 from coopmap_env.simulation.physics.client import BulletClient
 from coopmap_env.simulation.physics.equilibrium import GRAVITY
@@ -34,8 +34,7 @@ from coopmap_env.simulation.physics.loading import (
     load_vehicle,
     part_boxes,
 )
-from coopmap_env.simulation.physics.sweep import Obstacles, Spheres
-from coopmap_env.simulation.physics.sweep_model import join_spheres
+from coopmap_env.simulation.physics.sweep import SweepObstacles
 from coopmap_env.simulation.physics.vehicle import LoadedVehicle
 from coopmap_env.simulation.scenes.field.solid import Solid
 
@@ -206,7 +205,7 @@ class BulletWorld:
         if margin != 0.0:
             boxes = boxes + np.array([[-margin], [margin]])
         return vehicle.joint_map.sweep_model.swept_collisions(
-            vehicle.T_world_base, q, Obstacles(boxes, others)
+            vehicle.T_world_base, q, SweepObstacles(boxes, others)
         )
 
     def spheres(self, robot: int, q: NDArray[np.float64]) -> Spheres:

@@ -23,8 +23,8 @@ def world(*solids, grid=GRID):
     return FieldWorld("test", solids, "target", grid, (BASE,))
 
 
-def box(name="box", size=(1, 1, 1), centre=(0, 0, 0.5), is_target=True):
-    return solid_from_boxes(name, [box_corners(size, centre)], is_target=is_target)
+def box(name="box", size=(1, 1, 1), center=(0, 0, 0.5), is_target=True):
+    return solid_from_boxes(name, [box_corners(size, center)], is_target=is_target)
 
 
 def areas(triangles):
@@ -33,7 +33,7 @@ def areas(triangles):
 
 
 def test_samples_lie_on_the_triangles_and_inside_of_the_grid():
-    made = world(make_ground(GRID), box(), box("far", centre=(1.9, 1.9, 0.5), is_target=False))
+    made = world(make_ground(GRID), box(), box("far", center=(1.9, 1.9, 0.5), is_target=False))
     samples = sample_surface(made, np.random.default_rng(0), 500)
     assert len(samples) == 500
     assert GRID.contains(GRID.index(samples.points)).all()
@@ -110,7 +110,7 @@ def test_the_parts_in_eight_grids_add_up_to_the_whole():
 
 
 def test_a_world_without_a_surface_in_its_grid_is_rejected():
-    outside = box(centre=(9, 9, 0.5))
+    outside = box(center=(9, 9, 0.5))
     with pytest.raises(ValueError, match="no surface of 'test' lies inside"):
         sample_surface(world(outside), np.random.default_rng(0))
     with pytest.raises(ValueError, match="at least 1, got 0"):

@@ -59,7 +59,7 @@ def test_each_run_starts_at_the_image_coordinates_of_its_first_voxel():
     assert runs.x == pytest.approx(x)
     assert runs.u / runs.x == pytest.approx(w / 2 * (1 + y / (a * x)))
     assert runs.v / runs.x == pytest.approx(h / 2 * (1 + z / (b * x)))
-    quarters = runs.height**2 + runs.horizontal
+    quarters = runs.half_height**2 + runs.horizontal_quarters
     assert quarters == pytest.approx(4 * ((centers - position) ** 2).sum(axis=1))
     assert rows[0] == pytest.approx(R[:, 0])
 

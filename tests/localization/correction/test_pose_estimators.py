@@ -267,7 +267,7 @@ def test_without_noise_the_rigid_pose_is_exact_in_a_plane_too(place, m):
         assert error(rigid_pose(points, seen(true, points), weights), true) < 1e-7
 
 
-def test_the_rigid_rotation_is_that_of_scipy_on_centred_points():
+def test_the_rigid_rotation_is_that_of_scipy_on_centered_points():
     rng = np.random.default_rng(11)
     for _ in range(20):
         points, weights = scattered(rng), rng.uniform(0.1, 10.0, 12)

@@ -32,7 +32,7 @@ MIN_VISIBLE_FRACTION = 0.25
 _N_RAYS = 48
 """Towards the target, to estimate how much of it is visible."""
 _MAX_RESTARTS, _MAX_TRIES = 200, 60
-"""Of a whole team, and of a base in it."""
+"""Placements of a whole team, and of a base in it."""
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,6 @@ def first_hits_toward_target(
 
     Each ray hits something: at the latest the triangle that it is directed at.
     """
-    centres = np.concatenate([s.triangles.mean(axis=1) for s in solids if s.is_target])
-    step = max(1, len(centres) // _N_RAYS)
-    return first_hit(np.array([*base, EYE_HEIGHT]), centres[::step], solids)
+    centers = np.concatenate([s.triangles.mean(axis=1) for s in solids if s.is_target])
+    step = max(1, len(centers) // _N_RAYS)
+    return first_hit(np.array([*base, EYE_HEIGHT]), centers[::step], solids)

@@ -50,7 +50,7 @@ class Compartment(NamedTuple):
     """A compartment of a shelf, metres in the frame of the shelf."""
 
     x: float
-    """Of its middle."""
+    """X of its middle."""
     floor: float
     """z of its floor."""
     width: float

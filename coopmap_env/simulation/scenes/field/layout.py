@@ -59,7 +59,7 @@ class SceneLayout:
         Returns
         -------
         (2,) float array or None
-            Its centre, or None if none was found.
+            Its center, or None if none was found.
         """
         for _ in range(_MAX_TRIES):
             distance = rng.uniform(min_distance, max_distance)

@@ -23,7 +23,7 @@ SINK_DEPTH = 0.04
 class RestingBlock:
     """Where a block comes to rest."""
 
-    centre: NDArray[np.float64]
+    center: NDArray[np.float64]
     top: float
     """z of its highest point."""
     support: int
@@ -49,7 +49,7 @@ class Pile:
     ) -> "RestingBlock":
         """Find where a block of sides `size` (3,) comes to rest.
 
-        Its centre is dropped at `middle` (2,); `rotation` (3, 3) is R_world_block.
+        Its center is dropped at `middle` (2,); `rotation` (3, 3) is R_world_block.
         """
         reach = np.abs(rotation) @ size / 2
         columns = tuple(
@@ -63,8 +63,8 @@ class Pile:
         if gaps.size and gaps.max() > reach[2]:
             at = np.unravel_index(int(gaps.argmax()), gaps.shape)
             height, support = gaps[at] - SINK_DEPTH, int(self.top_blocks[columns][at])
-        centre = np.array([*middle, height])
-        return RestingBlock(centre, float(height + reach[2]), support, columns, tops + height)
+        center = np.array([*middle, height])
+        return RestingBlock(center, float(height + reach[2]), support, columns, tops + height)
 
     def add(self, number: int, rest: "RestingBlock") -> None:
         """Place a block where `find_rest` found that it comes to rest."""

@@ -112,7 +112,7 @@ class Rubble(Settings):
             pile.add(len(core) + len(layout.solids), rest)
             solid = solid_from_boxes(
                 f"core_{k}" if is_core else f"block_{k}",
-                [box_corners(size, rest.centre, rotation)],
+                [box_corners(size, rest.center, rotation)],
                 is_target=is_core,
             )
             if is_core:

@@ -111,11 +111,11 @@ def _checked_points(what: str, values: ArrayLike, min_length: int) -> NDArray[np
 
 
 def box_corners(
-    size: ArrayLike, centre: ArrayLike, rotation: NDArray[np.float64] | None = None
+    size: ArrayLike, center: ArrayLike, rotation: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Corners (8, 3) of a box: its sides (3,), its centre (3,), R_world_box (3, 3)."""
+    """Corners (8, 3) of a box: its sides (3,), its center (3,), R_world_box (3, 3)."""
     corners = _CORNERS * np.asarray(size, dtype=np.float64)
-    return (corners if rotation is None else corners @ rotation.T) + np.asarray(centre)
+    return (corners if rotation is None else corners @ rotation.T) + np.asarray(center)
 
 
 def solid_from_boxes(

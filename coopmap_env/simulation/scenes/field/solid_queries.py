@@ -20,12 +20,12 @@ def first_hit(
     starts = np.cumsum([0, *(len(solid.faces) for solid in solids)])
     triangles = np.concatenate([solid.triangles for solid in solids])
     bounds = np.array([solid.bounds for solid in solids])
-    centres = bounds.mean(axis=1)
+    centers = bounds.mean(axis=1)
     radii = 0.5 * np.linalg.norm(bounds[:, 1] - bounds[:, 0], axis=1)
     rays = points - eye
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     hits = np.empty(len(points), dtype=np.int64)
-    cast_rays(eye, rays, triangles, starts, centres, radii, hits)
+    cast_rays(eye, rays, triangles, starts, centers, radii, hits)
     return hits
 
 
@@ -35,7 +35,7 @@ def cast_rays(
     rays: NDArray[np.float64],
     triangles: NDArray[np.float64],
     starts: NDArray[np.int64],
-    centres: NDArray[np.float64],
+    centers: NDArray[np.float64],
     radii: NDArray[np.float64],
     hits: NDArray[np.int64],
 ) -> None:
@@ -46,8 +46,8 @@ def cast_rays(
     for n in range(len(rays)):
         ux, uy, uz = rays[n, 0], rays[n, 1], rays[n, 2]
         nearest, hits[n] = np.inf, -1
-        for s in range(len(centres)):
-            px, py, pz = centres[s, 0] - eye[0], centres[s, 1] - eye[1], centres[s, 2] - eye[2]
+        for s in range(len(centers)):
+            px, py, pz = centers[s, 0] - eye[0], centers[s, 1] - eye[1], centers[s, 2] - eye[2]
             along = px * ux + py * uy + pz * uz
             aside = px * px + py * py + pz * pz - along * along
             if aside > radii[s] * radii[s] or not -radii[s] < along < nearest + radii[s]:

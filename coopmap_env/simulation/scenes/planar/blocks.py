@@ -1,8 +1,8 @@
 """Convex blocks, drawn row by row.
 
 A block is given by the slopes n_k / d_k of its edges: the outward normals over the distances from
-the centre. Its gauge is 0 at its centre, 1 on its edge and s on the edge of the block scaled by s
-about its centre:
+the center. Its gauge is 0 at its center, 1 on its edge and s on the edge of the block scaled by s
+about its center:
 
     gauge(p) = max_k p . n_k / d_k.
 """
@@ -19,13 +19,13 @@ from coopmap_env.core.kernels import kernel
 def scatter_blocks(
     occupied: NDArray[np.bool_],
     n_missing: int,
-    centres: NDArray[np.float64],
+    centers: NDArray[np.float64],
     reaches: NDArray[np.float64],
     slopes: NDArray[np.float64],
 ) -> int:
     """Occupy the cells of one block after the other until `n_missing` more cells are occupied.
 
-    The block that would overshoot is shrunk about its centre until it adds just the cells that
+    The block that would overshoot is shrunk about its center until it adds just the cells that
     are missing; of cells on the same edge the first in C order are taken.
 
     Parameters
@@ -34,10 +34,10 @@ def scatter_blocks(
         Changed in place.
     n_missing : int
         Number of cells to occupy.
-    centres : (n, 2) float array
+    centers : (n, 2) float array
         In cells from the lower corner of the world.
     reaches : (n,) float array
-        No cell of a block lies further than this from its centre along x or y.
+        No cell of a block lies further than this from its center along x or y.
     slopes : (n, k, 2) float array
         n_k / d_k of the edges; zeros stand for no edge.
 
@@ -49,10 +49,10 @@ def scatter_blocks(
     nx, ny = occupied.shape
     flat = occupied.ravel()
     cells = np.empty(nx * ny, np.int64)
-    for block in range(len(centres)):
+    for block in range(len(centers)):
         if n_missing == 0:
             break
-        cx, cy, reach = centres[block, 0], centres[block, 1], reaches[block]
+        cx, cy, reach = centers[block, 0], centers[block, 1], reaches[block]
         n = 0
         for x in range(max(int(cx - reach), 0), min(int(cx + reach) + 1, nx)):
             low, high = chord(slopes[block], x + 0.5 - cx, reach)
@@ -75,7 +75,7 @@ def scatter_blocks(
 
 @kernel
 def chord(slopes: NDArray[np.float64], x: float, reach: float) -> tuple[float, float]:
-    """Lowest and highest y of the block at x cells from its centre; empty if lowest > highest."""
+    """Lowest and highest y of the block at x cells from its center; empty if lowest > highest."""
     low, high = -reach, reach
     for edge in range(len(slopes)):
         rest, slope = 1.0 - slopes[edge, 0] * x, slopes[edge, 1]
@@ -90,7 +90,7 @@ def chord(slopes: NDArray[np.float64], x: float, reach: float) -> tuple[float, f
 
 @kernel
 def gauge(slopes: NDArray[np.float64], x: float, y: float) -> float:
-    """Gauge at (x, y) cells from the centre of the block whose edges have these slopes (k, 2)."""
+    """Gauge at (x, y) cells from the center of the block whose edges have these slopes (k, 2)."""
     largest = 0.0
     for edge in range(len(slopes)):
         largest = max(largest, slopes[edge, 0] * x + slopes[edge, 1] * y)

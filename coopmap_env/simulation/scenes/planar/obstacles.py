@@ -20,7 +20,7 @@ MAX_OCCUPIED_FRACTION = 0.5
 
 _MAX_EDGES = 6
 _EDGE_DISTANCES = (0.7, 1.0)
-"""Distance of a polygon's edges from its centre, as a fraction of its half side."""
+"""Distance of a polygon's edges from its center, as a fraction of its half side."""
 _JITTER = 0.1
 """How far a polygon's edges are rotated, as a fraction of the gap between them: so little that each
 gap stays well under half a turn, which keeps the block bounded and not too thin."""
@@ -64,18 +64,18 @@ class Obstacles(Settings):
     def world(self, rng: np.random.Generator) -> PlanarWorld:
         """Scatter blocks until the occupied fraction is reached.
 
-        The last block would overshoot. It is shrunk about its centre until the cells that it adds
+        The last block would overshoot. It is shrunk about its center until the cells that it adds
         are exactly the missing ones, so the fraction is exact and no shape is cut.
         """
         occupied = np.zeros(self.shape, dtype=np.bool_)
         n_missing = round(self.occupied_fraction * occupied.size)
         while n_missing > 0:
-            centres = rng.random((_BATCH, 2)) * self.shape
+            centers = rng.random((_BATCH, 2)) * self.shape
             edge_headings, distances, reaches = self._random_blocks(rng, _BATCH)
             angles = 2 * np.pi * edge_headings
             slopes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
             slopes /= distances[:, :, None]
-            n_missing = scatter_blocks(occupied, n_missing, centres, reaches, slopes)
+            n_missing = scatter_blocks(occupied, n_missing, centers, reaches, slopes)
         return PlanarWorld(occupied, self.resolution, self.origin, self.name)
 
     def _random_blocks(

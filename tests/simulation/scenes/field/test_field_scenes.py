@@ -252,8 +252,8 @@ def test_rubble_hides_its_core():
 
 
 def test_what_hides_the_target_is_removed_and_what_stands_on_it_too():
-    def box(name, size, centre, **kind):
-        return solid_from_boxes(name, [box_corners(size, centre)], **kind)
+    def box(name, size, center, **kind):
+        return solid_from_boxes(name, [box_corners(size, center)], **kind)
 
     target = [box("target", (1, 1, 1), (0, 0, 0.5), is_target=True)]
     layout = SceneLayout(FIELD_GRID, [ground_pose(4.0, 0.0, np.pi)], 1.2, target)

@@ -35,11 +35,11 @@ def test_blocks_rest_on_the_ground_and_then_on_each_other():
     pile, size = Pile(2.0), np.array([0.8, 0.8, 0.4])
     first = pile.find_rest(size, np.zeros(2), NO_TURN)
     assert first.support == -1
-    assert first.centre.tolist() == [0.0, 0.0, pytest.approx(0.2 - SINK_DEPTH)]
+    assert first.center.tolist() == [0.0, 0.0, pytest.approx(0.2 - SINK_DEPTH)]
     pile.add(7, first)
     second = pile.find_rest(size, np.array([0.3, 0.0]), rotation_about_axis(Z_AXIS, 0.5))
     assert second.support == 7
-    assert second.centre[2] == pytest.approx(0.6 - 2 * SINK_DEPTH)
+    assert second.center[2] == pytest.approx(0.6 - 2 * SINK_DEPTH)
     assert second.top == pytest.approx(0.8 - 2 * SINK_DEPTH)
     beside = pile.find_rest(size, np.array([1.0, 0.0]), NO_TURN)
     assert beside.support == -1

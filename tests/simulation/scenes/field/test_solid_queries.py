@@ -15,8 +15,8 @@ from coopmap_env.simulation.scenes.field.solid_queries import (
 )
 
 
-def box(name, size, centre):
-    return solid_from_boxes(name, [box_corners(size, centre)])
+def box(name, size, center):
+    return solid_from_boxes(name, [box_corners(size, center)])
 
 
 def test_first_hit_agrees_with_solving_for_each_triangle():

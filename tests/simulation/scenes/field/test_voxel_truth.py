@@ -117,14 +117,14 @@ def test_overlapping_boxes_of_one_solid_are_filled_together():
     assert occupied[3:8, 3:8, 3:8].all()
 
 
-def test_rotated_solids_hold_the_voxels_whose_centre_they_hold():
+def test_rotated_solids_hold_the_voxels_whose_center_they_hold():
     rng = np.random.default_rng(2)
     grid = VoxelGrid((30, 30, 30), 0.1, (-1.5, -1.5, -1.5))
-    centres = grid.center(np.stack(np.indices(grid.shape), axis=-1))
+    centers = grid.center(np.stack(np.indices(grid.shape), axis=-1))
     for _ in range(5):
         rotation = random_rotation(rng)
         solid = solid_from_boxes("b", [box_corners((1.7, 0.9, 1.3), (0.1, 0, 0), rotation)])
-        local = np.abs((centres - [0.1, 0, 0]) @ rotation)
+        local = np.abs((centers - [0.1, 0, 0]) @ rotation)
         inside = (local <= np.array([1.7, 0.9, 1.3]) / 2).all(axis=-1)
         reached = (local <= np.array([1.7, 0.9, 1.3]) / 2 + 0.0867).all(axis=-1)
         occupied = voxelize_solids([solid], grid)

@@ -8,18 +8,18 @@ SQUARE = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Normals of a square's edges."""
 
 
-def strew(occupied, missing, centres, half_sides):
+def strew(occupied, missing, centers, half_sides):
     """Strew squares."""
     half_sides = np.array(half_sides)
     slopes = SQUARE / half_sides[:, None, None]
-    return scatter_blocks(occupied, missing, np.array(centres), np.sqrt(2) * half_sides, slopes)
+    return scatter_blocks(occupied, missing, np.array(centers), np.sqrt(2) * half_sides, slopes)
 
 
-def plain_strew_blocks(occupied, missing, centres, slopes):
+def plain_strew_blocks(occupied, missing, centers, slopes):
     """Rate all cells by the gauge of each block; occupy the lowest, of equals the first."""
     cells = np.stack(np.indices(occupied.shape), axis=-1).reshape(-1, 2) + 0.5
-    for centre, edges in zip(centres, slopes, strict=True):
-        gauge = np.maximum((cells - centre) @ edges.T, 0.0).max(axis=1)
+    for center, edges in zip(centers, slopes, strict=True):
+        gauge = np.maximum((cells - center) @ edges.T, 0.0).max(axis=1)
         gauge[occupied.ravel()] = np.inf
         order = np.argsort(gauge, kind="stable")[: min(missing, np.count_nonzero(gauge <= 1.0))]
         occupied.ravel()[order] = True
@@ -29,21 +29,21 @@ def plain_strew_blocks(occupied, missing, centres, slopes):
 
 def random_blocks(scene, seed, n):
     rng = np.random.default_rng(seed)
-    centres = rng.random((n, 2)) * scene.shape
+    centers = rng.random((n, 2)) * scene.shape
     turns, distances, reaches = scene._random_blocks(rng, n)
     slopes = np.stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=-1)
-    return centres, reaches, slopes / distances[:, :, None]
+    return centers, reaches, slopes / distances[:, :, None]
 
 
-def test_a_square_occupies_the_cells_whose_centres_it_holds():
+def test_a_square_occupies_the_cells_whose_centers_it_holds():
     occupied = np.zeros((8, 10), dtype=bool)
     assert strew(occupied, 20, [(3.0, 5.0)], [1.6]) == 4
     expected = np.zeros_like(occupied)
-    expected[1:5, 3:7] = True  # centres 1.5 to 4.5 and 3.5 to 6.5
+    expected[1:5, 3:7] = True  # centers 1.5 to 4.5 and 3.5 to 6.5
     np.testing.assert_array_equal(occupied, expected)
 
 
-def test_a_block_that_would_overshoot_shrinks_about_its_centre():
+def test_a_block_that_would_overshoot_shrinks_about_its_center():
     occupied = np.zeros((9, 9), dtype=bool)
     assert strew(occupied, 9, [(4.5, 4.5)], [3.6]) == 0
     expected = np.zeros_like(occupied)
@@ -70,8 +70,8 @@ def test_occupied_cells_count_once_and_later_blocks_go_unused():
 def test_the_kernel_scatters_as_the_plain_gauge_of_all_cells(polygon_fraction, missing):
     scene = Obstacles(shape=(60, 45), polygon_fraction=polygon_fraction)
     for seed in range(10):
-        centres, reaches, slopes = random_blocks(scene, seed, 20)
+        centers, reaches, slopes = random_blocks(scene, seed, 20)
         expected, occupied = np.zeros((2, 60, 45), dtype=bool)
-        still = plain_strew_blocks(expected, missing, centres, slopes)
-        assert scatter_blocks(occupied, missing, centres, reaches, slopes) == still
+        still = plain_strew_blocks(expected, missing, centers, slopes)
+        assert scatter_blocks(occupied, missing, centers, reaches, slopes) == still
         np.testing.assert_array_equal(occupied, expected)
