@@ -25,12 +25,16 @@ from coopmap_env.studies.benchmark.methods import (
     planner_method,
     with_n_candidates,
 )
-from coopmap_env.studies.benchmark.report import text_summary, verdict_table, write_benchmark_report
+from coopmap_env.studies.benchmark.report import (
+    benchmark_text,
+    verdict_table,
+    write_benchmark_report,
+)
 from coopmap_env.studies.benchmark.study import ConditionResult, MethodResult
 from coopmap_env.studies.benchmark.summary import (
+    benchmark_summary,
     condition_summary,
     interval_verdict,
-    study_summary,
     verdicts,
 )
 
@@ -206,7 +210,7 @@ def study(tmp_path_factory):
     small = BenchmarkPlan(
         (Condition("all policies", "planar", 3, SHORT, METHODS),), (generalization,)
     )
-    return benchmark_study.run(store, small, 1, print)
+    return benchmark_study.run_benchmark(store, small, 1, print)
 
 
 def test_all_methods_play_on_the_same_worlds(study):
@@ -224,12 +228,14 @@ def test_a_missing_policy_is_named_before_any_episode(tmp_path):
     first = Condition("all policies", "planar", 2, SHORT, METHODS[1:])
     last = replace(first, methods=(Method("late", ("nobody",), POSE_MODE, LEARNED),))
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
-        benchmark_study.run(tmp_path / "store", BenchmarkPlan((first,), (last,)), 1, print)
+        benchmark_study.run_benchmark(
+            tmp_path / "store", BenchmarkPlan((first,), (last,)), 1, print
+        )
     assert not (tmp_path / "store").exists()
 
 
 def test_the_table_has_a_row_for_each_method_and_condition(study):
-    text = text_summary(study_summary(study))
+    text = benchmark_text(benchmark_summary(study))
     for method in METHODS:
         assert f"| {method.label} " in text
     assert "| learned (2 training runs) |" in text
@@ -246,7 +252,7 @@ def test_all_files_of_the_report_are_written(study, tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(found))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64") == 2
-    assert (tmp_path / "table.md").read_text() == text_summary(found)
+    assert (tmp_path / "table.md").read_text() == benchmark_text(found)
     rows = list(csv.DictReader((tmp_path / "planar_episodes.csv").read_text().splitlines()))
     assert len(rows) == 3 * 6
     assert {row["policy"] for row in rows} >= {"learned; coverage", "learned; information_gain"}

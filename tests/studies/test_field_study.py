@@ -25,7 +25,7 @@ SIZE = FieldSize(2, ("rating_function:search=10", RANDOM))
 def study(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(field_study, "SCANS_EACH", 2)
-        return field_study.run(tmp_path_factory.mktemp("store"), SIZE, 1, print)
+        return field_study.run_field_study(tmp_path_factory.mktemp("store"), SIZE, 1, print)
 
 
 def test_every_policy_is_scored_against_the_surface_on_every_world(study):

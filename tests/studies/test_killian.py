@@ -213,7 +213,7 @@ def in_corridor(monkeypatch):
 
 @pytest.mark.usefixtures("in_corridor")
 def test_a_corridor_has_free_space_between_two_walls():
-    result = killian.run()
+    result = killian.run_killian()
     assert result.scores["scans_fused"] == 54
     assert result.scores["scans_held_out"] == 6
     x_min, _, y_min, _ = result.extent
@@ -227,7 +227,7 @@ def test_a_corridor_has_free_space_between_two_walls():
 
 @pytest.mark.usefixtures("in_corridor")
 def test_scores_have_both_maps_and_are_deterministic():
-    first, second = killian.run(), killian.run()
+    first, second = killian.run_killian(), killian.run_killian()
     assert first.scores == second.scores
     np.testing.assert_array_equal(first.probability, second.probability)
     for name in ("gaussian_beam", "hit_miss"):
@@ -241,13 +241,13 @@ def test_scores_have_both_maps_and_are_deterministic():
 )
 def test_a_stride_without_held_out_scans_is_rejected(stride, message):
     with pytest.raises(ValueError, match=message):
-        killian.run(stride)
+        killian.run_killian(stride)
 
 
 def test_without_its_data_killian_names_the_pip_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "rtbdata", None)
     with pytest.raises(ImportError, match=r"pip install 'coopmap\[data\]'"):
-        killian.run()
+        killian.run_killian()
 
 
 # The data
@@ -276,7 +276,7 @@ def test_the_poses_close_their_loops():
 
 @NEEDS_DATA
 def test_the_beam_model_predicts_held_out_scans_better_than_constants():
-    result = killian.run(stride=6)
+    result = killian.run_killian(stride=6)
     ours, constant = result.scores["gaussian_beam"], result.scores["hit_miss"]
     assert result.scores["scans_fused"] == 582
     assert result.scores["scans_held_out"] == 64

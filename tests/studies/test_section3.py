@@ -19,7 +19,9 @@ def out(tmp_path_factory):
     for needed in ("matplotlib", "jinja2", "rtbdata", "PIL"):
         pytest.importorskip(needed)
     out = tmp_path_factory.mktemp("section3")
-    study = section3.run(out / "episodes", SMALL, workers=1, log=lambda _: None, progress=False)
+    study = section3.run_section3(
+        out / "episodes", SMALL, workers=1, log=lambda _: None, progress=False
+    )
     report.write_report(study, out)
     (out / "table.txt").write_text(report.text_table_1(study))
     return out

@@ -81,7 +81,7 @@ def test_pixels_become_points_forward_left_and_up_of_the_camera():
 @pytest.fixture(scope="module")
 def result():
     pytest.importorskip("skimage")
-    return stereo.run(np.random.default_rng(0))
+    return stereo.run_stereo(np.random.default_rng(0))
 
 
 def test_the_true_disparity_is_that_of_the_left_image():

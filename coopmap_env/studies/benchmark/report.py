@@ -16,7 +16,7 @@ from coopmap_env.studies.benchmark.figures import (
 )
 from coopmap_env.studies.benchmark.methods import REFERENCE
 from coopmap_env.studies.benchmark.study import BenchmarkStudy, ConditionResult
-from coopmap_env.studies.benchmark.summary import study_summary
+from coopmap_env.studies.benchmark.summary import benchmark_summary
 from coopmap_env.studies.common.pages import format_interval, render_template
 
 Table = list[list[str]]
@@ -107,7 +107,7 @@ ALL_SCORES = (
 def write_benchmark_report(study: BenchmarkStudy, out: Path) -> dict[str, Any]:
     """Write all files into the folder `out`; return the summary."""
     out.mkdir(parents=True, exist_ok=True)
-    summary = study_summary(study)
+    summary = benchmark_summary(study)
     for part in summary["main"]:
         draw_condition(part, out / f"{part['env_name']}.png")
     if summary["generalization"]:
@@ -115,7 +115,7 @@ def write_benchmark_report(study: BenchmarkStudy, out: Path) -> dict[str, Any]:
     for result in study.main:
         _write_csv(result, out / f"{result.condition.env_name}_episodes.csv")
     write_atomically(out / "summary.json", json.dumps(summary, indent=2) + "\n")
-    write_atomically(out / "table.md", text_summary(summary))
+    write_atomically(out / "table.md", benchmark_text(summary))
     page = render_template(
         "benchmark/report.html",
         out,
@@ -132,7 +132,7 @@ def write_benchmark_report(study: BenchmarkStudy, out: Path) -> dict[str, Any]:
     return summary
 
 
-def text_summary(summary: dict[str, Any]) -> str:
+def benchmark_text(summary: dict[str, Any]) -> str:
     """Tables and verdicts in Markdown, for the terminal and the README."""
     parts = [caption(part) + "\n\n" + _markdown(main_table(part)) for part in summary["main"]]
     if summary["verdicts"]:

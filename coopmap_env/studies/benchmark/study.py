@@ -78,7 +78,7 @@ class BenchmarkStudy:
     generalization: tuple[ConditionResult, ...]
 
 
-def run(
+def run_benchmark(
     store: Path, plan: BenchmarkPlan, workers: int, log: Callable[[str], None]
 ) -> BenchmarkStudy:
     """Run the study.

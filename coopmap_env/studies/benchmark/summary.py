@@ -29,7 +29,7 @@ N_THRESHOLDS = 61
 """Thresholds of a performance profile."""
 
 
-def study_summary(study: BenchmarkStudy) -> dict[str, Any]:
+def benchmark_summary(study: BenchmarkStudy) -> dict[str, Any]:
     """All results as JSON values."""
     main = [condition_summary(result) for result in study.main]
     return {

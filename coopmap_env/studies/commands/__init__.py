@@ -1,1 +1,14 @@
-"""The commands of the studies."""
+"""The commands of the studies.
+
+========================  =======================================================================
+command                   study
+========================  =======================================================================
+``coopmap reproduce``     `studies.section3`, which includes `studies.recorded`; then
+                          `studies.field`, in one report
+``coopmap compare``       `studies.benchmark`: pretrained policies and planners
+``coopmap localization``  `studies.localization`
+``coopmap bench``         `studies.speed`
+========================  =======================================================================
+
+(``coopmap evaluate`` is no study: it compares policies of your choice; see `coopmap_env.cli`.)
+"""

@@ -33,12 +33,12 @@ class Compare:
 
     def run(self) -> None:
         """Run the comparison, write its files, print its table and verdicts."""
-        from coopmap_env.studies.benchmark import methods, study
-        from coopmap_env.studies.benchmark.report import text_summary, write_benchmark_report
+        from coopmap_env.studies.benchmark.methods import FULL, QUICK, make_plan
+        from coopmap_env.studies.benchmark.report import benchmark_text, write_benchmark_report
+        from coopmap_env.studies.benchmark.study import run_benchmark
 
-        size = methods.QUICK if self.quick else methods.FULL
         names = [name.strip() for name in self.envs.split(",") if name.strip()]
-        plan = methods.make_plan(size, names)
-        results = study.run(self.out / "episodes", plan, self.workers, log)
-        print(text_summary(write_benchmark_report(results, self.out)))
+        plan = make_plan(QUICK if self.quick else FULL, names)
+        study = run_benchmark(self.out / "episodes", plan, self.workers, log)
+        print(benchmark_text(write_benchmark_report(study, self.out)))
         log(f"report: {self.out / 'report.html'}")

@@ -29,13 +29,13 @@ class Localization:
 
     def run(self) -> None:
         """Run the study, write its files, print the main results."""
-        from coopmap_env.studies.localization import study as localization_study
         from coopmap_env.studies.localization.report import (
-            text_summary,
+            localization_text,
             write_localization_report,
         )
+        from coopmap_env.studies.localization.study import FULL, QUICK, run_localization_study
 
-        size = localization_study.QUICK if self.quick else localization_study.FULL
-        study = localization_study.run(self.out / "episodes", size, self.workers, log)
-        print(text_summary(write_localization_report(study, self.out)))
+        size = QUICK if self.quick else FULL
+        study = run_localization_study(self.out / "episodes", size, self.workers, log)
+        print(localization_text(write_localization_report(study, self.out)))
         log(f"report: {self.out / 'report.html'}")

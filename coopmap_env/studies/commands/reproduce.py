@@ -31,23 +31,24 @@ class Reproduce:
 
     def run(self) -> None:
         """Run the study, write its files, print the table."""
-        from coopmap_env.studies.field import report as field_report
         from coopmap_env.studies.field import study as field_study
-        from coopmap_env.studies.section3 import report
+        from coopmap_env.studies.field.report import field_text_table
         from coopmap_env.studies.section3 import study as section3
+        from coopmap_env.studies.section3.report import text_table_1, write_report
 
         size = section3.QUICK if self.quick else section3.FULL
-        study = section3.run(self.out / "episodes", size, self.workers, log)
+        study = section3.run_section3(self.out / "episodes", size, self.workers, log)
         field = None
         if missing := missing_extras_hint():
             log(f"without the 3-D study, which needs: {missing}")
         else:
             field_size = field_study.QUICK if self.quick else field_study.FULL
-            field = field_study.run(self.out / "episodes", field_size, self.workers, log)
-        report.write_report(study, self.out, field)
-        print(report.text_table_1(study))
+            episodes = self.out / "episodes"
+            field = field_study.run_field_study(episodes, field_size, self.workers, log)
+        write_report(study, self.out, field)
+        print(text_table_1(study))
         if field is not None:
-            print(field_report.field_text_table(field))
+            print(field_text_table(field))
         log(f"report: {self.out / 'report.html'}")
 
 

@@ -171,7 +171,7 @@ def to_scan(disparity: NDArray[np.float64], noise: RangeNoise, step: int = 3) ->
     return Scan(np.zeros(3), points, covariances, np.ones(len(z), dtype=np.bool_))
 
 
-def run(rng: np.random.Generator, resolution: float = 0.04) -> StereoResult:
+def run_stereo(rng: np.random.Generator, resolution: float = 0.04) -> StereoResult:
     """Match, compare with the truth, fit the law, and fuse the matched depths into a 3-D map."""
     pair = load_motorcycle()
     depth = depth_from_disparity(pair.disparity)

@@ -68,7 +68,9 @@ class FieldStudy:
     stereo: stereo.StereoResult
 
 
-def run(store: Path, size: FieldSize, workers: int, log: Callable[[str], None]) -> FieldStudy:
+def run_field_study(
+    store: Path, size: FieldSize, workers: int, log: Callable[[str], None]
+) -> FieldStudy:
     """Run the study.
 
     Parameters
@@ -111,7 +113,7 @@ def run(store: Path, size: FieldSize, workers: int, log: Callable[[str], None]) 
         octomap=octomap,
         frame=frame,
         replay=replay,
-        stereo=stereo.run(np.random.default_rng(BOOTSTRAP_SEED)),
+        stereo=stereo.run_stereo(np.random.default_rng(BOOTSTRAP_SEED)),
     )
 
 

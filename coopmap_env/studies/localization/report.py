@@ -26,7 +26,7 @@ from coopmap_env.studies.localization.study import (
     SEARCH_SCANS,
     LocalizationStudy,
 )
-from coopmap_env.studies.localization.summary import study_summary
+from coopmap_env.studies.localization.summary import localization_summary
 
 DEGREES = 180.0 / math.pi
 RENDERED_SEED = 0
@@ -36,7 +36,7 @@ RENDERED_SEED = 0
 def write_localization_report(study: LocalizationStudy, out: Path) -> dict[str, Any]:
     """Write all files into the folder `out`; return the summary."""
     out.mkdir(parents=True, exist_ok=True)
-    summary = study_summary(study)
+    summary = localization_summary(study)
     draw_localization(summary["search"], study, out / "search.png")
     draw_pose_errors(study, out / "errors.png")
     draw_pose_estimators(study, out / "pose_estimators.png")
@@ -63,7 +63,7 @@ def write_localization_report(study: LocalizationStudy, out: Path) -> dict[str, 
     return summary
 
 
-def text_summary(summary: dict[str, Any]) -> str:
+def localization_text(summary: dict[str, Any]) -> str:
     """The main results as text for the terminal."""
     search, correction = summary["search"], summary["correction"]
     located = format_interval(search["located_fraction"]["6"], 100, 0)

@@ -73,7 +73,7 @@ class LocalizationStudy:
         }
 
 
-def run(
+def run_localization_study(
     store: Path, size: LocalizationSize, workers: int, log: Callable[[str], None]
 ) -> LocalizationStudy:
     """Run the study.

@@ -30,7 +30,7 @@ ERROR_NAMES = ("position", "angle", "point_displacement")
 """Errors of a camera pose: metres, radians, and the mean displacement of its points, metres."""
 
 
-def study_summary(study: LocalizationStudy) -> dict[str, Any]:
+def localization_summary(study: LocalizationStudy) -> dict[str, Any]:
     """All results as JSON values."""
     return {
         "version": __version__,

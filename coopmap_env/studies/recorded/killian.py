@@ -70,7 +70,7 @@ class CellObservations:
     """Observations of cells by the beams of scans, one entry per beam and cell."""
 
     cells: NDArray[np.int64]
-    """Shape (n,): flat cell numbers."""
+    """Shape (n,): flat cell indices."""
     occupied: NDArray[np.bool_]
     """Shape (n,): whether the beam ended there."""
 
@@ -93,7 +93,7 @@ class KillianResult:
     occupied cells (``hit``), and the mean of these two (``balanced``)."""
 
 
-def run(stride: int = 1, progress: bool = False) -> KillianResult:
+def run_killian(stride: int = 1, progress: bool = False) -> KillianResult:
     """Fuse nine tenths of the scans and score the map on the held-out tenth.
 
     Parameters

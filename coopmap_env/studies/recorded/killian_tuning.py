@@ -21,7 +21,7 @@ from coopmap_env.studies.recorded.killian import (
 from coopmap_env.studies.recorded.laser_log import LaserLog
 
 
-def tune_sensor_models(
+def tune_killian_models(
     log: LaserLog, stride: int = 1, progress: bool = False
 ) -> dict[str, dict[tuple[float, ...], float]]:
     """Losses of both maps' constants on validation scans; held-out scans are not used.

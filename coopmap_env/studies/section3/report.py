@@ -45,7 +45,7 @@ def write_report(study: Section3, out: Path, field: FieldStudy | None = None) ->
     """
     out.mkdir(parents=True, exist_ok=True)
     _draw_figures(study, out)
-    summary = study_summary(study)
+    summary = section3_summary(study)
     if field is not None:
         write_field_figures(field, out)
         summary["field"] = field_summary(field)
@@ -54,7 +54,7 @@ def write_report(study: Section3, out: Path, field: FieldStudy | None = None) ->
     write_atomically(out / "report.html", _render_html(study, summary, out))
 
 
-def study_summary(study: Section3) -> dict[str, Any]:
+def section3_summary(study: Section3) -> dict[str, Any]:
     """All results as JSON values."""
     return {
         "version": __version__,

@@ -120,7 +120,7 @@ class Section3:
         }
 
 
-def run(
+def run_section3(
     store: Path, size: Section3Size, workers: int, log: Callable[[str], None], progress: bool = True
 ) -> Section3:
     """Run the study.
@@ -187,7 +187,7 @@ def run(
         house=house,
         house_snapshot=house_snapshot,
         calibration=calibration_scores,
-        killian=killian.run(progress=progress),
+        killian=killian.run_killian(progress=progress),
     )
 
 
