@@ -13,10 +13,11 @@ from coopmap_env.information import ReservedMask
 class FrontierPolicy(Planner):
     """The nearest frontier, and of the poses there the one that shows the most unknown.
 
-    A frontier cell is a free cell with a never-sampled face neighbour (Yamauchi 1997, "A
+    A frontier cell is a free cell with a never-sampled face neighbor (Yamauchi 1997, "A
     frontier-based approach for autonomous exploration"). A planar camera moves there, by the
-    shortest path; a field camera turns to the frontier nearest to it. Frontiers at which no pose
-    shows a never-sampled cell are skipped.
+    shortest path, so the cell must be known to be free (P < 0.05). A field camera turns to the
+    frontier nearest to it, for which P < 1/2 is enough. Frontiers at which no pose shows a
+    never-sampled cell are skipped.
 
     Parameters
     ----------

@@ -19,8 +19,7 @@ from coopmap_env.evaluation.metrics import (
 )
 from coopmap_env.evaluation.policy import Policy
 from coopmap_env.evaluation.rollout import Step, rollout
-from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import FREE_PROBABILITY
+from coopmap_env.mapping import FREE_PROBABILITY, OccupancyMap
 
 SURFACE_SPAWN_KEY = 0x5C0
 """Spawn key of the samples and poses that evaluate a surface: the same for every policy."""

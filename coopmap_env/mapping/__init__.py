@@ -4,10 +4,18 @@ from coopmap_env.mapping.beam import BeamModel, beam_occupancy
 from coopmap_env.mapping.gaussian import gaussian_density, merge_gaussians
 from coopmap_env.mapping.grid import GridGeometry, VoxelGrid
 from coopmap_env.mapping.line_of_sight import has_line_of_sight
-from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange, to_log_odds_fixed
+from coopmap_env.mapping.log_odds import (
+    FREE_LOG_ODDS_FIXED,
+    FREE_PROBABILITY,
+    STEPS_PER_NAT,
+    LogOddsRange,
+    to_log_odds_fixed,
+)
 from coopmap_env.mapping.occupancy_map import MapArrays, OccupancyMap, ScanGain
 
 __all__ = [
+    "FREE_LOG_ODDS_FIXED",
+    "FREE_PROBABILITY",
     "STEPS_PER_NAT",
     "BeamModel",
     "GridGeometry",

@@ -26,6 +26,13 @@ def to_log_odds_fixed(probability: float) -> int:
     return round(math.log(probability / (1.0 - probability)) * STEPS_PER_NAT)
 
 
+FREE_PROBABILITY = 0.05
+"""Occupancy below which a sampled cell is known to be free: robots may move through it (the paper's
+2 sigma). To be seen through, it need only be more probably free than not: P < 1/2, log-odds below
+0."""
+FREE_LOG_ODDS_FIXED = to_log_odds_fixed(FREE_PROBABILITY)
+
+
 @dataclass(frozen=True)
 class LogOddsRange(Settings):
     """The range to which a map clamps its log-odds, and tables over it: probability and entropy.

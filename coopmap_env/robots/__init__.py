@@ -25,7 +25,6 @@ from coopmap_env.robots.mount import Mount
 from coopmap_env.robots.mount_library import R_OPTICAL_CAMERA, make_mount, mount_from_urdf
 from coopmap_env.robots.planar.pose_lattice import LatticeGeometry, PoseLattice, pose_from_id
 from coopmap_env.robots.planar.reachable_cells import (
-    FREE_PROBABILITY,
     ReachableCells,
     free_mask,
     infeasibility_reason,
@@ -35,7 +34,6 @@ from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 from coopmap_env.robots.vehicle import PoseEstimate, Vehicle
 
 __all__ = [
-    "FREE_PROBABILITY",
     "R_OPTICAL_CAMERA",
     "SUSPENSION_JOINTS",
     "BodyPoses",

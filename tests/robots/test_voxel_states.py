@@ -3,10 +3,9 @@ import pytest
 from plain.kinematics import sphere_state
 from scipy.ndimage import distance_transform_edt
 
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, OccupancyMap, VoxelGrid
 from coopmap_env.robots import VoxelStates, are_spheres_free
 from coopmap_env.robots.collision.voxel_states import FREE, OCCUPIED, OUTSIDE, UNKNOWN
-from coopmap_env.robots.planar.reachable_cells import FREE_LOG_ODDS_FIXED
 
 
 def scattered(rng, shape=(24, 20, 16), fraction=0.02):

@@ -53,12 +53,12 @@ class FieldPlanning:
     ) -> NDArray[np.bool_]:
         """Poses that see the frontier voxel nearest to the camera.
 
-        A frontier voxel is free and adjacent to never-sampled ones; only those that some of the
-        marked poses sees count.
+        A frontier voxel is sampled, can be seen through (P < 1/2) and is adjacent to never-sampled
+        ones; only those that some of the marked poses sees count.
         """
         map_ = belief.planning_map(robot)
-        known_free = map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed < 0)
-        (cells,) = np.nonzero(adjacent_to_unknown(map_) & known_free)
+        transparent = map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed < 0)
+        (cells,) = np.nonzero(adjacent_to_unknown(map_) & transparent)
         grid = map_.grid
         centers = grid.center(np.stack(np.unravel_index(cells, grid.shape), axis=-1))
         distances = np.linalg.norm(centers - belief.estimates[robot].pose.translation, axis=1)

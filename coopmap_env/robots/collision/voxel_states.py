@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.mapping import MapArrays, OccupancyMap
-from coopmap_env.robots.planar.reachable_cells import FREE_LOG_ODDS_FIXED
+from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap
 
 FREE, UNKNOWN, OCCUPIED, OUTSIDE = range(4)
 STATE_NAMES = ("free space", "unknown space", "an obstacle", "the edge of the map")

@@ -13,11 +13,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import start_ray, step_ray
-from coopmap_env.mapping import MapArrays, OccupancyMap, to_log_odds_fixed
-
-FREE_PROBABILITY = 0.05
-"""Occupancy below which a sampled cell counts as unoccupied (the paper's 2 sigma)."""
-FREE_LOG_ODDS_FIXED = to_log_odds_fixed(FREE_PROBABILITY)
+from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap
 
 
 def free_mask(map_: OccupancyMap) -> NDArray[np.bool_]:
