@@ -1,4 +1,4 @@
-"""Imported first by all packages that need torch: a missing one is named with its pip command."""
+"""Imported first by all modules that need torch: a missing one is named with its pip command."""
 
 from coopmap_env.core.extras import import_optional
 

@@ -1,5 +1,9 @@
 """What is trained, and how: everything that decides the result of a training; needs no torch.
 
+A training is a chain of *segments*. At the start of each, the environments are reset and all random
+numbers come from the training's seed and the segment's number; after each, the network is validated
+and a checkpoint is written. So a training resumed after a segment ends as an uninterrupted one.
+
 All values can be written as JSON, so that a training's record, a policy's file and a worker process
 can hold them.
 """
@@ -31,16 +35,17 @@ CriticInput = Literal["local", "central"]
 
 @dataclass(frozen=True)
 class PPOSettings(Settings):
-    """Hyper-parameters of proximal policy optimisation; a step is one action of one robot."""
+    """Hyper-parameters of proximal policy optimisation.
+
+    Unless a field says otherwise, a step is one action of one robot, as Stable-Baselines3 counts;
+    a step of the environment holds one of each robot.
+    """
 
     total_steps: PositiveInt = 131_072
     """Length of the training, rounded up to complete roll-outs. The last segment is shorter where
     `segment_steps` does not divide it."""
     segment_steps: PositiveInt = 16_384
-    """Length of a segment, rounded up to complete roll-outs. A training is a chain of segments. At
-    the start of each, the environments are reset and all random numbers come from the training's
-    seed and the segment's number: a training resumed after a segment ends as an uninterrupted one.
-    """
+    """Length of a segment (from one checkpoint to the next), rounded up to complete roll-outs."""
     critic_warmup_steps: NonNegativeInt = 0
     """Steps at the start in which only the critic learns: after a warm start the policy is better
     than the advice of an untrained critic."""

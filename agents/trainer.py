@@ -1,15 +1,21 @@
-"""What the training loop asks of a library: learn one segment, give the network, write logs."""
+"""The interface between the training loop and a library: `SB3Trainer` and `RLlibTrainer` have it.
+
+Networks and logs are those of Stable-Baselines3 in both. The module stands below both engines, and
+so outside of `coopmap_agents.training`, which imports them.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from pathlib import Path
 
+import coopmap_agents._require_rl  # noqa: F401
+
+# isort: split
 import numpy as np
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-import coopmap_agents._require_rl  # noqa: F401
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.record import SegmentReport
 
@@ -52,7 +58,7 @@ class Trainer(ABC):
 
     @abstractmethod
     def learn(self, segment: int) -> bool:
-        """Learn for one segment; false if a callback has ended the training."""
+        """Learn for one segment, whose number is given; false if it ended early."""
 
     def log(self, scores: dict[str, float]) -> None:
         """Write scores to TensorBoard, if there are logs."""

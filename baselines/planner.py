@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -63,18 +62,18 @@ class Planner(ABC):
         reserved_mask = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = {}
         for robot, agent in enumerate(belief.agents):
-            score = partial(self._score_on, robot, reserved_mask)
-            poses = belief.planning.prescreen(belief, self.candidate_poses(belief, robot), score)
-            best = poses[np.argmax(self.score(belief, robot, poses, reserved_mask))]
+            best = self._best_pose(belief, robot, reserved_mask)
             actions[agent] = belief.action_for(robot, best)
             if reserved_mask is not None:
                 reserved_mask[belief.visible_cells(robot, best)] = 1
         return actions
 
-    def _score_on(
-        self, robot: int, reserved_mask: ReservedMask, belief: Belief, poses: Poses
-    ) -> NDArray[np.float64]:
-        return self.score(belief, robot, poses, reserved_mask)
+    def _best_pose(self, belief: Belief, robot: int, reserved_mask: ReservedMask) -> Any:
+        def score(some_belief: Belief, poses: Poses) -> NDArray[np.float64]:
+            return self.score(some_belief, robot, poses, reserved_mask)
+
+        poses = belief.planning.prescreen(belief, self.candidate_poses(belief, robot), score)
+        return poses[np.argmax(score(belief, poses))]
 
     def candidate_poses(self, belief: Belief, robot: int) -> Poses:
         """The poses to choose from."""

@@ -168,8 +168,9 @@ class SB3Trainer(Trainer):
         assert env is not None
         model.set_random_seed(self._segment_seed(segment))
         model.set_env(env, force_reset=True)
-        recorder = _RolloutRecorder(self._settings.critic_warmup_steps)
-        callbacks: list[BaseCallback] = [recorder]
+        recorder = _RolloutRecorder()
+        warmup = _CriticWarmup(self._settings.critic_warmup_steps)
+        callbacks: list[BaseCallback] = [warmup, recorder]
         if callback is not None:
             is_object = isinstance(callback, BaseCallback)
             callbacks.append(callback if is_object else ConvertCallback(callback))
@@ -230,24 +231,36 @@ class TimedVecEnv(VecEnvWrapper):
         return result
 
 
-class _RolloutRecorder(BaseCallback):
-    """Freezes the actor during the warm-up; records returns and the duration of roll-outs."""
+class _CriticWarmup(BaseCallback):
+    """Freezes the actor during the first steps of a training, in which only the critic learns."""
 
-    def __init__(self, critic_warmup_steps: int) -> None:
+    def __init__(self, steps: int) -> None:
         super().__init__()
-        self.critic_warmup_steps = critic_warmup_steps
+        self.steps = steps
+
+    def _on_rollout_start(self) -> None:
+        set_actor_trainable(self.model.policy, self.model.num_timesteps >= self.steps)
+
+    def _on_training_end(self) -> None:
+        set_actor_trainable(self.model.policy, True)
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class _RolloutRecorder(BaseCallback):
+    """Records returns and the duration of roll-outs."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self.collecting_seconds = 0.0
         self.returns: list[float] = []
 
     def _on_rollout_start(self) -> None:
         self._started = time.perf_counter()
-        set_actor_trainable(self.model.policy, self.model.num_timesteps >= self.critic_warmup_steps)
 
     def _on_rollout_end(self) -> None:
         self.collecting_seconds += time.perf_counter() - self._started
-
-    def _on_training_end(self) -> None:
-        set_actor_trainable(self.model.policy, True)
 
     def _on_step(self) -> bool:
         infos = self.locals["infos"]

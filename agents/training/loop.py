@@ -90,12 +90,13 @@ def run_training(
         else:
             record["imitation"] = _initialize_network(trainer, config)
         with closing(config.env.make("validation")) as validation:
-            run = _Run(config, out, record, validation, log)
+            finisher = _SegmentFinisher(config, out, record, validation, log)
             if not record["rows"]:
-                run.finish_segment(trainer)
+                finisher.finish_segment(trainer)
             while trainer.steps < config.ppo.total_steps:
+                # the first row is of the network before training, so that row k + 1 is of segment k
                 trainer.learn(len(record["rows"]) - 1)
-                run.finish_segment(trainer)
+                finisher.finish_segment(trainer)
     return record
 
 
@@ -137,8 +138,8 @@ def _initialize_network(trainer: Trainer, config: TrainingConfig) -> dict[str, f
 
 
 @dataclass(frozen=True)
-class _Run:
-    """What happens after each segment, and before the first one."""
+class _SegmentFinisher:
+    """Validates the network and writes all files: before the first segment and after each."""
 
     config: TrainingConfig
     out: Path
