@@ -138,7 +138,7 @@ def _tuple_check(parts: tuple[Any, ...], within: Bounds | None) -> Check:
 
 
 def settings_to_dict(settings: Any) -> dict[str, Any]:
-    """Nested JSON values of the settings of any world."""
+    """JSON values of settings; nested settings become nested dictionaries."""
     return asdict(settings)
 
 
