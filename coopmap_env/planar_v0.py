@@ -10,6 +10,7 @@ actions            `coopmap_env.envs.planar.actions`: ``Box(-1, 1, (3,))``, or
 observations       `coopmap_env.envs.planar.observations`, index by index
 rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage"
 settings           `PlanarSettings`: camera, noise, map, rating function, reach
+paper              V. A. Sujan and S. Dubowsky, "Cooperative mapping by robot teams"
 end                truncation after ``max_scans`` scans of each robot; no termination
 =================  =====================================================================
 
