@@ -17,7 +17,7 @@ class CoveragePolicy(GainPlanner):
     """
 
     def gain(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """See `Belief.unknown_fraction`."""
         return belief.unknown_fraction(robot, poses, reserved_mask)

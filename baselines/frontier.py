@@ -29,7 +29,7 @@ class FrontierPolicy(Planner):
         super().__init__("exhaustive", coordination)
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """Fraction of never-sampled cells in view at the nearest frontier; -1 elsewhere."""
         unknown = belief.unknown_fraction(robot, poses, reserved_mask)

@@ -35,8 +35,10 @@ class InformationGainPolicy(GainPlanner):
         self.prior = prior
 
     def gain(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
-        """See `Planning.information_fraction`."""
+        """See `Planning.mutual_information_fraction`."""
         prior = belief.planning.unknown_prior if self.prior is None else self.prior
-        return belief.planning.information_fraction(belief, robot, poses, prior, reserved_mask)
+        return belief.planning.mutual_information_fraction(
+            belief, robot, poses, prior, reserved_mask
+        )

@@ -52,7 +52,7 @@ class Planner(ABC):
 
     @abstractmethod
     def score(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """Score of each pose (k,), higher is better; reserved cells do not count."""
 
@@ -68,7 +68,7 @@ class Planner(ABC):
                 reserved_mask[belief.visible_cells(robot, best)] = 1
         return actions
 
-    def _best_pose(self, belief: Belief, robot: int, reserved_mask: ReservedMask) -> Any:
+    def _best_pose(self, belief: Belief, robot: int, reserved_mask: ReservedMask | None) -> Any:
         def score(some_belief: Belief, poses: Poses) -> NDArray[np.float64]:
             return self.score(some_belief, robot, poses, reserved_mask)
 
@@ -109,12 +109,12 @@ class GainPlanner(Planner):
 
     @abstractmethod
     def gain(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """Gain of each pose (k,), as a fraction of that of a full view."""
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """Gain minus the weighted distance."""
         gain = self.gain(belief, robot, poses, reserved_mask)

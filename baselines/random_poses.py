@@ -17,7 +17,7 @@ class RandomPolicy(Planner):
         super().__init__(1, "independent")
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """Random scores, so that a choice among candidates is random too."""
         return self.rng.random(len(poses))

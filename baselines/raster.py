@@ -23,7 +23,7 @@ class RasterPolicy(Planner):
         super().__init__("exhaustive", "independent")
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """Minus the number of steps to the pose in the sequence."""
         return -belief.planning.raster_offset(belief, robot, poses).astype(np.float64)

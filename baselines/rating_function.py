@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_baselines.planner import Coordination, Planner, Search
-from coopmap_env.envs import Belief, Planning, PoseRater, Poses
+from coopmap_env.envs import Belief, Poses
 from coopmap_env.information import ReservedMask
 
 
@@ -24,15 +24,11 @@ class RatingFunctionPolicy(Planner):
 
     def __init__(self, search: Search = 100, coordination: Coordination = "independent") -> None:
         super().__init__(search, coordination)
-        self._planning: Planning | None = None
-        self._rater: PoseRater | None = None
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """RF of each pose (Eq. 9)."""
-        if self.search != "exhaustive":
-            return belief.rate(robot, poses, reserved_mask).rating
-        if self._rater is None or self._planning is not belief.planning:
-            self._planning, self._rater = belief.planning, belief.planning.exhaustive_rater()
-        return self._rater.rate(belief, robot, poses, reserved_mask).rating
+        if self.search == "exhaustive":
+            return belief.planning.rate_all(belief, robot, poses, reserved_mask).rating
+        return belief.rate(robot, poses, reserved_mask).rating

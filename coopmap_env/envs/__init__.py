@@ -10,7 +10,6 @@ from coopmap_env.envs.belief import (
     Observation,
     Observations,
     Planning,
-    PoseRater,
     Poses,
 )
 from coopmap_env.envs.mapping_env import Infos, MappingEnv
@@ -27,7 +26,6 @@ __all__ = [
     "Observation",
     "Observations",
     "Planning",
-    "PoseRater",
     "Poses",
     "RewardName",
     "RewardScale",

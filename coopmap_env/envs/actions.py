@@ -19,7 +19,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopmap_env.envs.belief import Belief, Poses
+from coopmap_env.envs.belief import Belief, Decoded, Poses
 
 
 class InvalidActionError(ValueError):
@@ -59,8 +59,8 @@ class CandidateMode:
         """Discrete(m)."""
         return spaces.Discrete(self.n_candidates)
 
-    def decode(self, agent: str, action: Any, belief: Belief) -> tuple[Any, str]:
-        """The candidate of that index; one that is masked out is infeasible."""
+    def decode(self, agent: str, action: Any, belief: Belief) -> Decoded:
+        """The candidate of that index; one that is masked out is rejected."""
         value = np.asarray(action)
         if value.shape != () or not np.issubdtype(value.dtype, np.integer):
             raise InvalidActionError(f"{agent}: a candidate action is one integer, got {action!r}")
@@ -72,11 +72,10 @@ class CandidateMode:
             )
         candidates = self._candidates_of(belief, belief.agents.index(agent))
         if index >= len(candidates):
-            return (
-                None,
-                f"candidate {index} is masked out: only {len(candidates)} poses are feasible",
+            return Decoded(
+                None, f"candidate {index} is masked out: only {len(candidates)} poses are feasible"
             )
-        return candidates[index], ""
+        return Decoded(candidates[index], "")
 
     def encode(self, robot: int, pose: Any, belief: Belief) -> np.int64:
         """Index of the pose among the candidates."""

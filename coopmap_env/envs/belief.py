@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from gymnasium import spaces
@@ -22,14 +22,28 @@ Poses = NDArray[Any]
 (k, n) in the field environment. Planners pass them on and do not interpret them."""
 
 
+class Decoded(NamedTuple):
+    """What an action means."""
+
+    pose: Any
+    """The requested pose."""
+    rejected_reason: str
+    """Why the pose is infeasible, so that the camera stays; empty if it is feasible."""
+
+    @property
+    def target(self) -> Any:
+        """The pose to go to; None if it is rejected."""
+        return None if self.rejected_reason else self.pose
+
+
 class ActionMode(Protocol):
     """How the actions of one robot are encoded and decoded."""
 
     def space(self, robot: int) -> spaces.Space[Any]:
         """Make a new space for one robot."""
 
-    def decode(self, agent: str, action: Any, belief: Any) -> tuple[Any, str]:
-        """Pose that the action requests, and why it is infeasible (or empty).
+    def decode(self, agent: str, action: Any, belief: Any) -> Decoded:
+        """Pose that the action requests, and why it is rejected if it is infeasible.
 
         Raises
         ------
@@ -47,13 +61,6 @@ class ActionMode(Protocol):
         """
 
 
-class PoseRater(Protocol):
-    """Rates poses of one episode after another; may remember what a scan did not change."""
-
-    def rate(self, belief: Any, robot: int, poses: Poses, reserved_mask: ReservedMask) -> Ratings:
-        """Eqs. 5 to 9 of each pose; equals `Belief.rate`."""
-
-
 class Planning(Protocol):
     """Operations that only one or two of the baselines need, such as the order of a raster.
 
@@ -65,8 +72,13 @@ class Planning(Protocol):
     unknown_prior: float
     """Occupancy expected of a cell that was never sampled: the mean of training worlds."""
 
-    def information_fraction(
-        self, belief: Any, robot: int, poses: Poses, prior: float, reserved_mask: ReservedMask
+    def mutual_information_fraction(
+        self,
+        belief: Any,
+        robot: int,
+        poses: Poses,
+        prior: float,
+        reserved_mask: ReservedMask | None,
     ) -> NDArray[np.float64]:
         """Mutual information of the beams with the map, shape (k,).
 
@@ -90,8 +102,13 @@ class Planning(Protocol):
         `score` maps a belief and poses to their scores, higher is better.
         """
 
-    def exhaustive_rater(self) -> PoseRater:
-        """A rater for planners that rate the whole configuration space at every step."""
+    def rate_all(
+        self, belief: Any, robot: int, poses: Poses, reserved_mask: ReservedMask | None
+    ) -> Ratings:
+        """`Belief.rate`, for planners that rate the whole configuration space at every step.
+
+        It may remember the ratings that the last scans did not change.
+        """
 
 
 @dataclass(frozen=True)
@@ -127,7 +144,7 @@ class Belief(ABC):
         """Up to m different feasible poses, uniformly at random."""
 
     @abstractmethod
-    def rate(self, robot: int, poses: Poses, reserved_mask: ReservedMask = None) -> Ratings:
+    def rate(self, robot: int, poses: Poses, reserved_mask: ReservedMask | None = None) -> Ratings:
         """Eqs. 5 to 9 of each pose."""
 
     @abstractmethod
@@ -140,7 +157,7 @@ class Belief(ABC):
 
     @abstractmethod
     def unknown_fraction(
-        self, robot: int, poses: Poses, reserved_mask: ReservedMask = None
+        self, robot: int, poses: Poses, reserved_mask: ReservedMask | None = None
     ) -> NDArray[np.float64]:
         """Never-sampled cells in view, as a fraction of the most a camera can see, shape (k,)."""
 

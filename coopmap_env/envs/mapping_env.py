@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv
 
 from coopmap_env.envs.actions import CandidateMode, InvalidActionError
 from coopmap_env.envs.arguments import MappingArguments
-from coopmap_env.envs.belief import ActionMode, Observation
+from coopmap_env.envs.belief import ActionMode, Decoded, Observation
 from coopmap_env.envs.rewards import RewardScale, reward_terms
 from coopmap_env.envs.step_data import (
     BeliefT,
@@ -72,7 +72,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._scans_done = 0
         self._has_reset = False
         self.last_scans: list[Scan] = []
-        """Of the last step, as they were fused."""
+        """Scans of the last step, as they were fused."""
         self._trails: list[list[NDArray[np.float64]]] = []
 
     def _set_up(
@@ -86,7 +86,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._actions = actions
         self._reward_scale = scale
         self._observer = observer
-        self._contact_cost = collision_cost
+        self._collision_cost = collision_cost
         agents = list(enumerate(self.possible_agents))
         self.action_spaces = {agent: actions.space(robot) for robot, agent in agents}
         self.observation_spaces = {agent: observer.space(robot) for robot, agent in agents}
@@ -180,7 +180,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             Before the first reset and after the end of an episode.
         """
         decoded = self._decode(actions)
-        targets = [None if reason else pose for pose, reason in decoded]
+        targets = [one.target for one in decoded]
         transition = self._transition(self._belief, targets, self._rngs.noise)
         self._belief = self._with_candidates(transition.belief)
         self.last_scans = transition.scans
@@ -189,7 +189,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         terms = [reward_terms(outcome, self._reward_scale) for outcome in transition.outcomes]
         rewards = self._assign_rewards(terms)
         observations = self._observe()
-        reasons = [reason for _, reason in decoded]
+        reasons = [one.rejected_reason for one in decoded]
         infos = self._step_infos(transition, terms, reasons)
         _copy_masks(observations, infos)
         ended = self._scans_done >= self.max_scans
@@ -213,7 +213,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if move.collision_cells:
             belief.map.mark_occupied(move.collision_cells)
         fused = self._fuse_scans(belief.with_poses(move.poses), rng)
-        costs = [self._contact_cost if name else 0.0 for name in move.collided_with]
+        costs = [self._collision_cost if name else 0.0 for name in move.collided_with]
         outcomes = step_outcomes(rated, fused.gains, costs)
         return Transition(fused.belief, fused.scans, outcomes, move.collided_with)
 
@@ -259,7 +259,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if not self._has_reset:
             raise RuntimeError("call reset() first: there is no world yet")
 
-    def _decode(self, actions: Mapping[str, Any]) -> list[tuple[Any, str]]:
+    def _decode(self, actions: Mapping[str, Any]) -> list[Decoded]:
         self._require_reset()
         if not self.agents:
             raise RuntimeError(f"the episode ended after {self.max_scans} scans: call reset()")

@@ -24,7 +24,7 @@ class EpisodeRngs(NamedTuple):
     noise: np.random.Generator
     candidates: np.random.Generator
     seeds: np.random.Generator
-    """Of the episodes that follow without a seed."""
+    """Draws the seeds of later resets without a seed."""
 
 
 class TeamMoveResult(NamedTuple):
@@ -42,9 +42,9 @@ class FusedScans(NamedTuple, Generic[BeliefT]):
     """The scans of a step in the maps of the robots."""
 
     belief: BeliefT
-    """After the scans, and after what was learned of the robots' poses."""
+    """The belief after the scans, and after what was learned of the robots' poses."""
     scans: list[Scan]
-    """As they were fused, in the frame of each robot's map."""
+    """Scans as they were fused, in the frame of each robot's map."""
     gains: list[ScanGain]
     """What each scan brought to its map."""
 
@@ -55,7 +55,7 @@ class Transition(NamedTuple, Generic[BeliefT]):
     belief: BeliefT
     scans: list[Scan]
     outcomes: list[StepOutcome]
-    """Of each robot."""
+    """Outcome of the step for each robot."""
     collided_with: Sequence[str]
     """Name of what each robot collided with; empty if nothing."""
 

@@ -11,22 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry import wrap_angle
+from coopmap_env.geometry import Spheres, wrap_angle
 from coopmap_env.information.settings import RatingSettings
 
-ReservedMask = NDArray[np.uint8] | None
-"""Shape (n_cells,): 1 at cells that a teammate's next scan will observe; None if there are none."""
+ReservedMask = NDArray[np.uint8]
+"""Shape (n_cells,): 1 at cells that a teammate's next scan will observe. Planners and views do not
+count them. None stands for no such cells."""
 CameraPoses = tuple[ArrayLike, ArrayLike]
 """Rotations R_world_camera (k, 3, 3) and translations (k, 3), metres."""
-Spheres = tuple[ArrayLike, ArrayLike]
-"""Centers (s, 3) and radii (s,), metres, world frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewContext:
     """What, besides the map and the poses, decides which cells a view shows."""
 
-    reserved_mask: ReservedMask = None
+    reserved_mask: ReservedMask | None = None
     """Cells that are left out, because a teammate will observe them."""
     occluder_spheres: Spheres | None = None
     """Spheres that cover the other robots and hide what is behind them. 3-D only."""

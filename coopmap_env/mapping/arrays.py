@@ -14,7 +14,7 @@ class MapArrays(NamedTuple):
     log_odds_fixed: NDArray[np.int32]
     """Log-odds in fixed point (n_cells,); see `log_odds`."""
     sampled_mask: NDArray[np.uint8]
-    """1 where a scan observed the cell (n_cells,)."""
+    """1 where the cell is sampled (n_cells,); see `OccupancyMap`."""
     shape: tuple[int, int, int]
     """Cells along x, y, z; a planar grid is one layer."""
     clamp: int
@@ -25,9 +25,9 @@ class SurfaceArrays(NamedTuple):
     """Surface estimates of the cells in information form, where merging is a sum."""
 
     precision: NDArray[np.float64]
-    """Sums of the points' inverse covariances P (n_cells, D, D)."""
+    """Sums of the points' inverse covariances (n_cells, D, D)."""
     information_vector: NDArray[np.float64]
-    """Sums of P times (point minus the cell's centre) (n_cells, D)."""
+    """Sums of inverse covariance times (point minus the cell's center) (n_cells, D)."""
 
 
 class UpdateBuffers(NamedTuple):

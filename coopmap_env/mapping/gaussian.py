@@ -60,8 +60,8 @@ def add_observation(
 ) -> None:
     """Merge one observation into a cell's information form: two sums (Eqs. 2 and 4).
 
-    ``precision[cell] += P`` and ``information_vector[cell] += P @ deviation`` with
-    P = (C + floor I)^-1. The deviation is the point minus the cell's center, so that no digits
+    ``precision[cell] += Lambda`` and ``information_vector[cell] += Lambda @ deviation`` with
+    Lambda = (C + floor I)^-1. The deviation is the point minus the cell's center, so that no digits
     cancel far from the origin.
     """
     precision, vector = surfaces

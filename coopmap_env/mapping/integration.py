@@ -99,9 +99,10 @@ def integrate_scan(scan: PlainTuple, fusion: PlainTuple) -> tuple[int, int, floa
     `scan` is a plain `ScanArrays`, `fusion` a plain `FusionArrays`.
     """
     rays = ScanArrays(*scan)
-    grid, beam = GridGeometry(*fusion[0]), BeamParameters(*fusion[1])
-    buffers, cells = UpdateBuffers(*fusion[2]), MapArrays(*fusion[3])
-    surfaces, entropy = SurfaceArrays(*fusion[4]), fusion[5]
+    grid_tuple, beam_tuple, buffer_tuple, cell_tuple, surface_tuple, entropy = fusion
+    grid, beam = GridGeometry(*grid_tuple), BeamParameters(*beam_tuple)
+    buffers, cells = UpdateBuffers(*buffer_tuple), MapArrays(*cell_tuple)
+    surfaces = SurfaceArrays(*surface_tuple)
     if beam.partial_surface and len(rays.origin) == 3:
         count = integrate_rays_simd(rays, grid, beam, buffers, surfaces)
     else:

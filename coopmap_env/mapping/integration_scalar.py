@@ -32,7 +32,7 @@ class EndCells(NamedTuple):
     """Buffers for the cells in which one beam may have ended, along the beam."""
 
     cells: NDArray[np.int64]
-    """Flat numbers."""
+    """Flat indices."""
     entries: NDArray[np.float64]
     """Distances at which the beam enters the cells, in cells."""
     exits: NDArray[np.float64]
@@ -74,6 +74,12 @@ def _range_sigma(
 
 
 @inlined_kernel
+def add_nonzero(current: int, update: int) -> int:
+    """Sum of two updates, but 1 in place of 0: a pending update of zero means "not in the list"."""
+    return current + update if current != -update else 1
+
+
+@inlined_kernel
 def _update_free_cells(
     ray: Ray,
     position: RayPosition,
@@ -89,7 +95,7 @@ def _update_free_cells(
         cell, entry = position.cell, position.distance
         position = step_ray(ray, position)
         update = weight_by_path_length(lowest, position.distance - entry)
-        index = np.uint64(cell)  # the compiler guards signed indices against negative ones
+        index = np.uint64(cell)
         current = pending[index]
         updated_cells[np.uint64(count)] = cell
         count += (current == 0) & (update != 0)
@@ -99,7 +105,7 @@ def _update_free_cells(
         current = pending[index]
         updated_cells[np.uint64(count)] = position.cell
         count += current == 0
-        pending[index] = current + lowest if current != -lowest else 1
+        pending[index] = add_nonzero(current, lowest)
         position = step_ray(ray, position)
     return position, count
 
@@ -159,7 +165,7 @@ def _update_end_cells(
             pending[cell] = merge_updates(current, update)
         else:
             count += current == 0
-            pending[cell] = current + update if current != -update else 1
+            pending[cell] = add_nonzero(current, update)
         if before > POSTERIOR_CUTOFF and k >= best:
             break
     return count
@@ -169,7 +175,7 @@ def _update_end_cells(
 def _center_offset(
     point: NDArray[np.float64], cell: int, grid: GridGeometry, offset: NDArray[np.float64]
 ) -> None:
-    """Write `point` minus the centre of flat cell `cell`, metres."""
+    """Write `point` minus the center of flat cell `cell`, metres."""
     lower, resolution, shape = grid
     for axis in range(len(point) - 1, -1, -1):
         offset[axis] = point[axis] - ((cell % shape[axis] + 0.5) * resolution + lower[axis])

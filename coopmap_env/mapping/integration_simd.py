@@ -2,8 +2,7 @@
 
 Rays are stepped `LANES` at once (see `ray_lanes`). Only then do they update their cells, one beam
 after the other in the scan's order. The points are merged at the end: they lie far from each other
-in memory, and reads that are close in the program are fetched together. 3000 beams of 60 cells:
-0.73 ms instead of 0.99.
+in memory, and reads that are close in the program are fetched together.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class EndCellFaces(NamedTuple):
     """Buffers for the n cells in which one beam may have ended, along the beam."""
 
     cells: NDArray[np.int64]
-    """Flat numbers."""
+    """Flat indices."""
     faces: NDArray[np.float64]
     """The n + 1 distances at which the beam crosses their faces, cells."""
     weights: NDArray[np.float64]
@@ -152,7 +151,7 @@ def _update_free_cells(
     k = np.uint64(lane)
     for _ in range(n):
         cell, update = cells[k], free_updates[k]
-        index = np.uint64(cell)  # the compiler guards signed indices against negative ones
+        index = np.uint64(cell)
         current = np.int64(pending[index])
         updated_cells[np.uint64(count)] = cell
         count += (current == 0) & (update != 0)

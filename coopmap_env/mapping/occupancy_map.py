@@ -46,6 +46,10 @@ class OccupancyMap:
 
     Notes
     -----
+    A cell is *sampled* once a scan observed it (a beam passed or ended in it), or `mark_free` or
+    `mark_occupied` marked it as known. All other cells are *unknown* (never sampled), and their P
+    is 1/2. Eq. 8 tells them apart from sampled cells of the same P.
+
     Each cell is updated once per scan: the updates of the scan's beams are summed, bounded (see
     `BeamModel`), and added to the cell's log-odds. Where surfaces are partial, the strongest update
     of the scan counts instead of the sum. The scans of one `integrate` call may come in any order.
@@ -64,7 +68,7 @@ class OccupancyMap:
         self.log_odds_fixed = np.zeros(n, dtype=np.int32)
         """Log-odds in fixed point, flat; see `log_odds`."""
         self.sampled_mask = np.zeros(n, dtype=np.uint8)
-        """1 where a scan observed the cell, flat; see `sampled`."""
+        """1 where the cell is sampled, flat; see `sampled`."""
         self.arrays = MapArrays(
             self.log_odds_fixed, self.sampled_mask, grid.shape_3d, self.log_odds_range.clamp
         )
@@ -72,7 +76,7 @@ class OccupancyMap:
         self.precision = np.zeros((n, d, d))
         """Sums of the inverse covariances of each cell's surface points; see `surfaces`."""
         self.information_vector = np.zeros((n, d))
-        """Sums of inverse covariance times (point minus the cell's centre)."""
+        """Sums of inverse covariance times (point minus the cell's center)."""
         self._buffers = UpdateBuffers(np.zeros(n, dtype=np.int32), np.empty(n + 1, dtype=np.int64))
         self._updated_cells = self._buffers.updated_cells
         self._grid = tuple(grid.geometry)
@@ -133,11 +137,11 @@ class OccupancyMap:
         return arrays
 
     def mark_free(self, cells: ArrayLike) -> None:
-        """Mark cells (flat numbers) as known to be free, such as those of a robot's own body."""
+        """Mark cells (flat indices) as known to be free, such as those of a robot's own body."""
         self._mark(cells, -self.log_odds_range.clamp)
 
     def mark_occupied(self, cells: ArrayLike) -> None:
-        """Mark cells (flat numbers) as known to be occupied, as after a collision."""
+        """Mark cells (flat indices) as known to be occupied, as after a collision."""
         self._mark(cells, self.log_odds_range.clamp)
 
     def _mark(self, cells: ArrayLike, log_odds_fixed: int) -> None:
@@ -159,7 +163,7 @@ class OccupancyMap:
 
     @property
     def sampled(self) -> NDArray[np.bool_]:
-        """Cells that at least one scan observed, apart from their P (Eq. 8), shape of the grid."""
+        """Cells that a scan observed or that were marked, whatever their P, shape of the grid."""
         return self.sampled_mask.astype(np.bool_).reshape(self.grid.shape)
 
     @property
@@ -171,7 +175,7 @@ class OccupancyMap:
 
     @property
     def observed_fraction(self) -> float:
-        """Fraction of the grid's cells that at least one scan observed."""
+        """Fraction of the grid's cells that are sampled."""
         return int(np.count_nonzero(self.sampled_mask.view(np.bool_))) / self.grid.n_cells
 
     def surfaces(
@@ -182,7 +186,7 @@ class OccupancyMap:
         Returns
         -------
         cells : ndarray, shape (k,)
-            Flat numbers of the cells in which at least one beam ended.
+            Flat indices of the cells in which at least one beam ended.
         means : ndarray, shape (k, D)
             Merged surface points, metres.
         covariances : ndarray, shape (k, D, D)
@@ -202,11 +206,11 @@ class OccupancyMap:
         Returns
         -------
         cells : ndarray, shape (k,)
-            Flat numbers of the hit cells.
+            Flat indices of the hit cells.
         precisions : ndarray, shape (k, D, D)
-            Sums of the inverse covariances P.
+            Sums of the inverse covariances.
         vectors : ndarray, shape (k, D)
-            Sums of P times (point minus the cell's centre).
+            Sums of inverse covariance times (point minus the cell's center).
         """
         cells = np.flatnonzero(self.precision[:, 0, 0]).astype(np.int64)
         return cells, self.precision[cells], self.information_vector[cells]

@@ -112,7 +112,7 @@ def step_lanes(n: int, lowest: float, lanes: Lanes, crossed: CrossedCells) -> No
             )
 
 
-@inlined_kernel  # a call with so many arrays takes 20 ns
+@inlined_kernel  # a call with so many arrays takes long
 def init_lane(
     lane: int,
     start: tuple[float, float, float],

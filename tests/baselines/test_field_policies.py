@@ -128,7 +128,7 @@ def test_frontier_views_the_nearest_frontier_that_any_pose_sees(belief):
             map_,
             centers[np.argsort(ways, kind="stable")],
             camera,
-            belief.rating.fine.frustum,
+            belief.rating_function.fine.frustum,
         )
         nearest[k] = first
     best = min(nearest.values())

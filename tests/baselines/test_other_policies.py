@@ -97,12 +97,14 @@ def test_frontier_takes_the_first_cell_by_path_from_which_the_unknown_shows():
         beside = unknown[2:, 1:-1] | unknown[:-2, 1:-1] | unknown[1:-1, 2:] | unknown[1:-1, :-2]
         ids = belief.feasible_poses(0)
         frontier = ids[beside.ravel()[ids // 16]]
-        shows = belief.rating.count_unknown_cells(map_, frontier)
+        shows = belief.rating_function.count_unknown_cells(map_, frontier)
         assert frontier[shows > 0].size
         assert beside.flat[pose // 16]
         assert steps[pose // 16] == steps[frontier[shows > 0] // 16].min()
         here = frontier[frontier // 16 == pose // 16]
-        assert shows[frontier == pose] == belief.rating.count_unknown_cells(map_, here).max()
+        assert (
+            shows[frontier == pose] == belief.rating_function.count_unknown_cells(map_, here).max()
+        )
         seen += steps[pose // 16] > 1
     assert seen > 3
 
@@ -118,7 +120,7 @@ def test_frontier_without_a_frontier_takes_the_nearest_cell_that_shows_the_unkno
     set_cells(belief.map, np.flatnonzero(edge), 0.2)  # sampled, but not known to be free
     pose = chosen(FrontierPolicy(), belief)
     assert pose // 16 == 20 * 40 + 20
-    shown = belief.rating.count_unknown_cells(belief.map, np.arange(16) + 820 * 16)
+    shown = belief.rating_function.count_unknown_cells(belief.map, np.arange(16) + 820 * 16)
     assert shown[pose % 16] == shown.max() > 0
 
 
@@ -203,9 +205,9 @@ def test_the_information_of_one_beam_is_the_entropy_of_its_measurement(quarter, 
             set_cells(belief.map, [cell], rng.uniform(0.01, 0.5))
         known = belief.map.sampled.flat[cells]
         p = np.where(known, belief.map.probability.flat[cells], prior)
-        information = PlanarMutualInformation(belief.rating, prior=prior).mutual_information(
-            belief.map, [pose_id(env, 20, 20, quarter)]
-        )
+        information = PlanarMutualInformation(
+            belief.rating_function, prior=prior
+        ).mutual_information(belief.map, [pose_id(env, 20, 20, quarter)])
         assert information[0] == pytest.approx(first_hit_entropy(p), abs=1e-9)
 
 
@@ -213,11 +215,14 @@ def test_entropy_that_no_scan_can_reduce_does_not_count():
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     belief = set_poses(env, (20, 20, 0), known=list(range(40 * 40)))
     clamp = belief.map.log_odds_range.max_probability
-    known = PlanarMutualInformation(belief.rating, known_probability=clamp).mutual_information(
-        belief.map, [8000]
-    )
+    known = PlanarMutualInformation(
+        belief.rating_function, known_probability=clamp
+    ).mutual_information(belief.map, [8000])
     assert known[0] == pytest.approx(0.0, abs=1e-3)
-    assert PlanarMutualInformation(belief.rating).mutual_information(belief.map, [8000])[0] > 0.1
+    assert (
+        PlanarMutualInformation(belief.rating_function).mutual_information(belief.map, [8000])[0]
+        > 0.1
+    )
 
 
 @pytest.mark.parametrize("options", [{"prior": 0.0}, {"prior": 1.0}, {"known_probability": 0.5}])
@@ -225,7 +230,7 @@ def test_probabilities_of_beam_information_out_of_range_are_named(options):
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     (name,) = options
     with pytest.raises(ValueError, match=name):
-        PlanarMutualInformation(env.unwrapped._belief.rating, **options)
+        PlanarMutualInformation(env.unwrapped._belief.rating_function, **options)
 
 
 def test_the_score_of_information_gain_is_a_fraction_of_a_full_view_minus_motion():
@@ -234,11 +239,11 @@ def test_the_score_of_information_gain_is_a_fraction_of_a_full_view_minus_motion
     policy = coopmap_baselines.make("information_gain", motion_weight=0.125, prior=0.2)
     ids = np.array([pose_id(env, 20, 20, 0), pose_id(env, 23, 20, 0)])
     information = PlanarMutualInformation(
-        belief.rating, 0.2, belief.map.log_odds_range.max_probability
+        belief.rating_function, 0.2, belief.map.log_odds_range.max_probability
     )
     h = -0.2 * math.log(0.2) - 0.8 * math.log(0.8)
     shares = information.mutual_information(belief.map, ids) / (
-        belief.rating.fan.max_visible_cells * h
+        belief.rating_function.fan.max_visible_cells * h
     )
     expected = shares - 0.125 * np.array([0.0, 3.0])
     assert policy.score(belief, 0, ids, None) == pytest.approx(expected)
@@ -280,7 +285,7 @@ def test_coverage_counts_the_unknown_cells_in_view_minus_the_way():
                 count = sum(not belief.map.sampled[cell] for cell in seen - left_out)
                 x, y, _ = belief.lattice.pose(int(pose))
                 way = math.hypot(x - 20.5, y - 20.5)
-                share = count / belief.rating.fan.max_visible_cells
+                share = count / belief.rating_function.fan.max_visible_cells
                 assert score == pytest.approx(share - 0.25 * way, abs=1e-12)
 
 
@@ -293,7 +298,7 @@ def test_the_heavier_the_motion_the_nearer_the_pose(name, small_scene):
         belief = env.belief()
         policy = coopmap_baselines.make(name, search="exhaustive", motion_weight=weight)
         pose = chosen(policy, belief)
-        ways.append(np.linalg.norm((belief.lattice.poses(pose) - belief.poses[0])[:2]))
+        ways.append(np.linalg.norm((belief.lattice.poses(pose) - belief.camera_poses[0])[:2]))
     assert ways == sorted(ways, reverse=True)
     assert ways[0] > ways[-1] == 0
 
@@ -305,7 +310,7 @@ def test_frontier_takes_the_nearest_frontier_among_candidates_in_any_order():
     known = [x * 40 + y for x in range(14, 27) for y in range(17, 24)]
     belief = set_poses(env, (20, 20, 0), known=known)
     candidates = belief.candidates[0]
-    shows = belief.rating.count_unknown_cells(belief.map, candidates) > 0
+    shows = belief.rating_function.count_unknown_cells(belief.map, candidates) > 0
     at_frontier = adjacent_to_unknown(belief.map)[candidates // 16]
     steps = ReachableCells.search(belief.map, belief.cell(0)).steps
     pose = chosen(FrontierPolicy(), belief)

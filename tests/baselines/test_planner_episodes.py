@@ -116,7 +116,7 @@ def overlap(belief, actions):
     views = []
     for agent, action in actions.items():
         pose, _ = belief.actions.decode(agent, action, belief)
-        views.append(set(belief.rating.visible_cells(belief.map, pose).tolist()))
+        views.append(set(belief.rating_function.visible_cells(belief.map, pose).tolist()))
     return len(views[0] & views[1])
 
 

@@ -16,6 +16,10 @@ def settings_of(interpretation, resolution=1.0, **changes):
     return replace(base, rating=replace(base.rating, interpretation=interpretation), **changes)
 
 
+def cache_of(env):
+    return env.belief().planning._cache
+
+
 def play_and_compare(env, policy, seed):
     """Compare every step's scores with rating all poses again; return how many poses those are."""
     observations, _ = env.reset(seed=seed)
@@ -30,14 +34,14 @@ def play_and_compare(env, policy, seed):
             ids = belief.feasible_poses(robot)
             brute += len(ids)
             rated = belief.rate(robot, ids, reserved_mask)
-            counter = policy._rater.cache.n_rated
+            counter = cache_of(env).n_rated
             scores = policy.score(belief, robot, ids, reserved_mask)
-            policy._rater.cache.n_rated = counter  # what this test asks does not count
+            cache_of(env).n_rated = counter  # what this test asks does not count
             np.testing.assert_array_equal(scores, rated.rating)
             chosen, _ = belief.actions.decode(agent, actions[agent], belief)
             assert chosen == ids[np.argmax(rated.rating)]
             if sequential:
-                reserved_mask[belief.rating.visible_cells(belief.map, chosen)] = 1
+                reserved_mask[belief.rating_function.visible_cells(belief.map, chosen)] = 1
         observations, *_ = env.step(actions)
     return brute
 
@@ -54,11 +58,11 @@ def test_the_exhaustive_search_rates_all_feasible_poses_at_every_step(
     first = PlanarEnv(2, scene=small_scene, max_scans=6, settings=settings)
     other = PlanarEnv(1, scene=small_scene, max_scans=3, settings=settings)
     play_and_compare(first, policy, seed=0)
-    cache = policy._rater.cache
+    cache = cache_of(first)
     play_and_compare(first, policy, seed=1)  # another world of the same environment
-    assert policy._rater.cache is cache
+    assert cache_of(first) is cache
     play_and_compare(other, policy, seed=2)
-    assert policy._rater.cache is not cache
+    assert cache_of(other) is not cache
     play_and_compare(first, policy, seed=0)
 
 
@@ -66,7 +70,7 @@ def test_far_fewer_poses_are_rated_than_there_are():
     policy = coopmap_baselines.make("rating_function", search="exhaustive")
     env = PlanarEnv(2, max_scans=12)
     brute = play_and_compare(env, policy, seed=0)
-    assert 0 < policy._rater.cache.n_rated < 0.6 * brute
+    assert 0 < cache_of(env).n_rated < 0.6 * brute
 
 
 # Two bins distinguish only sampled and unknown cells: what can change is occlusion.
@@ -83,7 +87,7 @@ def test_remembered_new_information_is_that_of_the_map_as_it_is_now(
     settings = replace(settings, rating=replace(settings.rating, n_gray_bins=n_gray_bins))
     env = PlanarEnv(1, settings=settings)
     env.reset(seed=0)
-    rating, map_ = env.belief().rating, env.belief().map
+    rating, map_ = env.belief().rating_function, env.belief().map
     cache, rng = NewInformationCache(rating), np.random.default_rng(0)
     cells = (rng.integers(80, 120, (400, 2)) * (200, 1)).sum(axis=1)
     for _ in range(60):
@@ -109,7 +113,7 @@ def test_a_map_that_did_not_change_is_not_rated_again():
     env = PlanarEnv(1)
     env.reset(seed=0)
     belief = env.belief()
-    cache, ids = NewInformationCache(belief.rating), belief.feasible_poses(0)
+    cache, ids = NewInformationCache(belief.rating_function), belief.feasible_poses(0)
     cache.new_information(belief.map, ids)
     assert cache.n_rated == len(ids)
     cache.new_information(belief.map.copy(), ids[::-1])

@@ -55,7 +55,7 @@ def test_fusing_the_scans_of_a_team(benchmark, half_finished_env):
     rng = np.random.default_rng(0)
     scans = [
         half_finished_env._simulator.scan_from(pose, rng)
-        for pose in half_finished_env.belief().poses
+        for pose in half_finished_env.belief().camera_poses
     ]
     gains = benchmark(half_finished_env.belief().map.integrate, scans)
     assert len(gains) == 2

@@ -138,7 +138,7 @@ def test_what_the_map_did_not_know_stops_the_mount_is_reported_and_charged(make)
     assert info["collided_with"] == "crate in the way"
     assert np.abs(env.belief().joints[0] - swing).max() > 0.1
     free = info["new_information"] - FAST.rating.K * info["distance"]
-    p = env.belief().rating.occupancy(belief.map, env.belief().positions)
+    p = env.belief().rating_function.occupancy(belief.map, env.belief().positions)
     assert rewards["robot_0"] < free  # charged on top of the motion
     assert p.shape == (1,)
     while env.agents:  # nothing breaks
@@ -160,13 +160,13 @@ def test_the_rating_reward_is_eq_9_of_where_the_cameras_went_on_the_map_before(m
             R, t = belief.vehicles[robot].camera_poses(q[None])
             d = np.sqrt(((q - joints[robot]) ** 2).sum())
             context = ViewContext(reserved_mask, bodies[robot])
-            rated = belief.rating.rate(before, (R, t), [d], context)
+            rated = belief.rating_function.rate(before, (R, t), [d], context)
             assert infos[agent]["distance"] == pytest.approx(d)
             expected = rated.rating[0]
             if infos[agent]["collided"]:
                 expected -= FAST.collision_cost * np.log(FAST.rating.n_gray_bins)
             assert rewards[agent] == pytest.approx(expected, abs=1e-9)
-            reserved_mask[belief.rating.visible_cells(before, (R[0], t[0]), context)] = 1
+            reserved_mask[belief.rating_function.visible_cells(before, (R[0], t[0]), context)] = 1
 
 
 class NothingButTheTarget(Worksite):

@@ -73,7 +73,10 @@ def check_candidates(belief, robot, observation):
     assert table.shape == (5, n + N_POSE_AND_RATING_FEATURES)
     np.testing.assert_array_equal(observation["action_mask"], np.arange(5) < len(candidates))
     assert not table[len(candidates) :].any()
-    rated, scale = belief.rate(robot, candidates), math.log(belief.rating.settings.n_gray_bins)
+    rated, scale = (
+        belief.rate(robot, candidates),
+        math.log(belief.rating_function.settings.n_gray_bins),
+    )
     vehicle = belief.vehicles[robot]
     for k, q in enumerate(candidates):
         row = table[k]
@@ -89,7 +92,7 @@ def check_candidates(belief, robot, observation):
         ]
         np.testing.assert_allclose(row[n + 6 :], expected, atol=1e-6)
         d = np.linalg.norm(q - belief.joints[robot])
-        assert row[n + 7] == pytest.approx(belief.rating.settings.K * d / scale, abs=1e-6)
+        assert row[n + 7] == pytest.approx(belief.rating_function.settings.K * d / scale, abs=1e-6)
 
 
 def test_the_state_holds_the_crop_around_the_target_all_joints_and_all_cameras():

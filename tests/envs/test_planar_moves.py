@@ -262,5 +262,5 @@ def test_no_camera_ever_stands_inside_a_wall(scene):
     policy.reset(np.random.default_rng(0))
     while env.agents:
         observations, *_ = env.step(policy.act(env.belief(), observations))
-        cells = env.belief().map.grid.index(env.belief().poses[:, :2])
+        cells = env.belief().map.grid.index(env.belief().camera_poses[:, :2])
         assert not env.truth.occupied[tuple(cells.T)].any()

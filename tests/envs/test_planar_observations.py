@@ -8,7 +8,7 @@ from plain.random_maps import random_map, set_cells
 from plain.rollouts import random_actions
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.envs.planar.map_crop import crop_offsets
+from coopmap_env.envs.planar.observation_kernels import crop_offsets
 from coopmap_env.information import PlanarRatingSettings
 from coopmap_env.sensing import PlanarCamera
 
@@ -203,8 +203,8 @@ def test_candidate_features_by_hand():
         0.1 * d2 / most,
         0.001,
         rated.rating[0] / most,
-        belief.rating.count_unknown_cells(belief.map, [pose_id(env, 10, 11)])[0]
-        / belief.rating.fan.max_visible_cells,
+        belief.rating_function.count_unknown_cells(belief.map, [pose_id(env, 10, 11)])[0]
+        / belief.rating_function.fan.max_visible_cells,
     ]  # fmt: skip
     np.testing.assert_allclose(observation["candidates"][row], expected, atol=1e-6)
     assert expected[7] == pytest.approx((expected[4] - expected[5]) * 0.999, abs=1e-4)

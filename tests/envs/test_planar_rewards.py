@@ -21,7 +21,7 @@ def plain_rating(env, map_, robot, before, after, reserved_mask):
     """Eqs. 5 to 9 of one pose in plain Python: (NI, d, RF)."""
     belief, s = env.belief(), env.settings.rating
     rated = (map_, env.settings.camera, belief.lattice, after)
-    ni = new_information(*rated, s, belief.rating.fan.max_visible_cells, reserved_mask)
+    ni = new_information(*rated, s, belief.rating_function.fan.max_visible_cells, reserved_mask)
     (x, y, heading), (x0, y0, heading0) = map(belief.lattice.pose, (after, before))
     turn = abs(math.remainder(heading - heading0, math.tau))
     d = math.sqrt(s.alpha_position * ((x - x0) ** 2 + (y - y0) ** 2) + s.alpha_heading * turn**2)
@@ -79,16 +79,16 @@ def test_the_sequential_exhaustive_planner_maximises_the_reward(scene):
                 current = belief.pose_ids[robot]
                 ids = belief.feasible_poses(robot)
                 best.append(
-                    belief.rating.rate(
+                    belief.rating_function.rate(
                         belief.map,
                         ids,
-                        belief.rating.distance(ids, current),
+                        belief.rating_function.distance(ids, current),
                         ViewContext(reserved_mask),
                     ).rating.max()
                 )
                 chosen, reason = belief.actions.decode(agent, actions[agent], belief)
                 assert reason == ""
-                reserved_mask[belief.rating.visible_cells(belief.map, chosen)] = 1
+                reserved_mask[belief.rating_function.visible_cells(belief.map, chosen)] = 1
             observations, rewards, *_ = env.step(actions)
             assert list(rewards.values()) == best
 
@@ -98,7 +98,7 @@ def test_information_telescopes_to_the_drop_of_entropy(mode, scene):
     env = PlanarEnv(3, mode, scene=scene, reward="information", max_scans=8)
     env.reset(seed=2)
     start, rng = env.belief().map.entropy, np.random.default_rng(0)
-    rating = env.belief().rating
+    rating = env.belief().rating_function
     full_view, most = (
         rating.fan.max_visible_cells * math.log(2),
         math.log(rating.settings.n_gray_bins),
@@ -141,9 +141,9 @@ def test_two_robots_at_one_pose_are_paid_once():
     env = env_with_world(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
     set_poses(env, (20, 20, 0), (20, 20, 0))
     max_visible_cells = len(
-        env.belief().rating.visible_cells(env.belief().map, pose_id(env, 20, 20))
+        env.belief().rating_function.visible_cells(env.belief().map, pose_id(env, 20, 20))
     )
-    alone = env.belief().rating.rate(env.belief().map, [pose_id(env, 20, 20)], [0.0])
+    alone = env.belief().rating_function.rate(env.belief().map, [pose_id(env, 20, 20)], [0.0])
     _, _, _, _, infos = env.step({agent: np.zeros(3) for agent in env.agents})
     first, second = infos.values()
     assert first["new_information"] == alone.new_information[0] > 1
@@ -153,7 +153,7 @@ def test_two_robots_at_one_pose_are_paid_once():
     assert second["reward_terms"] == {
         "rating": 0,
         "information": second["entropy_reduction"]
-        / (env.belief().rating.fan.max_visible_cells * math.log(2)),
+        / (env.belief().rating_function.fan.max_visible_cells * math.log(2)),
         "coverage": 0,
     }
 
@@ -161,7 +161,7 @@ def test_two_robots_at_one_pose_are_paid_once():
 def test_back_to_back_robots_are_paid_as_if_alone():
     env = env_with_world(open_world(), n_robots=2, settings=PlanarSettings(noise=NO_NOISE))
     belief = set_poses(env, (30, 20, 0), (10, 20, 8))
-    alone = belief.rating.new_information(belief.map, belief.pose_ids)
+    alone = belief.rating_function.new_information(belief.map, belief.pose_ids)
     *_, infos = env.step({agent: np.zeros(3) for agent in env.agents})
     np.testing.assert_array_equal([i["new_information"] for i in infos.values()], alone)
 

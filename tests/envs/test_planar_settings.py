@@ -46,7 +46,7 @@ def test_a_view_has_as_many_cells_at_every_resolution(resolution):
     env, scaled = in_cells_of(1.0), in_cells_of(resolution)
     env.reset(seed=0)
     scaled.reset(seed=0)
-    fan, same = env.belief().rating.fan, scaled.belief().rating.fan
+    fan, same = env.belief().rating_function.fan, scaled.belief().rating_function.fan
     assert same.depth == pytest.approx(fan.depth)
     # rounding decides on cells that a beam just touches
     assert same.max_visible_cells == pytest.approx(fan.max_visible_cells, abs=3)

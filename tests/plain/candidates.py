@@ -21,7 +21,7 @@ def cells_within_reach(lattice, cells, pose_id, reach):
 
 def candidate_features(belief, robot, pose_id):
     """The nine features of one candidate; see `coopmap_env.envs.planar.observations`."""
-    lattice, rating, grid = belief.lattice, belief.rating, belief.map.grid
+    lattice, rating, grid = belief.lattice, belief.rating_function, belief.map.grid
     here = belief.pose_ids[robot]
     ahead, left, turn = to_camera_frame(lattice.pose(pose_id), lattice.pose(here)).tolist()
     rated = rating.rate(belief.map, [pose_id], rating.distance([pose_id], here))

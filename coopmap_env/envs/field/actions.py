@@ -13,11 +13,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.envs.actions import parse_pose_action
+from coopmap_env.envs.belief import Decoded
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.joint_space import JointSpace
 
 
-class JointMode:
+class FieldPoseMode:
     """Joints of the mounts, normalized to their limits."""
 
     def __init__(
@@ -30,13 +31,11 @@ class JointMode:
         """Box(-1, 1, (n,), float32)."""
         return spaces.Box(-1.0, 1.0, (self._spaces[robot].n,), np.float32)
 
-    def decode(
-        self, agent: str, action: object, belief: FieldBelief
-    ) -> tuple[NDArray[np.float64], str]:
-        """Requested joints, and why they are infeasible (or empty)."""
+    def decode(self, agent: str, action: object, belief: FieldBelief) -> Decoded:
+        """The requested joints."""
         robot = belief.agents.index(agent)
         q = self._spaces[robot].denormalize(parse_pose_action(agent, action, self._names[robot]))
-        return q, belief.infeasibility_reason(robot, q)
+        return Decoded(q, belief.infeasibility_reason(robot, q))
 
     def encode(
         self, robot: int, pose: NDArray[np.float64], belief: FieldBelief

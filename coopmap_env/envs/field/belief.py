@@ -35,7 +35,7 @@ class FieldBelief(Belief):
     """Vehicles and joints; maps of robots that are not located, which make no use of `map`."""
     estimates: tuple[PoseEstimate, ...]
     """Estimated pose and covariance of each camera."""
-    rating: FieldRatingFunction
+    rating_function: FieldRatingFunction
     """Rates camera poses with the constants of the environment."""
     limits: MotionLimits
     """What bounds the motions of the mounts."""
@@ -107,19 +107,21 @@ class FieldBelief(Belief):
         """See `Reachability.random_poses`."""
         return self.reachability.random_poses(robot, m, rng)
 
-    def rate(self, robot: int, poses: Joints, reserved_mask: ReservedMask = None) -> Ratings:
+    def rate(self, robot: int, poses: Joints, reserved_mask: ReservedMask | None = None) -> Ratings:
         """See `FieldRatingFunction.rate`."""
         return self.rate_with_unknown_fraction(robot, poses, reserved_mask)[0]
 
     def rate_with_unknown_fraction(
-        self, robot: int, poses: Joints, reserved_mask: ReservedMask = None
+        self, robot: int, poses: Joints, reserved_mask: ReservedMask | None = None
     ) -> tuple[Ratings, NDArray[np.float64]]:
         """`rate` and `unknown_fraction`, from one evaluation of the views."""
         cameras, map_ = self.vehicles[robot].camera_poses(poses), self.planning_map(robot)
         context = self.view_context(robot, reserved_mask)
-        ni, unknown = self.rating.information_and_unknown(map_, cameras, context)
-        rated = self.rating.rate_from_information(map_, cameras, self.distance(robot, poses), ni)
-        return rated, unknown / self.rating.max_visible_cells
+        ni, unknown = self.rating_function.new_information_and_unknown(map_, cameras, context)
+        rated = self.rating_function.rate_from_new_information(
+            map_, cameras, self.distance(robot, poses), ni
+        )
+        return rated, unknown / self.rating_function.max_visible_cells
 
     def rate_team(self, poses: Sequence[Joints]) -> Ratings:
         """See `FieldRatingFunction.rate_team`; robots with local maps share no cells."""
@@ -139,14 +141,14 @@ class FieldBelief(Belief):
         cameras = [self.vehicles[robot].camera_poses(poses[robot]) for robot in robots]
         rotations = np.array([rotation for rotation, _ in cameras])
         translations = np.array([translation for _, translation in cameras])
-        return self.rating.rate_team(
+        return self.rating_function.rate_team(
             self.planning_map(robots[0]),
             (rotations, translations),
             np.array([self.distance(robot, poses[robot][None])[0] for robot in robots]),
             [self.occluder_spheres(robot) for robot in robots],
         )
 
-    def view_context(self, robot: int, reserved_mask: ReservedMask = None) -> ViewContext:
+    def view_context(self, robot: int, reserved_mask: ReservedMask | None = None) -> ViewContext:
         """What decides about a robot's views; reserved cells mean nothing on a local map."""
         usable = reserved_mask if self.located[robot] else None
         return ViewContext(usable, self.occluder_spheres(robot), self.coarse)
@@ -157,7 +159,7 @@ class FieldBelief(Belief):
         return joint_distance(poses, self.joints[robot], alpha)
 
     def unknown_fraction(
-        self, robot: int, poses: Joints, reserved_mask: ReservedMask = None
+        self, robot: int, poses: Joints, reserved_mask: ReservedMask | None = None
     ) -> NDArray[np.float64]:
         """See `FieldRatingFunction.count_unknown_cells`."""
         return self.rate_with_unknown_fraction(robot, poses, reserved_mask)[1]
@@ -167,7 +169,7 @@ class FieldBelief(Belief):
         if not self.located[robot]:
             return np.empty(0, dtype=np.int64)
         camera = self.vehicles[robot].camera_poses(pose)
-        cells = self.rating.visible_cells(self.map, camera, self.view_context(robot))
+        cells = self.rating_function.visible_cells(self.map, camera, self.view_context(robot))
         return cells.astype(np.int64)
 
     def with_poses(self, poses: Sequence[Joints]) -> FieldBelief:

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from coopmap_env.envs.field.actions import JointMode
+from coopmap_env.envs.field.actions import FieldPoseMode
 from coopmap_env.envs.field.arguments import FieldArguments
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.diagnostics import FieldDiagnostics
@@ -93,7 +93,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         self._planning = FieldPlanning()
         self._set_up(
             self._candidate_mode
-            or JointMode(joint_spaces, [mount.joints for mount in self.mounts]),
+            or FieldPoseMode(joint_spaces, [mount.joints for mount in self.mounts]),
             RewardScale.for_camera(
                 self._rating.max_visible_cells, s.rating.n_gray_bins, grid.n_cells
             ),
@@ -137,7 +137,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             candidates=None,
             team=team,
             estimates=(),
-            rating=self._rating,
+            rating_function=self._rating,
             limits=self._limits,
             reachability=Reachability(self._limits, team),
         ).with_poses(home)

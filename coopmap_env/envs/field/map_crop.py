@@ -75,7 +75,7 @@ def _write_column(
     """Fill the cells above each other at (i, j)."""
     depth, pooling = out.shape[0] // 2, scale.pooling
     for z in range(depth):
-        a = np.uint64(z * pooling)  # the compiler guards signed indices against negative ones
+        a = np.uint64(z * pooling)
         count, top = np.int64(buffers.counts[a]), buffers.highest[a]
         for b in range(1, pooling):
             count += buffers.counts[a + np.uint64(b)]

@@ -32,16 +32,16 @@ class FieldPlanning:
 
     unknown_prior = 0.02
 
-    def information_fraction(
+    def mutual_information_fraction(
         self,
         belief: FieldBelief,
         robot: int,
         poses: Joints,
         prior: float,
-        reserved_mask: ReservedMask,
+        reserved_mask: ReservedMask | None,
     ) -> NDArray[np.float64]:
         """See `FieldMutualInformation`; a cell at the clamp cannot become more certain."""
-        map_, rating = belief.planning_map(robot), belief.rating
+        map_, rating = belief.planning_map(robot), belief.rating_function
         beams = _mutual_information(rating, prior, map_.log_odds_range.max_probability)
         cameras = belief.vehicles[robot].camera_poses(poses)
         context = belief.view_context(robot, reserved_mask)
@@ -65,7 +65,7 @@ class FieldPlanning:
         cameras = belief.vehicles[robot].camera_poses(poses[shows_unknown])
         nearest_first = centers[np.argsort(distances, kind="stable")]
         _, sees_point = first_visible_point(
-            map_, nearest_first, cameras, belief.rating.fine.frustum
+            map_, nearest_first, cameras, belief.rating_function.fine.frustum
         )
         mask = np.zeros(len(poses), dtype=np.bool_)
         mask[shows_unknown] = sees_point
@@ -89,18 +89,10 @@ class FieldPlanning:
         coarse_belief = replace(belief, coarse=True)
         return poses[np.argsort(-score(coarse_belief, poses), kind="stable")[:N_REFINED]]
 
-    def exhaustive_rater(self) -> DirectRater:
-        """A rater without a memory: most views change with every scan."""
-        return DirectRater()
-
-
-class DirectRater:
-    """Rates poses by the belief itself."""
-
-    def rate(
-        self, belief: FieldBelief, robot: int, poses: Joints, reserved_mask: ReservedMask
+    def rate_all(
+        self, belief: FieldBelief, robot: int, poses: Joints, reserved_mask: ReservedMask | None
     ) -> Ratings:
-        """See `FieldBelief.rate`."""
+        """`FieldBelief.rate`, without a memory: most views change with every scan."""
         return belief.rate(robot, poses, reserved_mask)
 
 

@@ -20,11 +20,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.envs.actions import InvalidActionError, parse_pose_action
+from coopmap_env.envs.belief import Decoded
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.geometry import to_camera_frame
 
 
-class PoseMode:
+class PlanarPoseMode:
     """Continuous poses relative to the current one."""
 
     def __init__(self, reach: float) -> None:
@@ -34,8 +35,8 @@ class PoseMode:
         """Box(-1, 1, (3,), float32)."""
         return spaces.Box(-1.0, 1.0, (3,), np.float32)
 
-    def decode(self, agent: str, action: object, belief: PlanarBelief) -> tuple[int, str]:
-        """Nearest lattice pose to the requested one, and why it is infeasible (or empty)."""
+    def decode(self, agent: str, action: object, belief: PlanarBelief) -> Decoded:
+        """Nearest lattice pose to the requested one."""
         ahead, left, turn = parse_pose_action(agent, action, ("ahead", "left", "turn")).tolist()
         robot = belief.agents.index(agent)
         reach, _, half_turn = self._scale.tolist()
@@ -47,11 +48,11 @@ class PoseMode:
             heading + half_turn * turn,
         )
         pose_id = belief.lattice.nearest_pose_id(target)
-        return pose_id, belief.infeasibility_reason(robot, pose_id)
+        return Decoded(pose_id, belief.infeasibility_reason(robot, pose_id))
 
     def encode(self, robot: int, pose_id: int, belief: PlanarBelief) -> NDArray[np.float32]:
         """The relative pose, as fractions of the reach and of half a turn."""
-        relative = to_camera_frame(belief.lattice.poses(pose_id), belief.poses[robot])
+        relative = to_camera_frame(belief.lattice.poses(pose_id), belief.camera_poses[robot])
         action = relative / self._scale
         if np.abs(action).max() > 1 + 1e-6:
             raise InvalidActionError(

@@ -20,7 +20,7 @@ class PlanarBelief(Belief):
 
     pose_ids: tuple[int, ...]
     """Pose id of each camera."""
-    rating: PlanarRatingFunction
+    rating_function: PlanarRatingFunction
     """Rates poses with the constants of the environment; has the pose lattice."""
     reach: float
     """Metres; see `PlanarSettings.reach`."""
@@ -28,20 +28,20 @@ class PlanarBelief(Belief):
     @property
     def lattice(self) -> PoseLattice:
         """The configuration space."""
-        return self.rating.lattice
+        return self.rating_function.lattice
 
     @cached_property
-    def poses(self) -> NDArray[np.float64]:
+    def camera_poses(self) -> NDArray[np.float64]:
         """Camera poses (n_robots, 3) [x, y, heading], metres and radians."""
         return self.lattice.poses(self.pose_ids)
 
     @property
     def positions(self) -> NDArray[np.float64]:
         """Camera positions, shape (n_robots, 2), metres."""
-        return self.poses[:, :2]
+        return self.camera_poses[:, :2]
 
     def feasible_cells(self, robot: int) -> NDArray[np.int32]:
-        """Cells that satisfy constraints i and ii and lie within reach, the shortest path first."""
+        """Cells within reach that a collision-free path leads to, the shortest path first."""
         cells = ReachableCells.search(self.map, self.cell(robot)).cells
         return self.lattice.cells_within(cells, self.pose_ids[robot], self.reach)
 
@@ -61,31 +61,35 @@ class PlanarBelief(Belief):
         """Flat index of the cell in which the robot's camera is."""
         return self.pose_ids[robot] // self.lattice.n_headings
 
-    def rate(self, robot: int, poses: ArrayLike, reserved_mask: ReservedMask = None) -> Ratings:
+    def rate(
+        self, robot: int, pose_ids: ArrayLike, reserved_mask: ReservedMask | None = None
+    ) -> Ratings:
         """See `PlanarRatingFunction.rate`."""
-        distance = self.distance(robot, poses)
-        return self.rating.rate(self.map, poses, distance, ViewContext(reserved_mask))
+        distance = self.distance(robot, pose_ids)
+        return self.rating_function.rate(self.map, pose_ids, distance, ViewContext(reserved_mask))
 
-    def rate_team(self, poses: ArrayLike) -> Ratings:
+    def rate_team(self, pose_ids: ArrayLike) -> Ratings:
         """See `PlanarRatingFunction.rate_team`."""
-        ids = np.array(poses)
-        return self.rating.rate_team(self.map, ids, self.rating.distance(ids, self.pose_ids))
+        ids = np.array(pose_ids)
+        return self.rating_function.rate_team(
+            self.map, ids, self.rating_function.distance(ids, self.pose_ids)
+        )
 
-    def distance(self, robot: int, poses: ArrayLike) -> NDArray[np.float64]:
+    def distance(self, robot: int, pose_ids: ArrayLike) -> NDArray[np.float64]:
         """See `PlanarRatingFunction.distance`."""
-        return self.rating.distance(poses, self.pose_ids[robot])
+        return self.rating_function.distance(pose_ids, self.pose_ids[robot])
 
     def unknown_fraction(
-        self, robot: int, poses: ArrayLike, reserved_mask: ReservedMask = None
+        self, robot: int, pose_ids: ArrayLike, reserved_mask: ReservedMask | None = None
     ) -> NDArray[np.float64]:
         """See `PlanarRatingFunction.count_unknown_cells`."""
         context = ViewContext(reserved_mask)
-        unknown = self.rating.count_unknown_cells(self.map, poses, context)
-        return unknown / self.rating.max_visible_cells
+        unknown = self.rating_function.count_unknown_cells(self.map, pose_ids, context)
+        return unknown / self.rating_function.max_visible_cells
 
-    def visible_cells(self, robot: int, pose: int) -> NDArray[np.int64]:
+    def visible_cells(self, robot: int, pose_id: int) -> NDArray[np.int64]:
         """See `PlanarRatingFunction.visible_cells`."""
-        return self.rating.visible_cells(self.map, pose)
+        return self.rating_function.visible_cells(self.map, pose_id)
 
     def infeasibility_reason(self, robot: int, pose_id: int) -> str:
         """Why this pose is infeasible; empty if it is feasible."""
@@ -93,10 +97,17 @@ class PlanarBelief(Belief):
             return "outside the world"
         return infeasibility_reason(self.map, self.cell(robot), pose_id // self.lattice.n_headings)
 
-    def with_poses(self, poses: tuple[int, ...]) -> PlanarBelief:
+    def with_poses(self, pose_ids: tuple[int, ...]) -> PlanarBelief:
         """The same belief with the cameras at other poses, and without candidates."""
         return PlanarBelief(
-            self.agents, self.map, self.actions, self.planning, None, poses, self.rating, self.reach
+            self.agents,
+            self.map,
+            self.actions,
+            self.planning,
+            None,
+            pose_ids,
+            self.rating_function,
+            self.reach,
         )
 
     def with_candidates(self, candidates: Sequence[NDArray[np.int64]]) -> PlanarBelief:

@@ -10,7 +10,7 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.envs.planar.actions import PoseMode
+from coopmap_env.envs.planar.actions import PlanarPoseMode
 from coopmap_env.envs.planar.arguments import PlanarArguments
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.observations import PlanarObserver
@@ -59,8 +59,8 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         self._set_up(
             belief.actions,
             RewardScale.for_camera(
-                belief.rating.fan.max_visible_cells,
-                belief.rating.settings.n_gray_bins,
+                belief.rating_function.fan.max_visible_cells,
+                belief.rating_function.settings.n_gray_bins,
                 belief.map.grid.n_cells,
             ),
             PlanarObserver(
@@ -118,7 +118,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
 
     def _render_frame(self) -> NDArray[np.uint8]:
         map_, grid = self._belief.map, self._belief.map.grid
-        poses = self._belief.poses
+        poses = self._belief.camera_poses
         return render_team(
             self.truth.occupied,
             map_.probability,
@@ -138,11 +138,11 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         return PlanarBelief(
             agents=tuple(self.possible_agents),
             map=OccupancyMap(grid, s.beam, s.log_odds_range),
-            actions=self._candidate_mode or PoseMode(s.reach),
+            actions=self._candidate_mode or PlanarPoseMode(s.reach),
             planning=PlanarPlanning(),
             candidates=None,
             pose_ids=(0,) * len(self.possible_agents),
-            rating=PlanarRatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
+            rating_function=PlanarRatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
             reach=s.reach,
         )
 

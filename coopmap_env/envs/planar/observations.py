@@ -43,8 +43,8 @@ index    content
 0, 1     ahead, left of the camera now, in diagonals of the world
 2, 3     cosine and sine of the turn
 4        NI (Eqs. 6-8) as a fraction of its maximum, ln(n_gray_bins)
-5        motion cost K d**n (Eqs. 5, 9) as a fraction of ln(n_gray_bins), at most 10
-6        P at the camera position
+5        motion cost (Eqs. 5, 9) as a fraction of ln(n_gray_bins), at most 10
+6        P(occupied) at the camera position
 7        rating (Eq. 9) as a fraction of ln(n_gray_bins), at least -10
 8        never-sampled cells in view, as a fraction of the most it can see
 =======  ===================================================================
@@ -62,11 +62,11 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.planar.belief import PlanarBelief
-from coopmap_env.envs.planar.map_crop import (
+from coopmap_env.envs.planar.observation_kernels import (
     CropTables,
     FeatureScale,
     ObservationArrays,
-    WorldFrame,
+    WorldExtent,
     crop_offsets,
     write_candidate_features,
     write_observations,
@@ -87,14 +87,17 @@ class PlanarObserver:
         self._n_candidates = n_candidates
         self._shape = grid.shape
         size = tuple(n * grid.resolution for n in grid.shape)
-        self._world = tuple(WorldFrame(grid.origin, size, grid.resolution))
+        self._world = tuple(WorldExtent(grid.origin, size, grid.resolution))
         offsets = crop_offsets(crop_cells, belief.lattice.n_headings)
-        gray_values = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
-        self._tables = tuple(CropTables(offsets, int(np.abs(offsets).max()), gray_values))
-        max_information = math.log(belief.rating.settings.n_gray_bins)
+        byte_of_log_odds = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
+        self._tables = tuple(CropTables(offsets, int(np.abs(offsets).max()), byte_of_log_odds))
+        max_information = math.log(belief.rating_function.settings.n_gray_bins)
         self._scale = tuple(
             FeatureScale(
-                math.hypot(*size), max_information, belief.rating.max_visible_cells, FEATURE_LIMIT
+                math.hypot(*size),
+                max_information,
+                belief.rating_function.max_visible_cells,
+                FEATURE_LIMIT,
             )
         )
 
@@ -119,7 +122,7 @@ class PlanarObserver:
         drawn = self._draw(belief)
         observations: list[Observation] = [
             {"map": image, "pose": pose}
-            for image, pose in zip(drawn.maps, drawn.poses, strict=True)
+            for image, pose in zip(drawn.maps, drawn.pose_vectors, strict=True)
         ]
         if self._n_robots > 1:
             for observation, teammates in zip(observations, drawn.teammates, strict=True):
@@ -141,7 +144,7 @@ class PlanarObserver:
         First P(occupied), then sampled (each nx ny values, row-major), then four values a robot
         as in the observation's ``pose``.
         """
-        map_, poses = belief.map, self._draw(belief).poses
+        map_, poses = belief.map, self._draw(belief).pose_vectors
         parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_mask, poses.ravel()]
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
@@ -155,7 +158,7 @@ class PlanarObserver:
         )
         pose_ids = np.array(belief.pose_ids)
         write_observations(
-            tuple(belief.map.arrays), self._world, self._tables, pose_ids, belief.poses, *out
+            tuple(belief.map.arrays), self._world, self._tables, pose_ids, belief.camera_poses, *out
         )
         return out
 
@@ -163,15 +166,15 @@ class PlanarObserver:
         self, belief: PlanarBelief, candidates: Sequence[NDArray[np.int64]], m: int
     ) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
         """The entries ``candidates`` and ``action_mask`` of all robots."""
-        rating, ids = belief.rating, np.concatenate(candidates)
+        rating, ids = belief.rating_function, np.concatenate(candidates)
         counts = np.array([len(robot_candidates) for robot_candidates in candidates])
-        ni, unknown = rating.information_and_unknown(belief.map, ids)
+        ni, unknown = rating.new_information_and_unknown(belief.map, ids)
         distance = rating.distance(ids, np.repeat(belief.pose_ids, counts))
-        rated = rating.rate_from_information(belief.map, ids, distance, ni)
+        rated = rating.rate_from_new_information(belief.map, ids, distance, ni)
         features = np.zeros((self._n_robots, m, N_FEATURES), dtype=np.float32)
         mask = np.zeros((self._n_robots, m), dtype=np.int8)
         write_candidate_features(
-            ids, counts, belief.poses, tuple(belief.lattice.geometry),
+            ids, counts, belief.camera_poses, tuple(belief.lattice.geometry),
             (ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
             self._scale, features, mask,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What single planners ask of a planar belief."""
+"""Operations on planar beliefs that only some baselines need."""
 
 from __future__ import annotations
 
@@ -28,29 +28,32 @@ class PlanarPlanning:
 
     unknown_prior = 0.12
 
-    def information_fraction(
+    def __init__(self) -> None:
+        self._cache: NewInformationCache | None = None
+
+    def mutual_information_fraction(
         self,
         belief: PlanarBelief,
         robot: int,
-        poses: NDArray[np.int64],
+        pose_ids: NDArray[np.int64],
         prior: float,
-        reserved_mask: ReservedMask,
+        reserved_mask: ReservedMask | None,
     ) -> NDArray[np.float64]:
         """See `PlanarMutualInformation`; a cell at the clamp cannot become more certain."""
-        rating, map_ = belief.rating, belief.map
+        rating, map_ = belief.rating_function, belief.map
         beams = _mutual_information(rating, prior, map_.log_odds_range.max_probability)
         full_view = rating.max_visible_cells * entropy([prior, 1.0 - prior])
-        return beams.mutual_information(map_, poses, ViewContext(reserved_mask)) / full_view
+        return beams.mutual_information(map_, pose_ids, ViewContext(reserved_mask)) / full_view
 
     def nearest_frontier_mask(
         self,
         belief: PlanarBelief,
         robot: int,
-        poses: NDArray[np.int64],
+        pose_ids: NDArray[np.int64],
         shows_unknown: NDArray[np.bool_],
     ) -> NDArray[np.bool_]:
         """All headings at the frontier cell with the shortest path, or at any cell without one."""
-        cells = poses // belief.lattice.n_headings
+        cells = pose_ids // belief.lattice.n_headings
         at_frontier = adjacent_to_unknown(belief.map)[cells]
         if at_frontier.any():
             shows_unknown = shows_unknown & at_frontier
@@ -59,45 +62,34 @@ class PlanarPlanning:
         return shows_unknown & (cells == cells[np.argmin(np.where(shows_unknown, steps, far))])
 
     def raster_offset(
-        self, belief: PlanarBelief, robot: int, poses: NDArray[np.int64]
+        self, belief: PlanarBelief, robot: int, pose_ids: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         """Cell by cell, row by row, and heading by heading in each cell."""
-        return (poses - belief.pose_ids[robot] - 1) % belief.lattice.n_poses
+        return (pose_ids - belief.pose_ids[robot] - 1) % belief.lattice.n_poses
 
     def prescreen(
         self,
         belief: PlanarBelief,
-        poses: NDArray[np.int64],
+        pose_ids: NDArray[np.int64],
         score: Callable[[Any, NDArray[np.int64]], NDArray[np.float64]],
     ) -> NDArray[np.int64]:
         """All poses: views of the plane are fast to rate."""
-        return poses
+        return pose_ids
 
-    def exhaustive_rater(self) -> CachedRater:
-        """A rater that rates again only the poses whose views have changed."""
-        return CachedRater()
-
-
-class CachedRater:
-    """Rates poses with a `NewInformationCache`, for one rating function at a time."""
-
-    def __init__(self) -> None:
-        self.cache: NewInformationCache | None = None
-
-    def rate(
+    def rate_all(
         self,
         belief: PlanarBelief,
         robot: int,
-        poses: NDArray[np.int64],
-        reserved_mask: ReservedMask,
+        pose_ids: NDArray[np.int64],
+        reserved_mask: ReservedMask | None,
     ) -> Ratings:
-        """Eqs. 5 to 9 of each pose; equals `PlanarBelief.rate`."""
-        rating = belief.rating
-        if self.cache is None or self.cache.rating is not rating:
-            self.cache = NewInformationCache(rating)
-        ni = self.cache.new_information(belief.map, poses, ViewContext(reserved_mask))
-        distance = belief.distance(robot, poses)
-        return rating.rate_from_information(belief.map, poses, distance, ni)
+        """`PlanarBelief.rate`; only poses whose views have changed are evaluated again."""
+        rating = belief.rating_function
+        if self._cache is None or self._cache.rating is not rating:
+            self._cache = NewInformationCache(rating)
+        ni = self._cache.new_information(belief.map, pose_ids, ViewContext(reserved_mask))
+        distance = belief.distance(robot, pose_ids)
+        return rating.rate_from_new_information(belief.map, pose_ids, distance, ni)
 
 
 @lru_cache(maxsize=4)

@@ -79,7 +79,7 @@ def _disc(mask: NDArray[np.bool_], cell: int, radius: float) -> NDArray[np.int64
     """Flat indices of the cells of `mask` no further than `radius` cells from a cell."""
     nx, ny = mask.shape
     x, y = divmod(cell, ny)
-    radius *= 1 + 1e-9  # a cell counts if its centre is that near, but for rounding
+    radius *= 1 + 1e-9  # a cell counts if its center is that near, but for rounding
     reach = math.floor(radius)
     i = np.arange(max(x - reach, 0), min(x + reach + 1, nx))
     j = np.arange(max(y - reach, 0), min(y + reach + 1, ny))

@@ -117,7 +117,7 @@ def _first_occluder(
         at = step_ray(ray, at)
         if at.distance >= end:
             return math.inf
-        index = np.uint64(at.cell)  # the compiler guards signed indices against negative ones
+        index = np.uint64(at.cell)
         if log_odds_fixed[index] >= 0:  # noqa: SIM102 - nested is faster
             if sampled[index]:
                 return at.distance

@@ -1,6 +1,6 @@
 """Mutual information between a voxel map and the beams of a depth camera.
 
-The chain rule of `information.planar.mutual_information`: the entropy of the voxels, each weighted
+The chain rule of `information.mutual_information`: the entropy of the voxels, each weighted
 by the probability v that a beam gets there. One beam for each pixel of the depth buffer gives v
 along its path; every voxel of the frustum takes it from the beam of its pixel, at its own depth. So
 each voxel counts once, and none falls between two beams.
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel, unchecked_division_kernel
 from coopmap_env.geometry import RigidTransform, start_ray, step_ray
-from coopmap_env.information.entropy import MIN_REACH_PROBABILITY, CellModel, validate_prior
 from coopmap_env.information.field.depth_buffer import (
     CameraArrays,
     SphereArrays,
@@ -25,6 +24,11 @@ from coopmap_env.information.field.depth_buffer import (
 from coopmap_env.information.field.frustum import FrustumRuns, frustum_runs, projection_rows
 from coopmap_env.information.field.rating import FieldRatingFunction
 from coopmap_env.information.field.views import PoseArrays, allocate_view
+from coopmap_env.information.mutual_information import (
+    MIN_REACH_PROBABILITY,
+    CellModel,
+    validate_prior,
+)
 from coopmap_env.information.ratings import WHOLE_VIEW, CameraPoses, ViewContext
 from coopmap_env.mapping import MapArrays, OccupancyMap
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.geometry import Spheres
 from coopmap_env.information.field.pooling import pool, pooled_grid
 from coopmap_env.information.field.view_tables import ViewTables
 from coopmap_env.information.field.views import fill_mask, view_histogram
@@ -19,7 +20,6 @@ from coopmap_env.information.ratings import (
     CameraPoses,
     Ratings,
     ReservedMask,
-    Spheres,
     ViewContext,
 )
 from coopmap_env.information.settings import FieldRatingSettings, RatingSettings
@@ -74,7 +74,7 @@ class FieldRatingFunction:
         self, map_: OccupancyMap, poses: CameraPoses, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.float64]:
         """NI (Eqs. 6-8) of poses, nats, shape (k,)."""
-        return self.information_and_unknown(map_, poses, context)[0]
+        return self.new_information_and_unknown(map_, poses, context)[0]
 
     def count_unknown_cells(
         self, map_: OccupancyMap, poses: CameraPoses, context: ViewContext = WHOLE_VIEW
@@ -83,9 +83,9 @@ class FieldRatingFunction:
 
         On the pooled map, eight times the number of blocks.
         """
-        return self.information_and_unknown(map_, poses, context)[1]
+        return self.new_information_and_unknown(map_, poses, context)[1]
 
-    def information_and_unknown(
+    def new_information_and_unknown(
         self, map_: OccupancyMap, poses: CameraPoses, context: ViewContext = WHOLE_VIEW
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """`new_information` and `count_unknown_cells` of poses, in one pass over the map."""
@@ -143,7 +143,7 @@ class FieldRatingFunction:
     ) -> Ratings:
         """Eq. 9 of poses: RF = (NI - K d**n) (1 - P); `distance` is d of Eq. 5, shape (k,)."""
         ni = self.new_information(map_, poses, context)
-        return self.rate_from_information(map_, poses, distance, ni)
+        return self.rate_from_new_information(map_, poses, distance, ni)
 
     def rate_team(
         self,
@@ -158,9 +158,9 @@ class FieldRatingFunction:
         counts once.
         """
         ni = self.sequential_new_information(map_, poses, occluder_spheres)
-        return self.rate_from_information(map_, poses, distance, ni)
+        return self.rate_from_new_information(map_, poses, distance, ni)
 
-    def rate_from_information(
+    def rate_from_new_information(
         self,
         map_: OccupancyMap,
         poses: CameraPoses,
@@ -182,7 +182,7 @@ class FieldRatingFunction:
         return p
 
     def checked_inputs(
-        self, map_: OccupancyMap, reserved_mask: ReservedMask = None, coarse: bool = False
+        self, map_: OccupancyMap, reserved_mask: ReservedMask | None = None, coarse: bool = False
     ) -> tuple[ViewTables, MapArrays, NDArray[np.uint8]]:
         """The camera, the map's arrays and the reserved mask, at full resolution or pooled.
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.geometry import RigidTransform
+from coopmap_env.geometry import RigidTransform, Spheres
 from coopmap_env.information.field.depth_buffer import CameraArrays, SphereArrays
 from coopmap_env.information.field.frustum import MAX_PIXEL_ANGLE, Frustum
 from coopmap_env.information.field.views import (
@@ -18,7 +18,7 @@ from coopmap_env.information.field.views import (
     write_histograms,
 )
 from coopmap_env.information.gray_levels import GrayBins, GrayLevelTable
-from coopmap_env.information.ratings import CameraPoses, Spheres
+from coopmap_env.information.ratings import CameraPoses
 from coopmap_env.information.settings import RatingSettings
 from coopmap_env.mapping import LogOddsRange, MapArrays, VoxelGrid
 from coopmap_env.sensing import DepthCamera

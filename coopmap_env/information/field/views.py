@@ -112,7 +112,7 @@ def _add_to_histogram(
     for r in range(n):
         X, U, V = runs.x[r], runs.u[r], runs.v[r]
         half_height, horizontal = runs.half_height[r], runs.horizontal_quarters[r]
-        first = np.uint64(runs.first[r])  # the compiler guards signed indices against negative ones
+        first = np.uint64(runs.first[r])
         for cell in range(first, first + np.uint64(runs.length[r])):
             inverse = 1.0 / X
             depth = limits[np.uint64(int(U * inverse) * stride + int(V * inverse))]

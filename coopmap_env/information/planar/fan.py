@@ -4,8 +4,8 @@ A camera at the center of a cell sends the same beams whatever the cell. So the 
 beams is done once for each heading: every crossed cell is listed with the set of beams that cross
 it, as bits. A view of the known map is then one pass over the list, nearest cell first: a cell is
 visible if any of its beams is still alive, and an occupied cell ends its beams. The result is that
-of walking every beam (tested so), for a tenth of the work, as near the camera many beams share a
-cell. Sorting by |dx| + |dy| keeps the order along every beam, as each step of a traversal adds one.
+of walking every beam, but faster: near the camera many beams share a cell. Sorting by |dx| + |dy|
+keeps the order along every beam, as each step of a traversal adds one.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ A scan changes a few hundred cells, and the views of most poses contain none of 
 exhaustive search keeps the NI of every pose that it has rated, and after a scan rates only those
 whose fan contains a cell that changed for Eq. 8: a cell sampled for the first time, or with another
 gray bin. A fan's cells in one grid row are an interval, so "does the fan contain a changed cell" is
-one subtraction of running sums per row. The result equals rating every pose again (tested so).
+one subtraction of running sums per row. The result equals rating every pose again.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class ChangedCells(NamedTuple):
     """Cells that changed for Eq. 8, 1 or 0, (n_cells,)."""
 
     far: NDArray[np.uint8]
-    """For views from any distance."""
+    """Cells that changed for views from any distance."""
     near: NDArray[np.uint8]
     """Only for views from less than two cells away, where Eq. 8a depends on the distance."""
 

@@ -1,15 +1,8 @@
 """Mutual information between a map and the beams of a planar camera.
 
-For a beam without noise the measurement is the first occupied cell, a function of the map; so the
-mutual information equals the measurement's entropy, and by the chain rule
-
-    I(map; beam) = sum over cells k of v_k H(p_k),   v_k = product of 1 - p_j over cells j before k
-
-with H the entropy of a cell (Eq. 6 of its two outcomes): the entropy of the cells, weighted by the
-probability that the beam gets there. This is the noise-free case of the beam-based mutual
-information of Julian, Karaman & Rus 2014 ("On mutual information-based control of range sensing
-robots for mapping applications"). The beams of one scan share cells; as there, beams are treated
-as independent, except that a cell counts once, with the beam that most probably reaches it.
+The chain rule of `information.mutual_information`, beam by beam. The beams of one scan share cells;
+beams are treated as independent, except that a cell counts once, with the beam that most probably
+reaches it.
 """
 
 from __future__ import annotations
@@ -20,7 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.information.entropy import MIN_REACH_PROBABILITY, CellModel, validate_prior
+from coopmap_env.information.mutual_information import (
+    MIN_REACH_PROBABILITY,
+    CellModel,
+    validate_prior,
+)
 from coopmap_env.information.planar.fan import BEAMS_PER_WORD, BeamFan, FanArrays
 from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.ratings import WHOLE_VIEW, ViewContext
@@ -74,7 +71,7 @@ class PlanarMutualInformation:
         out = np.empty(len(ids))
         model = CellModel.of_map(map_.log_odds_range, self._prior, self._known_probability)
         reserved = self._rating.reserved_cells(context)
-        mutual_information(
+        write_mutual_information(
             map_.arrays, reserved, ids, self._rating.fan.arrays, self._beams, model, out
         )
         return out
@@ -100,7 +97,7 @@ def _entries_of_beams(fan: BeamFan) -> BeamEntries:
 
 
 @kernel
-def mutual_information(
+def write_mutual_information(
     arrays: MapArrays,
     reserved_mask: NDArray[np.uint8],
     poses: NDArray[np.int64],

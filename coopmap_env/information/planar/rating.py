@@ -67,22 +67,22 @@ class PlanarRatingFunction:
         return self.fan.max_visible_cells
 
     def new_information(
-        self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
+        self, map_: OccupancyMap, pose_ids: ArrayLike, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.float64]:
         """NI (Eqs. 6-8) of poses, nats, shape (k,)."""
-        return self.information_and_unknown(map_, poses, context)[0]
+        return self.new_information_and_unknown(map_, pose_ids, context)[0]
 
     def count_unknown_cells(
-        self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
+        self, map_: OccupancyMap, pose_ids: ArrayLike, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.int64]:
         """Number of never-sampled cells in view of each pose, shape (k,)."""
-        return self.information_and_unknown(map_, poses, context)[1]
+        return self.new_information_and_unknown(map_, pose_ids, context)[1]
 
-    def information_and_unknown(
-        self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
+    def new_information_and_unknown(
+        self, map_: OccupancyMap, pose_ids: ArrayLike, context: ViewContext = WHOLE_VIEW
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """`new_information` and `count_unknown_cells` of poses, in one pass over the map."""
-        return self._evaluate(map_, self.validate_ids(map_, poses), context)
+        return self._evaluate(map_, self.validate_ids(map_, pose_ids), context)
 
     def _evaluate(
         self, map_: OccupancyMap, ids: NDArray[np.int64], context: ViewContext
@@ -93,21 +93,21 @@ class PlanarRatingFunction:
         return ni, unknown
 
     def visible_cells(
-        self, map_: OccupancyMap, pose: int, context: ViewContext = WHOLE_VIEW
+        self, map_: OccupancyMap, pose_id: int, context: ViewContext = WHOLE_VIEW
     ) -> NDArray[np.int64]:
-        """Flat numbers of the cells that a pose would see on the known map, nearest first.
+        """Flat indices of the cells that a pose would see on the known map, nearest first.
 
         Reserved cells are included.
         """
-        (pose_id,) = self.validate_ids(map_, [pose])
+        (valid_id,) = self.validate_ids(map_, [pose_id])
         fan = self.fan.arrays
         view = allocate_view(fan, self.settings.n_gray_bins)
-        n = find_visible_cells(map_.arrays, pose_id, fan, view)
+        n = find_visible_cells(map_.arrays, valid_id, fan, view)
         return view.visible[:n].copy()
 
-    def distance(self, poses: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
-        """D of Eq. 5, shape (k,), from `current`: one pose for each, or one for all."""
-        new = np.asarray(poses, dtype=np.int64)
+    def distance(self, pose_ids: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
+        """Distance d of Eq. 5, shape (k,), from `current`: one pose for each, or one for all."""
+        new = np.asarray(pose_ids, dtype=np.int64)
         old = np.asarray(current, dtype=np.int64).reshape(-1)
         out = np.empty(len(new))
         grid, s = self.lattice.grid, self.settings
@@ -120,36 +120,36 @@ class PlanarRatingFunction:
     def rate(
         self,
         map_: OccupancyMap,
-        poses: ArrayLike,
+        pose_ids: ArrayLike,
         distance: ArrayLike,
         context: ViewContext = WHOLE_VIEW,
     ) -> Ratings:
         """Eq. 9 of poses: RF = (NI - K d**n) (1 - P); `distance` is d of Eq. 5, shape (k,)."""
-        ids = self.validate_ids(map_, poses)
+        ids = self.validate_ids(map_, pose_ids)
         return self._rate(map_, ids, distance, self._evaluate(map_, ids, context)[0])
 
-    def rate_team(self, map_: OccupancyMap, poses: ArrayLike, distance: ArrayLike) -> Ratings:
+    def rate_team(self, map_: OccupancyMap, pose_ids: ArrayLike, distance: ArrayLike) -> Ratings:
         """Eq. 9 of one pose for each robot, all scanning at once; shapes (n_robots,).
 
         What a robot sees is left out of the histograms of the robots after it, so that an overlap
         counts once.
         """
-        ids = self.validate_ids(map_, poses)
+        ids = self.validate_ids(map_, pose_ids)
         ni = np.empty(len(ids))
         sequential_new_information(
             tuple(map_.arrays), self._no_reservation, ids, self._fan, self._gray, ni
         )
         return self._rate(map_, ids, distance, ni)
 
-    def rate_from_information(
+    def rate_from_new_information(
         self,
         map_: OccupancyMap,
-        poses: ArrayLike,
+        pose_ids: ArrayLike,
         distance: ArrayLike,
         new_information: NDArray[np.float64],
     ) -> Ratings:
         """Eq. 9 from new information that is known already."""
-        return self._rate(map_, self.validate_ids(map_, poses), distance, new_information)
+        return self._rate(map_, self.validate_ids(map_, pose_ids), distance, new_information)
 
     def _rate(
         self,

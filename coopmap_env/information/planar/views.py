@@ -122,6 +122,9 @@ def evaluate_views(
 ) -> None:
     """Write NI (Eqs. 6-8) of each pose, and how many never-sampled cells it sees.
 
+    Cameras of at most 64 beams, such as the default one, take one pass over the fan
+    (`_evaluate_views_64_beams`); others take two.
+
     The tuples are plain `MapArrays`, `FanArrays` and `GrayBins`.
     """
     arrays, fan, gray = MapArrays(*map_tuple), FanArrays(*fan_tuple), GrayBins(*gray_tuple)
@@ -161,7 +164,7 @@ def _evaluate_views_64_beams(
         alive = fan.all_beams[0]
         n_unknown = 0
         for entry in range(start[heading], start[heading + 1]):
-            k = np.uint64(entry)  # the compiler guards signed indices against negative ones
+            k = np.uint64(entry)
             bits = beams[k, 0]
             if alive & bits == 0:
                 continue

@@ -60,7 +60,7 @@ def breadth_first_search(
                 neighbor, inside = cell - 1, iy > 0
             else:
                 neighbor, inside = cell + 1, iy + 1 < ny
-            index = np.uint64(neighbor)  # the compiler guards signed indices against negative ones
+            index = np.uint64(neighbor)
             if inside and step_counts[index] == 0 and is_free(arrays, index):
                 step_counts[index] = steps
                 queue[np.uint64(tail)] = neighbor

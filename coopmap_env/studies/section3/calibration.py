@@ -60,7 +60,7 @@ def record_scans(env: PlanarEnv, policy: Policy, seeds: Sequence[int]) -> Iterat
         simulator = PlanarSimulator(env.truth, env.settings.camera, env.settings.noise)
         scans: list[Scan] = []
         for _ in steps:
-            scans += [simulator.scan_from(pose, rng) for pose in env.belief().poses]
+            scans += [simulator.scan_from(pose, rng) for pose in env.belief().camera_poses]
         yield RecordedWorld(tuple(scans), env.truth.occupied)
 
 

@@ -43,9 +43,9 @@ def record_snapshot(max_scans: int, seed: int = 0, **env_kwargs: Any) -> Episode
     env = PlanarEnv(split="test", max_scans=max_scans, render_mode="rgb_array", **env_kwargs)
     steps = rollout(env, make_policy("rating_function:search=100"), seed)
     grid = env.belief().map.grid
-    paths = [[grid.to_cell_units(pose)] for pose in env.belief().poses[:, :2]]
+    paths = [[grid.to_cell_units(pose)] for pose in env.belief().camera_poses[:, :2]]
     for _ in steps:
-        for path, pose in zip(paths, env.belief().poses[:, :2], strict=True):
+        for path, pose in zip(paths, env.belief().camera_poses[:, :2], strict=True):
             path.append(grid.to_cell_units(pose))
     map_, frame = env.belief().map, env.render()
     assert frame is not None

@@ -178,8 +178,10 @@ def test_many_poses_see_what_each_sees_alone(occluders):
     rating = FieldRatingFunction(WIDE, map_.grid)
     R, t = random_poses(rng, map_, 40, any_orientation=True)
     R[:4] = [rotation(yaw, 0, 0).round() for yaw in (0, np.pi / 2, np.pi, -np.pi / 2)]
-    ni, unknown = rating.information_and_unknown(map_, (R, t))
-    alone = [rating.information_and_unknown(map_, (R[k : k + 1], t[k : k + 1])) for k in range(40)]
+    ni, unknown = rating.new_information_and_unknown(map_, (R, t))
+    alone = [
+        rating.new_information_and_unknown(map_, (R[k : k + 1], t[k : k + 1])) for k in range(40)
+    ]
     assert ni.tolist() == [float(one[0]) for one, _ in alone]
     assert unknown.tolist() == [int(one[0]) for _, one in alone]
     assert len(R) >= MIN_VIEWS_FOR_BOX

@@ -21,11 +21,11 @@ class CropTables(NamedTuple):
     """Cell offsets (n_headings, side * side, 2); see `crop_offsets`."""
     margin: int
     """The largest offset along an axis."""
-    gray_values: NDArray[np.uint8]
+    byte_of_log_odds: NDArray[np.uint8]
     """255 P, rounded, of each log-odds value in fixed point (2 clamp + 1,)."""
 
 
-class WorldFrame(NamedTuple):
+class WorldExtent(NamedTuple):
     """Extent of the world, metres."""
 
     origin: tuple[float, ...]
@@ -41,14 +41,14 @@ class ObservationArrays(NamedTuple):
 
     maps: NDArray[np.uint8]
     """Shape (n, 4, side, side)."""
-    poses: NDArray[np.float32]
+    pose_vectors: NDArray[np.float32]
     """Shape (n, 4)."""
     teammates: NDArray[np.float32]
     """Shape (n, n - 1, 4)."""
 
 
 class RatedCandidates(NamedTuple):
-    """What Eq. 9 says of k candidates; each of shape (k,)."""
+    """The arrays of `Ratings` and the unknown cells in view of k candidates; each of shape (k,)."""
 
     new_information: NDArray[np.float64]
     motion_cost: NDArray[np.float64]
@@ -61,7 +61,7 @@ class FeatureScale(NamedTuple):
     """Normalization of candidate features."""
 
     diagonal: float
-    """Of the world, metres."""
+    """Diagonal of the world, metres."""
     max_information: float
     """The largest NI, nats."""
     max_visible_cells: int
@@ -95,23 +95,22 @@ def write_map_crop(
     the world only where the camera is closer to its border than the margin.
     """
     log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
-    gray_values, margin = tables.gray_values, tables.margin
+    byte_of_log_odds, margin = tables.byte_of_log_odds, tables.margin
     nx, ny, _ = arrays.shape
     cx, cy = cell // ny, cell % ny
     out[2] = 0
     if margin <= cx < nx - margin and margin <= cy < ny - margin:
         out[3] = 255
         for k in range(out.shape[1]):
-            # unsigned: the compiler guards signed indices against negative ones
             at = np.uint64(cell + offsets[k, 0] * ny + offsets[k, 1])
-            out[0, k] = gray_values[np.uint64(log_odds_fixed[at] + clamp)]
+            out[0, k] = byte_of_log_odds[np.uint64(log_odds_fixed[at] + clamp)]
             out[1, k] = np.uint8(255) * sampled[at]
         return
     for k in range(out.shape[1]):
         ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
         inside = 0 <= ix < nx and 0 <= iy < ny
         at = np.uint64(ix * ny + iy if inside else 0)
-        out[0, k] = gray_values[np.uint64(log_odds_fixed[at] + clamp if inside else clamp)]
+        out[0, k] = byte_of_log_odds[np.uint64(log_odds_fixed[at] + clamp if inside else clamp)]
         out[1, k] = np.uint8(255) * sampled[at] if inside else 0
         out[3, k] = 255 if inside else 0
 
@@ -155,22 +154,22 @@ def write_observations(
     pose_ids: NDArray[np.int64],
     poses: NDArray[np.float64],
     maps: NDArray[np.uint8],
-    vectors: NDArray[np.float32],
+    pose_vectors: NDArray[np.float32],
     teammates: NDArray[np.float32],
 ) -> None:
     """Fill the maps, own pose vectors and teammates of all robots, as of `ObservationArrays`.
 
     `pose_ids` (n,) are those of the lattice, `poses` (n, 3) the same in metres and radians. The
-    tuples are plain `MapArrays`, `WorldFrame` and `CropTables`.
+    tuples are plain `MapArrays`, `WorldExtent` and `CropTables`.
     """
-    arrays, world = MapArrays(*map_tuple), WorldFrame(*world_tuple)
+    arrays, world = MapArrays(*map_tuple), WorldExtent(*world_tuple)
     tables = CropTables(*crop_tuple)
     origin, size = world.origin, world.size
     n_headings = len(tables.offsets)
     diagonal = math.hypot(size[0], size[1])
     for robot in range(len(pose_ids)):
         cell, heading = pose_ids[robot] // n_headings, pose_ids[robot] % n_headings
-        image, vector = maps[robot], vectors[robot]
+        image, vector = maps[robot], pose_vectors[robot]
         flat = image.reshape(image.shape[0], -1)
         write_map_crop(arrays, cell, tables.offsets[heading], tables, flat)
         write_teammates(poses, robot, world.resolution, diagonal, image, teammates[robot])
