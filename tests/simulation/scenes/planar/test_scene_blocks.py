@@ -8,8 +8,8 @@ SQUARE = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Normals of a square's edges."""
 
 
-def strew(occupied, missing, centers, half_sides):
-    """Strew squares."""
+def scatter(occupied, missing, centers, half_sides):
+    """Scatter squares."""
     half_sides = np.array(half_sides)
     slopes = SQUARE / half_sides[:, None, None]
     return scatter_blocks(occupied, missing, np.array(centers), np.sqrt(2) * half_sides, slopes)
@@ -37,7 +37,7 @@ def random_blocks(scene, seed, n):
 
 def test_a_square_occupies_the_cells_whose_centers_it_holds():
     occupied = np.zeros((8, 10), dtype=bool)
-    assert strew(occupied, 20, [(3.0, 5.0)], [1.6]) == 4
+    assert scatter(occupied, 20, [(3.0, 5.0)], [1.6]) == 4
     expected = np.zeros_like(occupied)
     expected[1:5, 3:7] = True  # centers 1.5 to 4.5 and 3.5 to 6.5
     np.testing.assert_array_equal(occupied, expected)
@@ -45,7 +45,7 @@ def test_a_square_occupies_the_cells_whose_centers_it_holds():
 
 def test_a_block_that_would_overshoot_shrinks_about_its_center():
     occupied = np.zeros((9, 9), dtype=bool)
-    assert strew(occupied, 9, [(4.5, 4.5)], [3.6]) == 0
+    assert scatter(occupied, 9, [(4.5, 4.5)], [3.6]) == 0
     expected = np.zeros_like(occupied)
     expected[3:6, 3:6] = True
     np.testing.assert_array_equal(occupied, expected)
@@ -53,15 +53,15 @@ def test_a_block_that_would_overshoot_shrinks_about_its_center():
 
 def test_of_cells_on_the_same_edge_the_first_are_taken():
     occupied = np.zeros((9, 9), dtype=bool)
-    assert strew(occupied, 2, [(4.5, 4.5)], [3.6]) == 0
+    assert scatter(occupied, 2, [(4.5, 4.5)], [3.6]) == 0
     np.testing.assert_array_equal(np.argwhere(occupied), [[3, 3], [4, 4]])
 
 
 def test_occupied_cells_count_once_and_later_blocks_go_unused():
     occupied = np.zeros((9, 9), dtype=bool)
-    assert strew(occupied, 18, [(3.0, 3.0), (3.0, 3.0), (5.0, 3.0)], [1.6, 1.6, 1.6]) == 0
+    assert scatter(occupied, 18, [(3.0, 3.0), (3.0, 3.0), (5.0, 3.0)], [1.6, 1.6, 1.6]) == 0
     assert np.count_nonzero(occupied) == 18
-    assert strew(occupied, 0, [(7.0, 7.0)], [1.6]) == 0
+    assert scatter(occupied, 0, [(7.0, 7.0)], [1.6]) == 0
     assert np.count_nonzero(occupied) == 18
 
 
