@@ -125,8 +125,8 @@ def _mean(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
 
 def _standardized(candidates: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
     """Features less their mean over the feasible candidates, in standard deviations."""
-    centred = candidates - _mean(candidates, weights)
-    return centred / (_mean(centred**2, weights) + MIN_STANDARD_DEVIATION**2).sqrt()
+    centered = candidates - _mean(candidates, weights)
+    return centered / (_mean(centered**2, weights) + MIN_STANDARD_DEVIATION**2).sqrt()
 
 
 class CandidateScorer(ActorCriticPolicy):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import start_ray, step_ray
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan, ScanArrays
+from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 from coopmap_env.simulation.simulator import MoveResult
 
