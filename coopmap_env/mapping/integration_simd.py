@@ -14,6 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.mapping._ray_lanes import (
+    LANES,
+    N_CROSSED,
+    N_FREE,
+    CrossedCells,
+    allocate_lanes,
+    init_lane,
+    step_lanes,
+)
 from coopmap_env.mapping.arrays import SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import (
     MIN_RANGE_SIGMA,
@@ -24,15 +33,6 @@ from coopmap_env.mapping.beam import (
 from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.grid import GridGeometry
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT
-from coopmap_env.mapping.ray_lanes import (
-    LANES,
-    N_CROSSED,
-    N_FREE,
-    CrossedCells,
-    allocate_lanes,
-    init_lane,
-    step_lanes,
-)
 from coopmap_env.sensing import ScanArrays
 
 

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.rendering._overlay import Overlay
+from coopmap_env.rendering._ray_tracing import FrustumTint, RayTracedScene
 from coopmap_env.rendering.meshes import exposed_faces
-from coopmap_env.rendering.overlay import Overlay
 from coopmap_env.rendering.panels import NEVER_SAMPLED, Color, robot_color, side_by_side
-from coopmap_env.rendering.ray_tracing import FrustumTint, RayTracedScene
 from coopmap_env.rendering.view_camera import ViewCamera
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.scenes.field import FieldWorld

@@ -2,8 +2,8 @@ import math
 
 import numpy as np
 
-from coopmap_env.envs.field.initial_knowledge import initial_free_voxels
-from coopmap_env.envs.field.map_crop import Crop, write_crop
+from coopmap_env.envs.field._initial_knowledge import initial_free_voxels
+from coopmap_env.envs.field._map_crop import Crop, write_crop
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 

@@ -15,10 +15,10 @@ from coopmap_env.rendering import (
     scene_meshes,
     simplified_links,
 )
+from coopmap_env.rendering._ray_tracing import FrustumTint, RayTracedScene
 from coopmap_env.rendering.field import BACKGROUND, SAMPLED_FLOOR_COLOR, ColoredMesh
 from coopmap_env.rendering.meshes import MESH_DETAIL, exposed_faces
 from coopmap_env.rendering.panels import NEVER_SAMPLED
-from coopmap_env.rendering.ray_tracing import FrustumTint, RayTracedScene
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.scenes.field import Solid, make_field_scene

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from coopmap_env.envs.field.joint_space import JointSpace
+from coopmap_env.envs.field._joint_space import JointSpace
 
 
 def space(max_grid_poses=100):

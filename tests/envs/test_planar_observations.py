@@ -8,7 +8,7 @@ from plain.random_maps import random_map, set_cells
 from plain.rollouts import random_actions
 
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.envs.planar.observation_kernels import crop_offsets
+from coopmap_env.envs.planar._observation_kernels import crop_offsets
 from coopmap_env.information import PlanarRatingSettings
 from coopmap_env.sensing import PlanarCamera
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from coopmap_env.envs.planar.starts import sample_start_poses
+from coopmap_env.envs.planar._starts import sample_start_poses
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.simulation.scenes.planar import Obstacles, PlanarWorld, Rooms, largest_free_region

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from plain.triangle_camera import box, look_at_pose, ray_distances
 
-from coopmap_env.localization.depth_rendering import DepthImage, min_neighbour_range, render_depth
+from coopmap_env.localization._depth_rendering import DepthImage, min_neighbour_range, render_depth
 from coopmap_env.sensing import DepthCamera
 
 

@@ -7,7 +7,7 @@ from numba import njit
 from plain.views import gray_level
 
 from coopmap_env.geometry import traverse
-from coopmap_env.information.field.depth_buffer import DEPTH_TOLERANCE
+from coopmap_env.information.field._depth_buffer import DEPTH_TOLERANCE
 
 
 def all_cells(shape):

@@ -7,8 +7,8 @@ from plain.kinematics import pose_is_free, random_joints, waypoints
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import FREE_LOG_ODDS_FIXED
 from coopmap_env.robots import CollisionChecker, CollisionSettings, Vehicle, plan_path
+from coopmap_env.robots.collision._contact import count_waypoints
 from coopmap_env.robots.collision.checker import robot_arrays
-from coopmap_env.robots.collision.contact import count_waypoints
 from coopmap_env.robots.kinematics.forward import allocate_body_poses
 
 LEFT, RIGHT = np.array([-1.0, 0.6, 0.9, 0, 0]), np.array([1.0, 0.6, 0.9, 0, 0])

@@ -19,8 +19,8 @@ from coopmap_env.geometry import Pose, random_rotation
 from coopmap_env.robots import Suspension, make_mount
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.physics import SteppingSettings, move_kinematically, move_stepped
+from coopmap_env.simulation.physics._joint_map import JointMap
 from coopmap_env.simulation.physics.client import BulletClient, quaternion_from_matrix
-from coopmap_env.simulation.physics.joint_map import JointMap
 from coopmap_env.simulation.physics.world import OWN_BODY, BulletWorld
 from coopmap_env.simulation.scenes.field import Solid
 

@@ -8,7 +8,7 @@ from plain.crane import BODY_MASS, SLIDER_MASS, crane, potential_energy
 from scipy.optimize import minimize
 
 from coopmap_env.robots import Suspension, make_mount
-from coopmap_env.simulation.physics.equilibrium import GRAVITY, Equilibrium
+from coopmap_env.simulation.physics._equilibrium import GRAVITY, Equilibrium
 
 pytest.importorskip("yourdfpy")
 

@@ -12,7 +12,7 @@ from plain.field_worlds import base_pose, cluttered_world, crate, flat_world
 from coopmap_env.robots import make_mount
 from coopmap_env.sensing import DepthCamera, RangeNoise
 from coopmap_env.simulation import FieldSimulator
-from coopmap_env.simulation.physics.joint_map import JointMap
+from coopmap_env.simulation.physics._joint_map import JointMap
 from coopmap_env.simulation.scenes.field import make_field_scene
 
 pytest.importorskip("pybullet")

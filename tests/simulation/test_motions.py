@@ -14,8 +14,8 @@ from coopmap_env.simulation.physics import (
     move_kinematically,
     move_stepped,
 )
-from coopmap_env.simulation.physics.path import FREE_CLEARANCE
-from coopmap_env.simulation.physics.trajectory import trapezoidal_profile
+from coopmap_env.simulation.physics._path import FREE_CLEARANCE
+from coopmap_env.simulation.physics._trajectory import trapezoidal_profile
 
 pytest.importorskip("pybullet")
 OUT = np.array([0.0, 0.8, 0.9, 0.0, 0.0])

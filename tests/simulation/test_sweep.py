@@ -7,9 +7,9 @@ from plain.sweeps import collides_with_boxes, points_in_boxes
 
 from coopmap_env.geometry import NO_SPHERES, Spheres
 from coopmap_env.robots import make_mount
-from coopmap_env.simulation.physics.joint_map import JointMap
-from coopmap_env.simulation.physics.sweep import SweepObstacles, squared_distance_to_box
-from coopmap_env.simulation.physics.sweep_model import SweepModel, covering_spheres
+from coopmap_env.simulation.physics._joint_map import JointMap
+from coopmap_env.simulation.physics._sweep import SweepObstacles, squared_distance_to_box
+from coopmap_env.simulation.physics._sweep_model import SweepModel, covering_spheres
 
 pytest.importorskip("pybullet")
 NO_BOXES = np.zeros((0, 2, 3))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.actions import parse_pose_action
 from coopmap_env.envs.belief import Decoded
+from coopmap_env.envs.field._joint_space import JointSpace
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.joint_space import JointSpace
 
 
 class FieldPoseMode:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Belief
-from coopmap_env.envs.field.joint_space import JointSpace
+from coopmap_env.envs.field._joint_space import JointSpace
 from coopmap_env.envs.field.reachability import MotionLimits, Reachability
 from coopmap_env.envs.field.team_state import Joints, TeamState
 from coopmap_env.geometry import Pose, Spheres

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.envs.field._initial_knowledge import initial_free_voxels, make_vehicles
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.initial_knowledge import initial_free_voxels, make_vehicles
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.robots import Mount, Vehicle
 from coopmap_env.simulation import FieldSimulator

@@ -10,22 +10,22 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from coopmap_env.envs.field.actions import FieldPoseMode
-from coopmap_env.envs.field.arguments import FieldArguments
-from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.diagnostics import FieldDiagnostics
-from coopmap_env.envs.field.episode_world import (
+from coopmap_env.envs.field._episode_world import (
     check_bases_in_search_range,
     has_fixed_bases,
     make_world,
 )
-from coopmap_env.envs.field.initial_knowledge import (
+from coopmap_env.envs.field._initial_knowledge import (
     initial_free_voxels,
     local_base_pose,
     make_vehicles,
     reset_local_maps,
 )
-from coopmap_env.envs.field.joint_space import JointSpace
+from coopmap_env.envs.field._joint_space import JointSpace
+from coopmap_env.envs.field.actions import FieldPoseMode
+from coopmap_env.envs.field.arguments import FieldArguments
+from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.diagnostics import FieldDiagnostics
 from coopmap_env.envs.field.localizer import TeamLocalizer
 from coopmap_env.envs.field.observations import FieldObserver
 from coopmap_env.envs.field.planning import FieldPlanning

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.envs.field._initial_knowledge import initial_free_voxels
+from coopmap_env.envs.field._recorded_scan import RecordedScan
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.initial_knowledge import initial_free_voxels
-from coopmap_env.envs.field.recorded_scan import RecordedScan
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.envs.field.target_search import TargetSearch
 from coopmap_env.envs.field.true_poses import TruePoses

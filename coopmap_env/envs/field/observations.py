@@ -61,8 +61,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
+from coopmap_env.envs.field._map_crop import Crop, write_crop
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.map_crop import Crop, write_crop
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid

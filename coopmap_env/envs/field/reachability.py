@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.field.joint_space import JointSpace
+from coopmap_env.envs.field._joint_space import JointSpace
 from coopmap_env.envs.field.team_state import Joints, TeamState
 from coopmap_env.robots import CollisionChecker, CollisionSettings, plan_path
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from coopmap_env.envs.field._recorded_scan import RecordedScan
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.field.recorded_scan import RecordedScan
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.localization import (

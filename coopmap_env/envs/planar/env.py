@@ -10,13 +10,13 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.envs.planar._starts import sample_start_poses
 from coopmap_env.envs.planar.actions import PlanarPoseMode
 from coopmap_env.envs.planar.arguments import PlanarArguments
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.observations import PlanarObserver
 from coopmap_env.envs.planar.planning import PlanarPlanning
 from coopmap_env.envs.planar.settings import PlanarSettings
-from coopmap_env.envs.planar.starts import sample_start_poses
 from coopmap_env.envs.rewards import RewardScale
 from coopmap_env.envs.step_data import EpisodeRngs, FusedScans, TeamMoveResult
 from coopmap_env.envs.team import TeamEnv

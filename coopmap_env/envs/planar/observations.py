@@ -61,8 +61,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.envs.belief import Observation
-from coopmap_env.envs.planar.belief import PlanarBelief
-from coopmap_env.envs.planar.observation_kernels import (
+from coopmap_env.envs.planar._observation_kernels import (
     CropTables,
     FeatureScale,
     ObservationArrays,
@@ -71,6 +70,7 @@ from coopmap_env.envs.planar.observation_kernels import (
     write_candidate_features,
     write_observations,
 )
+from coopmap_env.envs.planar.belief import PlanarBelief
 
 N_CHANNELS = 4
 N_FEATURES = 9

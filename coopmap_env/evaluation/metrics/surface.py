@@ -11,15 +11,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.evaluation.metrics.surface_samples import sample_surface
+from coopmap_env.evaluation.metrics._surface_samples import sample_surface
+from coopmap_env.evaluation.metrics._triangle_distance import TriangleBins
+from coopmap_env.evaluation.metrics._visible_surface import N_POSES, visible_points
 from coopmap_env.evaluation.metrics.surface_scores import (
     SampleVoxels,
     SurfaceScores,
     distance_scores,
     surface_points,
 )
-from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
-from coopmap_env.evaluation.metrics.visible_surface import N_POSES, visible_points
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera

@@ -13,8 +13,8 @@ Chamfer distance   metres, best 0: mean of the two mean distances, without an up
 
 A map point is the merged surface mean (Eqs. 2 and 4) of a voxel with P > ½. Precision uses the
 exact distance to all true triangles inside the grid, visible or not. Recall and coverage are over
-samples of the visible surface (`coopmap_env.evaluation.metrics.visible_surface`): they measure what
-the policy missed, and not what no pose can see. A sample is covered by an occupied voxel within one
+samples of the visible surface (`_visible_surface`): they measure what the policy missed, and not
+what no pose can see. A sample is covered by an occupied voxel within one
 voxel of its own. So the two sides of a plate thinner than a voxel cover each other.
 
 tau is one voxel. The finest detail of a map is that a surface runs through a voxel, and in a flat
@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
+from coopmap_env.evaluation.metrics._triangle_distance import TriangleBins
 from coopmap_env.mapping import MapArrays, OccupancyMap, VoxelGrid
 
 

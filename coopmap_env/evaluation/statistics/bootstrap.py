@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from coopmap_env.evaluation.statistics._samples import check_paired, check_per_world
 from coopmap_env.evaluation.statistics.interval import Interval
-from coopmap_env.evaluation.statistics.samples import check_paired, check_per_world
 
 Array = NDArray[Any]
 Statistic = Callable[..., Any]

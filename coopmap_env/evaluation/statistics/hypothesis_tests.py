@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from coopmap_env.evaluation.statistics._samples import check_table
 from coopmap_env.evaluation.statistics.bootstrap import percentile_bootstrap
 from coopmap_env.evaluation.statistics.interval import Interval
-from coopmap_env.evaluation.statistics.samples import check_table
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel, unchecked_division_kernel
 from coopmap_env.geometry import RigidTransform, start_ray, step_ray
-from coopmap_env.information.field.depth_buffer import (
+from coopmap_env.information._mutual_information import (
+    MIN_REACH_PROBABILITY,
+    CellModel,
+    validate_prior,
+)
+from coopmap_env.information.field._depth_buffer import (
     CameraArrays,
     SphereArrays,
     add_spheres,
@@ -24,11 +29,6 @@ from coopmap_env.information.field.depth_buffer import (
 from coopmap_env.information.field.frustum import FrustumRuns, frustum_runs, projection_rows
 from coopmap_env.information.field.rating import FieldRatingFunction
 from coopmap_env.information.field.views import PoseArrays, allocate_view
-from coopmap_env.information.mutual_information import (
-    MIN_REACH_PROBABILITY,
-    CellModel,
-    validate_prior,
-)
 from coopmap_env.information.ratings import WHOLE_VIEW, CameraPoses, ViewContext
 from coopmap_env.mapping import MapArrays, OccupancyMap
 

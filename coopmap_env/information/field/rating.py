@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry import Spheres
-from coopmap_env.information.field.pooling import pool, pooled_grid
-from coopmap_env.information.field.view_tables import ViewTables
+from coopmap_env.information.field._pooling import pool, pooled_grid
+from coopmap_env.information.field._view_tables import ViewTables
 from coopmap_env.information.field.views import fill_mask, view_histogram
 from coopmap_env.information.ratings import (
     WHOLE_VIEW,

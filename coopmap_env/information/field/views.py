@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel, unchecked_division_kernel
 from coopmap_env.geometry import RigidTransform
-from coopmap_env.information.field.depth_buffer import (
+from coopmap_env.information.field._depth_buffer import (
     CameraArrays,
     SphereArrays,
     depth_limits,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.information.mutual_information import (
+from coopmap_env.information._mutual_information import (
     MIN_REACH_PROBABILITY,
     CellModel,
     validate_prior,

@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose, apply_displacement, skew
+from coopmap_env.localization.correction._keyframes import ScanSurfaces
+from coopmap_env.localization.correction._patch_matcher import PatchMatcher
+from coopmap_env.localization.correction._patches import Patches
+from coopmap_env.localization.correction._pose_state import PoseState
 from coopmap_env.localization.correction.fiducials import (
     Fiducials,
     FiducialSettings,
     select_fiducials,
 )
-from coopmap_env.localization.correction.keyframes import ScanSurfaces
-from coopmap_env.localization.correction.patch_matcher import PatchMatcher
-from coopmap_env.localization.correction.patches import Patches
-from coopmap_env.localization.correction.pose_state import PoseState
 from coopmap_env.localization.correction.settings import CorrectionSettings
 from coopmap_env.localization.correction.tracking import TrackingSettings, track_fiducials
 from coopmap_env.localization.target import TargetModel

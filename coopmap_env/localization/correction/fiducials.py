@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.arguments import check_array_shapes
 from coopmap_env.core.settings import Bounds, NonNegative, Positive, PositiveInt, Settings
 from coopmap_env.geometry import Pose
-from coopmap_env.localization.correction.peaks import (
+from coopmap_env.localization.correction._peaks import (
     BallLimits,
     PeakMap,
     SelectedPeaks,

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.special import chdtrc
 
 from coopmap_env.core.settings import NonNegative, NonNegativeInt, Settings, UnitInterval
+from coopmap_env.localization.registration._pixel_residuals import AGREES, SEEN_THROUGH, UNDECIDED
+from coopmap_env.localization.registration._shared_pose import view_chi2
 from coopmap_env.localization.registration.alignment import Alignment
-from coopmap_env.localization.registration.pixel_residuals import AGREES, SEEN_THROUGH, UNDECIDED
-from coopmap_env.localization.registration.shared_pose import view_chi2
 
 
 @dataclass(frozen=True)

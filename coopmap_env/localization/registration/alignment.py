@@ -17,9 +17,9 @@ from coopmap_env.geometry import (
     displacement_between,
     rotation_about_z,
 )
-from coopmap_env.localization.depth_rendering import DepthImage, render_depth
-from coopmap_env.localization.registration.likelihood_field import distance_field
-from coopmap_env.localization.registration.pixel_residuals import (
+from coopmap_env.localization._depth_rendering import DepthImage, render_depth
+from coopmap_env.localization.registration._likelihood_field import distance_field
+from coopmap_env.localization.registration._pixel_residuals import (
     AGREES,
     OCCLUDED,
     SEEN_THROUGH,
@@ -30,7 +30,7 @@ from coopmap_env.localization.registration.pixel_residuals import (
     count_off_surface,
     pixel_residuals,
 )
-from coopmap_env.localization.registration.shared_pose import (
+from coopmap_env.localization.registration._shared_pose import (
     camera_to_base_covariances,
     shared_pose,
 )

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.settings import NonNegative, Positive, PositiveInt, Settings
 from coopmap_env.geometry import Pose, rotation_about_z
-from coopmap_env.localization.registration.branch_and_bound import (
+from coopmap_env.localization.registration._branch_and_bound import (
     Probes,
     SearchGrid,
     SearchLimits,
@@ -32,7 +32,7 @@ from coopmap_env.localization.registration.branch_and_bound import (
     hill_climb,
     points_to_cells,
 )
-from coopmap_env.localization.registration.likelihood_field import likelihood_field
+from coopmap_env.localization.registration._likelihood_field import likelihood_field
 from coopmap_env.localization.registration.views import ViewBatch
 from coopmap_env.localization.target import TargetModel
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import RigidTransform
-from coopmap_env.localization.depth_rendering import min_neighbour_range
+from coopmap_env.localization._depth_rendering import min_neighbour_range
 from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import DepthCamera, PinholeIntrinsics, PointCloud
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.settings import NonNegative, Positive, Settings
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots.collision.arrays import (
+from coopmap_env.robots.collision._arrays import (
     CollisionObstacles,
     FirstContacts,
     MapVoxels,
@@ -22,7 +22,7 @@ from coopmap_env.robots.collision.arrays import (
     RobotSpheres,
     TeamSpheres,
 )
-from coopmap_env.robots.collision.contact import (
+from coopmap_env.robots.collision._contact import (
     MAP_CONTACT,
     NO_CONTACT,
     SELF_CONTACT,

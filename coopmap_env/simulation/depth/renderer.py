@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.depth.culling import (
+from coopmap_env.simulation.depth._culling import (
     BodyBoxes,
     Rays,
     bounding_cone,

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.simulation.physics.path import coarse_fractions, interpolate
+from coopmap_env.simulation.physics._path import coarse_fractions, interpolate
 from coopmap_env.simulation.physics.world import BulletWorld
 
 WAYPOINT_SPACING = 0.03

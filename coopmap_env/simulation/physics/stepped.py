@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.settings import Positive, Settings
-from coopmap_env.simulation.physics.path import StraightPath, are_paths_free
-from coopmap_env.simulation.physics.trajectory import TrajectoryTracker
+from coopmap_env.simulation.physics._path import StraightPath, are_paths_free
+from coopmap_env.simulation.physics._trajectory import TrajectoryTracker
 from coopmap_env.simulation.physics.world import BulletWorld
 
 REST_IMBALANCE = 3e-5

@@ -25,17 +25,17 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose, Spheres, join_spheres
 from coopmap_env.robots import Mount
-from coopmap_env.simulation.physics.client import BulletClient
-from coopmap_env.simulation.physics.equilibrium import GRAVITY
-from coopmap_env.simulation.physics.joint_map import JointMap
-from coopmap_env.simulation.physics.loading import (
+from coopmap_env.simulation.physics._equilibrium import GRAVITY
+from coopmap_env.simulation.physics._joint_map import JointMap
+from coopmap_env.simulation.physics._loading import (
     MAX_VEHICLES,
     load_solid,
     load_vehicle,
     part_boxes,
 )
-from coopmap_env.simulation.physics.sweep import SweepObstacles
-from coopmap_env.simulation.physics.vehicle import LoadedVehicle
+from coopmap_env.simulation.physics._sweep import SweepObstacles
+from coopmap_env.simulation.physics._vehicle import LoadedVehicle
+from coopmap_env.simulation.physics.client import BulletClient
 from coopmap_env.simulation.scenes.field.solid import Solid
 
 OWN_BODY = "its own body"

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from coopmap_env.evaluation.metrics.surface_samples import clip_triangles, sample_surface
-from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
+from coopmap_env.evaluation.metrics._surface_samples import clip_triangles, sample_surface
+from coopmap_env.evaluation.metrics._triangle_distance import TriangleBins
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field import (

@@ -5,12 +5,12 @@ import pytest
 from plain import true_surfaces as plain
 
 from coopmap_env.evaluation.metrics import observed_mask
+from coopmap_env.evaluation.metrics._triangle_distance import TriangleBins
 from coopmap_env.evaluation.metrics.surface_scores import (
     SampleVoxels,
     distance_scores,
     surface_points,
 )
-from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 GRID = VoxelGrid((20, 20, 10), 0.1, (0, 0, -0.55))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plain import true_surfaces as plain
 
-from coopmap_env.evaluation.metrics.triangle_distance import TriangleBins, squared_distance
+from coopmap_env.evaluation.metrics._triangle_distance import TriangleBins, squared_distance
 from coopmap_env.mapping import VoxelGrid
 
 GRID = VoxelGrid((20, 20, 20), 0.1, (-1, -1, -1))

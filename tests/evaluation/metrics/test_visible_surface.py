@@ -7,7 +7,7 @@ import pytest
 from plain import triangles as rays
 from plain import true_surfaces as plain
 
-from coopmap_env.evaluation.metrics import visible_surface
+from coopmap_env.evaluation.metrics import _visible_surface as visible_surface
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import Vehicle

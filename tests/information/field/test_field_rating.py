@@ -14,7 +14,7 @@ from coopmap_env.information import (
     ViewContext,
     joint_distance,
 )
-from coopmap_env.information.field.pooling import pool, pooled_grid
+from coopmap_env.information.field._pooling import pool, pooled_grid
 from coopmap_env.mapping import LogOddsRange, MapArrays, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 

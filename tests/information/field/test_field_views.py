@@ -9,7 +9,7 @@ from plain.random_maps import set_cells
 from plain.random_voxel_map import random_poses, random_voxel_map, rotation
 
 from coopmap_env.information import FieldRatingFunction, ViewContext
-from coopmap_env.information.field.depth_buffer import occluder_bounds
+from coopmap_env.information.field._depth_buffer import occluder_bounds
 from coopmap_env.information.field.views import MIN_VIEWS_FOR_BOX
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera

@@ -14,7 +14,7 @@ from coopmap_env.information import (
     ViewContext,
     entropy,
 )
-from coopmap_env.information.mutual_information import MIN_REACH_PROBABILITY
+from coopmap_env.information._mutual_information import MIN_REACH_PROBABILITY
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from coopmap_env.geometry import Pose
-from coopmap_env.localization.correction.keyframes import KeyframeBuffer, ScanSurfaces
-from coopmap_env.localization.correction.surface_normals import surface_normals
+from coopmap_env.localization.correction._keyframes import KeyframeBuffer, ScanSurfaces
+from coopmap_env.localization.correction._surface_normals import surface_normals
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 CAMERA = DepthCamera(width=8, height=6)

@@ -5,14 +5,14 @@ import pytest
 from plain.triangle_camera import box, look_at_pose, ray_distances, render_scan
 
 from coopmap_env.geometry import Pose, apply_displacement
-from coopmap_env.localization.correction.keyframes import ScanSurfaces
-from coopmap_env.localization.correction.known_target import (
+from coopmap_env.localization.correction._keyframes import ScanSurfaces
+from coopmap_env.localization.correction._known_target import (
     MAX_DEPTH_RESIDUAL,
     MIN_INCIDENCE_COSINE,
     KnownTarget,
     PixelPlanes,
 )
-from coopmap_env.localization.correction.surface_normals import surface_normals
+from coopmap_env.localization.correction._surface_normals import surface_normals
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.sensing import DepthCamera, RangeNoise
 

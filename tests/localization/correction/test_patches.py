@@ -9,7 +9,7 @@ from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry import Pose, apply_displacement
 from coopmap_env.localization import CorrectionSettings
-from coopmap_env.localization.correction.association import (
+from coopmap_env.localization.correction._association import (
     MIN_NORMAL_COSINE,
     AssociationGates,
     PatchScan,
@@ -18,15 +18,15 @@ from coopmap_env.localization.correction.association import (
     associate,
     count_overlap,
 )
-from coopmap_env.localization.correction.keyframes import KeyframeArrays, ScanSurfaces
-from coopmap_env.localization.correction.known_target import PixelPlanes
-from coopmap_env.localization.correction.patches import (
+from coopmap_env.localization.correction._keyframes import KeyframeArrays, ScanSurfaces
+from coopmap_env.localization.correction._known_target import PixelPlanes
+from coopmap_env.localization.correction._patches import (
     MIN_VARIANCE,
     TARGET_SOURCE,
     PatchSums,
     patches_from_sums,
 )
-from coopmap_env.localization.correction.surface_normals import surface_normals
+from coopmap_env.localization.correction._surface_normals import surface_normals
 from coopmap_env.sensing import DepthCamera, RangeNoise
 
 CAMERA = DepthCamera(width=32, height=24)

@@ -7,7 +7,7 @@ import pytest
 from plain.joint_gaussian import condition_gaussian
 
 from coopmap_env.geometry import Pose, apply_displacement, displacement_between, rotation_about_z
-from coopmap_env.localization.correction.pose_state import MIN_VARIANCE, PoseState
+from coopmap_env.localization.correction._pose_state import MIN_VARIANCE, PoseState
 from coopmap_env.robots import PoseEstimate, Vehicle, make_mount
 
 pytest.importorskip("yourdfpy")

@@ -5,7 +5,7 @@ import pytest
 from plain.triangle_camera import box, look_at_pose, render_scan
 from scipy.stats import chi2
 
-from coopmap_env.localization.correction.surface_normals import surface_normals
+from coopmap_env.localization.correction._surface_normals import surface_normals
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 CAMERA, NOISE, EXACT = DepthCamera(), RangeNoise(), RangeNoise(intrinsic=0.0)

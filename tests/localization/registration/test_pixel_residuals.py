@@ -4,9 +4,9 @@ from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry import Pose, RigidTransform, apply_displacement, rotation_about_z
 from coopmap_env.localization import TargetModel, View
-from coopmap_env.localization.depth_rendering import DepthImage, render_depth
-from coopmap_env.localization.registration.likelihood_field import DistanceField
-from coopmap_env.localization.registration.pixel_residuals import (
+from coopmap_env.localization._depth_rendering import DepthImage, render_depth
+from coopmap_env.localization.registration._likelihood_field import DistanceField
+from coopmap_env.localization.registration._pixel_residuals import (
     AGREES,
     OCCLUDED,
     SEEN_THROUGH,

@@ -7,7 +7,7 @@ from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry import Pose, rotation_about_z
 from coopmap_env.localization import SearchSettings, TargetModel, View
-from coopmap_env.localization.registration.branch_and_bound import (
+from coopmap_env.localization.registration._branch_and_bound import (
     Probes,
     SearchGrid,
     SearchLimits,
@@ -16,7 +16,7 @@ from coopmap_env.localization.registration.branch_and_bound import (
     field_score,
     points_to_cells,
 )
-from coopmap_env.localization.registration.likelihood_field import distance_field, likelihood_field
+from coopmap_env.localization.registration._likelihood_field import distance_field, likelihood_field
 from coopmap_env.localization.registration.search import search, voxel_centroids
 from coopmap_env.localization.registration.views import Beams, ViewBatch
 from coopmap_env.robots import PoseEstimate

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.geometry import Pose, apply_displacement, displacement_between, rotation_about_z
-from coopmap_env.localization.registration.shared_pose import (
+from coopmap_env.localization.registration._shared_pose import (
     camera_to_base_covariances,
     shared_pose,
     view_chi2,

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.settings import NonNegative, Positive, Settings
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.simulation.scenes.field.solid import Solid
-from coopmap_env.simulation.scenes.field.solid_queries import (
+from coopmap_env.simulation.scenes.field._solid_queries import (
     distance_to_triangles,
     first_hit,
     project_to_ground,
 )
+from coopmap_env.simulation.scenes.field.solid import Solid
 
 EYE_HEIGHT = 1.5
 """Metres above a base from which the target has to be visible: about the height of the cameras."""

@@ -14,13 +14,8 @@ from numpy.typing import NDArray
 from coopmap_env.core.settings import Positive, Settings
 from coopmap_env.geometry import Z_AXIS, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.simulation.scenes.field.base_poses import (
-    DEFAULT_PLACEMENT,
-    BasePlacement,
-    sample_base_poses,
-)
-from coopmap_env.simulation.scenes.field.layout import SceneLayout
-from coopmap_env.simulation.scenes.field.pybullet_assets import (
+from coopmap_env.simulation.scenes.field._layout import SceneLayout
+from coopmap_env.simulation.scenes.field._pybullet_assets import (
     NAMED_ASSETS,
     RANDOM_ASSETS,
     PyBulletAsset,
@@ -28,6 +23,11 @@ from coopmap_env.simulation.scenes.field.pybullet_assets import (
     load_random_asset,
     shelf,
     table,
+)
+from coopmap_env.simulation.scenes.field.base_poses import (
+    DEFAULT_PLACEMENT,
+    BasePlacement,
+    sample_base_poses,
 )
 from coopmap_env.simulation.scenes.field.solid import Solid
 from coopmap_env.simulation.scenes.field.world import (

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from coopmap_env.core.settings import Positive, PositiveInt, Settings
 from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.scenes.field._layout import SceneLayout
+from coopmap_env.simulation.scenes.field._pile import Pile
 from coopmap_env.simulation.scenes.field.base_poses import BasePlacement, sample_base_poses
-from coopmap_env.simulation.scenes.field.layout import SceneLayout
-from coopmap_env.simulation.scenes.field.pile import Pile
 from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.world import (
     BASE_CLEARANCE,

@@ -37,7 +37,7 @@ from coopmap_env.core.files import read_yaml_mapping, read_yaml_number
 from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.factory import SceneError
-from coopmap_env.simulation.scenes.field.shape_files import MeshShape, read_mesh, read_urdf
+from coopmap_env.simulation.scenes.field._shape_files import MeshShape, read_mesh, read_urdf
 from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.user_scene import UserScene
 from coopmap_env.simulation.scenes.field.world import FIELD_GRID, make_ground

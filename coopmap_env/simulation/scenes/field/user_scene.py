@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.scenes.field._solid_queries import distance_to_axis
 from coopmap_env.simulation.scenes.field.base_poses import (
     DEFAULT_PLACEMENT,
     BasePlacement,
@@ -14,7 +15,6 @@ from coopmap_env.simulation.scenes.field.base_poses import (
     sample_base_poses,
 )
 from coopmap_env.simulation.scenes.field.solid import Solid
-from coopmap_env.simulation.scenes.field.solid_queries import distance_to_axis
 from coopmap_env.simulation.scenes.field.world import (
     BASE_CLEARANCE,
     FIELD_GRID,

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.settings import Settings, UnitInterval
 from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.scenes.field._layout import SceneLayout
 from coopmap_env.simulation.scenes.field.base_poses import (
     DEFAULT_PLACEMENT,
     BasePlacement,
     sample_base_poses,
 )
-from coopmap_env.simulation.scenes.field.layout import SceneLayout
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,

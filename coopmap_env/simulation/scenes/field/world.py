@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.settings import NonNegativeInt, Settings
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.scenes.field._voxel_truth import voxelize_solids
 from coopmap_env.simulation.scenes.field.solid import Solid, ground_slab
-from coopmap_env.simulation.scenes.field.voxel_truth import voxelize_solids
 
 BASE_CLEARANCE = 1.2
 """Metres around a base's axis that hold nothing but ground: a Husky's half diagonal is 0.6 m, and

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.settings import Bounds, Positive, Settings, UnitInterval
-from coopmap_env.simulation.scenes.planar.blocks import scatter_blocks
+from coopmap_env.simulation.scenes.planar._blocks import scatter_blocks
 from coopmap_env.simulation.scenes.planar.world import CellsPerSide, PlanarWorld
 
 MAX_OCCUPIED_FRACTION = 0.5

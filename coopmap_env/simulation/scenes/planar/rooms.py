@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
 from coopmap_env.core.settings import NonNegative, Positive, Settings, UnitInterval
-from coopmap_env.simulation.scenes.planar.floor_plan import (
+from coopmap_env.simulation.scenes.planar._floor_plan import (
     FloorPlanSizes,
     choose_doors,
     split_floor,

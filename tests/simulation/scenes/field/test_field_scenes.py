@@ -27,14 +27,14 @@ from coopmap_env.simulation.scenes.field import (
     solid_from_boxes,
     target_solids,
 )
+from coopmap_env.simulation.scenes.field._layout import SceneLayout
+from coopmap_env.simulation.scenes.field._solid_queries import distance_to_axis
+from coopmap_env.simulation.scenes.field._voxel_truth import is_closed
 from coopmap_env.simulation.scenes.field.base_poses import (
     ground_pose,
     sample_base_poses,
     visible_target_fraction,
 )
-from coopmap_env.simulation.scenes.field.layout import SceneLayout
-from coopmap_env.simulation.scenes.field.solid_queries import distance_to_axis
-from coopmap_env.simulation.scenes.field.voxel_truth import is_closed
 
 NAMES = ("worksite", "clutter", "rubble")
 N_SEEDS = 25

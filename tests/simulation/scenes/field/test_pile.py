@@ -3,7 +3,7 @@ import pytest
 from plain.pile_columns import vertical_extent
 
 from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
-from coopmap_env.simulation.scenes.field.pile import SINK_DEPTH, Pile, vertical_extents
+from coopmap_env.simulation.scenes.field._pile import SINK_DEPTH, Pile, vertical_extents
 
 NO_TURN = np.eye(3)
 

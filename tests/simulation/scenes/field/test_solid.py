@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.geometry import random_rotation
+from coopmap_env.simulation.scenes.field._voxel_truth import is_closed
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
@@ -10,7 +11,6 @@ from coopmap_env.simulation.scenes.field.solid import (
     solid_from_boxes,
     solid_from_hull,
 )
-from coopmap_env.simulation.scenes.field.voxel_truth import is_closed
 
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 from plain import solids as plain
 
+from coopmap_env.simulation.scenes.field._solid_queries import (
+    distance_to_axis,
+    distance_to_triangles,
+    first_hit,
+)
 from coopmap_env.simulation.scenes.field.solid import (
     box_corners,
     ground_slab,
     solid_from_boxes,
     solid_from_hull,
-)
-from coopmap_env.simulation.scenes.field.solid_queries import (
-    distance_to_axis,
-    distance_to_triangles,
-    first_hit,
 )
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from coopmap_env.simulation.scenes import SceneError
 from coopmap_env.simulation.scenes.field import FIELD_GRID, make_field_scene, read_user_scene
-from coopmap_env.simulation.scenes.field.solid_queries import distance_to_axis
+from coopmap_env.simulation.scenes.field._solid_queries import distance_to_axis
 
 pytest.importorskip("yaml")
 

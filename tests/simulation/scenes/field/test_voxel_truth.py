@@ -4,17 +4,17 @@ from plain import solids as plain
 
 from coopmap_env.geometry import random_rotation
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.scenes.field._voxel_truth import (
+    is_closed,
+    mark_surface_voxels,
+    voxelize_solids,
+    winding_numbers,
+)
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
     box_corners,
     solid_from_boxes,
     solid_from_hull,
-)
-from coopmap_env.simulation.scenes.field.voxel_truth import (
-    is_closed,
-    mark_surface_voxels,
-    voxelize_solids,
-    winding_numbers,
 )
 
 UNIT = VoxelGrid((10, 10, 10), 1.0, (0.0, 0.0, 0.0))

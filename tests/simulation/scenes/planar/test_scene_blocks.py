@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from coopmap_env.simulation.scenes.planar import Obstacles
-from coopmap_env.simulation.scenes.planar.blocks import scatter_blocks
+from coopmap_env.simulation.scenes.planar._blocks import scatter_blocks
 
 SQUARE = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Normals of a square's edges."""

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from coopmap_env.simulation.scenes import SPLITS, world_seed
 from coopmap_env.simulation.scenes.planar import Rooms
-from coopmap_env.simulation.scenes.planar.floor_plan import (
+from coopmap_env.simulation.scenes.planar._floor_plan import (
     CellRectangle,
     Door,
     FloorPart,

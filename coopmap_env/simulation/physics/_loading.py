@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Mount
+from coopmap_env.simulation.physics._joint_map import JointMap
+from coopmap_env.simulation.physics._vehicle import LoadedVehicle
 from coopmap_env.simulation.physics.client import BulletClient
-from coopmap_env.simulation.physics.joint_map import JointMap
-from coopmap_env.simulation.physics.vehicle import LoadedVehicle
 from coopmap_env.simulation.scenes.field.solid import Solid
 
 STATIC, BODY, FIRST_ARM_BIT = 1, 2, 4

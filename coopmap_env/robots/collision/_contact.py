@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.robots.collision.arrays import (
+from coopmap_env.robots.collision._arrays import (
     CollisionObstacles,
     FirstContacts,
     MapVoxels,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
-from coopmap_env.evaluation.metrics.surface_samples import clip_triangles
+from coopmap_env.evaluation.metrics._surface_samples import clip_triangles
 from coopmap_env.mapping import GridGeometry, VoxelGrid
 
 

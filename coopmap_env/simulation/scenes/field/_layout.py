@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.simulation.scenes.field._solid_queries import (
+    distance_to_triangles,
+    project_to_ground,
+)
 from coopmap_env.simulation.scenes.field.base_poses import (
     MIN_VISIBLE_FRACTION,
     first_hits_toward_target,
 )
 from coopmap_env.simulation.scenes.field.solid import Solid
-from coopmap_env.simulation.scenes.field.solid_queries import (
-    distance_to_triangles,
-    project_to_ground,
-)
 
 _MAX_TRIES = 40
 """Positions that are drawn for a disc before it is given up."""

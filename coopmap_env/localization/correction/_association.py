@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
-from coopmap_env.localization.correction.keyframes import KeyframeArrays, ScanSurfaces
-from coopmap_env.localization.correction.known_target import PixelPlanes
-from coopmap_env.localization.correction.patches import MIN_VARIANCE, TARGET_SOURCE, PatchSums
+from coopmap_env.localization.correction._keyframes import KeyframeArrays, ScanSurfaces
+from coopmap_env.localization.correction._known_target import PixelPlanes
+from coopmap_env.localization.correction._patches import MIN_VARIANCE, TARGET_SOURCE, PatchSums
 from coopmap_env.sensing import PinholeIntrinsics
 
 Array = NDArray[np.float64]

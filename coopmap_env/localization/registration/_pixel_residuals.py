@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.geometry import RigidTransform
-from coopmap_env.localization.depth_rendering import DepthImage
-from coopmap_env.localization.registration.likelihood_field import DistanceField
+from coopmap_env.localization._depth_rendering import DepthImage
+from coopmap_env.localization.registration._likelihood_field import DistanceField
 from coopmap_env.localization.registration.views import ViewArrays
 from coopmap_env.localization.target import TargetPlanes
 from coopmap_env.sensing import NoiseParameters

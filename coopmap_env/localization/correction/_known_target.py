@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.geometry import Pose, RigidTransform
-from coopmap_env.localization.correction.keyframes import ScanSurfaces
-from coopmap_env.localization.depth_rendering import DepthImage, render_depth
+from coopmap_env.localization._depth_rendering import DepthImage, render_depth
+from coopmap_env.localization.correction._keyframes import ScanSurfaces
 from coopmap_env.localization.target import TargetModel, TargetPlanes
 from coopmap_env.sensing import PinholeIntrinsics
 

@@ -6,16 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
-from coopmap_env.localization.correction.association import (
+from coopmap_env.localization.correction._association import (
     AssociationGates,
     PatchScan,
     PatchSources,
     accumulate_patches,
     count_overlap,
 )
-from coopmap_env.localization.correction.keyframes import KeyframeBuffer, ScanSurfaces
-from coopmap_env.localization.correction.known_target import KnownTarget, PixelPlanes
-from coopmap_env.localization.correction.patches import Patches, PatchSums, patches_from_sums
+from coopmap_env.localization.correction._keyframes import KeyframeBuffer, ScanSurfaces
+from coopmap_env.localization.correction._known_target import KnownTarget, PixelPlanes
+from coopmap_env.localization.correction._patches import Patches, PatchSums, patches_from_sums
 from coopmap_env.localization.correction.settings import CorrectionSettings
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.sensing import DepthCamera, RangeNoise

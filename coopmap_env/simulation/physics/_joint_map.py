@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Chain, CollisionSpheres, Mount, UrdfModel
+from coopmap_env.simulation.physics._sweep_model import SweepModel
 from coopmap_env.simulation.physics.client import BulletClient
-from coopmap_env.simulation.physics.sweep_model import SweepModel
 
 HOME_CONTACT_DISTANCE = 0.005
 """Metres: links of one vehicle that are this near to each other at home may touch for good."""

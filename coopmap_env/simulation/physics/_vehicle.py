@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Mount
-from coopmap_env.simulation.physics.equilibrium import GRAVITY, Equilibrium
-from coopmap_env.simulation.physics.joint_map import JointMap
+from coopmap_env.simulation.physics._equilibrium import GRAVITY, Equilibrium
+from coopmap_env.simulation.physics._joint_map import JointMap
 
 
 class SpringRates(NamedTuple):

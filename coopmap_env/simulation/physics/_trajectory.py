@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.simulation.physics.path import StraightPath
+from coopmap_env.simulation.physics._path import StraightPath
 from coopmap_env.simulation.physics.world import BulletWorld
 
 RAMP_FRACTION = 0.25

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.rendering._ray_tracing import FrustumTint
 from coopmap_env.rendering.panels import Color
-from coopmap_env.rendering.ray_tracing import FrustumTint
 from coopmap_env.rendering.view_camera import Floats, ViewCamera
 
 _SMOOTHING = 2  # lines are drawn this much larger, then averaged down

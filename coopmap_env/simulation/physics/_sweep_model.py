@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.kernels import PlainTuple
 from coopmap_env.geometry import RigidTransform, Spheres
 from coopmap_env.robots import Chain, KinematicTree
-from coopmap_env.simulation.physics.sweep import (
+from coopmap_env.simulation.physics._sweep import (
     LinkSpheres,
     OwnBoxes,
     SweepObstacles,

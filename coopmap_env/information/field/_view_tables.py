@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry import RigidTransform, Spheres
-from coopmap_env.information.field.depth_buffer import CameraArrays, SphereArrays
+from coopmap_env.information.field._depth_buffer import CameraArrays, SphereArrays
 from coopmap_env.information.field.frustum import MAX_PIXEL_ANGLE, Frustum
 from coopmap_env.information.field.views import (
     PoseArrays,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
-from coopmap_env.localization.registration.likelihood_field import FieldLevel
+from coopmap_env.localization.registration._likelihood_field import FieldLevel
 from coopmap_env.localization.registration.views import Beams
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.geometry import Pose
-from coopmap_env.localization.correction.surface_normals import surface_normals
+from coopmap_env.localization.correction._surface_normals import surface_normals
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
 Array = NDArray[np.float64]
