@@ -12,8 +12,9 @@ from coopmap_env.envs.belief import (
     Planning,
     Poses,
 )
-from coopmap_env.envs.mapping_env import Infos, MappingEnv
+from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.rewards import REWARD_TERMS, RewardName, RewardScale, StepOutcome
+from coopmap_env.envs.step_data import Infos
 from coopmap_env.envs.team import TeamEnv
 
 __all__ = [

@@ -111,6 +111,22 @@ class Planning(Protocol):
         """
 
 
+class Observer(Protocol):
+    """Computes observations and declares their spaces."""
+
+    def space(self, robot: int) -> spaces.Dict:
+        """Make a new observation space of one robot."""
+
+    def observe(self, belief: Any) -> list[Observation]:
+        """Observations of all robots, as new arrays."""
+
+    def state_space(self) -> spaces.Box:
+        """Make a new space of `state`."""
+
+    def state(self, belief: Any) -> NDArray[np.float32]:
+        """What a centralised critic may see, as one vector."""
+
+
 @dataclass(frozen=True)
 class Belief(ABC):
     """The team's map, its own poses and its own limits; never the truth.

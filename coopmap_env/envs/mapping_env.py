@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Generic, Protocol
+from typing import Any, ClassVar, Generic
 
 import numpy as np
 from gymnasium import spaces
@@ -13,37 +13,22 @@ from pettingzoo import ParallelEnv
 
 from coopmap_env.envs.actions import CandidateMode, InvalidActionError
 from coopmap_env.envs.arguments import MappingArguments
-from coopmap_env.envs.belief import ActionMode, Decoded, Observation
+from coopmap_env.envs.belief import ActionMode, Decoded, Observation, Observer
 from coopmap_env.envs.rewards import RewardScale, reward_terms
 from coopmap_env.envs.step_data import (
     BeliefT,
     EpisodeRngs,
     FusedScans,
+    Infos,
     TeamMoveResult,
     Transition,
+    copy_action_masks,
+    outcome_info,
     step_outcomes,
 )
 from coopmap_env.rendering import HumanWindow
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.scenes import world_seed
-
-Infos = dict[str, dict[str, Any]]
-
-
-class Observer(Protocol):
-    """Computes observations and declares their spaces."""
-
-    def space(self, robot: int) -> spaces.Dict:
-        """Make a new observation space of one robot."""
-
-    def observe(self, belief: Any) -> list[Observation]:
-        """Observations of all robots, as new arrays."""
-
-    def state_space(self) -> spaces.Box:
-        """Make a new space of `state`."""
-
-    def state(self, belief: Any) -> NDArray[np.float32]:
-        """What a centralised critic may see, as one vector."""
 
 
 class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
@@ -157,7 +142,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._record_positions()
         observations = self._observe()
         infos = {agent: self._common_info() for agent in self.agents}
-        _copy_masks(observations, infos)
+        copy_action_masks(observations, infos)
         if self.render_mode == "human":
             self.render()
         return observations, infos
@@ -191,7 +176,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         observations = self._observe()
         reasons = [one.rejected_reason for one in decoded]
         infos = self._step_infos(transition, terms, reasons)
-        _copy_masks(observations, infos)
+        copy_action_masks(observations, infos)
         ended = self._scans_done >= self.max_scans
         terminations = dict.fromkeys(self.agents, False)
         truncations = dict.fromkeys(self.agents, ended)
@@ -305,13 +290,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         return {
             agent: {
                 **common,
-                "rejected_reason": reasons[robot],
-                "collided": bool(transition.collided_with[robot]),
-                "reward_terms": terms[robot],
-                "new_information": transition.outcomes[robot].new_information,
-                "distance": transition.outcomes[robot].distance,
-                "new_cells": transition.outcomes[robot].gain.new_cells,
-                "entropy_reduction": transition.outcomes[robot].gain.entropy_reduction,
+                **outcome_info(transition, robot, terms[robot], reasons[robot]),
                 **self._extra_info(robot, transition),
             }
             for robot, agent in enumerate(self.agents)
@@ -322,10 +301,3 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             "n_scans": self._scans_done,
             "observed_fraction": self._belief.map.observed_fraction,
         }
-
-
-def _copy_masks(observations: Mapping[str, Observation], infos: Infos) -> None:
-    """Put the action masks into the infos too, where some RL libraries expect them."""
-    for agent, observation in observations.items():
-        if "action_mask" in observation:
-            infos[agent]["action_mask"] = observation["action_mask"].copy()

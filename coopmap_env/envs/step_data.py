@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.belief import Belief, Observation
 from coopmap_env.envs.rewards import StepOutcome
 from coopmap_env.information import Ratings
 from coopmap_env.mapping import ScanGain
 from coopmap_env.sensing import Scan
 
 BeliefT = TypeVar("BeliefT", bound=Belief)
+Infos = dict[str, dict[str, Any]]
+"""Info of each agent."""
 
 
 class EpisodeRngs(NamedTuple):
@@ -61,7 +63,7 @@ class Transition(NamedTuple, Generic[BeliefT]):
 
 
 def step_outcomes(
-    rated: Ratings, gains: Sequence[ScanGain], contact_costs: Sequence[float]
+    rated: Ratings, gains: Sequence[ScanGain], collision_costs: Sequence[float]
 ) -> list[StepOutcome]:
     """The outcome of each robot, from the ratings of the executed poses and its scan's gain."""
     return [
@@ -72,7 +74,30 @@ def step_outcomes(
             rated.motion_cost.tolist(),
             rated.rating.tolist(),
             gains,
-            contact_costs,
+            collision_costs,
             strict=True,
         )
     ]
+
+
+def outcome_info(
+    transition: Transition[Any], robot: int, terms: dict[str, float], rejected_reason: str
+) -> dict[str, Any]:
+    """Entries of a robot's info that say what came of its step."""
+    outcome = transition.outcomes[robot]
+    return {
+        "rejected_reason": rejected_reason,
+        "collided": bool(transition.collided_with[robot]),
+        "reward_terms": terms,
+        "new_information": outcome.new_information,
+        "distance": outcome.distance,
+        "new_cells": outcome.gain.new_cells,
+        "entropy_reduction": outcome.gain.entropy_reduction,
+    }
+
+
+def copy_action_masks(observations: Mapping[str, Observation], infos: Infos) -> None:
+    """Put the action masks into the infos too, where some RL libraries expect them."""
+    for agent, observation in observations.items():
+        if "action_mask" in observation:
+            infos[agent]["action_mask"] = observation["action_mask"].copy()
