@@ -47,7 +47,7 @@ test: check
 reproduce: setup
 	$(BIN)/coopmap reproduce --quick --out $(OUT)
 
-# The policies that ship, trained anew: about two hours on one core. `make planar-pose` is one.
+# The pretrained policies, trained again: about two hours on one core. `make planar-pose` is one.
 policies: $(POLICIES)
 	$(BIN)/python -m coopmap_env.studies.benchmark.learning_curves docs/learning_curves.png
 
