@@ -147,15 +147,26 @@ def test_an_error_in_a_ray_worker_is_raised_here_and_finished_results_stay(tmp_p
     assert len(list(tmp_path.iterdir())) == 2
 
 
+class CountedJobs(list):
+    """Jobs that count how many of them were handed out."""
+
+    n_given = 0
+
+    def __iter__(self):
+        for job in super().__iter__():
+            self.n_given += 1
+            yield job
+
+
 @pytest.mark.usefixtures("ray")
-def test_ray_is_given_as_many_jobs_at_a_time_as_there_are_workers(tmp_path):
-    jobs = [(n, {"n": n, "folder": str(tmp_path)}) for n in range(40)]
-    running = _run_in_ray(slow, jobs, workers=2)
-    list(islice(running, 2))
+def test_ray_is_given_as_many_jobs_at_a_time_as_there_are_workers():
+    jobs = CountedJobs((n, {"n": n}) for n in range(40))
+    running = _run_in_ray(square, jobs, workers=2)
+    for n_finished in range(3):
+        next(running)
+        assert jobs.n_given == 2 + n_finished
     running.close()  # as an exception in the loop over it does
-    begun = len(list(tmp_path.iterdir()))
-    time.sleep(0.7)
-    assert len(list(tmp_path.iterdir())) == begun < 12
+    assert jobs.n_given == 4
 
 
 @pytest.mark.usefixtures("ray")
