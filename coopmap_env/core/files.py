@@ -1,16 +1,29 @@
-"""Files: written whole or not at all; YAML read with errors that name the file."""
+"""Files: written whole or not at all; read with limits, and with errors that name the file."""
 
 from __future__ import annotations
 
+import json
 import math
 import os
+import reprlib
+import stat
+import tempfile
 import uuid
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.limits import check_bytes
+
+
+class FileError(ValueError):
+    """A file that is missing, broken, too large or of another form; the message names it.
+
+    Every reader of files raises this error or one that inherits from it.
+    """
 
 
 @contextmanager
@@ -35,25 +48,102 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
-def read_yaml_mapping(path: Path, error_type: type[ValueError]) -> Mapping[str, Any]:
-    """Fields of a YAML file.
+def read_bytes(path: str | os.PathLike[str], error_type: type[FileError] = FileError) -> bytes:
+    """Content of a regular file within the limit of `coopmap_env.core.limits`.
 
     Raises
     ------
     error_type
-        With the file, if it cannot be read or holds no mapping.
+        With the file, if it is missing, no regular file, too large or cannot be read.
+    """
+    try:
+        with open(path, "rb", opener=_open_without_waiting) as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise error_type(f"{path} is no regular file")
+            try:
+                check_bytes(status.st_size, "the file")
+            except ValueError as error:
+                raise error_type(f"{path}: {error}") from error
+            return file.read(status.st_size)
+    except FileNotFoundError as error:
+        raise error_type(f"{path}: there is no such file") from error
+    except (OSError, ValueError, MemoryError) as error:  # ValueError: a path with a null byte
+        if isinstance(error, error_type):
+            raise
+        raise error_type(f"{path} cannot be read: {error}") from error
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    """A file descriptor; a pipe without a writer would make `open` wait."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def read_text(path: str | os.PathLike[str], error_type: type[FileError] = FileError) -> str:
+    """Content of a file of UTF-8 text; see `read_bytes`.
+
+    Raises
+    ------
+    error_type
+        Also if it is not UTF-8.
+    """
+    try:
+        return read_bytes(path, error_type).decode()
+    except UnicodeDecodeError as error:
+        raise error_type(f"{path}: expected UTF-8 text: {error}") from error
+
+
+def read_json(path: str | os.PathLike[str], error_type: type[FileError] = FileError) -> Any:
+    """The value of a JSON file; see `read_text`.
+
+    Raises
+    ------
+    error_type
+        Also if it is not JSON.
+    """
+    try:
+        return json.loads(read_text(path, error_type))
+    except (ValueError, RecursionError) as error:  # ValueError: also a number of too many digits
+        if isinstance(error, error_type):
+            raise
+        raise error_type(f"{path}: expected JSON: {error}") from error
+
+
+def read_yaml_mapping(
+    path: str | os.PathLike[str], error_type: type[FileError] = FileError
+) -> Mapping[str, Any]:
+    """Fields of a YAML file; see `read_text`.
+
+    Aliases (``*name``) are refused: a few of them can stand for gigabytes.
+
+    Raises
+    ------
+    error_type
+        Also if it is not YAML, has an alias or holds no mapping.
     ImportError
         With the pip command, if PyYAML is not installed.
     """
     yaml = import_optional("yaml", "maps")
+    text = read_text(path, error_type)
+
+    class LoaderWithoutAliases(yaml.SafeLoader):  # type: ignore[name-defined]
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.events.AliasEvent):
+                event = self.peek_event()
+                raise error_type(
+                    f"{path}, line {event.start_mark.line + 1}: the alias *{event.anchor:.40} "
+                    "cannot be read: write its value in full"
+                )
+            return super().compose_node(parent, index)
+
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise error_type(f"{path}: cannot be read: {error}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: no such date
-        raise error_type(f"{path}: expected YAML: {error}") from error
+        content = yaml.load(text, LoaderWithoutAliases)
+    except error_type:
+        raise
+    except Exception as error:  # PyYAML's constructors raise what Python raises for their values
+        raise error_type(f"{path}: expected YAML: {error!s:.500}") from error
     if not isinstance(content, Mapping):
-        raise error_type(f"{path}: expected a YAML mapping of fields, not {content!r:.80}")
+        raise error_type(f"{path}: expected a YAML mapping of fields, not {brief(content)}")
     return content
 
 
@@ -68,3 +158,53 @@ def read_yaml_number(value: object) -> float:
         return float(value)
     except (ValueError, OverflowError):
         return math.nan
+
+
+def read_xml(path: str | os.PathLike[str], error_type: type[FileError] = FileError) -> ET.Element:
+    """Root of an XML file, parsed strictly; see `read_bytes`.
+
+    Document types (``<!DOCTYPE``) are refused: their entities can stand for gigabytes.
+
+    Raises
+    ------
+    error_type
+        Also if it is not XML, with the line and column.
+    """
+    content = read_bytes(path, error_type)
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise error_type(f"{path}: document types (<!DOCTYPE, <!ENTITY) cannot be read")
+    try:
+        return ET.fromstring(content)
+    except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: unknown encoding
+        line, column = getattr(error, "position", (1, 0))
+        raise error_type(f"{path}, line {line}, column {column}: expected XML: {error}") from error
+
+
+def brief(value: object) -> str:
+    """Representation of a value from a file, cut to about a line however large it is."""
+    shorter = reprlib.Repr()
+    shorter.maxlevel, shorter.maxstring, shorter.maxother = 3, 60, 60
+    return shorter.repr(value)[:200]
+
+
+def private_folder() -> Path:
+    """Folder for temporary files of this user, which nobody else can write to.
+
+    Raises
+    ------
+    FileError
+        If a link, a file, or a folder that others own or can write to stands in its place.
+    """
+    user = getattr(os, "getuid", lambda: 0)()
+    folder = Path(tempfile.gettempdir()) / f"coopmap-{user}"
+    with suppress(FileExistsError):
+        folder.mkdir(mode=0o700, parents=True)
+    status = folder.lstat()
+    if os.name != "posix":  # elsewhere the folder for temporary files is the user's own
+        return folder
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != user or status.st_mode & 0o077:
+        raise FileError(
+            f"{folder} must be a folder that is yours alone (mode 0700): remove it, "
+            "or name another folder for temporary files by TMPDIR"
+        )
+    return folder

@@ -1,6 +1,20 @@
+import os
+import stat
+from itertools import pairwise
+
 import pytest
 
-from coopmap_env.core.files import atomic_path, write_atomically
+from coopmap_env.core.files import (
+    FileError,
+    atomic_path,
+    private_folder,
+    read_bytes,
+    read_json,
+    read_xml,
+    read_yaml_mapping,
+    write_atomically,
+)
+from coopmap_env.core.limits import check_cells
 
 
 def test_text_and_bytes_are_written_and_missing_folders_made(tmp_path):
@@ -24,3 +38,116 @@ def test_an_error_leaves_the_old_file_and_no_other(tmp_path):
         fail()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def read_error(read, path, content):
+    path.write_bytes(content)
+    with pytest.raises(FileError) as error:
+        read(path)
+    assert str(error.value).startswith(str(path))
+    return str(error.value)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path, reason in [
+        (tmp_path / "none", "no such file"),
+        (tmp_path, "directory"),
+        (tmp_path / "pipe", "no regular file"),  # nobody writes to it: waiting would be for ever
+        ("/dev/zero", "no regular file"),
+        ("a\0b", "null byte"),
+    ]:
+        with pytest.raises(FileError, match=reason) as error:
+            read_bytes(path)
+        assert str(path) in str(error.value)
+
+
+def test_a_file_is_read_up_to_the_limit_that_a_variable_sets(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    path.write_bytes(b"12345678")
+    monkeypatch.setenv("COOPMAP_MAX_BYTES", "8")
+    assert read_bytes(path) == b"12345678"
+    monkeypatch.setenv("COOPMAP_MAX_BYTES", "7")
+    with pytest.raises(FileError, match=r"8 bytes, more than the limit of 7.*COOPMAP_MAX_BYTES"):
+        read_bytes(path)
+
+
+@pytest.mark.parametrize("limit", ["-1", "1e9", "0", "many", "9" * 30])
+def test_a_limit_that_is_no_number_is_refused(monkeypatch, limit):
+    monkeypatch.setenv("COOPMAP_MAX_CELLS", limit)
+    with pytest.raises(ValueError, match="COOPMAP_MAX_CELLS must be a whole number"):
+        check_cells((2, 2), "a map")
+
+
+def test_cells_are_counted_without_overflow(monkeypatch):
+    check_cells((1 << 13, 1 << 13), "an image")
+    with pytest.raises(ValueError, match=r"a map has 125,000,000,000 cells"):
+        check_cells((5000, 5000, 5000), "a map")
+    with pytest.raises(ValueError, match=r"a map has over 10\*\*15 cells"):
+        check_cells((10**400, 2), "a map")
+    monkeypatch.setenv("COOPMAP_MAX_CELLS", "200000000000")
+    check_cells((5000, 5000, 5000), "a map")
+
+
+def test_yaml_aliases_are_refused_before_they_are_expanded(tmp_path):
+    lines = ["a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefghijklm")]
+    message = read_error(read_yaml_mapping, tmp_path / "a.yaml", "\n".join(lines).encode())
+    assert "line 2" in message
+    assert "alias *a" in message
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 5000, "a: 2020-99-99", "a: " + "9" * 5000, "{[1]: 2}", "- 1\n" * 9999, "\xff",
+     "a: !!python/object:os.system x", "<<: [1]", "a: !!bool x", "a: !!timestamp x", "a: !!int ''"],
+)  # fmt: skip
+def test_yaml_that_is_no_mapping_is_refused_in_few_words(tmp_path, text):
+    message = read_error(read_yaml_mapping, tmp_path / "a.yaml", text.encode("latin-1"))
+    assert len(message) < len(str(tmp_path)) + 700
+
+
+@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "1" * 5000, "\xff"])
+def test_text_that_is_no_json_is_refused(tmp_path, text):
+    read_error(read_json, tmp_path / "a.json", text.encode("latin-1"))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("<robot>\n <link>\n", "line 3"),
+        ("<robot>\n</link>", "line 2"),
+        ("<?xml version='1.0' encoding='nope'?><a/>", "unknown encoding"),
+        ("<!DOCTYPE r [<!ENTITY a 'b'>]><r>&a;</r>", "document types"),
+        ("", "line 1"),
+    ],
+)
+def test_xml_is_parsed_strictly(tmp_path, text, reason):
+    assert reason in read_error(read_xml, tmp_path / "a.urdf", text.encode())
+
+
+def test_the_private_folder_is_made_for_the_user_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = private_folder()
+    assert folder.parent == tmp_path
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert private_folder() == folder
+
+
+@pytest.mark.parametrize("planted", ["link", "file", "open to others"])
+def test_a_private_folder_that_somebody_else_could_have_planted_is_refused(
+    tmp_path, monkeypatch, planted
+):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = private_folder()
+    folder.rmdir()
+    if planted == "link":
+        (tmp_path / "theirs").mkdir(mode=0o700)
+        folder.symlink_to(tmp_path / "theirs")
+    elif planted == "file":
+        folder.write_text("")
+    else:
+        folder.mkdir()
+        folder.chmod(0o777)
+    with pytest.raises(FileError, match=r"0700.*TMPDIR"):
+        private_folder()

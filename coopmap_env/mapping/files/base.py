@@ -5,25 +5,17 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
+from coopmap_env.core.files import FileError
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.log_odds import LogOddsRange
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 
-class MapFileError(ValueError):
+class MapFileError(FileError):
     """A map file that is missing, broken, truncated or of another format; the message names it."""
-
-
-def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """Content of a file."""
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise MapFileError(f"{path} cannot be read: {error}") from error
 
 
 def settings_to_json(map_: OccupancyMap) -> str:

@@ -10,11 +10,10 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import write_atomically
+from coopmap_env.core.files import read_bytes, write_atomically
 from coopmap_env.mapping.files.base import (
     MapFileError,
     map_from_settings,
-    read_bytes,
     settings_to_json,
 )
 from coopmap_env.mapping.occupancy_map import OccupancyMap
@@ -62,7 +61,7 @@ def load_npz(path: str | os.PathLike[str]) -> OccupancyMap:
 
 def _read(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generic]]:
     try:
-        with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as archive:
+        with np.load(io.BytesIO(read_bytes(path, MapFileError)), allow_pickle=False) as archive:
             return {name: archive[name] for name in ("format", "settings", *ARRAYS)}
     except MapFileError:
         raise

@@ -24,11 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.core.files import atomic_path
+from coopmap_env.core.files import atomic_path, read_bytes
 from coopmap_env.mapping.files.base import (
     MapFileError,
     map_from_settings,
-    read_bytes,
     settings_to_json,
 )
 from coopmap_env.mapping.grid import VoxelGrid
@@ -163,7 +162,7 @@ def sample_octree(tree: Any, grid: VoxelGrid) -> tuple[NDArray[np.float64], NDAr
 
 def _check_header(path: str | os.PathLike[str], binary: bool) -> str | None:
     """Map settings in the header, if any; OctoMap itself reads a truncated ``.ot`` as complete."""
-    content = read_bytes(path)
+    content = read_bytes(path, MapFileError)
     head, found, data = content.partition(b"\ndata\n")
     kind = b"# Octomap OcTree binary file" if binary else b"# Octomap OcTree file"
     lines = head.split(b"\n")

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import write_atomically
-from coopmap_env.mapping.files.base import MapFileError, read_bytes
+from coopmap_env.core.files import read_bytes, write_atomically
+from coopmap_env.mapping.files.base import MapFileError
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 COVARIANCE_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -98,7 +98,7 @@ def load_surfaces(path: str | os.PathLike[str]) -> SurfaceEstimates:
     MapFileError
         If the file is missing, broken or truncated, or lacks one of the properties.
     """
-    content = read_bytes(path)
+    content = read_bytes(path, MapFileError)
     head, found, body = content.partition(b"end_header\n")
     lines = head.decode("ascii", errors="replace").splitlines()
     if not found or not lines or lines[0] != "ply":

@@ -5,8 +5,6 @@ from __future__ import annotations
 import copy
 import hashlib
 import math
-import os
-import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.files import write_atomically
+from coopmap_env.core.files import private_folder, write_atomically
 from coopmap_env.robots.kinematics.urdf import MOVABLE_JOINT_TYPES, joint_transform, resolve_mesh
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS
 
@@ -185,9 +183,7 @@ def write_urdf_cached(tree: ET.Element, name: str) -> Path:
     Several processes may do so at once: the file appears whole or not at all.
     """
     text = ET.tostring(tree, encoding="utf-8", xml_declaration=True)
-    folder = Path(tempfile.gettempdir()) / f"coopmap-{getattr(os, 'getuid', lambda: 0)()}"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    path = folder / f"{name}-{hashlib.sha256(text).hexdigest()[:16]}.urdf"
+    path = private_folder() / f"{name}-{hashlib.sha256(text).hexdigest()[:16]}.urdf"
     if not (path.is_file() and path.read_bytes() == text):
         write_atomically(path, text)
     return path

@@ -5,10 +5,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from coopmap_env.core.files import FileError
+
 SceneT = TypeVar("SceneT")
 
 
-class SceneError(ValueError):
+class SceneError(FileError):
     """A file holds no usable scene; the message names file, field, value and what was expected."""
 
 

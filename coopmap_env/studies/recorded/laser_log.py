@@ -20,12 +20,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import FileError
+
 LASER_RECORD = "ROBOTLASER1"
 N_HEADER_WORDS = 9
 """Words of a record before the ranges, including its name."""
 
 
-class LaserLogError(ValueError):
+class LaserLogError(FileError):
     """A file contains no usable log; the message names the file, and the line where it applies."""
 
 
