@@ -161,30 +161,42 @@ def read_yaml_number(value: object) -> float:
 
 
 def read_xml(path: str | os.PathLike[str], error_type: type[FileError] = FileError) -> ET.Element:
-    """Root of an XML file, parsed strictly; see `read_bytes`.
+    """Root of an XML file; see `read_bytes` and `parse_xml`."""
+    return parse_xml(read_bytes(path, error_type), str(path), error_type)
+
+
+def parse_xml(content: bytes, name: str, error_type: type[FileError] = FileError) -> ET.Element:
+    """Root of XML, parsed strictly; `name` says in errors where it is from.
 
     Document types (``<!DOCTYPE``) are refused: their entities can stand for gigabytes.
 
     Raises
     ------
     error_type
-        Also if it is not XML, with the line and column.
+        If it is not XML, with the line and column.
     """
-    content = read_bytes(path, error_type)
-    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-        raise error_type(f"{path}: document types (<!DOCTYPE, <!ENTITY) cannot be read")
+
+    class BuilderWithoutDoctype(ET.TreeBuilder):
+        def doctype(self, *declaration: str | None) -> None:
+            raise error_type(f"{name}: document types (<!DOCTYPE, <!ENTITY) cannot be read")
+
     try:
-        return ET.fromstring(content)
+        return ET.fromstring(content, ET.XMLParser(target=BuilderWithoutDoctype()))
+    except error_type:
+        raise
     except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: unknown encoding
         line, column = getattr(error, "position", (1, 0))
-        raise error_type(f"{path}, line {line}, column {column}: expected XML: {error}") from error
+        raise error_type(f"{name}, line {line}, column {column}: expected XML: {error}") from error
 
 
 def brief(value: object) -> str:
     """Representation of a value from a file, cut to about a line however large it is."""
     shorter = reprlib.Repr()
     shorter.maxlevel, shorter.maxstring, shorter.maxother = 3, 60, 60
-    return shorter.repr(value)[:200]
+    try:
+        return shorter.repr(value)[:200]
+    except Exception:  # what has no representation, such as an integer of over 4,300 digits
+        return f"<{type(value).__name__}>"
 
 
 def private_folder() -> Path:

@@ -126,6 +126,12 @@ def test_xml_is_parsed_strictly(tmp_path, text, reason):
     assert reason in read_error(read_xml, tmp_path / "a.urdf", text.encode())
 
 
+def test_document_types_are_refused_in_every_encoding(tmp_path):
+    text = "<!DOCTYPE r [<!ENTITY a 'b'>]><r>&a;</r>"
+    for encoding in ("utf-8", "utf-16"):
+        assert "document types" in read_error(read_xml, tmp_path / "a.urdf", text.encode(encoding))
+
+
 def test_the_private_folder_is_made_for_the_user_alone(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = private_folder()
