@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import reprlib
 import stat
 import tempfile
@@ -39,6 +40,13 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_temporary_files(folder: Path) -> None:
+    """Remove what processes that were killed while they wrote into a folder have left there."""
+    for path in folder.glob(".*.tmp*"):
+        if re.fullmatch(r"\..*\.[0-9a-f]{32}\.tmp(\..*)?", path.name):
+            path.unlink(missing_ok=True)
 
 
 def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> None:

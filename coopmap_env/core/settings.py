@@ -7,23 +7,36 @@ The range of a field is part of its type, and is checked in one place::
         intrinsic: NonNegative = 0.0015
         exponent: Annotated[float, Bounds(at_least=1, at_most=3)] = 2.0
 
-Numbers are finite, integers are integers, nested settings are of their class, and a `Literal` is
-one of its choices. Relations between fields are checked by a class's own `__post_init__`, which
-calls that of `Settings` first. `settings_to_dict` and `settings_from_dict` write and read them as
-JSON values, so that a job or a summary records what it ran with.
+Numbers are finite, integers have at most 64 bits, nested settings are of their class,
+and a `Literal` is one of its choices. What is accepted is kept as Python's own `int`, `float`,
+`bool` or `str`, also where a numpy scalar is given: JSON and kernels know no other. Relations
+between fields are checked by a class's own `__post_init__`, which calls that of `Settings` first.
+`settings_to_dict` and `settings_from_dict` write and read them as JSON values, so that a job or a
+summary records what it ran with.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import operator
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from functools import cache
 from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
+
+from coopmap_env.core.files import brief
+
 SettingsT = TypeVar("SettingsT")
+MAX_NESTED_LISTS = 4
+"""Levels of lists in JSON that become tuples: more than any field has."""
+INT64 = np.iinfo(np.int64)
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Sizes of the numbers that are accepted besides 0: their squares and ratios stay finite."""
+SIZES = f" of a size from {SMALLEST:g} to {LARGEST:g}"
 
 
 @dataclass(frozen=True)
@@ -68,14 +81,22 @@ class Settings:
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
-        for name, (accepts, expected) in _checks(kind).items():
-            value = getattr(self, name)
-            if not accepts(value):
-                raise ValueError(f"{kind.__name__}.{name} must be {expected}, got {value!r}")
+        for name, (convert, expected) in _checks(kind).items():
+            given = getattr(self, name)
+            try:
+                object.__setattr__(self, name, convert(given))
+            except _NotAcceptedError as error:
+                raise ValueError(
+                    f"{kind.__name__}.{name} must be {expected}{error}, got {brief(given)}"
+                ) from None
 
 
-Check = tuple[Callable[[Any], bool], str]
-"""Whether a value is accepted, and what is expected, in words."""
+class _NotAcceptedError(Exception):
+    """A value that a field does not accept; its text adds to what is expected, if need be."""
+
+
+Check = tuple[Callable[[Any], Any], str]
+"""What makes a value what is kept, or raises `_NotAcceptedError`; what is expected, in words."""
 
 
 @cache
@@ -90,51 +111,100 @@ def _check(hint: Any, within: Bounds | None = None) -> Check:
         ranges = [part for part in parts[1:] if isinstance(part, Bounds)]
         return _check(parts[0], ranges[0] if ranges else within)
     if origin is Literal:
-        return (lambda value: value in parts), f"one of {', '.join(map(repr, parts))}"
+        return _choice_check(parts)
     if origin in (Union, UnionType):
-        checks = [_check(part, within) for part in parts]
-        return (
-            lambda value: any(accepts(value) for accepts, _ in checks),
-            " or ".join(expected for _, expected in checks),
-        )
+        return _union_check([_check(part, within) for part in parts])
     if origin is tuple:
         return _tuple_check(parts, within)
-    if hint in (int, float):
-        return _number_check(hint, within)
-    if hint is NoneType:
-        return (lambda value: value is None), "None"
-    if hint in (bool, str) or is_dataclass(hint):
-        return (lambda value: isinstance(value, hint)), hint.__name__
-    return (lambda value: True), "any value"
+    if hint is int:
+        return _integer_check(within or Bounds())
+    if hint is float:
+        return _float_check(within or Bounds())
+    if hint is bool:
+        return (lambda value: bool(_require_type(value, bool, np.bool_))), "bool"
+    if hint is str:
+        return (lambda value: str.__str__(_require_type(value, str))), "str"
+    if hint is NoneType or is_dataclass(hint):
+        words = "None" if hint is NoneType else hint.__name__
+        return (lambda value: _require_type(value, hint)), words
+    return (lambda value: value), "any value"
 
 
-def _number_check(hint: type, within: Bounds | None) -> Check:
-    is_integer, bounds = hint is int, within or Bounds()
-    kind: type = Integral if is_integer else Real
+def _require(accepted: bool, expected: str = "") -> None:
+    if not accepted:
+        raise _NotAcceptedError(expected)
 
-    def accepts(value: Any) -> bool:
-        is_number = isinstance(value, kind) and not isinstance(value, bool)
-        return is_number and math.isfinite(value) and value in bounds
 
-    return accepts, f"{'an integer' if is_integer else 'a finite number'} {bounds}".rstrip()
+def _require_type(value: Any, *kinds: type) -> Any:
+    _require(issubclass(type(value), kinds))  # `isinstance` would ask the value for its class
+    return value
+
+
+def _integer_check(bounds: Bounds) -> Check:
+    def convert(value: Any) -> int:
+        number = _to_number(value, Integral, lambda given: int(operator.index(given)))
+        _require(number in bounds)
+        _require(INT64.min <= number <= INT64.max, " of at most 64 bits")
+        return number
+
+    return convert, f"an integer {bounds}".rstrip()
+
+
+def _float_check(bounds: Bounds) -> Check:
+    def convert(value: Any) -> float:
+        number = _to_number(value, Real, float)
+        _require(math.isfinite(number) and number in bounds)
+        size = abs(number)
+        _require(number == 0 or SMALLEST <= size <= LARGEST, SIZES)
+        return number
+
+    return convert, f"a finite number {bounds}".rstrip()
+
+
+def _to_number(value: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
+    _require(not isinstance(value, bool))
+    try:
+        return convert(_require_type(value, kind))
+    except Exception:  # 10**400 as a float; `numpy.timedelta64`, which calls itself an integer
+        raise _NotAcceptedError from None
+
+
+def _choice_check(choices: tuple[Any, ...]) -> Check:
+    def convert(value: Any) -> Any:
+        for choice in choices:
+            if issubclass(type(value), type(choice)) and value == choice:
+                return choice
+        raise _NotAcceptedError
+
+    return convert, f"one of {', '.join(map(repr, choices))}"
+
+
+def _union_check(checks: list[Check]) -> Check:
+    def convert(value: Any) -> Any:
+        for convert_part, _ in checks:
+            try:
+                return convert_part(value)
+            except _NotAcceptedError:
+                continue
+        raise _NotAcceptedError
+
+    return convert, " or ".join(expected for _, expected in checks)
 
 
 def _tuple_check(parts: tuple[Any, ...], within: Bounds | None) -> Check:
     if parts[-1] is Ellipsis:
-        accepts, expected = _check(parts[0], within)
+        convert_one, expected = _check(parts[0], within)
         return (
-            lambda value: isinstance(value, tuple) and all(map(accepts, value)),
+            lambda value: tuple(map(convert_one, _require_type(value, tuple))),
             f"a tuple, each {expected}",
         )
     checks = [_check(part, within) for part in parts]
-    return (
-        lambda value: (
-            isinstance(value, tuple)
-            and len(value) == len(checks)
-            and all(accepts(one) for (accepts, _), one in zip(checks, value, strict=True))
-        ),
-        f"({', '.join(expected for _, expected in checks)})",
-    )
+
+    def convert(value: Any) -> tuple[Any, ...]:
+        _require(len(_require_type(value, tuple)) == len(checks))
+        return tuple(convert_one(one) for (convert_one, _), one in zip(checks, value, strict=True))
+
+    return convert, f"({', '.join(expected for _, expected in checks)})"
 
 
 def settings_to_dict(settings: Any) -> dict[str, Any]:
@@ -142,12 +212,12 @@ def settings_to_dict(settings: Any) -> dict[str, Any]:
     return asdict(settings)
 
 
-def settings_from_dict(values: dict[str, Any], target_type: type[SettingsT]) -> SettingsT:
+def settings_from_dict(values: Mapping[str, Any], target_type: type[SettingsT]) -> SettingsT:
     """The settings that `settings_to_dict` wrote.
 
     Parameters
     ----------
-    values : dict
+    values : mapping
         JSON values.
     target_type : type
         The settings' class, such as `PlanarSettings`.
@@ -155,23 +225,34 @@ def settings_from_dict(values: dict[str, Any], target_type: type[SettingsT]) -> 
     Raises
     ------
     ValueError
-        If a name is unknown or a value is not accepted.
+        With the class and what it has, if `values` is no mapping, a name is unknown or missing, or
+        a value is not accepted.
     """
     assert is_dataclass(target_type)
-    field_names = {field.name for field in fields(target_type)}
-    if unknown := set(values) - field_names:
-        raise ValueError(f"unknown settings {sorted(unknown)}; known are {sorted(field_names)}")
-    hints = get_type_hints(target_type)
-    try:
-        return target_type(
-            **{name: _from_json(value, hints[name]) for name, value in values.items()}
+    kind, field_names = target_type.__name__, {field.name for field in fields(target_type)}
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{kind} must be a mapping of {sorted(field_names)}, got {brief(values)}")
+    if unknown := [name for name in values if name not in field_names]:
+        raise ValueError(
+            f"{kind}: unknown settings {brief(unknown)}; known are {sorted(field_names)}"
         )
+    hints = get_type_hints(target_type)
+    given = {name: _from_json(value, hints[name]) for name, value in values.items()}
+    try:
+        return target_type(**given)
     except TypeError as error:
-        raise ValueError(f"settings: {error}") from error
+        raise ValueError(f"{kind}: {error}") from error
 
 
-def _from_json(value: Any, target_type: Any) -> Any:
+def _from_json(value: Any, hint: Any) -> Any:
     """One value; nested settings are dictionaries in JSON, and tuples are lists."""
-    if is_dataclass(target_type) and isinstance(target_type, type) and isinstance(value, dict):
-        return settings_from_dict(value, target_type)
-    return tuple(value) if isinstance(value, list) else value
+    if isinstance(value, Mapping):
+        nested = [part for part in (hint, *get_args(hint)) if is_dataclass(part)]
+        return settings_from_dict(value, nested[0]) if len(nested) == 1 else value
+    return _to_tuple(value, MAX_NESTED_LISTS)
+
+
+def _to_tuple(value: Any, levels: int) -> Any:
+    if not isinstance(value, list) or not levels:
+        return value
+    return tuple(_to_tuple(one, levels - 1) for one in value)
