@@ -1,0 +1,133 @@
+"""COLLADA (DAE, and ZAE in a zip archive): with a unit and an up axis, y if none is named.
+
+Only triangles and polygons are read, placed by the nodes of the scene: no materials, pictures,
+animations or armatures.
+"""
+
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.files import parse_xml
+from coopmap_env.geometry.mesh_formats.collada_geometry import read_geometry
+from coopmap_env.geometry.mesh_formats.surface import (
+    Surface,
+    SurfaceBuilder,
+    floats,
+    open_archive,
+)
+from coopmap_env.geometry.mesh_formats.transforms import (
+    Z_UP_FROM_X_UP,
+    Z_UP_FROM_Y_UP,
+    axis_angle_transform,
+)
+
+_UP_AXES = {"X_UP": Z_UP_FROM_X_UP, "Y_UP": Z_UP_FROM_Y_UP, "Z_UP": np.eye(3)}
+
+
+def read_dae(content: bytes, *, apply_up_axis: bool) -> Surface:
+    """Read a DAE; without `apply_up_axis` only its unit counts."""
+    root = parse_xml(content, "the document")
+    if root.tag.rpartition("}")[2] != "COLLADA":
+        raise ValueError(f"its root must be COLLADA, not {root.tag[:60]!r}")
+    builder = SurfaceBuilder()
+    document = _Document(root)
+    pending = [(node, np.eye(4)) for node in document.roots()]
+    while pending:
+        node, T = pending.pop()
+        builder.visit()
+        if node.tag.endswith("}geometry"):
+            builder.add(document.surface(node), T)
+            continue
+        for child in node:
+            tag = child.tag.rpartition("}")[2] if isinstance(child.tag, str) else ""
+            if tag == "node":
+                pending.append((child, T))
+            elif tag in ("instance_node", "instance_geometry"):
+                pending.append((document.named(child.get("url")), T))
+            elif tag == "instance_controller":
+                raise ValueError("skins cannot be read (instance_controller): apply them first")
+            else:
+                T = T @ _transform(tag, child.text or "")
+    vertices, faces = builder.surface()
+    vertices = vertices * document.unit()
+    if apply_up_axis:
+        vertices = vertices @ document.up_axis().T
+    return Surface(vertices, faces)
+
+
+def read_zae(content: bytes, *, apply_up_axis: bool) -> Surface:
+    """Read the only DAE of an archive."""
+    archive = open_archive(content)
+    names = [
+        name
+        for name in archive.namelist()
+        if name.lower().endswith(".dae") and not name.startswith("__MACOSX")
+    ]
+    if len(names) != 1:
+        raise ValueError(f"it must hold one .dae file, not {len(names)}")
+    return read_dae(archive.read(names[0]), apply_up_axis=apply_up_axis)
+
+
+def _transform(tag: str, text: str) -> NDArray[np.float64]:
+    """T (4, 4) of one element of a node; the identity if it is no transform."""
+    T = np.eye(4)
+    if tag == "matrix":
+        T = floats(text.split(), 16, "a matrix").reshape(4, 4)
+    elif tag == "translate":
+        T[:3, 3] = floats(text.split(), 3, "a translation")
+    elif tag == "rotate":
+        *axis, degrees = floats(text.split(), 4, "a rotation")
+        T = axis_angle_transform(np.array(axis), degrees)
+    elif tag == "scale":
+        T[:3, :3] = np.diag(floats(text.split(), 3, "a scale"))
+    elif tag in ("skew", "lookat"):
+        raise ValueError(f"the transform {tag} of a node cannot be read")
+    return T
+
+
+class _Document:
+    """The parsed XML with its elements by id."""
+
+    def __init__(self, root: ElementTree.Element) -> None:
+        self._root = root
+        self._by_id = {entry.get("id"): entry for entry in root.iter() if entry.get("id")}
+        self._surfaces: dict[ElementTree.Element, Surface] = {}
+
+    def unit(self) -> float:
+        """Metres."""
+        element = self._root.find("{*}asset/{*}unit")
+        text = "1" if element is None else element.get("meter", "1")
+        unit = float(floats([text], 1, "the unit")[0])
+        if not 0.0 < unit < np.inf:
+            raise ValueError(f"its unit must be above 0 m, not {text[:60]!r}")
+        return unit
+
+    def up_axis(self) -> NDArray[np.float64]:
+        """The rotation (3, 3) to z up."""
+        name = (self._root.findtext("{*}asset/{*}up_axis") or "Y_UP").strip()
+        if name not in _UP_AXES:
+            raise ValueError(f"its up_axis must be one of {', '.join(_UP_AXES)}, not {name[:60]!r}")
+        return _UP_AXES[name]
+
+    def roots(self) -> list[ElementTree.Element]:
+        """The scene that is shown, else the first one, else all geometries."""
+        shown = self._root.find("{*}scene/{*}instance_visual_scene")
+        if shown is not None:
+            return [self.named(shown.get("url"))]
+        scenes = self._root.findall("{*}library_visual_scenes/{*}visual_scene")
+        return scenes[:1] or self._root.findall("{*}library_geometries/{*}geometry")
+
+    def named(self, url: str | None) -> ElementTree.Element:
+        """The element that a reference inside of the document names."""
+        name = (url or "").removeprefix("#")
+        if name == url or name not in self._by_id:
+            raise ValueError(f"it has no element {(url or '')[:100]!r}")
+        return self._by_id[name]
+
+    def surface(self, geometry: ElementTree.Element) -> Surface:
+        """The triangles of a geometry, parsed once."""
+        if geometry not in self._surfaces:
+            self._surfaces[geometry] = read_geometry(geometry, self.named)
+        return self._surfaces[geometry]

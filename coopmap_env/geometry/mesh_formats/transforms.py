@@ -1,0 +1,41 @@
+"""Transforms of scenes in mesh files, and turns from their axes to z up."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""The file's x is right, y up and z towards the viewer."""
+Z_UP_FROM_X_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""The file's -y is right, x up and z towards the viewer."""
+
+
+def quaternion_transform(xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
+    """T (4, 4) of a quaternion (4,), which need not have length 1.
+
+    Raises
+    ------
+    ValueError
+        If it has no length.
+    """
+    length = float(np.linalg.norm(xyzw))
+    if not 0.0 < length < math.inf:
+        raise ValueError(f"a rotation must be a quaternion, not {xyzw}")
+    x, y, z, w = xyzw / length
+    T = np.eye(4)
+    T[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return T
+
+
+def axis_angle_transform(axis: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
+    """T (4, 4) of a turn about an axis (3,); no turn if the axis has no length."""
+    length = float(np.linalg.norm(axis))
+    if length == 0.0:
+        return np.eye(4)
+    half = math.radians(degrees) / 2
+    return quaternion_transform(np.array([*(math.sin(half) / length * axis), math.cos(half)]))
