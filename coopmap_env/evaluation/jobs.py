@@ -1,7 +1,8 @@
 """Run many independent jobs, in worker processes or on a Ray cluster; runs can be resumed.
 
 The result of each finished job is one JSON file, written atomically and named by a hash of the job.
-An interrupted run finds these files and does the rest. Results do not depend on the order.
+An interrupted or killed run finds these files and does the rest; one that cannot be used counts as
+missing. Results do not depend on the order. While jobs run, the folder belongs to one process.
 """
 
 from __future__ import annotations
@@ -10,23 +11,29 @@ import contextlib
 import hashlib
 import json
 import logging
-import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, wait
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, get_args
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.core.files import write_atomically
+from coopmap_env.core.files import FileError, read_json, write_atomically
+from coopmap_env.core.locks import folder_lock
+from coopmap_env.core.processes import (
+    WORKER_ENDED,
+    WorkerError,
+    signal_handlers_kept,
+    worker_pool,
+)
 from coopmap_env.core.progress import progress_bar
 
 Backend = Literal["processes", "ray"]
 Job = dict[str, Any]
 Result = dict[str, Any]
-IndexedResults = Iterator[tuple[int, Result]]
+IndexedResults = Generator[tuple[int, Result]]
 
 
 def job_key(job: Job) -> str:
@@ -70,29 +77,40 @@ def run_jobs(
         If `workers` is less than 1, or the backend is unknown.
     ImportError
         If the backend is Ray and it is not installed (extra ``ray``).
+    OSError
+        If another process runs jobs in this folder, or a result cannot be written.
+    WorkerError
+        If a worker was killed. As after any other error, finished results are kept.
     """
     if workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
     if backend not in get_args(Backend):
         raise ValueError(f"backend must be one of {get_args(Backend)}, got {backend!r}")
     run = _run_in_ray if backend == "ray" else _run_in_processes
-    results_dir.mkdir(parents=True, exist_ok=True)
     paths = [results_dir / f"{job_key(job)}.json" for job in jobs]
     results = [_read(path, is_valid) for path in paths]
-    missing = [i for i, result in enumerate(results) if result is None]
-    indexed = run(function, [(i, jobs[i]) for i in missing], workers)
-    n_done = len(jobs) - len(missing)
-    for i, result in progress_bar(indexed, "job", len(jobs), n_done, progress):
-        write_atomically(paths[i], json.dumps(result))
-        results[i] = result
+    if None not in results:
+        return _without_none(results)  # also from a folder that nobody can write to
+    with folder_lock(results_dir):
+        results = [_read(path, is_valid) for path in paths]  # those of the owner before, too
+        missing = [(i, jobs[i]) for i, result in enumerate(results) if result is None]
+        with contextlib.closing(run(function, missing, workers)) as indexed:
+            n_done = len(jobs) - len(missing)
+            for i, result in progress_bar(indexed, "job", len(jobs), n_done, progress):
+                write_atomically(paths[i], json.dumps(result))
+                results[i] = result
+    return _without_none(results)
+
+
+def _without_none(results: list[Result | None]) -> list[Result]:
     return [result for result in results if result is not None]
 
 
 def _read(path: Path, is_valid: Callable[[Any], bool]) -> Result | None:
-    """A stored result, or None if there is none that can be read."""
+    """A stored result, or None if there is none that can be used."""
     try:
-        value: Result = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError):
+        value: Result = read_json(path)
+    except FileError:
         return None
     return value if is_valid(value) else None
 
@@ -104,16 +122,14 @@ def _run_in_processes(
         for i, job in jobs:
             yield i, function(job)
         return
-    # spawn: a forked child inherits locks and library threads in an undefined state
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context)
-    try:
-        futures: dict[Future[Result], int] = {pool.submit(function, job): i for i, job in jobs}
-        while futures:
-            for future in wait(futures, return_when=FIRST_COMPLETED).done:
-                yield futures.pop(future), future.result()
-    finally:  # after an interruption only the jobs that run already are finished
-        pool.shutdown(wait=True, cancel_futures=True)
+    with worker_pool(min(workers, len(jobs))) as submit:
+        futures = submit(function, [job for _, job in jobs])
+        running = {future: i for future, (i, _) in zip(futures, jobs, strict=True)}
+        while running:
+            done = wait(running, return_when=FIRST_COMPLETED).done
+            # results before errors: those of the other workers are kept
+            for future in sorted(done, key=lambda future: future.exception() is not None):
+                yield running.pop(future), future.result()
 
 
 @contextlib.contextmanager
@@ -138,17 +154,33 @@ def ray_session(workers: int) -> Iterator[ModuleType]:
         yield ray
         return
     cluster = os.environ.get("RAY_ADDRESS")
-    ray.init(
-        address=cluster or "local",
-        num_cpus=None if cluster else max(workers, 1),
-        include_dashboard=False,
-        logging_level=logging.ERROR,
-        log_to_driver=False,
-    )
+    with signal_handlers_kept():
+        ray.init(
+            address=cluster or "local",
+            num_cpus=None if cluster else max(workers, 1),
+            include_dashboard=False,
+            logging_level=logging.ERROR,
+            log_to_driver=False,
+        )
     try:
         yield ray
     finally:
         ray.shutdown()
+
+
+@contextlib.contextmanager
+def ray_workers_checked() -> Iterator[None]:
+    """Within the context the end of a process of Ray is a `WorkerError`.
+
+    Errors of what runs in such a process stay as they are.
+    """
+    exceptions = import_optional("ray", "ray").exceptions
+    try:
+        yield
+    except exceptions.RayTaskError:
+        raise
+    except exceptions.RayError as error:
+        raise WorkerError(f"{WORKER_ENDED} (Ray: {type(error).__name__})") from error
 
 
 def _run_in_ray(
@@ -156,7 +188,7 @@ def _run_in_ray(
 ) -> IndexedResults:
     if not jobs:  # Ray takes seconds to start
         return
-    with ray_session(min(workers, len(jobs))) as ray:
+    with ray_session(min(workers, len(jobs))) as ray, ray_workers_checked():
         task, waiting = ray.remote(function), iter(jobs)
         running: dict[Any, int] = {}
         try:
