@@ -20,7 +20,10 @@ from coopmap_env.robots.kinematics.forward import (
     body_poses,
     frame_poses,
 )
+from coopmap_env.robots.kinematics.mesh_paths import resolve_mesh
 from coopmap_env.robots.kinematics.urdf import UrdfModel
+from coopmap_env.robots.kinematics.urdf_elements import UrdfJoint, UrdfLink, UrdfShape
+from coopmap_env.robots.kinematics.urdf_xml import UrdfError
 from coopmap_env.robots.mount import Mount
 from coopmap_env.robots.mount_library import R_OPTICAL_CAMERA, make_mount, mount_from_urdf
 from coopmap_env.robots.planar.pose_lattice import LatticeGeometry, PoseLattice, pose_from_id
@@ -50,7 +53,11 @@ __all__ = [
     "PredictedContact",
     "ReachableCells",
     "Suspension",
+    "UrdfError",
+    "UrdfJoint",
+    "UrdfLink",
     "UrdfModel",
+    "UrdfShape",
     "Vehicle",
     "VoxelStates",
     "allocate_body_poses",
@@ -65,4 +72,5 @@ __all__ = [
     "mount_from_urdf",
     "plan_path",
     "pose_from_id",
+    "resolve_mesh",
 ]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics.chain import IDENTITY_POSE, Chain
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
@@ -101,4 +102,4 @@ def _read_chain(
 ) -> Chain:
     translation, rotation = (np.frombuffer(part).copy() for part in T_link_camera)
     camera = Pose(translation, rotation.reshape(3, 3))
-    return Chain.from_urdf(urdf, joints, camera_link, camera, package_dirs)
+    return freeze(Chain.from_urdf(urdf, joints, camera_link, camera, package_dirs))

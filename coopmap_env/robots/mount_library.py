@@ -13,6 +13,7 @@ import numpy as np
 from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics import urdf_editing
+from coopmap_env.robots.kinematics.urdf_xml import transform_from_xyz_rpy
 from coopmap_env.robots.mount import DEGREE, Mount
 from coopmap_env.robots.suspension import Suspension
 
@@ -72,13 +73,14 @@ def mount_from_urdf(
     """
     tree = urdf_editing.load_urdf_xml(urdf, package_dirs)
     return _suspended_mount(
-        tree, name or Path(urdf).stem, joints, camera_link, home, suspension or Suspension(),
-        root_height, wheels, fixed_joints or {}, settings,
+        tree, Path(urdf), name or Path(urdf).stem, joints, camera_link, home,
+        suspension or Suspension(), root_height, wheels, fixed_joints or {}, settings,
     )  # fmt: skip
 
 
 def _suspended_mount(
     tree: Any,
+    path: Path,
     name: str,
     joints: Sequence[str],
     camera_link: str,
@@ -89,7 +91,7 @@ def _suspended_mount(
     fixed_joints: Mapping[str, float],
     settings: Mapping[str, Any],
 ) -> Mount:
-    urdf_editing.fix_joints(tree, joints, fixed_joints)
+    urdf_editing.fix_joints(tree, joints, fixed_joints, path)
     urdf_editing.add_suspension(tree, suspension.roll_center_height, root_height, wheels)
     mount = Mount(
         name=name,
@@ -123,16 +125,16 @@ def husky_panda() -> Mount:
     a wrist camera is screwed on, so that the fingers are out of its view.
     """
     data = Path(import_optional("pybullet_data", "field").getDataPath())
-    tree = urdf_editing.load_urdf_xml(data / "husky" / "husky.urdf")
-    urdf_editing.remove_links(tree, ["imu_link"])  # its pose is a variable of the shell
-    panda = urdf_editing.load_urdf_xml(data / "franka_panda" / "panda.urdf")
-    urdf_editing.attach_tree(
-        tree, panda, "base_link", urdf_editing.transform_from_xyz_rpy(0.05, 0.0, 0.224)
+    tree = urdf_editing.load_urdf_xml(
+        data / "husky" / "husky.urdf",
+        without_links=["imu_link"],  # an expression of xacro is left in its pose
     )
+    panda = urdf_editing.load_urdf_xml(data / "franka_panda" / "panda.urdf")
+    urdf_editing.attach_tree(tree, panda, "base_link", transform_from_xyz_rpy((0.05, 0.0, 0.224)))
     R = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     R[:, 1] *= -1.0  # camera x along the hand's z, camera z along the hand's x
     return _suspended_mount(
-        tree, "husky_panda", tuple(f"panda_joint{i}" for i in range(1, 8)), "panda_hand",
+        tree, data, "husky_panda", tuple(f"panda_joint{i}" for i in range(1, 8)), "panda_hand",
         (0.0, -0.6, 0.0, -2.2, 0.0, 3.0, math.pi / 4), _HUSKY_SUSPENSION, 0.0,
         tuple(f"{end}_{side}_wheel_link" for end in ("front", "rear") for side in _SIDES),
         {}, {"T_link_camera": Pose(np.array([0.07, 0.0, 0.04]), R)},

@@ -30,7 +30,7 @@ TWO_LINKS = """<robot name="two">
 
 @pytest.fixture
 def two_links(tmp_path):
-    pytest.importorskip("yourdfpy")
+    pytest.importorskip("trimesh")
     path = tmp_path / "two.urdf"
     path.write_text(TWO_LINKS)
     return path

@@ -10,7 +10,7 @@ import pytest
 from coopmap_env.robots import Suspension, make_mount, mount_from_urdf
 from coopmap_env.robots.kinematics import urdf_editing as compose
 from coopmap_env.robots.kinematics.urdf import UrdfModel
-from coopmap_env.robots.kinematics.urdf_editing import transform_from_xyz_rpy
+from coopmap_env.robots.kinematics.urdf_xml import transform_from_xyz_rpy
 
 ARM = """<robot name="arm">
   <link name="stand"/>
@@ -31,7 +31,7 @@ ARM = """<robot name="arm">
 
 @pytest.fixture
 def arm(tmp_path):
-    pytest.importorskip("yourdfpy")
+    pytest.importorskip("trimesh")
     path = tmp_path / "arm.urdf"
     path.write_text(ARM)
     return path
@@ -127,7 +127,9 @@ def test_any_urdf_becomes_a_mount(arm):
 
 
 def test_wrong_names_in_a_wrapped_urdf_are_told_at_once(arm):
-    with pytest.raises(ValueError, match=r"no moving joint 'knee'; there are \['axle', 'flap'"):
+    with pytest.raises(
+        ValueError, match=r"arm.urdf has no moving joint 'knee'; it has \['tilt', 'axle'"
+    ):
         mount_from_urdf(arm, ["knee"], "eye", [0.0])
     with pytest.raises(ValueError, match="no link 'nose' for the camera"):
         mount_from_urdf(arm, ["tilt"], "nose", [0.0])
@@ -144,7 +146,7 @@ def test_wrong_names_in_a_wrapped_urdf_are_told_at_once(arm):
 
 
 def test_the_same_urdf_is_written_once_by_many_at_the_same_time(arm, tmp_path, monkeypatch):
-    monkeypatch.setattr(compose.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
 
     def write(_):
         return compose.write_urdf_cached(compose.load_urdf_xml(arm), "arm")
@@ -161,7 +163,7 @@ def test_the_same_urdf_is_written_once_by_many_at_the_same_time(arm, tmp_path, m
     "rpy", [(0.3, -0.4, 2.0), (0.1, math.pi / 2, 0.7), (-0.2, -math.pi / 2, 0)]
 )
 def test_origins_survive_being_written(rpy):
-    T = transform_from_xyz_rpy(1, 2, 3, rpy)
+    T = transform_from_xyz_rpy((1, 2, 3), rpy)
     joint = compose.ET.Element("joint")
     compose._set_origin(joint, T)
     np.testing.assert_allclose(compose._origin(joint), T, atol=1e-9)

@@ -18,12 +18,8 @@ from coopmap_env.robots.kinematics.forward import (
     point_positions,
     rodrigues_terms,
 )
-from coopmap_env.robots.kinematics.urdf import (
-    MOVABLE_JOINT_TYPES,
-    UrdfJoint,
-    UrdfModel,
-    joint_transform,
-)
+from coopmap_env.robots.kinematics.urdf import UrdfModel
+from coopmap_env.robots.kinematics.urdf_elements import UrdfJoint
 
 IDENTITY_POSE = Pose(np.zeros(3), np.eye(3))
 
@@ -84,23 +80,30 @@ class Chain:
         package_dirs : sequence of str, optional
             Folders in which ``package://`` meshes are searched.
         fixed_joints : mapping of str to float, optional
-            Values of other joints; 0 if not given.
+            Values of other joints; 0 if not given. Joints that mimic others follow them.
 
         Raises
         ------
         ImportError
             If the `field` extra is not installed.
+        UrdfError
+            A ValueError, if the URDF or a mesh cannot be read.
         ValueError
-            If a joint or link does not exist, or a joint does not move; the message lists those
-            that do.
+            If a joint or link does not exist, or a joint does not move by itself; the message
+            lists those that do.
         """
-        model = UrdfModel.from_file(urdf, package_dirs)
-        names, values = tuple(joints), dict(fixed_joints or {})
-        _validate_names(model, names, camera_link, values)
+        names = tuple(joints)
+        _check_joint_names(names, urdf)
+        model = UrdfModel.from_file(urdf, package_dirs).with_fixed_joints(names, fixed_joints)
+        if camera_link not in model.links:
+            raise ValueError(
+                f"{urdf} has no link {camera_link!r} for the camera; it has {list(model.links)}"
+            )
         links = [model.root, *(joint.child for joint in model.joints)]
-        tree, link_body, frames = _kinematic_tree(model, names, values)
+        tree, link_body, frames = _kinematic_tree(model, names)
         by_name = {joint.name: joint for joint in model.joints}
-        order = [links.index(name) for name in model.links]
+        rows = {name: row for row, name in enumerate(links)}
+        order = [rows[name] for name in model.links]
         parts = [model.links[name] for name in model.links]
         return cls(
             joint_names=names,
@@ -219,44 +222,28 @@ class Chain:
         return (R, t) if q.ndim == 2 else (R[0], t[0])
 
 
-def _validate_names(
-    model: UrdfModel, joints: tuple[str, ...], camera_link: str, fixed_joints: Mapping[str, float]
-) -> None:
-    moving = [joint.name for joint in model.joints if joint.joint_type in MOVABLE_JOINT_TYPES]
+def _check_joint_names(joints: tuple[str, ...], urdf: str | Path) -> None:
     if not joints:
-        raise ValueError(f"name at least one joint of {model.path}; those that move: {moving}")
+        raise ValueError(f"name at least one joint of {urdf} that moves")
     if len(set(joints)) != len(joints):
         raise ValueError(f"a joint is named twice: {list(joints)}")
-    for name in (*joints, *fixed_joints):
-        if name not in moving:
-            raise ValueError(f"{model.path} has no moving joint {name!r}; it has {moving}")
-    if camera_link not in model.links:
-        raise ValueError(
-            f"{model.path} has no link {camera_link!r} for the camera; it has {list(model.links)}"
-        )
 
 
 def _kinematic_tree(
-    model: UrdfModel, names: tuple[str, ...], fixed_joints: Mapping[str, float]
+    model: UrdfModel, names: tuple[str, ...]
 ) -> tuple[KinematicTree, NDArray[np.int64], NDArray[np.float64]]:
     """The tree of bodies; per link (root first, then the joints' children) body and frame."""
-    rows: list[tuple[int, NDArray[np.float64], UrdfJoint, int, float, float]] = []
+    rows: list[tuple[int, NDArray[np.float64], UrdfJoint]] = []
     link_frames = {model.root: (0, np.eye(4))}
     for joint in model.joints:
         body, T_body_parent = link_frames[joint.parent]
         T_body_joint = T_body_parent @ joint.origin
-        source, multiplier, offset = joint.mimic or (joint.name, 1.0, 0.0)
-        if joint.name in names or (joint.joint_type in MOVABLE_JOINT_TYPES and source in names):
-            if joint.name in names:
-                source, multiplier, offset = joint.name, 1.0, 0.0
-            rows.append((body, T_body_joint, joint, names.index(source), multiplier, offset))
-            link_frames[joint.child] = (len(rows), np.eye(4))
+        if joint.joint_type == "fixed":
+            link_frames[joint.child] = (body, T_body_joint)
         else:
-            value = multiplier * fixed_joints.get(source, 0.0) + offset
-            link_frames[joint.child] = (
-                body,
-                T_body_joint @ joint_transform(joint.joint_type, joint.axis, value),
-            )
+            rows.append((body, T_body_joint, joint))
+            link_frames[joint.child] = (len(rows), np.eye(4))
+    dependences = [row[2].dependence for row in rows]
     frames = [np.eye(4), *(row[1] for row in rows)]
     axis = np.array([np.zeros(3), *(row[2].axis for row in rows)])
     prismatic = np.array([False, *(row[2].joint_type == "prismatic" for row in rows)])
@@ -271,9 +258,9 @@ def _kinematic_tree(
         sine=sine,
         axis=axis,
         prismatic=prismatic,
-        variable=np.array([0, *(row[3] for row in rows)], dtype=np.int64),
-        multiplier=np.array([0.0, *(row[4] for row in rows)]),
-        offset=np.array([0.0, *(row[5] for row in rows)]),
+        variable=np.array([0, *(names.index(d.joint) for d in dependences)], dtype=np.int64),
+        multiplier=np.array([0.0, *(d.multiplier for d in dependences)]),
+        offset=np.array([0.0, *(d.offset for d in dependences)]),
     )
     body_of = np.array([body for body, _ in link_frames.values()], dtype=np.int64)
     return tree, body_of, np.array([frame for _, frame in link_frames.values()])

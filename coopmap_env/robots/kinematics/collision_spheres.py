@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.core.settings import Positive, PositiveInt, Settings
 from coopmap_env.robots.kinematics.chain import Chain
 
@@ -129,7 +130,7 @@ def _cover_chain(
     partners, partner_ranges = _collision_pairs(chain.tree.parent, bodies, at_home, radii)
     static = bodies == 0
     static_center, static_radius = _bounding_sphere_of_spheres(at_home[static], radii[static])
-    return CollisionSpheres(
+    spheres = CollisionSpheres(
         chain=chain,
         sphere_body_index=bodies,
         local_centers=centers,
@@ -140,6 +141,7 @@ def _cover_chain(
         static_center=static_center,
         static_radius=static_radius,
     )
+    return freeze(spheres)
 
 
 def _contains_sphere(

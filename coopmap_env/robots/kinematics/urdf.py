@@ -1,51 +1,33 @@
-"""A URDF as plain data: a tree of links with masses and triangles."""
+"""A URDF as plain data: a tree of links, and of joints of which some mimic others."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import dataclasses
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import import_optional
-from coopmap_env.geometry import rotation_about_axis
-
-MOVABLE_JOINT_TYPES = ("revolute", "continuous", "prismatic")
-
-
-@dataclass(frozen=True)
-class UrdfJoint:
-    """One joint: the child's frame in the parent's, and how a value moves it."""
-
-    name: str
-    joint_type: str
-    parent: str
-    child: str
-    origin: NDArray[np.float64]
-    """Shape (4, 4): T_parent_joint, the child's frame at value 0."""
-    axis: NDArray[np.float64]
-    lower: float
-    upper: float
-    mimic: tuple[str, float, float] | None = None
-    """(joint, multiplier, offset): the value follows another joint's."""
-
-
-@dataclass(frozen=True)
-class UrdfLink:
-    """One link: its mass and where its shapes are described."""
-
-    name: str
-    mass: float
-    center_of_mass: NDArray[np.float64]
-    """Shape (3,), in the link's frame."""
-    inertia: NDArray[np.float64]
-    """Shape (3, 3), about the center of mass, along the link's axes."""
-    shapes: tuple[Any, ...] = field(repr=False)
-    """Visual shapes, or where there are none the collision shapes, as parsed."""
+from coopmap_env.core.files import brief
+from coopmap_env.robots.kinematics.urdf_elements import (
+    MOVABLE_JOINT_TYPES,
+    UrdfJoint,
+    UrdfLink,
+    UrdfShape,
+    parse_joint,
+    parse_link,
+)
+from coopmap_env.robots.kinematics.urdf_mimic import fix_all_but, resolve_mimics
+from coopmap_env.robots.kinematics.urdf_shapes import shape_triangles
+from coopmap_env.robots.kinematics.urdf_xml import (
+    UrdfElement,
+    UrdfError,
+    check_expanded,
+    read_robot,
+)
 
 
 @dataclass(frozen=True)
@@ -56,7 +38,8 @@ class UrdfModel:
     root: str
     links: dict[str, UrdfLink]
     joints: tuple[UrdfJoint, ...]
-    """Parents before their children."""
+    """Parents before their children. Joints with equal limits are fixed there; a mimic joint
+    names one that moves by itself, whatever stands between them, or is fixed."""
     package_dirs: tuple[str, ...] = ()
 
     @classmethod
@@ -67,141 +50,154 @@ class UrdfModel:
         ----------
         path : path
         package_dirs : sequence of str, optional
-            Folders in which ``package://name/...`` is searched.
+            Folders in which ``package://name/...`` is searched; see `resolve_mesh`.
 
         Raises
         ------
-        FileNotFoundError
-            If there is no such file.
-        ValueError
-            If the joints do not form one tree.
+        UrdfNotFoundError
+            If there is no such file; it is a FileNotFoundError as well.
+        UrdfError
+            A ValueError, naming the file and the element: if it is no XML or holds expressions of
+            xacro, an element is missing or there twice, a number is none, a name is unknown or
+            taken, the joints do not form one tree, or mimic each other in a circle.
         """
         path = Path(path)
-        if not path.is_file():
-            raise FileNotFoundError(f"there is no URDF at {path}")
-        yourdfpy = import_optional("yourdfpy", "field")
-        parsed = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot
-        links = {link.name: _link(link) for link in parsed.links}
-        joints = [_joint(joint) for joint in parsed.joints]
-        root, ordered = _order_from_root(path, set(links), joints)
-        return cls(path, root, links, ordered, tuple(package_dirs))
+        return cls.from_xml(read_robot(path), path, package_dirs)
+
+    @classmethod
+    def from_xml(cls, robot: ET.Element, path: Path, package_dirs: Sequence[str] = ()) -> UrdfModel:
+        """The model of a ``<robot>``; `path` names it in errors. See `from_file`."""
+        check_expanded(robot, path)
+        links = {link.name: link for link in map(parse_link, _elements(robot, "link", path))}
+        joints = [parse_joint(element) for element in _elements(robot, "joint", path)]
+        _check_links_of_joints(joints, links, path)
+        root, ordered = _order_from_root(path, links, joints)
+        resolved = resolve_mimics(joints, path)
+        return cls(
+            path, root, links, tuple(resolved[joint.name] for joint in ordered), tuple(package_dirs)
+        )
+
+    @property
+    def moving_joints(self) -> tuple[str, ...]:
+        """Names of the joints that move, mimic joints among them."""
+        return tuple(j.name for j in self.joints if j.joint_type in MOVABLE_JOINT_TYPES)
+
+    def joint_values(self, values: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Values of all joints, from those that move by themselves; these are 0 if not given."""
+        given = values or {}
+        out = {}
+        for joint in self.joints:
+            source, multiplier, offset = joint.dependence
+            out[joint.name] = multiplier * given.get(source, 0.0) + offset
+        return out
+
+    def link_poses(
+        self, values: Mapping[str, float] | None = None
+    ) -> dict[str, NDArray[np.float64]]:
+        """T_root_link (4, 4) of every link, by name; see `joint_values`."""
+        joint_values = self.joint_values(values)
+        poses = {self.root: np.eye(4)}
+        for joint in self.joints:
+            poses[joint.child] = poses[joint.parent] @ joint.transform(joint_values[joint.name])
+        return poses
+
+    def with_fixed_joints(
+        self, moving: Sequence[str], values: Mapping[str, float] | None = None
+    ) -> UrdfModel:
+        """The model with all joints fixed but `moving` and those that mimic them.
+
+        Parameters
+        ----------
+        moving : sequence of str
+        values : mapping of str to float, optional
+            Values of others; 0 if not given. Joints that mimic a fixed one follow it.
+
+        Raises
+        ------
+        ValueError
+            If a joint of `moving` does not move by itself, or one with a value moves, mimics one
+            of another value, or has a value that is not finite.
+        """
+        joints = fix_all_but(self.joints, moving, values or {}, self.path)
+        return dataclasses.replace(self, joints=joints)
 
     def triangles(self, link: str) -> NDArray[np.float64]:
         """Triangles (m, 3, 3) of a link's shapes in its own frame, metres."""
-        parts = [self._shape(shape) for shape in self.links[link].shapes]
+        parts = [self.shape_triangles(shape) for shape in self.links[link].shapes]
         return np.concatenate(parts) if parts else np.zeros((0, 3, 3))
 
-    def _shape(self, shape: Any) -> NDArray[np.float64]:
-        creation = import_optional("trimesh.creation", "field")
-        geometry = shape.geometry
-        if geometry.box is not None:
-            mesh = creation.box(extents=geometry.box.size)
-        elif geometry.cylinder is not None:
-            mesh = creation.cylinder(geometry.cylinder.radius, geometry.cylinder.length)
-        elif geometry.sphere is not None:
-            mesh = creation.icosphere(subdivisions=2, radius=geometry.sphere.radius)
-        else:
-            mesh = _load_mesh(resolve_mesh(geometry.mesh.filename, self.path, self.package_dirs))
-            mesh.apply_scale(1.0 if geometry.mesh.scale is None else geometry.mesh.scale)
-        if shape.origin is not None:
-            mesh.apply_transform(shape.origin)
-        return np.array(mesh.triangles, dtype=np.float64)
+    def shape_triangles(self, shape: UrdfShape) -> NDArray[np.float64]:
+        """Triangles (m, 3, 3) of one shape in its link's frame, metres.
+
+        Raises
+        ------
+        UrdfError
+            If a mesh is missing or cannot be read.
+        """
+        return shape_triangles(shape, self.path, self.package_dirs)
 
 
-def resolve_mesh(filename: str, urdf: Path, package_dirs: Sequence[str] = ()) -> Path:
-    """Path of a mesh that a URDF names.
+def _elements(robot: ET.Element, tag: str, path: Path) -> Iterable[UrdfElement]:
+    """The links or the joints.
 
     Raises
     ------
-    FileNotFoundError
-        Naming the folders searched.
+    UrdfError
+        If one has no name, or that of another one.
     """
-    name = filename.removeprefix("file://")
-    relative_path = name.removeprefix("package://")
-    folders = [urdf.parent, *map(Path, package_dirs)]
-    if relative_path != name:  # with and without the package's own name, which may be the folder's
-        paths = [folder / relative_path for folder in folders]
-        paths += [folder / Path(*Path(relative_path).parts[1:]) for folder in folders]
-    else:
-        paths = [folder / name for folder in folders]
-    for candidate in paths:
-        if candidate.is_file():
-            return candidate
-    raise FileNotFoundError(
-        f"{urdf} names the mesh {filename}, which is in none of {[str(f) for f in folders]}; "
-        f"give the folder that holds it as package_dirs"
-    )
+    names: set[str] = set()
+    for number, xml in enumerate(robot.findall(tag), start=1):
+        name = UrdfElement(xml, f"{path}: {tag} number {number}").name()
+        element = UrdfElement(xml, f"{path}: {tag} {brief(name)}")
+        if name in names:
+            raise element.error(f"there are two {tag}s of this name")
+        names.add(name)
+        yield element
 
 
-def joint_transform(
-    joint_type: str, axis: NDArray[np.float64], value: float
-) -> NDArray[np.float64]:
-    """T (4, 4) by which a joint's value moves its child; the identity for a fixed joint."""
-    T = np.eye(4)
-    if joint_type == "prismatic":
-        T[:3, 3] = value * axis
-    elif joint_type in MOVABLE_JOINT_TYPES:
-        T[:3, :3] = rotation_about_axis(axis, value)
-    return T
-
-
-def _load_mesh(path: Path) -> Any:
-    trimesh = import_optional("trimesh", "field")
-    return trimesh.load(str(path), force="mesh")
-
-
-def _link(link: Any) -> UrdfLink:
-    inertial = link.inertial
-    mass, inertia, frame = 0.0, np.zeros((3, 3)), np.eye(4)
-    if inertial is not None:
-        mass = float(inertial.mass or 0.0)
-        frame = frame if inertial.origin is None else np.asarray(inertial.origin)
-        if inertial.inertia is not None:
-            inertia = frame[:3, :3] @ np.asarray(inertial.inertia) @ frame[:3, :3].T
-    return UrdfLink(
-        link.name, mass, frame[:3, 3].copy(), inertia, tuple(link.visuals or link.collisions)
-    )
-
-
-def _joint(joint: Any) -> UrdfJoint:
-    origin = np.eye(4) if joint.origin is None else np.asarray(joint.origin, dtype=np.float64)
-    lower, upper = -math.inf, math.inf
-    if joint.limit is not None and joint.type != "continuous":
-        lower = -math.inf if joint.limit.lower is None else float(joint.limit.lower)
-        upper = math.inf if joint.limit.upper is None else float(joint.limit.upper)
-    axis = np.array([1.0, 0.0, 0.0] if joint.axis is None else joint.axis, dtype=np.float64)
-    if joint.type in MOVABLE_JOINT_TYPES:
-        axis = axis / np.linalg.norm(axis)
-    mimic = None
-    if joint.mimic is not None:
-        multiplier, offset = joint.mimic.multiplier, joint.mimic.offset
-        mimic = (
-            joint.mimic.joint,
-            1.0 if multiplier is None else float(multiplier),
-            0.0 if offset is None else float(offset),
-        )
-    return UrdfJoint(
-        joint.name, joint.type, joint.parent, joint.child, origin, axis, lower, upper, mimic
-    )
+def _check_links_of_joints(
+    joints: Sequence[UrdfJoint], links: Mapping[str, UrdfLink], path: Path
+) -> None:
+    """Check that joints join links that exist, and each link to one parent."""
+    above: dict[str, str] = {}
+    for joint in joints:
+        for what, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in links:
+                raise UrdfError(f"{path}: joint {brief(joint.name)}: no link {brief(name)}, "
+                                f"which is its {what}")  # fmt: skip
+        if joint.child in above:
+            raise UrdfError(
+                f"{path}: link {brief(joint.child)} is the child of two joints, "
+                f"{brief(above[joint.child])} and {brief(joint.name)}"
+            )
+        above[joint.child] = joint.name
 
 
 def _order_from_root(
-    path: Path, links: set[str], joints: list[UrdfJoint]
+    path: Path, links: Mapping[str, UrdfLink], joints: Sequence[UrdfJoint]
 ) -> tuple[str, tuple[UrdfJoint, ...]]:
     """The root link, and the joints with parents before children."""
-    roots = links - {joint.child for joint in joints}
+    inner = {joint.child for joint in joints}
+    roots = [name for name in links if name not in inner]
     if len(roots) != 1:
-        raise ValueError(f"{path} has {len(roots)} root links {sorted(roots)}, expected one")
-    root = roots.pop()
+        raise UrdfError(
+            f"{path} has {len(roots)} root links {brief(sorted(roots))}, expected one "
+            f"that is no joint's child"
+        )
     children: dict[str, list[UrdfJoint]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)
     ordered: list[UrdfJoint] = []
-    pending = [root]
+    pending = [roots[0]]
     while pending:
         outgoing = children.get(pending.pop(), [])
         ordered += outgoing
         pending += [joint.child for joint in outgoing]
     if len(ordered) != len(joints):
-        raise ValueError(f"{path}: the joints do not form one tree from the link {root!r}")
-    return root, tuple(ordered)
+        reached = {joint.name for joint in ordered}
+        apart = [joint.name for joint in joints if joint.name not in reached]
+        raise UrdfError(
+            f"{path}: the joints do not form one tree from the link {brief(roots[0])}: "
+            f"{brief(apart)} form a circle"
+        )
+    return roots[0], tuple(ordered)

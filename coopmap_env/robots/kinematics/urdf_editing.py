@@ -10,10 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from coopmap_env.core.files import private_folder, write_atomically
-from coopmap_env.robots.kinematics.urdf import MOVABLE_JOINT_TYPES, joint_transform, resolve_mesh
+from coopmap_env.robots.kinematics.mesh_paths import resolve_mesh
+from coopmap_env.robots.kinematics.urdf import UrdfModel
+from coopmap_env.robots.kinematics.urdf_elements import parse_shape
+from coopmap_env.robots.kinematics.urdf_xml import UrdfElement, read_robot, transform_from_xyz_rpy
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS
 
 TINY_MASS, TINY_INERTIA = 1e-3, 1e-6
@@ -21,31 +24,75 @@ TINY_MASS, TINY_INERTIA = 1e-3, 1e-6
 fixed."""
 
 
-def load_urdf_xml(path: str | Path, package_dirs: Sequence[str] = ()) -> ET.Element:
-    """A URDF as XML with absolute mesh paths, no massless link and nothing but links and joints.
+def load_urdf_xml(
+    path: str | Path, package_dirs: Sequence[str] = (), without_links: Iterable[str] = ()
+) -> ET.Element:
+    """A URDF as XML that any reader reads in the same way.
+
+    It holds nothing but links and joints, absolute paths of meshes, no massless link, no shape
+    without area, all limits, and rotations as roll, pitch and yaw.
+
+    Parameters
+    ----------
+    path : path
+    package_dirs : sequence of str, optional
+        Folders in which ``package://`` meshes are searched.
+    without_links : iterable of str, optional
+        Links that are removed with all their descendants before anything is checked.
 
     Raises
     ------
-    FileNotFoundError
-        If the URDF or one of its meshes does not exist.
+    UrdfNotFoundError
+        If the URDF or one of its meshes does not exist; it is a FileNotFoundError as well.
+    UrdfError
+        If it cannot be read; see `UrdfModel.from_file`.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no URDF at {path}")
-    tree = ET.parse(path).getroot()
+    tree = read_robot(path)
+    remove_links(tree, without_links)
+    UrdfModel.from_xml(tree, path)
     for element in list(tree):
         if element.tag not in ("link", "joint", "material"):
             tree.remove(element)
-    for mesh in tree.iter("mesh"):
-        found = resolve_mesh(mesh.get("filename", ""), path, package_dirs)
-        mesh.set("filename", str(found.resolve()))
     for link in tree.findall("link"):
-        mass = link.find("inertial/mass")
-        if mass is None or float(mass.get("value", "0")) <= 0.0:
-            for inertial in link.findall("inertial"):
-                link.remove(inertial)
-            link.append(_tiny_inertial())
+        _complete_link(link, path, package_dirs)
+    for joint in tree.findall("joint"):
+        _complete_joint(joint, path)
     return tree
+
+
+def _complete_link(link: ET.Element, path: Path, package_dirs: Sequence[str]) -> None:
+    for tag in ("visual", "collision"):
+        for shape in link.findall(tag):
+            _write_rotation_as_rpy(shape, path)
+            if not parse_shape(UrdfElement(shape, str(path))).has_area:
+                link.remove(shape)
+    for mesh in link.iter("mesh"):
+        found = resolve_mesh(mesh.get("filename", "").strip(), path, package_dirs)
+        mesh.set("filename", str(found.resolve()))
+    mass = link.find("inertial/mass")
+    if mass is None or float(mass.get("value", "0")) <= 0.0:
+        for inertial in link.findall("inertial"):
+            link.remove(inertial)
+        link.append(_tiny_inertial())
+    for inertial in link.findall("inertial"):
+        _write_rotation_as_rpy(inertial, path)
+
+
+def _complete_joint(joint: ET.Element, path: Path) -> None:
+    """Write the limits that the specification gives for missing ones; PyBullet takes others."""
+    _write_rotation_as_rpy(joint, path)
+    for limit in joint.findall("limit"):
+        for name in ("lower", "upper"):
+            if limit.get(name) is None:
+                limit.set(name, "0")
+
+
+def _write_rotation_as_rpy(element: ET.Element, path: Path) -> None:
+    """Replace the quaternion of an element's origin, which only URDF 1.1 knows."""
+    origin = element.find("origin")
+    if origin is not None and origin.get("quat_xyzw") is not None:
+        _set_origin(element, UrdfElement(element, str(path)).origin())
 
 
 def remove_links(tree: ET.Element, links: Iterable[str]) -> None:
@@ -64,33 +111,41 @@ def remove_links(tree: ET.Element, links: Iterable[str]) -> None:
                 tree.remove(link)
 
 
-def fix_joints(tree: ET.Element, moving: Sequence[str], values: Mapping[str, float]) -> None:
-    """Fix all joints but `moving`, at given values or at 0.
+def fix_joints(
+    tree: ET.Element, moving: Sequence[str], values: Mapping[str, float], path: Path
+) -> None:
+    """Fix all joints but `moving` and those that mimic them, at given values or at 0.
+
+    Joints that mimic fixed ones are fixed where they put them. Those that mimic others of `moving`
+    through further joints mimic them at once from then on. `path` names the URDF in errors.
 
     Raises
     ------
     ValueError
-        If a joint that is to move, or has a value, is none that moves.
+        As `UrdfModel.with_fixed_joints`.
     """
-    joints = {
-        j.get("name", ""): j for j in tree.findall("joint") if j.get("type") in MOVABLE_JOINT_TYPES
-    }
-    for name in (*moving, *values):
-        if name not in joints:
-            raise ValueError(f"there is no moving joint {name!r}; there are {sorted(joints)}")
-    for name, joint in joints.items():
-        if name in moving:
-            continue
-        axis = joint.find("axis")
-        direction = np.array(_parse_vector(axis, "xyz", (1.0, 0.0, 0.0)))
-        T = joint_transform(
-            joint.get("type", ""), direction / np.linalg.norm(direction), values.get(name, 0.0)
-        )
-        _set_origin(joint, _origin(joint) @ T)
-        joint.set("type", "fixed")
-        for tag in ("axis", "limit", "mimic", "dynamics", "safety_controller", "calibration"):
-            for element in joint.findall(tag):
-                joint.remove(element)
+    model = UrdfModel.from_xml(tree, path).with_fixed_joints(moving, values)
+    joints = {joint.name: joint for joint in model.joints}
+    for element in tree.findall("joint"):
+        joint = joints[element.get("name", "")]
+        if joint.joint_type != element.get("type"):
+            _set_origin(element, joint.origin)
+            element.set("type", "fixed")
+            _remove_children(
+                element, "axis", "limit", "mimic", "dynamics", "safety_controller", "calibration"
+            )
+        elif joint.mimic is not None:
+            _remove_children(element, "mimic")
+            source, multiplier, offset = joint.mimic
+            ET.SubElement(
+                element, "mimic", joint=source, multiplier=repr(multiplier), offset=repr(offset)
+            )
+
+
+def _remove_children(element: ET.Element, *tags: str) -> None:
+    for tag in tags:
+        for child in element.findall(tag):
+            element.remove(child)
 
 
 def attach_tree(
@@ -146,14 +201,14 @@ def add_suspension(
             name,
             links[i],
             links[i + 1],
-            transform_from_xyz_rpy(0, 0, 0 if i else roll_center_height),
+            transform_from_xyz_rpy((0, 0, 0 if i else roll_center_height)),
         )
         joint.set("type", kind)
         ET.SubElement(joint, "axis", xyz=axis)
         limit = {"lower": str(-travel), "upper": str(travel), "effort": "1e5", "velocity": "10"}
         ET.SubElement(joint, "limit", limit)
         tree.append(joint)
-    lift = transform_from_xyz_rpy(0, 0, root_height - roll_center_height)
+    lift = transform_from_xyz_rpy((0, 0, root_height - roll_center_height))
     tree.append(_fixed_joint("suspension_to_vehicle", body, old_root, lift))
 
 
@@ -172,7 +227,7 @@ def _attach_wheel_to_base(
     tree.remove(joint)
     tree.append(
         _fixed_joint(
-            joint.get("name", ""), base, wheel, transform_from_xyz_rpy(0, 0, root_height) @ T
+            joint.get("name", ""), base, wheel, transform_from_xyz_rpy((0, 0, root_height)) @ T
         )
     )
 
@@ -199,27 +254,12 @@ def root_link(tree: ET.Element) -> str:
     return roots[0]
 
 
-def transform_from_xyz_rpy(
-    x: float, y: float, z: float, rpy: ArrayLike = (0.0, 0.0, 0.0)
-) -> NDArray[np.float64]:
-    """T (4, 4) from a translation and a URDF's roll, pitch, yaw about fixed axes."""
-    roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
-    T = np.eye(4)
-    for axis, angle in (((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll)):
-        T = T @ joint_transform("revolute", np.array(axis, dtype=np.float64), float(angle))
-    T[:3, 3] = x, y, z
-    return T
-
-
 def _origin(joint: ET.Element) -> NDArray[np.float64]:
-    origin = joint.find("origin")
-    x, y, z = _parse_vector(origin, "xyz", (0.0, 0.0, 0.0))
-    return transform_from_xyz_rpy(x, y, z, _parse_vector(origin, "rpy", (0.0, 0.0, 0.0)))
+    return UrdfElement(joint, f"joint {joint.get('name')!r}").origin()
 
 
 def _set_origin(joint: ET.Element, T: NDArray[np.float64]) -> None:
-    for origin in joint.findall("origin"):
-        joint.remove(origin)
+    _remove_children(joint, "origin")
     level = math.hypot(T[0, 0], T[1, 0])
     if level > 1e-9:
         roll, yaw = math.atan2(T[2, 1], T[2, 2]), math.atan2(T[1, 0], T[0, 0])
@@ -229,13 +269,6 @@ def _set_origin(joint: ET.Element, T: NDArray[np.float64]) -> None:
     # repr keeps all digits, so that reading it back changes nothing
     texts = [" ".join(repr(float(v)) for v in values) for values in (T[:3, 3], rpy)]
     ET.SubElement(joint, "origin", xyz=texts[0], rpy=texts[1])
-
-
-def _parse_vector(
-    element: ET.Element | None, attribute: str, default: tuple[float, float, float]
-) -> tuple[float, ...]:
-    text = None if element is None else element.get(attribute)
-    return default if text is None else tuple(float(part) for part in text.split())
 
 
 def _parent_and_child(joint: ET.Element) -> tuple[str, str]:

@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Chain, CollisionSpheres, Mount, UrdfModel
 from coopmap_env.simulation.physics._sweep_model import SweepModel
@@ -56,7 +57,7 @@ class JointMap:
         if mount.home not in cached:
             client = BulletClient()
             try:
-                cached[mount.home] = _read_joint_map(client, mount, chain)
+                cached[mount.home] = freeze(_read_joint_map(client, mount, chain))
             finally:
                 client.close()
         return cached[mount.home]
@@ -123,20 +124,18 @@ def _read_joint_map(client: BulletClient, mount: Mount, chain: Chain) -> JointMa
 def _mimic_matrix(
     mount: Mount, chain: Chain, names: list[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How the values of joints follow from q: directly, by mimicking another joint, or not."""
+    """How the values of joints follow from q: directly, by mimicking another joint, or not.
+
+    PyBullet knows neither mimic joints nor that equal limits fix a joint.
+    """
     of = chain.joint_names
     joint_matrix, joint_offsets = np.zeros((len(names), len(of))), np.zeros(len(names))
-    joints = {
-        joint.name: joint for joint in UrdfModel.from_file(mount.urdf, mount.package_dirs).joints
-    }
+    model = UrdfModel.from_file(mount.urdf, mount.package_dirs)
+    joints = {joint.name: joint for joint in model.joints}
     for row, name in enumerate(names):
-        mimic = joints[name].mimic
-        if name in of:
-            joint_matrix[row, of.index(name)] = 1.0
-        elif mimic is not None:
-            source, multiplier, joint_offsets[row] = mimic
-            if source in of:
-                joint_matrix[row, of.index(source)] = multiplier
+        source, multiplier, joint_offsets[row] = joints[name].dependence
+        if source in of:
+            joint_matrix[row, of.index(source)] = multiplier
     return joint_matrix, joint_offsets
 
 
