@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+import operator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.core.files import brief
+from coopmap_env.core.limits import check_cells
+
+Number = TypeVar("Number", int, float)
 
 
 class GridGeometry(NamedTuple):
@@ -38,7 +45,8 @@ class VoxelGrid:
     Raises
     ------
     ValueError
-        If a value is outside of its range.
+        If a value is outside of its range, or the grid has more cells than the limit of
+        `coopmap_env.core.limits`.
     """
 
     shape: tuple[int, ...]
@@ -46,14 +54,24 @@ class VoxelGrid:
     origin: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        shape = tuple(int(n) for n in self.shape)
+        shape = _convert(operator.index, self.shape) or ()
         if len(shape) not in (2, 3) or min(shape) < 1:
-            raise ValueError(f"VoxelGrid.shape needs 2 or 3 positive sizes, got {self.shape}")
-        if not (math.isfinite(self.resolution) and self.resolution > 0):
-            raise ValueError(f"VoxelGrid.resolution must be finite and > 0, got {self.resolution}")
-        origin = tuple(float(o) for o in self.origin) or (0.0,) * len(shape)
-        if len(origin) != len(shape) or not all(map(math.isfinite, origin)):
-            raise ValueError(f"VoxelGrid.origin must be {len(shape)} finite values, got {origin}")
+            raise ValueError(
+                f"VoxelGrid.shape needs 2 or 3 positive integers, got {brief(self.shape)}"
+            )
+        check_cells(shape, f"VoxelGrid.shape {brief(shape)}")
+        (resolution,) = _convert(float, [self.resolution]) or (math.nan,)
+        if not 0 < resolution < math.inf:
+            raise ValueError(
+                f"VoxelGrid.resolution must be finite and > 0, got {brief(self.resolution)}"
+            )
+        origin = _convert(float, self.origin)
+        if origin == ():
+            origin = (0.0,) * len(shape)
+        if origin is None or len(origin) != len(shape) or not all(map(math.isfinite, origin)):
+            raise ValueError(
+                f"VoxelGrid.origin must be {len(shape)} finite values, got {brief(self.origin)}"
+            )
         object.__setattr__(self, "shape", shape)
         object.__setattr__(self, "origin", origin)
 
@@ -99,3 +117,11 @@ class VoxelGrid:
     def flat_index(self, index: ArrayLike) -> NDArray[np.int64]:
         """Flat (row-major) cell numbers of indices (..., D) inside the grid."""
         return np.ravel_multi_index(tuple(np.moveaxis(np.asarray(index), -1, 0)), self.shape)
+
+
+def _convert(kind: Callable[[Any], Number], values: Iterable[Any]) -> tuple[Number, ...] | None:
+    """Values as numbers of a kind; None if one of them is no such number."""
+    try:
+        return tuple(kind(value) for value in values)
+    except (TypeError, ValueError, OverflowError):
+        return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -241,20 +241,8 @@ class OccupancyMap:
         k = len(cells) if cells.ndim else 0
         if shapes != [(n,), (n,), (k,), (k, d, d), (k, d)]:
             raise ValueError(f"a state of {n} cells in {d}-D cannot have the shapes {shapes}")
-        if any(a.dtype.kind not in "biu" for a in (log_odds_fixed, sampled, cells)):
-            raise ValueError("log_odds_fixed, sampled and cells must be integers")
-        if (
-            abs(log_odds_fixed).max() > self.log_odds_range.clamp
-            or sampled.max() > 1
-            or sampled.min() < 0
-        ):
-            raise ValueError(
-                f"log_odds_fixed must lie within +-{self.log_odds_range.clamp}, sampled be 0 or 1"
-            )
-        if k and (cells.min() < 0 or cells.max() >= n):
-            raise ValueError(f"hit cells must lie in [0, {n})")
-        if not (np.isfinite(precisions).all() and np.isfinite(vectors).all()):
-            raise ValueError("surface information must be finite")
+        _check_occupancy(log_odds_fixed, sampled, self.log_odds_range.clamp)
+        _check_surfaces(cells, precisions, vectors, sampled)
         self.clear()
         self.log_odds_fixed[:], self.sampled_mask[:] = log_odds_fixed, sampled
         self.precision[cells], self.information_vector[cells] = precisions, vectors
@@ -262,3 +250,39 @@ class OccupancyMap:
     def copy(self) -> OccupancyMap:
         """An independent copy."""
         return copy.deepcopy(self)
+
+
+def _check_occupancy(
+    log_odds_fixed: NDArray[Any], sampled: NDArray[np.generic], clamp: int
+) -> None:
+    if any(array.dtype.kind not in "biu" for array in (log_odds_fixed, sampled)):
+        raise ValueError("log_odds_fixed and sampled must be integers")
+    if not (-clamp <= log_odds_fixed.min() <= log_odds_fixed.max() <= clamp):
+        raise ValueError(f"log_odds_fixed must lie within +-{clamp}")
+    if sampled.min() < 0 or sampled.max() > 1:
+        raise ValueError("sampled must be 0 or 1")
+    if log_odds_fixed[sampled == 0].any():
+        raise ValueError("log_odds_fixed must be 0 where sampled is 0")
+
+
+def _check_surfaces(
+    cells: NDArray[Any],
+    precisions: NDArray[Any],
+    vectors: NDArray[Any],
+    sampled: NDArray[Any],
+) -> None:
+    if cells.dtype.kind not in "iu":
+        raise ValueError("hit cells must be integers")
+    if not ((cells >= 0) & (cells < len(sampled))).all():
+        raise ValueError(f"hit cells must lie in [0, {len(sampled)})")
+    if len(np.unique(cells)) != len(cells) or not sampled[cells].all():
+        raise ValueError("hit cells must be distinct and sampled")
+    if any(array.dtype.kind not in "iuf" for array in (precisions, vectors)):
+        raise ValueError("surface information must be numbers")
+    with np.errstate(all="ignore"):
+        covariances = np.linalg.inv(precisions.astype(np.float64))
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    if not (
+        np.isfinite(covariances).all() and np.isfinite(vectors).all() and (variances > 0).all()
+    ):
+        raise ValueError("surface information must be finite and invertible")

@@ -47,12 +47,25 @@ def test_a_cell_outside_has_no_flat_number():
         ({"shape": (4,)}, "shape"),
         ({"shape": (4, 4, 4, 4)}, "shape"),
         ({"shape": (4, 0)}, "shape"),
+        ({"shape": (4, 2.5)}, "shape"),
+        ({"shape": ("4", 4)}, "shape"),
+        ({"shape": (5000, 5000, 5000)}, r"shape .*125,000,000,000 cells, .*COOPMAP_MAX_CELLS"),
+        ({"shape": (10**30, 1)}, r"shape .*over 10\*\*15 cells"),
         ({"shape": (4, 4), "resolution": 0.0}, "resolution"),
+        ({"shape": (4, 4), "resolution": "fine"}, "resolution"),
+        ({"shape": (4, 4), "resolution": 10**400}, "resolution"),
         ({"shape": (4, 4), "resolution": math.nan}, "resolution"),
         ({"shape": (4, 4), "origin": (0.0,)}, "origin"),
         ({"shape": (4, 4), "origin": (0.0, math.inf)}, "origin"),
+        ({"shape": (4, 4), "origin": (0.0, None)}, "origin"),
     ],
 )
 def test_an_invalid_grid_is_rejected(arguments, message):
     with pytest.raises(ValueError, match=rf"VoxelGrid\.{message}"):
         VoxelGrid(**arguments)
+
+
+def test_a_grid_takes_the_integers_and_arrays_of_numpy():
+    grid = VoxelGrid((np.int32(4), np.uint8(3)), np.float32(0.5), np.array([1.0, 2.0]))
+    assert grid == VoxelGrid((4, 3), 0.5, (1.0, 2.0))
+    assert [type(n) for n in grid.shape] == [int, int]

@@ -37,12 +37,14 @@ def map_from_settings(text: str, path: str | os.PathLike[str]) -> OccupancyMap:
         If the text is not of that form.
     """
     try:
-        settings: dict[str, Any] = json.loads(text)
+        settings: Any = json.loads(text)
         grid, beam = settings["grid"], settings["beam"]
         return OccupancyMap(
             VoxelGrid(tuple(grid["shape"]), grid["resolution"], tuple(grid["origin"])),
             BeamModel(**beam),
             LogOddsRange(settings["max_probability"]),
         )
-    except (ValueError, TypeError, KeyError, MemoryError, OverflowError) as error:
-        raise MapFileError(f"{path}: the map's settings are broken: {error!r}") from error
+    except (LookupError, ArithmeticError, MemoryError, RecursionError) as error:
+        raise MapFileError(f"{path}: the map's settings are broken: {error!r:.500}") from error
+    except (ValueError, TypeError) as error:
+        raise MapFileError(f"{path}: the map's settings are broken: {error!s:.500}") from error

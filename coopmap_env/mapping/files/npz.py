@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import io
+import math
 import os
-import zipfile
-import zlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import read_bytes, write_atomically
+from coopmap_env.core.archives import read_zip_members
+from coopmap_env.core.files import brief, write_atomically
 from coopmap_env.mapping.files.base import (
     MapFileError,
     map_from_settings,
@@ -20,7 +21,13 @@ from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 FORMAT = "coopmap map 1"
 """Entry ``format`` of the archive."""
+TEXTS = ("format", "settings")
+MAX_TEXT_BYTES = 1 << 16
 ARRAYS = ("levels", "sampled", "cells", "precisions", "vectors")
+_HEADER_READERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 def save_npz(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
@@ -46,26 +53,42 @@ def load_npz(path: str | os.PathLike[str]) -> OccupancyMap:
     Raises
     ------
     MapFileError
-        If the file is missing, broken, or its arrays do not make a map.
+        If the file is missing, broken or too large, or its arrays do not make a map.
     """
-    entries = _read(path)
-    if str(entries["format"]) != FORMAT:
-        raise MapFileError(f"{path} is of format {str(entries['format'])!r}, not {FORMAT!r}")
-    map_ = map_from_settings(str(entries["settings"]), path)
+    contents = read_zip_members(path, [f"{name}.npy" for name in (*TEXTS, *ARRAYS)], MapFileError)
+    entries = {
+        name.removesuffix(".npy"): _parse_array(path, name, content)
+        for name, content in contents.items()
+    }
+    format_, settings = (_text(path, name, entries[name]) for name in TEXTS)
+    if format_ != FORMAT:
+        raise MapFileError(f"{path} is of format {brief(format_)}, not {FORMAT!r}")
+    map_ = map_from_settings(settings, path)
     try:
         map_.set_state(*(entries[name] for name in ARRAYS))
-    except ValueError as error:
+    except (ValueError, MemoryError) as error:
         raise MapFileError(f"{path}: {error}") from error
     return map_
 
 
-def _read(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generic]]:
+def _parse_array(path: str | os.PathLike[str], name: str, content: bytes) -> NDArray[Any]:
+    """The array of an NPY file, whose header must state exactly the bytes that follow it."""
+    file = io.BytesIO(content)
     try:
-        with np.load(io.BytesIO(read_bytes(path, MapFileError)), allow_pickle=False) as archive:
-            return {name: archive[name] for name in ("format", "settings", *ARRAYS)}
-    except MapFileError:
-        raise
-    except KeyError as error:
-        raise MapFileError(f"{path} is no map: {error}") from error
-    except (OSError, ValueError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise MapFileError(f"{path} is broken or no NPZ file: {error}") from error
+        version = np.lib.format.read_magic(file)
+        shape, column_major, dtype = _HEADER_READERS[version](file)
+        data = content[file.tell() :]
+        if dtype.hasobject or math.prod(shape) * dtype.itemsize != len(data):
+            raise ValueError(f"{len(data)} bytes are no {brief(dtype)} of shape {brief(shape)}")
+        return np.ndarray(shape, dtype, data, order="F" if column_major else "C")
+    except Exception as error:  # a header is Python's text, and is read with what reads Python
+        raise MapFileError(f"{path}: {name} is broken: {error!r:.500}") from error
+
+
+def _text(path: str | os.PathLike[str], name: str, entry: NDArray[Any]) -> str:
+    try:
+        if entry.ndim or entry.dtype.kind != "U" or entry.nbytes > MAX_TEXT_BYTES:
+            raise ValueError(f"expected a text of at most {MAX_TEXT_BYTES} bytes")
+        return str(entry)
+    except ValueError as error:  # also of a number that is no character
+        raise MapFileError(f"{path}: {name}.npy is broken: {error}") from error

@@ -1,4 +1,4 @@
-"""OctoMap's files, through OctoMap's own library (extra ``octomap``).
+"""OctoMap's files, written through OctoMap's own library (extra ``octomap``).
 
 ``.ot`` holds the log-odds of every voxel as a 32-bit float. Log-odds in steps of 1/1024 nat are
 such floats exactly. A sampled cell with log-odds 0 is a node with 0, a never sampled cell has no
@@ -10,13 +10,15 @@ OctoMap's voxels lie at integer multiples of their edge. A grid whose origin doe
 with a shift of at most half a cell (`octomap_shift`). A comment in the file's header holds the grid
 and the map's constants; OctoMap's readers skip it. Files of other programs have no such comment:
 the grid is then the bounding box of the known voxels, and log-odds are rounded to fixed point and
-clamped.
+clamped. Trees of type ``OcTree``, ``OcTreeStamped`` and ``ColorOcTree`` are read, without colours.
 """
 
 from __future__ import annotations
 
 import math
 import os
+import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.core.files import atomic_path, read_bytes
+from coopmap_env.core.files import atomic_path, brief, read_bytes, read_yaml_number
+from coopmap_env.core.limits import check_cells
+from coopmap_env.mapping.files._octree_parser import (
+    NODE_BYTES,
+    Leaves,
+    fill_boxes,
+    parse_bt,
+    parse_ot,
+)
 from coopmap_env.mapping.files.base import (
     MapFileError,
     map_from_settings,
@@ -37,10 +47,8 @@ from coopmap_env.mapping.occupancy_map import OccupancyMap
 CENTER_KEY = 1 << 15
 """Key of the voxel whose lower corner is OctoMap's origin; keys are 16 bits."""
 COMMENT_PREFIX = b"# coopmap "
-NODE_BYTES = 5
-"""Size of a node in an ``.ot`` file: a float and which children it has."""
-MAX_CELLS = 100_000_000
-"""Cells: a file of another program whose bounding box is larger is rejected, as maps are dense."""
+RESOLUTION_TOLERANCE = 1e-5
+"""Relative difference of two resolutions that are the same: headers state six digits."""
 
 
 def save_octomap(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
@@ -92,7 +100,8 @@ def _first_key(grid: VoxelGrid) -> NDArray[np.int64]:
     """Key of cell (0, 0, 0)."""
     if grid.dimension != 3:
         raise ValueError(f"OctoMap's files hold 3-D maps, this one is {grid.shape}: use .npz")
-    first = np.rint(np.array(grid.origin) / grid.resolution)
+    with np.errstate(over="ignore"):
+        first = np.rint(np.array(grid.origin) / grid.resolution)
     if (np.abs(first) > CENTER_KEY).any() or (first + grid.shape > CENTER_KEY).any():
         raise ValueError(f"{grid} is further from 0 than OctoMap's 32768 voxels")
     return first.astype(np.int64) + CENTER_KEY
@@ -104,25 +113,24 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
     Raises
     ------
     MapFileError
-        If the file is missing, broken or truncated, or not of an occupancy tree.
+        If the file is missing, broken or truncated, too large for a dense map, or not of an
+        occupancy tree.
     """
-    octomap = import_optional("pyoctomap", "octomap")
     binary = Path(path).suffix.lower() == ".bt"
-    settings = _check_header(path, binary)
-    tree = octomap.OcTree(0.1)
-    if binary:
-        tree = tree if tree.readBinary(os.fspath(path)) else None
-    else:
-        tree = tree.read(os.fspath(path))
-    if tree is None or not isinstance(tree, octomap.OcTree):
-        raise MapFileError(f"{path}: OctoMap's library cannot read this occupancy tree")
-    if settings is None:
-        map_ = _empty_bounding_map(path, tree)
-    else:
-        map_ = map_from_settings(settings, path)
-        if not math.isclose(map_.grid.resolution, tree.getResolution(), rel_tol=1e-6):
-            raise MapFileError(f"{path}: its comment and its tree have different resolutions")
-    log_odds, known = sample_octree(tree, map_.grid)
+    content = read_bytes(path, MapFileError)
+    try:
+        header, data = _parse_header(content, binary)
+        check_cells([header.n_nodes], "the tree")
+        if binary:
+            leaves = parse_bt(data, header.n_nodes)
+        else:
+            leaves = parse_ot(data, header.n_nodes, NODE_BYTES[header.tree_type])
+        map_ = _make_map(path, header, leaves)
+        log_odds, known = _sample_leaves(leaves, map_.grid)
+    except MapFileError:
+        raise
+    except (ValueError, MemoryError) as error:
+        raise MapFileError(f"{path}: {error}") from error
     clamp = map_.log_odds_range.clamp
     if binary:
         log_odds_fixed = np.where(log_odds >= 0, clamp, -clamp)
@@ -131,6 +139,54 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
     map_.log_odds_fixed[:] = np.where(known, log_odds_fixed, 0).ravel()
     map_.sampled_mask[:] = known.ravel()
     return map_
+
+
+@dataclass(frozen=True)
+class _Header:
+    tree_type: bytes
+    n_nodes: int
+    resolution: float
+    settings: str | None
+    """What `save_octomap` wrote about the map."""
+
+
+def _parse_header(content: bytes, binary: bool) -> tuple[_Header, bytes]:
+    """The header of a file, and the data after it."""
+    kind = b"# Octomap OcTree binary file" if binary else b"# Octomap OcTree file"
+    end = re.search(rb"^data[ \t]*\r?\n", content, re.MULTILINE)
+    if end is None or not content.startswith(kind):
+        raise ValueError(f"no {'.bt' if binary else '.ot'} file of OctoMap")
+    lines = content[: end.start()].splitlines()
+    fields = dict(
+        line.split(None, 1) for line in lines if line[:1] != b"#" and len(line.split()) > 1
+    )
+    tree_type, size = fields.get(b"id", b"").strip(), fields.get(b"size", b"").strip()
+    resolution = read_yaml_number(fields.get(b"res", b"").decode("ascii", errors="replace"))
+    if tree_type not in NODE_BYTES or not (size.isdigit() and len(size) < 19):
+        raise ValueError(f"not of an occupancy tree: its header says {brief(fields)}")
+    if not 0 < resolution < math.inf:
+        raise ValueError(f"its resolution must be finite and > 0, not {brief(resolution)}")
+    comments = [line for line in lines if line.startswith(COMMENT_PREFIX)]
+    settings = comments[0][len(COMMENT_PREFIX) :].decode(errors="replace") if comments else None
+    return _Header(tree_type, int(size), resolution, settings), content[end.end() :]
+
+
+def _make_map(path: str | os.PathLike[str], header: _Header, leaves: Leaves) -> OccupancyMap:
+    """An empty map: of our settings in the header, or else of the box around all leaves."""
+    if header.settings is not None:
+        map_ = map_from_settings(header.settings, path)
+        resolution = map_.grid.resolution
+        if not math.isclose(resolution, header.resolution, rel_tol=RESOLUTION_TOLERANCE):
+            raise ValueError("its comment and its tree have different resolutions")
+        return map_
+    keys, sizes, _ = leaves
+    if len(keys) == 0:
+        raise ValueError("it holds no voxel, and no comment that says how large the map is")
+    lower = keys.min(axis=0)
+    shape = tuple(((keys + sizes[:, None]).max(axis=0) - lower).tolist())
+    check_cells(shape, f"the box of its voxels, {shape},")
+    origin = [int(key - CENTER_KEY) * header.resolution for key in lower]
+    return OccupancyMap(VoxelGrid(shape, header.resolution, tuple(origin)))
 
 
 def sample_octree(tree: Any, grid: VoxelGrid) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -144,45 +200,6 @@ def sample_octree(tree: Any, grid: VoxelGrid) -> tuple[NDArray[np.float64], NDAr
         Nats, 0 where nothing is known.
     known : ndarray of bool
     """
-    keys, sizes, values = _leaves(tree)
-    lower = keys - _first_key(grid)
-    upper = np.minimum(lower + sizes[:, None], grid.shape)
-    lower = np.maximum(lower, 0)
-    log_odds, known = np.zeros(grid.shape), np.zeros(grid.shape, dtype=np.bool_)
-    single = (upper - lower == 1).all(axis=1)
-    index = tuple(lower[single].T)
-    log_odds[index], known[index] = values[single], True
-    others = np.flatnonzero(~single & (upper > lower).all(axis=1))
-    for (x, y, z), (to_x, to_y, to_z), value in zip(
-        lower[others].tolist(), upper[others].tolist(), values[others], strict=True
-    ):
-        log_odds[x:to_x, y:to_y, z:to_z], known[x:to_x, y:to_y, z:to_z] = value, True
-    return log_odds, known
-
-
-def _check_header(path: str | os.PathLike[str], binary: bool) -> str | None:
-    """Map settings in the header, if any; OctoMap itself reads a truncated ``.ot`` as complete."""
-    content = read_bytes(path, MapFileError)
-    head, found, data = content.partition(b"\ndata\n")
-    kind = b"# Octomap OcTree binary file" if binary else b"# Octomap OcTree file"
-    lines = head.split(b"\n")
-    if not found or not lines[0].startswith(kind):
-        raise MapFileError(f"{path} is no {'.bt' if binary else '.ot'} file of OctoMap")
-    fields = dict(line.split(b" ", 1) for line in lines if b" " in line and line[:1] != b"#")
-    if fields.get(b"id", b"").strip() != b"OcTree" or not fields.get(b"size", b"").isdigit():
-        raise MapFileError(f"{path} is not of an occupancy tree: its header says {fields}")
-    size = int(fields[b"size"])
-    if not binary and len(data) != NODE_BYTES * size:
-        raise MapFileError(
-            f"{path} is truncated or broken: {size} nodes are {NODE_BYTES * size} bytes, "
-            f"not {len(data)}"
-        )
-    comments = [line for line in lines if line.startswith(COMMENT_PREFIX)]
-    return comments[0][len(COMMENT_PREFIX) :].decode(errors="replace") if comments else None
-
-
-def _leaves(tree: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Lowest keys (k, 3), edges in voxels (k,) and log-odds (k,) of a tree's leaves."""
     resolution, depth = tree.getResolution(), tree.getTreeDepth()
     rows = [
         (*leaf.getCoordinate(), leaf.getDepth(), leaf.current_node.getLogOdds())
@@ -191,17 +208,15 @@ def _leaves(tree: Any) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np
     table = np.array(rows, dtype=np.float64).reshape(-1, 5)
     sizes = 1 << (depth - table[:, 3].astype(np.int64))
     lower = table[:, :3] / resolution - 0.5 * sizes[:, None]
-    return np.rint(lower).astype(np.int64) + CENTER_KEY, sizes, table[:, 4]
+    keys = np.rint(lower).astype(np.int64) + CENTER_KEY
+    return _sample_leaves(Leaves(keys, sizes, table[:, 4]), grid)
 
 
-def _empty_bounding_map(path: str | os.PathLike[str], tree: Any) -> OccupancyMap:
-    """An empty map of the box around all leaves."""
-    keys, sizes, _ = _leaves(tree)
-    if len(keys) == 0:
-        raise MapFileError(f"{path} holds no voxel, and no comment that says how large the map is")
-    lower, resolution = keys.min(axis=0), tree.getResolution()
-    shape = tuple(((keys + sizes[:, None]).max(axis=0) - lower).tolist())
-    if math.prod(shape) > MAX_CELLS:
-        raise MapFileError(f"{path}: its voxels span {shape} cells, too many for a dense map")
-    origin = tuple(((lower - CENTER_KEY) * resolution).tolist())
-    return OccupancyMap(VoxelGrid(shape, resolution, origin))
+def _sample_leaves(
+    leaves: Leaves, grid: VoxelGrid
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    lower = leaves.keys - _first_key(grid)
+    upper = np.minimum(lower + leaves.sizes[:, None], grid.shape)
+    log_odds, known = np.zeros(grid.shape), np.zeros(grid.shape, dtype=np.bool_)
+    fill_boxes(np.maximum(lower, 0), upper, leaves.log_odds, log_odds, known)
+    return log_odds, known

@@ -201,6 +201,18 @@ def with_arrays(path, **arrays):
     np.savez(path, **{**entries, **arrays})
 
 
+SAMPLED = {"sampled": np.ones(20, np.uint8)}
+
+
+def surfaces(cells, scale=1.0):
+    k = len(cells)
+    return {
+        "cells": np.array(cells),
+        "precisions": np.tile(scale * np.eye(2), (k, 1, 1)),
+        "vectors": np.zeros((k, 2)),
+    }
+
+
 @pytest.mark.parametrize(
     ("message", "arrays"),
     [
@@ -208,12 +220,20 @@ def with_arrays(path, **arrays):
         ("settings are broken", {"settings": np.array("{}")}),
         ("shapes", {"levels": np.zeros(3, np.int32)}),
         (r"log_odds_fixed must lie within \+-", {"levels": np.full(20, 99999, np.int32)}),
-        ("sampled be 0 or 1", {"sampled": np.full(20, 2, np.uint8)}),
+        (r"log_odds_fixed must lie within \+-", {"levels": np.full(20, -(2**31), np.int32)}),
+        ("sampled must be 0 or 1", {"sampled": np.full(20, 2, np.uint8)}),
+        ("must be 0 where sampled is 0", {"levels": np.ones(20, np.int32)}),
         ("must be integers", {"levels": np.zeros(20)}),
-        (r"hit cells must lie in \[0, 20\)", {"cells": np.array([20]),
-         "precisions": np.ones((1, 2, 2)), "vectors": np.ones((1, 2))}),
-        ("finite", {"cells": np.array([2]), "precisions": np.full((1, 2, 2), np.nan),
-         "vectors": np.ones((1, 2))}),
+        (r"hit cells must lie in \[0, 20\)", surfaces([20])),
+        ("distinct and sampled", surfaces([2])),
+        ("distinct and sampled", surfaces([2, 2]) | SAMPLED),
+        ("finite and invertible", surfaces([2], np.nan) | SAMPLED),
+        ("finite and invertible", surfaces([2], -1.0) | SAMPLED),
+        ("Singular matrix", surfaces([2], 0.0) | SAMPLED),
+        ("must be numbers", surfaces([2], 1j) | SAMPLED),
+        ("expected a text", {"settings": np.zeros(3)}),
+        ("expected a text", {"format": np.array("long" * 99999)}),
+        ("Object arrays|is broken", {"levels": np.full(20, None)}),
     ],
 )  # fmt: skip
 def test_an_npz_file_whose_arrays_make_no_map_is_rejected(tmp_path, message, arrays):

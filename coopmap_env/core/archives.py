@@ -1,0 +1,68 @@
+"""Members of ZIP archives, read with limits and with errors that name the archive."""
+
+from __future__ import annotations
+
+import io
+import os
+import zipfile
+from collections.abc import Iterable
+
+from coopmap_env.core.files import FileError, read_bytes
+from coopmap_env.core.limits import check_bytes
+
+_PIECE = 4096
+"""Bytes read at once: bzip2 and LZMA unpack whatever a piece holds, up to 20,000 times its size."""
+
+
+def read_zip_members(
+    path: str | os.PathLike[str],
+    names: Iterable[str],
+    error_type: type[FileError] = FileError,
+) -> dict[str, bytes]:
+    """Contents of some members of a ZIP archive, in any compression that Python unpacks.
+
+    Their sizes together, as the archive's table of contents states them, are checked against the
+    limit of `coopmap_env.core.limits` before anything is unpacked. No more than stated is unpacked.
+
+    Raises
+    ------
+    error_type
+        With the file, if it cannot be read (see `coopmap_env.core.files.read_bytes`), is no ZIP
+        archive, lacks a member, is encrypted, broken or too large.
+    """
+    content = read_bytes(path, error_type)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = [_find(archive, name, path, error_type) for name in names]
+            check_bytes(sum(member.file_size for member in members), "the unpacked archive")
+            return {member.filename: _unpack(archive, member) for member in members}
+    except error_type:
+        raise
+    except Exception as error:  # zipfile raises what its decompressors and Python raise
+        reason = str(error) or type(error).__name__
+        raise error_type(f"{path}: not a ZIP archive that can be read: {reason:.500}") from error
+
+
+def _find(
+    archive: zipfile.ZipFile,
+    name: str,
+    path: str | os.PathLike[str],
+    error_type: type[FileError],
+) -> zipfile.ZipInfo:
+    try:
+        return archive.getinfo(name)
+    except KeyError:
+        raise error_type(f"{path}: has no member {name}") from None
+
+
+def _unpack(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    """Content of a member, whose checksum is checked at its end."""
+    unpacked = bytearray()
+    with archive.open(member) as file:
+        while piece := file.read(_PIECE):
+            unpacked += piece
+    if len(unpacked) != member.file_size:
+        raise zipfile.BadZipFile(
+            f"{member.filename} has {len(unpacked)} bytes, not {member.file_size}"
+        )
+    return bytes(unpacked)
