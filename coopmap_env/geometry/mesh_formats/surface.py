@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.limits import check_bytes
 
-MAX_PARTS = 100_000
+MAX_PARTS = 20_000
 """Nodes of a scene that are visited, copies included: a few lines can name 2**40 of them."""
 _BYTES_PER_FACE = 200
 """Of a face with its vertices, here and where the mesh is used."""
