@@ -170,20 +170,24 @@ def test_ground_and_target_are_occupied_and_vehicles_stand_in_the_open(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_world_and_its_voxels_are_made_quickly(name):
+def test_a_world_and_its_voxels_take_no_longer_than_a_few_million_additions(name):
     scene = make_field_scene(name)
     rng = np.random.default_rng(0)
     assert scene.world(rng, 3).occupied.any()  # compiles, and reads the first solids_around
-    times = []
+    clocks = []
     for _ in range(5):
-        start = time.process_time()
+        clock = [time.process_time()]
         drawn = scene.world(rng, 3)
-        made = time.process_time()
+        clock.append(time.process_time())
         assert drawn.occupied.any()
-        times.append((made - start, time.process_time() - made))
-    # several times what an idle machine takes, 30 and 60 ms at most
-    assert np.min(times, axis=0)[0] < 0.15
-    assert np.min(times, axis=0)[1] < 0.3
+        clock.append(time.process_time())
+        assert sum(k * k for k in range(1_000_000)) > 0
+        clock.append(time.process_time())
+        clocks.append(np.diff(clock))
+    # both take less than one million additions, on any machine and however busy it is
+    world, voxels, million = np.min(clocks, axis=0)
+    assert world < 3 * million
+    assert voxels < 4 * million
 
 
 def test_the_solar_panel_is_always_the_same_and_has_no_symmetry():
