@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.geometry.mesh_files import read_mesh
 from coopmap_env.robots.kinematics.mesh_paths import resolve_mesh
 from coopmap_env.robots.kinematics.urdf_elements import UrdfShape
+from coopmap_env.robots.kinematics.urdf_xml import UrdfError
 
 SPHERE_SUBDIVISIONS = 3
 """Of an icosahedron: the triangles lie within 0.3 % of the radius from the sphere."""
@@ -37,7 +39,7 @@ def shape_triangles(
     """
     mesh = _shape_mesh(shape, urdf, package_dirs)
     mesh.apply_transform(shape.origin)
-    return np.array(mesh.triangles, dtype=np.float64)
+    return np.array(mesh.triangles[mesh.area_faces > 0.0], dtype=np.float64)
 
 
 def _shape_mesh(shape: UrdfShape, urdf: Path, package_dirs: Sequence[str | Path]) -> Any:
@@ -52,6 +54,5 @@ def _shape_mesh(shape: UrdfShape, urdf: Path, package_dirs: Sequence[str | Path]
     if shape.kind == "capsule":
         radius, length = shape.size
         return creation.capsule(height=length, radius=radius)
-    trimesh = import_optional("trimesh", "field")
-    mesh = trimesh.load(str(resolve_mesh(shape.filename, urdf, package_dirs)), force="mesh")
-    return mesh.apply_scale(shape.scale)
+    path = resolve_mesh(shape.filename, urdf, package_dirs)
+    return read_mesh(path, UrdfError, in_urdf=True).apply_scale(shape.scale)
