@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from coopmap_env.core.files import FileError
+from coopmap_env.core.files import FileError, brief
 
 SceneT = TypeVar("SceneT")
 
@@ -52,5 +52,5 @@ def make_scene(
     names = ", ".join(repr(name) for name in by_name)
     raise ValueError(
         f"scene must be {names}, a path ending in .yaml or .yml, or a {protocol.__name__}, "
-        f"not {scene!r}"
+        f"not {brief(scene)}"
     )

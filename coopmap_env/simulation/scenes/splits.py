@@ -17,6 +17,8 @@ import operator
 
 import numpy as np
 
+from coopmap_env.core.files import brief
+
 SPLITS = ("train", "validation", "test")
 """Train on the first, choose settings on the second, report the third once."""
 
@@ -45,15 +47,15 @@ def world_seed(split: str, seed: int) -> np.random.SeedSequence:
         With the value, if the split is unknown or the seed is no integer of at least 0.
     """
     if split not in SPLITS:
-        raise ValueError(f"split must be one of {', '.join(SPLITS)}, not {split!r}")
+        raise ValueError(f"split must be one of {', '.join(SPLITS)}, not {brief(split)}")
     return np.random.SeedSequence(_check_seed(seed), spawn_key=(_NAMESPACE, SPLITS.index(split)))
 
 
 def _check_seed(seed: int) -> int:
     try:
         number = operator.index(seed)
-    except TypeError:
+    except Exception:  # a TypeError, or what an object's `__index__` raises
         number = -1
     if number < 0 or isinstance(seed, bool | np.bool_):
-        raise ValueError(f"seed must be an integer of at least 0, not {seed!r}")
+        raise ValueError(f"seed must be an integer of at least 0, not {brief(seed)}")
     return number

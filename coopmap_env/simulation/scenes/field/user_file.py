@@ -12,16 +12,20 @@
         position: [0, 0, 0.4]     # metres
         rpy: [0, 0, 30]           # degrees about the fixed axes x, y, z, in this order
         target: true
-      - mesh: meshes/rock.obj     # any format of trimesh; paths are relative to this file
+      - mesh: meshes/rock.obj     # paths are relative to this file
         name: rock
         scale: 0.5                # or one factor an axis
         position: [2, 1, 0]
       - urdf: shelf.urdf          # all links, joints at 0
+    package_dirs: [descriptions]  # folders of ROS packages, for package:// in URDFs
     bases:                        # default: drawn; x, y in metres and yaw in degrees
       - [3, 0, 180]
 
-Positions are in the world frame, which is that of the target. A mesh whose connected parts are
-all convex collides as these, any other one as its triangles.
+Positions are in the world frame, which is that of the target. Meshes may be STL, OBJ, PLY, OFF,
+DAE, glTF, GLB or 3MF; their units and axes are those of the format (see
+`coopmap_env.geometry.mesh_files`). A ROS package that a URDF names is also found in the folders
+above the URDF. A mesh whose connected parts are all convex collides as these, any other one as its
+triangles; parts without an area are ignored, and an open mesh has no inside.
 """
 
 import math
@@ -33,15 +37,22 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.files import read_yaml_mapping, read_yaml_number
+from coopmap_env.core.files import brief, read_yaml_mapping, read_yaml_number
 from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.factory import SceneError
-from coopmap_env.simulation.scenes.field._shape_files import MeshShape, read_mesh, read_urdf
+from coopmap_env.simulation.scenes.field._shape_files import shape_from_mesh, shape_from_urdf
 from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.user_scene import UserScene
 from coopmap_env.simulation.scenes.field.world import FIELD_GRID, make_ground
 
+MAX_OBJECTS = 10_000
+"""Of one scene."""
+_MAX_NUMBER = 1e6
+"""Metres, degrees or a factor: what is larger is a broken number."""
+_MAX_NAME_LENGTH = 100
+_RESOLUTIONS = (1e-4, 1e3)
+"""Metres: the smallest and the largest edge of a voxel."""
 _KINDS = ("box", "mesh", "urdf")
 _OBJECT = (*_KINDS, "name", "position", "rpy", "scale", "target")
 
@@ -59,19 +70,24 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
     """
     path = Path(path)
     top = _Fields(str(path), read_yaml_mapping(path, SceneError))
-    top.check_keys("grid", "ground", "objects", "bases")
+    top.check_keys("grid", "ground", "objects", "bases", "package_dirs")
     grid = _grid(top)
+    package_dirs = _package_dirs(top, path.parent)
     entries = top.content.get("objects")
     if not isinstance(entries, list) or not entries:
         raise top.error("objects", "a list of at least one object")
+    if len(entries) > MAX_OBJECTS:
+        raise top.error("objects", f"a list of at most {MAX_OBJECTS:,} objects")
     solids = [make_ground(grid)] if top.boolean("ground", True) else []
+    names = {solid.name for solid in solids}
     for k, entry in enumerate(entries):
         where = f"{path}: objects[{k}]"
         if not isinstance(entry, Mapping):
-            raise SceneError(f"{where}: expected a mapping of fields, not {entry!r:.80}")
-        solid = _solid(_Fields(where, entry), path.parent, f"object_{k}")
-        if any(solid.name == other.name for other in solids):
+            raise SceneError(f"{where}: expected a mapping of fields, not {brief(entry)}")
+        solid = _solid(_Fields(where, entry), path.parent, package_dirs, f"object_{k}")
+        if solid.name in names:
             raise SceneError(f"{where}: name must differ from all others, not {solid.name!r}")
+        names.add(solid.name)
         solids.append(solid)
     if not any(solid.is_target for solid in solids):
         raise SceneError(f"{path}: objects must hold a target (target: true), not none")
@@ -95,15 +111,16 @@ class _Fields:
         unknown = [key for key in self.content if key not in known]
         if unknown:
             raise SceneError(
-                f"{self.where}: unknown field {unknown[0]!r}, expected {', '.join(known)}"
+                f"{self.where}: unknown field {brief(unknown[0])}, expected {', '.join(known)}"
             )
 
     def error(self, field: str, expected: str) -> SceneError:
         """The error that a field is missing or not as expected."""
         if field not in self.content:
             return SceneError(f"{self.where}: {field} is missing, expected {expected}")
-        value = self.content[field]
-        return SceneError(f"{self.where}: {field} must be {expected}, not {value!r:.80}")
+        return SceneError(
+            f"{self.where}: {field} must be {expected}, not {brief(self.content[field])}"
+        )
 
     def boolean(self, field: str, default: bool) -> bool:
         """Read true or false."""
@@ -128,6 +145,8 @@ class _Fields:
         if len(numbers) != 3 or not all(map(math.isfinite, numbers)) or min(numbers) <= above:
             bound = "" if above == -math.inf else f" above {above:g}"
             raise self.error(field, f"three finite numbers{bound}")
+        if max(map(abs, numbers)) > _MAX_NUMBER:
+            raise self.error(field, f"three numbers of at most {_MAX_NUMBER:g}")
         return np.array(numbers)
 
 
@@ -142,14 +161,29 @@ def _grid(top: _Fields) -> VoxelGrid:
     if (shape % 1.0).any():
         raise fields.error("shape", "three integers")
     resolution = read_yaml_number(fields.content.get("resolution", FIELD_GRID.resolution))
-    if not 0.0 < resolution < math.inf:
-        raise fields.error("resolution", "a finite number of metres above 0")
+    least, most = _RESOLUTIONS
+    if not least <= resolution <= most:
+        raise fields.error("resolution", f"a number of metres from {least:g} to {most:g}")
     nx, ny, nz = (int(n) for n in shape)
     x, y, z = (float(metres) for metres in fields.vector("origin"))
-    return VoxelGrid((nx, ny, nz), resolution, (x, y, z))
+    try:
+        return VoxelGrid((nx, ny, nz), resolution, (x, y, z))
+    except ValueError as error:
+        raise SceneError(f"{fields.where}: {error}") from error
 
 
-def _solid(fields: _Fields, folder: Path, name: str) -> Solid:
+def _package_dirs(top: _Fields, folder: Path) -> tuple[str, ...]:
+    """Folders of ROS packages, which must exist."""
+    entries = top.content.get("package_dirs", [])
+    if not isinstance(entries, list) or not all(isinstance(entry, str) for entry in entries):
+        raise top.error("package_dirs", "a list of folders")
+    for entry in entries:
+        if "\0" in entry or not (folder / entry).is_dir():
+            raise SceneError(f"{top.where}: package_dirs: there is no folder {brief(entry)}")
+    return tuple(str(folder / entry) for entry in entries)
+
+
+def _solid(fields: _Fields, folder: Path, package_dirs: tuple[str, ...], name: str) -> Solid:
     """Make the solid of an entry."""
     fields.check_keys(*_OBJECT)
     kinds = [kind for kind in _KINDS if kind in fields.content]
@@ -158,6 +192,8 @@ def _solid(fields: _Fields, folder: Path, name: str) -> Solid:
             f"{fields.where}: expected one of {', '.join(_KINDS)}, not {kinds or 'none'}"
         )
     name, is_target = fields.string("name", name), fields.boolean("target", False)
+    if len(name) > _MAX_NAME_LENGTH or not name.isprintable():
+        raise fields.error("name", f"text of at most {_MAX_NAME_LENGTH} printable letters")
     position = fields.vector("position", default=0.0)
     rotation = rotation_from_rpy(*np.radians(fields.vector("rpy", default=0.0)))
     scale = _scale(fields)
@@ -166,17 +202,18 @@ def _solid(fields: _Fields, folder: Path, name: str) -> Solid:
         return solid_from_boxes(name, [corners], is_target=is_target)
     file = folder / fields.string(kinds[0])
     try:
-        shape: MeshShape = read_mesh(file) if kinds == ["mesh"] else read_urdf(file)
+        shape = shape_from_mesh(file) if kinds == ["mesh"] else shape_from_urdf(file, package_dirs)
+        vertices = shape.vertices * scale @ rotation.T + position
         return Solid(
             name,
-            shape.vertices * scale @ rotation.T + position,
+            vertices,
             shape.faces,
             tuple(part * scale @ rotation.T + position for part in shape.parts),
             is_target=is_target,
             is_concave=not shape.parts,
         )
     except ValueError as error:
-        raise SceneError(f"{fields.where}: {kinds[0]} {str(file)!r}: {error}") from error
+        raise SceneError(f"{fields.where}: {kinds[0]}: {error}") from error
 
 
 def _scale(fields: _Fields) -> Any:
@@ -186,6 +223,8 @@ def _scale(fields: _Fields) -> Any:
     scale = read_yaml_number(fields.content.get("scale", 1.0))
     if not 0.0 < scale < math.inf:
         raise fields.error("scale", "a finite number above 0, or three")
+    if scale > _MAX_NUMBER:
+        raise fields.error("scale", f"a number of at most {_MAX_NUMBER:g}, or three")
     return np.full(3, scale)
 
 
