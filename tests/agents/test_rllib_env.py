@@ -1,5 +1,8 @@
 """A team as an environment of RLlib; Ray does not run here."""
 
+import itertools
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from ray.rllib.env.env_context import EnvContext
@@ -108,13 +111,15 @@ def test_the_state_is_observed_where_the_critic_uses_it():
     assert "state" not in team(StatefulEnv).reset(seed=0)[0][0]
 
 
-def test_returns_and_times_are_recorded():
+def test_returns_and_times_are_recorded(monkeypatch):
+    clock = SimpleNamespace(perf_counter=itertools.count().__next__)
+    monkeypatch.setattr("coopmap_agents.rllib.env.time", clock)
     env = team()
     played(env)
     env.reset()
     env.step({0: np.zeros(1), 1: np.zeros(1)})
     assert env.returns == [5.0, 5.0]  # the second episode has not ended
-    assert 0 < env.seconds < 1
+    assert env.seconds == 8.0  # 2 resets and 6 steps; the clock ticks between start and end
 
 
 def test_closing_closes_the_environment():
