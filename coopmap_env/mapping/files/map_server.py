@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
+from coopmap_env.mapping.files.base import MapFileError
 from coopmap_env.mapping.files.map_server_image import read_map_server_image
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.log_odds import to_log_odds_fixed
@@ -142,9 +143,14 @@ def _png(probability: NDArray[np.float64]) -> bytes:
 def load_map_server(path: str | os.PathLike[str]) -> OccupancyMap:
     """Read a planar map that this library, map_saver or another writer of map_server's form wrote.
 
-    Cells above ``occupied_thresh`` and below ``free_thresh`` are at the map's clamp. Cells in
-    between are unknown in mode trinary and at their probability in scale; in raw, where thresholds
-    do not count, every known cell is at its probability.
+    Occupied and free cells are at the map's clamp. Cells between the thresholds are unknown in
+    mode trinary and at their probability in scale; in raw, where thresholds do not count, every
+    known cell is at its probability.
+
+    Warns
+    -----
+    UserWarning
+        As in `read_map_server_image`.
 
     Raises
     ------
@@ -155,24 +161,24 @@ def load_map_server(path: str | os.PathLike[str]) -> OccupancyMap:
     """
     image = read_map_server_image(path)
     fields, p = image.fields, image.occupancy
-    known = np.isfinite(p)
-    if fields.mode == "trinary":
-        occupied, free = p > fields.occupied_thresh, p < fields.free_thresh
-    elif fields.mode == "scale":
-        occupied, free = p >= fields.occupied_thresh, p <= fields.free_thresh
-    else:
+    sampled = np.isfinite(p)
+    if fields.mode == "raw":
         occupied, free = p >= 1.0, p <= 0.0
-    map_ = OccupancyMap(VoxelGrid(p.shape, fields.resolution, fields.origin))
+    else:
+        occupied, free = p >= fields.occupied_thresh, image.free
+    if fields.mode == "trinary":
+        sampled = occupied | free
+    try:
+        map_ = OccupancyMap(VoxelGrid(p.shape, fields.resolution, fields.origin))
+    except (ValueError, MemoryError) as error:
+        raise MapFileError(f"{path}: {error}") from error
     clamp = map_.log_odds_range.clamp
     log_odds_fixed = np.zeros(p.shape, dtype=np.int32)
-    between = known & ~occupied & ~free
-    if fields.mode != "trinary":
-        log_odds_fixed[between] = [
-            min(max(to_log_odds_fixed(value), -clamp), clamp) for value in p[between]
-        ]
-        between = np.zeros_like(between)
+    between = sampled & ~occupied & ~free
+    values, indices = np.unique(p[between], return_inverse=True)
+    levels = [min(max(to_log_odds_fixed(value), -clamp), clamp) for value in values.tolist()]
+    log_odds_fixed[between] = np.array(levels, dtype=np.int32)[indices]
     log_odds_fixed[occupied], log_odds_fixed[free] = clamp, -clamp
-    sampled = known & ~between
-    map_.log_odds_fixed[:] = np.where(sampled, log_odds_fixed, 0).ravel()
+    map_.log_odds_fixed[:] = log_odds_fixed.ravel()
     map_.sampled_mask[:] = sampled.ravel()
     return map_

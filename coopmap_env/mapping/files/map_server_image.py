@@ -1,14 +1,14 @@
 """Reading the files of ROS map_server: a YAML file and the image that it names.
 
-The gray value v of a pixel (0 to 255) is the occupancy of its cell,
+The gray value v of a pixel (0 to 255; of colours the mean of the channels) is the occupancy of its
+cell,
 
     p = (255 - v) / 255, or v / 255 if negate,
 
-occupied above ``occupied_thresh``, free below ``free_thresh``, unknown in between. The modes are
-``trinary`` (only these three verdicts), ``scale`` (values between the thresholds count as
-probabilities) and ``raw`` (v is a percentage, unknown above 100). Pixels that are not opaque are
-unknown in every mode, as in ``scale``; map_server mixes opacity into the gray value in ``trinary``,
-which makes black and white less certain.
+occupied from ``occupied_thresh`` on (>=), free up to ``free_thresh`` (<=), as in nav2_map_server;
+map_server of ROS 1 leaves a p that equals a threshold unknown. In between, a cell is unknown
+(mode ``trinary``), or p is its probability (``scale``). In mode ``raw`` v is a percentage, unknown
+above 100. Pixels that are not opaque are unknown in every mode.
 
 `read_map_server_image` serves occupancy maps (`load_map_server`) and recorded scenes alike.
 """
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,11 +26,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.extras import import_optional
-from coopmap_env.core.files import read_yaml_mapping, read_yaml_number
+from coopmap_env.core.files import brief, read_bytes, read_yaml_mapping, read_yaml_number
+from coopmap_env.mapping.files._gray_image import decode_gray_image
 from coopmap_env.mapping.files.base import MapFileError
 
 MODES = ("trinary", "scale", "raw")
+MAP_SAVER_UNKNOWN = 205
+"""Gray value that map_saver writes for unknown cells."""
+MAP_SAVER_GRAYS = (0, MAP_SAVER_UNKNOWN, 254)
+"""Gray values of a map that map_saver wrote: occupied, unknown, free."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +50,9 @@ class MapServerFields:
     negate: bool
     """White is occupied instead of black."""
     occupied_thresh: float
-    """Cells with a larger p are occupied."""
+    """Cells of this p or a larger one are occupied."""
     free_thresh: float
-    """Cells with a smaller p are free."""
+    """Cells of this p or a smaller one are free."""
     mode: str
     """One of `MODES`."""
 
@@ -61,28 +66,66 @@ class MapServerImage:
     """p of each cell in [0, 1], shape (nx, ny); NaN where unknown. The top row of the image has the
     largest y."""
 
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which cells are free, shape (nx, ny)."""
+        return self.occupancy <= self.fields.free_thresh
+
 
 def read_map_server_image(path: str | os.PathLike[str]) -> MapServerImage:
-    """Read a YAML file and its image (PGM or PNG, 8 or 16 bits per pixel).
+    """Read a YAML file and its image: PGM, PNG, PPM, PBM, BMP, GIF or JPEG, 8 or 16 bits per value.
+
+    Warns
+    -----
+    UserWarning
+        If ``free_thresh`` makes cells free that map_saver wrote as unknown.
 
     Raises
     ------
     MapFileError
-        With file and field, if a file is missing or unreadable, or a field is not as expected.
+        With file and field, if a file is missing, unreadable or too large, or a field is not as
+        expected.
     ImportError
         With the pip command, if PyYAML or Pillow is not installed.
     """
     path = Path(path)
     fields = _read_fields(path)
-    gray, opaque = _read_image(path, fields.image)
-    if fields.mode == "raw":
-        p = gray / 100.0
-    elif fields.negate:
-        p = gray / 255.0
-    else:
-        p = (255.0 - gray) / 255.0
-    occupancy = np.where(opaque & (p <= 1.0), p, np.nan)
+    try:
+        gray, opaque = decode_gray_image(read_bytes(fields.image, MapFileError))
+        _warn_of_free_unknown_cells(path, fields, gray)
+        occupancy = _to_occupancy(fields, gray)
+    except (ValueError, MemoryError) as error:
+        raise MapFileError(
+            f"{path}: image must name a readable PGM or PNG file, not {str(fields.image)!r:.300}: "
+            f"{str(error) or type(error).__name__}"
+        ) from error
+    if opaque is not None:
+        occupancy[~opaque] = np.nan
     return MapServerImage(fields, np.ascontiguousarray(occupancy[::-1].T))
+
+
+def _to_occupancy(fields: MapServerFields, gray: NDArray[np.float64]) -> NDArray[np.float64]:
+    if fields.mode == "raw":
+        percentage = np.rint(gray)
+        return np.where(percentage <= 100.0, percentage / 100.0, np.nan)
+    return gray / 255.0 if fields.negate else (255.0 - gray) / 255.0
+
+
+def _warn_of_free_unknown_cells(
+    path: Path, fields: MapServerFields, gray: NDArray[np.float64]
+) -> None:
+    p_unknown = (255 - MAP_SAVER_UNKNOWN) / 255
+    if fields.mode == "raw" or fields.negate or fields.free_thresh < p_unknown:
+        return
+    n_unknown = int(np.count_nonzero(gray == MAP_SAVER_UNKNOWN))
+    if n_unknown and np.isin(gray, MAP_SAVER_GRAYS).all():
+        warnings.warn(
+            f"{path}: free_thresh {fields.free_thresh} makes {n_unknown} cells free that have the "
+            f"gray value {MAP_SAVER_UNKNOWN}, which map_saver writes for unknown: to keep them "
+            "unknown, set free_thresh to 0.196",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 def _read_fields(path: Path) -> MapServerFields:
@@ -120,7 +163,9 @@ class _Fields:
         return self.content[field]
 
     def error(self, field: str, expected: str) -> MapFileError:
-        return MapFileError(f"{self.path}: {field} must be {expected}, not {self.content[field]!r}")
+        return MapFileError(
+            f"{self.path}: {field} must be {expected}, not {brief(self.content[field])}"
+        )
 
     def image(self) -> str:
         name = self.value("image")
@@ -159,22 +204,6 @@ class _Fields:
         if "mode" not in self.content:
             return "trinary"
         mode = self.content["mode"]
-        if mode not in MODES:
+        if not isinstance(mode, str) or mode.lower() not in MODES:
             raise self.error("mode", f"one of {', '.join(MODES)}")
-        return str(mode)
-
-
-def _read_image(path: Path, image: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Gray values (rows, columns) from 0 to 255, and which pixels are opaque."""
-    pillow = import_optional("PIL.Image", "maps")
-    try:
-        with pillow.open(image) as file:
-            if file.mode.startswith("I"):  # 16 bits per pixel
-                gray = np.asarray(file, dtype=np.float64) / 257
-                return gray, np.ones(gray.shape, dtype=np.bool_)
-            pixels = np.asarray(file.convert("RGBA"), dtype=np.float64)
-    except (OSError, ValueError, SyntaxError, EOFError, pillow.DecompressionBombError) as error:
-        raise MapFileError(
-            f"{path}: image must name a readable PGM or PNG file, not {str(image)!r}: {error}"
-        ) from error
-    return pixels[:, :, :3].mean(axis=2), pixels[:, :, 3] == 255
+        return mode.lower()

@@ -1,9 +1,9 @@
 """Recorded maps as scenes: a ROS map_server YAML file and the image that it names.
 
 How gray values become occupancies is described in `coopmap_env.mapping.files.map_server_image`. A
-cell is free where its occupancy is below ``free_thresh``. All other cells count as occupied in the
-world's truth, unknown ones too: nothing is known to be free there, so no robot may start there or
-be credited for seeing beyond.
+cell is free where its occupancy is at most ``free_thresh``, in mode raw too. All other cells count
+as occupied in the world's truth, unknown ones too: nothing is known to be free there, so no robot
+may start there or be credited for seeing beyond.
 """
 
 import os
@@ -44,9 +44,11 @@ def read_map_server(path: str | os.PathLike[str], pool: int = 1) -> RecordedMap:
     except MapFileError as error:
         raise SceneError(str(error)) from error
     fields = image.fields
-    occupied = max_pool(~(image.occupancy < fields.free_thresh), pool)
+    occupied = max_pool(~image.free, pool)
     try:
         world = PlanarWorld(occupied, fields.resolution * pool, fields.origin, path.stem)
-    except ValueError as error:
-        raise SceneError(f"{path}: image {str(fields.image)!r} makes no world: {error}") from error
+    except (ValueError, OverflowError, MemoryError) as error:
+        raise SceneError(
+            f"{path}: image {str(fields.image)!r:.300} makes no world: {error}"
+        ) from error
     return RecordedMap(world)

@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import Bounds, Positive, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar._blocks import scatter_blocks
 from coopmap_env.simulation.scenes.planar.world import CellsPerSide, PlanarWorld
@@ -50,6 +51,7 @@ class Obstacles(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_cells(self.shape, f"Obstacles.shape {self.shape}")
         if not self.resolution <= self.side_min <= self.side_max:
             raise ValueError(
                 "Obstacles needs resolution <= side_min <= side_max, got "

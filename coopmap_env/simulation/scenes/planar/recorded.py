@@ -71,7 +71,7 @@ def max_pool(occupied: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
     """
     if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 1:
         raise ValueError(f"pool must be an integer of at least 1, not {factor!r}")
-    n_x, n_y = (-(-side // factor) for side in occupied.shape)
-    padded = np.zeros((n_x * factor, n_y * factor), dtype=np.bool_)
-    padded[: occupied.shape[0], : occupied.shape[1]] = occupied
-    return np.logical_or.reduce(padded.reshape(n_x, factor, n_y, factor), axis=(1, 3))
+    for axis, side in enumerate(occupied.shape):
+        starts = np.arange(0, side, min(factor, side))
+        occupied = np.logical_or.reduceat(occupied, starts, axis=axis)
+    return occupied

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
+from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import NonNegative, Positive, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar._floor_plan import (
     FloorPlanSizes,
@@ -58,6 +59,7 @@ class Rooms(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_cells(self.shape, f"Rooms.shape {self.shape}")
         sizes = self._sizes_in_cells
         if sizes.door > min(sizes.room_min, sizes.corridor):
             raise ValueError(

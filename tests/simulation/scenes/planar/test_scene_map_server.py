@@ -175,7 +175,7 @@ def test_raw_with_negate_is_an_error_because_its_readers_disagree(tmp_path):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(SceneError, match=r"nowhere\.yaml: cannot be read"):
+    with pytest.raises(SceneError, match=r"nowhere\.yaml: there is no such file"):
         read_map_server(tmp_path / "nowhere.yaml")
 
 
