@@ -5,7 +5,7 @@ PYTHON ?= python3
 TORCH ?= torch==2.13.0
 BIN := .venv/bin
 OUT ?= results/section3
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name __pycache__)
 
 SEEDS := 0 1 2
@@ -23,10 +23,12 @@ POLICIES := planar-candidates planar-candidates-rating planar-pose field-candida
 setup: .venv/.package
 
 # torch comes first and pinned: asked for later, another package would pull its GPU build.
+# Files are compiled at the end, on all processors; pip would use one. Templates among them fail.
 .venv/.dependencies: pyproject.toml setup.py constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(PIP) $(TORCH)
 	$(PIP) --editable ".[dev]" --config-settings editable_mode=strict
+	$(BIN)/python -W ignore -m compileall -qq -j 0 .venv/lib || true
 	touch $@
 
 # A strict editable install links single files, so it is renewed when a folder gains or loses one;
@@ -42,7 +44,7 @@ check: setup
 	$(BIN)/lint-imports
 
 test: check
-	$(BIN)/python -m pytest --numprocesses auto
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 reproduce: setup
 	$(BIN)/coopmap reproduce --quick --out $(OUT)
