@@ -127,7 +127,7 @@ def read_yaml_mapping(
     Raises
     ------
     error_type
-        Also if it is not YAML, has an alias or holds no mapping.
+        Also if it is not YAML, has an alias or a field twice, or holds no mapping.
     ImportError
         With the pip command, if PyYAML is not installed.
     """
@@ -143,6 +143,17 @@ def read_yaml_mapping(
                     "cannot be read: write its value in full"
                 )
             return super().compose_node(parent, index)
+
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            names: set[str] = set()
+            for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+                if isinstance(key, yaml.ScalarNode) and key.value in names:
+                    raise error_type(
+                        f"{path}, line {key.start_mark.line + 1}: {brief(key.value)} is there "
+                        "twice: YAML does not say which one counts"
+                    )
+                names.add(str(key.value))
+            return super().construct_mapping(node, deep)
 
     try:
         content = yaml.load(text, LoaderWithoutAliases)
@@ -200,7 +211,7 @@ def parse_xml(content: bytes, name: str, error_type: type[FileError] = FileError
 def brief(value: object) -> str:
     """Representation of a value from a file, cut to about a line however large it is."""
     shorter = reprlib.Repr()
-    shorter.maxlevel, shorter.maxstring, shorter.maxother = 3, 60, 60
+    shorter.maxlevel, shorter.maxstring, shorter.maxother = 3, 60, 100
     try:
         return shorter.repr(value)[:200]
     except Exception:  # what has no representation, such as an integer of over 4,300 digits

@@ -107,6 +107,15 @@ def test_yaml_that_is_no_mapping_is_refused_in_few_words(tmp_path, text):
     assert len(message) < len(str(tmp_path)) + 700
 
 
+def test_a_field_of_yaml_that_is_there_twice_is_refused_with_its_line(tmp_path):
+    text = b"image: a\nmode: raw\nimage: b\n"
+    assert "line 3: 'image' is there twice" in read_error(
+        read_yaml_mapping, tmp_path / "a.yaml", text
+    )
+    nested = b"a: {b: [{c: 1, c: 2}]}"
+    assert "'c' is there twice" in read_error(read_yaml_mapping, tmp_path / "a.yaml", nested)
+
+
 @pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "1" * 5000, "\xff"])
 def test_text_that_is_no_json_is_refused(tmp_path, text):
     read_error(read_json, tmp_path / "a.json", text.encode("latin-1"))

@@ -17,8 +17,13 @@ from coopmap_env.simulation.scenes.field._voxel_truth import is_closed
 
 _CONVEXITY_TOLERANCE = 1e-3
 """A part counts as convex if it fills its hull but for this fraction of the volume."""
+_MAX_PARTS = 1000
+"""Convex parts of one solid: each is a body of the physics."""
 _NO_AREA = 1e-12
 """A part whose area is less than this fraction of its extent's square is a line or a point."""
+
+MAX_VERTICES, MAX_FACES = 130_000, 170_000
+"""Of one solid: PyBullet takes 131,072 vertices and 524,288 indices for a shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,34 +84,72 @@ def shape_from_urdf(path: Path, package_dirs: Sequence[str] = ()) -> MeshShape:
 
 def _join_meshes(meshes: Iterable[Any], path: Path) -> MeshShape:
     """Join meshes of trimesh."""
-    trimesh = import_optional("trimesh", "field")
-    vertices, faces, parts, n = [], [], [], 0
-    n_open = 0
-    for surface in meshes:
-        mesh = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
-        mesh.merge_vertices()
-        kept = _faces_with_area(mesh.vertices, mesh.faces)
-        if len(kept) == 0:
+    joined, vertices, faces, n = [], [], [], 0
+    is_open = False
+    for mesh in map(_merged, meshes):
+        if len(mesh.faces) == 0:
             continue
-        mesh = trimesh.Trimesh(mesh.vertices, kept, process=False)
         vertices.append(np.asarray(mesh.vertices, dtype=np.float64))
-        faces.append(kept + n)
+        faces.append(np.asarray(mesh.faces, dtype=np.int64) + n)
         n += len(mesh.vertices)
-        if is_closed(kept):
-            parts += list(mesh.split(only_watertight=False))
-        else:
-            n_open += 1
+        is_open = is_open or not is_closed(mesh.faces)
+        joined.append(mesh)
     if not faces:
         raise SceneError(f"{path}: it has no surface with an area")
-    if n_open:
+    _check_size(n, sum(map(len, faces)), path)
+    if is_open:
         warnings.warn(
             f"{path}: the surface is open or its faces do not all point outwards; voxels inside "
             "of it count as free, only those on the surface as occupied",
             stacklevel=2,
         )
-    is_convex = not n_open and all(_is_convex(part) for part in parts)
-    hulls = tuple(np.asarray(part.vertices) for part in parts) if is_convex else ()
-    return MeshShape(np.concatenate(vertices), np.concatenate(faces), hulls)
+    parts = () if is_open else _convex_parts(joined)
+    return MeshShape(np.concatenate(vertices), np.concatenate(faces), parts)
+
+
+def _convex_parts(meshes: Sequence[Any]) -> tuple[NDArray[np.float64], ...]:
+    """Points of the connected parts of closed meshes; none if one is not convex."""
+    if sum(mesh.body_count for mesh in meshes) > _MAX_PARTS:
+        return ()
+    parts = [part for mesh in meshes for part in mesh.split(only_watertight=False)]
+    if not all(map(_is_convex, parts)):
+        return ()
+    return tuple(np.asarray(part.vertices) for part in parts)
+
+
+def _check_size(n_vertices: int, n_faces: int, path: Path) -> None:
+    for size, limit, what in (
+        (n_vertices, MAX_VERTICES, "vertices"),
+        (n_faces, MAX_FACES, "triangles"),
+    ):
+        if size > limit:
+            raise SceneError(
+                f"{path} has {size:,} {what}, more than the physics takes for one solid "
+                f"({limit:,}): simplify it, or divide it into several objects"
+            )
+
+
+def _merged(mesh: Any) -> Any:
+    """A mesh of trimesh without the parts, the copies of faces and the vertices that are nothing.
+
+    Equal vertices are one.
+    """
+    trimesh = import_optional("trimesh", "field")
+    used, faces = np.unique(np.asarray(mesh.faces, dtype=np.int64), return_inverse=True)
+    merged = trimesh.Trimesh(mesh.vertices[used], faces.reshape(-1, 3), process=False)
+    merged.merge_vertices()
+    kept = _faces_with_area(merged.vertices, merged.faces)
+    once = _without_copies(kept)
+    if len(kept) and (is_closed(once) or not is_closed(kept)):
+        kept = once
+    used, faces = np.unique(kept, return_inverse=True)
+    return trimesh.Trimesh(merged.vertices[used], faces.reshape(-1, 3), process=False)
+
+
+def _without_copies(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The faces without repetitions: double-sided surfaces have each of them turned over, too."""
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return faces[np.sort(first)]
 
 
 def _faces_with_area(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -140,14 +183,15 @@ def _faces_with_area(vertices: NDArray[np.float64], faces: NDArray[np.int64]) ->
 
 def _is_convex(mesh: Any) -> bool:
     """Whether a connected mesh is closed and fills its convex hull."""
-    from scipy.spatial import QhullError
+    from scipy.spatial import ConvexHull, QhullError
 
     if not mesh.is_watertight:
         return False
+    points = mesh.vertices - mesh.vertices.mean(axis=0)
     try:
-        hull_volume = mesh.convex_hull.volume
+        hull_volume = ConvexHull(points).volume
     except QhullError:  # flat
         return False
-    return bool(
-        hull_volume > 0.0 and abs(mesh.volume) >= (1.0 - _CONVEXITY_TOLERANCE) * hull_volume
-    )
+    a, b, c = np.moveaxis(points[mesh.faces], 1, 0)
+    volume = abs(np.einsum("fk,fk->", a, np.cross(b, c)) / 6.0)
+    return bool(volume >= (1.0 - _CONVEXITY_TOLERANCE) * hull_volume > 0.0)
