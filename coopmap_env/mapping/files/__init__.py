@@ -70,17 +70,16 @@ def load_map(path: str | os.PathLike[str]) -> OccupancyMap:
     Raises
     ------
     MapFileError
-        If the file is missing, broken or truncated.
-    ValueError
-        If the suffix is not in the table above, or holds surfaces only (``.ply``).
+        If the file is missing, broken, truncated or too large, or its suffix is not in the table
+        above or holds surfaces only (``.ply``).
     ImportError
         With the pip command, if the format's library is not installed.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".ply":
-        raise ValueError(f"{path} holds surface estimates, not a map: use load_surfaces")
+        raise MapFileError(f"{path}: surface estimates are no map: use load_surfaces")
     if suffix not in LOADERS:
-        raise ValueError(f"maps are read from {', '.join(LOADERS)}, not {str(path)!r}")
+        raise MapFileError(f"{path}: maps are read from {', '.join(LOADERS)}, not {suffix!r}")
     return LOADERS[suffix](path)
 
 

@@ -3,17 +3,22 @@
 Each vertex is the merged surface point of one hit cell: x, y, z, the six numbers of its symmetric
 covariance, the cell's occupancy probability and its flat index. Viewers that do not know the
 extra properties show the points. Binary files, and ASCII ones with 17 digits, keep every bit.
+Files of other programs may have line ends of Windows or old Macs, and either order of bytes.
 """
 
 from __future__ import annotations
 
+import io
 import os
+import re
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import read_bytes, write_atomically
+from coopmap_env.core.files import brief, read_bytes, write_atomically
+from coopmap_env.core.limits import check_cells
 from coopmap_env.mapping.files.base import MapFileError
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
@@ -30,6 +35,7 @@ PLY_DTYPES = {
     "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8",
 }  # fmt: skip
 PLY_TYPE_NAMES = {"<f8": "double", "<i4": "int"}
+_FIRST_LINE = re.compile(rb"ply[ \t]*(\r\n|\n|\r)")
 DIMENSION_COMMENT = "coopmap dimension"
 """Comment with the dimension of the map; in planar maps, z and covariances along z are 0."""
 
@@ -96,52 +102,73 @@ def load_surfaces(path: str | os.PathLike[str]) -> SurfaceEstimates:
     Raises
     ------
     MapFileError
-        If the file is missing, broken or truncated, or lacks one of the properties.
+        If the file is missing, broken, truncated or too large, lacks one of the properties, or has
+        values that are no surface estimates.
     """
     content = read_bytes(path, MapFileError)
-    head, found, body = content.partition(b"end_header\n")
-    lines = head.decode("ascii", errors="replace").splitlines()
-    if not found or not lines or lines[0] != "ply":
-        raise MapFileError(f"{path} is no PLY file")
-    count, row, dimension = _vertices(path, lines)
     try:
-        if "format ascii 1.0" in lines:
-            values = [tuple(line.split()) for line in body.decode("ascii").splitlines()[:count]]
-            rows = np.array(values, dtype=row)
-        elif "format binary_little_endian 1.0" in lines:
-            rows = np.frombuffer(body, dtype=row, count=count)
-        else:
-            raise MapFileError(f"{path}: expected PLY format ascii or binary_little_endian 1.0")
-    except (ValueError, TypeError) as error:
-        if isinstance(error, MapFileError):
-            raise
-        raise MapFileError(f"{path} is truncated or broken: {error}") from error
-    if len(rows) != count:
-        raise MapFileError(f"{path} is truncated: {len(rows)} of {count} vertices")
-    return _surfaces(rows, dimension)
+        header, body = _split(content)
+        form, count, row, dimension = _parse_header(header)
+        check_cells([count], "element vertex")
+        return _surfaces(_read_rows(form, body, row, count), dimension)
+    except (ValueError, MemoryError) as error:
+        raise MapFileError(f"{path}: {error}") from error
 
 
-def _vertices(path: str | os.PathLike[str], lines: list[str]) -> tuple[int, np.dtype, int]:
-    """Number and type of the vertices, which come first, and the map's dimension."""
+def _split(content: bytes) -> tuple[list[str], bytes]:
+    """Lines of the header, and what follows it."""
+    first = _FIRST_LINE.match(content)
+    if first is None:
+        raise ValueError("this is no PLY file")
+    end = re.search(rb"[\r\n]end_header[ \t]*" + first[1], content)
+    if end is None:
+        raise ValueError("broken PLY file: it has no end_header")
+    return content[: end.start()].decode("ascii", "replace").splitlines(), content[end.end() :]
+
+
+def _parse_header(lines: list[str]) -> tuple[str, int, np.dtype, int]:
+    """Format, number and type of the vertices, which come first, and the map's dimension."""
+    form, dimension = "", 3
     elements: list[tuple[str, int]] = []
     fields: list[tuple[str, str]] = []
-    dimension = 3
     for line in lines:
         words = line.split()
-        if line.startswith(f"comment {DIMENSION_COMMENT}"):
+        if words[:3] == ["comment", *DIMENSION_COMMENT.split()]:
             dimension = 2 if words[-1] == "2" else 3
-        elif words[:1] == ["element"] and len(words) == 3 and words[2].isdigit():
+        elif words[:1] == ["format"]:
+            form = " ".join(words[1:])
+        elif words[:1] == ["element"]:
+            if len(words) != 3 or not re.fullmatch(r"[0-9]{1,18}", words[2]):
+                raise ValueError(f"cannot read {line!r:.100}")
             elements.append((words[1], int(words[2])))
         elif words[:1] == ["property"] and len(elements) == 1:
             if len(words) != 3 or words[1] not in PLY_DTYPES:
-                raise MapFileError(f"{path}: cannot read the vertices' {line!r}")
+                raise ValueError(f"cannot read the vertices' {line!r:.100}")
             fields.append((words[2], PLY_DTYPES[words[1]]))
     if not elements or elements[0][0] != "vertex":
-        raise MapFileError(f"{path}: expected element vertex first, got {elements}")
+        raise ValueError(f"expected element vertex first, got {brief(elements)}")
     missing = [name for name in VERTEX_DTYPE.names or () if name not in dict(fields)]
-    if missing or len(dict(fields)) != len(fields):
-        raise MapFileError(f"{path} lacks the vertex properties {missing} of surface estimates")
-    return elements[0][1], np.dtype(fields), dimension
+    if missing:
+        raise ValueError(f"it lacks the vertex properties {missing} of surface estimates")
+    if len(dict(fields)) != len(fields):
+        raise ValueError("two of its vertex properties have the same name")
+    return form, elements[0][1], np.dtype(fields), dimension
+
+
+def _read_rows(form: str, body: bytes, row: np.dtype, count: int) -> NDArray[np.void]:
+    if form == "ascii 1.0":
+        text = io.StringIO(body.decode("ascii"), newline=None)
+        lines = list(islice((line for line in text if line.strip()), count))
+        rows = np.loadtxt(lines, row, comments=None, ndmin=1) if lines else np.zeros(0, row)
+    elif form in ("binary_little_endian 1.0", "binary_big_endian 1.0"):
+        row = row.newbyteorder("<" if "little" in form else ">")
+        n_whole = min(count, len(body) // row.itemsize)
+        rows = np.frombuffer(body, row, n_whole)
+    else:
+        raise ValueError(f"expected a PLY format ascii or binary of version 1.0, not {form!r:.100}")
+    if len(rows) != count:
+        raise ValueError(f"it is truncated: {len(rows)} of {count} vertices")
+    return np.asarray(rows)
 
 
 def _surfaces(rows: NDArray[np.void], d: int) -> SurfaceEstimates:
@@ -150,9 +177,16 @@ def _surfaces(rows: NDArray[np.void], d: int) -> SurfaceEstimates:
         i, j = "xyz".index(pair[0]), "xyz".index(pair[1])
         covariances[:, i, j] = covariances[:, j, i] = rows[f"covariance_{pair}"]
     means = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+    probability = rows["probability"].astype(np.float64)
+    if not (np.isfinite(means).all() and np.isfinite(covariances).all()):
+        raise ValueError("its points and covariances must be finite")
+    if not ((probability >= 0) & (probability <= 1)).all():
+        raise ValueError("the probability of each vertex must lie in [0, 1]")
+    if rows["cell"].dtype.kind not in "iu" or (rows["cell"] < 0).any():
+        raise ValueError("the cell of each vertex must be an integer of at least 0")
     return SurfaceEstimates(
         rows["cell"].astype(np.int64),
         means[:, :d].copy(),
         covariances[:, :d, :d].copy(),
-        rows["probability"].astype(np.float64),
+        probability,
     )
