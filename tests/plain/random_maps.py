@@ -1,23 +1,24 @@
-"""Maps with every kind of cell, and all their bits."""
+"""Random maps, written cell by cell rather than scanned."""
 
-import numpy as np
-from plain.random_scans import random_scan
-
-from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
-
-PLANAR_GRID = VoxelGrid((14, 11), 0.5, (-2.0, 1.0))
-FIELD_GRID = VoxelGrid((9, 7, 8), 0.25, (0.55, -1.0, 2.0))
+from coopmap_env.mapping import OccupancyMap, VoxelGrid, to_log_odds_fixed
 
 
-def random_map(grid, n_scans=8, seed=0):
-    rng = np.random.default_rng(seed)
-    map_ = OccupancyMap(grid, BeamModel(0.01, 0.97, "anywhere"), LogOddsRange(0.995))
-    for _ in range(n_scans):
-        map_.integrate(random_scan(rng, grid, 12))
-    map_.log_odds_fixed[7], map_.sampled_mask[7] = 0, 1
+def set_cells(map_, cells, probability):
+    """Mark cells (flat indices) as sampled, with this probability."""
+    map_.log_odds_fixed[cells] = to_log_odds_fixed(probability)
+    map_.sampled_mask[cells] = 1
+
+
+def random_map(rng, shape, unknown=0.3, occupied=0.1, resolution=1.0, origin=(0.0, 0.0)):
+    """Cells that are unknown, occupied, free, or sampled and undecided."""
+    map_ = OccupancyMap(VoxelGrid(shape, resolution, origin))
+    n, clamp = map_.grid.n_cells, map_.log_odds_range.clamp
+    kind = rng.random(n)
+    log_odds_fixed = rng.integers(-clamp, -clamp // 2, n)
+    log_odds_fixed[kind < unknown + occupied] = rng.integers(0, clamp + 1)
+    undecided = rng.random(n) < 0.1
+    log_odds_fixed[undecided] = rng.integers(-clamp // 2, clamp // 2, undecided.sum())
+    log_odds_fixed[kind < unknown] = 0
+    map_.log_odds_fixed[:] = log_odds_fixed
+    map_.sampled_mask[:] = kind >= unknown
     return map_
-
-
-def state(map_):
-    arrays = (map_.log_odds_fixed, map_.sampled_mask, *map_.information_form())
-    return [(array.dtype, array.tobytes()) for array in arrays]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
-from plain.random_maps import random_map, state
+from plain.scanned_maps import scanned_map, state
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files import (
@@ -103,7 +103,7 @@ def test_missing_truncated_and_foreign_files_are_rejected_by_name(tmp_path, name
     path = tmp_path / name
     with pytest.raises(MapFileError, match=name):
         load(path)
-    save_map(random_map(VoxelGrid((14, 11), 0.5, (-2.0, 1.0))), path)
+    save_map(scanned_map(VoxelGrid((14, 11), 0.5, (-2.0, 1.0))), path)
     content = path.read_bytes()
     for wrong in (b"", b"\xff\x00junk", content[: len(content) // 2], content[:40]):
         path.write_bytes(wrong)
@@ -112,7 +112,7 @@ def test_missing_truncated_and_foreign_files_are_rejected_by_name(tmp_path, name
 
 
 def test_a_failed_write_leaves_the_old_file_and_no_remains(tmp_path, monkeypatch):
-    map_ = random_map(VoxelGrid((14, 11)))
+    map_ = scanned_map(VoxelGrid((14, 11)))
     for name in ("map.npz", "map.ply", "map.yaml"):
         save_map(map_, tmp_path / name)
     old = {file.name: file.read_bytes() for file in tmp_path.iterdir()}

@@ -7,8 +7,8 @@ import zipfile
 import numpy as np
 import pytest
 from plain.memory import memory_below
-from plain.random_maps import FIELD_GRID, PLANAR_GRID, random_map, state
 from plain.random_scans import random_scan
+from plain.scanned_maps import FIELD_GRID, PLANAR_GRID, scanned_map, state
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files import MapFileError, load_map, save_map
@@ -19,7 +19,7 @@ GRIDS = [pytest.param(PLANAR_GRID, id="2-D"), pytest.param(FIELD_GRID, id="3-D")
 @pytest.mark.parametrize("n_scans", [0, 8])
 @pytest.mark.parametrize("grid", GRIDS)
 def test_an_npz_file_keeps_every_bit(tmp_path, grid, n_scans):
-    map_ = random_map(grid, n_scans)
+    map_ = scanned_map(grid, n_scans)
     save_map(map_, tmp_path / "map.npz")
     back = load_map(tmp_path / "map.npz")
     assert state(back) == state(map_)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plain.random_maps import FIELD_GRID, PLANAR_GRID, random_map
+from plain.scanned_maps import FIELD_GRID, PLANAR_GRID, scanned_map
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files import (
@@ -20,7 +20,7 @@ GRIDS = [pytest.param(PLANAR_GRID, id="2-D"), pytest.param(FIELD_GRID, id="3-D")
 @pytest.mark.parametrize("ascii_", [False, True])
 @pytest.mark.parametrize("grid", GRIDS)
 def test_a_ply_file_keeps_every_bit_of_the_surfaces(tmp_path, grid, ascii_):
-    map_ = random_map(grid)
+    map_ = scanned_map(grid)
     save_surfaces(map_, tmp_path / "map.ply", ascii_)
     back, here = load_surfaces(tmp_path / "map.ply"), SurfaceEstimates.from_map(map_)
     assert len(here.cells) > 5
@@ -34,7 +34,7 @@ def test_a_ply_file_keeps_every_bit_of_the_surfaces(tmp_path, grid, ascii_):
 @pytest.mark.parametrize("ascii_", [False, True])
 def test_trimesh_reads_points_and_covariances_of_a_ply_file(tmp_path, ascii_):
     trimesh = pytest.importorskip("trimesh")
-    map_ = random_map(VoxelGrid((9, 7, 8), 0.25, (0.55, -1.0, 2.0)))
+    map_ = scanned_map(VoxelGrid((9, 7, 8), 0.25, (0.55, -1.0, 2.0)))
     save_surfaces(map_, tmp_path / "map.ply", ascii_)
     cloud = trimesh.load(tmp_path / "map.ply")
     surfaces = SurfaceEstimates.from_map(map_)
@@ -52,7 +52,7 @@ def test_a_map_without_surfaces_is_a_ply_file_without_vertices(tmp_path):
 def test_a_ply_file_that_lacks_a_vertex_or_a_property_is_rejected(tmp_path):
     path = tmp_path / "map.ply"
     for ascii_ in (False, True):
-        save_surfaces(random_map(VoxelGrid((14, 11))), path, ascii_)
+        save_surfaces(scanned_map(VoxelGrid((14, 11))), path, ascii_)
         content = path.read_bytes()
         path.write_bytes(content[:-3] if not ascii_ else content.rsplit(b"\n", 2)[0])
         with pytest.raises(MapFileError, match="truncated"):
@@ -80,7 +80,7 @@ def ply_forms(content, ascii_):
 
 @pytest.mark.parametrize("ascii_", [False, True])
 def test_line_ends_orders_of_bytes_and_further_elements_change_no_bit(tmp_path, ascii_):
-    map_ = random_map(VoxelGrid((14, 11), 0.5, (-2.0, 1.0)))
+    map_ = scanned_map(VoxelGrid((14, 11), 0.5, (-2.0, 1.0)))
     save_surfaces(map_, tmp_path / "map.ply", ascii_)
     here = load_surfaces(tmp_path / "map.ply")
     for content in ply_forms((tmp_path / "map.ply").read_bytes(), ascii_):
@@ -117,7 +117,7 @@ def replace_count(content, vertices, number):
 
 
 def test_a_broken_ply_file_is_rejected_with_its_name_and_what_is_wrong(tmp_path):
-    save_surfaces(random_map(VoxelGrid((14, 11))), tmp_path / "map.ply", ascii_=True)
+    save_surfaces(scanned_map(VoxelGrid((14, 11))), tmp_path / "map.ply", ascii_=True)
     content = (tmp_path / "map.ply").read_bytes()
     for message, wrong in broken_ply(content):
         assert wrong != content

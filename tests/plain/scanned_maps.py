@@ -1,0 +1,23 @@
+"""Maps with every kind of cell, and all their bits."""
+
+import numpy as np
+from plain.random_scans import random_scan
+
+from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
+
+PLANAR_GRID = VoxelGrid((14, 11), 0.5, (-2.0, 1.0))
+FIELD_GRID = VoxelGrid((9, 7, 8), 0.25, (0.55, -1.0, 2.0))
+
+
+def scanned_map(grid, n_scans=8, seed=0):
+    rng = np.random.default_rng(seed)
+    map_ = OccupancyMap(grid, BeamModel(0.01, 0.97, "anywhere"), LogOddsRange(0.995))
+    for _ in range(n_scans):
+        map_.integrate(random_scan(rng, grid, 12))
+    map_.log_odds_fixed[7], map_.sampled_mask[7] = 0, 1
+    return map_
+
+
+def state(map_):
+    arrays = (map_.log_odds_fixed, map_.sampled_mask, *map_.information_form())
+    return [(array.dtype, array.tobytes()) for array in arrays]
