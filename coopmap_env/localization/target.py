@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.geometry import Pose, rotation_about_z
 
 Array = NDArray[np.float64]
@@ -78,13 +79,13 @@ class TargetModel:
         triangles = triangles[areas > 0]
         triangles.setflags(write=False)
         object.__setattr__(self, "triangles", triangles)
-        object.__setattr__(self, "normals", normals[areas > 0])
-        object.__setattr__(self, "areas", areas[areas > 0])
+        object.__setattr__(self, "normals", freeze(normals[areas > 0]))
+        object.__setattr__(self, "areas", freeze(areas[areas > 0]))
 
     @cached_property
     def planes(self) -> TargetPlanes:
         """Planes of the triangles."""
-        return TargetPlanes(self.normals, np.ascontiguousarray(self.triangles[:, 0]))
+        return freeze(TargetPlanes(self.normals, np.ascontiguousarray(self.triangles[:, 0])))
 
     @property
     def area(self) -> float:
@@ -94,7 +95,7 @@ class TargetModel:
     @cached_property
     def bounds(self) -> Array:
         """Lower and upper corner (2, 3) of the target's bounding box, metres."""
-        return np.stack([self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))])
+        return freeze(np.stack([self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))]))
 
     @property
     def center_xy(self) -> Array:
@@ -104,7 +105,7 @@ class TargetModel:
     @cached_property
     def samples(self) -> tuple[Array, Array]:
         """Points (n, 3) about `spacing` apart on the surface, and their unit normals (n, 3)."""
-        return self.sample_surface(max(round(self.area / self.spacing**2), 64))
+        return freeze(self.sample_surface(max(round(self.area / self.spacing**2), 64)))
 
     def sample_surface(self, n: int) -> tuple[Array, Array]:
         """N points (n, 3), evenly on the surface, and their unit normals (n, 3).

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import Chain, Vehicle
 
@@ -85,7 +86,7 @@ def simplified_links(chain: Chain) -> tuple[tuple[int, NDArray[np.float64]], ...
         ]  # fmt: skip
         vertices, faces = cluster_vertices(np.concatenate(placed), MESH_DETAIL)
         parts.append((int(links[0]), vertices[faces]))
-    return tuple(parts)
+    return freeze(tuple(parts))
 
 
 def robot_triangles(vehicle: Vehicle, q: ArrayLike) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.arguments import check_choice
+from coopmap_env.core.caches import freeze
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Chain, Mount, frame_poses
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
@@ -244,7 +245,7 @@ def _vehicle_meshes(chain: Chain) -> VehicleMeshes:
     static_triangles = np.concatenate(of_body.pop(0))
     bodies = np.array(sorted(of_body), dtype=np.int64)
     meshes = [TracedMesh(np.concatenate(of_body[b])) for b in bodies.tolist()]
-    return VehicleMeshes(bodies, meshes, static_triangles)
+    return freeze(VehicleMeshes(bodies, meshes, static_triangles))
 
 
 def _camera_position(chain: Chain) -> NDArray[np.float64]:

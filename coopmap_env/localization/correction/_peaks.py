@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.core.kernels import kernel
 from coopmap_env.localization.correction.voxels_in_view import (
     Frustum,
@@ -107,7 +108,7 @@ def ball_offsets(radius: float) -> BallOffsets:
     offsets = offsets[inside][np.argsort(squares[inside], kind="stable")]
     longest = np.abs(offsets).max(axis=1, keepdims=True)
     inner = offsets - np.sign(offsets) * (2 * np.abs(offsets) >= longest)
-    return BallOffsets(offsets, inner, np.sqrt((offsets**2).sum(axis=1)))
+    return freeze(BallOffsets(offsets, inner, np.sqrt((offsets**2).sum(axis=1))))
 
 
 @kernel

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.localization.target import TargetModel
 
 _MAX_VALUE = 255
@@ -73,7 +74,8 @@ def likelihood_field(
             shifted = np.moveaxis(values, axis, 0)
             shifted[:-shift] = np.maximum(shifted[:-shift], shifted[shift:].copy())
         pooled.append(values)
-    return LikelihoodField(np.stack(pooled), origin - np.array([padding, padding, 0]) * cell, cell)
+    origin = origin - np.array([padding, padding, 0]) * cell
+    return freeze(LikelihoodField(np.stack(pooled), origin, cell))
 
 
 class DistanceField(NamedTuple):
@@ -97,4 +99,5 @@ def distance_field(model: TargetModel, cell: float, padding: float) -> DistanceF
     shape = np.ceil((model.bounds[1] + padding - origin) / cell).astype(int)
     free = np.ones(shape, dtype=bool)
     free[tuple(np.floor((model.samples[0] - origin) / cell).astype(int).T)] = False
-    return DistanceField(distance_transform_edt(free, cell).astype(np.float32), origin, cell)
+    distances = distance_transform_edt(free, cell).astype(np.float32)
+    return freeze(DistanceField(distances, origin, cell))

@@ -18,6 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.core.settings import Positive, PositiveInt, Settings
 from coopmap_env.geometry import (
     Pose,
@@ -175,7 +176,7 @@ def _aligned_hypotheses(
 @lru_cache(maxsize=8)
 def _icp_surface(model: TargetModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Samples and normals for ICP."""
-    return model.sample_surface(max(round(model.area / _ICP_SPACING**2), 64))
+    return freeze(model.sample_surface(max(round(model.area / _ICP_SPACING**2), 64)))
 
 
 def _align_rivals(

@@ -86,6 +86,10 @@ def _read_joint_map(client: BulletClient, mount: Mount, chain: Chain) -> JointMa
     n_suspension = chain.n_joints - len(mount.joints)
     arm = [j - 1 for j, name in enumerate(link_names) if rigid[name] > n_suspension]
     boxes = {name: _collision_box(client, body, j - 1) for j, name in enumerate(link_names)}
+    links = UrdfModel.from_file(mount.urdf, mount.package_dirs).links
+    unread = [name for name in link_names if links[name].collisions and boxes[name] is None]
+    if unread:
+        raise ValueError(f"PyBullet cannot read the collision shapes of {unread} in {mount.urdf}")
 
     home = joint_matrix @ np.array([*(0.0,) * n_suspension, *mount.home]) + joint_offsets
     p.resetJointStatesMultiDof(body, list(joints), home[:, None].tolist(), **k)

@@ -5,8 +5,11 @@ This is the only file that imports PyBullet.
 
 from __future__ import annotations
 
+import os
+import threading
 import weakref
-from functools import lru_cache
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -26,6 +29,8 @@ class BulletClient:
         if self._id < 0:
             raise RuntimeError("PyBullet allows no further client: close other worlds first")
         self._closed = weakref.finalize(self, self.p.disconnect, self._id)
+        # or a file that has changed since another client loaded it would be the old one
+        self.p.setPhysicsEngineParameter(enableFileCaching=0, physicsClientId=self._id)
 
     @property
     def id(self) -> int:
@@ -48,32 +53,39 @@ class BulletClient:
         """Number of a collision shape: the convex hull of `vertices` (v, 3), or their triangles.
 
         `faces` (f, 3) are the triangles. PyBullet never frees the rows that it is given, so the
-        same rows serve all shapes of as many vertices.
+        same rows serve all shapes, one after another.
         """
-        rows = _vertex_rows(len(vertices))
-        for row, vertex in zip(rows, vertices.tolist(), strict=True):
-            row[:] = vertex
         options: dict[str, Any] = {}
         if faces is not None:
             options["indices"] = np.ravel(faces).tolist()
             options["flags"] = self.p.GEOM_FORCE_CONCAVE_TRIMESH
-        return int(
-            self.p.createCollisionShape(
-                self.p.GEOM_MESH, vertices=rows, physicsClientId=self.id, **options
+        with _vertex_rows.holding(vertices) as rows:
+            return int(
+                self.p.createCollisionShape(
+                    self.p.GEOM_MESH, vertices=rows, physicsClientId=self.id, **options
+                )
             )
-        )
 
     def load_mount(self, mount: Mount, T_world_base: Pose) -> int:
-        """Load a vehicle without its visual shapes, its base fixed; PyBullet's number of it."""
+        """Load a vehicle without its visual shapes, its base fixed; PyBullet's number of it.
+
+        Raises
+        ------
+        ValueError
+            If PyBullet cannot load it; the message names the URDF.
+        """
         p = self.p
-        number = p.loadURDF(
-            str(mount.urdf),
-            T_world_base.translation.tolist(),
-            quaternion_from_matrix(T_world_base.rotation),
-            useFixedBase=True,
-            flags=p.URDF_USE_SELF_COLLISION | p.URDF_IGNORE_VISUAL_SHAPES,
-            physicsClientId=self.id,
-        )
+        try:
+            number = p.loadURDF(
+                str(mount.urdf_for_physics()),
+                T_world_base.translation.tolist(),
+                quaternion_from_matrix(T_world_base.rotation),
+                useFixedBase=True,
+                flags=p.URDF_USE_SELF_COLLISION | p.URDF_IGNORE_VISUAL_SHAPES,
+                physicsClientId=self.id,
+            )
+        except p.error as error:
+            raise ValueError(f"PyBullet cannot load {mount.urdf}: {error}") from error
         return int(number)
 
     def cast_rays(
@@ -89,10 +101,35 @@ class BulletClient:
         return np.array([hit[2] for hit in hits])
 
 
-@lru_cache(maxsize=256)
-def _vertex_rows(n: int) -> list[list[float]]:
-    """Rows of n vertices; the same ones at every call."""
-    return [[0.0, 0.0, 0.0] for _ in range(n)]
+class _VertexRows:
+    """The rows of vertices that PyBullet is given: as many as the largest shape has, in all.
+
+    One thread at a time writes them and lets PyBullet read them.
+    """
+
+    def __init__(self) -> None:
+        self._rows: list[list[float]] = []
+        self._lock = threading.Lock()
+
+    def renew_lock(self) -> None:
+        """Drop a lock that may be held by a thread of another process."""
+        self._lock = threading.Lock()
+
+    @contextmanager
+    def holding(self, vertices: NDArray[np.float64]) -> Iterator[list[list[float]]]:
+        """Rows that hold `vertices` (v, 3) until the block ends."""
+        values = vertices.tolist()
+        with self._lock:
+            self._rows += [[0.0, 0.0, 0.0] for _ in range(len(values) - len(self._rows))]
+            rows = self._rows[: len(values)]
+            for row, value in zip(rows, values, strict=True):
+                row[:] = value
+            yield rows
+
+
+_vertex_rows = _VertexRows()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_vertex_rows.renew_lock)
 
 
 def quaternion_from_matrix(R: NDArray[np.float64]) -> list[float]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.caches import thread_cache
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation import (
     EpisodeRecorder,
@@ -42,7 +42,7 @@ def run_localization_job(job: Job) -> Result:
     return run_search_episode(job) if job["kind"] == "search" else run_correction_episode(job)
 
 
-@lru_cache(maxsize=4)
+@thread_cache(maxsize=4)
 def _env(split: str, scans: int, scene: str, initialization: str, correction: str) -> FieldEnv:
     return FieldEnv(
         split=split,
