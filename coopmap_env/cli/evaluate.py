@@ -46,17 +46,27 @@ class Evaluate(EnvironmentOptions):
 
     def run(self) -> None:
         """Play all episodes, write the files, print a summary."""
-        from coopmap_env import evaluation
-        from coopmap_env.core.files import write_atomically
-        from coopmap_env.core.settings import settings_to_dict
-        from coopmap_env.core.version import __version__
-        from coopmap_env.evaluation import write_episodes
+        from coopmap_env.core.locks import folder_lock
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]
         if not names:
             raise ValueError("--policies names no policy")
         if self.episodes < 1:
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
+        with folder_lock(self.out):
+            results = self._play_and_write(names)
+        for name, result in results.items():
+            print(f"{name:<40} {summary_line(result.table)}")
+        log(f"tables: {self.out / 'episodes.csv'}, {self.out / 'summary.json'}")
+
+    def _play_and_write(self, names: list[str]) -> dict[str, Any]:
+        """Play all episodes and write the files; evaluations by policy."""
+        from coopmap_env import evaluation
+        from coopmap_env.core.files import write_atomically
+        from coopmap_env.core.settings import settings_to_dict
+        from coopmap_env.core.version import __version__
+        from coopmap_env.evaluation import write_episodes
+
         arguments = {**self.env_kwargs(), "split": self.split}
         results = evaluation.compare(
             names,
@@ -80,9 +90,7 @@ class Evaluate(EnvironmentOptions):
         }
         write_episodes(results, self.out / "episodes.csv")
         write_atomically(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
-        for name, result in results.items():
-            print(f"{name:<40} {summary_line(result.table)}")
-        log(f"tables: {self.out / 'episodes.csv'}, {self.out / 'summary.json'}")
+        return results
 
 
 def summary_line(table: dict[str, Any]) -> str:

@@ -31,7 +31,7 @@ class FolderInUseError(OSError):
 
 @contextmanager
 def folder_lock(folder: str | os.PathLike[str]) -> Iterator[None]:
-    """Own a folder within the context; it is made if it is missing.
+    """Own a folder within the context; it is made if it is missing, and removed if left empty.
 
     The operating system releases the lock when the process ends, however it ends. A killed process
     leaves two small hidden files, `LOCK_FILE` and `OWNER_FILE`, and perhaps a file that it was
@@ -45,6 +45,7 @@ def folder_lock(folder: str | os.PathLike[str]) -> Iterator[None]:
         If the folder cannot be made or written to.
     """
     folder = Path(folder)
+    is_new = not folder.exists()
     lock_file, owner_file = folder / LOCK_FILE, folder / OWNER_FILE
     lock = FileLock(lock_file, timeout=0, thread_local=False)
     try:
@@ -69,6 +70,9 @@ def folder_lock(folder: str | os.PathLike[str]) -> Iterator[None]:
             if os.name == "posix":  # whoever waits for it checks that the file is still there
                 lock_file.unlink(missing_ok=True)
         lock.release()
+        if is_new:
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
 
 
 def _this_process() -> dict[str, object]:

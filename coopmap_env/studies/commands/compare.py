@@ -33,12 +33,15 @@ class Compare:
 
     def run(self) -> None:
         """Run the comparison, write its files, print its table and verdicts."""
+        from coopmap_env.core.locks import folder_lock
         from coopmap_env.studies.benchmark.methods import FULL, QUICK, make_plan
         from coopmap_env.studies.benchmark.report import benchmark_text, write_benchmark_report
         from coopmap_env.studies.benchmark.study import run_benchmark
 
         names = [name.strip() for name in self.envs.split(",") if name.strip()]
         plan = make_plan(QUICK if self.quick else FULL, names)
-        study = run_benchmark(self.out / "episodes", plan, self.workers, log)
-        print(benchmark_text(write_benchmark_report(study, self.out)))
+        with folder_lock(self.out):
+            study = run_benchmark(self.out / "episodes", plan, self.workers, log)
+            summary = write_benchmark_report(study, self.out)
+        print(benchmark_text(summary))
         log(f"report: {self.out / 'report.html'}")

@@ -29,6 +29,7 @@ class Localization:
 
     def run(self) -> None:
         """Run the study, write its files, print the main results."""
+        from coopmap_env.core.locks import folder_lock
         from coopmap_env.studies.localization.report import (
             localization_text,
             write_localization_report,
@@ -36,6 +37,8 @@ class Localization:
         from coopmap_env.studies.localization.study import FULL, QUICK, run_localization_study
 
         size = QUICK if self.quick else FULL
-        study = run_localization_study(self.out / "episodes", size, self.workers, log)
-        print(localization_text(write_localization_report(study, self.out)))
+        with folder_lock(self.out):
+            study = run_localization_study(self.out / "episodes", size, self.workers, log)
+            summary = write_localization_report(study, self.out)
+        print(localization_text(summary))
         log(f"report: {self.out / 'report.html'}")

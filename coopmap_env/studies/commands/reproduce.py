@@ -31,21 +31,23 @@ class Reproduce:
 
     def run(self) -> None:
         """Run the study, write its files, print the table."""
+        from coopmap_env.core.locks import folder_lock
         from coopmap_env.studies.field import study as field_study
         from coopmap_env.studies.field.report import field_text_table
         from coopmap_env.studies.section3 import study as section3
         from coopmap_env.studies.section3.report import text_table_1, write_report
 
         size = section3.QUICK if self.quick else section3.FULL
-        study = section3.run_section3(self.out / "episodes", size, self.workers, log)
-        field = None
-        if missing := missing_extras_hint():
-            log(f"without the 3-D study, which needs: {missing}")
-        else:
-            field_size = field_study.QUICK if self.quick else field_study.FULL
-            episodes = self.out / "episodes"
-            field = field_study.run_field_study(episodes, field_size, self.workers, log)
-        write_report(study, self.out, field)
+        field_size = field_study.QUICK if self.quick else field_study.FULL
+        episodes = self.out / "episodes"
+        with folder_lock(self.out):
+            study = section3.run_section3(episodes, size, self.workers, log)
+            field = None
+            if missing := missing_extras_hint():
+                log(f"without the 3-D study, which needs: {missing}")
+            else:
+                field = field_study.run_field_study(episodes, field_size, self.workers, log)
+            write_report(study, self.out, field)
         print(text_table_1(study))
         if field is not None:
             print(field_text_table(field))
