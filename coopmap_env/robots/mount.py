@@ -8,13 +8,18 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.files import brief
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics.chain import IDENTITY_POSE, Chain
+from coopmap_env.robots.kinematics.urdf_loading import urdf_for_physics
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 
 DEGREE = math.pi / 180.0
+MAX_NAME_BYTES = 100
+"""Of a mount's name, in UTF-8: files are named by it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +55,17 @@ class Mount:
     """Folders in which ``package://`` meshes are searched."""
 
     def __post_init__(self) -> None:
+        check_mount_name(self.name)
+        for name in ("joints", "package_dirs"):
+            if isinstance(getattr(self, name), str | bytes):
+                raise ValueError(
+                    f"Mount.{name} must be a sequence of names, got {brief(getattr(self, name))}"
+                )
+            object.__setattr__(self, name, tuple(map(str, getattr(self, name))))
         n = len(self.joints)
         object.__setattr__(self, "urdf", Path(self.urdf))
         for name in ("home", "encoder_noise", "calibration_error", "alpha"):
-            values = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
+            values = _numbers(name, getattr(self, name))
             if values.size == 1 and name != "home":
                 values = np.repeat(values, n)
             if values.shape != (n,):
@@ -80,7 +92,7 @@ class Mount:
         camera = self.T_link_camera
         chain = _read_chain(
             self.urdf,
-            self.urdf.stat().st_mtime_ns if self.urdf.is_file() else 0,
+            _modification_time(self.urdf),
             (*(SUSPENSION_JOINTS if with_suspension else ()), *self.joints),
             self.camera_link,
             (camera.translation.tobytes(), camera.rotation.tobytes()),
@@ -89,6 +101,50 @@ class Mount:
         if not with_suspension:
             chain.check_limits(self.home)
         return chain
+
+    def urdf_for_physics(self) -> Path:
+        """The file that a physics engine loads: `urdf`, or a copy that PyBullet reads as we do.
+
+        The copy has absolute paths of meshes, formats that PyBullet knows, and what the
+        specification gives for missing limits and masses.
+
+        Raises
+        ------
+        UrdfError
+            If the URDF or a mesh cannot be read.
+        """
+        key = self.urdf, _modification_time(self.urdf), self.package_dirs
+        path = _urdf_for_physics(*key)
+        if not path.is_file():  # folders for temporary files are swept
+            _urdf_for_physics.cache_clear()
+            path = _urdf_for_physics(*key)
+        return path
+
+
+def _numbers(name: str, value: object) -> NDArray[np.float64]:
+    try:
+        return np.atleast_1d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"Mount.{name} must be numbers, got {brief(value)}") from error
+
+
+def check_mount_name(name: str) -> None:
+    """Check that a file can be named by a mount's name.
+
+    Raises
+    ------
+    ValueError
+        If it is no text, empty, longer than `MAX_NAME_BYTES`, or has slashes or control characters.
+    """
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise ValueError(f"Mount.name must be printable text, got {brief(name)}")
+    if "/" in name or "\\" in name:
+        raise ValueError(f"Mount.name names a file, so it must have no slash, got {brief(name)}")
+    if len(name.encode()) > MAX_NAME_BYTES:
+        raise ValueError(
+            f"Mount.name must have at most {MAX_NAME_BYTES} bytes, got {len(name.encode())} of "
+            f"{brief(name)}: give a shorter name"
+        )
 
 
 @lru_cache(maxsize=32)
@@ -103,3 +159,13 @@ def _read_chain(
     translation, rotation = (np.frombuffer(part).copy() for part in T_link_camera)
     camera = Pose(translation, rotation.reshape(3, 3))
     return freeze(Chain.from_urdf(urdf, joints, camera_link, camera, package_dirs))
+
+
+@lru_cache(maxsize=32)
+def _urdf_for_physics(urdf: Path, _modified_ns: int, package_dirs: tuple[str, ...]) -> Path:
+    return urdf_for_physics(urdf, package_dirs)
+
+
+def _modification_time(urdf: Path) -> int:
+    """Nanoseconds; 0 without a file."""
+    return urdf.stat().st_mtime_ns if urdf.is_file() else 0

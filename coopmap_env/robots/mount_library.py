@@ -13,8 +13,10 @@ import numpy as np
 from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics import urdf_editing
+from coopmap_env.robots.kinematics.chain import check_link_count
+from coopmap_env.robots.kinematics.urdf_loading import load_urdf_xml, write_urdf_cached
 from coopmap_env.robots.kinematics.urdf_xml import transform_from_xyz_rpy
-from coopmap_env.robots.mount import DEGREE, Mount
+from coopmap_env.robots.mount import DEGREE, Mount, check_mount_name
 from coopmap_env.robots.suspension import Suspension
 
 MODEL_DIR = Path(__file__).parent / "models"
@@ -41,6 +43,10 @@ def mount_from_urdf(
 ) -> Mount:
     """A mount from any URDF: its root is put on a suspension, other joints are fixed.
 
+    Meshes are in metres unless their format names a unit. A ``package://name/...`` is searched in
+    the URDF's folder, in `package_dirs`, and in folders above that have the name or a package.xml
+    with it.
+
     Parameters
     ----------
     urdf : path
@@ -58,7 +64,8 @@ def mount_from_urdf(
     wheels : sequence of str, optional
         Links that stay on the ground while the body heaves, rolls and pitches.
     fixed_joints : mapping of str to float, optional
-        Values of joints that are not to move, such as a folded arm; 0 if not given.
+        Values of joints that are not to move, such as a folded arm; 0 if not given. Joints that
+        mimic others follow them, whether those move or are fixed.
     package_dirs : sequence of str, optional
         Folders in which ``package://`` meshes are searched.
     **settings
@@ -68,12 +75,17 @@ def mount_from_urdf(
     ------
     FileNotFoundError
         If the URDF or a mesh is not there.
+    UrdfError
+        A ValueError, if the URDF or a mesh cannot be read; the message names file and element.
     ValueError
-        If a joint or link does not exist; the message lists those that do.
+        If a joint or link does not exist, or a joint does not move by itself; the message lists
+        those that do. If the name cannot name a file.
     """
-    tree = urdf_editing.load_urdf_xml(urdf, package_dirs)
+    name = name or Path(urdf).stem
+    check_mount_name(name)
+    tree = load_urdf_xml(urdf, package_dirs)
     return _suspended_mount(
-        tree, Path(urdf), name or Path(urdf).stem, joints, camera_link, home,
+        tree, Path(urdf), name, joints, camera_link, home,
         suspension or Suspension(), root_height, wheels, fixed_joints or {}, settings,
     )  # fmt: skip
 
@@ -93,9 +105,10 @@ def _suspended_mount(
 ) -> Mount:
     urdf_editing.fix_joints(tree, joints, fixed_joints, path)
     urdf_editing.add_suspension(tree, suspension.roll_center_height, root_height, wheels)
+    check_link_count(len(tree.findall("link")), path)
     mount = Mount(
         name=name,
-        urdf=urdf_editing.write_urdf_cached(tree, name),
+        urdf=write_urdf_cached(tree, name),
         camera_link=camera_link,
         joints=tuple(joints),
         home=tuple(home),
@@ -125,11 +138,11 @@ def husky_panda() -> Mount:
     a wrist camera is screwed on, so that the fingers are out of its view.
     """
     data = Path(import_optional("pybullet_data", "field").getDataPath())
-    tree = urdf_editing.load_urdf_xml(
+    tree = load_urdf_xml(
         data / "husky" / "husky.urdf",
         without_links=["imu_link"],  # an expression of xacro is left in its pose
     )
-    panda = urdf_editing.load_urdf_xml(data / "franka_panda" / "panda.urdf")
+    panda = load_urdf_xml(data / "franka_panda" / "panda.urdf")
     urdf_editing.attach_tree(tree, panda, "base_link", transform_from_xyz_rpy((0.05, 0.0, 0.224)))
     R = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     R[:, 1] *= -1.0  # camera x along the hand's z, camera z along the hand's x

@@ -2,14 +2,20 @@ import builtins
 import dataclasses
 import importlib.metadata
 import math
+import xml.etree.ElementTree as ET
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from coopmap_env.robots import Suspension, make_mount, mount_from_urdf
-from coopmap_env.robots.kinematics import urdf_editing as compose
 from coopmap_env.robots.kinematics.urdf import UrdfModel
+from coopmap_env.robots.kinematics.urdf_loading import (
+    load_urdf_xml,
+    read_origin,
+    write_origin,
+    write_urdf_cached,
+)
 from coopmap_env.robots.kinematics.urdf_xml import transform_from_xyz_rpy
 
 ARM = """<robot name="arm">
@@ -149,7 +155,7 @@ def test_the_same_urdf_is_written_once_by_many_at_the_same_time(arm, tmp_path, m
     monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
 
     def write(_):
-        return compose.write_urdf_cached(compose.load_urdf_xml(arm), "arm")
+        return write_urdf_cached(load_urdf_xml(arm), "arm")
 
     with ThreadPoolExecutor(8) as pool:
         paths = set(pool.map(write, range(32)))
@@ -164,9 +170,9 @@ def test_the_same_urdf_is_written_once_by_many_at_the_same_time(arm, tmp_path, m
 )
 def test_origins_survive_being_written(rpy):
     T = transform_from_xyz_rpy((1, 2, 3), rpy)
-    joint = compose.ET.Element("joint")
-    compose._set_origin(joint, T)
-    np.testing.assert_allclose(compose._origin(joint), T, atol=1e-9)
+    joint = ET.Element("joint")
+    write_origin(joint, T)
+    np.testing.assert_allclose(read_origin(joint), T, atol=1e-9)
 
 
 def test_unknown_mounts_are_answered_by_the_choices():

@@ -20,7 +20,10 @@ from coopmap_env.robots.kinematics.forward import (
 )
 from coopmap_env.robots.kinematics.urdf import UrdfModel
 from coopmap_env.robots.kinematics.urdf_elements import UrdfJoint
+from coopmap_env.robots.kinematics.urdf_xml import UrdfError
 
+MAX_LINKS = 128
+"""PyBullet does not tell where further ones are."""
 IDENTITY_POSE = Pose(np.zeros(3), np.eye(3))
 
 
@@ -87,14 +90,16 @@ class Chain:
         ImportError
             If the `field` extra is not installed.
         UrdfError
-            A ValueError, if the URDF or a mesh cannot be read.
+            A ValueError, if the URDF or a mesh cannot be read, or it has over `MAX_LINKS` links.
         ValueError
             If a joint or link does not exist, or a joint does not move by itself; the message
             lists those that do.
         """
         names = tuple(joints)
         _check_joint_names(names, urdf)
-        model = UrdfModel.from_file(urdf, package_dirs).with_fixed_joints(names, fixed_joints)
+        model = UrdfModel.from_file(urdf, package_dirs)
+        check_link_count(len(model.links), urdf)
+        model = model.with_fixed_joints(names, fixed_joints)
         if camera_link not in model.links:
             raise ValueError(
                 f"{urdf} has no link {camera_link!r} for the camera; it has {list(model.links)}"
@@ -220,6 +225,21 @@ class Chain:
         R, t = np.empty((len(batch), len(body), 3, 3)), np.empty((len(batch), len(body), 3))
         frame_poses(self.tree, batch, body, rotation, translation, R, t)
         return (R, t) if q.ndim == 2 else (R[0], t[0])
+
+
+def check_link_count(count: int, urdf: str | Path) -> None:
+    """Check that PyBullet can simulate a mount of so many links.
+
+    Raises
+    ------
+    UrdfError
+        With the file, if there are over `MAX_LINKS`.
+    """
+    if count > MAX_LINKS:
+        raise UrdfError(
+            f"{urdf} has {count} links with those of a suspension, and a mount can have "
+            f"{MAX_LINKS}: leave out frames that carry nothing"
+        )
 
 
 def _check_joint_names(joints: tuple[str, ...], urdf: str | Path) -> None:

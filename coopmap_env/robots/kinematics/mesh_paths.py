@@ -40,7 +40,8 @@ def resolve_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path] =
         if os.path.isfile(candidate):  # unlike `Path.is_file`, no error for an impossible name
             return candidate
     raise UrdfNotFoundError(
-        f"{urdf} names the mesh {filename:.300}, which is in none of {[str(f) for f in folders]}; "
+        f"{urdf} names the mesh {filename:.300}, which is in none of {[str(f) for f in folders]}"
+        f"{', nor in a package of this name above them' if scheme == 'package' else ''}; "
         f"give the folder that holds it as package_dirs"
     )
 

@@ -53,15 +53,15 @@ class UrdfElement:
             yield UrdfElement(element, f"{self.where}, <{tag}>")
 
     def find_child(self, tag: str) -> UrdfElement | None:
-        """The child of a tag that may be there once.
+        """The child of a tag that may be there once, or again with the same attributes.
 
         Raises
         ------
         UrdfError
-            If there are several.
+            If there are several others.
         """
         found = list(self.children(tag))
-        if len(found) > 1:
+        if any(len(one.xml) or one.xml.attrib != found[0].xml.attrib for one in found[1:]):
             raise self.error(f"it has {len(found)} elements <{tag}>, expected one")
         return found[0] if found else None
 
@@ -86,8 +86,8 @@ class UrdfElement:
         UrdfError
             If it is missing or empty.
         """
-        value = self.xml.get(attribute, "").strip()
-        if not value:
+        value = self.xml.get(attribute, "")
+        if not value.strip():
             raise self.error(f"its {attribute} is missing")
         return value
 
@@ -99,8 +99,7 @@ class UrdfElement:
         UrdfError
             If it is missing, empty or longer than `MAX_NAME`.
         """
-        self.text(attribute)
-        value = self.xml.get(attribute, "")
+        value = self.text(attribute)
         if len(value) > MAX_NAME:
             raise self.error(
                 f"its {attribute} {brief(value)} has {len(value)} characters, "
