@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.files import read_text, read_xml
 from coopmap_env.geometry import rotation_about_axis, rotation_from_rpy
 from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.field.solid import (
@@ -74,18 +75,18 @@ def load_random_asset(number: int, object_scale: float) -> PyBulletAsset:
     One in four has more than 500 faces and is replaced by its convex hull.
     """
     path = data_folder() / "random_urdfs" / f"{number:03d}" / f"{number:03d}.obj"
-    asset = _read_asset(path, _RANDOM_SCALE * object_scale, np.eye(3))
+    asset = freeze(_read_asset(path, _RANDOM_SCALE * object_scale, np.eye(3)))
     if len(asset.faces) <= _MAX_FACES:
         return asset
     vertices, faces = convex_hull(asset.vertices)
-    return PyBulletAsset(vertices, faces, (slice(None),))
+    return freeze(PyBulletAsset(vertices, faces, (slice(None),)))
 
 
 @lru_cache
 def load_asset(name: str) -> PyBulletAsset:
     """Read one of `NAMED_ASSETS`."""
     file, scale, upright = _NAMED_ASSET_FILES[name]
-    return _read_asset(data_folder() / file, scale, upright)
+    return freeze(_read_asset(data_folder() / file, scale, upright))
 
 
 def table(
@@ -127,12 +128,12 @@ def _table_boxes() -> tuple[NDArray[np.float64], ...]:
     """Boxes of table.urdf: its visuals scale a cube of side 1."""
     path = data_folder() / "table" / "table.urdf"
     boxes = []
-    for visual in _xml(path).iter("visual"):
+    for visual in read_xml(path, SceneError).iter("visual"):
         origin, mesh = visual.find("origin"), visual.find("geometry/mesh")
         if origin is None or mesh is None:
             raise SceneError(f"{path}: each visual must have an origin and a mesh")
         boxes.append(box_corners(_numbers(mesh.get("scale")), _numbers(origin.get("xyz"))))
-    return tuple(boxes)
+    return freeze(tuple(boxes))
 
 
 @lru_cache
@@ -140,19 +141,14 @@ def _shelf_boxes() -> tuple[NDArray[np.float64], ...]:
     """Boxes of kiva_shelf/model.sdf: its collision shapes, each once."""
     path = data_folder() / "kiva_shelf" / "model.sdf"
     shapes: dict[tuple[tuple[float, ...], ...], None] = {}
-    for shape in _xml(path).iter("collision"):
+    for shape in read_xml(path, SceneError).iter("collision"):
         pose, size = shape.findtext("pose"), shape.findtext("geometry/box/size")
         if pose is None or size is None:
             raise SceneError(f"{path}: each collision shape must have a pose and a box")
         shapes[tuple(_numbers(pose)), tuple(_numbers(size))] = None
-    return tuple(box_corners(size, pose[:3], rotation_from_rpy(*pose[3:])) for pose, size in shapes)
-
-
-def _xml(path: Path) -> ElementTree.Element:
-    try:
-        return ElementTree.parse(path).getroot()
-    except (OSError, ElementTree.ParseError) as error:
-        raise SceneError(f"{path}: cannot be read: {error}") from error
+    return freeze(
+        tuple(box_corners(size, pose[:3], rotation_from_rpy(*pose[3:])) for pose, size in shapes)
+    )
 
 
 def _numbers(text: str | None) -> list[float]:
@@ -161,13 +157,13 @@ def _numbers(text: str | None) -> list[float]:
 
 def _read_asset(path: Path, scale: float, upright: NDArray[np.float64]) -> PyBulletAsset:
     """Read an OBJ file of triangles; V-HACD calls its convex parts ``o convex_0`` and so on."""
+    text = read_text(path, SceneError)
     try:
-        text = path.read_text(encoding="utf-8")
         points = _rows(text, "v", float) @ upright.T * scale
         faces = _rows(text, "f", int) - 1
-    except (OSError, ValueError) as error:
+        low, high = points.min(axis=0), points.max(axis=0)
+    except (ValueError, OverflowError) as error:
         raise SceneError(f"{path}: cannot be read: {error}") from error
-    low, high = points.min(axis=0), points.max(axis=0)
     points -= [*(low + high)[:2] / 2, low[2]]
     starts = [text.count("\nv ", 0, part.start()) for part in re.finditer("o convex_", text)]
     ends = [*starts[1:], len(points)]

@@ -11,6 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.files import brief
+
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _BOX_FACES = np.array(
     [
@@ -101,7 +103,10 @@ class Solid:
 
 def _checked_points(what: str, values: ArrayLike, min_length: int) -> NDArray[np.float64]:
     """Read-only copy (n, 3) of at least `min_length` finite points."""
-    points = np.array(values, dtype=np.float64)
+    try:
+        points = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{what} must be numbers (n, 3), not {brief(values)}") from error
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < min_length:
         raise ValueError(f"{what} must have shape (n >= {min_length}, 3), not {points.shape}")
     if not np.isfinite(points).all():

@@ -17,14 +17,14 @@
         scale: 0.5                # or one factor an axis
         position: [2, 1, 0]
       - urdf: shelf.urdf          # all links, joints at 0
-    package_dirs: [descriptions]  # folders of ROS packages, for package:// in URDFs
+    package_dirs: [descriptions]  # folders of ROS packages, for package://name/...
     bases:                        # default: drawn; x, y in metres and yaw in degrees
       - [3, 0, 180]
 
 Positions are in the world frame, which is that of the target. Meshes may be STL, OBJ, PLY, OFF,
 DAE, glTF, GLB or 3MF; their units and axes are those of the format (see
-`coopmap_env.geometry.mesh_files`). A ROS package that a URDF names is also found in the folders
-above the URDF. A mesh whose connected parts are all convex collides as these, any other one as its
+`coopmap_env.geometry.mesh_files`). A ROS package is also found in the folders above the file that
+names it. A mesh whose connected parts are all convex collides as these, any other one as its
 triangles; parts without an area are ignored, and an open mesh has no inside.
 """
 
@@ -40,6 +40,7 @@ import numpy as np
 from coopmap_env.core.files import brief, read_yaml_mapping, read_yaml_number
 from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping import VoxelGrid
+from coopmap_env.robots import resolve_mesh
 from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.field._shape_files import shape_from_mesh, shape_from_urdf
 from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes
@@ -50,7 +51,9 @@ MAX_OBJECTS = 10_000
 """Of one scene."""
 _MAX_NUMBER = 1e6
 """Metres, degrees or a factor: what is larger is a broken number."""
-_MAX_NAME_LENGTH = 100
+_MAX_NAME_LENGTH, _MAX_TEXT = 100, 1000
+_EXTENTS = (1e-6, 1e6)
+"""Metres: the smallest solid and the largest one; others come of a wrong unit or scale."""
 _RESOLUTIONS = (1e-4, 1e3)
 """Metres: the smallest and the largest edge of a voxel."""
 _KINDS = ("box", "mesh", "urdf")
@@ -84,7 +87,7 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
         where = f"{path}: objects[{k}]"
         if not isinstance(entry, Mapping):
             raise SceneError(f"{where}: expected a mapping of fields, not {brief(entry)}")
-        solid = _solid(_Fields(where, entry), path.parent, package_dirs, f"object_{k}")
+        solid = _solid(_Fields(where, entry), path, package_dirs, f"object_{k}")
         if solid.name in names:
             raise SceneError(f"{where}: name must differ from all others, not {solid.name!r}")
         names.add(solid.name)
@@ -132,8 +135,8 @@ class _Fields:
     def string(self, field: str, default: str | None = None) -> str:
         """Read text that is not empty."""
         value = self.content.get(field, default)
-        if not isinstance(value, str) or not value or "\0" in value:
-            raise self.error(field, "text")
+        if not isinstance(value, str) or not 0 < len(value) <= _MAX_TEXT or "\0" in value:
+            raise self.error(field, f"text of at most {_MAX_TEXT} letters")
         return value
 
     def vector(self, field: str, default: float | None = None, above: float = -math.inf) -> Any:
@@ -183,7 +186,7 @@ def _package_dirs(top: _Fields, folder: Path) -> tuple[str, ...]:
     return tuple(str(folder / entry) for entry in entries)
 
 
-def _solid(fields: _Fields, folder: Path, package_dirs: tuple[str, ...], name: str) -> Solid:
+def _solid(fields: _Fields, scene: Path, package_dirs: tuple[str, ...], name: str) -> Solid:
     """Make the solid of an entry."""
     fields.check_keys(*_OBJECT)
     kinds = [kind for kind in _KINDS if kind in fields.content]
@@ -199,14 +202,17 @@ def _solid(fields: _Fields, folder: Path, package_dirs: tuple[str, ...], name: s
     scale = _scale(fields)
     if kinds == ["box"]:
         corners = box_corners(fields.vector("box", above=0.0) * scale, position, rotation)
-        return solid_from_boxes(name, [corners], is_target=is_target)
-    file = folder / fields.string(kinds[0])
+        solid = solid_from_boxes(name, [corners], is_target=is_target)
+        return _check_extent(solid, fields.where)
+    named = fields.string(kinds[0])
     try:
+        file = scene.parent / named
+        if "://" in named:
+            file = resolve_mesh(named, scene, package_dirs)
         shape = shape_from_mesh(file) if kinds == ["mesh"] else shape_from_urdf(file, package_dirs)
-        vertices = shape.vertices * scale @ rotation.T + position
-        return Solid(
+        solid = Solid(
             name,
-            vertices,
+            shape.vertices * scale @ rotation.T + position,
             shape.faces,
             tuple(part * scale @ rotation.T + position for part in shape.parts),
             is_target=is_target,
@@ -214,6 +220,19 @@ def _solid(fields: _Fields, folder: Path, package_dirs: tuple[str, ...], name: s
         )
     except ValueError as error:
         raise SceneError(f"{fields.where}: {kinds[0]}: {error}") from error
+    return _check_extent(solid, fields.where)
+
+
+def _check_extent(solid: Solid, where: str) -> Solid:
+    """The solid, or SceneError if it is of no size that a scene can have."""
+    extent = float(np.ptp(solid.bounds, axis=0).max())
+    least, most = _EXTENTS
+    if not least <= extent <= most:
+        raise SceneError(
+            f"{where}: it is {extent:.3g} m large, expected {least:g} to {most:g} m: is its unit "
+            "or scale right?"
+        )
+    return solid
 
 
 def _scale(fields: _Fields) -> Any:

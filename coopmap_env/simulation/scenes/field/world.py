@@ -1,5 +1,6 @@
 """The true field world that vehicles map, and the protocol of the scenes that make it."""
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -7,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.core.settings import NonNegativeInt, Settings
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
@@ -61,11 +63,11 @@ class FieldWorld:
 
     def __post_init__(self) -> None:
         names = [solid.name for solid in self.solids]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name, n in Counter(names).items() if n > 1)
         if twice:
-            raise ValueError(f"solids must have different names, not twice {twice}")
+            raise ValueError(f"solids must have different names, not twice {brief(twice)}")
         if not any(solid.is_target for solid in self.solids):
-            raise ValueError(f"one of the solids must be a target, not none of {names}")
+            raise ValueError(f"one of the solids must be a target, not none of {brief(names)}")
         check_field_grid(self.grid)
         if not self.base_poses:
             raise ValueError("base_poses must hold at least one pose, not none")

@@ -189,6 +189,13 @@ def test_packages_of_a_urdf_are_found_in_the_usual_layout_and_in_package_dirs(so
     np.testing.assert_allclose(found.bounds, [[0, 0, 0], [1, 1, 1]])
     found = solid("elsewhere/shelf.urdf", urdf, top="package_dirs: [ws/src]")
     np.testing.assert_allclose(found.bounds, [[0, 0, 0], [1, 1, 1]])
+    (tmp_path / "r.yaml").write_text(
+        "package_dirs: [ws/src]\n"
+        "objects: [{urdf: package://shelf_description/urdf/shelf.urdf, target: true},"
+        " {mesh: package://shelf_description/meshes/a.obj}]"
+    )
+    for found in read_user_scene(tmp_path / "r.yaml").solids[1:]:
+        np.testing.assert_allclose(found.bounds, [[0, 0, 0], [1, 1, 1]])
     with pytest.raises(SceneError, match=r"objects\[0\]: urdf: .*shelf_description/meshes/a\.obj"):
         solid("elsewhere/shelf.urdf", urdf)
 
