@@ -43,8 +43,10 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# `python -m pytest` would import from this folder, and the programs that tests start from the
+# installed links: numba would compile all kernels for both.
 test: check
-	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
+	$(BIN)/pytest --numprocesses auto --dist worksteal
 
 reproduce: setup
 	$(BIN)/coopmap reproduce --quick --out $(OUT)
