@@ -20,6 +20,7 @@ from coopmap_baselines.information_gain import InformationGainPolicy
 from coopmap_baselines.random_poses import RandomPolicy
 from coopmap_baselines.raster import RasterPolicy
 from coopmap_baselines.rating_function import RatingFunctionPolicy
+from coopmap_env.core.files import brief
 from coopmap_env.evaluation import Policy
 
 __all__ = [
@@ -60,8 +61,8 @@ def make(name: str, **options: Any) -> Policy:
     ValueError
         If the name is unknown or an option's value is not accepted.
     """
-    if name not in POLICIES:
-        raise ValueError(f"unknown policy {name!r}; choose from {', '.join(POLICIES)}")
+    if not isinstance(name, str) or name not in POLICIES:
+        raise ValueError(f"unknown policy {brief(name)}; choose from {', '.join(POLICIES)}")
     try:
         return POLICIES[name](**options)
     except TypeError as error:

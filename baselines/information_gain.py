@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_baselines.planner import Coordination, GainPlanner, Search
+from coopmap_env.core.settings import OpenUnitInterval, checked_value
 from coopmap_env.envs import Belief, Poses
 from coopmap_env.information import ReservedMask
 
@@ -30,9 +31,7 @@ class InformationGainPolicy(GainPlanner):
         prior: float | None = None,
     ) -> None:
         super().__init__(search, coordination, motion_weight)
-        if prior is not None and not (isinstance(prior, float) and 0 < prior < 1):
-            raise ValueError(f"prior must be a number in (0, 1), got {prior!r}")
-        self.prior = prior
+        self.prior: float | None = checked_value("prior", prior, OpenUnitInterval | None)
 
     def gain(
         self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.settings import Bounds, NonNegative, checked_value
 from coopmap_env.envs import Belief, Observations, Poses
 from coopmap_env.information import ReservedMask
 
 Search = int | Literal["exhaustive"]
+CheckedSearch = Annotated[int, Bounds(at_least=1, largest=1_000_000)] | Literal["exhaustive"]
 Coordination = Literal["independent", "sequential"]
 
 
@@ -36,14 +37,8 @@ class Planner(ABC):
     def __init__(
         self, search: Search = "exhaustive", coordination: Coordination = "independent"
     ) -> None:
-        if search != "exhaustive" and (
-            not isinstance(search, int | np.integer) or isinstance(search, bool) or search < 1
-        ):
-            raise ValueError(f"search is 'exhaustive' or a number of poses >= 1, got {search!r}")
-        if coordination not in ("independent", "sequential"):
-            raise ValueError(f"coordination is 'independent' or 'sequential', got {coordination!r}")
-        self.search: Search = search if search == "exhaustive" else int(search)
-        self.coordination = coordination
+        self.search: Search = checked_value("search", search, CheckedSearch)
+        self.coordination: Coordination = checked_value("coordination", coordination, Coordination)
         self.rng = np.random.default_rng(0)
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -103,9 +98,7 @@ class GainPlanner(Planner):
         motion_weight: float = 0.006,
     ) -> None:
         super().__init__(search, coordination)
-        if not isinstance(motion_weight, int | float) or not 0 <= motion_weight < math.inf:
-            raise ValueError(f"motion_weight must be finite and >= 0, got {motion_weight!r}")
-        self.motion_weight = motion_weight
+        self.motion_weight: float = checked_value("motion_weight", motion_weight, NonNegative)
 
     @abstractmethod
     def gain(

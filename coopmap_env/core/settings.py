@@ -33,10 +33,10 @@ from coopmap_env.core.files import brief
 SettingsT = TypeVar("SettingsT")
 MAX_NESTED_LISTS = 4
 """Levels of lists in JSON that become tuples: more than any field has."""
-INT64 = np.iinfo(np.int64)
 SMALLEST, LARGEST = 1e-30, 1e30
 """Sizes of the numbers that are accepted besides 0: their squares and ratios stay finite."""
-SIZES = f" of a size from {SMALLEST:g} to {LARGEST:g}"
+LARGEST_INTEGER = 2**63 - 1
+"""Kernels compute with 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,10 @@ class Bounds:
     above: float = -math.inf
     at_most: float = math.inf
     below: float = math.inf
+    smallest: float = SMALLEST
+    """Smallest size of a number that is not 0: a smaller one would take too much time or memory."""
+    largest: float = LARGEST
+    """Largest size of a number, for the same reason."""
 
     def __contains__(self, value: float) -> bool:
         return self.at_least <= value <= self.at_most and self.above < value < self.below
@@ -81,14 +85,9 @@ class Settings:
 
     def __post_init__(self) -> None:
         kind: Any = type(self)
-        for name, (convert, expected) in _checks(kind).items():
-            given = getattr(self, name)
-            try:
-                object.__setattr__(self, name, convert(given))
-            except _NotAcceptedError as error:
-                raise ValueError(
-                    f"{kind.__name__}.{name} must be {expected}{error}, got {brief(given)}"
-                ) from None
+        for name, check in _checks(kind).items():
+            plain = _checked(f"{kind.__name__}.{name}", getattr(self, name), check)
+            object.__setattr__(self, name, plain)
 
 
 class _NotAcceptedError(Exception):
@@ -97,6 +96,25 @@ class _NotAcceptedError(Exception):
 
 Check = tuple[Callable[[Any], Any], str]
 """What makes a value what is kept, or raises `_NotAcceptedError`; what is expected, in words."""
+
+
+def _checked(name: str, value: Any, check: Check) -> Any:
+    convert, expected = check
+    try:
+        return convert(value)
+    except _NotAcceptedError as error:
+        raise ValueError(f"{name} must be {expected}{error}, got {brief(value)}") from None
+
+
+def checked_value(name: str, value: Any, hint: Any) -> Any:
+    """An argument that is no field of settings, checked as one with this annotation would be.
+
+    Raises
+    ------
+    ValueError
+        With the name, what is accepted and the value.
+    """
+    return _checked(name, value, _check(hint))
 
 
 @cache
@@ -124,9 +142,10 @@ def _check(hint: Any, within: Bounds | None = None) -> Check:
         return (lambda value: bool(_require_type(value, bool, np.bool_))), "bool"
     if hint is str:
         return (lambda value: str.__str__(_require_type(value, str))), "str"
-    if hint is NoneType or is_dataclass(hint):
-        words = "None" if hint is NoneType else hint.__name__
-        return (lambda value: _require_type(value, hint)), words
+    if hint is NoneType:
+        return (lambda value: _require_type(value, NoneType)), "None"
+    if isinstance(hint, type) and is_dataclass(hint):
+        return (lambda value: _require_type(value, hint)), hint.__name__
     return (lambda value: value), "any value"
 
 
@@ -141,21 +160,25 @@ def _require_type(value: Any, *kinds: type) -> Any:
 
 
 def _integer_check(bounds: Bounds) -> Check:
+    largest = int(min(bounds.largest, LARGEST_INTEGER))
+
     def convert(value: Any) -> int:
         number = _to_number(value, Integral, lambda given: int(operator.index(given)))
         _require(number in bounds)
-        _require(INT64.min <= number <= INT64.max, " of at most 64 bits")
+        _require(abs(number) <= largest, f" of at most {largest:,}")
         return number
 
     return convert, f"an integer {bounds}".rstrip()
 
 
 def _float_check(bounds: Bounds) -> Check:
+    smallest, largest = bounds.smallest, bounds.largest
+    sizes = f" of a size from {smallest:g} to {largest:g}"
+
     def convert(value: Any) -> float:
         number = _to_number(value, Real, float)
         _require(math.isfinite(number) and number in bounds)
-        size = abs(number)
-        _require(number == 0 or SMALLEST <= size <= LARGEST, SIZES)
+        _require(number == 0 or smallest <= abs(number) <= largest, sizes)
         return number
 
     return convert, f"a finite number {bounds}".rstrip()
@@ -247,7 +270,8 @@ def settings_from_dict(values: Mapping[str, Any], target_type: type[SettingsT]) 
 def _from_json(value: Any, hint: Any) -> Any:
     """One value; nested settings are dictionaries in JSON, and tuples are lists."""
     if isinstance(value, Mapping):
-        nested = [part for part in (hint, *get_args(hint)) if is_dataclass(part)]
+        parts = (hint, *get_args(hint))
+        nested = [part for part in parts if isinstance(part, type) and is_dataclass(part)]
         return settings_from_dict(value, nested[0]) if len(nested) == 1 else value
     return _to_tuple(value, MAX_NESTED_LISTS)
 

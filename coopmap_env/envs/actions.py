@@ -13,17 +13,55 @@ mode           space (one robot)           meaning
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.envs.belief import Belief, Decoded, Poses
 
 
 class InvalidActionError(ValueError):
     """An action that is not in its space; the environment is unchanged."""
+
+
+def action_of_each(agents: Sequence[str], actions: Any) -> dict[str, Any]:
+    """The action of each robot, from a mapping of exactly these.
+
+    Raises
+    ------
+    InvalidActionError
+        Naming the robots that are needed and what was given.
+    """
+    if not isinstance(actions, Mapping):
+        raise InvalidActionError(f"one action for each of {agents} is needed, got {brief(actions)}")
+    try:
+        names = sorted(map(str, actions))
+        given = {agent: actions[agent] for agent in agents} if set(actions) == set(agents) else None
+    except Exception:  # a mapping of somebody else may raise whatever it likes
+        names, given = [brief(actions)], None
+    if given is None:
+        raise InvalidActionError(f"one action for each of {agents} is needed, got {names}")
+    return given
+
+
+def to_number_array(action: Any) -> NDArray[Any] | None:
+    """Integers or floats of an action, in any number of axes; None if it is something else.
+
+    Numpy would convert more: strings, booleans, durations and the data under a mask.
+    """
+    if isinstance(action, np.ma.MaskedArray) or (
+        isinstance(action, list | tuple) and any(isinstance(one, bool | np.bool_) for one in action)
+    ):
+        return None
+    try:
+        numbers = np.asarray(action)
+    except Exception:  # ragged, or an object whose `__array__` raises whatever it likes
+        return None
+    return numbers if numbers.dtype.kind in "iuf" else None
 
 
 def parse_pose_action(agent: str, action: Any, names: tuple[str, ...]) -> NDArray[np.float64]:
@@ -34,19 +72,17 @@ def parse_pose_action(agent: str, action: Any, names: tuple[str, ...]) -> NDArra
     InvalidActionError
         Naming the robot and the value.
     """
-    try:
-        numbers = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
-    if numbers.shape != (len(names),):
+    numbers = to_number_array(action)
+    if numbers is None or numbers.shape != (len(names),):
         raise InvalidActionError(
-            f"{agent}: a pose action is {len(names)} numbers [{', '.join(names)}], got {action!r}"
+            f"{agent}: a pose action is {len(names)} numbers [{', '.join(names)}], "
+            f"got {brief(action)}"
         )
     if not all(abs(number) <= 1 for number in numbers.tolist()):  # NaN fails too
         raise InvalidActionError(
-            f"{agent}: each number of a pose action must lie in [-1, 1], got {action!r}"
+            f"{agent}: each number of a pose action must lie in [-1, 1], got {brief(action)}"
         )
-    return numbers
+    return numbers.astype(np.float64)
 
 
 class CandidateMode:
@@ -61,9 +97,11 @@ class CandidateMode:
 
     def decode(self, agent: str, action: Any, belief: Belief) -> Decoded:
         """The candidate of that index; one that is masked out is rejected."""
-        value = np.asarray(action)
-        if value.shape != () or not np.issubdtype(value.dtype, np.integer):
-            raise InvalidActionError(f"{agent}: a candidate action is one integer, got {action!r}")
+        value = to_number_array(action)
+        if value is None or value.shape != () or value.dtype.kind == "f":
+            raise InvalidActionError(
+                f"{agent}: a candidate action is one integer, got {brief(action)}"
+            )
         index = int(value)
         if not 0 <= index < self.n_candidates:
             raise InvalidActionError(

@@ -11,9 +11,9 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, ParamSpec, TypeVar, cast
+from typing import Annotated, Literal, ParamSpec, TypeVar, cast
 
-from coopmap_env.core.settings import PositiveInt, Settings
+from coopmap_env.core.settings import Bounds, PositiveInt, Settings
 from coopmap_env.envs.rewards import RewardName
 
 Parameters = ParamSpec("Parameters")
@@ -27,7 +27,7 @@ SplitName = Literal["train", "validation", "test"]
 class TaskArguments(Settings):
     """What a team has to do, in any environment; options of the commands too."""
 
-    n_robots: PositiveInt = 2
+    n_robots: Annotated[int, Bounds(at_least=1, largest=1_000)] = 2
     """Robots in the team."""
     action_mode: ActionModeName = "pose"
     """Any pose (in the field: joints of the mount), or a choice among random feasible poses; see
@@ -38,7 +38,7 @@ class TaskArguments(Settings):
     """Each robot its own reward, or all robots the mean of the team."""
     max_scans: PositiveInt = 16
     """Scans of each robot until truncation."""
-    n_candidates: PositiveInt = 32
+    n_candidates: Annotated[int, Bounds(at_least=1, largest=65_536)] = 32
     """Number of candidates m, in "candidates" mode."""
 
 

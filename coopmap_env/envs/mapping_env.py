@@ -11,7 +11,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from coopmap_env.envs.actions import CandidateMode, InvalidActionError
+from coopmap_env.core.files import brief
+from coopmap_env.envs.actions import CandidateMode, action_of_each
 from coopmap_env.envs.arguments import MappingArguments
 from coopmap_env.envs.belief import ActionMode, Decoded, Observation, Observer
 from coopmap_env.envs.rewards import RewardScale, reward_terms
@@ -123,9 +124,12 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         Raises
         ------
         ValueError
-            If the seed is not an integer of at least 0, or the scene makes a world of another
-            shape, resolution or origin than it declares. A running episode is not affected.
+            If the seed is not an integer of at least 0, the options are no dictionary, or the scene
+            makes a world of another shape, resolution or origin than it declares. A running episode
+            is not affected.
         """
+        if options is not None and not isinstance(options, Mapping):
+            raise ValueError(f"options must be a dict or None, got {brief(options)}")
         if seed is None:
             seed = int(self._seed_rng.integers(2**31))
         rngs = EpisodeRngs(
@@ -248,10 +252,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._require_reset()
         if not self.agents:
             raise RuntimeError(f"the episode ended after {self.max_scans} scans: call reset()")
-        if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
-            given = sorted(map(str, actions)) if isinstance(actions, Mapping) else repr(actions)
-            raise InvalidActionError(f"one action for each of {self.agents} is needed, got {given}")
-        return [self._actions.decode(agent, actions[agent], self._belief) for agent in self.agents]
+        given = action_of_each(self.agents, actions)
+        return [
+            self._actions.decode(agent, action, self._belief) for agent, action in given.items()
+        ]
 
     def _with_candidates(self, belief: BeliefT) -> BeliefT:
         """The belief with new candidates in "candidates" mode, otherwise the belief itself."""

@@ -9,9 +9,9 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
-from numpy.typing import NDArray
 
-from coopmap_env.envs.actions import InvalidActionError
+from coopmap_env.core.files import brief
+from coopmap_env.envs.actions import InvalidActionError, to_number_array
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
 
@@ -61,10 +61,12 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         Raises
         ------
         InvalidActionError
-            If the action has the wrong size, or a robot's part of it is invalid.
+            If the action is no numbers of the right shape, or a robot's part of it is invalid.
         """
         agents = self.parallel.possible_agents
-        flat: NDArray[Any] = np.asarray(action)
+        flat = to_number_array(action)
+        if flat is None:
+            raise InvalidActionError(f"the team's action must be numbers, got {brief(action)}")
         if flat.shape != self.action_space.shape:
             raise InvalidActionError(
                 f"the team's action must have shape {self.action_space.shape}, got {flat.shape}"

@@ -21,7 +21,7 @@ class RatingSettings(Settings):
 
     K: NonNegative
     """Weight of the motion, nats per unit of d**n."""
-    exponent: NonNegative = 1.0
+    exponent: Annotated[float, Bounds(at_least=0, largest=10)] = 1.0
     """n of Eq. 9."""
     n_gray_bins: Annotated[int, Bounds(at_least=2, at_most=256)] = 64
     """Bins over the gray levels [0, 2] (Eq. 7). Half of them tell unknown cells apart by their

@@ -10,7 +10,11 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.settings import Bounds, NonNegative, Positive, PositiveInt, Settings
+from coopmap_env.core.limits import check_bytes
+from coopmap_env.core.settings import Bounds, NonNegative, Positive, Settings
+
+BYTES_PER_PIXEL = 200
+"""Memory that a pixel takes in a scan: draws, distance, point and covariance."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class PlanarCamera(Settings):
     """Radians. 60 degrees is that of a usual stereo camera."""
     depth_of_field: Positive = 20.0
     """Metres: surfaces farther than this are not measured."""
-    n_beams: PositiveInt = 40
+    n_beams: Annotated[int, Bounds(at_least=1, largest=10_000)] = 40
     """Pixels of the row: at the end of the default depth of field the beams are 0.5 m apart, so
     no 1 m cell falls between two of them."""
 
@@ -68,9 +72,9 @@ class DepthCamera(Settings):
     """Radians, between the left and the right edge of the image."""
     vertical_field_of_view: Annotated[float, Bounds(above=0, below=math.pi)] = math.radians(45.0)
     """Radians, between the upper and the lower edge of the image."""
-    width: PositiveInt = 64
+    width: Annotated[int, Bounds(at_least=1, largest=10_000)] = 64
     """Pixels of a row: at 6 m the default ones are 0.11 m apart, about a voxel."""
-    height: PositiveInt = 48
+    height: Annotated[int, Bounds(at_least=1, largest=10_000)] = 48
     """Pixels of a column."""
     near: NonNegative = 0.3
     """Metres: surfaces nearer than this are not measured."""
@@ -80,6 +84,7 @@ class DepthCamera(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_bytes(BYTES_PER_PIXEL * self.n_pixels, "an image of DepthCamera.width x height")
         if not self.near < self.far:
             raise ValueError(
                 f"DepthCamera.near must be below far, got near {self.near} and far {self.far}"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.settings import NonNegative, Settings
+from coopmap_env.core.settings import Bounds, Settings
 
 
 class NoiseParameters(NamedTuple):
@@ -18,6 +18,9 @@ class NoiseParameters(NamedTuple):
     depth: float
     lateral: float
     exponent: float
+
+
+NoiseFactor = Annotated[float, Bounds(at_least=0, largest=1_000)]
 
 
 @dataclass(frozen=True)
@@ -33,14 +36,14 @@ class RangeNoise(Settings):
         If a value is negative or not finite, or `lateral` exceeds `depth`.
     """
 
-    intrinsic: NonNegative = 0.0015
+    intrinsic: NoiseFactor = 0.0015
     """S, per metre at n = 2: stereo disparity error grows with range squared. 0.0015 is 0.15 m at
     10 m and 0.6 m at 20 m: at the end of the default depth of field, more than half a cell."""
-    depth: NonNegative = 1.0
+    depth: NoiseFactor = 1.0
     """T along the optical axis."""
-    lateral: NonNegative = 0.25
+    lateral: NoiseFactor = 0.25
     """T across the optical axis: image points are known better than disparities."""
-    exponent: NonNegative = 2.0
+    exponent: Annotated[float, Bounds(at_least=0, largest=10)] = 2.0
     """n: 2 for stereo; 0 for a laser, whose error hardly depends on range."""
 
     def __post_init__(self) -> None:

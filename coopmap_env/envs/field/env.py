@@ -10,8 +10,10 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.envs.field._episode_world import (
     check_bases_in_search_range,
+    check_cameras_in_map,
     has_fixed_bases,
     make_world,
 )
@@ -38,10 +40,11 @@ from coopmap_env.envs.rewards import RewardScale
 from coopmap_env.envs.step_data import EpisodeRngs, FusedScans, TeamMoveResult, Transition
 from coopmap_env.envs.team import TeamEnv
 from coopmap_env.information import FieldRatingFunction
-from coopmap_env.mapping import OccupancyMap
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.rendering import overview_camera, render_field, robot_triangles, scene_meshes
 from coopmap_env.robots import Mount, make_mount
 from coopmap_env.simulation import FieldSimulator
+from coopmap_env.simulation.physics import MAX_VEHICLES
 from coopmap_env.simulation.scenes.field import FieldWorld, make_field_scene
 
 
@@ -72,6 +75,11 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         arguments = FieldArguments(*args, **kwargs)
         EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
+        if arguments.n_robots > MAX_VEHICLES:
+            raise ValueError(
+                f"n_robots must be at most {MAX_VEHICLES}, as many as the physics engine keeps "
+                f"apart, got {arguments.n_robots}"
+            )
         self.settings = arguments.settings or FieldSettings()
         self.initialization = arguments.initialization
         self.motion_correction = arguments.motion_correction
@@ -79,6 +87,10 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         self.mounts = _make_mounts(arguments.mount, len(self.possible_agents))
         self._simulator: FieldSimulator | None = None
         s, grid = self.settings, self.scene.grid
+        if not isinstance(grid, VoxelGrid) or grid.dimension != 3:
+            raise ValueError(
+                f"the grid of a scene must be a VoxelGrid of three axes, got {brief(grid)}"
+            )
         self._map = OccupancyMap(grid, s.beam, s.log_odds_range)
         n_local_maps = len(self.possible_agents) if arguments.initialization == "search" else 0
         self._local_maps = tuple(
@@ -116,6 +128,12 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             if not has_fixed_bases(self.scene):
                 world = world.with_headings(headings)
             check_bases_in_search_range(world, s.registration.search)
+        bases = [local_base_pose(world.grid)] * n if searching else world.base_poses
+        vehicles = make_vehicles(self.mounts, bases)
+        check_cameras_in_map(world.name, vehicles, world.grid)
+        if searching and has_fixed_bases(self.scene):
+            true_vehicles = make_vehicles(self.mounts, world.base_poses)
+            check_cameras_in_map(world.name, true_vehicles, world.grid)
         simulator = FieldSimulator(world, self.mounts, s.camera, s.noise, s.physics, rngs.start)
         self._close_simulator()
         self._simulator = simulator
@@ -125,10 +143,9 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             self._map.mark_free(
                 initial_free_voxels(world.grid, world.base_poses, s.initial_free_radius)
             )
-        bases = [local_base_pose(world.grid)] * n if searching else world.base_poses
         home = [np.array(mount.home) for mount in self.mounts]
         local_maps = self._local_maps or (None,) * n
-        team = TeamState(make_vehicles(self.mounts, bases), tuple(home), self._map, local_maps)
+        team = TeamState(vehicles, tuple(home), self._map, local_maps)
         belief = FieldBelief(
             agents=tuple(self.possible_agents),
             map=self._map,

@@ -60,6 +60,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopmap_env.core.limits import check_bytes
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.field._map_crop import Crop, write_crop
 from coopmap_env.envs.field.belief import FieldBelief
@@ -69,6 +70,8 @@ from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 FEATURE_LIMIT = 10.0
 N_CAMERA_VALUES = 9
+BYTES_PER_CROP_COLUMN = 100
+"""Memory that it takes to prepare a column of voxels of the crop."""
 N_POSE_AND_RATING_FEATURES = 11
 """Features of a candidate besides its joints."""
 
@@ -105,6 +108,16 @@ class FieldObserver:
         self._diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
         self._byte_of_log_odds = np.round(255 * settings.log_odds_range.probability).astype(
             np.uint8
+        )
+        (side, height), pooling = self._crop_size
+        check_bytes(
+            BYTES_PER_CROP_COLUMN * (side * pooling) ** 2 + 16 * pooling**3 + 8 * height * pooling,
+            "the observed crop (crop_cells, crop_pooling)",
+        )
+        features = 4 * (max(self._n_joints) + N_POSE_AND_RATING_FEATURES) * (n_candidates or 0)
+        check_bytes(
+            len(self._n_joints) * (2 * height * side**2 + features),
+            "an observation of all robots (n_robots, crop_cells, n_candidates)",
         )
         self._crops: dict[int, tuple[Pose, Crop]] = {}
         self._max_information = math.log(settings.rating.n_gray_bins)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from coopmap_env.core.settings import Bounds, NonNegative, Positive, PositiveInt, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Positive, Settings
 from coopmap_env.information import FieldRatingSettings
 from coopmap_env.localization import (
     CorrectionSettings,
@@ -61,9 +61,9 @@ class FieldSettings(Settings):
     """Cost of a collision in every reward, as a fraction of the largest NI."""
     crop_cells: tuple[CropSide, CropSide] = (40, 16)
     """Sides of the observed crop of the map, horizontal and vertical, in its own cells."""
-    crop_pooling: PositiveInt = 2
+    crop_pooling: Annotated[int, Bounds(at_least=1, largest=64)] = 2
     """Voxels along the side of a cell of the observed crop."""
-    max_grid_poses: PositiveInt = 2_000
+    max_grid_poses: Annotated[int, Bounds(at_least=1, largest=1_000_000)] = 2_000
     """Poses at most in the grid over the joint limits, which discretizes the configuration space
     for exhaustive search and raster scan."""
 

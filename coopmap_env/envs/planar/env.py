@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.planar._starts import sample_start_poses
 from coopmap_env.envs.planar.actions import PlanarPoseMode
@@ -53,8 +54,9 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         arguments = PlanarArguments(*args, **kwargs)
         EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
-        self.scene = make_planar_scene(arguments.scene)
-        self.settings = arguments.settings or PlanarSettings.for_resolution(self.scene.resolution)
+        self.scene = scene = make_planar_scene(arguments.scene)
+        self._grid = VoxelGrid(scene.shape, scene.resolution, scene.origin)
+        self.settings = arguments.settings or PlanarSettings.for_resolution(scene.resolution)
         self._belief = belief = self._empty_belief()
         self._set_up(
             belief.actions,
@@ -132,8 +134,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         )
 
     def _empty_belief(self) -> PlanarBelief:
-        s = self.settings
-        grid = VoxelGrid(self.scene.shape, self.scene.resolution, self.scene.origin)
+        s, grid = self.settings, self._grid
         lattice = PoseLattice(grid, s.n_headings)
         return PlanarBelief(
             agents=tuple(self.possible_agents),
@@ -149,6 +150,8 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
 
 def _make_world(scene: PlanarScene, rng: np.random.Generator) -> PlanarWorld:
     world = scene.world(rng)
+    if not isinstance(world, PlanarWorld):
+        raise ValueError(f"scene {scene.name!r} must make a PlanarWorld, not {brief(world)}")
     for name in ("shape", "resolution", "origin"):
         actual, declared = getattr(world, name), getattr(scene, name)
         if actual != declared:

@@ -60,6 +60,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopmap_env.core.limits import check_bytes
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.planar._observation_kernels import (
     CropTables,
@@ -75,6 +76,8 @@ from coopmap_env.envs.planar.belief import PlanarBelief
 N_CHANNELS = 4
 N_FEATURES = 9
 FEATURE_LIMIT = 10.0
+BYTES_PER_CROP_CELL = 40
+"""Memory that it takes to prepare a cell of the crop for one heading."""
 
 
 class PlanarObserver:
@@ -88,6 +91,15 @@ class PlanarObserver:
         self._shape = grid.shape
         size = tuple(n * grid.resolution for n in grid.shape)
         self._world = tuple(WorldExtent(grid.origin, size, grid.resolution))
+        check_bytes(
+            BYTES_PER_CROP_CELL * belief.lattice.n_headings * crop_cells**2,
+            "the observed crop for all headings (crop_cells, n_headings)",
+        )
+        features = 4 * N_FEATURES * (n_candidates or 0)
+        check_bytes(
+            self._n_robots * (N_CHANNELS * crop_cells**2 + features),
+            "an observation of all robots (n_robots, crop_cells, n_candidates)",
+        )
         offsets = crop_offsets(crop_cells, belief.lattice.n_headings)
         byte_of_log_odds = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
         self._tables = tuple(CropTables(offsets, int(np.abs(offsets).max()), byte_of_log_odds))

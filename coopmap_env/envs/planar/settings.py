@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-from coopmap_env.core.settings import Bounds, Positive, PositiveInt, Settings
+from coopmap_env.core.settings import Bounds, Positive, Settings
 from coopmap_env.information import PlanarRatingSettings
 from coopmap_env.mapping import BeamModel, LogOddsRange
 from coopmap_env.sensing import PlanarCamera, RangeNoise
@@ -29,7 +29,7 @@ class PlanarSettings(Settings):
     beam: BeamModel = field(default_factory=BeamModel)
     log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
     rating: PlanarRatingSettings = field(default_factory=PlanarRatingSettings)
-    n_headings: PositiveInt = 16
+    n_headings: Annotated[int, Bounds(at_least=1, largest=3_600)] = 16
     """Headings of the configuration space; see `PoseLattice`."""
     reach: Positive = 20.0
     """Metres: the most that one action moves the camera ahead or back, and to either side. By

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.limits import check_bytes
 from coopmap_env.geometry import RigidTransform, Spheres
 from coopmap_env.information.field._depth_buffer import CameraArrays, SphereArrays
 from coopmap_env.information.field.frustum import MAX_PIXEL_ANGLE, Frustum
@@ -43,9 +45,22 @@ class ViewTables:
         log_odds_range: LogOddsRange,
         distance_unit: float,
     ) -> ViewTables:
-        """Prepare the tables; `distance_unit` metres are the unit of the distances in Eq. 8."""
+        """Prepare the tables; `distance_unit` metres are the unit of the distances in Eq. 8.
+
+        Raises
+        ------
+        ValueError
+            If they take more memory than `coopmap_env.core.limits` allows.
+        """
         unit = grid.resolution / distance_unit
         frustum = Frustum.from_camera(camera, grid.resolution, MAX_PIXEL_ANGLE * unit)
+        w, h = frustum.pixels
+        check_bytes(
+            8 * frustum.max_visible_cells
+            + 56 * frustum.max_runs(grid.shape)
+            + 8 * w * h * math.ceil(frustum.far),
+            "the view of a DepthCamera in voxels (far / resolution)",
+        )
         quarters = np.arange(int(4 * frustum.far**2) + 2)
         gray_levels = GrayLevelTable.from_distances(
             np.sqrt(quarters) / 2 * unit,

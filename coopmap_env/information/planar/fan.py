@@ -10,6 +10,7 @@ keeps the order along every beam, as each step of a traversal adds one.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -17,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.limits import check_cells
 from coopmap_env.geometry import traverse
 from coopmap_env.sensing import PlanarCamera
 
@@ -83,9 +85,19 @@ class BeamFan:
 
     @classmethod
     def from_camera(cls, camera: PlanarCamera, resolution: float, n_headings: int) -> BeamFan:
-        """Prepare the fan of a camera on cells of `resolution` metres."""
+        """Prepare the fan of a camera on cells of `resolution` metres.
+
+        Raises
+        ------
+        ValueError
+            If it has more cells than `coopmap_env.core.limits` allows.
+        """
         depth = camera.depth_of_field / resolution
         words = -(-camera.n_beams // BEAMS_PER_WORD)
+        side = _window_side(depth)
+        what = "the view of a camera for all headings (depth_of_field, n_beams, n_headings)"
+        check_cells((n_headings, side, side, words), what)
+        check_cells((n_headings, side, camera.n_beams), what)
         lists = [
             _beams_by_cell(camera.bearings + h * 2 * np.pi / n_headings, depth, words)
             for h in range(n_headings)
@@ -107,12 +119,17 @@ def _beam_mask(beams: range, words: int) -> NDArray[np.uint64]:
     return np.array([value >> (BEAMS_PER_WORD * w) & mask for w in range(words)], dtype=np.uint64)
 
 
+def _window_side(depth: float) -> int:
+    """Side of a square of cells around the camera that holds a view."""
+    return 2 * (math.ceil(depth) + 2) + 1
+
+
 def _beams_by_cell(
     angles: NDArray[np.float64], depth: float, words: int
 ) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
     """Cell offsets crossed by beams at these angles, nearest first, and the bits of the beams."""
-    half = int(np.ceil(depth)) + 2
-    size = 2 * half + 1
+    size = _window_side(depth)
+    half = size // 2
     beams = np.zeros((size, size, words), dtype=np.uint64)
     for beam, angle in enumerate(angles):
         direction = [np.cos(angle), np.sin(angle)]

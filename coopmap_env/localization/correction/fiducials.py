@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.arguments import check_array_shapes
-from coopmap_env.core.settings import Bounds, NonNegative, Positive, PositiveInt, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Positive, Settings
 from coopmap_env.geometry import Pose
 from coopmap_env.localization.correction._peaks import (
     BallLimits,
@@ -45,7 +45,7 @@ Probability = Annotated[float, Bounds(at_least=0, below=1)]
 class FiducialSettings(Settings):
     """Which peaks become fiducials, and how many are kept."""
 
-    max_fiducials: PositiveInt = 32
+    max_fiducials: Annotated[int, Bounds(at_least=1, largest=10_000)] = 32
     """The error of a pose falls with their root, the time to track them grows with them."""
     min_peak_probability: Annotated[float, Bounds(above=0.5, below=1)] = 0.9
     """More certain voxels are better fiducials (Section 2.5). 0.6 would hardly add any, for next
@@ -53,7 +53,7 @@ class FiducialSettings(Settings):
     min_rise: Probability = 0.05
     """Probability by which a value must exceed that of its neighbour nearer to the peak to end the
     ball: on a surface values differ by hundredths, whatever its shape."""
-    max_radius: Positive = 0.4
+    max_radius: Annotated[float, Bounds(above=0, largest=10)] = 0.4
     """Metres: the visible part of a larger thing depends on the side that it is seen from."""
     min_spacing: NonNegative = 0.3
     """Metres between new fiducials and all others: neighbours have the same errors, and near to

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from coopmap_env.core.settings import (
+    Bounds,
     NonNegative,
     NonNegativeInt,
     Positive,
@@ -33,7 +35,7 @@ class CorrectionSettings(Settings):
     outlier_std: NonNegative = 0.003
     """Metres, added to a patch's deviation in the test for outliers. A large thing that moved by a
     few centimetres may pass, and moves the pose by some millimetres."""
-    max_keyframes: PositiveInt = 32
+    max_keyframes: Annotated[int, Bounds(at_least=1, largest=10_000)] = 32
     """Earlier scans that are kept for comparison; the oldest is dropped first."""
     min_planar_pixels: NonNegativeInt = 40
     """Pixels with a normal that an earlier scan needs to be kept."""
@@ -41,8 +43,8 @@ class CorrectionSettings(Settings):
     """Earlier scans that a scan is compared with: those with the largest overlap."""
     max_association_distance: Positive = 0.25
     """Metres between a point and the surface that it may belong to."""
-    target_spacing: Positive = 0.4
+    target_spacing: Annotated[float, Bounds(above=0, smallest=0.01)] = 0.4
     """Metres between the fiducials on the known target."""
-    iterations: PositiveInt = 5
+    iterations: Annotated[int, Bounds(at_least=1, largest=1_000)] = 5
     """Rounds of associating pixels and solving; the last ones move the camera by less than 0.1
     mm."""

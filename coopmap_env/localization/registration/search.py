@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.settings import NonNegative, Positive, PositiveInt, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Settings
 from coopmap_env.geometry import Pose, rotation_about_z
 from coopmap_env.localization.registration._branch_and_bound import (
     Probes,
@@ -50,22 +50,22 @@ class SearchSettings(Settings):
 
     min_distance: NonNegative = 2.0
     """Least distance between the base and the target's center, metres."""
-    max_distance: NonNegative = 5.2
+    max_distance: Annotated[float, Bounds(at_least=0, largest=100)] = 5.2
     """Largest distance, metres: vehicles stand 2.5 to 4.5 m away."""
-    xy_step: Positive = 0.1
+    xy_step: Annotated[float, Bounds(above=0, smallest=0.001, largest=10)] = 0.1
     """Metres between neighbouring poses: the alignment converges from twice as far."""
-    yaw_step: Positive = math.radians(5.0)
+    yaw_step: Annotated[float, Bounds(above=0, smallest=0.001, largest=math.pi)] = math.radians(5.0)
     """Radians: moves what lies 1.2 m from the target's center by a step."""
-    n_levels: PositiveInt = 3
+    n_levels: Annotated[int, Bounds(at_least=1, largest=8)] = 3
     """Halvings from the largest cells, of 0.8 m, to a step."""
-    field_sigma: Positive = 0.08
+    field_sigma: Annotated[float, Bounds(above=0, largest=10)] = 0.08
     """Sigma of the likelihood field, metres: a point is off by half a step, half a yaw step and
     3 cm of range noise and of the camera's pose."""
     ground_height: NonNegative = 0.15
     """Metres above the ground below which points are the ground's: three sigma of their height."""
-    voxel_size: Positive = 0.1
+    voxel_size: Annotated[float, Bounds(above=0, smallest=0.001)] = 0.1
     """Metres. Each voxel with points has one vote, so near surfaces have no more weight."""
-    max_points: PositiveInt = 300
+    max_points: Annotated[int, Bounds(at_least=1, largest=100_000)] = 300
     """Votes that are evaluated; of more, every k-th stands for its neighbours."""
     seen_through_margin: NonNegative = 0.2
     """Metres by which a ray must pass a surface to see through it: three sigma of range at 5 m
@@ -73,7 +73,7 @@ class SearchSettings(Settings):
     seen_through_weight: NonNegative = 1.0
     """Weight of a square metre seen through, in square metres that are seen. Of closed bodies both
     sides are seen through at once."""
-    n_probes: PositiveInt = 300
+    n_probes: Annotated[int, Bounds(at_least=1, largest=100_000)] = 300
     """Points of the surface that rays are tested against."""
     min_separation: tuple[NonNegative, NonNegative] = (0.3, math.radians(15.0))
     """Metres and radians within which two hypotheses are the same."""
@@ -81,9 +81,9 @@ class SearchSettings(Settings):
     """Votes of a hypothesis: 0.15 square metres of surface."""
     min_relative_score: NonNegative = 0.5
     """Score of a hypothesis as a fraction of the best one."""
-    max_hypotheses: PositiveInt = 32
+    max_hypotheses: Annotated[int, Bounds(at_least=1, largest=10_000)] = 32
     """Hypotheses that are returned."""
-    max_visits: PositiveInt = 24_000
+    max_visits: Annotated[int, Bounds(at_least=1, largest=10_000_000)] = 24_000
     """Nodes of a search: about 0.15 s. A worksite needs some hundreds to a few thousand. In dense
     rubble the search may end here, and the robot needs more scans."""
 

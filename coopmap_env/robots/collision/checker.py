@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.settings import NonNegative, Positive, Settings
+from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots.collision._arrays import (
     CollisionObstacles,
@@ -49,12 +50,12 @@ class CollisionSettings(Settings):
         If a value is out of its range.
     """
 
-    step: Positive = 0.05
+    step: Annotated[float, Bounds(above=0, smallest=0.001)] = 0.05
     """Metres: no sphere center moves farther between two checks; half a voxel."""
-    margin: NonNegative = 0.03
+    margin: Annotated[float, Bounds(at_least=0, largest=10)] = 0.03
     """Metres between a link's spheres and a blocked voxel: half a step, so that nothing is missed
     between two checks, and a little for the body's motion on its suspension."""
-    team_margin: NonNegative = 0.1
+    team_margin: Annotated[float, Bounds(at_least=0, largest=10)] = 0.1
     """Metres between own spheres and those of a teammate, whose body moves, too."""
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
+from coopmap_env.core.limits import check_cells
 from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap
 
 FREE, UNKNOWN, OCCUPIED, OUTSIDE = range(4)
@@ -50,6 +51,7 @@ class VoxelStates:
             raise ValueError(f"the box's reach must be finite and > 0, got {reach}")
         first = np.floor(grid.to_cell_units(middle - reach)).astype(np.int64)
         last = np.floor(grid.to_cell_units(middle + reach)).astype(np.int64)
+        check_cells((last - first + 1).tolist(), "the box of voxels that a mount can reach")
         states = np.empty(last - first + 1, dtype=np.uint8)
         copy_states(map_.arrays, first, states)
         lower = np.array(grid.origin) + first * grid.resolution

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.caches import freeze
-from coopmap_env.core.settings import Positive, PositiveInt, Settings
+from coopmap_env.core.settings import Bounds, Positive, Settings
 from coopmap_env.robots.kinematics.chain import Chain
 
 
@@ -29,7 +29,7 @@ class CollisionSphereSettings(Settings):
     """Metres: parts of moving links are halved until their spheres are no larger."""
     static_radius: Positive = 0.2
     """Metres, the same for links that do not move: only the mount's own links can touch them."""
-    max_spheres: PositiveInt = 8
+    max_spheres: Annotated[int, Bounds(at_least=1, largest=1_000)] = 8
     """Spheres per link, whatever their radius."""
 
 

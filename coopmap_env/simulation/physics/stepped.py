@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.settings import Positive, Settings
+from coopmap_env.core.settings import Bounds, Positive, Settings
 from coopmap_env.simulation.physics._path import StraightPath, are_paths_free
 from coopmap_env.simulation.physics._trajectory import TrajectoryTracker
 from coopmap_env.simulation.physics.world import BulletWorld
@@ -30,17 +31,17 @@ TARGET_TOLERANCE = 1e-4
 class SteppingSettings(Settings):
     """How stepped motions are made."""
 
-    time_step: Positive = 1.0 / 30.0
+    time_step: Annotated[float, Bounds(above=0, smallest=1e-4, largest=1)] = 1.0 / 30.0
     """Seconds. The bodies swing at 2 to 4 Hz."""
-    free_time_step: Positive = 1.0 / 12.0
+    free_time_step: Annotated[float, Bounds(above=0, smallest=1e-4, largest=1)] = 1.0 / 12.0
     """Seconds: the step of motions with `FREE_CLEARANCE` on all sides."""
-    speed_factor: Positive = 3.0
+    speed_factor: Annotated[float, Bounds(above=0, smallest=0.01, largest=1000)] = 3.0
     """Speed of the joints as a multiple of their limits in the URDF: only where a motion ends
     matters, and a faster one costs less."""
     rest_speed: Positive = 1e-3
     """m/s and rad/s: a body that is slower than this, with its springs within `REST_IMBALANCE`, is
     at rest. Its camera is then within 0.2 mm and 0.01 degrees of its final pose."""
-    settle_timeout: Positive = 5.0
+    settle_timeout: Annotated[float, Bounds(above=0, largest=100)] = 5.0
     """Seconds after the end of the motion, by which all must be at rest and free."""
 
 
