@@ -1,8 +1,8 @@
 """Blocks of environments: one in this process, or each in a worker process of its own.
 
 `LocalBlock` and `WorkerPool` have the same interface: `request` sends a method call to each block,
-`replies` waits for the results. A worker serves requests until its pipe is closed, by `close` or by
-the end of the main process, so no worker outlives the main process.
+`replies` waits for the results. A worker serves requests until its pipe is closed by `close`, and
+ends at once with the main process.
 
 Messages are pickled by cloudpickle, which also handles classes and functions that are defined in a
 notebook or in a function. They are read by pickle: workers need neither torch nor
@@ -14,7 +14,6 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import pickle
-import signal
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from typing import Any
 import cloudpickle  # type: ignore[import-untyped]
 
 from coopmap_agents.rollouts.team_block import EnvFactory, TeamBlock
+from coopmap_env.core.processes import WorkerError, begin_worker, signals_postponed
 
 SHUTDOWN_TIMEOUT = 10.0
 """Seconds that a worker has to finish its step and close its environments before it is killed."""
@@ -139,7 +139,8 @@ class Worker:
             target=run_worker, args=(other_end, factory, n_envs, with_state), name=name, daemon=True
         )
         self._reply_pending = False
-        self._process.start()
+        with signals_postponed():
+            self._process.start()
         other_end.close()  # else the pipe would not end with the worker
 
     def request(self, method: str, *arguments: Any) -> None:
@@ -157,18 +158,19 @@ class Worker:
 
         Raises
         ------
-        RuntimeError
+        WorkerError
             If the worker has ended.
         """
         try:
             message = self._pipe.recv_bytes()
         except (EOFError, ConnectionError) as error:
             self._process.join(SHUTDOWN_TIMEOUT)
-            raise RuntimeError(
+            raise WorkerError(
                 f"{self._process.name} has ended, with exit code {self._process.exitcode} (of "
-                "a signal if negative; -9 often means out of memory): close this environment and "
-                "make a new one. If it ended at once, the script that starts workers may lack "
-                "if __name__ == '__main__':"
+                "a signal if negative; -9 often means out of memory: use fewer workers). The same "
+                "command continues a training after its last segment; elsewhere, close this "
+                "environment and make a new one. If the worker ended at once, the script that "
+                "starts it may lack if __name__ == '__main__':"
             ) from error
         finally:
             self._reply_pending = False
@@ -222,7 +224,9 @@ class RemoteError:
 
 def run_worker(pipe: Connection, factory: bytes, n_envs: int, with_state: bool) -> None:
     """Body of a worker: make a block, and serve requests until the pipe is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process handles Ctrl-C and closes us
+    main_process = multiprocessing.parent_process()
+    assert main_process is not None
+    begin_worker(main_process.sentinel)
     with contextlib.suppress(EOFError, ConnectionError):
         try:
             block = TeamBlock(pickle.loads(factory), n_envs, with_state)
