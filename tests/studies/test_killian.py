@@ -5,12 +5,14 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from plain.memory import memory_below
 
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import RangeNoise
 from coopmap_env.studies.recorded import killian
 from coopmap_env.studies.recorded.killian import (
     CellObservations,
+    grid_for_log,
     held_out_loss,
     hold_out,
     observe_cells,
@@ -31,7 +33,7 @@ def record(ranges, pose, start=-1.5, step=0.5, max_range=50.0, remissions=()):
 def zipped(tmp_path):
     def write(*lines, member="walk.g2o"):
         path = tmp_path / "walk.g2o.zip"
-        with zipfile.ZipFile(path, "w") as archive:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr(member, "\n".join(lines))
         return path
 
@@ -74,7 +76,16 @@ def test_ranges_bearings_and_laser_poses_are_read_and_other_records_are_not(zipp
         ),
         (" ".join(record([1.0, 2.0], (0, 0, 0)).split()[:13]), "cut short after 13 words"),
         (record([1.0, 2.0], (0, 0, 0)).replace(" 2 1.0", " 400 1.0"), "of 400 beams is cut short"),
-        (record([1.0, math.nan], (0, 0, 0)), "a range that is not finite"),
+        (
+            record([1.0, 2.0], (0, 0, 0)).replace(" 2 1.0", " 2.0 1.0"),
+            "number of values, got '2.0'",
+        ),
+        (record([1.0, 2.0], (0, 0, 0)).replace(" 2 1.0", " " + "9" * 5000), "number of values"),
+        (
+            record([1.0, 2.0], (0, 0, 0)).replace(" 2.0 0 ", " 2.0 -1 "),
+            "number of values, got '-1'",
+        ),
+        (record([1.0] * 300_000, (0, 0, 0)), "longer than 1048576 bytes"),
         (record([1.0, 2.0], (0, math.inf, 0)), "a laser pose that is not finite"),
         (record([1.0, 2.0], (0, 0, 0), max_range=math.nan), "a header that is not finite"),
         (record([1.0, -2.0], (0, 0, 0)), "ranges >= 0"),
@@ -93,9 +104,9 @@ def test_a_bad_record_is_named_with_its_file_and_line(zipped, line, message):
 def test_a_file_that_is_no_zip_is_rejected(tmp_path):
     path = tmp_path / "walk.g2o.zip"
     path.write_text("VERTEX_SE2 0 0 0 0")
-    with pytest.raises(LaserLogError, match="not a zip file"):
+    with pytest.raises(LaserLogError, match=r"walk\.g2o\.zip: not a ZIP archive"):
         read_laser_log(path)
-    with pytest.raises(LaserLogError, match="not a zip file"):
+    with pytest.raises(LaserLogError, match=r"missing\.zip: there is no such file"):
         read_laser_log(tmp_path / "missing.zip")
 
 
@@ -108,6 +119,51 @@ def test_a_zip_without_its_member_is_rejected(zipped):
 def test_a_file_without_scans_is_rejected(zipped):
     with pytest.raises(LaserLogError, match="no ROBOTLASER1 record"):
         read_laser_log(zipped("VERTEX_SE2 0 0 0 0"))
+
+
+def test_lines_may_end_as_on_windows_and_records_may_be_indented_or_commented_out(zipped):
+    one = record([1.0, 2.0], (0, 0, 0))
+    log = read_laser_log(zipped(f"# {one}\r", f"  {one}\r", "ROBOTLASER10 1\r", f"{one}\r"))
+    assert log.ranges.tolist() == [[1.0, 2.0], [1.0, 2.0]]
+
+
+def test_ranges_without_a_distance_are_those_of_rep_117(zipped):
+    log = read_laser_log(
+        zipped(
+            record([math.inf, 2.0, math.nan, -math.inf, 51.0], (0, 0, 0)),
+            record([math.inf] * 5, (0, 0, 0)),
+        )
+    )
+    np.testing.assert_array_equal(log.ranges[0], [math.inf, 2.0, math.nan, -math.inf, 51.0])
+    # only the second beam returned: the others are skipped, as those beyond the max range are
+    x, y = 2.0 * math.cos(-1.0), 2.0 * math.sin(-1.0)
+    np.testing.assert_allclose(scan_from_log(log, 0).points, [[x, y]])
+    assert len(scan_from_log(log, 1).points) == 0
+
+
+def test_an_archive_of_very_many_lines_is_read_without_splitting_them(zipped):
+    path = zipped("\n" * 20_000_000, record([1.0, 2.0], (0, 0, 0)), record([3.0], (0, 0, 0)))
+    assert path.stat().st_size < 1e5
+    with memory_below(100e6), pytest.raises(LaserLogError, match=r"line 20000003: .*two beams"):
+        read_laser_log(path)
+
+
+def test_a_log_larger_than_the_limits_is_rejected(zipped, monkeypatch):
+    path = zipped(*[record([1.0, 2.0], (0, 0, 0))] * 9)
+    monkeypatch.setenv("COOPMAP_MAX_CELLS", "17")
+    with pytest.raises(LaserLogError, match=r"line 9: the log has 18 cells, more than .* of 17"):
+        read_laser_log(path)
+    monkeypatch.setenv("COOPMAP_MAX_CELLS", "18")
+    assert read_laser_log(path).ranges.shape == (9, 2)
+    monkeypatch.setenv("COOPMAP_MAX_BYTES", "500")
+    with pytest.raises(LaserLogError, match=r"the unpacked archive has .* bytes"):
+        read_laser_log(path)
+
+
+def test_poses_that_span_too_many_cells_are_rejected_with_their_size():
+    far = log_of([1.0, 1.0], [1.0, 1.0], poses=[(0.0, 0.0, 0.0), (1e300, 0.0, 0.0)])
+    with pytest.raises(ValueError, match=r"over 10\*\*15 cells, more than the limit"):
+        grid_for_log(far)
 
 
 # Scans

@@ -195,7 +195,7 @@ def grid_for_log(log: LaserLog, resolution: float = RESOLUTION) -> VoxelGrid:
     margin = USABLE_RANGE + resolution
     lower = np.floor(log.poses[:, :2].min(axis=0) - margin)
     upper = log.poses[:, :2].max(axis=0) + margin
-    nx, ny = np.ceil((upper - lower) / resolution).astype(int).tolist()
+    nx, ny = (math.ceil(cells) for cells in ((upper - lower) / resolution).tolist())
     return VoxelGrid((nx, ny), resolution, tuple(lower.tolist()))
 
 

@@ -8,11 +8,14 @@ EDGE_SE2     a measured motion between two poses; not read, see `read_laser_log`
 ROBOTLASER1  type, start angle, field of view, step, max range, accuracy, remission mode, n,
              n ranges, m, m remissions, laser pose (x y heading), robot pose (x y heading), ...
 ===========  ====================================================================================
+
+Ranges that are no distances are those of REP 117: ``inf`` no return, ``-inf`` too close to measure,
+``nan`` no valid measurement.
 """
 
 from __future__ import annotations
 
-import zipfile
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,11 +23,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import FileError
+from coopmap_env.core.archives import read_zip_members
+from coopmap_env.core.files import FileError, brief
+from coopmap_env.core.limits import check_cells
 
 LASER_RECORD = "ROBOTLASER1"
 N_HEADER_WORDS = 9
 """Words of a record before the ranges, including its name."""
+MAX_RECORD_BYTES = 1 << 20
+"""Length of a record: 100,000 beams."""
+_RECORD = re.compile(LASER_RECORD.encode() + rb"(?!\S)[^\r\n]*")
 
 
 class LaserLogError(FileError):
@@ -36,7 +44,8 @@ class LaserLog:
     """Scans of a planar laser along its path, with the poses of the laser."""
 
     ranges: NDArray[np.float64]
-    """Shape (n, n_beams), metres; `max_range` or more means no return."""
+    """Shape (n, n_beams), metres; `max_range` or more means no return, ``inf`` included. NaN and
+    ``-inf`` are no measurements."""
     bearings: NDArray[np.float64]
     """Shape (n_beams,), radians from the laser's heading, from +x to +y."""
     poses: NDArray[np.float64]
@@ -64,16 +73,17 @@ def read_laser_log(path: Path) -> LaserLog:
     Raises
     ------
     LaserLogError
-        If the file is no zip archive or lacks its member, a record is cut short or not finite,
-        records differ in their beams, or there is no record.
+        If the file is missing, no zip archive or lacks its member, a record is cut short, broken
+        or too long, records differ in their beams, there is no record, or there are more ranges
+        than the limit of cells (`coopmap_env.core.limits`).
     """
-    ranges, poses, headers = [], [], set()
-    for number, line in _read_lines(path):
-        words = line.split()
-        if not words or words[0] != LASER_RECORD:
-            continue
+    ranges: list[NDArray[np.float64]] = []
+    poses: list[NDArray[np.float64]] = []
+    headers: set[tuple[float, float, float, int]] = set()
+    for number, line in _find_records(path):
         try:
-            header, values, pose = _parse_record(words)
+            header, values, pose = _parse_record(line)
+            check_cells((len(ranges) + 1, len(values)), "the log")
         except ValueError as error:
             raise LaserLogError(f"{path}, line {number}: {error}") from None
         headers.add(header)
@@ -95,39 +105,50 @@ def read_laser_log(path: Path) -> LaserLog:
     )
 
 
-def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines of the archive's member, numbered from 1."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            text = archive.read(path.stem).decode("ascii", errors="replace")
-    except (OSError, zipfile.BadZipFile) as error:
-        raise LaserLogError(f"{path}: not a zip file that can be read: {error}") from error
-    except KeyError:
-        raise LaserLogError(f"{path}: has no member {path.stem}") from None
-    return enumerate(text.splitlines(), start=1)
+def _find_records(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines of the archive's member that are laser records, and their numbers from 1.
+
+    No other line is split off: some kilobytes of an archive may hold 10**9 of them.
+    """
+    content = read_zip_members(path, [path.stem], LaserLogError)[path.stem]
+    number, counted = 1, 0
+    for match in _RECORD.finditer(content):
+        number, counted = number + content.count(b"\n", counted, match.start()), match.start()
+        if match.end() - match.start() > MAX_RECORD_BYTES:
+            raise LaserLogError(f"{path}, line {number}: longer than {MAX_RECORD_BYTES} bytes")
+        line_start = content.rfind(b"\n", 0, match.start()) + 1
+        if not content[line_start : match.start()].strip():
+            yield number, match[0].decode("ascii", errors="replace")
 
 
 def _parse_record(
-    words: list[str],
+    line: str,
 ) -> tuple[tuple[float, float, float, int], NDArray[np.float64], NDArray[np.float64]]:
     """(start, step, max range, n), ranges (n,) and laser pose (3,) of a record."""
+    words = line.split()
     if len(words) < N_HEADER_WORDS:
         raise ValueError(
             f"{LASER_RECORD} needs {N_HEADER_WORDS} words before its ranges, got {len(words)}"
         )
-    n = int(words[N_HEADER_WORDS - 1])
+    n = _count(words[N_HEADER_WORDS - 1])
     if n < 2:
         raise ValueError(f"{LASER_RECORD} needs two beams or more, got {n}")
     remissions = N_HEADER_WORDS + n
-    pose = remissions + 1 + (int(words[remissions]) if len(words) > remissions else 0)
+    pose = remissions + 1 + (_count(words[remissions]) if len(words) > remissions else 0)
     if len(words) < pose + 3:
         raise ValueError(f"{LASER_RECORD} of {n} beams is cut short after {len(words)} words")
     header = np.array([words[2], words[4], words[5]], dtype=np.float64)
     values = np.array(words[N_HEADER_WORDS:remissions], dtype=np.float64)
     laser_pose = np.array(words[pose : pose + 3], dtype=np.float64)
-    for name, numbers in (("header", header), ("range", values), ("laser pose", laser_pose)):
+    for name, numbers in (("header", header), ("laser pose", laser_pose)):
         if not np.isfinite(numbers).all():
             raise ValueError(f"{LASER_RECORD} has a {name} that is not finite")
-    if (values < 0).any() or header[1] <= 0 or header[2] <= 0:
+    if (np.isfinite(values) & (values < 0)).any() or header[1] <= 0 or header[2] <= 0:
         raise ValueError(f"{LASER_RECORD} needs ranges >= 0, a step and a max range > 0")
     return (float(header[0]), float(header[1]), float(header[2]), n), values, laser_pose
+
+
+def _count(word: str) -> int:
+    if not re.fullmatch("[0-9]{1,9}", word):
+        raise ValueError(f"{LASER_RECORD} needs a number of values, got {brief(word)}")
+    return int(word)
