@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     )
     from coopmap_env.evaluation.hashes import file_hashes
     from coopmap_env.evaluation.jobs import Job, Result, ray_session, run_jobs
+    from coopmap_env.evaluation.stored_episode import is_episode
     from coopmap_env.evaluation.summary import BOOTSTRAP_SEED, summarize
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "evaluate",
     "file_hashes",
     "get_env_spec",
+    "is_episode",
     "make_env",
     "make_policy",
     "make_surface_evaluator",
@@ -56,7 +58,9 @@ __all__ = [
     "write_episodes",
 ]
 
-_SUBMODULES = ("env_specs", "episode", "hashes", "jobs", "comparison", "summary")
+_SUBMODULES = (
+    "env_specs", "episode", "hashes", "jobs", "stored_episode", "comparison", "summary",
+)  # fmt: skip
 """Loaded on first use: planners import this package and need no statistics."""
 
 

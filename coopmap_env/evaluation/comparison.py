@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,14 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.files import write_atomically
 from coopmap_env.envs import MappingEnv
+from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation.env_specs import get_env_spec
 from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode
-from coopmap_env.evaluation.episode_jobs import is_episode, make_job, run_job
+from coopmap_env.evaluation.episode_jobs import make_job, run_job
 from coopmap_env.evaluation.jobs import Backend, run_jobs
 from coopmap_env.evaluation.policy import Policy, make_policy
 from coopmap_env.evaluation.rollout import warm_up
+from coopmap_env.evaluation.stored_episode import is_episode
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,8 @@ def compare(
 ) -> dict[str, Evaluation]:
     """Play every policy on the same worlds.
 
-    An interrupted comparison can be resumed. Results do not depend on the number of workers, except
+    An interrupted or killed comparison can be resumed; stored episodes that are damaged are played
+    again. Results do not depend on the number of workers, except
     for planning times.
 
     Parameters
@@ -106,12 +110,17 @@ def compare(
     policy_objects = [make_policy(policy) for policy in policies]
     with closing(get_env_spec(env_name).make(**env_kwargs, settings=settings)) as trial_env:
         warm_up(trial_env, *policy_objects)
+        is_valid = partial(
+            is_episode,
+            n_scans=trial_env.max_scans,
+            with_surface=isinstance(trial_env, FieldEnv),
+        )
     jobs = [
         make_job(policy, seed, env_kwargs, settings, env_name)
         for policy in policies
         for seed in seeds
     ]
-    results = iter(run_jobs(run_job, jobs, results_dir, workers, progress, is_episode, backend))
+    results = iter(run_jobs(run_job, jobs, results_dir, workers, progress, is_valid, backend))
     return {
         policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
         for policy in policies

@@ -7,11 +7,12 @@ from dataclasses import asdict
 from functools import lru_cache
 from typing import Any
 
+from coopmap_env.core.caches import thread_cache
 from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation.env_specs import make_env
-from coopmap_env.evaluation.episode import episode_from_dict, run_episode
+from coopmap_env.evaluation.episode import run_episode
 from coopmap_env.evaluation.hashes import file_hashes
 from coopmap_env.evaluation.jobs import Job, Result
 from coopmap_env.evaluation.policy import Policy, make_policy
@@ -57,13 +58,13 @@ def _fingerprint(policy: str) -> str:
     return str(getattr(make_policy(policy), "fingerprint", ""))
 
 
-@lru_cache(maxsize=4)
+@thread_cache(maxsize=4)
 def _env(arguments: str) -> MappingEnv[Any]:
     values = json.loads(arguments)
     return make_env(values["env_name"], values["env_kwargs"], values["settings"])
 
 
-@lru_cache(maxsize=16)
+@thread_cache(maxsize=16)
 def _policy(spec: str, arguments: str) -> Policy:
     policy = make_policy(spec)
     warm_up(_env(arguments), policy)
@@ -71,16 +72,7 @@ def _policy(spec: str, arguments: str) -> Policy:
 
 
 def run_job(job: Job) -> Result:
-    """Play the episode of a job; environments and policies are reused by later jobs."""
+    """Play the episode of a job; later jobs of the thread reuse environment and policy."""
     env_values = {name: value for name, value in job.items() if name not in POLICY_KEYS}
     arguments = json.dumps(env_values, sort_keys=True)
     return asdict(run_episode(_env(arguments), _policy(job["policy"], arguments), job["seed"]))
-
-
-def is_episode(result: Any) -> bool:
-    """Whether a stored result has the fields of an episode of this version."""
-    try:
-        episode_from_dict(result)
-    except (TypeError, KeyError):
-        return False
-    return True

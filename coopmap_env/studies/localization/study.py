@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from coopmap_env.evaluation import (
 )
 from coopmap_env.studies.localization.episodes import run_localization_job
 from coopmap_env.studies.localization.estimator_comparison import compare_pose_estimators
+from coopmap_env.studies.localization.stored_results import is_correction_result, is_search_result
 
 POLICY = "rating_function:search=100"
 CORRECTION_MODES = ("kinematic", "fiducials", "exact")
@@ -90,7 +92,7 @@ def run_localization_study(
     """
     log(f"searching for the target: {size.search_worlds} test worksites, two robots")
     jobs = [_make_job("search", seed, SEARCH_SCANS) for seed in range(size.search_worlds)]
-    searches = run_jobs(run_localization_job, jobs, store, workers)
+    searches = run_jobs(run_localization_job, jobs, store, workers, is_valid=is_search_result)
     log(
         f"mapping with {', '.join(CORRECTION_MODES)} camera poses: {size.map_worlds} test worksites"
     )
@@ -101,7 +103,8 @@ def run_localization_study(
         for setting in CORRECTION_MODES
         for seed in range(size.map_worlds)
     ]
-    results = iter(run_jobs(run_localization_job, jobs, store, workers))
+    is_valid = partial(is_correction_result, n_scans=SCANS_EACH)
+    results = iter(run_jobs(run_localization_job, jobs, store, workers, is_valid=is_valid))
     runs = {name: [next(results) for _ in range(size.map_worlds)] for name in CORRECTION_MODES}
     log("comparison of pose estimators")
     rng = np.random.default_rng(BOOTSTRAP_SEED)
