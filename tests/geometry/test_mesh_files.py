@@ -109,6 +109,11 @@ def test_nodes_of_a_dae_place_their_geometries_in_its_unit(read):
     np.testing.assert_allclose(parts[1].bounds, [[0.7, 0, 0], [1, 0.4, 0.4]], atol=1e-12)
 
 
+def test_a_dae_needs_no_namespace(read):
+    plain = dae().replace(b' xmlns="http://www.collada.org/2005/11/COLLADASchema"', b"")
+    np.testing.assert_allclose(read("a.dae", plain).vertices, VERTICES)
+
+
 @pytest.mark.parametrize(
     ("primitive", "area"),
     [
@@ -340,10 +345,18 @@ def test_a_few_lines_cannot_stand_for_gigabytes_of_copies(read):
 
 
 def test_an_archive_that_unpacks_to_gigabytes_is_refused_before_it_is(read, monkeypatch):
-    monkeypatch.setenv("COOPMAP_MAX_BYTES", "100000")
+    monkeypatch.setenv("COOPMAP_MAX_BYTES", "1000000")
     content = archive(**{"3D/3dmodel.model": "<model>" + " " * 200_000 + "</model>"})
     assert len(content) < 1000
     assert "COOPMAP_MAX_BYTES" in refusal(read, "a.3mf", content)
+
+
+def test_what_trimesh_exports_is_read_in_metres(read):
+    pytest.importorskip("lxml")
+    pytest.importorskip("collada")
+    # trimesh writes 3MF in millimetres whatever the mesh is in, and COLLADA with y up
+    np.testing.assert_allclose(read("a.3mf", exported("3mf")).extents, SIZE / 1000, atol=1e-9)
+    np.testing.assert_allclose(read("a.dae", exported("dae")).extents, [2, 4, 3], atol=1e-6)
 
 
 def test_a_buffer_beside_the_file_that_is_too_short_is_refused(read):

@@ -29,7 +29,7 @@ _UP_AXES = {"X_UP": Z_UP_FROM_X_UP, "Y_UP": Z_UP_FROM_Y_UP, "Z_UP": np.eye(3)}
 def read_dae(content: bytes, *, apply_up_axis: bool) -> Surface:
     """Read a DAE; without `apply_up_axis` only its unit counts."""
     root = parse_xml(content, "the document")
-    if root.tag.rpartition("}")[2] != "COLLADA":
+    if _name(root) != "COLLADA":
         raise ValueError(f"its root must be COLLADA, not {root.tag[:60]!r}")
     builder = SurfaceBuilder()
     document = _Document(root)
@@ -37,11 +37,11 @@ def read_dae(content: bytes, *, apply_up_axis: bool) -> Surface:
     while pending:
         node, T = pending.pop()
         builder.visit()
-        if node.tag.endswith("}geometry"):
+        if _name(node) == "geometry":
             builder.add(document.surface(node), T)
             continue
         for child in node:
-            tag = child.tag.rpartition("}")[2] if isinstance(child.tag, str) else ""
+            tag = _name(child)
             if tag == "node":
                 pending.append((child, T))
             elif tag in ("instance_node", "instance_geometry"):
@@ -68,6 +68,11 @@ def read_zae(content: bytes, *, apply_up_axis: bool) -> Surface:
     if len(names) != 1:
         raise ValueError(f"it must hold one .dae file, not {len(names)}")
     return read_dae(archive.read(names[0]), apply_up_axis=apply_up_axis)
+
+
+def _name(element: ElementTree.Element) -> str:
+    """The tag of an element without its namespace."""
+    return element.tag.rpartition("}")[2]
 
 
 def _transform(tag: str, text: str) -> NDArray[np.float64]:

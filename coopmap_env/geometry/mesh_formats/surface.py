@@ -13,6 +13,8 @@ from coopmap_env.core.limits import check_bytes
 
 MAX_PARTS = 20_000
 """Nodes of a scene that are visited, copies included: a few lines can name 2**40 of them."""
+_PARSED_SIZE = 16
+"""Bytes of memory that a byte of XML takes once it is parsed, about."""
 _BYTES_PER_FACE = 200
 """Of a face with its vertices, here and where the mesh is used."""
 
@@ -136,7 +138,7 @@ def polygons_to_triangles(
 
 
 def open_archive(content: bytes) -> zipfile.ZipFile:
-    """A zip archive that unpacks to no more than the limit on bytes.
+    """A zip archive of XML that fits into the limit on bytes when it is unpacked and parsed.
 
     Raises
     ------
@@ -144,5 +146,6 @@ def open_archive(content: bytes) -> zipfile.ZipFile:
         If it does not, or is none.
     """
     archive = zipfile.ZipFile(io.BytesIO(content))
-    check_bytes(sum(member.file_size for member in archive.infolist()), "the unpacked archive")
+    size = sum(member.file_size for member in archive.infolist())
+    check_bytes(size * _PARSED_SIZE, "the unpacked archive as parsed XML")
     return archive

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.geometry.mesh_files import read_mesh
-from coopmap_env.robots import UrdfModel
+from coopmap_env.robots import UrdfModel, resolve_mesh
 from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.field._voxel_truth import is_closed
 
@@ -34,6 +34,42 @@ class MeshShape:
     faces: NDArray[np.int64]
     parts: tuple[NDArray[np.float64], ...]
     """Points of the convex parts; none if a part of it is not convex."""
+
+
+class ShapeFiles:
+    """The meshes and URDFs that one scene names; each is read once.
+
+    Parameters
+    ----------
+    scene : Path
+        The scene's file: relative paths start at its folder.
+    package_dirs : tuple of str
+        Folders in which ``package://name/...`` is searched.
+    """
+
+    def __init__(self, scene: Path, package_dirs: tuple[str, ...]) -> None:
+        self._scene = scene
+        self._package_dirs = package_dirs
+        self._shapes: dict[tuple[str, str], MeshShape] = {}
+
+    def read(self, kind: str, name: str) -> MeshShape:
+        """Read a "mesh" or "urdf" by the name that the scene gives it.
+
+        Raises
+        ------
+        FileError
+            With the file, if it cannot be read.
+        """
+        if (kind, name) not in self._shapes:
+            path = self._scene.parent / name
+            if "://" in name:
+                path = resolve_mesh(name, self._scene, self._package_dirs)
+            self._shapes[kind, name] = (
+                shape_from_mesh(path)
+                if kind == "mesh"
+                else shape_from_urdf(path, self._package_dirs)
+            )
+        return self._shapes[kind, name]
 
 
 def shape_from_mesh(path: Path) -> MeshShape:

@@ -31,7 +31,6 @@ triangles; parts without an area are ignored, and an open mesh has no inside.
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,18 +39,16 @@ import numpy as np
 from coopmap_env.core.files import brief, read_yaml_mapping, read_yaml_number
 from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping import VoxelGrid
-from coopmap_env.robots import resolve_mesh
 from coopmap_env.simulation.scenes.factory import SceneError
-from coopmap_env.simulation.scenes.field._shape_files import shape_from_mesh, shape_from_urdf
+from coopmap_env.simulation.scenes.field._fields import MAX_NUMBER, Fields
+from coopmap_env.simulation.scenes.field._shape_files import ShapeFiles
 from coopmap_env.simulation.scenes.field.solid import Solid, box_corners, solid_from_boxes
 from coopmap_env.simulation.scenes.field.user_scene import UserScene
 from coopmap_env.simulation.scenes.field.world import FIELD_GRID, make_ground
 
-MAX_OBJECTS = 10_000
-"""Of one scene."""
-_MAX_NUMBER = 1e6
-"""Metres, degrees or a factor: what is larger is a broken number."""
-_MAX_NAME_LENGTH, _MAX_TEXT = 100, 1000
+MAX_OBJECTS, MAX_FACES = 10_000, 2_000_000
+"""Of one scene: more are a mistake, or should be simplified."""
+_MAX_NAME_LENGTH = 100
 _EXTENTS = (1e-6, 1e6)
 """Metres: the smallest solid and the largest one; others come of a wrong unit or scale."""
 _RESOLUTIONS = (1e-4, 1e3)
@@ -72,10 +69,10 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
         ``field``.
     """
     path = Path(path)
-    top = _Fields(str(path), read_yaml_mapping(path, SceneError))
+    top = Fields(str(path), read_yaml_mapping(path, SceneError))
     top.check_keys("grid", "ground", "objects", "bases", "package_dirs")
     grid = _grid(top)
-    package_dirs = _package_dirs(top, path.parent)
+    files = ShapeFiles(path, _package_dirs(top, path.parent))
     entries = top.content.get("objects")
     if not isinstance(entries, list) or not entries:
         raise top.error("objects", "a list of at least one object")
@@ -83,15 +80,19 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
         raise top.error("objects", f"a list of at most {MAX_OBJECTS:,} objects")
     solids = [make_ground(grid)] if top.boolean("ground", True) else []
     names = {solid.name for solid in solids}
+    n_faces = 0
     for k, entry in enumerate(entries):
         where = f"{path}: objects[{k}]"
         if not isinstance(entry, Mapping):
             raise SceneError(f"{where}: expected a mapping of fields, not {brief(entry)}")
-        solid = _solid(_Fields(where, entry), path, package_dirs, f"object_{k}")
+        solid = _solid(Fields(where, entry), files, f"object_{k}")
         if solid.name in names:
             raise SceneError(f"{where}: name must differ from all others, not {solid.name!r}")
         names.add(solid.name)
         solids.append(solid)
+        n_faces += len(solid.faces)
+        if n_faces > MAX_FACES:
+            raise SceneError(f"{where}: with it the objects have more than {MAX_FACES:,} triangles")
     if not any(solid.is_target for solid in solids):
         raise SceneError(f"{path}: objects must hold a target (target: true), not none")
     try:
@@ -102,63 +103,12 @@ def read_user_scene(path: str | os.PathLike[str]) -> UserScene:
         raise SceneError(f"{path}: {error}") from error
 
 
-@dataclass(frozen=True)
-class _Fields:
-    """Typed access to one mapping of the file, with errors that say where the entry is."""
-
-    where: str
-    content: Mapping[str, Any]
-
-    def check_keys(self, *known: str) -> None:
-        """Raise SceneError if there is another field than these."""
-        unknown = [key for key in self.content if key not in known]
-        if unknown:
-            raise SceneError(
-                f"{self.where}: unknown field {brief(unknown[0])}, expected {', '.join(known)}"
-            )
-
-    def error(self, field: str, expected: str) -> SceneError:
-        """The error that a field is missing or not as expected."""
-        if field not in self.content:
-            return SceneError(f"{self.where}: {field} is missing, expected {expected}")
-        return SceneError(
-            f"{self.where}: {field} must be {expected}, not {brief(self.content[field])}"
-        )
-
-    def boolean(self, field: str, default: bool) -> bool:
-        """Read true or false."""
-        value = self.content.get(field, default)
-        if not isinstance(value, bool):
-            raise self.error(field, "true or false")
-        return value
-
-    def string(self, field: str, default: str | None = None) -> str:
-        """Read text that is not empty."""
-        value = self.content.get(field, default)
-        if not isinstance(value, str) or not 0 < len(value) <= _MAX_TEXT or "\0" in value:
-            raise self.error(field, f"text of at most {_MAX_TEXT} letters")
-        return value
-
-    def vector(self, field: str, default: float | None = None, above: float = -math.inf) -> Any:
-        """Read three finite numbers above `above`, (3,)."""
-        if field not in self.content and default is not None:
-            return np.full(3, default)
-        values = self.content.get(field)
-        numbers = [read_yaml_number(value) for value in values] if isinstance(values, list) else []
-        if len(numbers) != 3 or not all(map(math.isfinite, numbers)) or min(numbers) <= above:
-            bound = "" if above == -math.inf else f" above {above:g}"
-            raise self.error(field, f"three finite numbers{bound}")
-        if max(map(abs, numbers)) > _MAX_NUMBER:
-            raise self.error(field, f"three numbers of at most {_MAX_NUMBER:g}")
-        return np.array(numbers)
-
-
-def _grid(top: _Fields) -> VoxelGrid:
+def _grid(top: Fields) -> VoxelGrid:
     if "grid" not in top.content:
         return FIELD_GRID
     if not isinstance(top.content["grid"], Mapping):
         raise top.error("grid", "a mapping of shape, resolution and origin")
-    fields = _Fields(f"{top.where}: grid", top.content["grid"])
+    fields = Fields(f"{top.where}: grid", top.content["grid"])
     fields.check_keys("shape", "resolution", "origin")
     shape = fields.vector("shape", above=0.0)
     if (shape % 1.0).any():
@@ -175,7 +125,7 @@ def _grid(top: _Fields) -> VoxelGrid:
         raise SceneError(f"{fields.where}: {error}") from error
 
 
-def _package_dirs(top: _Fields, folder: Path) -> tuple[str, ...]:
+def _package_dirs(top: Fields, folder: Path) -> tuple[str, ...]:
     """Folders of ROS packages, which must exist."""
     entries = top.content.get("package_dirs", [])
     if not isinstance(entries, list) or not all(isinstance(entry, str) for entry in entries):
@@ -186,7 +136,7 @@ def _package_dirs(top: _Fields, folder: Path) -> tuple[str, ...]:
     return tuple(str(folder / entry) for entry in entries)
 
 
-def _solid(fields: _Fields, scene: Path, package_dirs: tuple[str, ...], name: str) -> Solid:
+def _solid(fields: Fields, files: ShapeFiles, name: str) -> Solid:
     """Make the solid of an entry."""
     fields.check_keys(*_OBJECT)
     kinds = [kind for kind in _KINDS if kind in fields.content]
@@ -204,12 +154,9 @@ def _solid(fields: _Fields, scene: Path, package_dirs: tuple[str, ...], name: st
         corners = box_corners(fields.vector("box", above=0.0) * scale, position, rotation)
         solid = solid_from_boxes(name, [corners], is_target=is_target)
         return _check_extent(solid, fields.where)
-    named = fields.string(kinds[0])
+    file = fields.string(kinds[0])
     try:
-        file = scene.parent / named
-        if "://" in named:
-            file = resolve_mesh(named, scene, package_dirs)
-        shape = shape_from_mesh(file) if kinds == ["mesh"] else shape_from_urdf(file, package_dirs)
+        shape = files.read(kinds[0], file)
         solid = Solid(
             name,
             shape.vertices * scale @ rotation.T + position,
@@ -235,25 +182,25 @@ def _check_extent(solid: Solid, where: str) -> Solid:
     return solid
 
 
-def _scale(fields: _Fields) -> Any:
+def _scale(fields: Fields) -> Any:
     """Factors (3,)."""
     if isinstance(fields.content.get("scale"), list):
         return fields.vector("scale", above=0.0)
     scale = read_yaml_number(fields.content.get("scale", 1.0))
     if not 0.0 < scale < math.inf:
         raise fields.error("scale", "a finite number above 0, or three")
-    if scale > _MAX_NUMBER:
-        raise fields.error("scale", f"a number of at most {_MAX_NUMBER:g}, or three")
+    if scale > MAX_NUMBER:
+        raise fields.error("scale", f"a number of at most {MAX_NUMBER:g}, or three")
     return np.full(3, scale)
 
 
-def _bases(top: _Fields) -> tuple[tuple[float, float, float], ...]:
+def _bases(top: Fields) -> tuple[tuple[float, float, float], ...]:
     """Read x, y and yaw (radians) of each base."""
     entries = top.content.get("bases", [])
     if not isinstance(entries, list):
         raise top.error("bases", "a list of [x, y, yaw in degrees]")
     bases = []
     for k, entry in enumerate(entries):
-        x, y, yaw = _Fields(top.where, {f"bases[{k}]": entry}).vector(f"bases[{k}]")
+        x, y, yaw = Fields(top.where, {f"bases[{k}]": entry}).vector(f"bases[{k}]")
         bases.append((float(x), float(y), math.radians(yaw)))
     return tuple(bases)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field._solid_queries import distance_to_axis
 from coopmap_env.simulation.scenes.field.base_poses import (
@@ -21,6 +22,15 @@ from coopmap_env.simulation.scenes.field.world import (
     FieldWorld,
     check_field_grid,
 )
+
+
+def _is_pose(base: object) -> bool:
+    """Whether something is three finite numbers."""
+    try:
+        numbers = np.array(base, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return False
+    return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +70,10 @@ class UserScene:
                 f"{high} m"
             )
         for k, base in enumerate(self.bases):
-            if len(base) != 3 or not np.isfinite(base).all():
-                raise ValueError(f"base {k} must be three finite numbers x, y, yaw, not {base!r}")
+            if not _is_pose(base):
+                raise ValueError(
+                    f"base {k} must be three finite numbers x, y, yaw, not {brief(base)}"
+                )
             if (base[:2] < origin[:2]).any() or (base[:2] > end[:2]).any():
                 raise ValueError(
                     f"base {k} must stand in the grid, {origin[:2]} to {end[:2]} m, not at "

@@ -211,3 +211,20 @@ def test_a_mesh_that_is_too_large_for_the_physics_is_refused(solid):
     assert len(grid.faces) > 170_000
     with pytest.raises(SceneError, match=r"a\.stl has 163,842 vertices.*simplify"):
         solid("a.stl", grid.export(file_type="stl"))
+
+
+def test_a_mesh_that_a_scene_names_often_is_read_once_and_its_triangles_are_limited(
+    solid, tmp_path, monkeypatch
+):
+    (tmp_path / "wall.obj").write_text(WALL)
+    entries = ", ".join(["{mesh: wall.obj, target: true}"] * 5)
+    (tmp_path / "s.yaml").write_text(f"objects: [{entries}]")
+    with pytest.warns(UserWarning, match="open") as caught:
+        assert len(read_user_scene(tmp_path / "s.yaml").solids) == 6
+    assert len(caught) == 1
+    monkeypatch.setattr("coopmap_env.simulation.scenes.field.user_file.MAX_FACES", 5)
+    with (
+        pytest.warns(UserWarning, match="open"),
+        pytest.raises(SceneError, match=r"objects\[2\]: with it .* 5 triangles"),
+    ):
+        read_user_scene(tmp_path / "s.yaml")
