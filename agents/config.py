@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+from coopmap_env.core.files import brief
 from coopmap_env.core.settings import (
     Bounds,
     NonNegative,
@@ -31,6 +32,9 @@ from coopmap_env.evaluation import make_env
 EngineName = Literal["sb3", "rllib"]
 InitialPolicy = Literal["random", "rating"]
 CriticInput = Literal["local", "central"]
+LayerWidth = Annotated[int, Bounds(at_least=1, at_most=1 << 20)]
+MAX_LAYERS = 64
+"""Hidden layers of a network; each takes time to make, however narrow it is."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +86,9 @@ class PPOSettings(Settings):
     critic: CriticInput = "local"
     """Input of the critic: the robot's observation, or the environment's `state` in addition
     (MAPPO, Yu et al. 2022). The input of the policy is the robot's observation in both cases."""
-    image_features: PositiveInt = 64
+    image_features: LayerWidth = 64
     """Length of the map's feature vector; most parameters of the network lead to it."""
-    hidden: tuple[PositiveInt, ...] = (64, 64)
+    hidden: tuple[LayerWidth, ...] = (64, 64)
     """Widths of the hidden layers of the actor and of the critic."""
     device: str = "cpu"
     """Device of torch: networks this small are no faster on a GPU."""
@@ -96,8 +100,10 @@ class PPOSettings(Settings):
                 f"PPOSettings.critic_warmup_steps must be <= total_steps = {self.total_steps}, got "
                 f"{self.critic_warmup_steps}"
             )
-        if not self.hidden:
-            raise ValueError("PPOSettings.hidden must have at least one layer, got ()")
+        if not 1 <= len(self.hidden) <= MAX_LAYERS:
+            raise ValueError(
+                f"PPOSettings.hidden must have 1 to {MAX_LAYERS} layers, got {brief(self.hidden)}"
+            )
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,16 @@ import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from coopmap_agents._record_form import ValidationScores, check_record
 from coopmap_agents.config import TrainingConfig
+from coopmap_env.core.files import FileError, brief, read_json
 from coopmap_env.core.version import __version__
 from coopmap_env.evaluation import file_hashes
 
@@ -21,11 +23,9 @@ RECORD_FILE = "training.json"
 POLICY_FILE = "policy.safetensors"
 
 Record = dict[str, Any]
-"""JSON values, under `RECORD_KEYS`."""
-RECORD_KEYS = {
-    "version", "command", "machine", "config", "files", "workers", "imitation", "rows", "best",
-    "checkpoint",
-}  # fmt: skip
+"""JSON values, as `coopmap_agents._record_form.TrainingRecord` describes them."""
+VALIDATION_SCORES = tuple(field.name for field in fields(ValidationScores))
+"""Columns of an evaluation's table; the record has their means over the validation worlds."""
 
 
 @dataclass(frozen=True)
@@ -71,22 +71,28 @@ def read_record(folder: Path) -> Record | None:
 
     Raises
     ------
-    ValueError
-        If the file is broken.
+    FileError
+        If the file is broken, or of another version of coopmap.
     """
     path = folder / RECORD_FILE
-    if not path.exists():
+    if not os.path.lexists(path):
         return None
     try:
-        record: Record = json.loads(path.read_text(encoding="utf-8"))
-        missing = sorted(RECORD_KEYS - set(record))
-        if missing:
-            raise KeyError(*missing)
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"{path} is broken ({error!r}): remove its folder to start again"
-        ) from error
-    return record
+        record = read_json(path)
+        recorded_version = record.get("version") if isinstance(record, dict) else None
+        is_of_this_version = recorded_version == __version__
+        if is_of_this_version or not isinstance(recorded_version, str):
+            check_record(record)
+    except (ValueError, RecursionError) as error:
+        reason = str(error).removeprefix(f"{path}: ")
+        raise FileError(f"{path} is broken ({reason}): remove its folder to start again") from error
+    if not is_of_this_version:
+        raise FileError(
+            f"{path} is of a training by coopmap {recorded_version:.40}, this is {__version__}: "
+            "use another folder, or install that version to go on"
+        )
+    checked: Record = record
+    return checked
 
 
 def check_same_training(record: Record, config: TrainingConfig, workers: int, out: Path) -> None:
@@ -98,17 +104,22 @@ def check_same_training(record: Record, config: TrainingConfig, workers: int, ou
         With the first difference, or if the last segment was shortened, so that a longer training
         would have continued differently.
     """
-    recorded, requested = (
-        _flatten({name: values[name] for name in ("version", "config", "files", "workers")})
-        for values in (record, new_record(config, "", workers))
-    )
-    for key in sorted(set(recorded) | set(requested)):
-        if key != "config.ppo.total_steps" and recorded.get(key) != requested.get(key):
-            raise ValueError(
-                f"{out} holds another training, with {key} = {recorded.get(key)!r}, not "
-                f"{requested.get(key)!r}: use another folder"
-            )
+    requested = new_record(config, "", workers)
+    for name in ("config", "files", "version", "workers"):
+        _check_equal(record[name], requested[name], name, out)
     _check_can_be_extended(record, config, out)
+
+
+def _check_equal(recorded: Any, requested: Any, name: str, out: Path) -> None:
+    """Compare two values, or the entries of two mappings in the order of their names."""
+    if isinstance(recorded, Mapping) and isinstance(requested, Mapping):
+        for key in sorted(set(recorded) | set(requested)):
+            _check_equal(recorded.get(key), requested.get(key), f"{name}.{key}", out)
+    elif recorded != requested and name != "config.ppo.total_steps":
+        raise ValueError(
+            f"{out} holds another training, with {name} = {brief(recorded)}, not "
+            f"{brief(requested)}: use another folder"
+        )
 
 
 def _check_can_be_extended(record: Record, config: TrainingConfig, out: Path) -> None:
@@ -192,11 +203,3 @@ def _recorded_workers(config: TrainingConfig, workers: int) -> int | None:
 
 def _column_sum(record: Record, name: str) -> float:
     return float(sum(row[name] for row in record["rows"]))
-
-
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        flat.update(_flatten(value, f"{name}.") if isinstance(value, dict) else {name: value})
-    return flat

@@ -8,8 +8,10 @@ from coopmap_agents.networks.candidate_scorer import CandidateScorer
 from coopmap_agents.networks.factory import (
     actor_parameters,
     copy_weights,
+    is_of_actor,
     make_network,
     network_class,
+    parameter_shapes,
     set_actor_trainable,
 )
 from coopmap_agents.networks.features import ObservationFeatures
@@ -21,7 +23,9 @@ __all__ = [
     "PosePolicy",
     "actor_parameters",
     "copy_weights",
+    "is_of_actor",
     "make_network",
     "network_class",
+    "parameter_shapes",
     "set_actor_trainable",
 ]

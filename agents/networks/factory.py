@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import prod
 from typing import Any
 
+import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
@@ -11,7 +14,9 @@ from torch import nn
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks.candidate_scorer import CandidateScorer
 from coopmap_agents.networks.pose_policy import PosePolicy
+from coopmap_env.core.limits import check_bytes
 
+BYTES_PER_PARAMETER = 4
 CRITIC_PREFIXES = (
     "network.value.",
     "mlp_extractor.value_net.",
@@ -21,13 +26,14 @@ CRITIC_PREFIXES = (
 """Prefixes of the names of parameters that only the critic uses."""
 
 
+def is_of_actor(name: str) -> bool:
+    """Whether acting needs the parameter of this name, which is so for all but the critic's."""
+    return not name.startswith(CRITIC_PREFIXES)
+
+
 def actor_parameters(network: nn.Module) -> dict[str, nn.Parameter]:
-    """Parameters that acting needs, by name: all but those of the critic."""
-    return {
-        name: values
-        for name, values in network.named_parameters()
-        if not name.startswith(CRITIC_PREFIXES)
-    }
+    """Parameters that acting needs, by name."""
+    return {name: values for name, values in network.named_parameters() if is_of_actor(name)}
 
 
 def network_class(
@@ -55,8 +61,33 @@ def make_network(
     Raises
     ------
     ValueError
-        If robots choose among candidates that they do not observe.
+        If robots choose among candidates that they do not observe, or as `parameter_shapes`.
     """
+    parameter_shapes(observation_space, action_space, settings)
+    return _make(observation_space, action_space, settings)
+
+
+def parameter_shapes(
+    observation_space: spaces.Space[Any], action_space: spaces.Space[Any], settings: PPOSettings
+) -> dict[str, tuple[int, ...]]:
+    """Shapes of a network's parameters by name, without the memory that the network takes.
+
+    Raises
+    ------
+    ValueError
+        If the network is larger than the limit of `coopmap_env.core.limits`, or as `make_network`.
+    """
+    with torch.device("meta"):  # tensors with a shape and without content; no number is drawn
+        network = _make(observation_space, action_space, replace(settings, device="meta"))
+    shapes = {name: tuple(values.shape) for name, values in network.named_parameters()}
+    n_parameters = sum(prod(shape) for shape in shapes.values())
+    check_bytes(BYTES_PER_PARAMETER * n_parameters, "the network")
+    return shapes
+
+
+def _make(
+    observation_space: spaces.Space[Any], action_space: spaces.Space[Any], settings: PPOSettings
+) -> ActorCriticPolicy:
     kind, options = network_class(action_space, settings)
     rate = settings.learning_rate
     return kind(observation_space, action_space, lambda _: rate, **options).to(settings.device)
@@ -74,7 +105,7 @@ def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
     shapes, needed = ({k: tuple(v.shape) for k, v in part.items()} for part in (sources, targets))
     differing = {k for k in shapes | needed if shapes.get(k) != needed.get(k)}
     for name in sorted(differing):
-        if not name.startswith(CRITIC_PREFIXES):
+        if is_of_actor(name):
             raise ValueError(
                 f"the initial network is not of the same settings: {name} "
                 f"has the shape {shapes.get(name)}, not {needed.get(name)}"

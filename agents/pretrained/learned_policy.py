@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,9 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from coopmap_agents.networks import CandidateScorer, actor_parameters
 from coopmap_agents.pretrained.library import pretrained_names, pretrained_path
 from coopmap_agents.pretrained.policy_file import load_policy, read_metadata
+from coopmap_agents.record import POLICY_FILE
 from coopmap_agents.rollouts import stack
+from coopmap_env.core.files import brief
 from coopmap_env.envs import Belief, Observation
 
 VARIABLE_LENGTH_KEYS = ("candidates", "action_mask", "teammates", "located")
@@ -82,8 +83,8 @@ class LearnedPolicy:
         Raises
         ------
         ValueError
-            If the observations do not have the shapes of training, or no pretrained policy fits
-            them.
+            If the observations do not have the shapes of training, no pretrained policy fits them,
+            or the weights are too large to compute with.
         """
         rows = stack(observations[agent] for agent in belief.agents)
         observed = {key: values.shape[1:] for key, values in rows.items()}
@@ -96,8 +97,19 @@ class LearnedPolicy:
                 f"this policy was trained on observations {_without_lengths(trained)}, but got "
                 f"{_without_lengths(observed)}: use the environment and action mode of its training"
             )
-        actions, _ = network.predict(rows, deterministic=True)
+        actions = _decide(network, rows)
         return dict(zip(belief.agents, actions, strict=True))
+
+
+def _decide(network: ActorCriticPolicy, rows: Mapping[str, Any]) -> Any:
+    """The most probable actions; weights that are finite can still be too large to compute with."""
+    try:
+        actions, _ = network.predict(dict(rows), deterministic=True)
+    except ValueError as error:  # of torch, about the parameters of a distribution
+        raise ValueError(
+            f"this policy's network gives no actions for these observations: {error!s:.80}..."
+        ) from error
+    return actions
 
 
 def _sha256(parts: Iterable[bytes]) -> str:
@@ -120,18 +132,28 @@ def resolve_network(model: Any, seed: int | None = None) -> ActorCriticPolicy:
                 f"got {type(model).__name__}"
             )
         return model
-    if str(model) in pretrained_names():
-        return load_policy(pretrained_path(str(model), seed))
-    if not Path(model).is_file():
-        raise ValueError(
-            f"model {str(model)!r} is neither a file nor one of the pretrained policies: "
-            f"{', '.join(pretrained_names()) or 'none'}"
-        )
+    if isinstance(model, str) and model in pretrained_names():
+        return load_policy(pretrained_path(model, seed))
+    _check_is_file(model)
     if seed is not None:
         raise ValueError(
             f"seed={seed} selects a training of a pretrained policy; {model} is a file"
         )
     return load_policy(model)
+
+
+def _check_is_file(model: Any) -> None:
+    is_path = isinstance(model, str | os.PathLike)
+    if is_path and os.path.isfile(model):
+        return
+    if is_path and os.path.isdir(model):
+        raise ValueError(
+            f"model {str(model)!r} is a folder: name a file in it, such as {POLICY_FILE}"
+        )
+    raise ValueError(
+        f"model {brief(model)} is neither a file nor one of the pretrained policies: "
+        f"{', '.join(pretrained_names()) or 'none'}"
+    )
 
 
 def _first_compatible(observed: Mapping[str, tuple[int, ...]]) -> str:

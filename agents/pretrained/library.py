@@ -6,12 +6,12 @@ commands, the hardware, the time and the learning curves.
 
 from __future__ import annotations
 
-import json
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from coopmap_agents.record import RECORD_FILE
+from coopmap_env.core.files import FileError, read_json
 
 
 def pretrained_names() -> list[str]:
@@ -26,15 +26,24 @@ def pretrained_record(name: str) -> dict[str, Any]:
     ------
     ValueError
         With the choices, if the name is unknown.
+    FileError
+        If its file is broken.
     """
     if name not in pretrained_names():
         raise ValueError(
             f"no pretrained policy {name!r}; there are {', '.join(pretrained_names()) or 'none'}"
         )
-    record: dict[str, Any] = json.loads(
-        (_folder() / name / RECORD_FILE).read_text(encoding="utf-8")
-    )
-    return record
+    path = _folder() / name / RECORD_FILE
+    record = read_json(path)
+    try:
+        seeds = record["seeds"]
+        is_valid = all(type(seed) is int for seed in seeds) and record["best_seed"] in seeds
+    except (KeyError, TypeError) as error:
+        raise FileError(f"{path} is broken ({error!r}): install coopmap again") from error
+    if not is_valid:
+        raise FileError(f"{path} is broken (its seeds are no integers): install coopmap again")
+    checked: dict[str, Any] = record
+    return checked
 
 
 def pretrained_path(name: str, seed: int | None = None) -> Path:
@@ -54,9 +63,9 @@ def pretrained_path(name: str, seed: int | None = None) -> Path:
     """
     record = pretrained_record(name)
     if seed is None:
-        seed = int(record["best_seed"])
-    if seed not in record["seeds"]:
-        raise ValueError(f"{name} was trained with the seeds {record['seeds']}, got {seed}")
+        seed = record["best_seed"]
+    if type(seed) is not int or seed not in record["seeds"]:  # True and 1.0 equal 1
+        raise ValueError(f"{name} was trained with the seeds {record['seeds']}, got {seed!r:.80}")
     return _folder() / name / f"seed_{seed}.safetensors"
 
 

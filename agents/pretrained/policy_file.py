@@ -2,6 +2,9 @@
 
 The metadata say how to make the network (actions, observations, settings) and how it was trained.
 The weights are those of the actor, without the critic.
+
+Files of others can be read: nothing in them is executed, they name no other file, and the network
+is made only if it is as large as the weights in the file.
 """
 
 from __future__ import annotations
@@ -9,79 +12,22 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from gymnasium import spaces
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import load, save
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import actor_parameters, make_network
-from coopmap_env.core.files import atomic_path
-from coopmap_env.core.settings import settings_from_dict
+from coopmap_agents.networks import actor_parameters, is_of_actor
+from coopmap_agents.pretrained.metadata import FORMAT, PolicyMetadata
+from coopmap_env.core.files import FileError, brief, read_bytes, write_atomically
 from coopmap_env.core.version import __version__
 
-FORMAT = 2
-"""Increased when the networks, the metadata or the meaning of observations change: older files can
-then no longer be read. Format 2 (0.2.0) has other keys of the metadata than format 1."""
 METADATA_KEY = "coopmap"
 """Key of the JSON text in the file's header."""
-
-
-@dataclass(frozen=True)
-class PolicyMetadata:
-    """Metadata of a policy's file."""
-
-    observations: Mapping[str, Any]
-    """Type and shape of each entry of the observations, such as ["float32", 4]."""
-    n_candidates: int | None
-    """Number of candidates in training, in "candidates" mode."""
-    action_size: int | None
-    """Length of an action, in "pose" mode."""
-    ppo: Mapping[str, Any]
-    """`PPOSettings` of the training."""
-    training: Mapping[str, Any] = field(default_factory=dict)
-    """Origin of the weights: configuration, steps and validation scores of the training."""
-    version: str = __version__
-    format: int = FORMAT
-
-    @classmethod
-    def from_network(
-        cls, network: ActorCriticPolicy, settings: PPOSettings, training: Mapping[str, Any]
-    ) -> PolicyMetadata:
-        """Metadata of a network."""
-        observation_space, actions = network.observation_space, network.action_space
-        assert isinstance(observation_space, spaces.Dict)
-        is_discrete = isinstance(actions, spaces.Discrete)
-        return cls(
-            {
-                key: [np.dtype(space.dtype).name, *(space.shape or ())]
-                for key, space in observation_space.spaces.items()
-                if key != "state"
-            },
-            int(actions.n) if isinstance(actions, spaces.Discrete) else None,
-            None if is_discrete else int(np.prod(actions.shape or ())),
-            asdict(settings),
-            training,
-        )
-
-    def make(self) -> ActorCriticPolicy:
-        """Make the network, with random weights and a critic of the local observation."""
-        actions: spaces.Space[Any]
-        if self.n_candidates is not None:
-            actions = spaces.Discrete(self.n_candidates)
-        else:
-            actions = spaces.Box(-1.0, 1.0, (self.action_size or 0,), np.float32)
-        boxes: dict[str, spaces.Space[Any]] = {
-            key: _box(*entry) for key, entry in self.observations.items()
-        }
-        settings = settings_from_dict({**self.ppo, "critic": "local", "device": "cpu"}, PPOSettings)
-        return make_network(spaces.Dict(boxes), actions, settings)
 
 
 def save_policy(
@@ -106,7 +52,8 @@ def save_policy(
     Raises
     ------
     ValueError
-        If the path has another suffix, or the network was made with other settings.
+        If the path has another suffix, the network was made with other settings, or a weight is
+        not finite.
     """
     target = Path(path)
     if target.suffix != ".safetensors":
@@ -116,37 +63,26 @@ def save_policy(
         name: values.detach().cpu().contiguous()
         for name, values in actor_parameters(network).items()
     }
-    _check_shapes(
-        weights, _untrained_network(metadata), f"the network was made with other settings, {target}"
-    )
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(target) as temporary:
-        save_file(weights, temporary, {METADATA_KEY: json.dumps(asdict(metadata))})
-        temporary.chmod(0o644)  # safetensors makes files that only their owner can read
+    try:
+        _check_shapes(weights, metadata)
+    except ValueError as error:
+        raise ValueError(f"the network was made with other settings, {target}: {error}") from error
+    try:
+        _check_values(weights)
+    except ValueError as error:
+        raise ValueError(f"{target} cannot be written: {error}") from error
+    write_atomically(target, save(weights, {METADATA_KEY: json.dumps(asdict(metadata))}))
 
 
 def read_metadata(path: str | os.PathLike[str]) -> PolicyMetadata:
-    """Read the metadata of a policy's file, without the weights.
+    """Read the metadata of a policy's file.
 
     Raises
     ------
-    ValueError
+    FileError
         If it is not a policy's file, or one of another format.
     """
-    try:
-        with safe_open(path, "pt") as file:
-            values = json.loads((file.metadata() or {})[METADATA_KEY])
-        if values["format"] == FORMAT:
-            return PolicyMetadata(**values)
-    except (SafetensorError, json.JSONDecodeError, KeyError, TypeError) as error:
-        raise ValueError(
-            f"{path} was not written by `coopmap train` or `save_policy`: {error}"
-        ) from error
-    raise ValueError(
-        f"{path} was written by coopmap {values.get('version')} in format {values['format']}, "
-        f"this is {__version__} and reads format {FORMAT}: train the policy again, "
-        "or install the version that wrote it"
-    )
+    return _read(path)[0]
 
 
 def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
@@ -154,36 +90,70 @@ def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
 
     Raises
     ------
-    ValueError
-        As `read_metadata`, or if the weights do not belong to the network of the metadata.
+    FileError
+        As `read_metadata`, or if the weights do not belong to the network of the metadata, or are
+        not finite.
     """
-    network = _untrained_network(read_metadata(path))
-    with safe_open(path, "pt") as file:
-        weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a mapping
-    _check_shapes(weights, network, f"the weights in {path} do not belong to its metadata")
+    metadata, weights = _read(path)
+    try:
+        _check_shapes(weights, metadata)
+        _check_values(weights)
+        with torch.random.fork_rng(devices=[]):  # keeps the state of the global generator
+            network = metadata.make()
+    except Exception as error:  # torch raises many types of exceptions for odd shapes
+        raise FileError(f"{path}: {error}") from error
     for name, values in actor_parameters(network).items():
         values.data.copy_(weights[name])
     network.set_training_mode(False)
     return network
 
 
-def _untrained_network(metadata: PolicyMetadata) -> ActorCriticPolicy:
-    with torch.random.fork_rng(devices=[]):  # keeps the state of the global generator
-        return metadata.make()
-
-
-def _check_shapes(
-    weights: Mapping[str, torch.Tensor], network: ActorCriticPolicy, what: str
-) -> None:
-    shapes, needed = (
-        {name: tuple(values.shape) for name, values in part.items()}
-        for part in (weights, actor_parameters(network))
+def _read(path: str | os.PathLike[str]) -> tuple[PolicyMetadata, dict[str, torch.Tensor]]:
+    """Metadata and weights of a file; the weights are not checked yet."""
+    content = read_bytes(path)
+    try:
+        weights = load(content)
+        header_length = int.from_bytes(content[:8], "little")
+        header = json.loads(content[8 : 8 + header_length])
+        values = json.loads(header["__metadata__"][METADATA_KEY])
+        if values["format"] == FORMAT:
+            return PolicyMetadata(**values), weights
+        version = f"{values.get('version')!s:.40}"
+    except Exception as error:  # safetensors raises many types of exceptions for a broken file
+        raise FileError(
+            f"{path} was not written by `coopmap train` or `save_policy`: {_reason(error)}"
+        ) from error
+    raise FileError(
+        f"{path} was written by coopmap {version} in format {brief(values['format'])}, "
+        f"this is {__version__} and reads format {FORMAT}: train the policy again, "
+        "or install the version that wrote it"
     )
+
+
+def _reason(error: Exception) -> str:
+    return f"{error} is missing" if isinstance(error, KeyError) else f"{error!s:.300}"
+
+
+def _check_shapes(weights: Mapping[str, torch.Tensor], metadata: PolicyMetadata) -> None:
+    """ValueError unless the weights have the shapes of the network of the metadata.
+
+    They are compared before the network is made: a short text can describe a large network.
+    """
+    needed = {
+        name: shape for name, shape in metadata.parameter_shapes().items() if is_of_actor(name)
+    }
+    shapes = {name: tuple(values.shape) for name, values in weights.items()}
     if shapes != needed:
         name = min(key for key in shapes | needed if shapes.get(key) != needed.get(key))
-        raise ValueError(f"{what}: {name} has the shape {shapes.get(name)}, not {needed.get(name)}")
+        raise ValueError(
+            "the weights do not belong to the metadata: "
+            f"{name} has the shape {shapes.get(name)}, not {needed.get(name)}"
+        )
 
 
-def _box(dtype: str, *shape: int) -> spaces.Box:
-    low, high = (0, 255) if dtype == "uint8" else (-1, 1)
-    return spaces.Box(low, high, shape, np.dtype(dtype).type)
+def _check_values(weights: Mapping[str, torch.Tensor]) -> None:
+    for name, values in weights.items():
+        if values.dtype != torch.float32:
+            raise ValueError(f"the weights {name} must be of type float32, not {values.dtype}")
+        if not values.isfinite().all():
+            raise ValueError(f"the weights {name} must be finite numbers")

@@ -26,7 +26,12 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 
 from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import copy_weights, network_class, set_actor_trainable
+from coopmap_agents.networks import (
+    copy_weights,
+    network_class,
+    parameter_shapes,
+    set_actor_trainable,
+)
 from coopmap_agents.record import SegmentReport
 from coopmap_agents.rollouts import EnvFactory
 from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
@@ -50,14 +55,15 @@ def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, worker
     Raises
     ------
     ValueError
-        If robots choose among candidates that they do not observe, or a map has more channels than
-        cells across.
+        If robots choose among candidates that they do not observe, a map has more channels than
+        cells across, or the network is too large, as in `parameter_shapes`.
     """
     central = settings.critic == "central"
     rows = SharedPolicyVecEnv(env_factory, settings.n_envs, workers=workers, with_state=central)
     env = VecMonitor(TimedVecEnv(rows))
     try:
         _check_channels_first(rows.observation_space)
+        parameter_shapes(env.observation_space, env.action_space, settings)  # checks the size
         policy, options = network_class(env.action_space, settings)
         return PPO(
             policy,

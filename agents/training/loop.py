@@ -24,12 +24,14 @@ from typing import Any
 
 import torch
 
+from coopmap_agents._record_form import checkpoint_name
 from coopmap_agents.config import TrainingConfig
 from coopmap_agents.networks import copy_weights
 from coopmap_agents.pretrained import LearnedPolicy, resolve_network, save_policy
 from coopmap_agents.record import (
     POLICY_FILE,
     RECORD_FILE,
+    VALIDATION_SCORES,
     Record,
     add_row,
     check_same_training,
@@ -43,11 +45,9 @@ from coopmap_agents.trainer import Trainer
 from coopmap_agents.training.checkpoints import load_checkpoint, save_checkpoint
 from coopmap_agents.training.imitation import behavior_clone
 from coopmap_env.core.files import write_atomically
+from coopmap_env.core.locks import folder_lock
 from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import evaluate, make_policy
-
-VALIDATION_SCORES = ("coverage_auc", "coverage", "reward", "log_loss", "motion_distance")
-"""Columns of an evaluation's table; the record has their means over the validation worlds."""
 
 
 def run_training(
@@ -75,9 +75,23 @@ def run_training(
     Raises
     ------
     ValueError
-        If the folder holds another training or broken files, or the configuration names a missing
-        device or weights of another network.
+        If the folder holds another training, or the configuration names a missing device or weights
+        of another network.
+    FileError
+        If the folder holds broken files; the message says what to do. No record can name a file
+        outside of its folder.
+    FolderInUseError
+        If another process trains in the folder.
+    WorkerError
+        If a worker was killed. The same call continues after the last segment.
     """
+    with folder_lock(out):
+        return _train(config, out, workers, log, command)
+
+
+def _train(
+    config: TrainingConfig, out: Path, workers: int, log: Callable[[str], None], command: str
+) -> Record:
     record = read_record(out) or new_record(config, command, workers)
     check_same_training(record, config, workers, out)
     if record["rows"] and record["rows"][-1]["steps"] >= config.ppo.total_steps:
@@ -86,7 +100,9 @@ def run_training(
     record["config"] = config_to_dict(config)  # total_steps may be larger than before
     with _single_thread(), closing(_make_trainer(config, workers, out / "tensorboard")) as trainer:
         if record["rows"]:
-            trainer.steps = load_checkpoint(out / record["checkpoint"], trainer.network)
+            trainer.steps = load_checkpoint(
+                out / record["checkpoint"], trainer.network, record["rows"][-1]["steps"]
+            )
         else:
             record["imitation"] = _initialize_network(trainer, config)
         with closing(config.env.make("validation")) as validation:
@@ -171,7 +187,7 @@ class _SegmentFinisher:
         record, rows = self.record, self.record["rows"]
         self.out.mkdir(parents=True, exist_ok=True)
         previous_checkpoint = record["checkpoint"]
-        record["checkpoint"] = f"checkpoint-{len(rows)}.pt"
+        record["checkpoint"] = checkpoint_name(len(rows))
         save_checkpoint(self.out / record["checkpoint"], trainer.network, trainer.steps)
         rewards = [row["validation"]["reward"] for row in rows]
         if rewards[-1] == max(rewards):

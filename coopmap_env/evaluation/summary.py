@@ -30,7 +30,7 @@ SUMMARY_SCORES = (
 """Columns of `Episode.row` that the summary gives with intervals, if the environment has them.
 
 A new one goes to the end: the scores draw their bootstrap samples one after the other. What else
-chooses among the columns: `VALIDATION_SCORES` of `coopmap_agents.training.loop`, and
+chooses among the columns: `VALIDATION_SCORES` of `coopmap_agents.record`, and
 `BENCHMARK_SCORES` of `coopmap_env.studies.benchmark.study`.
 """
 BOOTSTRAP_SEED = 20_011

@@ -10,7 +10,8 @@ from small_worlds import masked_world, small_world
 import coopmap_env
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.pretrained import LearnedPolicy, load_policy, read_metadata, save_policy
-from coopmap_agents.pretrained.policy_file import FORMAT, METADATA_KEY
+from coopmap_agents.pretrained.metadata import FORMAT
+from coopmap_agents.pretrained.policy_file import METADATA_KEY
 from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model
 from coopmap_env.evaluation import evaluate
 

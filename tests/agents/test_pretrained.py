@@ -15,7 +15,7 @@ from coopmap_agents.pretrained import (
     read_metadata,
 )
 from coopmap_agents.pretrained.export import export
-from coopmap_agents.pretrained.policy_file import FORMAT
+from coopmap_agents.pretrained.metadata import FORMAT
 from coopmap_agents.training import run_training
 from coopmap_env.evaluation import evaluate, make_policy
 from coopmap_env.studies.benchmark.learning_curves import draw_learning_curves

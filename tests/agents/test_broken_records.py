@@ -1,0 +1,296 @@
+"""Broken folders of trainings, and those of others: one error, and no file outside is touched."""
+
+import io
+import json
+import os
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from plain.fuzz import cases, mutants
+from tiny_policies import SETTINGS, tiny_network
+
+from coopmap_agents.config import EnvConfig, TrainingConfig
+from coopmap_agents.pretrained.export import export
+from coopmap_agents.record import (
+    SegmentReport,
+    add_row,
+    check_same_training,
+    new_record,
+    read_record,
+)
+from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
+from coopmap_env.core.files import FileError
+
+PPO = replace(SETTINGS, segment_steps=64, total_steps=192)
+CONFIG = TrainingConfig(env=EnvConfig("planar", {"n_robots": 2}), ppo=PPO)
+SCORES = {
+    "coverage_auc": 0.05, "coverage": 0.1, "reward": 0.25, "log_loss": 0.01, "motion_distance": 90.0
+}  # fmt: skip
+
+
+def good_record():
+    """A record after three rows, of which the second is the best."""
+    record = new_record(CONFIG, "coopmap train", 0)
+    for k, reward in enumerate((0.25, 0.5, 0.375)):
+        report = SegmentReport(2.0, 0.5, 1.5, [1.0, 2.0]) if k else SegmentReport()
+        add_row(record, 64 * k, 2, report, {**SCORES, "reward": reward}, 1.0)
+    return {**record, "best": 1, "checkpoint": "checkpoint-3.pt"}
+
+
+def write(folder, record):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "training.json").write_text(json.dumps(record))
+    return folder
+
+
+def with_row(k, **changes):
+    record = good_record()
+    record["rows"][k] = {**record["rows"][k], **changes}
+    return record
+
+
+def test_a_good_record_is_read_as_it_is(tmp_path):
+    assert read_record(write(tmp_path, good_record())) == good_record()
+    check_same_training(good_record(), CONFIG, 0, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../precious.txt", "/etc/passwd", "checkpoint-3.pt/../../precious.txt", "checkpoint-2.pt",
+        "checkpoint-3.PT", "./checkpoint-3.pt", "checkpoint-3.pt\0", "training.json", "", ".", "..",
+        "tensorboard", "policy.safetensors", None, 3, ["checkpoint-3.pt"],
+    ],
+)  # fmt: skip
+def test_a_record_can_name_no_file_but_its_own_checkpoint(name, tmp_path):
+    precious = tmp_path / "precious.txt"
+    precious.write_text("precious")
+    folder = write(tmp_path / "training", {**good_record(), "checkpoint": name})
+    save_checkpoint(folder / "checkpoint-3.pt", tiny_network(), 128)
+    with pytest.raises(
+        FileError, match=rf"^{folder}/training\.json is broken .*checkpoint.*: remove its folder to"
+    ):
+        run_training(CONFIG, folder)
+    assert precious.read_text() == "precious"
+    assert (folder / "checkpoint-3.pt").exists()
+
+
+@pytest.mark.parametrize(
+    ("record", "named"),
+    [
+        ([], r"expected a JSON object, got \[\]"),
+        (3, "expected a JSON object, got 3"),
+        ({}, "without .*'best'"),
+        ({**good_record(), "rows": [{}]}, r"row 0: .*missing .*'steps'"),
+        ({**good_record(), "rows": [[]]}, r"row 0: SegmentRow must be a mapping"),
+        ({**good_record(), "rows": {}}, r"rows must be a list, got \{\}"),
+        ({**good_record(), "rows": []}, r"steps of rows must increase from 0, got \[\]"),
+        (with_row(0, steps=64), r"steps of rows must increase from 0, got \[64, 64, 128\]"),
+        (with_row(1, steps="64"), r"row 1: SegmentRow\.steps must be an integer .*, got '64'"),
+        (with_row(1, steps=64.5), r"row 1: SegmentRow\.steps must be an integer .*, got 64\.5"),
+        (with_row(2, steps=10**30), r"row 2: SegmentRow\.steps must be an integer"),
+        (with_row(2, seconds=0), r"the seconds of a segment must be above 0"),
+        (with_row(2, seconds=-1.0), r"row 2: SegmentRow\.seconds must be a finite number >= 0"),
+        (with_row(2, team_return="high"), r"row 2: SegmentRow\.team_return must be "),
+        (with_row(2, validation={}), r"row 2: ValidationScores: .*missing .*'reward'"),
+        (with_row(2, validation=[0.5]), r"row 2: SegmentRow\.validation must be Val"),
+        (
+            with_row(2, validation={**SCORES, "reward": float("nan")}),
+            r"row 2: ValidationScores\.reward must be a finite number, got nan",
+        ),
+        (with_row(2, note="new"), r"row 2: SegmentRow: unknown settings \['note'\]"),
+        ({**good_record(), "best": 3}, r"best must be the index of the row with the largest .* 3"),
+        ({**good_record(), "best": 0}, r"best must be the index of the row with the largest .* 0"),
+        ({**good_record(), "best": -1}, r"TrainingRecord\.best must be an integer >= 0, got -1"),
+        ({**good_record(), "best": None}, r"TrainingRecord\.best must be an integer .*, got None"),
+        ({**good_record(), "best": True}, r"TrainingRecord\.best must be an integer .*, got True"),
+        ({**good_record(), "config": {}}, r"TrainingConfig: .*missing .*'env'"),
+        ({**good_record(), "config": 5}, r"TrainingRecord\.config must be TrainingConfig, got 5"),
+        ({**good_record(), "config": {"env": {}, "speed": 1}}, r"unknown settings \['speed'\]"),
+        ({**good_record(), "files": ["a"]}, r"files must be hashes by path, got "),
+        ({**good_record(), "workers": "2"}, r"TrainingRecord\.workers must be "),
+        ({**good_record(), "imitation": {"n_train": 3}}, r"ImitationRow: .*missing"),
+        ({**good_record(), "version": 3}, r"TrainingRecord\.version must be str, got 3"),
+        ({**good_record(), "owner": "me"}, r"unknown settings \['owner'\]"),
+    ],
+)
+def test_a_record_of_another_form_is_refused_with_the_field(record, named, tmp_path):
+    folder = write(tmp_path / "training", record)
+    with pytest.raises(
+        FileError, match=rf"^{folder}/training\.json is broken \(.*{named}.*remove its folder to st"
+    ):
+        read_record(folder)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe{}", b"[" * 100_000, b"9" * 5000, b"NaN"])
+def test_a_record_that_is_no_json_is_refused_by_name(content, tmp_path):
+    (tmp_path / "training.json").write_bytes(content)
+    with pytest.raises(FileError, match=rf"^{tmp_path}/training\.json"):
+        read_record(tmp_path)
+
+
+def test_a_record_of_another_version_says_which(tmp_path):
+    write(tmp_path, {**good_record(), "version": "9.9.9", "new": 1})
+    with pytest.raises(
+        FileError, match=r"training by coopmap 9\.9\.9, this is .*: use another fold"
+    ):
+        run_training(CONFIG, tmp_path)
+
+
+def test_a_record_that_is_a_folder_or_a_link_to_nothing_is_refused(tmp_path):
+    (tmp_path / "one" / "training.json").mkdir(parents=True)
+    with pytest.raises(FileError, match=r"training\.json cannot be read"):
+        read_record(tmp_path / "one")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "training.json").symlink_to(tmp_path / "missing")
+    with pytest.raises(FileError, match=r"training\.json is broken \(there is no such file"):
+        read_record(tmp_path / "other")
+
+
+def test_long_values_of_a_record_are_cut_in_the_message(tmp_path):
+    record = good_record()
+    record["config"]["env"]["arguments"] = {"n_robots": "2" * 10**6}
+    with pytest.raises(ValueError, match=r"config\.env\.arguments\.n_robots = ") as caught:
+        check_same_training(record, CONFIG, 0, tmp_path)
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_broken_record_is_not_exported(tmp_path):
+    folder = write(tmp_path / "training", {**good_record(), "rows": [{}]})
+    with pytest.raises(FileError, match=rf"^{folder}/training\.json is broken"):
+        export(tmp_path / "small", [folder])
+    assert not (tmp_path / "small").exists()
+
+
+def checkpoint_of(folder, **changes):
+    """A checkpoint with other values, and the network that it was of."""
+    network = tiny_network()
+    network.optimizer.zero_grad()
+    sum(values.sum() for values in network.parameters()).backward()
+    network.optimizer.step()
+    save_checkpoint(folder / "checkpoint-3.pt", network, 128)
+    values = torch.load(folder / "checkpoint-3.pt", weights_only=True)
+    torch.save({**values, **changes}, folder / "checkpoint-3.pt")
+    return values, folder / "checkpoint-3.pt"
+
+
+def test_a_checkpoint_gives_the_network_and_its_optimizer_back(tmp_path):
+    values, path = checkpoint_of(tmp_path)
+    network = tiny_network(seed=1)
+    assert load_checkpoint(path, network, 128) == 128
+    assert network.optimizer.state_dict()["state"][0]["step"] == 1
+    for name, weights in network.state_dict().items():
+        np.testing.assert_array_equal(weights, values["network"][name])
+
+
+@pytest.mark.parametrize("content", [b"", b"broken", b"PK\x03\x04", b"\x80\x02}q\x00."])
+def test_a_checkpoint_that_is_none_is_refused_by_name(content, tmp_path):
+    path = tmp_path / "checkpoint-3.pt"
+    path.write_bytes(content)
+    with pytest.raises(
+        FileError, match=rf"^the checkpoint {path} cannot be read .*remove its fold"
+    ):
+        load_checkpoint(path, tiny_network())
+
+
+def test_a_checkpoint_with_code_is_refused_and_the_code_does_not_run(tmp_path):
+    class Attack:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "attacked"),)
+
+    path = tmp_path / "checkpoint-3.pt"
+    torch.save({"steps": 128, "network": Attack(), "optimizer": {}}, path)
+    with pytest.raises(FileError, match=rf"^the checkpoint {path} cannot be read"):
+        load_checkpoint(path, tiny_network())
+    assert not (tmp_path / "attacked").exists()
+
+
+def test_a_checkpoint_that_is_a_link_or_a_folder_is_refused(tmp_path):
+    _, path = checkpoint_of(tmp_path)
+    link = tmp_path / "checkpoint-4.pt"
+    link.symlink_to(path)
+    with pytest.raises(FileError, match=r"checkpoint-4\.pt cannot be read \(it is a link\)"):
+        load_checkpoint(link, tiny_network())
+    (tmp_path / "checkpoint-5.pt").mkdir()
+    with pytest.raises(FileError, match=r"checkpoint-5\.pt cannot be read "):
+        load_checkpoint(tmp_path / "checkpoint-5.pt", tiny_network())
+
+
+def test_a_checkpoint_that_is_larger_inside_is_refused_before_it_is_unpacked(tmp_path):
+    _, path = checkpoint_of(tmp_path)
+    packed = io.BytesIO()
+    with (
+        zipfile.ZipFile(path) as archive,
+        zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as target,
+    ):
+        for entry in archive.infolist():
+            content = archive.read(entry)
+            target.writestr(entry.filename, bytes(10**6) if "/data/" in entry.filename else content)
+    path.write_bytes(packed.getvalue())
+    with pytest.raises(FileError, match=r"cannot be read \(its records are larger than the file\)"):
+        load_checkpoint(path, tiny_network())
+
+
+def test_a_checkpoint_of_other_values_is_refused_with_what_differs(tmp_path):
+    values, _ = checkpoint_of(tmp_path)
+    weights, optimizer = values["network"], values["optimizer"]
+    name, group = "network.rating_weight", optimizer["param_groups"][0]
+    nan, wide = torch.tensor(float("nan")), torch.zeros(1).expand(10**6)
+    state = optimizer["state"]
+    for changes, named in (
+        ({"steps": 64}, "it is after 64 steps, not 128"),
+        ({"steps": "128"}, "it is after '128' steps, not 128"),
+        ({"network": {**weights, name: nan}}, rf"{name} must be finite numbers"),
+        ({"network": {**weights, name: wide}}, rf"{name} has the shape \(1000000,\), not \(\)"),
+        ({"network": {**weights, name: 3.0}}, rf"{name} has the shape \(\), not \(\)"),
+        ({"network": {**weights, name: torch.tensor(1)}}, rf"{name} is of type torch\.int64"),
+        ({"network": {}}, r"the weights are \[\], not "),
+        ({"network": 3}, "'int' object is not iterable"),
+        ({"optimizer": {**optimizer, "param_groups": [{**group, "lr": 5.0}]}}, "other settings"),
+        ({"optimizer": {"state": {}}}, "'param_groups'"),
+        ({"optimizer": {**optimizer, "state": {10**6: state[0]}}}, "index out of range"),
+        ({"optimizer": {**optimizer, "state": {0: {**state[0], "step": nan}}}}, "step must be fin"),
+        ({"optimizer": {**optimizer, "state": {0: {"step": nan}}}}, r"state\[0\] are \['step'\]"),
+        ({"other": 1}, "cannot be read .*it holds"),
+    ):
+        _, path = checkpoint_of(tmp_path, **changes)
+        with pytest.raises(
+            FileError, match=rf"^the checkpoint {path} .*{named}.*remove its folder"
+        ):
+            load_checkpoint(path, tiny_network(), 128)
+
+
+@cases(short=1500, long=100_000)
+def test_a_mutated_record_is_read_or_refused_by_name(n_cases, tmp_path):
+    path = tmp_path / "training.json"
+    for mutant in mutants([json.dumps(good_record()).encode()], n_cases):
+        path.write_bytes(mutant)
+        try:
+            record = read_record(tmp_path)
+        except FileError as error:
+            message = str(error)
+        else:
+            message = f"{path} was read"
+            assert record["checkpoint"] == f"checkpoint-{len(record['rows'])}.pt"
+        assert message.startswith(str(path))
+        assert len(message) < 2000
+
+
+@cases(short=300, long=20_000)
+def test_a_mutated_checkpoint_is_read_or_refused_by_name(n_cases, tmp_path):
+    _, path = checkpoint_of(tmp_path)
+    network = tiny_network()
+    for mutant in mutants([path.read_bytes()], n_cases):
+        path.write_bytes(mutant)
+        try:
+            load_checkpoint(path, network, 128)
+        except FileError as error:
+            message = str(error)
+        else:
+            message = f"the checkpoint {path} was read"
+            assert all(values.isfinite().all() for values in network.parameters())
+        assert message.startswith(f"the checkpoint {path}")
+        assert len(message) < 2000
