@@ -11,7 +11,7 @@ def run(code):
 def test_importing_the_environment_needs_no_extra_and_no_statistics():
     heavy = (
         "torch stable_baselines3 matplotlib jinja2 tyro PIL pygame rtbdata scipy.stats "
-        "pybullet trimesh embreex yourdfpy ompl pyoctomap viser skimage"
+        "pybullet trimesh embreex ompl pyoctomap viser skimage"
     )
     done = run(
         "import sys, coopmap_env, coopmap_baselines\n"

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 HIDDEN = (
-    "pybullet", "pybullet_data", "trimesh", "embreex", "yourdfpy", "ompl", "pyoctomap", "viser",
+    "pybullet", "pybullet_data", "trimesh", "embreex", "ompl", "pyoctomap", "viser",
     "skimage", "example_robot_data", "cmeel", "matplotlib", "torch", "stable_baselines3",
 )  # fmt: skip
 HIDE = f"""

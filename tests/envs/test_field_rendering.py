@@ -25,7 +25,7 @@ from coopmap_env.simulation.scenes.field import Solid, make_field_scene
 
 pytest.importorskip("PIL")
 pytest.importorskip("embreex")
-pytest.importorskip("yourdfpy")
+pytest.importorskip("trimesh")
 
 
 GRID = VoxelGrid((20, 20, 10), 0.2, (-2.0, -2.0, -0.3))

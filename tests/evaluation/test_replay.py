@@ -24,7 +24,7 @@ from coopmap_env.rendering import ROBOT_COLORS
 from coopmap_env.robots import Vehicle
 from coopmap_env.sensing import DepthCamera
 
-pytest.importorskip("yourdfpy")
+pytest.importorskip("trimesh")
 GRID = VoxelGrid((40, 40, 20), 0.1, (-2.0, -2.0, -0.05))
 TARGET = np.array([[[0.0, -0.5, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 1.0]]])
 NO_TRIANGLES = np.empty((0, 3, 3))

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from coopmap_env.robots import Suspension, make_mount
 from coopmap_env.simulation.physics._equilibrium import GRAVITY, Equilibrium
 
-pytest.importorskip("yourdfpy")
+pytest.importorskip("trimesh")
 
 
 @pytest.fixture(scope="module")

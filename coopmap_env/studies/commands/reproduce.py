@@ -57,7 +57,7 @@ class Reproduce:
 def missing_extras_hint() -> str:
     """Command that installs the extras of the 3-D study; empty if nothing is missing."""
     needed = {
-        "field": ("pybullet", "trimesh", "embreex", "yourdfpy"),
+        "field": ("pybullet", "trimesh", "embreex"),
         "octomap": ("pyoctomap",),
         "replay": ("viser",),
         "data": ("skimage",),

@@ -13,7 +13,7 @@ from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.scenes.field import make_field_scene
 
 pytest.importorskip("embreex")
-pytest.importorskip("yourdfpy")
+pytest.importorskip("trimesh")
 
 
 @pytest.fixture(scope="module")

@@ -87,7 +87,7 @@ def test_points_stay_seen_and_order_of_poses_does_not_matter():
 
 @pytest.fixture(scope="module")
 def vehicle():
-    pytest.importorskip("yourdfpy")
+    pytest.importorskip("trimesh")
     return Vehicle.from_mount("mast", Pose(np.zeros(3), np.eye(3)))
 
 

@@ -10,7 +10,7 @@ from coopmap_env.geometry import Pose, apply_displacement, displacement_between,
 from coopmap_env.localization.correction._pose_state import MIN_VARIANCE, PoseState
 from coopmap_env.robots import PoseEstimate, Vehicle, make_mount
 
-pytest.importorskip("yourdfpy")
+pytest.importorskip("trimesh")
 HOME = np.array(make_mount("mast").home)
 OUT = HOME + np.array([0.5, 0.3, -0.2, 0.4, 0.1])
 AWAY = HOME + np.array([-0.4, 0.1, 0.2, -0.3, 0.2])
