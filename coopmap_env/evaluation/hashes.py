@@ -3,34 +3,43 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
+from coopmap_env.core.files import read_bytes, read_yaml_mapping
 from coopmap_env.simulation.scenes.field import read_user_scene
 
 
 def file_hashes(policy: str, scene: str, env_name: str) -> dict[str, str]:
-    """SHA-256 of the files that a policy's spec and a scene name, by path."""
-    named = [Path(word) for word in re.split("[=+:]", policy) if word]
+    """SHA-256 of the files that a policy's spec and a scene name, by path.
+
+    Raises
+    ------
+    FileError
+        If one of them is broken or too large.
+    """
+    named = re.split("[=+:]", policy)
     return _sha256_of_files(named) | _scene_hashes(scene, env_name)
 
 
 def _scene_hashes(scene: str, env_name: str) -> dict[str, str]:
-    """SHA-256 of a planar scene's YAML and image files, or of a field scene's solids."""
+    """SHA-256 of a planar scene's YAML and image file, or of a field scene's solids."""
     path = Path(scene)
-    if path.suffix not in (".yaml", ".yml"):
+    if path.suffix.lower() not in (".yaml", ".yml") or not os.path.isfile(path):
         return {}
     if env_name == "planar":
-        # the YAML file names its image, which is pgm or png
-        return _sha256_of_files([path, *path.parent.glob("*.p[gn][mg]")])
-    sha = hashlib.sha256(path.read_bytes())
+        image = read_yaml_mapping(path).get("image")
+        return _sha256_of_files([scene, str(path.parent / image) if isinstance(image, str) else ""])
+    sha = hashlib.sha256(read_bytes(path))
     for solid in read_user_scene(path).solids:
         sha.update(solid.vertices.tobytes() + solid.faces.tobytes())
     return {scene: sha.hexdigest()}
 
 
-def _sha256_of_files(paths: Sequence[Path]) -> dict[str, str]:
+def _sha256_of_files(paths: Iterable[str]) -> dict[str, str]:
+    """Hashes of those that are files; `isfile` is false for any text that is no path at all."""
     return {
-        str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()
+        path: hashlib.sha256(read_bytes(path)).hexdigest() for path in paths if os.path.isfile(path)
     }
