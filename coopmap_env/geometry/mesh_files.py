@@ -19,6 +19,7 @@ folder. A file that is cut short is an error, never half a mesh.
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Callable
 from functools import partial
@@ -42,6 +43,7 @@ MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".dae", ".zae", ".gltf", ".glb"
 """Endings of the files that `read_mesh` reads, in any case."""
 MAX_COORDINATE = 1e9
 """Metres: what lies further out is a broken number."""
+_LFS_POINTER = b"version https://git-lfs"
 
 
 def read_mesh(
@@ -78,9 +80,12 @@ def read_mesh(
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise error_type(f"{path}: a mesh must be a file ending in {', '.join(MESH_SUFFIXES)}")
-    content = read_bytes(path, error_type)
+    content = read_bytes(path, error_type).removeprefix(codecs.BOM_UTF8)
     try:
-        vertices, faces = _reader(suffix, path.parent, in_urdf)(content)
+        if content.startswith(_LFS_POINTER):
+            raise ValueError("it stands for a file of Git LFS: fetch that with git lfs pull")
+        with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused below
+            vertices, faces = _reader(suffix, path.parent, in_urdf)(content)
         if len(faces) == 0:
             raise ValueError("it has no triangles")
         used = vertices[faces]
@@ -110,4 +115,6 @@ def _reader(suffix: str, folder: Path, in_urdf: bool) -> Callable[[bytes], Surfa
 def _reason(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"{error!s:.100} is missing"
+    if isinstance(error, AttributeError | IndexError | TypeError):
+        return f"its structure is not that of the format ({error!s:.100})"
     return f"{error!s:.300}" or type(error).__name__

@@ -261,6 +261,12 @@ def test_an_obj_may_count_backwards_go_on_in_the_next_line_and_have_colours(read
         assert mesh.area == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize("suffix", [".obj", ".stl", ".off", ".ply", ".dae", ".gltf"])
+def test_a_text_may_begin_with_a_byte_order_mark(read, suffix):
+    content = b"\xef\xbb\xbf" + every_format()[suffix][-1]
+    assert read(f"a{suffix}", content).volume == pytest.approx(4.0)
+
+
 def test_a_binary_stl_may_begin_with_solid_and_end_with_more(read):
     content = exported("stl")
     renamed = b"solid rock" + content[10:]
@@ -326,6 +332,8 @@ def test_a_file_that_is_cut_short_is_never_half_a_mesh(read, suffix):
         ("a.gltf", b'{"extensionsRequired":["KHR_draco_mesh_compression"],' + gltf()[1:], "draco"),
         ("a.gltf", b"[" * 100_000, "recursion|expected"),
         ("a.gltf", gltf().replace(b'"count":12', b'"count":12000000000'), "more than the limit"),
+        ("a.gltf", b'{"asset":[]}', "structure is not that of the format"),
+        ("a.stl", "version https://git-lfs.github.com/spec/v1\nsize 1\n", "lfs pull"),
         ("a.zip", b"PK", "ending in .stl"),
         ("a", b"", "ending in .stl"),
     ],
