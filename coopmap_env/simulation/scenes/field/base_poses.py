@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.core.settings import NonNegative, Positive, Settings
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
@@ -109,10 +110,13 @@ def sample_base_poses(
 
 def check_vehicles(n_robots: int, footprint: float) -> None:
     """Raise ValueError unless there is a vehicle and its footprint is a length."""
-    if n_robots < 1:
-        raise ValueError(f"n_robots must be at least 1, not {n_robots!r}")
-    if not 0.0 <= footprint < math.inf:
-        raise ValueError(f"footprint must be finite and >= 0 m, not {footprint!r}")
+    is_count = isinstance(n_robots, int | np.integer) and not isinstance(n_robots, bool)
+    if not is_count or n_robots < 1:
+        expected = "at least 1" if is_count else "an integer of at least 1"
+        raise ValueError(f"n_robots must be {expected}, not {brief(n_robots)}")
+    is_length = isinstance(footprint, int | float | np.number)
+    if not is_length or not 0.0 <= footprint < math.inf:
+        raise ValueError(f"footprint must be finite and >= 0 m, not {brief(footprint)}")
 
 
 def facing_pose(x: float, y: float, middle: NDArray[np.float64]) -> Pose:
