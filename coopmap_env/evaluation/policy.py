@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from coopmap_env.core.files import brief
 from coopmap_env.envs import Belief, Observation
 
 ENTRY_POINT_GROUP = "coopmap.policies"
@@ -48,17 +49,21 @@ def make_policy(spec: str) -> Policy:
     name, _, text = spec.partition(":")
     found = {entry_point.name: entry_point for entry_point in entry_points(group=ENTRY_POINT_GROUP)}
     if name not in found:
-        raise ValueError(f"unknown policy {name!r}; installed are {', '.join(sorted(found))}")
+        raise ValueError(f"unknown policy {brief(name)}; installed are {', '.join(sorted(found))}")
     options: dict[str, Any] = {}
     for part in filter(None, text.split("+")):
         key, equals, value = part.partition("=")
         if not equals:
-            raise ValueError(f"policy {spec!r}: an option is written key=value, got {part!r}")
+            raise ValueError(
+                f"policy {brief(spec)}: an option is written key=value, got {brief(part)}"
+            )
+        if key in options:
+            raise ValueError(f"policy {brief(spec)}: the option {brief(key)} is given twice")
         options[key] = _literal(value)
     try:
         policy = found[name].load()(**options)
     except TypeError as error:
-        raise ValueError(f"policy {spec!r}: {error}") from error
+        raise ValueError(f"policy {brief(spec)}: {error!s:.300}") from error
     if not isinstance(policy, Policy):
         raise ValueError(f"policy {name!r} has no reset and act: {policy!r}")
     return policy
@@ -67,5 +72,11 @@ def make_policy(spec: str) -> Policy:
 def _literal(text: str) -> Any:
     try:
         return ast.literal_eval(text)
-    except (ValueError, SyntaxError):
+    except (
+        ValueError,
+        TypeError,
+        SyntaxError,
+        MemoryError,
+        RecursionError,
+    ):  # all that it may raise
         return text

@@ -176,7 +176,8 @@ class _RobotNodes:
         self._links, self._parts = [], []
         for link, triangles in simplified_links(self._vehicle.chain):
             vertices, faces = cluster_vertices(triangles, VERTEX_TOLERANCE)
-            name = f"{self._name}/{self._vehicle.chain.link_names[link]}"
+            # the link's own name may be "camera" or have a slash, which names a child
+            name = f"{self._name}/links/{link}"
             self._links.append(link)
             self._parts.append(
                 scene.add_mesh_simple(name, vertices, faces, color=self._color, flat_shading=True)
@@ -277,5 +278,6 @@ def _overlay(replay: Replay) -> str:
         "max_height": MAX_COLOR_HEIGHT,
         "new": f"rgb{NEW_VOXEL_COLOR}",
     }
-    text = json.dumps(data).replace("</", "<\\/")
+    # within a script, "<" could end it ("</script>") or hide its end ("<!--<script>")
+    text = json.dumps(data).replace("<", "\\u003c")
     return OVERLAY_TEMPLATE.read_text(encoding="utf-8").replace("/*DATA*/", text)

@@ -43,7 +43,7 @@ def format_interval(
 
 
 def render_template(template: str, image_folder: Path, **values: Any) -> str:
-    """Fill in the template of a study (extra ``report``).
+    """Fill in the template of a study (extra ``report``); all values are escaped.
 
     Templates have the filter ``interval`` (`format_interval`) and the function ``image(name)``,
     which puts a PNG file into the page.
@@ -59,6 +59,8 @@ def render_template(template: str, image_folder: Path, **values: Any) -> str:
 
     Raises
     ------
+    ValueError
+        If a picture is not in `image_folder`.
     ImportError
         With the pip command, if Jinja is not installed.
     """
@@ -72,6 +74,8 @@ def render_template(template: str, image_folder: Path, **values: Any) -> str:
     environment.filters.update(filters)
 
     def image(name: str) -> str:
+        if Path(name).name != name:
+            raise ValueError(f"a page's picture must be a file in {image_folder}, got {name!r}")
         data = base64.b64encode((image_folder / name).read_bytes()).decode()
         return f"data:image/png;base64,{data}"
 
