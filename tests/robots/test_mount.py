@@ -18,30 +18,6 @@ from coopmap_env.robots.kinematics.urdf_loading import (
 )
 from coopmap_env.robots.kinematics.urdf_xml import transform_from_xyz_rpy
 
-ARM = """<robot name="arm">
-  <link name="stand"/>
-  <joint name="tilt" type="revolute"><origin xyz="0 0 1" rpy="0 0 1.5707963267948966"/>
-    <parent link="stand"/><child link="eye"/><axis xyz="0 1 0"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-  <link name="eye"><inertial><mass value="0"/></inertial>
-    <visual><geometry><sphere radius="0.1"/></geometry></visual></link>
-  <joint name="flap" type="revolute"><origin xyz="0.3 0 0"/>
-    <parent link="eye"/><child link="lid"/><axis xyz="1 0 0"/>
-    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-  <link name="lid"/>
-  <joint name="axle" type="continuous"><origin xyz="0 0.2 0.1"/>
-    <parent link="stand"/><child link="wheel"/><axis xyz="0 1 0"/></joint>
-  <link name="wheel"/>
-</robot>"""
-
-
-@pytest.fixture
-def arm(tmp_path):
-    pytest.importorskip("trimesh")
-    path = tmp_path / "arm.urdf"
-    path.write_text(ARM)
-    return path
-
 
 def test_the_camera_of_the_mast_stands_between_one_and_two_and_a_half_metres(mast):
     chain = mast.chain()
@@ -145,7 +121,7 @@ def test_wrong_names_in_a_wrapped_urdf_are_told_at_once(arm):
         mount_from_urdf(arm, ["tilt"], "eye", [2.0])
     with pytest.raises(FileNotFoundError, match="no URDF at"):
         mount_from_urdf(arm.parent / "leg.urdf", ["tilt"], "eye", [0.0])
-    text = ARM.replace('<sphere radius="0.1"/>', '<mesh filename="package://a/b.stl"/>')
+    text = arm.read_text().replace('<sphere radius="0.1"/>', '<mesh filename="package://a/b.stl"/>')
     arm.write_text(text)
     with pytest.raises(FileNotFoundError, match=r"b.stl, which is in none of.*package_dirs"):
         mount_from_urdf(arm, ["tilt"], "eye", [0.0])
