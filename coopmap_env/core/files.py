@@ -213,7 +213,7 @@ def brief(value: object) -> str:
     shorter = reprlib.Repr()
     shorter.maxlevel, shorter.maxstring, shorter.maxother = 3, 60, 100
     try:
-        return shorter.repr(value)[:200]
+        return re.sub(r"\n\s*", " ", shorter.repr(value))[:200]
     except Exception:  # what has no representation, such as an integer of over 4,300 digits
         return f"<{type(value).__name__}>"
 
