@@ -8,14 +8,14 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from coopmap_agents.pretrained.policy_file import load_policy
 from coopmap_agents.record import POLICY_FILE, RECORD_FILE, Record, read_record
-from coopmap_env.core.files import write_atomically
+from coopmap_env.core.files import FileError, read_bytes, write_atomically
 
 
 def export(folder: Path, trainings: Sequence[Path]) -> None:
@@ -32,16 +32,17 @@ def export(folder: Path, trainings: Sequence[Path]) -> None:
     ------
     ValueError
         If the trainings differ in more than their seeds, have equal seeds, or one is unfinished.
+    FileError
+        If a file of theirs is broken.
     """
     records = [_read_record(training) for training in trainings]
     _check_same_config(trainings, records)
-    folder.mkdir(parents=True, exist_ok=True)
+    names = [f"seed_{record['config']['seed']}.safetensors" for record in records]
+    policies = dict(zip(names, map(_read_policy, trainings), strict=True))
     for old in folder.glob("*.safetensors"):
         old.unlink()
-    for training, record in zip(trainings, records, strict=True):
-        shutil.copyfile(
-            training / POLICY_FILE, folder / f"seed_{record['config']['seed']}.safetensors"
-        )
+    for name, content in policies.items():
+        write_atomically(folder / name, content)
     write_atomically(folder / RECORD_FILE, json.dumps(_summary(records), indent=1) + "\n")
 
 
@@ -61,8 +62,14 @@ def _check_same_config(trainings: Sequence[Path], records: Sequence[Mapping[str,
 def _read_record(training: Path) -> Record:
     record = read_record(training)
     if record is None:
-        raise ValueError(f"{training} has no {RECORD_FILE}")
+        raise FileError(f"{training / RECORD_FILE}: there is no such file")
     return record
+
+
+def _read_policy(training: Path) -> bytes:
+    """Content of the file of a training's policy, which can be loaded."""
+    load_policy(training / POLICY_FILE)
+    return read_bytes(training / POLICY_FILE)
 
 
 def _summary(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

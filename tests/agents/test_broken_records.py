@@ -13,6 +13,7 @@ from plain.fuzz import cases, mutants
 from tiny_policies import SETTINGS, tiny_network
 
 from coopmap_agents.config import EnvConfig, TrainingConfig
+from coopmap_agents.pretrained import library
 from coopmap_agents.pretrained.export import export
 from coopmap_agents.record import (
     SegmentReport,
@@ -163,6 +164,40 @@ def test_a_broken_record_is_not_exported(tmp_path):
     with pytest.raises(FileError, match=rf"^{folder}/training\.json is broken"):
         export(tmp_path / "small", [folder])
     assert not (tmp_path / "small").exists()
+
+
+def test_a_training_without_a_policy_is_not_exported_and_an_older_export_stays(tmp_path):
+    record = with_row(2, steps=192)
+    folder = write(tmp_path / "training", record)
+    (tmp_path / "small").mkdir()
+    (tmp_path / "small" / "seed_7.safetensors").write_bytes(b"older")
+    with pytest.raises(FileError, match=rf"^{folder}/policy\.safetensors: there is no such file"):
+        export(tmp_path / "small", [folder])
+    (folder / "policy.safetensors").write_bytes(b"broken")
+    with pytest.raises(FileError, match=rf"^{folder}/policy\.safetensors was not written by"):
+        export(tmp_path / "small", [folder])
+    assert [path.name for path in (tmp_path / "small").iterdir()] == ["seed_7.safetensors"]
+    with pytest.raises(FileError, match=rf"^{tmp_path}/training\.json: there is no such file"):
+        export(tmp_path / "small", [tmp_path])
+
+
+@pytest.mark.parametrize(
+    ("content", "named"),
+    [
+        ("{", "expected JSON"),
+        ("[]", "is broken .*install coopmap again"),
+        ('{"seeds": [0], "best_seed": "../precious"}', "is broken .*no integers"),
+        ('{"seeds": ["../precious"], "best_seed": "../precious"}', "is broken .*no integers"),
+        ('{"seeds": [0], "best_seed": 1}', "is broken .*no integers"),
+        ('{"seeds": 0, "best_seed": 0}', "is broken"),
+    ],
+)
+def test_the_record_of_a_pretrained_policy_can_name_no_file(content, named, tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "training.json").write_text(content)
+    monkeypatch.setattr(library, "_folder", lambda: tmp_path)
+    with pytest.raises(FileError, match=rf"^{tmp_path}/mine/training\.json.*{named}"):
+        library.pretrained_path("mine")
 
 
 def checkpoint_of(folder, **changes):
