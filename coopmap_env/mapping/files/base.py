@@ -44,7 +44,9 @@ def map_from_settings(text: str, path: str | os.PathLike[str]) -> OccupancyMap:
             BeamModel(**beam),
             LogOddsRange(settings["max_probability"]),
         )
-    except (LookupError, ArithmeticError, MemoryError, RecursionError) as error:
+    except MemoryError as error:
+        raise MapFileError(f"{path}: there is not enough memory for a map of this size") from error
+    except (LookupError, ArithmeticError, RecursionError) as error:
         raise MapFileError(f"{path}: the map's settings are broken: {error!r:.500}") from error
     except (ValueError, TypeError) as error:
         raise MapFileError(f"{path}: the map's settings are broken: {error!s:.500}") from error

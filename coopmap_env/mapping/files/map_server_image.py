@@ -31,6 +31,8 @@ from coopmap_env.mapping.files._gray_image import decode_gray_image
 from coopmap_env.mapping.files.base import MapFileError
 
 MODES = ("trinary", "scale", "raw")
+MAX_YAW = 1e-6
+"""Radians: what rounding leaves of no rotation moves no pixel."""
 MAP_SAVER_UNKNOWN = 205
 """Gray value that map_saver writes for unknown cells."""
 MAP_SAVER_GRAYS = (0, MAP_SAVER_UNKNOWN, 254)
@@ -97,7 +99,7 @@ def read_map_server_image(path: str | os.PathLike[str]) -> MapServerImage:
     except (ValueError, MemoryError) as error:
         raise MapFileError(
             f"{path}: image must name a readable PGM or PNG file, not {str(fields.image)!r:.300}: "
-            f"{str(error) or type(error).__name__}"
+            f"{str(error) or type(error).__name__:.700}"
         ) from error
     if opaque is not None:
         occupancy[~opaque] = np.nan
@@ -169,7 +171,7 @@ class _Fields:
 
     def image(self) -> str:
         name = self.value("image")
-        if not isinstance(name, str) or not name or "\0" in name:
+        if not isinstance(name, str) or not name or not _is_path(name):
             raise self.error("image", "the path of an image")
         return name
 
@@ -184,7 +186,7 @@ class _Fields:
         numbers = [read_yaml_number(value) for value in values] if isinstance(values, list) else []
         if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
             raise self.error("origin", "three finite numbers [x, y, yaw]")
-        if numbers[2] != 0.0:
+        if abs(numbers[2]) > MAX_YAW:
             raise self.error("origin", "without yaw (rotated maps are not read: rotate the image)")
         return numbers[0], numbers[1]
 
@@ -196,9 +198,10 @@ class _Fields:
 
     def negate(self) -> bool:
         value = self.value("negate")
-        if not isinstance(value, int) or value not in (0, 1):
+        number = float(value) if isinstance(value, bool) else read_yaml_number(value)
+        if number not in (0.0, 1.0):
             raise self.error("negate", "0 or 1")
-        return bool(value)
+        return bool(number)
 
     def mode(self) -> str:
         if "mode" not in self.content:
@@ -207,3 +210,11 @@ class _Fields:
         if not isinstance(mode, str) or mode.lower() not in MODES:
             raise self.error("mode", f"one of {', '.join(MODES)}")
         return mode.lower()
+
+
+def _is_path(name: str) -> bool:
+    try:
+        os.fsencode(name)
+    except UnicodeEncodeError:
+        return False
+    return "\0" not in name

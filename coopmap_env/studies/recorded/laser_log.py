@@ -15,6 +15,7 @@ Ranges that are no distances are those of REP 117: ``inf`` no return, ``-inf`` t
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -59,7 +60,7 @@ class LaserLog:
         return float(self.bearings[1] - self.bearings[0])
 
 
-def read_laser_log(path: Path) -> LaserLog:
+def read_laser_log(path: str | os.PathLike[str]) -> LaserLog:
     """Read the laser records of a zipped g2o file.
 
     The poses are those of the laser records; no pose graph is optimised. The poses of Killian Court
@@ -67,7 +68,7 @@ def read_laser_log(path: Path) -> LaserLog:
 
     Parameters
     ----------
-    path : Path
+    path : path
         ``NAME.zip`` with the member ``NAME``.
 
     Raises
@@ -105,12 +106,13 @@ def read_laser_log(path: Path) -> LaserLog:
     )
 
 
-def _find_records(path: Path) -> Iterator[tuple[int, str]]:
+def _find_records(path: str | os.PathLike[str]) -> Iterator[tuple[int, str]]:
     """Lines of the archive's member that are laser records, and their numbers from 1.
 
     No other line is split off: some kilobytes of an archive may hold 10**9 of them.
     """
-    content = read_zip_members(path, [path.stem], LaserLogError)[path.stem]
+    name = Path(path).stem
+    content = read_zip_members(path, [name], LaserLogError)[name]
     number, counted = 1, 0
     for match in _RECORD.finditer(content):
         number, counted = number + content.count(b"\n", counted, match.start()), match.start()
