@@ -4,7 +4,15 @@ import json
 from pathlib import Path
 
 import pytest
-from plain.golden import MODES, N_EPISODES, PLANNERS, SCANS, hashes_elsewhere
+from plain.golden import (
+    MODES,
+    N_EPISODES,
+    OLD_PROCESSOR,
+    PLANNERS,
+    SCANS,
+    first_hashes_with,
+    hashes_of,
+)
 
 from coopmap_env.envs.registration import ENVS
 
@@ -21,10 +29,49 @@ def test_every_registered_id_and_mode_has_hashes_of_a_hundred_episodes():
 def test_trajectories_and_decisions_of_planners_are_those_that_were_recorded(env_id):
     if "Field" in env_id:
         pytest.importorskip("pybullet")
-    found = hashes_elsewhere(env_id)
+    found = hashes_of(env_id)
     assert set(found) == {*MODES, *PLANNERS}
     differing = {}
     for name, hashes in found.items():
         pairs = zip(hashes.split(), GOLDEN[env_id][name].split(), strict=True)
         differing[name] = [seed for seed, (now, then) in enumerate(pairs) if now != then]
     assert differing == {name: [] for name in found}
+
+
+VARIANTS = {
+    "an old processor": OLD_PROCESSOR,
+    "another hash seed, locale and number of threads": {
+        "PYTHONHASHSEED": "7",
+        "LC_ALL": "C",
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+    },
+}
+LONG_VARIANTS = {
+    **{
+        f"OpenBLAS for {name}": {"OPENBLAS_CORETYPE": name}
+        for name in ("Nehalem", "Sandybridge", "Haswell", "Zen")
+    },
+    "numba for any processor": {**OLD_PROCESSOR, "NUMBA_CPU_NAME": "generic"},
+    "numba without fused multiply-add": {"NUMBA_CPU_NAME": "nehalem", "NUMBA_CPU_FEATURES": ""},
+}
+
+
+@pytest.mark.parametrize(
+    "variables",
+    [
+        *(pytest.param(value, id=name) for name, value in VARIANTS.items()),
+        *(
+            pytest.param(value, id=name, marks=pytest.mark.long)
+            for name, value in LONG_VARIANTS.items()
+        ),
+    ],
+)
+def test_a_trajectory_is_the_same_to_the_last_bit_on_other_processors(variables, tmp_path):
+    pytest.importorskip("pybullet")
+    if "NUMBA_CPU_NAME" in variables:  # numba's cache knows the processor, but not its features
+        variables = {**variables, "NUMBA_CACHE_DIR": str(tmp_path)}
+    found = first_hashes_with(variables, list(SCANS), n_episodes=2)
+    for env_id, hashes in found.items():
+        for name, played in hashes.items():
+            assert GOLDEN[env_id][name].startswith(played), f"{env_id} {name}"

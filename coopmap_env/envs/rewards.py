@@ -7,10 +7,10 @@ and "coverage" count what a scan adds to the scans of earlier robots.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
+from coopmap_env.core.elementary import log
 from coopmap_env.mapping import ScanGain
 
 
@@ -45,7 +45,7 @@ class RewardScale(NamedTuple):
     @classmethod
     def for_camera(cls, max_visible_cells: int, n_gray_bins: int, n_cells: int) -> RewardScale:
         """The scale of a camera that sees at most `max_visible_cells` of `n_cells` cells."""
-        return cls(max_visible_cells * math.log(2.0), math.log(n_gray_bins), n_cells)
+        return cls(max_visible_cells * log(2.0), log(n_gray_bins), n_cells)
 
 
 def rating(outcome: StepOutcome, scale: RewardScale) -> float:

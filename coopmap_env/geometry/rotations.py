@@ -11,6 +11,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import atan2, sin_cos
+from coopmap_env.core.kernels import kernel
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.geometry.transforms import Pose
 
 SMALL_ANGLE = 1e-8
@@ -35,7 +38,8 @@ def rotation_about_axis(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
     ``I + sin(angle) [a]x + (1 - cos(angle)) [a]x^2``.
     """
     K = skew(axis)
-    return np.asarray(np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K))
+    sine, cosine = sin_cos(angle)
+    return np.eye(3) + sine * K + (1.0 - cosine) * product(K, K)
 
 
 def rotation_about_z(angle: float) -> NDArray[np.float64]:
@@ -44,7 +48,7 @@ def rotation_about_z(angle: float) -> NDArray[np.float64]:
     Its entries are the sine and cosine themselves, which `rotation_about_axis` meets to within
     rounding.
     """
-    c, s = math.cos(angle), math.sin(angle)
+    s, c = sin_cos(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -52,12 +56,12 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float
     """Rotation (3, 3) about the fixed axes x, y, z in this order, as in URDF and SDF, radians."""
     x, y, z = np.eye(3)
     R_x, R_y = rotation_about_axis(x, roll), rotation_about_axis(y, pitch)
-    return np.asarray(rotation_about_axis(z, yaw) @ R_y @ R_x)
+    return product(product(rotation_about_axis(z, yaw), R_y), R_x)
 
 
 def random_rotation(rng: np.random.Generator) -> NDArray[np.float64]:
     """Rotation (3, 3), uniform over all orientations (a normal quaternion, normalised)."""
-    w, x, y, z = (q := rng.normal(size=4)) / np.linalg.norm(q)
+    w, x, y, z = (q := rng.normal(size=4)) / length(q)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -74,12 +78,12 @@ def rotation_from_rotvec(w: ArrayLike) -> NDArray[np.float64]:
     corrections.
     """
     w = np.asarray(w, dtype=np.float64)
-    angle = math.sqrt(float(w @ w))
+    angle = length(w)
     K = skew(w)
     if angle < SMALL_ANGLE:
         return nearest_rotation(np.eye(3) + K)
-    half = math.sin(angle / 2.0) / (angle / 2.0)
-    return np.eye(3) + (math.sin(angle) / angle) * K + (0.5 * half * half) * (K @ K)
+    half = sin_cos(angle / 2.0)[0] / (angle / 2.0)
+    return np.eye(3) + (sin_cos(angle)[0] / angle) * K + (0.5 * half * half) * product(K, K)
 
 
 def rotvec_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
@@ -98,26 +102,72 @@ def rotvec_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
         q[j], q[k] = R[j, i] + R[i, j], R[k, i] + R[i, k]
         q[3] = R[k, j] - R[j, k]
     q *= math.copysign(1.0, q[3])
-    length = math.sqrt(float(q[:3] @ q[:3]))
-    if length == 0.0:
+    sine = length(q[:3])
+    if sine == 0.0:
         return np.zeros(3)
-    return q[:3] * (2.0 * math.atan2(length, float(q[3])) / length)
+    return q[:3] * (2.0 * atan2(sine, float(q[3])) / sine)
 
 
 def nearest_rotation(M: ArrayLike) -> NDArray[np.float64]:
     """Rotation nearest to a matrix (3, 3) in the Frobenius norm.
 
-    U diag(1, 1, det(U V^T)) V^T of the singular value decomposition U S V^T (Umeyama 1991).
+    U diag(1, 1, det(U V^T)) V^T of the singular value decomposition U S V^T (Umeyama 1991): the
+    third columns of U and V are cross products of the others, which makes both right-handed.
     """
-    U, _, Vt = np.linalg.svd(np.asarray(M, dtype=np.float64))
-    U[:, 2] *= math.copysign(1.0, np.linalg.det(U) * np.linalg.det(Vt))
-    return np.asarray(U @ Vt)
+    columns = np.array(M, dtype=np.float64)
+    V = np.eye(3)
+    _orthogonalise(columns, V)
+    singular_values = np.sqrt(np.square(columns).sum(axis=0))
+    i, j = np.argsort(-singular_values, kind="stable")[:2]
+    u_1 = _direction(columns[:, i], Z_AXIS)
+    u_2 = columns[:, j] - u_1 * sum((u_1 * columns[:, j]).tolist())
+    u_2 = _direction(u_2, np.cross(u_1, np.eye(3)[int(np.abs(u_1).argmin())]))
+    U = np.stack([u_1, u_2, np.cross(u_1, u_2)])
+    W = np.stack([V[:, i], V[:, j], np.cross(V[:, i], V[:, j])])
+    return product(U.T, W)
+
+
+def _direction(v: NDArray[np.float64], otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A vector (3,) as a unit vector; if it is zero, another one."""
+    norm = length(v)
+    return v / norm if norm > 0.0 else otherwise / length(otherwise)
+
+
+@kernel
+def _orthogonalise(A: NDArray[np.float64], V: NDArray[np.float64]) -> None:
+    """Rotate the columns of A (3, 3) until they are orthogonal; V (3, 3) is rotated alike.
+
+    One-sided Jacobi method: A V^T stays the same, so that A becomes U S.
+    """
+    for _ in range(30):
+        rotated = False
+        for p in range(2):
+            for q in range(p + 1, 3):
+                a, b, c = 0.0, 0.0, 0.0
+                for i in range(3):
+                    a += A[i, p] * A[i, p]
+                    b += A[i, q] * A[i, q]
+                    c += A[i, p] * A[i, q]
+                if abs(c) <= 1e-16 * math.sqrt(a * b):
+                    continue
+                rotated = True
+                tau = (b - a) / (2.0 * c)
+                t = math.copysign(1.0, tau) / (abs(tau) + math.sqrt(1.0 + tau * tau))
+                cosine = 1.0 / math.sqrt(1.0 + t * t)
+                sine = t * cosine
+                for i in range(3):
+                    x, y = A[i, p], A[i, q]
+                    A[i, p], A[i, q] = cosine * x - sine * y, sine * x + cosine * y
+                    x, y = V[i, p], V[i, q]
+                    V[i, p], V[i, q] = cosine * x - sine * y, sine * x + cosine * y
+        if not rotated:
+            return
 
 
 def apply_displacement(pose: Pose, displacement: ArrayLike) -> Pose:
     """The pose translated by dt and rotated by exp([dw]x); `displacement` (6,) is [dt, dw]."""
     d = np.asarray(displacement, dtype=np.float64)
-    return Pose(pose.translation + d[:3], rotation_from_rotvec(d[3:]) @ pose.rotation)
+    return Pose(pose.translation + d[:3], product(rotation_from_rotvec(d[3:]), pose.rotation))
 
 
 def displacement_between(pose: Pose, other: Pose) -> NDArray[np.float64]:
@@ -125,6 +175,6 @@ def displacement_between(pose: Pose, other: Pose) -> NDArray[np.float64]:
     return np.concatenate(
         [
             other.translation - pose.translation,
-            rotvec_from_rotation(other.rotation @ pose.rotation.T),
+            rotvec_from_rotation(product(other.rotation, pose.rotation.T)),
         ]
     )

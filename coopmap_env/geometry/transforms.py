@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.kernels import kernel
+from coopmap_env.core.linear_algebra import product
 
 TWO_PI = 2.0 * math.pi
 
@@ -60,7 +62,7 @@ class Pose:
     @classmethod
     def planar(cls, x: float, y: float, heading: float) -> Pose:
         """Pose of a planar frame from position (metres) and heading (radians, from +x to +y)."""
-        c, s = math.cos(heading), math.sin(heading)
+        s, c = sin_cos(heading)
         return cls(np.array([x, y]), np.array([[c, -s], [s, c]]))
 
     @property
@@ -72,14 +74,14 @@ class Pose:
 
     def transform(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points (..., D) of the camera frame, in the world frame."""
-        return np.asarray(points) @ self.rotation.T + self.translation
+        return product(points, self.rotation.T) + self.translation
 
     def inverse(self) -> Pose:
         """T_camera_world."""
-        return Pose(-self.rotation.T @ self.translation, self.rotation.T)
+        return Pose(-product(self.translation, self.rotation), self.rotation.T)
 
     def __matmul__(self, other: Pose) -> Pose:
-        return Pose(self.transform(other.translation), self.rotation @ other.rotation)
+        return Pose(self.transform(other.translation), product(self.rotation, other.rotation))
 
 
 def _is_proper_rotation(rows: list[list[float]]) -> bool:
@@ -122,7 +124,7 @@ def to_camera_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float6
     """Planar poses (..., 3) [x, y, heading] of the world frame in the frame of `reference` (3,)."""
     poses, reference = np.asarray(poses, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     delta = poses - reference
-    c, s = math.cos(reference[2]), math.sin(reference[2])
+    s, c = sin_cos(reference[2])
     out = np.empty_like(delta)
     out[..., 0] = c * delta[..., 0] + s * delta[..., 1]
     out[..., 1] = c * delta[..., 1] - s * delta[..., 0]
@@ -133,7 +135,7 @@ def to_camera_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float6
 def to_world_frame(poses: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
     """Planar poses (..., 3) given in the frame of `reference` (3,), in the world frame."""
     poses, reference = np.asarray(poses, dtype=np.float64), np.asarray(reference, dtype=np.float64)
-    c, s = math.cos(reference[2]), math.sin(reference[2])
+    s, c = sin_cos(reference[2])
     out = np.empty_like(poses)
     out[..., 0] = reference[0] + c * poses[..., 0] - s * poses[..., 1]
     out[..., 1] = reference[1] + s * poses[..., 0] + c * poses[..., 1]

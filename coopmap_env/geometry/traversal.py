@@ -168,7 +168,7 @@ def traverse(
     dimension = len(shape)
     if dimension not in (2, 3) or p.shape != (dimension,) or u.shape != (dimension,):
         raise ValueError(f"origin {p.shape} and direction {u.shape} do not fit a grid {shape}")
-    norm = float(np.linalg.norm(u))
+    norm = float(np.linalg.norm(u, axis=-1))  # without an axis, it calls BLAS
     if not (np.isfinite(p).all() and math.isfinite(norm) and math.isfinite(length)) or norm == 0:
         raise ValueError(f"a ray needs finite values: {p}, {u}, length {length}")
     if (p < 0).any() or (p >= shape).any():

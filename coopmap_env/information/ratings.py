@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import power_array
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Spheres, wrap_angle
 from coopmap_env.information.settings import RatingSettings
 
@@ -62,7 +64,7 @@ class Ratings:
         constants: RatingSettings,
     ) -> Ratings:
         """Eq. 9: RF = (NI - K d**n) (1 - P)."""
-        cost = constants.K * distance**constants.exponent
+        cost = constants.K * power_array(distance, constants.exponent)
         rating = (new_information - cost) * (1.0 - occupancy)
         return cls(new_information, distance, cost, occupancy, rating)
 
@@ -82,7 +84,7 @@ def joint_distance(q: ArrayLike, current: ArrayLike, alpha: ArrayLike) -> NDArra
         Weights of the squares, >= 0.
     """
     delta = np.asarray(q, dtype=np.float64) - np.asarray(current, dtype=np.float64)
-    return np.asarray(np.sqrt(delta**2 @ np.asarray(alpha, dtype=np.float64)))
+    return np.sqrt(product(delta**2, alpha))
 
 
 def motion_distance(

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose, rotation_about_z
 
 Array = NDArray[np.float64]
@@ -146,7 +147,7 @@ class TargetModel:
         symmetries = [Pose(np.zeros(3), np.eye(3))]
         for angle in _rotation_angles(_SYMMETRY_ORDERS):
             R = rotation_about_z(angle)
-            rotation = Pose(center - R @ center, R)
+            rotation = Pose(center - product(R, center), R)
             # the subset first: it rejects most angles at once
             if all(self._covers(rotation.transform(some), limit) for some in (subset, points)):
                 symmetries.append(rotation)

@@ -7,7 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import exp_array
 from coopmap_env.core.kernels import kernel
+from coopmap_env.core.linear_algebra import inverse, product, solve
 from coopmap_env.mapping.arrays import SurfaceArrays
 
 
@@ -15,9 +17,9 @@ def gaussian_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> ND
     """Eq. 2: N(x; mean, C) of points (..., D); the exponent is the Mahalanobis distance."""
     delta = np.asarray(x, dtype=np.float64) - np.asarray(mean, dtype=np.float64)
     C = np.asarray(covariance, dtype=np.float64)
-    mahalanobis = np.einsum("...i,ij,...j->...", delta, np.linalg.inv(C), delta)
+    mahalanobis = (product(delta, inverse(C)) * delta).sum(axis=-1)
     normaliser = math.sqrt((2 * math.pi) ** C.shape[0] * np.linalg.det(C))
-    return np.exp(-0.5 * mahalanobis) / normaliser
+    return exp_array(-0.5 * mahalanobis) / normaliser
 
 
 def merge_gaussians(
@@ -46,8 +48,8 @@ def merge_gaussians(
         If C1 + C2 is singular.
     """
     mean_1, C_1 = np.asarray(mean_1, dtype=np.float64), np.asarray(C_1, dtype=np.float64)
-    gain = np.linalg.solve(C_1 + np.asarray(C_2), C_1).T
-    return mean_1 + gain @ (np.asarray(mean_2) - mean_1), C_1 - gain @ C_1
+    gain = solve(C_1 + np.asarray(C_2), C_1).T
+    return mean_1 + product(gain, np.asarray(mean_2) - mean_1), C_1 - product(gain, C_1)
 
 
 @kernel

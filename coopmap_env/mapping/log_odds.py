@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.elementary import exp_array, log_array
 from coopmap_env.core.settings import Bounds, Settings
 
 STEPS_PER_NAT = 1024
@@ -57,10 +58,10 @@ class LogOddsRange(Settings):
     def probability(self) -> NDArray[np.float64]:
         """Probability of log-odds l at index l + clamp."""
         log_odds_fixed = np.arange(-self.clamp, self.clamp + 1)
-        return freeze(1.0 / (1.0 + np.exp(-log_odds_fixed / STEPS_PER_NAT)))
+        return freeze(1.0 / (1.0 + exp_array(-log_odds_fixed / STEPS_PER_NAT)))
 
     @cached_property
     def entropy(self) -> NDArray[np.float64]:
         """Entropy (Eq. 6 of the two outcomes), nats, of log-odds l at index l + clamp."""
         p = self.probability
-        return freeze(-p * np.log(p) - (1 - p) * np.log1p(-p))
+        return freeze(-p * log_array(p) - (1 - p) * log_array(1 - p))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import PlainTuple
+from coopmap_env.core.linear_algebra import inverse, product
 from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.grid import VoxelGrid
@@ -193,9 +194,9 @@ class OccupancyMap:
             Their merged covariances, square metres.
         """
         cells, precisions, vectors = self.information_form()
-        covariances = np.linalg.inv(precisions).astype(np.float64, copy=False)
+        covariances = inverse(precisions)
         centers = self.grid.center(np.stack(np.unravel_index(cells, self.grid.shape), axis=-1))
-        means = centers + np.einsum("kij,kj->ki", covariances, vectors)
+        means = centers + product(covariances, vectors[..., None])[..., 0]
         return cells, means, covariances
 
     def information_form(
@@ -280,7 +281,7 @@ def _check_surfaces(
     if any(array.dtype.kind not in "iuf" for array in (precisions, vectors)):
         raise ValueError("surface information must be numbers")
     with np.errstate(all="ignore"):
-        covariances = np.linalg.inv(precisions.astype(np.float64))
+        covariances = inverse(precisions)
     variances = np.diagonal(covariances, axis1=1, axis2=2)
     if not (
         np.isfinite(covariances).all() and np.isfinite(vectors).all() and (variances > 0).all()

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.geometry import Pose, Spheres, skew
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
@@ -65,7 +66,7 @@ class Vehicle:
     def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """T_world_camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
         R, t = self.chain.camera_poses(q)
-        return self.T_world_base.rotation @ R, self.T_world_base.transform(t)
+        return product(self.T_world_base.rotation, R), self.T_world_base.transform(t)
 
     def camera_pose(self, q: ArrayLike) -> Pose:
         """T_world_camera at a single q (n,)."""
@@ -75,7 +76,7 @@ class Vehicle:
     def link_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Poses of all links in the world: R (k, L, 3, 3), t (k, L, 3)."""
         R, t = self.chain.link_poses(q)
-        return self.T_world_base.rotation @ R, self.T_world_base.transform(t)
+        return product(self.T_world_base.rotation, R), self.T_world_base.transform(t)
 
     def spheres(self, q: ArrayLike) -> Spheres:
         """Centers (k, s, 3) in the world frame and radii (s,) of the spheres that cover it."""
@@ -95,7 +96,7 @@ class Vehicle:
         for b in range(1, len(out)):
             above = tree.parent[b]
             start = tree.translation[b] - (0.0 if above else center)
-            out[b] = out[above] + np.linalg.norm(start) + (slide[b] if tree.prismatic[b] else 0.0)
+            out[b] = out[above] + length(start) + (slide[b] if tree.prismatic[b] else 0.0)
         spheres = (
             out[body.sphere_body_index] + np.linalg.norm(body.local_centers, axis=1) + body.radii
         )
@@ -128,10 +129,10 @@ class Vehicle:
         """
         pose = self.camera_pose(q)
         J = self.joint_jacobian(q)
-        persistent_covariance = (J * np.square(self.mount.calibration_error)) @ J.T
+        persistent_covariance = product(J * np.square(self.mount.calibration_error), J.T)
         if self.base_covariance is not None:
             B = self.base_jacobian(pose)
-            persistent_covariance += B @ self.base_covariance @ B.T
+            persistent_covariance += product(product(B, self.base_covariance), B.T)
         return PoseEstimate(pose, self.per_scan_covariance(q) + persistent_covariance)
 
     def per_scan_covariance(self, q: ArrayLike) -> NDArray[np.float64]:
@@ -147,7 +148,7 @@ class Vehicle:
             J = self._rotated_to_world(
                 self._suspended_chain.jacobian(np.concatenate([np.zeros(3), q]))
             )
-        return np.asarray((J * self._per_scan_variances) @ J.T)
+        return product(J * self._per_scan_variances, J.T)
 
     def joint_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Jacobian (6, n) of the camera [translation; rotation vector] with respect to its joints.
@@ -164,7 +165,7 @@ class Vehicle:
 
     def _rotated_to_world(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
         """Both halves of a Jacobian (6, k), translation and rotation vector, in the world frame."""
-        return np.asarray((self.T_world_base.rotation @ J.reshape(2, 3, -1)).reshape(6, -1))
+        return product(self.T_world_base.rotation, J.reshape(2, 3, -1)).reshape(6, -1)
 
     @cached_property
     def _per_scan_variances(self) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import tan
 from coopmap_env.core.limits import check_bytes
 from coopmap_env.core.settings import Bounds, NonNegative, Positive, Settings
 
@@ -106,15 +107,15 @@ class DepthCamera(Settings):
         return PinholeIntrinsics(
             int(self.width),
             int(self.height),
-            math.tan(self.horizontal_field_of_view / 2),
-            math.tan(self.vertical_field_of_view / 2),
+            tan(self.horizontal_field_of_view / 2),
+            tan(self.vertical_field_of_view / 2),
         )
 
     @cached_property
     def directions(self) -> NDArray[np.float64]:
         """Unit vectors through the pixel centers, shape (n_pixels, 3), camera frame; read-only."""
-        left = math.tan(self.horizontal_field_of_view / 2)
-        top = math.tan(self.vertical_field_of_view / 2)
+        left = tan(self.horizontal_field_of_view / 2)
+        top = tan(self.vertical_field_of_view / 2)
         rays = np.ones((self.height, self.width, 3))
         rays[..., 1] = left * (1 - (2 * np.arange(self.width) + 1) / self.width)
         rays[..., 2] = top * (1 - (2 * np.arange(self.height)[:, None] + 1) / self.height)

@@ -8,6 +8,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import power_array
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.core.settings import Bounds, Settings
 
 
@@ -63,7 +65,7 @@ class RangeNoise(Settings):
     def standard_deviations(self, distance: ArrayLike, dimension: int) -> NDArray[np.float64]:
         """Eq. 1 for distances (...,) in metres: standard deviations (..., D), metres."""
         axes = np.array([self.depth, *(self.lateral,) * (dimension - 1)])
-        scale = self.intrinsic * np.asarray(distance, dtype=np.float64) ** self.exponent
+        scale = self.intrinsic * power_array(distance, self.exponent)
         return scale[..., None] * axes
 
 
@@ -71,4 +73,4 @@ def rotate_covariances(
     covariances: NDArray[np.float64], R_world_camera: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Eq. 3: covariances (..., D, D) of the camera frame, in the world frame: R C R^T."""
-    return R_world_camera @ covariances @ R_world_camera.T
+    return product(product(R_world_camera, covariances), R_world_camera.T)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import PlainTuple, inlined_kernel, kernel
 from coopmap_env.geometry import Pose
 from coopmap_env.sensing.noise import RangeNoise
@@ -158,11 +159,10 @@ def transform_points(
             covariances[k] = 0.0
             continue
         # Eq. 1; both lateral axes are alike, so Eq. 3 needs the optical axis in the world only
-        power = x * x + y * y + z * z
-        if exponent != 2.0:
-            power = math.sqrt(power) ** exponent
-        depth = (intrinsic * depth_factor * power) ** 2
-        lateral = (intrinsic * lateral_factor * power) ** 2
+        square = x * x + y * y + z * z
+        raised = square if exponent == 2.0 else power(math.sqrt(square), exponent)
+        depth = (intrinsic * depth_factor * raised) ** 2
+        lateral = (intrinsic * lateral_factor * raised) ** 2
         for i in range(3):
             for j in range(i + 1):
                 covariances[k, i, j] = (depth - lateral) * R[i, 0] * R[j, 0]

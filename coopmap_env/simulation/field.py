@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.arguments import check_choice
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Chain, Mount, frame_poses
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
@@ -191,12 +192,12 @@ class FieldSimulator:
         rotations, translations = [], []
         for chain, q, base in zip(self._chains, self._bullet.q, self.world.base_poses, strict=True):
             R, t = chain.camera_poses(q)
-            self._cameras.append(Pose(base.transform(t), base.rotation @ R))
+            self._cameras.append(Pose(base.transform(t), product(base.rotation, R)))
             bodies = _vehicle_meshes(chain).bodies
             R, t = np.empty((1, len(bodies), 3, 3)), np.empty((1, len(bodies), 3))
             identities = np.broadcast_to(np.eye(3), R.shape[1:]).copy()
             frame_poses(chain.tree, q[None], bodies, identities, np.zeros_like(t[0]), R, t)
-            rotations.append(base.rotation @ R[0])
+            rotations.append(product(base.rotation, R[0]))
             translations.append(base.transform(t[0]))
         self._body_rotations = np.concatenate(rotations)
         self._body_translations = np.concatenate(translations)
@@ -241,7 +242,7 @@ def _vehicle_meshes(chain: Chain) -> VehicleMeshes:
     for link, triangles in enumerate(chain.meshes):
         if len(triangles):
             R, t = chain.link_rotations[link], chain.link_translations[link]
-            of_body.setdefault(int(chain.link_body[link]), []).append(triangles @ R.T + t)
+            of_body.setdefault(int(chain.link_body[link]), []).append(product(triangles, R.T) + t)
     static_triangles = np.concatenate(of_body.pop(0))
     bodies = np.array(sorted(of_body), dtype=np.int64)
     meshes = [TracedMesh(np.concatenate(of_body[b])) for b in bodies.tolist()]
@@ -252,7 +253,7 @@ def _camera_position(chain: Chain) -> NDArray[np.float64]:
     """Position (3,) of the camera in the frame of its rigid body."""
     link = chain.camera_link
     R, t = chain.link_rotations[link], chain.link_translations[link]
-    return np.asarray(t + R @ chain.T_link_camera.translation)
+    return t + product(R, chain.T_link_camera.translation)
 
 
 def _bounds_contain(mesh: TracedMesh, point: NDArray[np.float64]) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import power, sin_cos, sin_cos_array
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import start_ray, step_ray
 from coopmap_env.mapping import VoxelGrid
@@ -52,7 +53,7 @@ def simulate_scan(
     lower, resolution, _ = grid
     _, points, covariances, hit = scan
     px, py = (pose[0] - lower[0]) / resolution, (pose[1] - lower[1]) / resolution
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    s, c = sin_cos(pose[2])
     intrinsic, depth_factor, lateral_factor, exponent = noise
     for beam in range(len(beams)):
         ux = c * beams[beam, 0] - s * beams[beam, 1]
@@ -67,14 +68,14 @@ def simulate_scan(
             covariances[beam, 1, 0] = 0.0
             covariances[beam, 1, 1] = 0.0
             continue
-        scale = intrinsic * (d * d if exponent == 2.0 else d**exponent)
+        scale = intrinsic * power(d, exponent)
         depth, lateral = scale * depth_factor, scale * lateral_factor
         ex, ey = depth * draws[beam, 0], lateral * draws[beam, 1]
         points[beam, 0] = pose[0] + d * ux + c * ex - s * ey
         points[beam, 1] = pose[1] + d * uy + s * ex + c * ey
         # the camera states Eq. 1 at the distance that it measured, not at the true one
         mx, my = points[beam, 0] - pose[0], points[beam, 1] - pose[1]
-        scale = intrinsic * math.sqrt(mx * mx + my * my) ** exponent
+        scale = intrinsic * power(math.sqrt(mx * mx + my * my), exponent)
         xx, yy = (scale * depth_factor) ** 2, (scale * lateral_factor) ** 2
         covariances[beam, 0, 0] = c * c * xx + s * s * yy
         covariances[beam, 0, 1] = c * s * (xx - yy)
@@ -99,7 +100,8 @@ class PlanarSimulator:
         self.camera = camera
         self._grid = tuple(VoxelGrid(world.shape, world.resolution, world.origin).geometry)
         self._extent = (*world.shape, world.resolution, *world.origin)
-        self._beams = np.column_stack([np.cos(camera.bearings), np.sin(camera.bearings)])
+        sines, cosines = sin_cos_array(camera.bearings)
+        self._beams = np.column_stack([cosines, sines])
         self._noise = tuple(noise.parameters)
         self._poses: list[Sequence[float]] = []
 

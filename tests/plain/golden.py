@@ -1,7 +1,8 @@
 """Trajectories of every registered id, in hashes that do not depend on names or wording.
 
 In `tests`, ``python -m plain.golden golden/trajectories.json`` records what the environments do
-now: only for a change of behaviour, which gets a new ``-vN`` and a line in CHANGELOG.
+now: only for a change of behaviour, which gets a new ``-vN`` and a line in CHANGELOG. The hashes
+hold on every x86-64 processor.
 """
 
 import hashlib
@@ -73,14 +74,14 @@ def random_episode(env, seed) -> bytes:
     return episode_digest(env, seed, lambda env: random_actions(env, rng))
 
 
-def trajectory_hashes(env_id, mode) -> list[str]:
-    """Eight hexadecimal digits of each of `N_EPISODES` episodes of an id in an action mode."""
+def trajectory_hashes(env_id, mode, n_episodes=N_EPISODES) -> list[str]:
+    """Eight hexadecimal digits of each episode of an id in an action mode."""
     env = pettingzoo.make(
         "parallel", env_id, action_mode=mode, n_candidates=8, max_scans=SCANS[env_id]
     )
     env = getattr(env, "unwrapped", env)
     try:
-        return [random_episode(env, seed).hex()[:8] for seed in range(N_EPISODES)]
+        return [random_episode(env, seed).hex()[:8] for seed in range(n_episodes)]
     finally:
         env.close()
 
@@ -105,29 +106,40 @@ def hashes_of(env_id) -> dict[str, str]:
     return found | {name: " ".join(planner_hashes(env_id, name)) for name in PLANNERS}
 
 
-def hashes_elsewhere(env_id) -> dict[str, str]:
-    """`hashes_of` in a process that rounds alike on every processor with AVX2.
+OLD_PROCESSOR = {
+    "OPENBLAS_CORETYPE": "Prescott",
+    "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX2_Usable,-FMA_Usable",
+}
+"""Environment variables with which BLAS, numpy and the C library of Linux take the code that they
+have for an x86-64 processor without AVX2 and fused multiply-add."""
 
-    BLAS and numpy choose their kernels by the processor, and these differ in the last bit.
-    """
-    no_avx512 = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR"
+
+def first_hashes(env_id, n_episodes) -> dict[str, str]:
+    """`hashes_of`, of the first episodes only."""
+    found = {mode: " ".join(trajectory_hashes(env_id, mode, n_episodes)) for mode in MODES}
+    return found | {name: " ".join(planner_hashes(env_id, name, 1)) for name in PLANNERS}
+
+
+def first_hashes_with(variables, env_ids, n_episodes) -> dict[str, dict[str, str]]:
+    """`first_hashes` of some ids, played in a process with other environment variables."""
     done = subprocess.run(
-        [sys.executable, "-m", "plain.golden", env_id],
-        env={**os.environ, "OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": no_avx512,
-             "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        [sys.executable, "-m", "plain.golden", str(n_episodes), *env_ids],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), **variables},
         capture_output=True,
         text=True,
         check=False,
-    )  # fmt: skip
+    )
     if done.returncode:
-        raise RuntimeError(f"{env_id} could not be played:\n{done.stderr}")
-    found: dict[str, str] = json.loads(done.stdout.splitlines()[-1])
+        raise RuntimeError(f"{env_ids} could not be played with {variables}:\n{done.stderr}")
+    found: dict[str, dict[str, str]] = json.loads(done.stdout.splitlines()[-1])
     return found
 
 
 if __name__ == "__main__":
-    if sys.argv[1] in SCANS:
-        print(json.dumps(hashes_of(sys.argv[1])))
+    if sys.argv[1].isdigit():
+        n = int(sys.argv[1])
+        print(json.dumps({env_id: first_hashes(env_id, n) for env_id in sys.argv[2:]}))
     else:
-        recorded = {env_id: hashes_elsewhere(env_id) for env_id in SCANS}
+        recorded = {env_id: hashes_of(env_id) for env_id in sys.argv[2:] or SCANS}
         Path(sys.argv[1]).write_text(json.dumps(recorded, indent=1) + "\n", encoding="utf-8")

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.linear_algebra import length
 from coopmap_env.localization import SearchSettings
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import Vehicle
@@ -67,7 +68,7 @@ def check_bases_in_search_range(world: FieldWorld, search: SearchSettings) -> No
     """Raise ValueError if a vehicle stands where registration does not search."""
     low, high = world.target_triangles.min(axis=(0, 1)), world.target_triangles.max(axis=(0, 1))
     for robot, base in enumerate(world.base_poses):
-        distance = float(np.linalg.norm((base.translation - 0.5 * (low + high))[:2]))
+        distance = length((base.translation - 0.5 * (low + high))[:2])
         if not search.min_distance <= distance <= search.max_distance:
             raise ValueError(
                 f"robot_{robot} stands {distance:.2f} m from the middle of the target, outside of "

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import atan2, sin_cos
 from coopmap_env.core.kernels import kernel
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import MapArrays, VoxelGrid
@@ -32,8 +32,8 @@ class Crop(NamedTuple):
         side, height = cells
         along = (np.arange(side * pool) + 0.5 - side * pool / 2) * grid.resolution
         x, y = np.meshgrid(along, along, indexing="ij")
-        heading = math.atan2(T_world_base.rotation[1, 0], T_world_base.rotation[0, 0])
-        c, s = math.cos(heading), math.sin(heading)
+        heading = atan2(T_world_base.rotation[1, 0], T_world_base.rotation[0, 0])
+        s, c = sin_cos(heading)
         base = T_world_base.translation
         points = np.stack(
             [base[0] + c * x - s * y, base[1] + s * x + c * y, np.full_like(x, grid.center(0)[2])],

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import length
 from coopmap_env.envs.field._initial_knowledge import initial_free_voxels, make_vehicles
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.geometry import Pose, displacement_between
@@ -71,8 +72,8 @@ class FieldDiagnostics:
         base = displacement_between(self.belief.vehicles[robot].T_world_base, true_base)
         located = self.belief.located[robot]
         return {
-            "camera_error": float(np.linalg.norm(camera[:3])),
-            "camera_angle_error": float(np.linalg.norm(camera[3:])),
-            "base_error": float(np.linalg.norm(base[:3])) if located else None,
-            "base_angle_error": float(np.linalg.norm(base[3:])) if located else None,
+            "camera_error": length(camera[:3]),
+            "camera_angle_error": length(camera[3:]),
+            "base_error": length(base[:3]) if located else None,
+            "base_angle_error": length(base[3:]) if located else None,
         }

@@ -52,7 +52,6 @@ n+10        never-sampled voxels in view, as a fraction of the most it can see
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -60,7 +59,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import log
 from coopmap_env.core.limits import check_bytes
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.field._map_crop import Crop, write_crop
 from coopmap_env.envs.field.belief import FieldBelief
@@ -105,7 +106,7 @@ class FieldObserver:
         self._crop_size = settings.crop_cells, settings.crop_pooling
         self._n_joints = tuple(n_joints)
         self._n_candidates = n_candidates
-        self._diagonal = math.hypot(*(n * grid.resolution for n in grid.shape))
+        self._diagonal = length([n * grid.resolution for n in grid.shape])
         self._byte_of_log_odds = np.round(255 * settings.log_odds_range.probability).astype(
             np.uint8
         )
@@ -120,7 +121,7 @@ class FieldObserver:
             "an observation of all robots (n_robots, crop_cells, n_candidates)",
         )
         self._crops: dict[int, tuple[Pose, Crop]] = {}
-        self._max_information = math.log(settings.rating.n_gray_bins)
+        self._max_information = log(settings.rating.n_gray_bins)
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
@@ -233,9 +234,9 @@ class FieldObserver:
         base = vehicle.T_world_base
         out = np.empty((len(candidates), n + N_POSE_AND_RATING_FEATURES), dtype=np.float32)
         out[:, :n] = belief.joint_spaces[robot].normalize(candidates)
-        position = (translations - base.translation) @ base.rotation
+        position = product(translations - base.translation, base.rotation)
         out[:, n : n + 3] = position / self._settings.camera.depth_of_field
-        out[:, n + 3 : n + 6] = rotations[:, :, 0] @ base.rotation
+        out[:, n + 3 : n + 6] = product(rotations[:, :, 0], base.rotation)
         out[:, n + 6] = rated.new_information / self._max_information
         out[:, n + 7] = np.minimum(rated.motion_cost / self._max_information, FEATURE_LIMIT)
         out[:, n + 8] = rated.occupancy
@@ -249,5 +250,5 @@ def camera_vector(camera: Pose, base: Pose, scale: float) -> NDArray[np.float32]
     rows = np.empty((3, 3))
     rows[0] = (camera.translation - base.translation) / scale
     rows[1], rows[2] = camera.rotation[:, 0], camera.rotation[:, 2]
-    vector = (rows @ base.rotation).ravel()
+    vector = product(rows, base.rotation).ravel()
     return np.minimum(np.maximum(vector, -1.0), 1.0).astype(np.float32)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coopmap_env.core.linear_algebra import length
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.robots import PoseEstimate
@@ -43,4 +44,4 @@ class TruePoses:
         comparable with the true world.
         """
         base = self._bases[robot]
-        return min(poses, key=lambda pose: float(np.linalg.norm(displacement_between(pose, base))))
+        return min(poses, key=lambda pose: length(displacement_between(pose, base)))

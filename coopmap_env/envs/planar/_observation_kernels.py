@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import sin_cos, sin_cos_array
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import wrap_scalar_angle
 from coopmap_env.mapping import MapArrays
@@ -74,7 +75,7 @@ def crop_offsets(side: int, n_headings: int) -> NDArray[np.int32]:
     steps = np.arange(side) + 0.5 - side / 2
     ahead, left = np.meshgrid(steps, steps, indexing="ij")
     angles = np.arange(n_headings)[:, None] * (2 * math.pi / n_headings)
-    c, s = np.cos(angles), np.sin(angles)
+    s, c = sin_cos_array(angles)
     x = c * ahead.ravel() - s * left.ravel()
     y = s * ahead.ravel() + c * left.ravel()
     # 1e-9: a point on the border between two cells goes to the same side for every heading
@@ -127,7 +128,7 @@ def write_teammates(
     """Fill channel 2 of a robot's map (4, side, side) and its rows (n - 1, 4) of teammates."""
     side = out.shape[1]
     middle = side / 2.0 + 1e-9  # a teammate on the border of two cells: as in `crop_offsets`
-    c, s = math.cos(poses[robot, 2]), math.sin(poses[robot, 2])
+    s, c = sin_cos(poses[robot, 2])
     row = 0
     for teammate in range(len(poses)):
         if teammate == robot:
@@ -136,8 +137,7 @@ def write_teammates(
         ahead, left, turn = c * dx + s * dy, c * dy - s * dx, poses[teammate, 2] - poses[robot, 2]
         teammates[row, 0] = ahead / diagonal
         teammates[row, 1] = left / diagonal
-        teammates[row, 2] = math.cos(turn)
-        teammates[row, 3] = math.sin(turn)
+        teammates[row, 3], teammates[row, 2] = sin_cos(turn)
         row += 1
         i = math.floor(ahead / resolution + middle)
         j = math.floor(left / resolution + middle)
@@ -166,7 +166,7 @@ def write_observations(
     tables = CropTables(*crop_tuple)
     origin, size = world.origin, world.size
     n_headings = len(tables.offsets)
-    diagonal = math.hypot(size[0], size[1])
+    diagonal = math.sqrt(size[0] * size[0] + size[1] * size[1])
     for robot in range(len(pose_ids)):
         cell, heading = pose_ids[robot] // n_headings, pose_ids[robot] % n_headings
         image, vector = maps[robot], pose_vectors[robot]
@@ -175,8 +175,7 @@ def write_observations(
         write_teammates(poses, robot, world.resolution, diagonal, image, teammates[robot])
         vector[0] = (poses[robot, 0] - origin[0]) / size[0]
         vector[1] = (poses[robot, 1] - origin[1]) / size[1]
-        vector[2] = math.cos(poses[robot, 2])
-        vector[3] = math.sin(poses[robot, 2])
+        vector[3], vector[2] = sin_cos(poses[robot, 2])
 
 
 @kernel
@@ -201,15 +200,14 @@ def write_candidate_features(
     k = 0
     for robot in range(len(counts)):
         x, y, heading = cameras[robot]
-        c, s = math.cos(heading), math.sin(heading)
+        s, c = sin_cos(heading)
         for row in range(counts[robot]):
             to_x, to_y, to_heading = pose_from_id(ids[k], lattice)
             dx, dy, turn = to_x - x, to_y - y, wrap_scalar_angle(to_heading - heading)
             out = features[robot, row]
             out[0] = (c * dx + s * dy) / scale.diagonal
             out[1] = (c * dy - s * dx) / scale.diagonal
-            out[2] = math.cos(turn)
-            out[3] = math.sin(turn)
+            out[3], out[2] = sin_cos(turn)
             out[4] = rated.new_information[k] / scale.max_information
             out[5] = min(rated.motion_cost[k] / scale.max_information, scale.limit)
             out[6] = rated.occupancy[k]

@@ -19,6 +19,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.envs.actions import InvalidActionError, parse_pose_action
 from coopmap_env.envs.belief import Decoded
 from coopmap_env.envs.planar.belief import PlanarBelief
@@ -41,7 +42,7 @@ class PlanarPoseMode:
         robot = belief.agents.index(agent)
         reach, _, half_turn = self._scale.tolist()
         x, y, heading = belief.lattice.pose(belief.pose_ids[robot])
-        c, s = math.cos(heading), math.sin(heading)
+        s, c = sin_cos(heading)
         target = (
             x + reach * (c * ahead - s * left),
             y + reach * (s * ahead + c * left),

@@ -60,7 +60,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import log
 from coopmap_env.core.limits import check_bytes
+from coopmap_env.core.linear_algebra import length
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.planar._observation_kernels import (
     CropTables,
@@ -103,10 +105,10 @@ class PlanarObserver:
         offsets = crop_offsets(crop_cells, belief.lattice.n_headings)
         byte_of_log_odds = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
         self._tables = tuple(CropTables(offsets, int(np.abs(offsets).max()), byte_of_log_odds))
-        max_information = math.log(belief.rating_function.settings.n_gray_bins)
+        max_information = log(belief.rating_function.settings.n_gray_bins)
         self._scale = tuple(
             FeatureScale(
-                math.hypot(*size),
+                length(size),
                 max_information,
                 belief.rating_function.max_visible_cells,
                 FEATURE_LIMIT,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import parse_xml
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry.mesh_formats.collada_geometry import read_geometry
 from coopmap_env.geometry.mesh_formats.surface import (
     Surface,
@@ -49,11 +50,11 @@ def read_dae(content: bytes, *, apply_up_axis: bool) -> Surface:
             elif tag == "instance_controller":
                 raise ValueError("skins cannot be read (instance_controller): apply them first")
             else:
-                T = T @ _transform(tag, child.text or "")
+                T = product(T, _transform(tag, child.text or ""))
     vertices, faces = builder.surface()
     vertices = vertices * document.unit()
     if apply_up_axis:
-        vertices = vertices @ document.up_axis().T
+        vertices = product(vertices, document.up_axis().T)
     return Surface(vertices, faces)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief, read_bytes
 from coopmap_env.core.limits import check_bytes
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry.mesh_formats.surface import (
     Surface,
     SurfaceBuilder,
@@ -77,13 +78,13 @@ def _read(text: bytes, folder: Path, binary: bytes | None) -> Surface:
                 raise ValueError(f"node {number} has {name}, which cannot be read: apply it first")
         if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
             raise ValueError("the extension EXT_mesh_gpu_instancing cannot be read")
-        T = T @ _node_transform(node)
+        T = product(T, _node_transform(node))
         if "mesh" in node:
             for surface in document.mesh(node["mesh"]):
                 builder.add(surface, T)
         pending += [(child, T) for child in node.get("children", [])]
     vertices, faces = builder.surface()
-    return Surface(vertices @ Z_UP_FROM_Y_UP.T, faces)
+    return Surface(product(vertices, Z_UP_FROM_Y_UP.T), faces)
 
 
 def _item(mapping: Any, name: str, default: Any = None) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.limits import check_bytes
+from coopmap_env.core.linear_algebra import product
 
 MAX_PARTS = 20_000
 """Nodes of a scene that are visited, copies included: a few lines can name 2**40 of them."""
@@ -57,7 +58,7 @@ class SurfaceBuilder:
         self.n_faces += len(surface.faces)
         check_bytes(self.n_faces * _BYTES_PER_FACE, "the mesh with all its copies")
         check_faces(surface.faces, len(surface.vertices))
-        self.vertices.append(surface.vertices @ T[:3, :3].T + T[:3, 3])
+        self.vertices.append(product(surface.vertices, T[:3, :3].T) + T[:3, 3])
         mirrored = np.linalg.det(T[:3, :3]) < 0.0
         self.faces.append(surface.faces[:, :: -1 if mirrored else 1] + self.n_vertices)
         self.n_vertices += len(surface.vertices)

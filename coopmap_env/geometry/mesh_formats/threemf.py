@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import parse_xml
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry.mesh_formats.surface import (
     Surface,
     SurfaceBuilder,
@@ -96,7 +97,7 @@ def _place(
     if entry is None or depth > _MAX_DEPTH:
         reason = "does not exist" if entry is None else "contains itself"
         raise ValueError(f"{model.path}: the object {number!r:.60} {reason}")
-    T = T @ _transform(reference.get("transform"))
+    T = product(T, _transform(reference.get("transform")))
     mesh = entry.find("{*}mesh")
     if mesh is not None:
         builder.add(model.mesh(number, mesh), T)

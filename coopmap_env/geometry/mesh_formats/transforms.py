@@ -5,6 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import sin_cos
+from coopmap_env.core.linear_algebra import length
+
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """The file's x is right, y up and z towards the viewer."""
 Z_UP_FROM_X_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -19,10 +22,10 @@ def quaternion_transform(xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
     ValueError
         If it has no length.
     """
-    length = float(np.linalg.norm(xyzw))
-    if not 0.0 < length < math.inf:
+    norm = length(xyzw)
+    if not 0.0 < norm < math.inf:
         raise ValueError(f"a rotation must be a quaternion, not {xyzw}")
-    x, y, z, w = xyzw / length
+    x, y, z, w = xyzw / norm
     T = np.eye(4)
     T[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -34,8 +37,8 @@ def quaternion_transform(xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def axis_angle_transform(axis: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
     """T (4, 4) of a turn about an axis (3,); no turn if the axis has no length."""
-    length = float(np.linalg.norm(axis))
-    if length == 0.0:
+    norm = length(axis)
+    if norm == 0.0:
         return np.eye(4)
-    half = math.radians(degrees) / 2
-    return quaternion_transform(np.array([*(math.sin(half) / length * axis), math.cos(half)]))
+    sine, cosine = sin_cos(math.radians(degrees) / 2)
+    return quaternion_transform(np.array([*(sine / norm * axis), cosine]))

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import tan
 from coopmap_env.core.kernels import kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.sensing import DepthCamera
@@ -92,7 +93,7 @@ class Frustum:
         """Frustum of a camera on cells of `resolution` metres; `pixel` radians at most."""
         fields = (camera.horizontal_field_of_view, camera.vertical_field_of_view)
         w, h = (math.ceil(field / pixel - 1e-9) for field in fields)
-        a, b = (math.tan(field / 2) for field in fields)
+        a, b = (tan(field / 2) for field in fields)
         near = max(camera.near / resolution, MIN_DISTANCE)
         return cls((a, b), near, camera.far / resolution, (w, h))
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.limits import check_cells
 from coopmap_env.geometry import traverse
 from coopmap_env.sensing import PlanarCamera
@@ -107,7 +108,7 @@ class BeamFan:
             start=np.cumsum([0, *(len(offsets) for offsets, _ in lists)]),
             offsets=offsets.astype(np.int16),
             beams=np.concatenate([bits for _, bits in lists]),
-            distance=np.hypot(*offsets.T.astype(np.float64)),
+            distance=np.sqrt(np.square(offsets).sum(axis=1).astype(np.float64)),
             all_beams=_beam_mask(range(camera.n_beams), words),
             depth=depth,
         )
@@ -132,7 +133,8 @@ def _beams_by_cell(
     half = size // 2
     beams = np.zeros((size, size, words), dtype=np.uint64)
     for beam, angle in enumerate(angles):
-        direction = [np.cos(angle), np.sin(angle)]
+        sine, cosine = sin_cos(angle)
+        direction = [cosine, sine]
         cells = traverse([half + 0.5] * 2, direction, depth, (size, size)).cells
         word, bit = divmod(beam, BEAMS_PER_WORD)
         beams[cells[:, 0], cells[:, 1], word] |= np.uint64(1 << bit)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
 from coopmap_env.information.gray_levels import GrayLevelTable
 from coopmap_env.information.planar.fan import BeamFan
@@ -238,5 +239,5 @@ def rate_poses(
     cost, p, rating = out[0], out[1], out[2]
     for k in range(len(d)):
         p[k] = probability[log_odds_fixed[cells[k]] + clamp]
-        cost[k] = K * (d[k] if exponent == 1.0 else d[k] ** exponent)  # a power is slow
+        cost[k] = K * power(d[k], exponent)
         rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])

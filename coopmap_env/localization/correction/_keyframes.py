@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import power_array
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
 from coopmap_env.localization.correction._surface_normals import surface_normals
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
@@ -36,8 +38,8 @@ class ScanSurfaces(NamedTuple):
         """The surfaces of a scan, in the camera frame."""
         points = np.ascontiguousarray(cloud.points, dtype=np.float64)
         normals, normal_variances, planar = surface_normals(cloud, camera, noise)
-        distances = np.sqrt(np.einsum("ni,ni->n", points, points))
-        sigma = noise.intrinsic * noise.depth * distances**noise.exponent
+        distances = np.linalg.norm(points, axis=1)
+        sigma = noise.intrinsic * noise.depth * power_array(distances, noise.exponent)
         deviations = np.where(cloud.hit, np.maximum(sigma, _MIN_STD), 0.0)
         return cls(points, normals, planar, normal_variances, deviations)
 
@@ -45,7 +47,7 @@ class ScanSurfaces(NamedTuple):
         """The same surfaces in the world frame."""
         return self._replace(
             points=T_world_camera.transform(self.points),
-            normals=self.normals @ T_world_camera.rotation.T,
+            normals=product(self.normals, T_world_camera.rotation.T),
         )
 
 

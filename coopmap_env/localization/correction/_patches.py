@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import eigh, product
 from coopmap_env.localization.correction.settings import CorrectionSettings
 
 Array = NDArray[np.float64]
@@ -69,11 +70,11 @@ class Patches(NamedTuple):
     @property
     def information(self) -> Array:
         """Inverse covariances (f, 3, 3) of the displacements; singular where not determined."""
-        return np.asarray((self.axes * self.precisions[:, None, :]) @ self.axes.transpose(0, 2, 1))
+        return product(self.axes * self.precisions[:, None, :], self.axes.transpose(0, 2, 1))
 
     def along_axes(self, vectors: Array) -> Array:
         """Components (f, 3) of vectors (f, 3) along each patch's axes."""
-        return np.asarray((vectors[:, None, :] @ self.axes)[:, 0])
+        return product(vectors[:, None, :], self.axes)[:, 0]
 
 
 def patches_from_sums(sums: PatchSums, settings: CorrectionSettings) -> Patches:
@@ -85,17 +86,17 @@ def patches_from_sums(sums: PatchSums, settings: CorrectionSettings) -> Patches:
     enough = sums.n_pixels >= settings.min_patch_pixels
     labels, sources = np.nonzero(enough)
     weight = sums.weight[enough]
-    values, vectors = np.linalg.eigh(sums.information[enough])
+    values, vectors = eigh(sums.information[enough])
     tilt = settings.tilt_noise_factor * sums.normal_variance[enough] / weight
     determined = values > np.maximum(tilt[:, None], 1e-9) * values[:, 2:]
     inverse = np.where(determined, 1.0 / np.maximum(values, 1e-12), 0.0)
     variance = inverse + settings.patch_model_std**2 + MIN_VARIANCE
-    along = (sums.vector[enough][:, None] @ vectors)[:, 0] * inverse
+    along = product(sums.vector[enough][:, None], vectors)[:, 0] * inverse
     return Patches(
         labels,
         sources + TARGET_SOURCE,
         sums.position[enough] / weight[:, None],
-        (vectors @ along[:, :, None])[:, :, 0],
+        product(vectors, along[:, :, None])[:, :, 0],
         vectors,
         np.where(determined, 1.0 / variance, 0.0),
     )

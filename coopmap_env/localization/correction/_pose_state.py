@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import product, solve
 from coopmap_env.geometry import Pose, apply_displacement
 from coopmap_env.robots import PoseEstimate, Vehicle
 
@@ -106,14 +107,14 @@ class PoseState:
         with A (c, c) and b (c,); A may be singular.
         """
         P = self.covariance[np.ix_(state_indices, state_indices)]
-        return np.asarray(np.linalg.solve(np.eye(len(b)) + P @ A, P @ b))
+        return solve(np.eye(len(b)) + product(P, A), product(P, b))
 
     def update(self, state_indices: NDArray[np.int64], A: Array, b: Array) -> None:
         """Condition the whole state on a measurement, see `posterior_displacement`."""
         PH = self.covariance[:, state_indices]
-        gain = np.linalg.solve(np.eye(len(b)) + A @ PH[state_indices], np.column_stack([A, b]))
-        x = PH @ gain[:, -1]
-        P = self.covariance - PH @ gain[:, :-1] @ PH.T
+        gain = solve(np.eye(len(b)) + product(A, PH[state_indices]), np.column_stack([A, b]))
+        x = product(PH, gain[:, -1])
+        P = self.covariance - product(product(PH, gain[:, :-1]), PH.T)
         self.covariance = 0.5 * (P + P.T)
         self.robot_state = self.robot_state + x[: self._n_robot_state]
         displacements = x[self._n_robot_state :].reshape(-1, 6)
@@ -141,5 +142,5 @@ class PoseState:
         J[:, 6:] = -vehicle.joint_jacobian(joints)
         at = slice(start, stop)
         independent = vehicle.per_scan_covariance(joints) + MIN_VARIANCE * np.eye(6)
-        covariance = J @ self.covariance[at, at] @ J.T + independent
-        return pose, J @ self.covariance[at], covariance
+        covariance = product(product(J, self.covariance[at, at]), J.T) + independent
+        return pose, product(J, self.covariance[at]), covariance

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
 from coopmap_env.sensing import (
     DepthCamera,
@@ -84,7 +85,7 @@ def fit_planes(
             if not hit[k]:
                 continue
             x, y, z = points[k, 0], points[k, 1], points[k, 2]
-            deviation = scale * (x * x + y * y + z * z) ** (0.5 * noise.exponent) / (x * x)
+            deviation = scale * power(x * x + y * y + z * z, 0.5 * noise.exponent) / (x * x)
             deviation = max(deviation, MIN_RELATIVE_STD / x)
             for half in (2, 1):
                 if min(row, height - 1 - row, column, width - 1 - column) < half:

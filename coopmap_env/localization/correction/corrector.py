@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import cholesky, eigh, product
 from coopmap_env.geometry import Pose, apply_displacement, skew
 from coopmap_env.localization.correction._keyframes import ScanSurfaces
 from coopmap_env.localization.correction._patch_matcher import PatchMatcher
@@ -204,15 +205,16 @@ class PoseCorrector:
             if patches.n_fiducials < s.min_fiducials:
                 return 0, self._too_few(patches.n_fiducials), FiducialMatches.empty()
             J = self._jacobian(patches, camera, keyframe_ids)
-            z = patches.displacements + J[:, :, :6] @ x[:6]
-            weighted = patches.information @ J
+            z = patches.displacements + product(J[:, :, :6], x[:6])
+            weighted = product(patches.information, J)
             # first no outlier is known, then outliers count less, at last not at all
             weights = np.ones(len(z))
             for pass_index in range(1 if iteration == 0 else 2):
                 rows = (weights[:, None, None] * weighted).reshape(-1, len(state_indices))
-                A, b = rows.T @ J.reshape(-1, len(state_indices)), rows.T @ z.ravel()
+                A = product(rows.T, J.reshape(-1, len(state_indices)))
+                b = product(rows.T, z.ravel())
                 x = poses.posterior_displacement(state_indices, A, b)
-                outlier_scores = _outlier_scores(patches, z - J @ x, s)
+                outlier_scores = _outlier_scores(patches, z - product(J, x), s)
                 weights = 1.0 / (1.0 + outlier_scores**2)
                 if iteration == s.iterations - 1 and pass_index == 0:
                     weights = (outlier_scores < 1.0).astype(np.float64)
@@ -222,8 +224,8 @@ class PoseCorrector:
             return 0, self._too_few(n), matches
         poses.update(state_indices, A, b)
         # a direction counts where the fiducials alone are more certain than the prediction
-        L = np.linalg.cholesky(prior)
-        gain = np.linalg.eigvalsh(L.T @ A[:6, :6] @ L)
+        L = cholesky(prior)
+        gain = eigh(product(product(L.T, A[:6, :6]), L))[0]
         return int((gain > 1.0).sum()), "", matches
 
     def _jacobian(self, patches: Patches, camera: Pose, keyframe_ids: list[int]) -> Array:

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.linear_algebra import eigh, inverse, product, solve
 from coopmap_env.geometry import Pose, apply_displacement, nearest_rotation, skew
 from coopmap_env.robots import PoseEstimate
 
@@ -69,15 +70,15 @@ def linear_transform(base_points: ArrayLike, observed_points: ArrayLike) -> Arra
     # about the centroid of the points, where the normal equations are well conditioned
     centroid = r.mean(axis=0)
     R_tilde = np.column_stack([r - centroid, np.ones(len(r))]).T
-    g = u.T @ R_tilde.T @ np.linalg.inv(R_tilde @ R_tilde.T)
-    g[:, 3] -= g[:, :3] @ centroid
+    g = product(product(u.T, R_tilde.T), inverse(product(R_tilde, R_tilde.T)))
+    g[:, 3] -= product(g[:, :3], centroid)
     return np.asarray(g)
 
 
 def pose_from_transform(g: Array) -> Pose:
     """T_base_camera of g_01 (3, 4): the nearest rotation, and the translation that fits it."""
     R = nearest_rotation(g[:, :3])
-    return Pose(-R.T @ g[:, 3], R.T)
+    return Pose(-product(R.T, g[:, 3]), R.T)
 
 
 def linear_pose(base_points: ArrayLike, observed_points: ArrayLike) -> Pose:
@@ -94,7 +95,7 @@ def linear_pose(base_points: ArrayLike, observed_points: ArrayLike) -> Pose:
     """
     r, u = _validated_pairs(base_points, observed_points)
     R = nearest_rotation(linear_transform(r, u)[:, :3])
-    return Pose(r.mean(axis=0) - R.T @ u.mean(axis=0), R.T)
+    return Pose(r.mean(axis=0) - product(R.T, u.mean(axis=0)), R.T)
 
 
 class RecursiveMoments:
@@ -170,9 +171,9 @@ def rigid_pose(
             f"{'' if len(r) < 3 else ' in a line'}"
         )
     w = w / w.sum()
-    centroid_r, centroid_u = w @ r, w @ u
-    R = nearest_rotation((r - centroid_r).T @ (w[:, None] * (u - centroid_u)))
-    return Pose(centroid_r - R @ centroid_u, R)
+    centroid_r, centroid_u = product(w, r), product(w, u)
+    R = nearest_rotation(product((r - centroid_r).T, w[:, None] * (u - centroid_u)))
+    return Pose(centroid_r - product(R, centroid_u), R)
 
 
 def consistent_subset(
@@ -244,22 +245,22 @@ def gaussian_pose(
     """
     r, u = _validated_pairs(base_points, observed_points)
     weights = np.asarray(information, dtype=np.float64)
-    P = np.zeros((6, 6)) if prior is None else np.linalg.inv(np.asarray(prior, dtype=np.float64))
+    P = np.zeros((6, 6)) if prior is None else inverse(prior)
     pose, x = start, np.zeros(6)
     for _ in range(iterations):
-        rotated = u @ pose.rotation.T
+        rotated = product(u, pose.rotation.T)
         J = np.concatenate([np.broadcast_to(np.eye(3), weights.shape), -skew(rotated)], axis=2)
         e = r - rotated - pose.translation
-        weighted = (weights @ J).reshape(-1, 6)
-        H = weighted.T @ J.reshape(-1, 6) + P
+        weighted = product(weights, J).reshape(-1, 6)
+        H = product(weighted.T, J.reshape(-1, 6)) + P
         scale = np.sqrt(np.diag(H))
-        if not scale.all() or np.linalg.eigvalsh(H / np.outer(scale, scale))[0] < 1e-12:
+        if not scale.all() or eigh(H / np.outer(scale, scale))[0][0] < 1e-12:
             raise DegenerateGeometryError(f"{len(r)} fiducials do not determine the pose")
-        step = np.linalg.solve(H, weighted.T @ e.ravel() - P @ x)
+        step = solve(H, product(weighted.T, e.ravel()) - product(P, x))
         pose, x = apply_displacement(pose, step), x + step
     e = r - pose.transform(u)
-    squared_distances = np.einsum("mk,mkl,ml->m", e, weights, e)
-    return GaussianPose(PoseEstimate(pose, np.linalg.inv(H)), squared_distances)
+    squared_distances = (product(weights, e[..., None])[..., 0] * e).sum(axis=-1)
+    return GaussianPose(PoseEstimate(pose, inverse(H)), squared_distances)
 
 
 def _validated_pairs(base_points: ArrayLike, observed_points: ArrayLike) -> tuple[Array, Array]:
@@ -282,8 +283,8 @@ def _validated_pairs(base_points: ArrayLike, observed_points: ArrayLike) -> tupl
 def _eigenvalue_ratios(points: Array, weights: Array | None = None) -> tuple[float, float]:
     """Smallest and middle eigenvalue of the points' scatter, over the largest."""
     w = np.ones(len(points)) if weights is None else weights
-    centered = points - w @ points / w.sum()
-    smallest, second, largest = np.linalg.eigvalsh(centered.T @ (w[:, None] * centered))
+    centered = points - product(w, points) / w.sum()
+    smallest, second, largest = eigh(product(centered.T, w[:, None] * centered))[0]
     return (smallest / largest, second / largest) if largest > 0 else (0.0, 0.0)
 
 

@@ -27,6 +27,7 @@ from scipy.ndimage import label
 from scipy.spatial.distance import cdist
 
 from coopmap_env.core.arguments import check_array_shapes
+from coopmap_env.core.elementary import tan
 from coopmap_env.core.settings import Bounds, NonNegative, PositiveInt, Settings
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 
@@ -217,9 +218,9 @@ def _connected(
     """
     shape = camera.height, camera.width
     depths = cloud.points[:, 0].reshape(shape)
-    ranges = np.sqrt(np.einsum("ni,ni->n", cloud.points, cloud.points)).reshape(shape)
+    ranges = np.linalg.norm(cloud.points, axis=1).reshape(shape)
     variances = noise.standard_deviations(ranges, 1)[..., 0] ** 2
-    slope = math.tan(settings.max_incidence_angle)
+    slope = tan(settings.max_incidence_angle)
     width, height, tan_x, tan_y = camera.intrinsics
     row_slope, column_slope = slope * 2 * tan_x / width, slope * 2 * tan_y / height
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.localization.registration._likelihood_field import FieldLevel
 from coopmap_env.localization.registration.views import Beams
@@ -68,7 +69,7 @@ def points_to_cells(points: Array, grid: SearchGrid, field: FieldLevel) -> NDArr
     yaws, corner, origin, cell = grid.yaws, grid.corner, field.origin, field.cell
     out = np.empty((len(yaws), len(points), 3), np.int32)
     for a in range(len(yaws)):
-        c, s = np.cos(yaws[a]), np.sin(yaws[a])
+        s, c = sin_cos(yaws[a])
         for k in range(len(points)):
             x, y = points[k, 0], points[k, 1]
             out[a, k, 0] = np.int32(np.floor((c * x - s * y + corner[0] - origin[0]) / cell))
@@ -98,7 +99,7 @@ def count_seen_through(
     Counting stops at `stop_count`.
     """
     min_ranges, R, t, (width, height, tan_x, tan_y), margin = beams
-    c, s = np.cos(yaw), np.sin(yaw)
+    s, c = sin_cos(yaw)
     count = 0
     for k in range(len(probes)):
         u, v, z = probes[k, 0] - x, probes[k, 1] - y, probes[k, 2]
@@ -227,7 +228,7 @@ def _votes(points: Array, x: float, y: float, yaw: float, field: FieldLevel) -> 
     """Votes of points (n, 3) on a field, with the base at x, y, yaw."""
     nx, ny, nz = field.values.shape
     origin, cell = field.origin, field.cell
-    c, s = np.cos(yaw), np.sin(yaw)
+    s, c = sin_cos(yaw)
     total = 0
     for k in range(len(points)):
         u, v = points[k, 0], points[k, 1]

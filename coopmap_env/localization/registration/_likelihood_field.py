@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.elementary import exp_array
 from coopmap_env.localization.target import TargetModel
 
 _MAX_VALUE = 255
@@ -64,7 +65,7 @@ def likelihood_field(
     cell = step / 2.0
     padding = 2 * (2**n_levels - 1)  # cells by which the largest node reaches towards +x and +y
     distances, origin, _ = distance_field(model, cell, 2.5 * sigma)
-    values = np.round(_MAX_VALUE * np.exp(-0.5 * (distances / sigma) ** 2)).astype(np.uint8)
+    values = np.round(_MAX_VALUE * exp_array(-0.5 * (distances / sigma) ** 2)).astype(np.uint8)
     values = np.pad(values, ((padding, 0), (padding, 0), (0, 0)))
     pooled = [values]
     for level in range(n_levels):

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.localization._depth_rendering import DepthImage
@@ -120,7 +121,7 @@ def pixel_residuals(
             _mark_patch(patches.seen, d, patches.size)
             _add_residual(H, b, J, p, normals[m], r, variance)
             continue
-        tolerance = margin + 3.0 * noise.intrinsic * noise.depth * surface**noise.exponent
+        tolerance = margin + 3.0 * noise.intrinsic * noise.depth * power(surface, noise.exponent)
         if length < surface - tolerance or (not hit[k] and length < surface + tolerance):
             verdicts[k] = OCCLUDED  # or the ray was not followed as far
         elif min_ranges[k] > surface + tolerance:
@@ -143,7 +144,7 @@ def _transform(R: Array, t: Array, points: Array, index: int, out: Array) -> Non
 @inlined_kernel
 def _variance(noise: NoiseParameters, length: float, along: float) -> float:
     """Variance (Eq. 1) of a point along a normal with the cosine `along` to the optical axis."""
-    scale = noise.intrinsic * length**noise.exponent
+    scale = noise.intrinsic * power(length, noise.exponent)
     return (
         scale
         * scale
@@ -214,7 +215,7 @@ def count_off_surface(
         y = int((q[1] - origin[1]) / cell)
         z = int((q[2] - origin[2]) / cell)
         square = points[k, 0] ** 2 + points[k, 1] ** 2 + points[k, 2] ** 2
-        sigma = noise.intrinsic * noise.depth * square ** (0.5 * noise.exponent)
+        sigma = noise.intrinsic * noise.depth * power(square, 0.5 * noise.exponent)
         if distances[x, y, z] > tolerance + 3.0 * sigma:
             count += 1
     return count

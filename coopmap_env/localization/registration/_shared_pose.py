@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import eigh, inverse, product, solve
 from coopmap_env.geometry import skew
 
 Array = NDArray[np.float64]
@@ -58,8 +59,8 @@ def camera_to_base_covariances(
     """
     A = np.zeros_like(covariances)
     A[:, :3, :3] = A[:, 3:, 3:] = R_target_base
-    A[:, :3, 3:] = R_target_base @ skew(t_base_camera)
-    return np.asarray(A @ covariances @ A.transpose(0, 2, 1))
+    A[:, :3, 3:] = product(R_target_base, skew(t_base_camera))
+    return product(product(A, covariances), A.transpose(0, 2, 1))
 
 
 def shared_pose(
@@ -78,18 +79,19 @@ def shared_pose(
         not.
     """
     eye = np.eye(6)
-    L = eye + H @ independent
-    W_v = np.linalg.solve(L, H)
-    g_v = np.linalg.solve(L, g[..., None])[..., 0]
+    L = eye + product(H, independent)
+    W_v = solve(L, H)
+    g_v = solve(L, g[..., None])[..., 0]
     W, w = W_v.sum(axis=0), g_v.sum(axis=0)
-    L = eye + W @ common
-    total = np.linalg.solve(L, W) + P
+    L = eye + product(W, common)
+    total = solve(L, W) + P
     total = 0.5 * (total + total.T)
-    covariance = np.linalg.inv(total)
-    x = covariance @ (np.linalg.solve(L, w) + Px)
-    e = np.linalg.solve(eye + common @ W, common @ (w - W @ x))
-    residual = g - H @ (x + e)
-    e_v = np.linalg.solve(eye + independent @ H, (independent @ residual[..., None]))[..., 0]
+    covariance = inverse(total)
+    x = product(covariance, solve(L, w) + Px)
+    e = solve(eye + product(common, W), product(common, w - product(W, x)))
+    residual = g - product(H, x + e)
+    forces = product(independent, residual[..., None])
+    e_v = solve(eye + product(independent, H), forces)[..., 0]
     return SharedPose(x, 0.5 * (covariance + covariance.T), e + e_v)
 
 
@@ -99,21 +101,19 @@ def view_chi2(H: Array, g: Array, independent: Array) -> tuple[Array, Array]:
     Each view's W_v, g_v are compared with their sum over the other views, in the directions that
     both determine; common errors are in both and cancel. With no such direction, both are 0.
     """
-    L = np.eye(6) + H @ independent
-    W_v = np.linalg.solve(L, H)
-    g_v = np.linalg.solve(L, g[..., None])[..., 0]
+    L = np.eye(6) + product(H, independent)
+    W_v = solve(L, H)
+    g_v = solve(L, g[..., None])[..., 0]
     chi2, dof = np.zeros(len(H)), np.zeros(len(H))
     for v in range(len(H)):
         W, w = W_v.sum(axis=0) - W_v[v], g_v.sum(axis=0) - g_v[v]
         C_others, C = _covariance_of(W), _covariance_of(W_v[v])
-        x_others, x = C_others @ w, C @ g_v[v]
+        x_others, x = product(C_others, w), product(C, g_v[v])
         # an undetermined direction is no disagreement: compare where the covariances are small
         spread = C_others + C
-        values, vectors = np.linalg.eigh(
-            0.5 * (spread + spread.T) / np.outer(_KNOWN_STD, _KNOWN_STD)
-        )
+        values, vectors = eigh(0.5 * (spread + spread.T) / np.outer(_KNOWN_STD, _KNOWN_STD))
         known = values < 1.0
-        along = vectors.T @ ((x - x_others) / _KNOWN_STD)
+        along = product(vectors.T, (x - x_others) / _KNOWN_STD)
         chi2[v] = float((along[known] ** 2 / values[known]).sum())
         dof[v] = int(known.sum())
     return chi2, dof
@@ -122,4 +122,4 @@ def view_chi2(H: Array, g: Array, independent: Array) -> tuple[Array, Array]:
 def _covariance_of(W: Array) -> Array:
     """Covariance of an information matrix that may be singular."""
     prior = np.diag(1.0 / (_UNKNOWN_VARIANCE_RATIO * _KNOWN_STD**2))
-    return np.asarray(np.linalg.inv(0.5 * (W + W.T) + prior))
+    return inverse(0.5 * (W + W.T) + prior)

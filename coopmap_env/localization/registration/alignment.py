@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import atan2
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.core.settings import NonNegative, Positive, Settings, UnitInterval
 from coopmap_env.geometry import (
     Pose,
@@ -163,10 +165,12 @@ def align(
         pose_covariances = camera_to_base_covariances(batch.covariances, batch.t, T.rotation)
         agreeing = verdicts[:, AGREES]
         weights = agreeing / max(agreeing.sum(), 1)
-        common = settings.common_error_fraction * np.einsum("v,vij->ij", weights, pose_covariances)
+        common = settings.common_error_fraction * (weights[:, None, None] * pose_covariances).sum(
+            axis=0
+        )
         independent = (1.0 - settings.common_error_fraction) * pose_covariances
         P, Px = _prior(T, settings)
-        g = b + np.einsum("vij,vj->vi", H, errors)
+        g = b + product(H, errors[..., None])[..., 0]
         estimate = shared_pose(H, g, independent, common, P, Px)
         step = estimate.x
         if not np.abs(step).max() < _MAX_STEP:
@@ -174,7 +178,7 @@ def align(
             verdicts[:] = 0
             break
         T, errors = apply_displacement(T, step), estimate.errors
-        g = g - np.einsum("vij,j->vi", H, step)
+        g = g - product(H, step)
     total = verdicts.sum(axis=0).tolist()
     counts = PixelCounts(
         total[AGREES], total[OCCLUDED], total[SEEN_THROUGH], total[UNDECIDED],
@@ -186,7 +190,7 @@ def align(
 
 def nearest_upright(pose: Pose) -> Pose:
     """The nearest pose that stands upright on the ground: x, y and yaw of a pose."""
-    yaw = math.atan2(
+    yaw = atan2(
         pose.rotation[1, 0] - pose.rotation[0, 1], pose.rotation[0, 0] + pose.rotation[1, 1]
     )
     return Pose(pose.translation * [1.0, 1.0, 0.0], rotation_about_z(yaw))
@@ -198,7 +202,14 @@ def _prior(T: Pose, settings: AlignmentSettings) -> tuple[Array, Array]:
     if settings.level_ground:
         height, tilt = (1.0 / s**2 for s in settings.level_std)
         P = P + np.diag([0.0, 0.0, height, tilt, tilt, 0.0])
-    return P, P @ displacement_between(T, nearest_upright(T)) * [0.0, 0.0, 1.0, 1.0, 1.0, 0.0]
+    return P, product(P, displacement_between(T, nearest_upright(T))) * [
+        0.0,
+        0.0,
+        1.0,
+        1.0,
+        1.0,
+        0.0,
+    ]
 
 
 def _evaluate_views(
@@ -219,8 +230,9 @@ def _evaluate_views(
     patches = SurfacePatches(seen, model.bounds[0], _PATCH_SIZE)
     for k in range(v):
         pose = apply_displacement(T, errors[k])
-        R, t = pose.rotation @ batch.R[k], pose.rotation @ batch.t[k] + pose.translation
-        T_camera_target = RigidTransform(R.T.copy(), -R.T @ t)
+        R = product(pose.rotation, batch.R[k])
+        t = product(pose.rotation, batch.t[k]) + pose.translation
+        T_camera_target = RigidTransform(R.T.copy(), -product(R.T, t))
         render_depth(model.triangles, T_camera_target, batch.intrinsics, image)
         expected = image.triangle_index >= 0
         if not expected.any():

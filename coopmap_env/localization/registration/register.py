@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.linear_algebra import eigh, length, product
 from coopmap_env.core.settings import Positive, PositiveInt, Settings
 from coopmap_env.geometry import (
     Pose,
@@ -163,7 +164,7 @@ def _aligned_hypotheses(
     found: list[Alignment] = []
     for T, _ in search(model, batch, settings.search)[: settings.n_hypotheses]:
         camera_center = T.transform(batch.t.mean(axis=0))
-        facing = samples[np.einsum("ni,ni->n", normals, camera_center - samples) > 0.0]
+        facing = samples[(normals * (camera_center - samples)).sum(axis=1) > 0.0]
         in_target = T.transform(points)
         near = ((in_target > low) & (in_target < high)).all(axis=1)
         refined = nearest_upright(refiner(points[near], facing, T, max_distance))
@@ -200,7 +201,7 @@ def _align_rivals(
         return alignment
 
     for _ in range(_MAX_SLIDES):
-        _, axes = np.linalg.eigh(best.covariance[:2, :2])
+        _, axes = eigh(best.covariance[:2, :2])
         previous = best.T_target_base
         for distance in _SLIDE_DISTANCES:
             for axis in (axes[:, 1], -axes[:, 1]):
@@ -211,7 +212,7 @@ def _align_rivals(
     center = np.array([*model.center_xy, 0.0])
     for half_turns in _HALF_TURNS:
         R = rotation_about_z(np.pi * half_turns)
-        start = Pose(center - R @ center, R) @ best.T_target_base
+        start = Pose(center - product(R, center), R) @ best.T_target_base
         best = max(best, align_from(start), key=evidence)
     return best, found
 
@@ -219,6 +220,6 @@ def _align_rivals(
 def _are_close(one: Pose, other: Pose, limits: tuple[float, float]) -> bool:
     """Whether two poses are within a distance in metres and an angle in radians of each other."""
     distance, angle = limits
-    if float(np.linalg.norm(one.translation - other.translation)) >= distance:
+    if length(one.translation - other.translation) >= distance:
         return False
-    return float(np.linalg.norm(rotvec_from_rotation(one.rotation.T @ other.rotation))) < angle
+    return length(rotvec_from_rotation(product(one.rotation.T, other.rotation))) < angle

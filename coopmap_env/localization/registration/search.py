@@ -22,6 +22,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import length
 from coopmap_env.core.settings import Bounds, NonNegative, Settings
 from coopmap_env.geometry import Pose, rotation_about_z
 from coopmap_env.localization.registration._branch_and_bound import (
@@ -118,8 +119,8 @@ def search(model: TargetModel, batch: ViewBatch, settings: SearchSettings) -> li
     points = voxel_centroids(
         batch.points_in_base(), s.ground_height, model.bounds[1, 2], s.voxel_size
     )
-    reach = s.max_distance + np.linalg.norm(model.bounds[1] - model.bounds[0]) / 2
-    points = points[np.hypot(points[:, 0], points[:, 1]) < reach]
+    reach = s.max_distance + length(model.bounds[1] - model.bounds[0]) / 2
+    points = points[np.linalg.norm(points[:, :2], axis=1) < reach]
     if not len(points):
         return []
     stride = math.ceil(len(points) / s.max_points)

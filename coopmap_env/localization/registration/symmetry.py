@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
 from coopmap_env.localization.registration.register import Registration
 from coopmap_env.localization.registration.views import View
@@ -40,9 +41,9 @@ def in_equivalent_frame(registration: Registration, T_target_base: Pose) -> Regi
     """
     if registration.T_target_base is None or registration.covariance is None:
         raise ValueError(f"robot is not located: {registration.reason}")
-    rotation = T_target_base.rotation @ registration.T_target_base.rotation.T
+    rotation = product(T_target_base.rotation, registration.T_target_base.rotation.T)
     both = np.kron(np.eye(2), rotation)
-    covariance = both @ registration.covariance @ both.T
+    covariance = product(product(both, registration.covariance), both.T)
     return replace(registration, T_target_base=T_target_base, covariance=covariance)
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.localization._depth_rendering import min_neighbour_range
 from coopmap_env.robots import PoseEstimate
@@ -108,7 +109,7 @@ class ViewBatch:
                     f"{pose.translation.shape} and {np.shape(covariance)}"
                 )
         points = np.array([view.cloud.points for view in views], dtype=np.float64)
-        ranges = np.sqrt(np.einsum("vni,vni->vn", points, points))
+        ranges = np.linalg.norm(points, axis=-1)
         min_ranges = np.empty_like(ranges)
         for nearest, row in zip(min_ranges, ranges, strict=True):
             min_neighbour_range(row, camera.width, camera.height, nearest)
@@ -139,5 +140,5 @@ class ViewBatch:
 
     def points_in_base(self) -> Array:
         """All measured points (k, 3) in the base frame, metres."""
-        points = np.einsum("vij,vnj->vni", self.R, self.points) + self.t[:, None]
+        points = product(self.points, self.R.transpose(0, 2, 1)) + self.t[:, None]
         return points[self.hit]

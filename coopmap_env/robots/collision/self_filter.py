@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
 from coopmap_env.geometry import Pose
 from coopmap_env.sensing import PointCloud, RangeNoise
@@ -84,8 +85,7 @@ def filter_robot_points(
 def _three_sigma(distance: float, uncertainty: PointUncertainty) -> float:
     """Metres by which spheres are inflated at a distance from the camera."""
     factor, exponent, translation, rotation = uncertainty
-    power = distance * distance if exponent == 2.0 else distance**exponent
-    along = factor * power
+    along = factor * power(distance, exponent)
     return 3.0 * np.sqrt(along * along + translation + rotation * distance * distance)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics.forward import (
     KinematicTree,
@@ -210,8 +211,8 @@ class Chain:
     def _camera(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         link = slice(self.camera_link, self.camera_link + 1)
         R, camera = self.link_rotations[link], self.T_link_camera
-        translation = self.link_translations[link] + camera.translation @ R[0].T
-        return self.link_body[link], R @ camera.rotation, translation
+        translation = self.link_translations[link] + product(R[0], camera.translation)
+        return self.link_body[link], product(R, camera.rotation), translation
 
     def _frames(
         self,
@@ -257,7 +258,7 @@ def _kinematic_tree(
     link_frames = {model.root: (0, np.eye(4))}
     for joint in model.joints:
         body, T_body_parent = link_frames[joint.parent]
-        T_body_joint = T_body_parent @ joint.origin
+        T_body_joint = product(T_body_parent, joint.origin)
         if joint.joint_type == "fixed":
             link_frames[joint.child] = (body, T_body_joint)
         else:

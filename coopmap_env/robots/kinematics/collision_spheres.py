@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.core.settings import Bounds, Positive, Settings
 from coopmap_env.robots.kinematics.chain import Chain
 
@@ -119,7 +120,7 @@ def _cover_chain(
         limit = settings.radius if body else settings.static_radius
         R, t = chain.link_rotations[link], chain.link_translations[link]
         for center, radius in cover_with_spheres(triangles, limit, settings.max_spheres):
-            rows.append((body, R @ center + t, radius, link))
+            rows.append((body, product(R, center) + t, radius, link))
     if not rows:
         raise ValueError("no link has a shape, so no collision can be checked")
     rows = [row for row in rows if not any(_contains_sphere(other, row) for other in rows)]
@@ -149,7 +150,7 @@ def _contains_sphere(
     row: tuple[int, NDArray[np.float64], float, int],
 ) -> bool:
     """Whether a sphere lies inside a larger one on the same rigid body."""
-    gap = float(np.linalg.norm(other[1] - row[1]))
+    gap = length(other[1] - row[1])
     return other[0] == row[0] and other[2] > row[2] and gap + row[2] <= other[2]
 
 

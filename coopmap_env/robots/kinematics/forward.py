@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.kernels import kernel
+from coopmap_env.core.linear_algebra import product
 
 
 class KinematicTree(NamedTuple):
@@ -54,8 +56,8 @@ def rodrigues_terms(
     cross[:, [2, 0, 1], [1, 2, 0]] = axis
     cross[:, [1, 2, 0], [2, 0, 1]] = -axis
     turns = ~prismatic[:, None, None]
-    constant = np.where(turns, rotation @ along, rotation)
-    return constant, turns * (rotation - rotation @ along), turns * (rotation @ cross)
+    constant = np.where(turns, product(rotation, along), rotation)
+    return constant, turns * (rotation - product(rotation, along)), turns * product(rotation, cross)
 
 
 @kernel
@@ -64,6 +66,15 @@ def matmul_3x3(A: NDArray[np.float64], B: NDArray[np.float64], out: NDArray[np.f
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@kernel
+def rotate(R: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The product R @ v of a matrix (3, 3) and a vector (3,)."""
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
+    return out
 
 
 @kernel
@@ -92,7 +103,7 @@ def body_poses(tree: KinematicTree, q: NDArray[np.float64], poses: BodyPoses) ->
             for i in range(3):
                 t[b, i] += value * (R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z)
         else:
-            c, s = np.cos(value), np.sin(value)
+            s, c = sin_cos(value)
             for i in range(3):
                 for j in range(3):
                     R_joint[i, j] = (
@@ -158,12 +169,12 @@ def frame_jacobian(
     poses = allocate_body_poses(tree)
     body_poses(tree, q, poses)
     R, t = poses.rotations, poses.translations
-    position = t[body] + R[body] @ translation
+    position = t[body] + rotate(R[body], translation)
     out[:] = 0.0
     b = body
     while b > 0:
         # neither rotation about an axis nor translation along it moves the axis
-        axis = R[b] @ tree.axis[b]
+        axis = rotate(R[b], tree.axis[b])
         n, m = tree.variable[b], tree.multiplier[b]
         if tree.prismatic[b]:
             for i in range(3):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.robots.kinematics.urdf_elements import (
     MOVABLE_JOINT_TYPES,
     UrdfJoint,
@@ -98,7 +99,9 @@ class UrdfModel:
         joint_values = self.joint_values(values)
         poses = {self.root: np.eye(4)}
         for joint in self.joints:
-            poses[joint.child] = poses[joint.parent] @ joint.transform(joint_values[joint.name])
+            poses[joint.child] = product(
+                poses[joint.parent], joint.transform(joint_values[joint.name])
+            )
         return poses
 
     def with_fixed_joints(

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.robots.kinematics.urdf import UrdfModel
 from coopmap_env.robots.kinematics.urdf_loading import (
     parent_and_child,
@@ -146,13 +147,16 @@ def _attach_wheel_to_base(
                 f"the joint {joint.get('name')!r} moves the wheel {wheel!r}, which is to stay on "
                 "the ground"
             )
-        T = read_origin(joint) @ T
+        T = product(read_origin(joint), T)
         link = parent_and_child(joint)[0]
     joint = above[wheel]
     tree.remove(joint)
     tree.append(
         _fixed_joint(
-            joint.get("name", ""), base, wheel, transform_from_xyz_rpy((0, 0, root_height)) @ T
+            joint.get("name", ""),
+            base,
+            wheel,
+            product(transform_from_xyz_rpy((0, 0, root_height)), T),
         )
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.geometry import rotation_about_axis
 from coopmap_env.robots.kinematics.urdf_xml import MIN_LENGTH, UrdfElement
 
@@ -49,7 +50,7 @@ class UrdfJoint:
 
     def transform(self, value: float) -> NDArray[np.float64]:
         """T_parent_child (4, 4) at a value, radians or metres."""
-        return self.origin @ joint_transform(self.joint_type, self.axis, value)
+        return product(self.origin, joint_transform(self.joint_type, self.axis, value))
 
     def fixed_at(self, value: float) -> UrdfJoint:
         """The joint fixed at a value, which stays in `lower` and `upper`."""
@@ -142,7 +143,7 @@ def parse_link(element: UrdfElement) -> UrdfLink:
         mass = inertial.child("mass").size("value")
         tensor = inertial.find_child("inertia")
         if tensor is not None:
-            inertia = frame[:3, :3] @ _inertia(tensor) @ frame[:3, :3].T
+            inertia = product(product(frame[:3, :3], _inertia(tensor)), frame[:3, :3].T)
         elif mass > 0.0:
             raise inertial.error("it has a mass, but no <inertia>")
     return UrdfLink(
@@ -228,10 +229,10 @@ def _axis(joint: UrdfElement) -> NDArray[np.float64]:
     if element is None:
         return np.array([1.0, 0.0, 0.0])
     axis = element.vector("xyz", (1.0, 0.0, 0.0))
-    length = float(np.linalg.norm(axis))
-    if length < MIN_LENGTH:
+    norm = length(axis)
+    if norm < MIN_LENGTH:
         raise element.error(f"xyz={brief(element.text('xyz'))} has no direction")
-    return np.asarray(axis / length)
+    return np.asarray(axis / norm)
 
 
 def _limits(joint: UrdfElement, joint_type: str) -> tuple[float, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -11,7 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import atan2
 from coopmap_env.core.files import private_folder, read_bytes, write_atomically
+from coopmap_env.core.linear_algebra import length
 from coopmap_env.geometry.mesh_files import read_mesh
 from coopmap_env.robots.kinematics.mesh_paths import resolve_mesh
 from coopmap_env.robots.kinematics.urdf import UrdfModel
@@ -229,12 +230,12 @@ def read_origin(joint: ET.Element) -> NDArray[np.float64]:
 def write_origin(joint: ET.Element, T: NDArray[np.float64]) -> None:
     """Replace the origin of a joint or shape by T (4, 4)."""
     remove_children(joint, "origin")
-    level = math.hypot(T[0, 0], T[1, 0])
+    level = length(T[:2, 0])
     if level > 1e-9:
-        roll, yaw = math.atan2(T[2, 1], T[2, 2]), math.atan2(T[1, 0], T[0, 0])
+        roll, yaw = atan2(T[2, 1], T[2, 2]), atan2(T[1, 0], T[0, 0])
     else:  # straight up or down: roll and yaw are one turn
-        roll, yaw = math.atan2(-T[1, 2], T[1, 1]), 0.0
-    rpy = (roll, math.atan2(-T[2, 0], level), yaw)
+        roll, yaw = atan2(-T[1, 2], T[1, 1]), 0.0
+    rpy = (roll, atan2(-T[2, 0], level), yaw)
     # repr keeps all digits, so that reading it back changes nothing
     texts = [" ".join(repr(float(v)) for v in values) for values in (T[:3, 3], rpy)]
     ET.SubElement(joint, "origin", xyz=texts[0], rpy=texts[1])

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.files import FileError, brief, read_xml
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
@@ -205,8 +206,7 @@ class UrdfElement:
 def transform_from_xyz_rpy(xyz: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
     """T (4, 4) from a translation (3,), and roll, pitch, yaw (3,) about fixed axes."""
     roll, pitch, yaw = np.asarray(rpy, dtype=np.float64).tolist()
-    sr, sp, sy = math.sin(roll), math.sin(pitch), math.sin(yaw)
-    cr, cp, cy = math.cos(roll), math.cos(pitch), math.cos(yaw)
+    (sr, cr), (sp, cp), (sy, cy) = sin_cos(roll), sin_cos(pitch), sin_cos(yaw)
     T = np.eye(4)
     T[:3, :3] = [
         [cp * cy, sp * (sr * cy) - cr * sy, sp * (cr * cy) + sr * sy],

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.mapping import VoxelGrid
 
@@ -145,7 +146,7 @@ def write_cells_within(
     """
     lattice = LatticeGeometry(*geometry)
     x, y, heading = pose_from_id(pose_id, lattice)
-    c, s = math.cos(heading), math.sin(heading)
+    s, c = sin_cos(heading)
     count = 0
     for cell in cells:
         cell_x, cell_y = cell_center(cell, lattice)

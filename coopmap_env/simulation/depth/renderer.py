@@ -7,6 +7,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
@@ -195,7 +196,7 @@ def add_range_noise(
             for i in range(3):
                 points[k, i] = end * directions[k, i]
             continue
-        scale = intrinsic * (d * d if exponent == 2.0 else d**exponent)
+        scale = intrinsic * power(d, exponent)
         largest = MAX_RELATIVE_ERROR * d * directions[k, 0]
         for i in range(3):
             error = scale * (lateral_factor if i else depth_factor) * draws[k, i]

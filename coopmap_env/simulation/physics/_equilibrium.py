@@ -12,7 +12,6 @@ in every posture, as the weight does not change; roll and pitch follow by Newton
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -20,7 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.robots import (
     BodyPoses,
     KinematicTree,
@@ -92,7 +93,7 @@ def solve_roll_pitch(u: NDArray[np.float64], springs: Springs) -> tuple[float, f
     preload_roll, preload_pitch = springs.preload[1], springs.preload[2]
     r = p = 0.0
     for _ in range(20):
-        cr, sr, cp, sp = math.cos(r), math.sin(r), math.cos(p), math.sin(p)
+        (sr, cr), (sp, cp) = sin_cos(r), sin_cos(p)
         vx, vy, vz = cp * u[0] + sp * u[2], u[1], cp * u[2] - sp * u[0]  # R_y u
         dx, dz = vz, -vx  # its derivative; the second one is (-vx, 0, -vz)
         gradient_r = (
@@ -160,7 +161,7 @@ class Equilibrium:
         assert mount.suspension is not None  # or it would have no such chain
         tree, n_bodies = chain.tree, len(chain.tree.parent)
         masses, moments = np.zeros(n_bodies), np.zeros((n_bodies, 3))
-        in_body = np.einsum("lij,lj->li", chain.link_rotations, chain.centers_of_mass)
+        in_body = product(chain.link_rotations, chain.centers_of_mass[..., None])[..., 0]
         np.add.at(masses, chain.link_body, chain.masses)
         np.add.at(
             moments, chain.link_body, chain.masses[:, None] * (chain.link_translations + in_body)
@@ -197,7 +198,7 @@ def _pivot(name: str, tree: KinematicTree) -> NDArray[np.float64]:
     work = allocate_body_poses(tree)
     R, t = work[0], work[1]
     body_poses(tree, np.zeros(tree.variable.max() + 1), work)
-    axes = [R[b] @ tree.axis[b] for b in range(1, N_SUSPENSION + 1)]
+    axes = [product(R[b], tree.axis[b]) for b in range(1, N_SUSPENSION + 1)]
     in_a_row = (tree.parent[1:4] == [0, 1, 2]).all() and (tree.variable[1:4] == [0, 1, 2]).all()
     if not (in_a_row and np.allclose(axes, np.eye(3)[[2, 0, 1]]) and np.allclose(t[2], t[3])):
         raise ValueError(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Chain, CollisionSpheres, Mount, UrdfModel
 from coopmap_env.simulation.physics._sweep_model import SweepModel
@@ -91,7 +92,7 @@ def _read_joint_map(client: BulletClient, mount: Mount, chain: Chain) -> JointMa
     if unread:
         raise ValueError(f"PyBullet cannot read the collision shapes of {unread} in {mount.urdf}")
 
-    home = joint_matrix @ np.array([*(0.0,) * n_suspension, *mount.home]) + joint_offsets
+    home = product(joint_matrix, np.array([*(0.0,) * n_suspension, *mount.home])) + joint_offsets
     p.resetJointStatesMultiDof(body, list(joints), home[:, None].tolist(), **k)
     near = p.getClosestPoints(body, body, HOME_CONTACT_DISTANCE, **k) or ()
     pairs = {pair for point in near for pair in (point[3:5], point[4:2:-1])}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Mount
 from coopmap_env.simulation.physics._joint_map import JointMap
@@ -59,7 +60,7 @@ def load_vehicle(
         suspension = joint_map.joints[: joint_map.n_suspension]
         idle = [0.0] * len(suspension)  # or Bullet's default motors would brake it
         p.setJointMotorControlArray(number, suspension, p.VELOCITY_CONTROL, forces=idle, **k)
-        values = joint_map.joint_matrix @ vehicle.home + joint_map.joint_offsets
+        values = product(joint_map.joint_matrix, vehicle.home) + joint_map.joint_offsets
         at_home = dict(zip(joint_map.joints, values.tolist(), strict=True))
         M = p.calculateMassMatrix(number, [at_home[j] for j in vehicle.dof_joints], **k)
         vehicle.inertias = [M[dof][dof] for dof in vehicle.suspension_dofs]

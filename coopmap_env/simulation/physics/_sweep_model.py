@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.geometry import RigidTransform, Spheres
 from coopmap_env.robots import Chain, KinematicTree
 from coopmap_env.simulation.physics._sweep import (
@@ -31,7 +32,7 @@ def covering_spheres(box: NDArray[np.float64]) -> tuple[NDArray[np.float64], flo
     centers = np.tile(box.mean(axis=0), (n, 1))
     centers[:, longest] = box[0, longest] + size[longest] * (np.arange(n) + 0.5) / n
     size[longest] /= n
-    return centers, float(np.linalg.norm(size) / 2)
+    return centers, float(length(size) / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +67,11 @@ class SweepModel:
             R, t = chain.link_rotations[link], chain.link_translations[link]
             body = int(chain.link_body[link])
             centers, radius = covering_spheres(boxes[name])
-            rows += [(name, body, R @ center + t, radius) for center in centers]
+            rows += [(name, body, product(R, center) + t, radius) for center in centers]
             if name not in arm:
                 middle, half = boxes[name].mean(axis=0), np.diff(boxes[name], axis=0)[0] / 2
-                half_in_body = np.abs(R) @ half
-                center = R @ middle + t
+                half_in_body = product(np.abs(R), half)
+                center = product(R, middle) + t
                 own.append((name, body, np.stack([center - half_in_body, center + half_in_body])))
         mount = [row for row in rows if row[0] in arm]
         links = LinkSpheres(

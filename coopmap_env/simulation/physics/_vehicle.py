@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Mount
 from coopmap_env.simulation.physics._equilibrium import GRAVITY, Equilibrium
@@ -64,7 +65,7 @@ class LoadedVehicle:
         self.implicit_springs: list[ImplicitSpring] = []
         if mount.suspension is not None:
             self.springs = Equilibrium.from_mount(
-                mount, T_world_base.rotation.T @ [0.0, 0.0, -GRAVITY]
+                mount, product(T_world_base.rotation.T, [0.0, 0.0, -GRAVITY])
             )
             self.spring_rates = self._read_spring_rates(self.springs)
         self.motor_joints, self.motor_forces = joint_map.joints[n:], joint_map.motor_forces[n:]
@@ -83,14 +84,18 @@ class LoadedVehicle:
         """Targets of all motors, from the joints (n,) of the mount."""
         values = joints
         if self._has_mimic_joints:
-            values = self._motor_matrix @ joints + self._motor_offsets
+            values = product(self._motor_matrix, joints) + self._motor_offsets
         return values.tolist()
 
     def plan_accelerations(self, accelerations: NDArray[np.float64] | None) -> None:
         """Set the accelerations (n,) of the mount's joints in the next step."""
         self.planned_accelerations = self.zeros
         if accelerations is not None:
-            values = self._motor_matrix @ accelerations if self._has_mimic_joints else accelerations
+            values = (
+                product(self._motor_matrix, accelerations)
+                if self._has_mimic_joints
+                else accelerations
+            )
             self.planned_accelerations = self.zeros.copy()
             for dof, value in zip(self._motor_dofs, values.tolist(), strict=True):
                 self.planned_accelerations[dof] = value

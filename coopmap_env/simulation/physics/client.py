@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.linear_algebra import eigh
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Mount
 
@@ -141,4 +142,4 @@ def quaternion_from_matrix(R: NDArray[np.float64]) -> list[float]:
         [zx + xz, zy + yz, zz - xx - yy, 0.0],
         [zy - yz, xz - zx, yx - xy, xx + yy + zz],
     ])  # fmt: skip
-    return np.linalg.eigh(K)[1][:, -1].tolist()
+    return eigh(K)[1][:, -1].tolist()

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose, Spheres, join_spheres
 from coopmap_env.robots import Mount
 from coopmap_env.simulation.physics._equilibrium import GRAVITY
@@ -133,7 +134,7 @@ class BulletWorld:
     def set_configuration(self, robot: int, q: NDArray[np.float64]) -> None:
         """Set a vehicle's joints to q (m,), at rest."""
         vehicle, joint_map = self.vehicles[robot], self.vehicles[robot].joint_map
-        values = joint_map.joint_matrix @ q + joint_map.joint_offsets
+        values = product(joint_map.joint_matrix, q) + joint_map.joint_offsets
         self.client.p.resetJointStatesMultiDof(
             vehicle.number,
             joint_map.joints,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field._solid_queries import (
@@ -64,7 +65,7 @@ class SceneLayout:
         for _ in range(_MAX_TRIES):
             distance = rng.uniform(min_distance, max_distance)
             angle = rng.uniform(-math.pi, math.pi)
-            center = distance * np.array([math.cos(angle), math.sin(angle)])
+            center = distance * np.array(sin_cos(angle)[::-1])
             if self.is_free(center, radius):
                 self._discs.append((center, radius))
                 return center

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
+from coopmap_env.core.linear_algebra import product
 
 COLUMN_SIZE = 0.08
 """Side of a column in metres: less than half of the smallest block."""
@@ -51,7 +52,7 @@ class Pile:
 
         Its center is dropped at `middle` (2,); `rotation` (3, 3) is R_world_block.
         """
-        reach = np.abs(rotation) @ size / 2
+        reach = product(np.abs(rotation), size) / 2
         columns = tuple(
             slice(*np.searchsorted(self._middles, (at - by, at + by)))
             for at, by in zip(middle, reach[:2], strict=True)

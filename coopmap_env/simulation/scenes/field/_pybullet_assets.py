@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import read_text, read_xml
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import rotation_about_axis, rotation_from_rpy
 from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.field.solid import (
@@ -61,7 +62,7 @@ class PyBulletAsset:
         self, name: str, position: ArrayLike, rotation: NDArray[np.float64], *, is_target: bool
     ) -> Solid:
         """The solid of this name: rotated about its middle, its origin at `position` (3,)."""
-        vertices = self.vertices @ rotation.T + np.asarray(position)
+        vertices = product(self.vertices, rotation.T) + np.asarray(position)
         hulls = tuple(vertices[part] for part in self.parts)
         return Solid(
             name, vertices, self.faces, hulls, is_target=is_target, is_concave=not self.parts
@@ -119,7 +120,7 @@ def _solid(
     rotation: NDArray[np.float64],
     is_target: bool,
 ) -> Solid:
-    placed = [box @ rotation.T + np.asarray(position) for box in boxes]
+    placed = [product(box, rotation.T) + np.asarray(position) for box in boxes]
     return solid_from_boxes(name, placed, is_target=is_target)
 
 
@@ -159,7 +160,7 @@ def _read_asset(path: Path, scale: float, upright: NDArray[np.float64]) -> PyBul
     """Read an OBJ file of triangles; V-HACD calls its convex parts ``o convex_0`` and so on."""
     text = read_text(path, SceneError)
     try:
-        points = _rows(text, "v", float) @ upright.T * scale
+        points = product(_rows(text, "v", float), upright.T) * scale
         faces = _rows(text, "f", int) - 1
         low, high = points.min(axis=0), points.max(axis=0)
     except (ValueError, OverflowError) as error:

@@ -68,10 +68,10 @@ def winding_numbers(
     """
     a, b, c = np.moveaxis(triangles - points[:, None, None], 2, 0)
     la, lb, lc = (np.linalg.norm(corner, axis=-1) for corner in (a, b, c))
-    volume = np.einsum("pmk,pmk->pm", a, np.cross(b, c))
+    volume = (a * np.cross(b, c)).sum(axis=-1)
     scale = la * lb * lc
     for one, two, length in ((a, b, lc), (b, c, la), (c, a, lb)):
-        scale = scale + np.einsum("pmk,pmk->pm", one, two) * length
+        scale = scale + (one * two).sum(axis=-1) * length
     return np.arctan2(volume, scale).sum(axis=1) / (2.0 * np.pi)
 
 

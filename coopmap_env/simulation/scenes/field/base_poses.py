@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.elementary import atan2, sin_cos
 from coopmap_env.core.files import brief
 from coopmap_env.core.settings import NonNegative, Positive, Settings
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
@@ -88,7 +89,7 @@ def sample_base_poses(
         for _ in range(_MAX_TRIES):
             radius = math.sqrt(rng.uniform(placement.min_distance**2, placement.max_distance**2))
             angle = rng.uniform(-math.pi, math.pi)
-            base = middle + radius * np.array([math.cos(angle), math.sin(angle)])
+            base = middle + radius * np.array(sin_cos(angle)[::-1])
             if (
                 (base >= low).all()
                 and (base <= high).all()
@@ -121,7 +122,7 @@ def check_vehicles(n_robots: int, footprint: float) -> None:
 
 def facing_pose(x: float, y: float, middle: NDArray[np.float64]) -> Pose:
     """Pose of a base at (x, y) on the ground that faces a point (x, y)."""
-    return ground_pose(x, y, math.atan2(middle[1] - y, middle[0] - x))
+    return ground_pose(x, y, atan2(middle[1] - y, middle[0] - x))
 
 
 def ground_pose(x: float, y: float, yaw: float) -> Pose:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.core.settings import Positive, Settings
 from coopmap_env.geometry import Z_AXIS, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
@@ -144,8 +145,8 @@ class Clutter(Settings):
         support = layout.add(table(name, position, support_rotation, is_target=False))
         assets = [self._random_asset(rng) for _ in range(_sample_count(rng, self.loose_objects))]
         for k, (asset, center, rotation) in enumerate(_arrange(rng, assets)):
-            world_position = support_rotation @ [*center, _TABLE_HEIGHT] + position
-            world_rotation = support_rotation @ rotation
+            world_position = product(support_rotation, [*center, _TABLE_HEIGHT]) + position
+            world_rotation = product(support_rotation, rotation)
             solid = asset.to_solid(
                 f"{name}_thing_{k}", world_position, world_rotation, is_target=False
             )
@@ -164,7 +165,7 @@ class Clutter(Settings):
             number, y = RANDOM_ASSETS[rng.integers(len(RANDOM_ASSETS))], rng.uniform(-0.25, 0.25)
             asset = load_random_asset(number, _SHELF_OBJECT_SCALE)
             if asset.size[0] < width and asset.size[2] < height:
-                world_position = support_rotation @ [x, y, floor] + position
+                world_position = product(support_rotation, [x, y, floor]) + position
                 solid = asset.to_solid(
                     f"{name}_thing_{slot}", world_position, support_rotation, is_target=False
                 )
@@ -193,7 +194,7 @@ def _arrange(
 
 def _disc_radius(asset: PyBulletAsset) -> float:
     """Radius in metres of the disc around an asset's middle that contains it at any yaw."""
-    return 0.5 * math.hypot(asset.size[0], asset.size[1])
+    return 0.5 * length(asset.size[:2])
 
 
 def _random_yaw(rng: np.random.Generator) -> NDArray[np.float64]:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import exp_array, log, sin_cos_array
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.core.settings import Positive, PositiveInt, Settings
 from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
@@ -97,10 +99,10 @@ class Rubble(Settings):
         layout = SceneLayout(self.grid, bases, footprint, core)
         for k in range(rng.integers(self.blocks[0], self.blocks[1] + 1)):
             is_core = k < self.core
-            size = self.side_min * (self.side_max / self.side_min) ** rng.random(3)
+            size = self.side_min * exp_array(log(self.side_max / self.side_min) * rng.random(3))
             rotation = _random_orientation(rng)
             drop_points = self._drop_points(rng, self.core_radius if is_core else self.radius)
-            disc_radius = 0.5 * float(np.linalg.norm(np.abs(rotation[:2]) @ size))
+            disc_radius = 0.5 * length(product(np.abs(rotation[:2]), size))
             rests = [
                 pile.find_rest(size, point, rotation)
                 for point in drop_points
@@ -126,7 +128,7 @@ class Rubble(Settings):
         """Draw points (n, 2) where a block may be dropped."""
         distances = max_distance * np.sqrt(rng.random(_N_DROPS))
         angles = rng.uniform(-math.pi, math.pi, _N_DROPS)
-        return distances[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return distances[:, None] * np.stack(sin_cos_array(angles)[::-1], axis=-1)
 
 
 def _random_orientation(rng: np.random.Generator) -> NDArray[np.float64]:
@@ -134,6 +136,5 @@ def _random_orientation(rng: np.random.Generator) -> NDArray[np.float64]:
     if rng.random() >= _FLAT_FRACTION:
         return random_rotation(rng)
     axis = rotation_about_axis(Z_AXIS, rng.uniform(-math.pi, math.pi))[0]
-    return rotation_about_axis(axis, rng.normal(0.0, math.radians(8.0))) @ rotation_about_axis(
-        Z_AXIS, rng.uniform(-math.pi, math.pi)
-    )
+    tilt = rotation_about_axis(axis, rng.normal(0.0, math.radians(8.0)))
+    return product(tilt, rotation_about_axis(Z_AXIS, rng.uniform(-math.pi, math.pi)))

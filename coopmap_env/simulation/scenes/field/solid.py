@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.linear_algebra import product
 
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _BOX_FACES = np.array(
@@ -120,7 +121,7 @@ def box_corners(
 ) -> NDArray[np.float64]:
     """Corners (8, 3) of a box: its sides (3,), its center (3,), R_world_box (3, 3)."""
     corners = _CORNERS * np.asarray(size, dtype=np.float64)
-    return (corners if rotation is None else corners @ rotation.T) + np.asarray(center)
+    return (corners if rotation is None else product(corners, rotation.T)) + np.asarray(center)
 
 
 def solid_from_boxes(
@@ -162,7 +163,7 @@ def convex_hull(points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int6
     kept, faces = np.unique(hull.simplices, return_inverse=True)
     vertices, faces = points[kept], faces.reshape(-1, 3)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    inward = np.einsum("fk,fk->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0.0
     faces[inward] = faces[inward][:, ::-1]
     return vertices, faces
 

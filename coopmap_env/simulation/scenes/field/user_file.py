@@ -37,6 +37,7 @@ from typing import Any
 import numpy as np
 
 from coopmap_env.core.files import brief, read_yaml_mapping, read_yaml_number
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.factory import SceneError
@@ -159,9 +160,9 @@ def _solid(fields: Fields, files: ShapeFiles, name: str) -> Solid:
         shape = files.read(kinds[0], file)
         solid = Solid(
             name,
-            shape.vertices * scale @ rotation.T + position,
+            product(shape.vertices * scale, rotation.T) + position,
             shape.faces,
-            tuple(part * scale @ rotation.T + position for part in shape.parts),
+            tuple(product(part * scale, rotation.T) + position for part in shape.parts),
             is_target=is_target,
             is_concave=not shape.parts,
         )

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.linear_algebra import length
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field._solid_queries import distance_to_axis
 from coopmap_env.simulation.scenes.field.base_poses import (
@@ -96,7 +97,7 @@ class UserScene:
             poses = tuple(ground_pose(*base) for base in self.bases[:n_robots])
         else:
             low, high = self._target_bounds()
-            reach = float(np.linalg.norm(high[:2] - low[:2])) / 2
+            reach = length(high[:2] - low[:2]) / 2
             base_placement = BasePlacement(
                 DEFAULT_PLACEMENT.min_distance,
                 max(DEFAULT_PLACEMENT.max_distance, reach + DEFAULT_PLACEMENT.min_distance),
@@ -129,7 +130,7 @@ class UserScene:
                     f"{distance:.2f} m"
                 )
             for other, other_base in enumerate(self.bases[:k]):
-                apart = float(np.linalg.norm(np.subtract(base[:2], other_base[:2])))
+                apart = length(np.subtract(base[:2], other_base[:2]))
                 if apart < footprint:
                     raise ValueError(
                         f"bases {other} and {k} of {self.name} must stand {footprint:g} m apart, "

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.core.settings import Settings, UnitInterval
 from coopmap_env.geometry import Z_AXIS, random_rotation, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
@@ -120,10 +121,10 @@ def _add_crate(
         lower = layout.solids[-1]
         middle, floor = lower.bounds.mean(axis=0)[:2], lower.bounds[1, 2]
         reach = np.linalg.norm(lower.vertices[:, :2] - middle, axis=1).max()
-        size[:2] *= min(1.0, 2.0 * reach / math.hypot(size[0], size[1]))  # stays within its disc
+        size[:2] *= min(1.0, 2.0 * reach / length(size[:2]))  # stays within its disc
         support = len(layout.solids) - 1
     else:
-        radius = 0.5 * math.hypot(size[0], size[1])
+        radius = 0.5 * length(size[:2])
         center = layout.sample_free_disc(rng, radius, _MIN_DISTANCE, _MAX_DISTANCE)
         if center is None:
             return
@@ -137,7 +138,7 @@ def _add_rock(rng: np.random.Generator, layout: SceneLayout, name: str) -> None:
     points = rng.normal(size=(16, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     points *= rng.uniform(0.8, 1.0, (16, 1)) * rng.uniform(0.6, 1.0, 3)
-    points = points @ random_rotation(rng).T
+    points = product(points, random_rotation(rng).T)
     points -= (points.min(axis=0) + points.max(axis=0)) / 2
     points *= rng.uniform(0.2, 0.9) / np.ptp(points, axis=0).max()
     radius = float(np.linalg.norm(points[:, :2], axis=1).max())

@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import exp_array, log, sin_cos_array
 from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import Bounds, Positive, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar._blocks import scatter_blocks
@@ -75,7 +76,7 @@ class Obstacles(Settings):
             centers = rng.random((_BATCH, 2)) * self.shape
             edge_headings, distances, reaches = self._random_blocks(rng, _BATCH)
             angles = 2 * np.pi * edge_headings
-            slopes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+            slopes = np.stack(sin_cos_array(angles)[::-1], axis=-1)
             slopes /= distances[:, :, None]
             n_missing = scatter_blocks(occupied, n_missing, centers, reaches, slopes)
         return PlanarWorld(occupied, self.resolution, self.origin, self.name)
@@ -97,7 +98,8 @@ class Obstacles(Settings):
             No point of a block lies further than this from the origin, in cells.
         """
         ratio = self.side_max / self.side_min
-        half_sides = 0.5 * self.side_min / self.resolution * ratio ** rng.random((n, 2))
+        ratios = exp_array(log(ratio) * rng.random((n, 2)))
+        half_sides = 0.5 * self.side_min / self.resolution * ratios
         is_polygon = rng.random((n, 1)) < self.polygon_fraction
         n_edges = np.where(is_polygon, rng.integers(3, _MAX_EDGES + 1, size=(n, 1)), 4)
         jitter = np.where(is_polygon, _JITTER * rng.random((n, _MAX_EDGES)), 0.0)
@@ -112,5 +114,5 @@ class Obstacles(Settings):
         distances[edges >= n_edges] = np.inf
         # Within half a gap of an edge's normal the block ends at distance / cos(half gap).
         widest_gap = 2 * np.pi * (1 + _JITTER) / n_edges
-        reaches = half_sides.max(axis=1) / np.cos(widest_gap[:, 0] / 2)
+        reaches = half_sides.max(axis=1) / sin_cos_array(widest_gap[:, 0] / 2)[1]
         return edge_headings, distances, reaches

@@ -1,0 +1,101 @@
+"""Elementary functions: accurate, and of IEEE operations only."""
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+
+from coopmap_env.core.elementary import (
+    acos,
+    atan2,
+    exp,
+    exp_array,
+    log,
+    log_array,
+    power,
+    power_array,
+    sin_cos,
+    sin_cos_array,
+    tan,
+)
+
+RNG = np.random.default_rng(0)
+ANGLES = np.concatenate(
+    [RNG.uniform(-7, 7, 300), RNG.uniform(-1e6, 1e6, 300), np.arange(-40, 41) * math.pi / 2]
+)
+
+
+def units_in_the_last_place(found, exact):
+    """Error of a number in units of the last place of the exact one."""
+    return abs((mpmath.mpf(found) - exact) / mpmath.mpf(math.ulp(float(exact))))
+
+
+@pytest.mark.parametrize(
+    ("function", "exact", "arguments", "limit"),
+    [
+        (lambda x: sin_cos(x)[0], mpmath.sin, ANGLES, 0.9),
+        (lambda x: sin_cos(x)[1], mpmath.cos, ANGLES, 0.9),
+        (tan, mpmath.tan, RNG.uniform(-1.5, 1.5, 300), 2.0),
+        (exp, mpmath.exp, RNG.uniform(-700, 700, 300), 0.9),
+        (log, mpmath.log, np.exp(RNG.uniform(-700, 700, 300)), 0.9),
+        (log, mpmath.log, RNG.uniform(0.5, 2.0, 300), 0.9),
+        (acos, mpmath.acos, RNG.uniform(-1, 1, 300), 2.0),
+    ],
+)
+def test_errors_are_of_the_order_of_one_unit_in_the_last_place(function, exact, arguments, limit):
+    with mpmath.workprec(200):
+        for x in arguments.tolist():
+            assert units_in_the_last_place(function(x), exact(mpmath.mpf(x))) < limit, x
+
+
+def test_atan2_errs_by_less_than_two_units_in_all_quadrants():
+    with mpmath.workprec(200):
+        for y, x in RNG.normal(size=(300, 2)).tolist():
+            exact = mpmath.atan2(mpmath.mpf(y), mpmath.mpf(x))
+            assert units_in_the_last_place(atan2(y, x), exact) < 2.0
+
+
+SPECIAL = (0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, 1e308, 5e-324, -5e-324)
+
+
+@pytest.mark.parametrize("y", SPECIAL)
+@pytest.mark.parametrize("x", SPECIAL)
+def test_atan2_knows_signed_zeros_and_infinities(y, x):
+    assert (atan2(y, x), math.copysign(1.0, atan2(y, x))) == (
+        math.atan2(y, x), math.copysign(1.0, math.atan2(y, x)),
+    )  # fmt: skip
+
+
+def test_special_values_of_the_others():
+    assert sin_cos(0.0) == (0.0, 1.0)
+    assert sin_cos(math.pi / 2) == (1.0, math.cos(math.pi / 2))
+    assert sin_cos(math.pi) == (math.sin(math.pi), -1.0)
+    assert math.copysign(1.0, sin_cos(-0.0)[0]) == -1.0
+    assert (exp(0.0), exp(-math.inf), exp(1000.0)) == (1.0, 0.0, math.inf)
+    assert (log(1.0), log(0.0), log(math.inf)) == (0.0, -math.inf, math.inf)
+    assert math.isnan(log(-1.0))
+    assert math.isnan(log(math.nan))
+    assert math.isnan(sin_cos(math.nan)[0])
+    assert math.isnan(exp(math.nan))
+
+
+def test_exact_powers_are_products():
+    for x in RNG.uniform(0, 20, 100).tolist():
+        assert (power(x, 2.0), power(x, 1.0), power(x, 0.0)) == (x * x, x, 1.0)
+        assert power(x, 1.5) == pytest.approx(x**1.5, rel=1e-14)
+    assert (power(0.0, 1.5), power(0.0, 0.5)) == (0.0, 0.0)
+
+
+def test_arrays_of_any_shape_equal_the_numbers_one_by_one():
+    x = RNG.uniform(0.1, 3, (3, 1, 4))
+    sines, cosines = sin_cos_array(x)
+    assert sines.shape == cosines.shape == x.shape
+    assert [*zip(sines.ravel(), cosines.ravel(), strict=True)] == [*map(sin_cos, x.ravel())]
+    np.testing.assert_array_equal(exp_array(x).ravel(), [*map(exp, x.ravel())])
+    np.testing.assert_array_equal(log_array(x).ravel(), [*map(log, x.ravel())])
+    np.testing.assert_array_equal(
+        power_array(x, 2).ravel(), [power(value, 2.0) for value in x.ravel()]
+    )
+    assert exp_array(1.0).shape == ()
+    assert exp_array(np.zeros((0, 3))).shape == (0, 3)
