@@ -199,12 +199,14 @@ def parse_xml(content: bytes, name: str, error_type: type[FileError] = FileError
         def doctype(self, *declaration: str | None) -> None:
             raise error_type(f"{name}: document types (<!DOCTYPE, <!ENTITY) cannot be read")
 
+    start = content.lstrip(b" \t\r\n")  # robot models begin with empty lines at times
     try:
-        return ET.fromstring(content, ET.XMLParser(target=BuilderWithoutDoctype()))
+        return ET.fromstring(start, ET.XMLParser(target=BuilderWithoutDoctype()))
     except error_type:
         raise
     except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: unknown encoding
         line, column = getattr(error, "position", (1, 0))
+        line += content[: len(content) - len(start)].count(b"\n")
         raise error_type(f"{name}, line {line}, column {column}: expected XML: {error}") from error
 
 

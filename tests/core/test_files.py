@@ -135,6 +135,13 @@ def test_xml_is_parsed_strictly(tmp_path, text, reason):
     assert reason in read_error(read_xml, tmp_path / "a.urdf", text.encode())
 
 
+def test_xml_may_begin_with_empty_lines(tmp_path):
+    path = tmp_path / "a.urdf"
+    path.write_text("\n\r\n <?xml version='1.0'?>\n<robot/>")
+    assert read_xml(path).tag == "robot"
+    assert "line 5" in read_error(read_xml, path, b"\n\n\n<?xml version='1.0'?>\n</robot>")
+
+
 def test_document_types_are_refused_in_every_encoding(tmp_path):
     text = "<!DOCTYPE r [<!ENTITY a 'b'>]><r>&a;</r>"
     for encoding in ("utf-8", "utf-16"):
