@@ -19,7 +19,6 @@ def run(*arguments):
         [sys.executable, "-m", "coopmap_env.cli", *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=600,
     )
 
 

@@ -26,7 +26,6 @@ def test_an_example_runs_without_warnings_of_this_library(path, tmp_path):
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=600,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout

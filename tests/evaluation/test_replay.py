@@ -231,7 +231,7 @@ def opened(page, folder, milliseconds):
         "--window-size=800,400", f"--virtual-time-budget={milliseconds}",
         f"--screenshot={picture}", "--dump-dom", page.as_uri(),
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert picture.exists(), done.stderr[-2000:]
     with image_module.open(picture) as image:
         return np.asarray(image.convert("RGB")), done.stdout
