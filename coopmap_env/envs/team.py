@@ -29,10 +29,10 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
     parallel_env: ClassVar[Callable[..., MappingEnv[Any]]]
     """The parallel environment; set by each subclass."""
 
-    def __init__(self, render_mode: str | None = None, **arguments: Any) -> None:
-        EzPickle.__init__(self, render_mode, **arguments)
-        self.parallel = type(self).parallel_env(render_mode=render_mode, **arguments)
-        self.render_mode = render_mode
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        EzPickle.__init__(self, *args, **kwargs)
+        self.parallel = type(self).parallel_env(*args, **kwargs)
+        self.render_mode = self.parallel.render_mode
         agents = self.parallel.possible_agents
         each: list[Any] = [self.parallel.observation_space(agent) for agent in agents]
         self.observation_space = spaces.Dict(

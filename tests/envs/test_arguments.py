@@ -38,6 +38,9 @@ def test_the_documented_constructors_are_the_classes_themselves():
 
 
 def test_arguments_may_be_given_in_their_order():
+    team = PlanarTeamEnv(3, "candidates", max_scans=5)
+    assert team.action_space.shape == (3,)
+    assert team.parallel.max_scans == 5
     env = PlanarEnv(3, "candidates", max_scans=5)
     assert len(env.possible_agents) == 3
     assert env.action_space("robot_2").n == PlanarArguments.n_candidates

@@ -41,7 +41,7 @@ In "candidates" mode also ``candidates``: float32 (m, n + 11) for n joints, zero
 index       content
 ==========  =====================================================================
 0 ... n-1   joints, as above
-n ... n+5   position and optical axis of the camera there, as 0 - 5 of ``camera``
+n ... n+5   position (at most 10) and optical axis of the camera there, as 0 - 5 of ``camera``
 n+6         NI (Eqs. 6-8) as a fraction of its maximum, ln(n_gray_bins)
 n+7         motion cost (Eqs. 5, 9) as a fraction of ln(n_gray_bins), at most 10
 n+8         P(occupied) at the camera position
@@ -235,7 +235,8 @@ class FieldObserver:
         out = np.empty((len(candidates), n + N_POSE_AND_RATING_FEATURES), dtype=np.float32)
         out[:, :n] = belief.joint_spaces[robot].normalize(candidates)
         position = product(translations - base.translation, base.rotation)
-        out[:, n : n + 3] = position / self._settings.camera.depth_of_field
+        in_depths = position / self._settings.camera.depth_of_field
+        out[:, n : n + 3] = np.clip(in_depths, -FEATURE_LIMIT, FEATURE_LIMIT)
         out[:, n + 3 : n + 6] = product(rotations[:, :, 0], base.rotation)
         out[:, n + 6] = rated.new_information / self._max_information
         out[:, n + 7] = np.minimum(rated.motion_cost / self._max_information, FEATURE_LIMIT)

@@ -74,7 +74,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         self._simulator: PlanarSimulator
 
     def _reset_world(self, rngs: EpisodeRngs) -> PlanarBelief:
-        world = _make_world(self.scene, rngs.scene)
+        world = _make_world(self.scene, self._grid, rngs.scene)
         self._simulator = PlanarSimulator(world, self.settings.camera, self.settings.noise)
         self._belief.map.clear()
         starts, known = sample_start_poses(
@@ -148,15 +148,15 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         )
 
 
-def _make_world(scene: PlanarScene, rng: np.random.Generator) -> PlanarWorld:
+def _make_world(scene: PlanarScene, declared: VoxelGrid, rng: np.random.Generator) -> PlanarWorld:
     world = scene.world(rng)
     if not isinstance(world, PlanarWorld):
         raise ValueError(f"scene {scene.name!r} must make a PlanarWorld, not {brief(world)}")
     for name in ("shape", "resolution", "origin"):
-        actual, declared = getattr(world, name), getattr(scene, name)
-        if actual != declared:
+        actual, expected = getattr(world, name), getattr(declared, name)
+        if actual != expected:
             raise ValueError(
-                f"scene {scene.name!r} made a world of {name} {actual}, not {declared}"
+                f"scene {scene.name!r} made a world of {name} {actual}, not {expected}"
             )
     return world
 

@@ -6,11 +6,13 @@ the same one (a recorded map), or a new one for each state of the Generator that
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.core.settings import Bounds
 
 MIN_CELLS_PER_SIDE = 8
@@ -62,10 +64,12 @@ class PlanarWorld:
             )
         if occupied.all():
             raise ValueError(f"occupied has no free cell: all {occupied.size} are occupied")
-        if not (math.isfinite(self.resolution) and self.resolution > 0.0):
-            raise ValueError(f"resolution must be finite and above 0 m, not {self.resolution!r}")
-        if len(self.origin) != 2 or not all(math.isfinite(metres) for metres in self.origin):
-            raise ValueError(f"origin must be two finite numbers (x, y), not {self.origin!r}")
+        if not (_is_finite(self.resolution) and self.resolution > 0.0):
+            raise ValueError(
+                f"resolution must be finite and above 0 m, not {brief(self.resolution)}"
+            )
+        if np.shape(self.origin) != (2,) or not all(map(_is_finite, self.origin)):
+            raise ValueError(f"origin must be two finite numbers (x, y), not {brief(self.origin)}")
         kept = np.array(occupied, order="C")
         kept.setflags(write=False)
         object.__setattr__(self, "occupied", kept)
@@ -77,6 +81,11 @@ class PlanarWorld:
         """Number of cells along x and y."""
         n_x, n_y = self.occupied.shape
         return n_x, n_y
+
+
+def _is_finite(value: object) -> bool:
+    """Whether a value is a finite number."""
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 @runtime_checkable
