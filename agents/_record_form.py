@@ -110,12 +110,41 @@ def check_record(values: Any) -> None:
         raise ValueError(f"expected a JSON object, got {brief(values)}")
     if missing := sorted({field.name for field in fields(TrainingRecord)} - set(values)):
         raise ValueError(f"without {missing}")
-    rows, typed_rows = values["rows"], []
+    settings_from_dict({**values, "rows": _typed_rows(values["rows"])}, TrainingRecord)
+
+
+def check_pretrained_record(values: Any) -> None:
+    """Check the JSON values of the record of a pretrained policy, which `export` writes.
+
+    Raises
+    ------
+    ValueError
+        With what is not as described.
+    """
+    seeds, trainings = (
+        (values.get("seeds"), values.get("trainings")) if isinstance(values, Mapping) else (0, 0)
+    )
+    if not isinstance(seeds, list) or not all(type(seed) is int for seed in seeds):
+        raise ValueError(f"seeds must be integers, got {brief(seeds)}")
+    if type(values["best_seed"]) is not int or values["best_seed"] not in seeds:
+        raise ValueError(f"best_seed must be one of {seeds}, got {brief(values['best_seed'])}")
+    if not isinstance(trainings, Mapping) or set(trainings) != set(map(str, seeds)):
+        raise ValueError(f"trainings must be of the seeds {seeds}, got {brief(trainings)}")
+    for seed, training in trainings.items():
+        rows = _typed_rows(training["rows"], validation_seconds=0.0)  # older records have none
+        best_row = training["best_row"]
+        if type(best_row) is not int or not 0 <= best_row < len(rows):
+            raise ValueError(f"seed {seed}: best_row must be a row, got {brief(best_row)}")
+
+
+def _typed_rows(rows: Any, **defaults: Any) -> tuple[SegmentRow, ...]:
     if not isinstance(rows, list):
         raise ValueError(f"rows must be a list, got {brief(rows)}")
+    typed_rows = []
     for k, row in enumerate(rows):
         try:
-            typed_rows.append(settings_from_dict(row, SegmentRow))
+            given = {**defaults, **row} if isinstance(row, Mapping) else row
+            typed_rows.append(settings_from_dict(given, SegmentRow))
         except ValueError as error:
             raise ValueError(f"row {k}: {error}") from error
-    settings_from_dict({**values, "rows": tuple(typed_rows)}, TrainingRecord)
+    return tuple(typed_rows)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import (
     Bounds,
     NonNegative,
@@ -53,7 +54,7 @@ class PPOSettings(Settings):
     critic_warmup_steps: NonNegativeInt = 0
     """Steps at the start in which only the critic learns: after a warm start the policy is better
     than the advice of an untrained critic."""
-    n_envs: PositiveInt = 8
+    n_envs: Annotated[int, Bounds(at_least=1, at_most=1 << 16)] = 8
     """Parallel environments: a roll-out then holds steps from 8 different worlds at a time."""
     rollout_steps: PositiveInt = 64
     """Steps of each robot between updates: four episodes of the default 16 scans."""
@@ -100,6 +101,7 @@ class PPOSettings(Settings):
                 f"PPOSettings.critic_warmup_steps must be <= total_steps = {self.total_steps}, got "
                 f"{self.critic_warmup_steps}"
             )
+        check_cells([self.n_envs, self.rollout_steps], "PPOSettings.n_envs times rollout_steps")
         if not 1 <= len(self.hidden) <= MAX_LAYERS:
             raise ValueError(
                 f"PPOSettings.hidden must have 1 to {MAX_LAYERS} layers, got {brief(self.hidden)}"

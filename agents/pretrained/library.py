@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from coopmap_agents._record_form import check_pretrained_record
 from coopmap_agents.record import RECORD_FILE
 from coopmap_env.core.files import FileError, read_json
 
@@ -34,16 +35,12 @@ def pretrained_record(name: str) -> dict[str, Any]:
             f"no pretrained policy {name!r}; there are {', '.join(pretrained_names()) or 'none'}"
         )
     path = _folder() / name / RECORD_FILE
-    record = read_json(path)
+    record: dict[str, Any] = read_json(path)
     try:
-        seeds = record["seeds"]
-        is_valid = all(type(seed) is int for seed in seeds) and record["best_seed"] in seeds
-    except (KeyError, TypeError) as error:
-        raise FileError(f"{path} is broken ({error!r}): install coopmap again") from error
-    if not is_valid:
-        raise FileError(f"{path} is broken (its seeds are no integers): install coopmap again")
-    checked: dict[str, Any] = record
-    return checked
+        check_pretrained_record(record)
+    except (ValueError, LookupError, TypeError) as error:
+        raise FileError(f"{path} is broken ({error}): install coopmap again") from error
+    return record
 
 
 def pretrained_path(name: str, seed: int | None = None) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -127,7 +128,7 @@ def _check_observations(observations: Mapping[str, Any]) -> None:
             raise ValueError(
                 f"observations.{name:.80} must have sizes above 0, got {brief(list(sizes))}"
             )
-        n_values += int(np.prod(np.array(sizes, dtype=object)))
+        n_values += prod(sizes)
     check_cells([n_values], "the observation of a robot")
 
 

@@ -186,10 +186,21 @@ def test_a_training_without_a_policy_is_not_exported_and_an_older_export_stays(t
     [
         ("{", "expected JSON"),
         ("[]", "is broken .*install coopmap again"),
-        ('{"seeds": [0], "best_seed": "../precious"}', "is broken .*no integers"),
-        ('{"seeds": ["../precious"], "best_seed": "../precious"}', "is broken .*no integers"),
-        ('{"seeds": [0], "best_seed": 1}', "is broken .*no integers"),
-        ('{"seeds": 0, "best_seed": 0}', "is broken"),
+        ('{"seeds": ["../precious"], "best_seed": "../precious"}', "seeds must be integers"),
+        ('{"seeds": 0, "best_seed": 0}', "seeds must be integers"),
+        ('{"seeds": [0], "best_seed": "../precious"}', "best_seed must be one of"),
+        ('{"seeds": [0, 1], "best_seed": true}', "best_seed must be one of"),
+        ('{"seeds": [0], "best_seed": 0, "trainings": {}}', "trainings must be of the seeds"),
+        (
+            '{"seeds": [0], "best_seed": 0, "trainings": {"0": {"rows": [{}], "best_row": 0}}}',
+            "row 0: SegmentRow: .*missing",
+        ),
+        (
+            '{"seeds": [0], "best_seed": 0, "trainings": {"0": {"rows": [], "best_row": 0}}}',
+            "seed 0: best_row must be a row, got 0",
+        ),
+        ('{"seeds": [0], "best_seed": 0, "trainings": {"0": []}}', "is broken"),
+        ('{"seeds": [0]}', "is broken .*best_seed"),
     ],
 )
 def test_the_record_of_a_pretrained_policy_can_name_no_file(content, named, tmp_path, monkeypatch):

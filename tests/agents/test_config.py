@@ -18,6 +18,9 @@ from coopmap_agents.config import EnvConfig, PPOSettings
         ("segment_steps", 0),
         ("hidden", ()),
         ("hidden", (16, 0)),
+        ("hidden", (10**9, 16)),
+        ("image_features", 10**9),
+        ("n_envs", 10**9),
         ("batch_size", 1),
         ("clip_range", -1.0),
         ("learning_rate", -1.0),
@@ -30,6 +33,17 @@ def test_invalid_settings_are_refused_with_their_value(name, value):
         ValueError, match=rf"PPOSettings\.{name} must .*, got {re.escape(repr(value))}"
     ):
         PPOSettings(**{name: value})
+
+
+def test_a_network_of_too_many_layers_and_a_roll_out_of_too_many_steps_are_refused():
+    with pytest.raises(
+        ValueError, match=r"PPOSettings\.hidden must have 1 to 64 layers, got \(8, 8"
+    ):
+        PPOSettings(hidden=(8,) * 65)
+    with pytest.raises(
+        ValueError, match=r"n_envs times rollout_steps has 6,000,000,000 cells, more"
+    ):
+        PPOSettings(n_envs=60_000, rollout_steps=100_000)
 
 
 def test_an_env_config_makes_environments_of_its_splits():
