@@ -131,13 +131,13 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
         raise
     except (ValueError, MemoryError) as error:
         raise MapFileError(f"{path}: {error}") from error
-    clamp = map_.log_odds_range.clamp
+    cells, clamp = np.flatnonzero(known), map_.log_odds_range.clamp
+    values = log_odds.ravel()[cells]
     if binary:
-        log_odds_fixed = np.where(log_odds >= 0, clamp, -clamp)
+        map_.log_odds_fixed[cells] = np.where(values >= 0, clamp, -clamp)
     else:
-        log_odds_fixed = np.clip(np.rint(log_odds * STEPS_PER_NAT), -clamp, clamp)
-    map_.log_odds_fixed[:] = np.where(known, log_odds_fixed, 0).ravel()
-    map_.sampled_mask[:] = known.ravel()
+        map_.log_odds_fixed[cells] = np.clip(np.rint(values * STEPS_PER_NAT), -clamp, clamp)
+    map_.sampled_mask[cells] = 1
     return map_
 
 
