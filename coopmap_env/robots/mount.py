@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -57,11 +58,11 @@ class Mount:
     def __post_init__(self) -> None:
         check_mount_name(self.name)
         for name in ("joints", "package_dirs"):
-            if isinstance(getattr(self, name), str | bytes):
-                raise ValueError(
-                    f"Mount.{name} must be a sequence of names, got {brief(getattr(self, name))}"
-                )
-            object.__setattr__(self, name, tuple(map(str, getattr(self, name))))
+            object.__setattr__(self, name, as_names(f"Mount.{name}", getattr(self, name)))
+        if self.suspension is not None:
+            check_suspension(self.suspension)
+        if not isinstance(self.T_link_camera, Pose):
+            raise ValueError(f"Mount.T_link_camera must be a Pose, got {brief(self.T_link_camera)}")
         n = len(self.joints)
         object.__setattr__(self, "urdf", Path(self.urdf))
         for name in ("home", "encoder_noise", "calibration_error", "alpha"):
@@ -73,7 +74,8 @@ class Mount:
                     f"Mount.{name} needs one value for each of {list(self.joints)}, got {values}"
                 )
             if not np.isfinite(values).all() or (name != "home" and (values < 0).any()):
-                raise ValueError(f"Mount.{name} must be finite and >= 0, got {values}")
+                range_ = "finite" if name == "home" else "finite and >= 0"
+                raise ValueError(f"Mount.{name} must be {range_}, got {values}")
             object.__setattr__(self, name, tuple(values.tolist()))
 
     def chain(self, with_suspension: bool = False) -> Chain:
@@ -119,6 +121,31 @@ class Mount:
             _urdf_for_physics.cache_clear()
             path = _urdf_for_physics(*key)
         return path
+
+
+def as_names(what: str, values: Iterable[object]) -> tuple[str, ...]:
+    """Names in a tuple.
+
+    Raises
+    ------
+    ValueError
+        If they are no sequence, or one name alone, whose letters would be taken for names.
+    """
+    if isinstance(values, str | bytes) or not isinstance(values, Iterable):
+        raise ValueError(f"{what} must be a sequence of names, got {brief(values)}")
+    return tuple(map(str, values))
+
+
+def check_suspension(suspension: object) -> None:
+    """Check the type of a suspension.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    if not isinstance(suspension, Suspension):
+        raise ValueError(f"suspension must be a Suspension, got {brief(suspension)}")
 
 
 def _numbers(name: str, value: object) -> NDArray[np.float64]:

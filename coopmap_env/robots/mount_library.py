@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.files import brief
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics import urdf_editing
-from coopmap_env.robots.kinematics.chain import check_link_count
+from coopmap_env.robots.kinematics.chain import check_link_count, check_names
 from coopmap_env.robots.kinematics.urdf_loading import load_urdf_xml, write_urdf_cached
 from coopmap_env.robots.kinematics.urdf_xml import transform_from_xyz_rpy
-from coopmap_env.robots.mount import DEGREE, Mount, check_mount_name
+from coopmap_env.robots.mount import DEGREE, Mount, as_names, check_mount_name, check_suspension
 from coopmap_env.robots.suspension import Suspension
 
 MODEL_DIR = Path(__file__).parent / "models"
@@ -83,10 +84,19 @@ def mount_from_urdf(
     """
     name = name or Path(urdf).stem
     check_mount_name(name)
+    joints = as_names("joints", joints)
+    package_dirs = as_names("package_dirs", package_dirs)
+    if not isinstance(fixed_joints or {}, Mapping):
+        raise ValueError(f"fixed_joints must map names to values, got {brief(fixed_joints)}")
+    if isinstance(root_height, bool) or not isinstance(root_height, int | float | np.number):
+        raise ValueError(f"root_height must be a number of metres, got {brief(root_height)}")
+    if not math.isfinite(root_height):
+        raise ValueError(f"root_height must be finite, got {root_height}")
     tree = load_urdf_xml(urdf, package_dirs)
     return _suspended_mount(
         tree, Path(urdf), name, joints, camera_link, home,
-        suspension or Suspension(), root_height, wheels, fixed_joints or {}, settings,
+        Suspension() if suspension is None else suspension, root_height,
+        as_names("wheels", wheels), fixed_joints or {}, settings,
     )  # fmt: skip
 
 
@@ -103,7 +113,9 @@ def _suspended_mount(
     fixed_joints: Mapping[str, float],
     settings: Mapping[str, Any],
 ) -> Mount:
+    check_names(joints, camera_link, [link.get("name", "") for link in tree.iter("link")], path)
     urdf_editing.fix_joints(tree, joints, fixed_joints, path)
+    check_suspension(suspension)
     urdf_editing.add_suspension(tree, suspension.roll_center_height, root_height, wheels)
     check_link_count(len(tree.findall("link")), path)
     mount = Mount(

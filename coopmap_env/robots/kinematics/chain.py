@@ -97,14 +97,10 @@ class Chain:
             lists those that do.
         """
         names = tuple(joints)
-        _check_joint_names(names, urdf)
         model = UrdfModel.from_file(urdf, package_dirs)
         check_link_count(len(model.links), urdf)
+        check_names(names, camera_link, list(model.links), urdf)
         model = model.with_fixed_joints(names, fixed_joints)
-        if camera_link not in model.links:
-            raise ValueError(
-                f"{urdf} has no link {camera_link!r} for the camera; it has {list(model.links)}"
-            )
         links = [model.root, *(joint.child for joint in model.joints)]
         tree, link_body, frames = _kinematic_tree(model, names)
         by_name = {joint.name: joint for joint in model.joints}
@@ -243,11 +239,22 @@ def check_link_count(count: int, urdf: str | Path) -> None:
         )
 
 
-def _check_joint_names(joints: tuple[str, ...], urdf: str | Path) -> None:
+def check_names(
+    joints: Sequence[str], camera_link: str, links: Sequence[str], urdf: str | Path
+) -> None:
+    """Check the joints that are to move, and that the camera is fixed to one of the links.
+
+    Raises
+    ------
+    ValueError
+        If there is no joint, one is named twice, or there is no such link.
+    """
     if not joints:
         raise ValueError(f"name at least one joint of {urdf} that moves")
     if len(set(joints)) != len(joints):
         raise ValueError(f"a joint is named twice: {list(joints)}")
+    if camera_link not in links:
+        raise ValueError(f"{urdf} has no link {camera_link!r} for the camera; it has {links}")
 
 
 def _kinematic_tree(

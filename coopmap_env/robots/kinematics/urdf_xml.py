@@ -229,7 +229,12 @@ def read_robot(path: Path) -> ET.Element:
     """
     if not os.path.exists(path):  # unlike `Path.exists`, of names that no file can have as well
         raise UrdfNotFoundError(f"there is no URDF at {path}")
-    robot = read_xml(path, UrdfError)
+    try:
+        robot = read_xml(path, UrdfError)
+    except UrdfError as error:
+        if "unbound prefix" in str(error):
+            raise UrdfError(f"{error}; if it is a file of xacro, run xacro first") from error
+        raise
     if robot.tag != "robot":
         raise UrdfError(f"{path}: expected the element <robot>, not <{robot.tag:.60}>")
     return robot
@@ -244,6 +249,8 @@ def check_expanded(robot: ET.Element, path: Path) -> None:
         Naming the element.
     """
     pending = [(element, f"{path}: {_label(element)}", 1) for element in robot]
+    if any(map(_is_macro, robot.attrib.values())):
+        raise UrdfError(f"{path}: <robot> belongs to xacro: run xacro first, read what it writes")
     while pending:
         element, where, depth = pending.pop()
         macros = [f'{name}="{value}"' for name, value in element.attrib.items() if _is_macro(value)]
