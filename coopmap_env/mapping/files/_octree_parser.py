@@ -63,7 +63,8 @@ def parse_ot(data: bytes, n_nodes: int, node_bytes: int) -> Leaves:
             f"not {len(data)}"
         )
     nodes = np.frombuffer(data, np.uint8).reshape(n_nodes, node_bytes)
-    log_odds = np.ascontiguousarray(nodes[:, :4]).view("<f4").astype(np.float64).ravel()
+    with np.errstate(invalid="ignore"):  # a signalling NaN, which is found below
+        log_odds = np.ascontiguousarray(nodes[:, :4]).view("<f4").astype(np.float64).ravel()
     places = np.empty((n_nodes, 4), dtype=np.int32)
     n_read = walk_ot(np.ascontiguousarray(nodes[:, -1]), places) if n_nodes else 0
     _check_walk(n_read, n_nodes)

@@ -173,11 +173,12 @@ def _read_rows(form: str, body: bytes, row: np.dtype, count: int) -> NDArray[np.
 
 def _surfaces(rows: NDArray[np.void], d: int) -> SurfaceEstimates:
     covariances = np.empty((len(rows), 3, 3))
-    for pair in COVARIANCE_PAIRS:
-        i, j = "xyz".index(pair[0]), "xyz".index(pair[1])
-        covariances[:, i, j] = covariances[:, j, i] = rows[f"covariance_{pair}"]
-    means = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=-1)
-    probability = rows["probability"].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a signalling NaN of 4 bytes, which is found below
+        for pair in COVARIANCE_PAIRS:
+            i, j = "xyz".index(pair[0]), "xyz".index(pair[1])
+            covariances[:, i, j] = covariances[:, j, i] = rows[f"covariance_{pair}"]
+        means = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+        probability = rows["probability"].astype(np.float64)
     if not (np.isfinite(means).all() and np.isfinite(covariances).all()):
         raise ValueError("its points and covariances must be finite")
     if not ((probability >= 0) & (probability <= 1)).all():

@@ -122,6 +122,7 @@ def broken(content):
     yield "truncated or broken", content[:start] + b"\0" * (len(content) - start)
     yield "more than 16 levels", content[:start] + b"\0\0\0\0\1" * ((len(content) - start) // 5)
     yield "log-odds that are no number", content[:-5] + b"\0\0\xc0\x7f\0"
+    yield "log-odds that are no number", content[:-5] + b"\1\0\x80\x7f\0"  # a signalling NaN
 
 
 def test_broken_files_are_rejected_with_their_name(tmp_path, known):

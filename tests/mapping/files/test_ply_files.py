@@ -90,6 +90,21 @@ def test_line_ends_orders_of_bytes_and_further_elements_change_no_bit(tmp_path, 
             np.testing.assert_array_equal(getattr(back, name), getattr(here, name))
 
 
+def test_vertices_of_4_byte_floats_are_read_and_their_nans_are_found(tmp_path):
+    save_surfaces(scanned_map(PLANAR_GRID), tmp_path / "map.ply")
+    head, body = (tmp_path / "map.ply").read_bytes().split(b"end_header\n")
+    types = [(name, "<i4" if name == "cell" else "<f4") for name in VERTEX_DTYPE.names]
+    rows = np.frombuffer(body, VERTEX_DTYPE).astype(types)
+    narrow = head.replace(b"double", b"float") + b"end_header\n"
+    (tmp_path / "narrow.ply").write_bytes(narrow + rows.tobytes())
+    here, back = load_surfaces(tmp_path / "map.ply"), load_surfaces(tmp_path / "narrow.ply")
+    np.testing.assert_array_equal(back.means, here.means.astype(np.float32))
+    signalling_nan = b"\1\0\x80\x7f"
+    (tmp_path / "nan.ply").write_bytes(narrow + signalling_nan + rows.tobytes()[4:])
+    with pytest.raises(MapFileError, match=r"nan\.ply: its points and covariances must be finite"):
+        load_surfaces(tmp_path / "nan.ply")
+
+
 def broken_ply(content):
     vertices = content.split(b"element vertex ")[1].split(b"\n")[0]
     yield "99,999,999,999 cells, more than the limit", replace_count(content, vertices, b"9" * 11)
