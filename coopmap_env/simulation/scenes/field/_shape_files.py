@@ -132,7 +132,6 @@ def _join_meshes(meshes: Iterable[Any], path: Path) -> MeshShape:
         joined.append(mesh)
     if not faces:
         raise SceneError(f"{path}: it has no surface with an area")
-    _check_size(n, sum(map(len, faces)), path)
     if is_open:
         warnings.warn(
             f"{path}: the surface is open or its faces do not all point outwards; voxels inside "
@@ -140,6 +139,10 @@ def _join_meshes(meshes: Iterable[Any], path: Path) -> MeshShape:
             stacklevel=2,
         )
     parts = () if is_open else _convex_parts(joined)
+    if parts:
+        _check_size(max(map(len, parts)), 0, path)
+    else:
+        _check_size(n, sum(map(len, faces)), path)
     return MeshShape(np.concatenate(vertices), np.concatenate(faces), parts)
 
 

@@ -206,11 +206,17 @@ def test_package_dirs_must_be_folders(solid, value):
         solid("a.obj", TETRAHEDRON, top=f"package_dirs: {value}")
 
 
-def test_a_mesh_that_is_too_large_for_the_physics_is_refused(solid):
-    grid = trimesh.creation.icosphere(subdivisions=7)
-    assert len(grid.faces) > 170_000
-    with pytest.raises(SceneError, match=r"a\.stl has 163,842 vertices.*simplify"):
-        solid("a.stl", grid.export(file_type="stl"))
+def test_a_mesh_that_is_too_large_for_the_physics_is_refused(solid, monkeypatch):
+    shape_files = "coopmap_env.simulation.scenes.field._shape_files"
+    convex = trimesh.creation.icosphere(subdivisions=2).export(file_type="stl")
+    concave = trimesh.creation.torus(1, 0.3).export(file_type="stl")
+    monkeypatch.setattr(f"{shape_files}.MAX_FACES", 1000)
+    assert len(solid("a.stl", convex).hulls) == 1
+    with pytest.raises(SceneError, match=r"a\.stl has 2,048 triangles.*1,000.*simplify"):
+        solid("a.stl", concave)
+    monkeypatch.setattr(f"{shape_files}.MAX_VERTICES", 161)
+    with pytest.raises(SceneError, match=r"a\.stl has 162 vertices.*simplify"):
+        solid("a.stl", convex)
 
 
 def test_a_mesh_that_a_scene_names_often_is_read_once_and_its_triangles_are_limited(
