@@ -101,7 +101,10 @@ class Mount:
             self.package_dirs,
         )
         if not with_suspension:
-            chain.check_limits(self.home)
+            try:
+                chain.check_limits(self.home)
+            except ValueError as error:
+                raise ValueError(f"home of the mount {self.name!r}: {error}") from error
         return chain
 
     def urdf_for_physics(self) -> Path:

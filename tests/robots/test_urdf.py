@@ -197,6 +197,7 @@ def test_comments_materials_and_elements_of_other_programs_are_passed_over(read)
         (arm(LIMIT + '<origin rpy="0 0 1_0"/>'), r"<origin>: rpy='0 0 1_0', expected 3 numbers"),
         (arm(LIMIT + '<origin xyz="0 0 1e300"/>'), r"<origin>: xyz='0 0 1e300' is larger than"),
         (arm(LIMIT + '<origin quat_xyzw="0 0 0 0"/>'), r"quat_xyzw='0 0 0 0' is no rotation"),
+        (arm(LIMIT + '<origin quat_xyzw="0 0 0 1e200"/>'), r"quat_xyzw='0 0 0 1e200' is larger"),
         (arm(LIMIT + '<origin/><origin xyz="1 0 0"/>'), r"it has 2 elements <origin>, exp"),
         (arm(LIMIT + '<dynamics damping="x"/>'), r"<dynamics>: damping='x', expected a number"),
         (arm(LIMIT + '<mimic multiplier="2"/>'), r"'tilt', <mimic>: its joint is missing"),

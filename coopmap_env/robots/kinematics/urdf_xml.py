@@ -128,9 +128,9 @@ class UrdfElement:
         return values
 
     def vector(
-        self, attribute: str, default: tuple[float, float, float] | None = None
+        self, attribute: str, default: tuple[float, ...] | None = None, count: int = 3
     ) -> NDArray[np.float64]:
-        """Three numbers of an attribute, as `numbers`; the default if it is missing.
+        """Numbers of an attribute, as `numbers`; the default if it is missing.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class UrdfElement:
         """
         if default is not None and self.xml.get(attribute) is None:
             return np.array(default)
-        values = self.numbers(attribute, 3)
+        values = self.numbers(attribute, count)
         self._check_size(attribute, values)
         return np.array(values)
 
@@ -188,8 +188,8 @@ class UrdfElement:
             return transform_from_xyz_rpy(xyz, origin.vector("rpy", (0.0, 0.0, 0.0)))
         if origin.xml.get("rpy") is not None:
             raise origin.error("it has both rpy and quat_xyzw, expected one of them")
-        quaternion = np.array(origin.numbers("quat_xyzw", 4))
-        if not MIN_LENGTH <= float(np.linalg.norm(quaternion)) <= MAX_NUMBER:
+        quaternion = origin.vector("quat_xyzw", count=4)
+        if np.linalg.norm(quaternion) < MIN_LENGTH:
             raise origin.error(f"quat_xyzw={brief(origin.text('quat_xyzw'))} is no rotation")
         T = np.eye(4)
         T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
