@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.limits import check_bytes
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose, rotation_about_z
 
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 _R2_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 """Steps of the R2 sequence (Roberts 2018), which fills a square evenly: powers of the plastic
 number."""
+_BYTES_PER_SAMPLE = 200
+"""Of a point of the surface with its normal, while it is drawn and in a search tree."""
 _SYMMETRY_ORDERS = (2, 3, 4, 5, 6, 8)
 """Rotations by 360 degrees over these are tried as symmetries."""
 
@@ -105,8 +108,17 @@ class TargetModel:
 
     @cached_property
     def samples(self) -> tuple[Array, Array]:
-        """Points (n, 3) about `spacing` apart on the surface, and their unit normals (n, 3)."""
-        return freeze(self.sample_surface(max(round(self.area / self.spacing**2), 64)))
+        """Points (n, 3) about `spacing` apart on the surface, and their unit normals (n, 3).
+
+        Raises
+        ------
+        ValueError
+            If they do not fit into the limit of `coopmap_env.core.limits`.
+        """
+        n = max(round(self.area / self.spacing**2), 64)
+        what = f"samples {self.spacing:g} m apart of a target with {self.area:.3g} m2 of surface"
+        check_bytes(n * _BYTES_PER_SAMPLE, what)
+        return freeze(self.sample_surface(n))
 
     def sample_surface(self, n: int) -> tuple[Array, Array]:
         """N points (n, 3), evenly on the surface, and their unit normals (n, 3).

@@ -72,3 +72,11 @@ def test_what_is_no_surface_is_rejected(triangles):
 def test_a_spacing_that_is_no_length_is_rejected_with_its_value():
     with pytest.raises(ValueError, match="spacing must be finite and > 0, got -1"):
         TargetModel(box((1, 1, 1), (0, 0, 0.5)), spacing=-1)
+
+
+def test_a_target_of_square_kilometres_is_refused_before_its_samples_are_made():
+    model = TargetModel([[[0, 0, 0], [2000, 0, 0], [0, 2000, 0]]])
+    with pytest.raises(
+        ValueError, match=r"samples 0\.04 m apart of a target with 2e\+06 m2.*limit"
+    ):
+        model.samples  # noqa: B018

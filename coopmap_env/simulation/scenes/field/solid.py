@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import product
 
@@ -62,7 +63,12 @@ class Solid:
 
     def __post_init__(self) -> None:
         vertices = _checked_points(f"vertices of {self.name!r}", self.vertices, 3)
-        faces = np.array(self.faces)
+        try:
+            faces = np.array(self.faces)
+        except ValueError as error:  # rows of different lengths
+            raise ValueError(
+                f"faces of {self.name!r} must have shape (f, 3), not {brief(self.faces)}"
+            ) from error
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
             raise ValueError(f"faces of {self.name!r} must have shape (f, 3), not {faces.shape}")
         if faces.dtype.kind not in "iu":
@@ -99,7 +105,7 @@ class Solid:
     def bounds(self) -> NDArray[np.float64]:
         """Lower and upper corner of the box around it, (2, 3)."""
         used = self.triangles
-        return np.stack([used.min(axis=(0, 1)), used.max(axis=(0, 1))])
+        return freeze(np.stack([used.min(axis=(0, 1)), used.max(axis=(0, 1))]))
 
 
 def _checked_points(what: str, values: ArrayLike, min_length: int) -> NDArray[np.float64]:

@@ -50,7 +50,7 @@ from coopmap_env.simulation.scenes.field.world import FIELD_GRID, make_ground
 MAX_OBJECTS, MAX_FACES = 10_000, 2_000_000
 """Of one scene: more are a mistake, or should be simplified."""
 _MAX_NAME_LENGTH = 100
-_EXTENTS = (1e-6, 1e6)
+_EXTENTS = (1e-4, 1e6)
 """Metres: the smallest solid and the largest one; others come of a wrong unit or scale."""
 _RESOLUTIONS = (1e-4, 1e3)
 """Metres: the smallest and the largest edge of a voxel."""
