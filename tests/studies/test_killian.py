@@ -89,6 +89,8 @@ def test_ranges_bearings_and_laser_poses_are_read_and_other_records_are_not(zipp
         (record([1.0, 2.0], (0, math.inf, 0)), "a laser pose that is not finite"),
         (record([1.0, 2.0], (0, 0, 0), max_range=math.nan), "a header that is not finite"),
         (record([1.0, -2.0], (0, 0, 0)), "ranges >= 0"),
+        (record([1.0, 2.0], (0, 0, 0), start=-90.0), "in radians of at most a full turn, got -90"),
+        (record([1.0, 2.0], (0, 0, 0), step=1e308), "in radians of at most a full turn"),
         (record([1.0, "two"], (0, 0, 0)), "could not convert string to float"),
         (record([1.0], (0, 0, 0)), "two beams or more, got 1"),
         (record([1.0, 2.0, 3.0], (0, 0, 0)), "one log is one laser"),

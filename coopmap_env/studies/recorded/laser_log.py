@@ -15,6 +15,7 @@ Ranges that are no distances are those of REP 117: ``inf`` no return, ``-inf`` t
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterator
@@ -147,6 +148,11 @@ def _parse_record(
             raise ValueError(f"{LASER_RECORD} has a {name} that is not finite")
     if (np.isfinite(values) & (values < 0)).any() or header[1] <= 0 or header[2] <= 0:
         raise ValueError(f"{LASER_RECORD} needs ranges >= 0, a step and a max range > 0")
+    if max(abs(header[0]), header[1]) > 2 * math.pi:
+        raise ValueError(
+            f"{LASER_RECORD} needs a start and a step in radians of at most a full turn, got "
+            f"{header[0]} and {header[1]}"
+        )
     return (float(header[0]), float(header[1]), float(header[2]), n), values, laser_pose
 
 

@@ -68,11 +68,11 @@ def surfaces(cells, scale=1.0):
         ("distinct and sampled", surfaces([2, 2]) | SAMPLED),
         ("finite and invertible", surfaces([2], np.nan) | SAMPLED),
         ("finite and invertible", surfaces([2], -1.0) | SAMPLED),
-        ("Singular matrix", surfaces([2], 0.0) | SAMPLED),
+        ("[Ss]ingular|invertible", surfaces([2], 0.0) | SAMPLED),
         ("must be numbers", surfaces([2], 1j) | SAMPLED),
         ("expected a text", {"settings": np.zeros(3)}),
         ("expected a text", {"format": np.array("long" * 99999)}),
-        ("Object arrays|is broken", {"levels": np.full(20, None)}),
+        ("is broken", {"levels": np.full(20, None)}),
     ],
 )  # fmt: skip
 def test_an_npz_file_whose_arrays_make_no_map_is_rejected(tmp_path, message, arrays):

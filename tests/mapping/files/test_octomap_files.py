@@ -1,5 +1,7 @@
 """OctoMap's files: its own library reads the same voxels, and nothing is lost."""
 
+import sys
+
 import numpy as np
 import pytest
 from plain.random_scans import random_scan
@@ -73,6 +75,15 @@ def test_a_bt_file_keeps_which_cells_are_known_and_on_which_side_of_one_half(tmp
     found = octomap_log_odds(tree, known)
     np.testing.assert_array_equal(np.isnan(found), ~sampled.ravel())
     np.testing.assert_array_equal(found >= 0, (known.log_odds_fixed >= 0) & sampled.ravel())
+
+
+def test_files_are_read_without_octomaps_library(tmp_path, known, monkeypatch):
+    save_map(known, tmp_path / "map.ot")
+    monkeypatch.setitem(sys.modules, "pyoctomap", None)
+    back = load_map(tmp_path / "map.ot")
+    np.testing.assert_array_equal(back.log_odds_fixed, known.log_odds_fixed)
+    with pytest.raises(ImportError, match=r"coopmap\[octomap\]"):
+        save_map(known, tmp_path / "other.ot")
 
 
 @pytest.mark.parametrize("suffix", [".ot", ".bt"])
