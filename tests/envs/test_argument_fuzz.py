@@ -11,8 +11,8 @@ from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarSettings, 
 from coopmap_env.localization import CorrectionSettings, RegistrationSettings, SearchSettings
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import DepthCamera, PlanarCamera
-from coopmap_env.simulation.scenes.field import Worksite
-from coopmap_env.simulation.scenes.planar import Obstacles
+from coopmap_env.simulation.scenes.field import Clutter, Rubble, Worksite
+from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 
 SMALL = {"scene": Obstacles(shape=(24, 24), side_max=8.0), "settings": PlanarSettings(crop_cells=8)}
 NAMES = [field.name for field in fields(PlanarArguments)]
@@ -125,6 +125,21 @@ def test_field_sizes_are_refused_before_memory_is_taken(arguments, name):
     pytest.importorskip("pybullet")
     with pytest.raises(ValueError, match=name):
         FieldEnv(**arguments())
+
+
+@pytest.mark.parametrize(
+    ("scene", "name"),
+    [
+        (lambda: Worksite(rocks=(0, 10**9)), "Worksite.rocks"),
+        (lambda: Rubble(blocks=(40, 10**9)), "Rubble.blocks"),
+        (lambda: Clutter(object_scale=1e9), "Clutter.object_scale"),
+        (lambda: Rooms(furniture=1e9), "Rooms.furniture"),
+        (lambda: Obstacles(resolution=1e-29), "Obstacles.resolution"),
+    ],
+)
+def test_scenes_that_would_take_hours_are_refused_by_their_field(scene, name):
+    with pytest.raises(ValueError, match=name):
+        scene()
 
 
 def test_a_limit_is_raised_by_its_variable(monkeypatch):

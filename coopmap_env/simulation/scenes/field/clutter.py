@@ -6,13 +6,13 @@ for their boxes; nothing is dropped by physics.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.linear_algebra import length, product
-from coopmap_env.core.settings import Positive, Settings
+from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.geometry import Z_AXIS, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field._layout import SceneLayout
@@ -87,7 +87,7 @@ class Clutter(Settings):
     """Fewest and most shelves."""
     loose_objects: CountRange = (3, 6)
     """Fewest and most objects on the ground; at most as many more on each table and shelf."""
-    object_scale: Positive = 2.5
+    object_scale: Annotated[float, Bounds(above=0, smallest=0.01, largest=100)] = 2.5
     """Factor on the size of the random objects, which are 0.1 m across: about one voxel."""
     base_placement: BasePlacement = DEFAULT_PLACEMENT
 

@@ -3,13 +3,13 @@
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.files import brief
-from coopmap_env.core.settings import NonNegativeInt, Settings
+from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field._voxel_truth import voxelize_solids
@@ -19,7 +19,8 @@ BASE_CLEARANCE = 1.2
 """Metres around a base's axis that hold nothing but ground: a Husky's half diagonal is 0.6 m, and
 its arm needs room to move at first."""
 
-CountRange = tuple[NonNegativeInt, NonNegativeInt]
+Count = Annotated[int, Bounds(at_least=0, largest=1_000)]
+CountRange = tuple[Count, Count]
 """Type of settings that hold the fewest and the most of something."""
 
 GROUND_MARGIN = 10.0

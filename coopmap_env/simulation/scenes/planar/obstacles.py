@@ -15,7 +15,7 @@ from coopmap_env.core.elementary import exp_array, log, sin_cos_array
 from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import Bounds, Positive, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar._blocks import scatter_blocks
-from coopmap_env.simulation.scenes.planar.world import CellsPerSide, PlanarWorld
+from coopmap_env.simulation.scenes.planar.world import CellSide, CellsPerSide, PlanarWorld
 
 MAX_OCCUPIED_FRACTION = 0.5
 """Above this fraction the free space falls apart into pockets, and a robot sees one of them."""
@@ -36,7 +36,7 @@ class Obstacles(Settings):
 
     shape: tuple[CellsPerSide, CellsPerSide] = (200, 200)
     """Cells along x and y: large against what one view shows, as in Figure 7."""
-    resolution: Positive = 1.0
+    resolution: CellSide = 1.0
     """Side of a cell in metres: Table 1 gives its distances in cells, so they are metres here."""
     origin: tuple[float, float] = (0.0, 0.0)
     """Lower corner of cell (0, 0) in metres."""

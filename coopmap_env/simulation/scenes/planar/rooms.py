@@ -10,19 +10,22 @@ other one by construction:
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
 from coopmap_env.core.limits import check_cells
-from coopmap_env.core.settings import NonNegative, Positive, Settings, UnitInterval
+from coopmap_env.core.settings import Bounds, Positive, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar._floor_plan import (
     FloorPlanSizes,
     choose_doors,
     split_floor,
 )
-from coopmap_env.simulation.scenes.planar.world import CellsPerSide, PlanarWorld
+from coopmap_env.simulation.scenes.planar.world import CellSide, CellsPerSide, PlanarWorld
+
+FurnitureSide = Annotated[float, Bounds(above=0, largest=1_000)]
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Rooms(Settings):
 
     shape: tuple[CellsPerSide, CellsPerSide] = (200, 200)
     """Cells along x and y, the same as in the obstacle worlds."""
-    resolution: Positive = 0.2
+    resolution: CellSide = 0.2
     """Side of a cell in metres: a wall is one cell, a door five; 40 m x 40 m in all."""
     origin: tuple[float, float] = (0.0, 0.0)
     """Lower corner of cell (0, 0) in metres."""
@@ -50,11 +53,11 @@ class Rooms(Settings):
     on each side of the corridor."""
     extra_doors: UnitInterval = 0.15
     """Chance of an opening beyond those needed to reach each room: makes loops."""
-    furniture: NonNegative = 0.2
+    furniture: Annotated[float, Bounds(at_least=0, largest=100)] = 0.2
     """Pieces of furniture tried per square metre of room; those that fit are placed."""
-    furniture_sides: tuple[Positive, Positive] = (0.4, 2.0)
+    furniture_sides: tuple[FurnitureSide, FurnitureSide] = (0.4, 2.0)
     """Shortest and longest side of a piece in metres: a stool to a table."""
-    aisle: Positive = 0.8
+    aisle: FurnitureSide = 0.8
     """Free space in metres in front of doors and between pieces: one robot passes."""
 
     def __post_init__(self) -> None:

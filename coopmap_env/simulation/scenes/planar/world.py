@@ -19,6 +19,8 @@ MIN_CELLS_PER_SIDE = 8
 """Cells along a side: less than this leaves no room for a robot and something to map."""
 CellsPerSide = Annotated[int, Bounds(at_least=MIN_CELLS_PER_SIDE)]
 """Type of the sides of a scene's shape."""
+CellSide = Annotated[float, Bounds(above=0, smallest=1e-6, largest=1e12)]
+"""Type of a scene's resolution, metres."""
 
 
 @dataclass(frozen=True, eq=False)
