@@ -109,6 +109,16 @@ def test_nodes_of_a_dae_place_their_geometries_in_its_unit(read):
     np.testing.assert_allclose(parts[1].bounds, [[0.7, 0, 0], [1, 0.4, 0.4]], atol=1e-12)
 
 
+def test_geometries_of_a_dae_may_have_the_same_ids_inside(read):
+    start, end = dae().index(b"<geometry"), dae().index(b"</library_geometries>")
+    geometry = dae()[start:end]
+    other = geometry.replace(b'id="g"', b'id="h"').replace(b"0 0 4<", b"0 0 9<")
+    nodes = DAE_NODES + DAE_NODES.replace("#g", "#h")
+    content = dae(nodes=nodes)[:end] + other + dae(nodes=nodes)[end:]
+    assert read("a.dae", content).volume == pytest.approx(4.0 + 9.0)
+    assert "2 elements geometry" in refusal(read, "a.dae", dae()[:end] + geometry + dae()[end:])
+
+
 def test_a_dae_needs_no_namespace(read):
     plain = dae().replace(b' xmlns="http://www.collada.org/2005/11/COLLADASchema"', b"")
     np.testing.assert_allclose(read("a.dae", plain).vertices, VERTICES)
@@ -316,7 +326,7 @@ def test_a_file_that_is_cut_short_is_never_half_a_mesh(read, suffix):
         ("a.dae", b"<!DOCTYPE a [<!ENTITY b 'c'>]>" + dae()[22:], "document types"),
         ("a.dae", dae('<unit meter="-1"/>'), "unit must be above 0 m, not '-1'"),
         ("a.dae", dae("<up_axis>UP</up_axis>"), "up_axis must be one of X_UP, Y_UP, Z_UP"),
-        ("a.dae", dae(nodes='<node><instance_geometry url="#h"/></node>'), "no element '#h'"),
+        ("a.dae", dae(nodes='<node><instance_geometry url="#h"/></node>'), "0 elements geometry"),
         ("a.dae", dae(nodes='<node><instance_controller url="#c"/></node>'), "skins"),
         ("a.dae", dae(nodes='<node id="n"><instance_node url="#n"/></node>'), "20,000 nodes"),
         ("a.dae", dae().replace(b"1 2 3</p>", b"1 2 9</p>"), "names vertex 9"),

@@ -46,7 +46,7 @@ def read_dae(content: bytes, *, apply_up_axis: bool) -> Surface:
             if tag == "node":
                 pending.append((child, T))
             elif tag in ("instance_node", "instance_geometry"):
-                pending.append((document.named(child.get("url")), T))
+                pending.append((document.named(tag, child.get("url")), T))
             elif tag == "instance_controller":
                 raise ValueError("skins cannot be read (instance_controller): apply them first")
             else:
@@ -94,11 +94,14 @@ def _transform(tag: str, text: str) -> NDArray[np.float64]:
 
 
 class _Document:
-    """The parsed XML with its elements by id."""
+    """The parsed XML with its elements by tag and reference."""
 
     def __init__(self, root: ElementTree.Element) -> None:
         self._root = root
-        self._by_id = {entry.get("id"): entry for entry in root.iter() if entry.get("id")}
+        self._by_id: dict[tuple[str, str], list[ElementTree.Element]] = {}
+        for entry in root.iter():
+            if entry.get("id"):
+                self._by_id.setdefault((_name(entry), f"#{entry.get('id')}"), []).append(entry)
         self._surfaces: dict[ElementTree.Element, Surface] = {}
 
     def unit(self) -> float:
@@ -121,19 +124,20 @@ class _Document:
         """The scene that is shown, else the first one, else all geometries."""
         shown = self._root.find("{*}scene/{*}instance_visual_scene")
         if shown is not None:
-            return [self.named(shown.get("url"))]
+            return [self.named("instance_visual_scene", shown.get("url"))]
         scenes = self._root.findall("{*}library_visual_scenes/{*}visual_scene")
         return scenes[:1] or self._root.findall("{*}library_geometries/{*}geometry")
 
-    def named(self, url: str | None) -> ElementTree.Element:
-        """The element that a reference inside of the document names."""
-        name = (url or "").removeprefix("#")
-        if name == url or name not in self._by_id:
-            raise ValueError(f"it has no element {(url or '')[:100]!r}")
-        return self._by_id[name]
+    def named(self, instance: str, url: str | None) -> ElementTree.Element:
+        """The element of which an instance inside of the document is one."""
+        tag = instance.removeprefix("instance_")
+        found = self._by_id.get((tag, url or ""), [])
+        if len(found) != 1:
+            raise ValueError(f"it has {len(found)} elements {tag} named {(url or '')[:100]!r}")
+        return found[0]
 
     def surface(self, geometry: ElementTree.Element) -> Surface:
         """The triangles of a geometry, parsed once."""
         if geometry not in self._surfaces:
-            self._surfaces[geometry] = read_geometry(geometry, self.named)
+            self._surfaces[geometry] = read_geometry(geometry)
         return self._surfaces[geometry]

@@ -17,41 +17,54 @@ from coopmap_env.geometry.mesh_formats.surface import (
     strip,
 )
 
-Resolve = Callable[[str | None], Element]
 
+def read_geometry(geometry: Element) -> Surface:
+    """Read the triangles, polygons, strips and fans of a geometry; polygons are taken as convex.
 
-def read_geometry(geometry: Element, resolve: Resolve) -> Surface:
-    """Read the triangles, polygons, strips and fans of a geometry; polygons are taken as convex."""
+    Sources are those of this geometry: several writers give each geometry the same ids.
+    """
     builder = SurfaceBuilder()
     for primitive in geometry.iterfind("{*}mesh/*"):
         read = _PRIMITIVES.get(primitive.tag.rpartition("}")[2])
         if read is None or primitive.find("{*}p") is None:
             continue
-        source, offset, stride = _vertex_input(primitive, resolve)
-        vertices = _positions(source, resolve)
+        source, offset, stride = _vertex_input(primitive)
+        vertices = _positions(geometry, source)
         faces = read(primitive, offset, stride)
         check_faces(faces, len(vertices))
         builder.add(Surface(vertices, faces), np.eye(4))
     return builder.surface()
 
 
-def _vertex_input(primitive: Element, resolve: Resolve) -> tuple[Element, int, int]:
-    """Where the vertices are, their place among the indices of a corner, and how many these are."""
+def _vertex_input(primitive: Element) -> tuple[str, int, int]:
+    """The reference to the vertices, and their place among how many indices of a corner."""
     inputs = primitive.findall("{*}input")
     offsets = [int(integers([entry.get("offset", "0")], 1, "an offset")[0]) for entry in inputs]
     if min(offsets, default=0) < 0 or max(offsets, default=0) > 1000:
         raise ValueError(f"offsets of inputs must be small numbers, not {offsets}")
     for entry, offset in zip(inputs, offsets, strict=True):
         if entry.get("semantic") == "VERTEX":
-            return resolve(entry.get("source")), offset, max(offsets) + 1
+            return entry.get("source", ""), offset, max(offsets) + 1
     raise ValueError(f"{primitive.tag[-60:]!r} has no input of vertices")
 
 
-def _positions(vertices: Element, resolve: Resolve) -> NDArray[np.float64]:
-    """Coordinates (v, 3) of the element `vertices`."""
-    for entry in vertices.iterfind("{*}input"):
+def _named(geometry: Element, tag: str, reference: str) -> Element:
+    """The element of a geometry that a reference names."""
+    found = [
+        entry
+        for entry in geometry.iterfind(f"{{*}}mesh/{{*}}{tag}")
+        if f"#{entry.get('id')}" == reference
+    ]
+    if len(found) != 1:
+        raise ValueError(f"a geometry has {len(found)} elements {tag} named {reference[:100]!r}")
+    return found[0]
+
+
+def _positions(geometry: Element, reference: str) -> NDArray[np.float64]:
+    """Coordinates (v, 3) of the vertices that a reference names."""
+    for entry in _named(geometry, "vertices", reference).iterfind("{*}input"):
         if entry.get("semantic") == "POSITION":
-            source = resolve(entry.get("source"))
+            source = _named(geometry, "source", entry.get("source", ""))
             break
     else:
         raise ValueError("its vertices have no input of positions")
