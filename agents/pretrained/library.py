@@ -7,6 +7,7 @@ commands, the hardware, the time and the learning curves.
 from __future__ import annotations
 
 from importlib.resources import files
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -61,9 +62,10 @@ def pretrained_path(name: str, seed: int | None = None) -> Path:
     record = pretrained_record(name)
     if seed is None:
         seed = record["best_seed"]
-    if type(seed) is not int or seed not in record["seeds"]:  # True and 1.0 equal 1
+    is_integer = isinstance(seed, Integral) and not isinstance(seed, bool)  # True and 1.0 equal 1
+    if not is_integer or seed not in record["seeds"]:
         raise ValueError(f"{name} was trained with the seeds {record['seeds']}, got {seed!r:.80}")
-    return _folder() / name / f"seed_{seed}.safetensors"
+    return _folder() / name / f"seed_{int(seed)}.safetensors"
 
 
 def _folder() -> Path:

@@ -23,6 +23,10 @@ FORMAT = 2
 then no longer be read. Format 2 (0.2.0) has other keys of the metadata than format 1."""
 DTYPES = ("bool", "int8", "int16", "int32", "int64", "uint8", "float16", "float32", "float64")
 """Types of the numbers of an observation."""
+MAX_ENTRIES = 64
+"""Entries of an observation; each takes time, however small it is."""
+ARRAYS_PER_BOX = 4
+"""Arrays of the size of an observation that its space holds: two bounds, and which are finite."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +120,8 @@ class PolicyMetadata(Settings):
 
 
 def _check_observations(observations: Mapping[str, Any]) -> None:
+    if len(observations) > MAX_ENTRIES:
+        raise ValueError(f"observations must have at most {MAX_ENTRIES} entries, not more")
     n_values = 0
     for name, entry in observations.items():
         if not isinstance(entry, list | tuple) or not entry or entry[0] not in DTYPES:
@@ -129,7 +135,7 @@ def _check_observations(observations: Mapping[str, Any]) -> None:
                 f"observations.{name:.80} must have sizes above 0, got {brief(list(sizes))}"
             )
         n_values += prod(sizes)
-    check_cells([n_values], "the observation of a robot")
+    check_cells([ARRAYS_PER_BOX, n_values], "the space of a robot's observations")
 
 
 def _box(dtype: str, *shape: int) -> spaces.Box:

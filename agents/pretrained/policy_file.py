@@ -131,7 +131,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[PolicyMetadata, dict[str, torch
 
 
 def _reason(error: Exception) -> str:
-    return f"{error} is missing" if isinstance(error, KeyError) else f"{error!s:.300}"
+    return f"missing or unknown {error}" if isinstance(error, KeyError) else f"{error!s:.300}"
 
 
 def _check_shapes(weights: Mapping[str, torch.Tensor], metadata: PolicyMetadata) -> None:

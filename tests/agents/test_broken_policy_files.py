@@ -3,6 +3,7 @@
 import json
 import resource
 
+import numpy as np
 import pytest
 import torch
 from plain.fuzz import cases, mutants
@@ -11,7 +12,13 @@ from tiny_policies import CANDIDATES, POSES, metadata_of, rewrite, tiny_network,
 
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import parameter_shapes
-from coopmap_agents.pretrained import LearnedPolicy, load_policy, read_metadata, save_policy
+from coopmap_agents.pretrained import (
+    LearnedPolicy,
+    load_policy,
+    pretrained_path,
+    read_metadata,
+    save_policy,
+)
 from coopmap_agents.pretrained.policy_file import METADATA_KEY
 from coopmap_env.core.files import FileError
 from coopmap_env.evaluation import make_policy
@@ -62,11 +69,14 @@ def test_a_network_larger_than_the_file_is_refused_before_it_is_made(
         ("teammates", ["float32", 10**10, 4]),
         ("candidates", ["float32", 6, 10**9]),
         ("another", ["float64", 3, 10**8]),
+        ("another", ["float32", 20_000_000]),
     ],
 )
 def test_an_observation_over_the_limit_is_refused_with_its_size(name, entry, tmp_path):
     path = changed_observation(tiny_policy_file(tmp_path), name, entry)
-    with pytest.raises(FileError, match=NOT_OURS + r"observation of a robot has .* cells, more"):
+    with pytest.raises(
+        FileError, match=NOT_OURS + r"space of a robot's observations has .* cells, more"
+    ):
         load_policy(path)
 
 
@@ -89,6 +99,10 @@ def test_a_refused_network_takes_no_memory_and_draws_no_random_number(tmp_path):
         ({"observations": {"map": ["uint8", -4, 8, 8]}}, r"observations\.map must have sizes abo"),
         ({"observations": {"map": ["uint8", 4.0, 8, 8]}}, r"observations\.map must have sizes abo"),
         ({"observations": {"map": ["uint8", True, 8, 8]}}, r"observations\.map must have sizes a"),
+        (
+            {"observations": {f"{k}": ["uint8", 1] for k in range(10_000)}},
+            "observations must have at most 64 entries",
+        ),
         ({"n_candidates": "6"}, r"PolicyMetadata\.n_candidates must be .*, got '6'"),
         ({"n_candidates": 0}, r"PolicyMetadata\.n_candidates must be .*, got 0"),
         ({"n_candidates": 10**30}, r"PolicyMetadata\.n_candidates must be "),
@@ -208,6 +222,10 @@ def test_names_of_no_policy_file_are_told_apart(tmp_path):
     for seed in ("True", "1.0", "7", "first", "[0]"):
         with pytest.raises(ValueError, match=r"trained with the seeds \[0, 1, 2\], got "):
             make_policy(f"learned:model=planar-pose+seed={seed}")
+
+
+def test_a_seed_may_be_any_integer():
+    assert pretrained_path("planar-pose", np.int64(1)) == pretrained_path("planar-pose", 1)
 
 
 @BOTH
