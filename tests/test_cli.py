@@ -1,5 +1,8 @@
 import csv
+import errno
 import json
+import os
+import signal
 import subprocess
 import sys
 from dataclasses import fields
@@ -7,8 +10,12 @@ from typing import get_args, get_type_hints
 
 import pytest
 
+from coopmap_env import cli
 from coopmap_env.cli import main
 from coopmap_env.cli.environment import EnvironmentOptions
+from coopmap_env.core.files import FileError
+from coopmap_env.core.locks import folder_lock
+from coopmap_env.core.processes import Interruption, WorkerError
 from coopmap_env.envs.arguments import TaskArguments
 from coopmap_env.envs.field import FieldArguments
 from coopmap_env.envs.planar import PlanarArguments
@@ -110,6 +117,99 @@ def test_a_failure_exits_with_status_one(tmp_path):
     done = run("evaluate", "--policies", "nobody", "--out", tmp_path)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
+
+
+def run_command_that_raises(error, monkeypatch):
+    """Exit status or message of a command."""
+
+    class Command:
+        def run(self):
+            raise error
+
+    monkeypatch.setattr(cli, "parse_command", lambda arguments: Command())
+    with pytest.raises(SystemExit) as raised:
+        main([])
+    return raised.value.code
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (WorkerError("a worker\nwas killed"), "coopmap: a worker was killed"),
+        (
+            MemoryError("Unable to allocate 7 GiB"),
+            "coopmap: Unable to allocate 7 GiB: memory is short; use fewer workers",
+        ),
+        (MemoryError(), "coopmap: MemoryError: memory is short; use fewer workers"),
+        (
+            RuntimeError("DefaultCPUAllocator: can't allocate memory"),
+            "coopmap: DefaultCPUAllocator: can't allocate memory: memory is short; "
+            "use fewer workers",
+        ),
+        (
+            OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "e.json"),
+            "coopmap: [Errno 28] No space left on device: 'e.json'",
+        ),
+        (FileError("a.yaml: expected YAML"), "coopmap: a.yaml: expected YAML"),
+    ],
+)
+def test_a_failure_of_the_machine_or_of_a_file_is_one_line(error, message, monkeypatch):
+    assert run_command_that_raises(error, monkeypatch) == message
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [(KeyboardInterrupt(), 130), (Interruption(signal.SIGTERM), 143), (Interruption(1), 129)],
+)
+def test_an_interrupted_command_says_so_and_exits_as_shells_expect(
+    error, status, monkeypatch, capsys
+):
+    assert run_command_that_raises(error, monkeypatch) == status
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "interrupted; finished results are kept, and the same command resumes the run"
+
+
+def test_a_fault_of_ours_keeps_its_traceback(monkeypatch):
+    with pytest.raises(RuntimeError, match="a fault"):
+        run_command_that_raises(RuntimeError("a fault"), monkeypatch)
+
+
+def test_a_full_disk_is_one_line_and_the_folder_is_free_again(tmp_path, monkeypatch):
+    def write(path, content):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr("coopmap_env.evaluation.jobs.write_atomically", write)
+    with pytest.raises(SystemExit, match=r"^coopmap: \[Errno 28\] No space left on device: "):
+        main([
+            "evaluate", "--policies", "random", "--episodes", "1", "--max-scans", "1",
+            "--out", str(tmp_path),
+        ])  # fmt: skip
+    with folder_lock(tmp_path), folder_lock(tmp_path / "episodes"):
+        pass
+
+
+def test_output_that_nobody_reads_ends_the_command_without_a_traceback():
+    code = """
+import sys
+from coopmap_env import cli
+
+class Command:
+    def run(self):
+        sys.stdin.read()
+        print("line", flush=True)
+
+cli.parse_command = lambda arguments: Command()
+cli.main([])
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    process.stdout.close()
+    process.stdin.close()
+    assert process.stderr.read() == ""
+    process.stderr.close()
+    assert process.wait() == 1
 
 
 def test_unknown_options_are_rejected(tmp_path):

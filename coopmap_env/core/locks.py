@@ -21,7 +21,7 @@ from coopmap_env.core.files import (
 )
 
 LOCK_FILE = ".coopmap.lock"
-OWNER_FILE = ".coopmap.owner.json"
+OWNER_FILE = ".coopmap.owner"
 """Process, machine and start of the owner, for the message to others."""
 
 

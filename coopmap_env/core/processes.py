@@ -101,9 +101,10 @@ def signals_postponed() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
-    resource_tracker.ensure_running()  # it would reset the mask
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
+        resource_tracker.ensure_running()  # with the mask, because it ignores all but SIGHUP
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # it has unblocked some
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -145,9 +146,10 @@ def worker_pool(
     # spawn: a forked child inherits locks and library threads in an undefined state
     context = multiprocessing.get_context("spawn")
     theirs, ours = context.Pipe(duplex=False)  # nobody else holds `ours`: it closes when we end
-    pool = ProcessPoolExecutor(
-        workers, mp_context=context, initializer=begin_worker, initargs=(theirs,)
-    )
+    with signals_postponed():  # its locks start the resource tracker
+        pool = ProcessPoolExecutor(
+            workers, mp_context=context, initializer=begin_worker, initargs=(theirs,)
+        )
 
     def submit(function: Callable[[Any], Any], values: list[Any]) -> list[Any]:
         with signals_postponed():  # the executor starts its processes here

@@ -54,7 +54,7 @@ def test_a_killed_owner_leaves_a_folder_that_can_be_owned_and_is_tidied(tmp_path
 def test_an_owner_without_a_record_is_another_process(tmp_path):
     with folder_lock(tmp_path):
         for content in (b"\xff", b"[]", b'{"process": [1]}', b""):
-            (tmp_path / ".coopmap.owner.json").write_bytes(content)
+            (tmp_path / ".coopmap.owner").write_bytes(content)
             with pytest.raises(FolderInUseError, match="in use by another process: wait"):
                 folder_lock(tmp_path).__enter__()
 

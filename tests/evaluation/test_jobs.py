@@ -1,8 +1,10 @@
 import json
+import multiprocessing
 import os
+import signal
 import subprocess
 import sys
-import time
+import threading
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -10,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from coopmap_env.core.files import write_atomically
+from coopmap_env.core.locks import FolderInUseError
+from coopmap_env.core.processes import WorkerError
 from coopmap_env.evaluation import compare
 from coopmap_env.evaluation.jobs import (
     _run_in_processes,
@@ -47,10 +51,21 @@ def fail_at_three(job):
     return square(job)
 
 
-def slow(job):
-    (Path(job["folder"]) / str(job["n"])).touch()
-    time.sleep(0.3)
+def wait_for_ever(job):
+    if job["n"] > 1:
+        threading.Event().wait(300)
+        Path(job["finished"]).touch()
     return {}
+
+
+def die_at_two(job):
+    if job["n"] == 2:
+        os.kill(os.getpid(), signal.SIGKILL)  # as the system does if memory is short
+    return square(job)
+
+
+def run_again(job):
+    return run_jobs(square, JOBS, Path(job["folder"]), progress=False)
 
 
 def squares(results):
@@ -105,14 +120,41 @@ def test_a_failed_write_leaves_the_old_file_and_no_temporary_file(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file.json"]
 
 
-def test_an_interruption_stops_the_workers_too(tmp_path):
-    jobs = [(n, {"n": n, "folder": str(tmp_path)}) for n in range(40)]
-    running = _run_in_processes(slow, jobs, workers=2)
+def test_an_interruption_ends_the_workers_in_the_middle_of_their_jobs(tmp_path):
+    finished = tmp_path / "finished"
+    jobs = [(n, {"n": n, "finished": str(finished)}) for n in range(40)]
+    running = _run_in_processes(wait_for_ever, jobs, workers=2)
     list(islice(running, 2))
     running.close()  # as an exception in the loop over it does
-    begun = len(list(tmp_path.iterdir()))
-    time.sleep(0.7)
-    assert len(list(tmp_path.iterdir())) == begun < 12
+    assert multiprocessing.active_children() == []
+    assert not finished.exists()
+
+
+def test_a_killed_worker_is_one_error_and_finished_results_are_kept(tmp_path):
+    with pytest.raises(WorkerError, match=r"the same command does the rest; .* fewer workers"):
+        run_jobs(die_at_two, JOBS, tmp_path, workers=2, progress=False)
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert 1 <= len(kept) <= 4  # that worker had finished a job, and nobody can finish its last one
+    assert f"{job_key(JOBS[2])}.json" not in kept
+    assert squares(run_jobs(square, JOBS, tmp_path, progress=False)) == [0, 1, 4, 9, 16]
+    assert all((tmp_path / name).read_bytes() == content for name, content in kept.items())
+
+
+def test_a_folder_has_one_run_at_a_time(tmp_path):
+    with pytest.raises(FolderInUseError, match=f"{tmp_path} is in use by"):
+        run_jobs(run_again, [{"folder": str(tmp_path)}], tmp_path, progress=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_finished_results_are_read_from_a_folder_that_cannot_be_written_to(tmp_path, monkeypatch):
+    def refuse(folder):
+        raise PermissionError(folder)
+
+    run_jobs(square, JOBS, tmp_path, progress=False)
+    monkeypatch.setattr("coopmap_env.evaluation.jobs.folder_lock", refuse)
+    assert squares(run_jobs(fail, JOBS, tmp_path, progress=False)) == [0, 1, 4, 9, 16]
+    with pytest.raises(PermissionError):
+        run_jobs(square, [*JOBS, {"n": 5}], tmp_path, progress=False)
 
 
 def test_an_invalid_stored_result_is_computed_again(tmp_path):
@@ -145,6 +187,13 @@ def test_an_error_in_a_ray_worker_is_raised_here_and_finished_results_stay(tmp_p
     with pytest.raises(RuntimeError, match=r"job \{'n': 2\} was run again"):
         run_jobs(fail, JOBS, tmp_path, 1, progress=False, backend="ray")
     assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.usefixtures("ray")
+def test_a_worker_of_ray_that_is_killed_again_and_again_is_one_error(tmp_path):
+    with pytest.raises(WorkerError, match=r"the same command does the rest.*Ray: WorkerCrashed"):
+        run_jobs(die_at_two, JOBS[1:3], tmp_path, 1, progress=False, backend="ray")
+    assert [path.name for path in tmp_path.iterdir()] == [f"{job_key(JOBS[1])}.json"]
 
 
 class CountedJobs(list):
