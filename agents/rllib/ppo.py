@@ -33,6 +33,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ray.exceptions import RayError
 from ray.rllib.algorithms import Algorithm
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.core.rl_module import MultiRLModuleSpec
@@ -62,8 +63,12 @@ from coopmap_agents.rllib.network import (
 )
 from coopmap_agents.rollouts import EnvFactory, TeamBlock
 from coopmap_agents.trainer import Trainer
-from coopmap_env.evaluation import ray_session
+from coopmap_env.evaluation import ray_session, ray_workers_checked
 
+WORKER_ENDED = (
+    "a worker process was killed or has ended early: the same command continues the training after "
+    "its last segment; if memory was short, free some, for the number of workers must stay"
+)
 LOGGED_METRICS = {
     "train/policy_gradient_loss": "policy_loss",
     "train/value_loss": "vf_loss",
@@ -198,7 +203,17 @@ class RLlibTrainer(Trainer):
         return get_network(self._learner)
 
     def learn(self, segment: int) -> bool:
-        """Learn for one segment."""
+        """Learn for one segment.
+
+        Raises
+        ------
+        WorkerError
+            If a process of Ray has ended.
+        """
+        with ray_workers_checked(WORKER_ENDED):
+            return self._learn(segment)
+
+    def _learn(self, segment: int) -> bool:
         start, update_start = time.perf_counter(), self._learner.seconds
         self._reset_runners(self._segment_seed(segment))
         target = self.steps + self._segment_steps()
@@ -241,7 +256,8 @@ class RLlibTrainer(Trainer):
 
 def _stop(algorithm: Algorithm) -> None:
     """End the workers, and remove the unused folder that RLlib has made in the home folder."""
-    algorithm.stop()
+    with contextlib.suppress(RayError):  # of workers that have ended before
+        algorithm.stop()
     with contextlib.suppress(OSError):  # it is not empty
         os.rmdir(algorithm.logdir)
 

@@ -94,6 +94,7 @@ def _train(
 ) -> Record:
     record = read_record(out) or new_record(config, command, workers)
     check_same_training(record, config, workers, out)
+    _remove_other_checkpoints(record, out)
     if record["rows"] and record["rows"][-1]["steps"] >= config.ppo.total_steps:
         log(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
         return record
@@ -114,6 +115,12 @@ def _train(
                 trainer.learn(len(record["rows"]) - 1)
                 finisher.finish_segment(trainer)
     return record
+
+
+def _remove_other_checkpoints(record: Record, out: Path) -> None:
+    """Remove the checkpoint before the recorded one, and one that a killed training left behind."""
+    for other in (len(record["rows"]) - 1, len(record["rows"]) + 1):
+        (out / checkpoint_name(other)).unlink(missing_ok=True)
 
 
 @contextmanager
@@ -186,7 +193,6 @@ class _SegmentFinisher:
         """Write the checkpoint, the policy if it is the best so far, and last the record."""
         record, rows = self.record, self.record["rows"]
         self.out.mkdir(parents=True, exist_ok=True)
-        previous_checkpoint = record["checkpoint"]
         record["checkpoint"] = checkpoint_name(len(rows))
         save_checkpoint(self.out / record["checkpoint"], trainer.network, trainer.steps)
         rewards = [row["validation"]["reward"] for row in rows]
@@ -199,5 +205,4 @@ class _SegmentFinisher:
             }
             save_policy(trainer.network, self.config.ppo, self.out / POLICY_FILE, origin)
         write_atomically(self.out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
-        if previous_checkpoint and previous_checkpoint != record["checkpoint"]:
-            (self.out / previous_checkpoint).unlink(missing_ok=True)
+        _remove_other_checkpoints(record, self.out)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         run_episode,
     )
     from coopmap_env.evaluation.hashes import file_hashes
-    from coopmap_env.evaluation.jobs import Job, Result, ray_session, run_jobs
+    from coopmap_env.evaluation.jobs import Job, Result, ray_session, ray_workers_checked, run_jobs
     from coopmap_env.evaluation.stored_episode import is_episode
     from coopmap_env.evaluation.summary import BOOTSTRAP_SEED, summarize
 
@@ -51,6 +51,7 @@ __all__ = [
     "policy_names",
     "policy_rng",
     "ray_session",
+    "ray_workers_checked",
     "rollout",
     "run_episode",
     "run_jobs",

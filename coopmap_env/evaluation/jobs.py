@@ -169,8 +169,8 @@ def ray_session(workers: int) -> Iterator[ModuleType]:
 
 
 @contextlib.contextmanager
-def ray_workers_checked() -> Iterator[None]:
-    """Within the context the end of a process of Ray is a `WorkerError`.
+def ray_workers_checked(message: str = WORKER_ENDED) -> Iterator[None]:
+    """Within the context the end of a process of Ray is a `WorkerError` with this message.
 
     Errors of what runs in such a process stay as they are.
     """
@@ -180,7 +180,7 @@ def ray_workers_checked() -> Iterator[None]:
     except exceptions.RayTaskError:
         raise
     except exceptions.RayError as error:
-        raise WorkerError(f"{WORKER_ENDED} (Ray: {type(error).__name__})") from error
+        raise WorkerError(f"{message} (Ray: {type(error).__name__})") from error
 
 
 def _run_in_ray(

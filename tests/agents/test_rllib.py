@@ -1,6 +1,8 @@
 """Training by RLlib: the same problem, networks and files as with Stable-Baselines3."""
 
 import math
+import os
+import signal
 import subprocess
 import sys
 import traceback
@@ -24,6 +26,7 @@ from coopmap_agents.rllib.network import SHARED_POLICY_ID, shared_network_spec
 from coopmap_agents.rollouts import TeamBlock, stack
 from coopmap_agents.sb3 import SB3Trainer
 from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
+from coopmap_env.core.processes import WorkerError
 from coopmap_env.evaluation import ray_session
 
 TINY = PPOSettings(
@@ -129,6 +132,15 @@ def test_an_error_of_an_environment_ends_the_training_and_is_reported(train, wor
     with pytest.raises(RuntimeError) as raised:
         training.learn(0)
     assert "OSError: broken" in "".join(traceback.format_exception(raised.value))
+
+
+def test_a_killed_worker_is_one_error_that_says_how_to_continue(train):
+    training = train(small_world, workers=2)
+    victim, _ = training._on_runners(lambda runner: os.getpid())
+    os.kill(victim, signal.SIGKILL)
+    with pytest.raises(WorkerError, match="the same command continues the training after its last"):
+        training.learn(0)
+    training.close()
 
 
 def strict_world():
