@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
 
@@ -16,6 +18,19 @@ from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 class MapFileError(FileError):
     """A map file that is missing, broken, truncated or of another format; the message names it."""
+
+
+@contextmanager
+def errors_naming(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn the errors of a block that reads a file into `MapFileError` with the file's name."""
+    try:
+        yield
+    except MapFileError:
+        raise
+    except MemoryError as error:
+        raise MapFileError(f"{path}: there is not enough memory for it") from error
+    except ValueError as error:
+        raise MapFileError(f"{path}: {error}") from error
 
 
 def settings_to_json(map_: OccupancyMap) -> str:
@@ -35,6 +50,8 @@ def map_from_settings(text: str, path: str | os.PathLike[str]) -> OccupancyMap:
     ------
     MapFileError
         If the text is not of that form.
+    MemoryError
+        If there is not enough memory for such a map.
     """
     try:
         settings: Any = json.loads(text)
@@ -44,8 +61,6 @@ def map_from_settings(text: str, path: str | os.PathLike[str]) -> OccupancyMap:
             BeamModel(**beam),
             LogOddsRange(settings["max_probability"]),
         )
-    except MemoryError as error:
-        raise MapFileError(f"{path}: there is not enough memory for a map of this size") from error
     except (LookupError, ArithmeticError, RecursionError) as error:
         raise MapFileError(f"{path}: the map's settings are broken: {error!r:.500}") from error
     except (ValueError, TypeError) as error:

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
-from coopmap_env.mapping.files.base import MapFileError
-from coopmap_env.mapping.files.map_server_image import read_map_server_image
+from coopmap_env.mapping.files.base import errors_naming
+from coopmap_env.mapping.files.map_server_image import MapServerImage, read_map_server_image
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.log_odds import to_log_odds_fixed
 from coopmap_env.mapping.occupancy_map import OccupancyMap
@@ -160,6 +160,11 @@ def load_map_server(path: str | os.PathLike[str]) -> OccupancyMap:
         With the pip command, if PyYAML or Pillow is not installed.
     """
     image = read_map_server_image(path)
+    with errors_naming(path):
+        return _make_map(image)
+
+
+def _make_map(image: MapServerImage) -> OccupancyMap:
     fields, p = image.fields, image.occupancy
     sampled = np.isfinite(p)
     if fields.mode == "raw":
@@ -168,10 +173,7 @@ def load_map_server(path: str | os.PathLike[str]) -> OccupancyMap:
         occupied, free = p >= fields.occupied_thresh, image.free
     if fields.mode == "trinary":
         sampled = occupied | free
-    try:
-        map_ = OccupancyMap(VoxelGrid(p.shape, fields.resolution, fields.origin))
-    except (ValueError, MemoryError) as error:
-        raise MapFileError(f"{path}: {error}") from error
+    map_ = OccupancyMap(VoxelGrid(p.shape, fields.resolution, fields.origin))
     clamp = map_.log_odds_range.clamp
     log_odds_fixed = np.zeros(p.shape, dtype=np.int32)
     between = sampled & ~occupied & ~free

@@ -14,6 +14,7 @@ from coopmap_env.core.archives import read_zip_members
 from coopmap_env.core.files import brief, write_atomically
 from coopmap_env.mapping.files.base import (
     MapFileError,
+    errors_naming,
     map_from_settings,
     settings_to_json,
 )
@@ -63,11 +64,9 @@ def load_npz(path: str | os.PathLike[str]) -> OccupancyMap:
     format_, settings = (_text(path, name, entries[name]) for name in TEXTS)
     if format_ != FORMAT:
         raise MapFileError(f"{path} is of format {brief(format_)}, not {FORMAT!r}")
-    map_ = map_from_settings(settings, path)
-    try:
+    with errors_naming(path):
+        map_ = map_from_settings(settings, path)
         map_.set_state(*(entries[name] for name in ARRAYS))
-    except (ValueError, MemoryError) as error:
-        raise MapFileError(f"{path}: {error}") from error
     return map_
 
 

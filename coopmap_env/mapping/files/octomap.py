@@ -37,6 +37,7 @@ from coopmap_env.mapping.files._octree_parser import (
 )
 from coopmap_env.mapping.files.base import (
     MapFileError,
+    errors_naming,
     map_from_settings,
     settings_to_json,
 )
@@ -118,7 +119,7 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
     """
     binary = Path(path).suffix.lower() == ".bt"
     content = read_bytes(path, MapFileError)
-    try:
+    with errors_naming(path):
         header, data = _parse_header(content, binary)
         check_cells([header.n_nodes], "the tree")
         if binary:
@@ -127,10 +128,6 @@ def load_octomap(path: str | os.PathLike[str]) -> OccupancyMap:
             leaves = parse_ot(data, header.n_nodes, NODE_BYTES[header.tree_type])
         map_ = _make_map(path, header, leaves)
         log_odds, known = _sample_leaves(leaves, map_.grid)
-    except MapFileError:
-        raise
-    except (ValueError, MemoryError) as error:
-        raise MapFileError(f"{path}: {error}") from error
     cells, clamp = np.flatnonzero(known), map_.log_odds_range.clamp
     values = log_odds.ravel()[cells]
     if binary:

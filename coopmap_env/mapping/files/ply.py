@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief, read_bytes, write_atomically
 from coopmap_env.core.limits import check_cells
-from coopmap_env.mapping.files.base import MapFileError
+from coopmap_env.mapping.files.base import MapFileError, errors_naming
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
 COVARIANCE_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -106,13 +106,11 @@ def load_surfaces(path: str | os.PathLike[str]) -> SurfaceEstimates:
         values that are no surface estimates.
     """
     content = read_bytes(path, MapFileError)
-    try:
+    with errors_naming(path):
         header, body = _split(content)
         form, count, row, dimension = _parse_header(header)
         check_cells([count], "element vertex")
         return _surfaces(_read_rows(form, body, row, count), dimension)
-    except (ValueError, MemoryError) as error:
-        raise MapFileError(f"{path}: {error}") from error
 
 
 def _split(content: bytes) -> tuple[list[str], bytes]:

@@ -125,3 +125,19 @@ def test_a_failed_write_leaves_the_old_file_and_no_remains(tmp_path, monkeypatch
         with pytest.raises(OSError, match="disk full"):
             save_map(OccupancyMap(VoxelGrid((3, 3))), tmp_path / name)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == old
+
+
+@pytest.mark.parametrize("name", ["map.npz", "map.ot", "map.yaml"])
+def test_a_map_that_memory_does_not_hold_is_refused_by_name(tmp_path, monkeypatch, name):
+    if name == "map.ot":
+        pytest.importorskip("pyoctomap")
+    save_map(OccupancyMap(VoxelGrid((4, 5, 6) if name == "map.ot" else (4, 5))), tmp_path / name)
+
+    def fail(*arguments):
+        raise MemoryError
+
+    monkeypatch.setattr("coopmap_env.mapping.files.base.OccupancyMap", fail)
+    monkeypatch.setattr("coopmap_env.mapping.files.map_server.OccupancyMap", fail)
+    with pytest.raises(MapFileError) as error:
+        load_map(tmp_path / name)
+    assert str(error.value).startswith(f"{tmp_path / name}: there is not enough memory")
