@@ -1,0 +1,85 @@
+"""Plays small commands, each in a process of its own that kills itself at a chosen file event.
+
+An event is an access to a file in the command's folder: it is opened, renamed or removed, or a
+folder is made. Events are counted, so that a kill does not depend on time. The server imports
+everything once and forks, so that a command starts within milliseconds.
+
+A request is a line of JSON, {"command": ..., "out": ..., "event": ...}; event 0 never comes. The
+answer has the exit status (negative: a signal), the number of events, and whether the command or a
+process that it started was still there a minute later.
+"""
+
+import json
+import os
+import select
+import signal
+import sys
+import traceback
+
+GUARD_SECONDS = 60
+EVENTS = ("open", "os.rename", "os.remove", "os.mkdir")
+
+
+def main():
+    from plain import small_commands
+
+    sys.stdout.flush()
+    for line in sys.stdin:
+        print(json.dumps(serve(json.loads(line), small_commands)), flush=True)
+
+
+def serve(request, commands):
+    alive, its_end = os.pipe()
+    process = os.fork()
+    if process == 0:
+        os.close(alive)
+        os._exit(play(request, commands, its_end))
+    os.close(its_end)
+    _, status = os.waitpid(process, 0)
+    # its standard output is open until the last process that inherited it has ended
+    counted = b""
+    while select.select([alive], [], [], GUARD_SECONDS)[0]:
+        part = os.read(alive, 4096)
+        if not part:
+            break
+        counted += part
+    else:
+        return {"status": "a process is left behind"}
+    os.close(alive)
+    return {"status": os.waitstatus_to_exitcode(status), "events": len(counted)}
+
+
+def play(request, commands, its_end):
+    os.setsid()  # what it starts does not end with us
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(its_end, 1)
+    log = os.open(f"{request['out']}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    os.dup2(log, 2)
+    sys.stdout = sys.stderr
+    count_events(request["out"], request["event"])
+    try:
+        commands.COMMANDS[request["command"]](request["out"])
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+def count_events(folder, last):
+    count = 0
+
+    def count_event(event, arguments):
+        nonlocal count
+        if event not in EVENTS or not isinstance(arguments[0], str | os.PathLike):
+            return
+        if os.fspath(arguments[0]).startswith(folder + os.sep):
+            count += 1
+            os.write(1, b".")
+            if count == last:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(count_event)
+
+
+if __name__ == "__main__":
+    main()
