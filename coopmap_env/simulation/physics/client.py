@@ -136,10 +136,11 @@ if hasattr(os, "register_at_fork"):
 def quaternion_from_matrix(R: NDArray[np.float64]) -> list[float]:
     """[x, y, z, w] of a rotation matrix, by an eigenvector: no special cases (Bar-Itzhack 2000)."""
     xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
+    xy, xz, yz, x, y, z = yx + xy, zx + xz, zy + yz, zy - yz, xz - zx, yx - xy
     K = np.array([
-        [xx - yy - zz, 0.0, 0.0, 0.0],
-        [yx + xy, yy - xx - zz, 0.0, 0.0],
-        [zx + xz, zy + yz, zz - xx - yy, 0.0],
-        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+        [xx - yy - zz, xy, xz, x],
+        [xy, yy - xx - zz, yz, y],
+        [xz, yz, zz - xx - yy, z],
+        [x, y, z, xx + yy + zz],
     ])  # fmt: skip
     return eigh(K)[1][:, -1].tolist()
