@@ -182,9 +182,11 @@ def cholesky(A: ArrayLike) -> Array:
 def eigh(A: ArrayLike) -> tuple[Array, Array]:
     """Eigenvalues (..., n), ascending, and eigenvectors (..., n, n), in columns, of symmetric A.
 
-    By Jacobi's method. The largest component of each eigenvector is positive.
+    By Jacobi's method. The largest component of each eigenvector is positive. As in numpy, only the
+    lower triangle of A is read.
     """
-    a = np.array(A, dtype=np.float64)
+    lower = np.tril(np.asarray(A, dtype=np.float64))
+    a = lower + np.swapaxes(np.tril(lower, -1), -1, -2)
     n = a.shape[-1]
     V = np.empty_like(a)
     k = math.prod(a.shape[:-2])

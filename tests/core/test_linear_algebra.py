@@ -71,6 +71,12 @@ def test_eigenvalues_of_a_hand_made_matrix():
     np.testing.assert_allclose(vectors[:, 1], [math.sqrt(0.5)] * 2, rtol=1e-15)
 
 
+def test_eigenvalues_are_those_of_the_lower_triangle():
+    values, vectors = eigh([[2.0, 99.0], [1.0, 2.0]])
+    np.testing.assert_allclose(values, [1.0, 3.0], rtol=1e-15)
+    np.testing.assert_allclose(np.abs(vectors), math.sqrt(0.5), rtol=1e-15)
+
+
 def test_singular_and_indefinite_matrices_are_refused():
     with pytest.raises(np.linalg.LinAlgError, match="singular"):
         inverse([[1.0, 2.0], [2.0, 4.0]])
