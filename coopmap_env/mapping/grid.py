@@ -73,6 +73,7 @@ class VoxelGrid:
                 f"VoxelGrid.origin must be {len(shape)} finite values, got {brief(self.origin)}"
             )
         object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "resolution", resolution)
         object.__setattr__(self, "origin", origin)
 
     @property
