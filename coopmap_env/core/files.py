@@ -20,6 +20,10 @@ from coopmap_env.core.extras import import_optional
 from coopmap_env.core.limits import check_bytes
 
 
+MAX_YAML = 1 << 22
+"""Characters of a YAML file; PyYAML reads a few hundred thousand in a second."""
+
+
 class FileError(ValueError):
     """A file that is missing, broken, too large or of another form; the message names it.
 
@@ -133,6 +137,8 @@ def read_yaml_mapping(
     """
     yaml = import_optional("yaml", "maps")
     text = read_text(path, error_type)
+    if len(text) > MAX_YAML:
+        raise error_type(f"{path} has {len(text):,} characters, expected {MAX_YAML:,} at most")
 
     class LoaderWithoutAliases(yaml.SafeLoader):  # type: ignore[name-defined]
         def compose_node(self, parent: Any, index: Any) -> Any:

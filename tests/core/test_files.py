@@ -89,6 +89,11 @@ def test_cells_are_counted_without_overflow(monkeypatch):
     check_cells((5000, 5000, 5000), "a map")
 
 
+def test_a_yaml_file_that_would_take_minutes_is_refused_at_once(tmp_path):
+    message = read_error(read_yaml_mapping, tmp_path / "a.yaml", b"a: [" + b"1," * (1 << 22))
+    assert "8,388,612 characters" in message
+
+
 def test_yaml_aliases_are_refused_before_they_are_expanded(tmp_path):
     lines = ["a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
     lines += [f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefghijklm")]
