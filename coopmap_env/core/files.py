@@ -19,7 +19,6 @@ from typing import Any
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.limits import check_bytes
 
-
 MAX_YAML = 1 << 22
 """Characters of a YAML file; PyYAML reads a few hundred thousand in a second."""
 
