@@ -257,7 +257,7 @@ def settings_from_dict(values: Mapping[str, Any], target_type: type[SettingsT]) 
         raise ValueError(f"{kind} must be a mapping of {sorted(field_names)}, got {brief(values)}")
     if unknown := [name for name in values if name not in field_names]:
         raise ValueError(
-            f"{kind}: unknown settings {brief(unknown)}; known are {sorted(field_names)}"
+            f"unknown settings {brief(unknown)}; known are {sorted(field_names)} of {kind}"
         )
     hints = get_type_hints(target_type)
     given = {name: _from_json(value, hints[name]) for name, value in values.items()}

@@ -109,5 +109,5 @@ def test_settings_from_json_of_every_kind_are_accepted_or_refused_by_name(n_case
 def test_what_is_no_mapping_of_settings_is_refused_by_the_name_of_the_class(values):
     from coopmap_env.sensing import RangeNoise
 
-    with pytest.raises(ValueError, match=r"^RangeNoise"):
+    with pytest.raises(ValueError, match="RangeNoise"):
         settings_from_dict(values, RangeNoise)
