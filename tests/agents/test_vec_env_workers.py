@@ -13,6 +13,7 @@ from small_worlds import masked_world, small_world
 from toy_team import ConstantReward, FailingFactory, HookedEnv
 
 from coopmap_agents.rollouts import workers
+from coopmap_agents.rollouts.workers import Worker
 from coopmap_agents.sb3 import SharedPolicyVecEnv
 from coopmap_env.envs import InvalidActionError
 
@@ -195,17 +196,15 @@ def test_workers_ignore_ctrl_c():
         assert (rewards == 1).all()
 
 
-def test_ctrl_c_in_the_main_process_closes_the_workers():
-    def interrupt():
-        threading.Event().wait(0.3)  # until the main process waits, too
-        os.kill(os.getppid(), signal.SIGINT)
-        threading.Event().wait(0.3)
+def test_ctrl_c_in_the_main_process_closes_the_workers(monkeypatch):
+    def interrupted(worker):
+        signal.raise_signal(signal.SIGINT)  # as Ctrl-C does while the main process waits
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with with_workers(HookedEnv) as env:
+        with with_workers(ConstantReward) as env:
             env.reset()
-            env.set_attr("on_step", interrupt, indices=0)
+            monkeypatch.setattr(Worker, "reply", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 env.step(np.zeros((4, 1)))
             assert multiprocessing.active_children() == []

@@ -51,7 +51,7 @@ def test_no_worker_outlives_the_process_that_started_it(name, kill, tmp_path):
         assert process.stdout.readline() == "waiting\n"
     kill(process.pid, signum)
     # ends when the last process that can write to it has ended
-    _, errors = process.communicate(timeout=300)
+    _, errors = process.communicate()
     assert "Traceback" not in errors
     assert process.returncode == (-signum if name == "SIGKILL" else 128 + signum)
     assert len(list(tmp_path.glob("results/*.json"))) <= 1
