@@ -44,24 +44,25 @@ def action_of_each(agents: Sequence[str], actions: Any) -> dict[str, Any]:
     except Exception:  # a mapping of somebody else may raise whatever it likes
         names, given = [brief(actions)], None
     if given is None:
-        raise InvalidActionError(f"one action for each of {agents} is needed, got {names}")
+        raise InvalidActionError(f"one action for each of {agents} is needed, got {brief(names)}")
     return given
 
 
 def to_number_array(action: Any) -> NDArray[Any] | None:
     """Integers or floats of an action, in any number of axes; None if it is something else.
 
-    Numpy would convert more: strings, booleans, durations and the data under a mask.
+    Numpy would convert more: strings, booleans among numbers, durations, bytes and the data under a
+    mask.
     """
-    if isinstance(action, np.ma.MaskedArray) or (
-        isinstance(action, list | tuple) and any(isinstance(one, bool | np.bool_) for one in action)
-    ):
+    if isinstance(action, np.ma.MaskedArray | bytes | bytearray | memoryview):
         return None
     try:
         numbers = np.asarray(action)
+        parts = action if isinstance(action, Sequence) and numbers.ndim == 1 else ()
+        kinds = {numbers.dtype.kind, *(np.asarray(part).dtype.kind for part in parts)}
     except Exception:  # ragged, or an object whose `__array__` raises whatever it likes
         return None
-    return numbers if numbers.dtype.kind in "iuf" else None
+    return numbers if kinds <= set("iuf") else None
 
 
 def parse_pose_action(agent: str, action: Any, names: tuple[str, ...]) -> NDArray[np.float64]:

@@ -70,6 +70,8 @@ def test_what_is_no_set_of_actions_is_refused_and_changes_nothing():
         Broken(robot_0=good, robot_1=good),
         [good, good],
         {"robot_0": {"robot_1": good}},
+        {"x" * 1_000_000: good},
+        dict.fromkeys(map(str, range(10_000)), good),
     ]
 
     def before_step(env):

@@ -2,6 +2,7 @@
 
 import datetime
 import math
+from collections import UserList
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
@@ -56,5 +57,6 @@ def odd_values():
         np.array([1j, 0, 0]), np.array(["0", "0", "0"]), np.array([True, False, True]),
         np.zeros(3, "m8[s]"), np.zeros(3, "M8[s]"), np.zeros(3, [("a", "f4")]),
         np.ma.masked_array([0.0, 0.0, 0.0], [False, True, False]), np.ma.masked, memoryview(b"123"),
+        memoryview(bytes(3)), bytearray(3), [np.array(True), 0.0, 0.0], UserList([True, 0.0, 0.0]),
         lambda: 0, math, {"robot_0": {}}, slice(3), type("Empty", (), {})(),
     ]  # fmt: skip
