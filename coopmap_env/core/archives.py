@@ -35,7 +35,7 @@ def read_zip_members(
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = [_find(archive, name, path, error_type) for name in names]
             check_bytes(sum(member.file_size for member in members), "the unpacked archive")
-            return {member.filename: _unpack(archive, member) for member in members}
+            return {member.filename: unpack_member(archive, member) for member in members}
     except error_type:
         raise
     except Exception as error:  # zipfile raises what its decompressors and Python raise
@@ -55,8 +55,15 @@ def _find(
         raise error_type(f"{path}: has no member {name}") from None
 
 
-def _unpack(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    """Content of a member, whose checksum is checked at its end."""
+def unpack_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    """Content of a member of an archive whose stated size has been checked.
+
+    Raises
+    ------
+    zipfile.BadZipFile
+        If it is packed with bzip2, is not of the stated size, or has another checksum. Broken data
+        raise what the decompressors raise.
+    """
     if member.compress_type == zipfile.ZIP_BZIP2:  # 300 bytes of it may be 300 MB, at one go
         raise zipfile.BadZipFile(f"{member.filename} is packed with bzip2: pack it with deflate")
     unpacked = bytearray()

@@ -1,6 +1,7 @@
 import json
 import re
 import struct
+import zipfile
 
 import numpy as np
 import pytest
@@ -333,6 +334,8 @@ def test_a_file_that_is_cut_short_is_never_half_a_mesh(read, suffix):
         ("a.dae", dae().replace(b'"#a" count="4"', b'"#a" count="4000000"'), "12 numbers"),
         ("a.3mf", b"PK", "zip"),
         ("a.3mf", archive(**{"a.txt": "b"}), "no model"),
+        ("a.zae", archive(zipfile.ZIP_BZIP2, **{"a.dae": dae()}), "packed with bzip2"),
+        ("a.3mf", archive(zipfile.ZIP_BZIP2, **{"3D/3dmodel.model": ""}), "packed with bzip2"),
         ("a.3mf", threemf('unit="ell"'), "unit must be one of"),
         ("a.3mf", threemf(items='<item objectid="7"/>'), "object '7' does not exist"),
         ("a.glb", exported("glb")[:-4], "is it cut"),

@@ -60,10 +60,10 @@ def gltf():
     return text
 
 
-def archive(**members):
+def archive(compression=zipfile.ZIP_DEFLATED, **members):
     """A zip archive."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
+    with zipfile.ZipFile(buffer, "w", compression) as file:
         for name, content in members.items():
             file.writestr(name, content)
     return buffer.getvalue()

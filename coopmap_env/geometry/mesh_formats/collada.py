@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.archives import unpack_member
 from coopmap_env.core.files import parse_xml
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry.mesh_formats.collada_geometry import read_geometry
@@ -61,14 +62,14 @@ def read_dae(content: bytes, *, apply_up_axis: bool) -> Surface:
 def read_zae(content: bytes, *, apply_up_axis: bool) -> Surface:
     """Read the only DAE of an archive."""
     archive = open_archive(content)
-    names = [
-        name
-        for name in archive.namelist()
-        if name.lower().endswith(".dae") and not name.startswith("__MACOSX")
+    found = [
+        member
+        for member in archive.infolist()
+        if member.filename.lower().endswith(".dae") and not member.filename.startswith("__MACOSX")
     ]
-    if len(names) != 1:
-        raise ValueError(f"it must hold one .dae file, not {len(names)}")
-    return read_dae(archive.read(names[0]), apply_up_axis=apply_up_axis)
+    if len(found) != 1:
+        raise ValueError(f"it must hold one .dae file, not {len(found)}")
+    return read_dae(unpack_member(archive, found[0]), apply_up_axis=apply_up_axis)
 
 
 def _name(element: ElementTree.Element) -> str:

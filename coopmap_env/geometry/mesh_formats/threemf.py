@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.archives import unpack_member
 from coopmap_env.core.files import parse_xml
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry.mesh_formats.surface import (
@@ -22,7 +23,7 @@ _UNITS = {
     "micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "meter": 1.0,
     "inch": 0.0254, "foot": 0.3048,
 }  # fmt: skip
-_ROOT_MODEL = "3D/3dmodel.model"
+_ROOT_MODEL, _RELATIONS = "3D/3dmodel.model", "_rels/.rels"
 _MAX_DEPTH = 64
 
 
@@ -63,8 +64,9 @@ class _Model:
 def _root_model(archive: zipfile.ZipFile) -> str:
     """Name of the model that the archive's relationships name."""
     names = archive.namelist()
-    if "_rels/.rels" in names:
-        for relation in parse_xml(archive.read("_rels/.rels"), "_rels/.rels"):
+    if _RELATIONS in names:
+        content = unpack_member(archive, archive.getinfo(_RELATIONS))
+        for relation in parse_xml(content, _RELATIONS):
             if relation.get("Type", "").endswith("/3dmodel"):
                 return relation.get("Target", "").lstrip("/")
     return next((name for name in names if name.lower() == _ROOT_MODEL.lower()), _ROOT_MODEL)
@@ -74,7 +76,7 @@ def _model(archive: zipfile.ZipFile, models: dict[str, _Model], path: str) -> _M
     if path not in models:
         if path not in archive.namelist():
             raise ValueError(f"it has no model {path[:100]!r}")
-        models[path] = _Model(path, archive.read(path))
+        models[path] = _Model(path, unpack_member(archive, archive.getinfo(path)))
     return models[path]
 
 
