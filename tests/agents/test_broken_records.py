@@ -102,7 +102,7 @@ def test_a_record_can_name_no_file_but_its_own_checkpoint(name, tmp_path):
             with_row(2, validation={**SCORES, "reward": float("nan")}),
             r"row 2: ValidationScores\.reward must be a finite number, got nan",
         ),
-        (with_row(2, note="new"), r"row 2: SegmentRow: unknown settings \['note'\]"),
+        (with_row(2, note="new"), r"row 2: unknown settings \['note'\]"),
         ({**good_record(), "best": 3}, r"best must be the index of the row with the largest .* 3"),
         ({**good_record(), "best": 0}, r"best must be the index of the row with the largest .* 0"),
         ({**good_record(), "best": -1}, r"TrainingRecord\.best must be an integer >= 0, got -1"),
