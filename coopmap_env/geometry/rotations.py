@@ -62,6 +62,25 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray[np.float
 def random_rotation(rng: np.random.Generator) -> NDArray[np.float64]:
     """Rotation (3, 3), uniform over all orientations (a normal quaternion, normalised)."""
     w, x, y, z = (q := rng.normal(size=4)) / length(q)
+    return _rotation_from_unit_quaternion(x, y, z, w)
+
+
+def rotation_from_quaternion(xyzw: ArrayLike) -> NDArray[np.float64]:
+    """Rotation (3, 3) of a quaternion (4,), which need not have length 1.
+
+    Raises
+    ------
+    ValueError
+        If its length is zero or not finite.
+    """
+    q = np.asarray(xyzw, dtype=np.float64)
+    norm = length(q)
+    if not 0.0 < norm < math.inf:
+        raise ValueError(f"a rotation must be a quaternion of finite length above 0, not {q}")
+    return _rotation_from_unit_quaternion(*(q / norm))
+
+
+def _rotation_from_unit_quaternion(x: float, y: float, z: float, w: float) -> NDArray[np.float64]:
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -10,6 +10,7 @@ from coopmap_env.geometry import (
     random_rotation,
     rotation_about_axis,
     rotation_about_z,
+    rotation_from_quaternion,
     rotation_from_rotvec,
     rotation_from_rpy,
     rotvec_from_rotation,
@@ -86,6 +87,16 @@ def test_rotations_are_those_of_scipy():
     np.testing.assert_allclose(
         rotation_about_axis(axis, 0.9), Rotation.from_rotvec(0.9 * axis).as_matrix()
     )
+    quaternion = [0.3, -1.0, 2.0, 0.7]  # of another length than 1
+    np.testing.assert_allclose(
+        rotation_from_quaternion(quaternion), Rotation.from_quat(quaternion).as_matrix(), atol=1e-15
+    )
+
+
+@pytest.mark.parametrize("quaternion", [np.zeros(4), [np.nan, 0, 0, 1], [np.inf, 0, 0, 1]])
+def test_a_quaternion_without_a_length_is_no_rotation(quaternion):
+    with pytest.raises(ValueError, match="a quaternion of finite length above 0"):
+        rotation_from_quaternion(quaternion)
 
 
 def test_random_rotations_favour_no_direction():

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.linear_algebra import length
+from coopmap_env.geometry.rotations import rotation_from_quaternion
 
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """The file's x is right, y up and z towards the viewer."""
@@ -15,23 +16,9 @@ Z_UP_FROM_X_UP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
 
 def quaternion_transform(xyzw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """T (4, 4) of a quaternion (4,), which need not have length 1.
-
-    Raises
-    ------
-    ValueError
-        If it has no length.
-    """
-    norm = length(xyzw)
-    if not 0.0 < norm < math.inf:
-        raise ValueError(f"a rotation must be a quaternion, not {xyzw}")
-    x, y, z, w = xyzw / norm
+    """T (4, 4) of a quaternion (4,); see `rotation_from_quaternion`."""
     T = np.eye(4)
-    T[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    T[:3, :3] = rotation_from_quaternion(xyzw)
     return T
 
 

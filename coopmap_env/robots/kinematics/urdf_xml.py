@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.files import FileError, brief, read_xml
+from coopmap_env.core.linear_algebra import length
+from coopmap_env.geometry import rotation_from_quaternion
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 MAX_NUMBER = 1e12
@@ -189,10 +190,10 @@ class UrdfElement:
         if origin.xml.get("rpy") is not None:
             raise origin.error("it has both rpy and quat_xyzw, expected one of them")
         quaternion = origin.vector("quat_xyzw", count=4)
-        if np.linalg.norm(quaternion) < MIN_LENGTH:
+        if length(quaternion) < MIN_LENGTH:
             raise origin.error(f"quat_xyzw={brief(origin.text('quat_xyzw'))} is no rotation")
         T = np.eye(4)
-        T[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
+        T[:3, :3] = rotation_from_quaternion(quaternion)
         T[:3, 3] = xyz
         return T
 
