@@ -7,8 +7,7 @@ import types
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, Union, get_args, get_origin, get_type_hints, is_typeddict
 
-LARGEST_INTEGER = 2**63
-"""Larger integers do not fit into an array, and may be too large for a float."""
+from coopmap_env.core.settings import LARGEST_INTEGER
 
 
 def has_type(value: Any, annotation: Any) -> bool:
@@ -19,9 +18,10 @@ def has_type(value: Any, annotation: Any) -> bool:
     value : object
         From `json.loads`.
     annotation : type
-        int, float (NaN and whole numbers included, infinity not), bool, str, None, ``list[T]``,
-        ``dict[str, T]``, a union, a TypedDict, or a dataclass as `dataclasses.asdict` turns it into
-        a dictionary. Other keys than those of a TypedDict or a dataclass are not accepted.
+        int of at most 64 bits, float (NaN and integers included, infinity not), bool, str, None,
+        ``list[T]``, ``dict[str, T]``, a union, a TypedDict, or a dataclass as `dataclasses.asdict`
+        turns it into a dictionary. Other keys than those of a TypedDict or a dataclass are not
+        accepted.
     """
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin in (Union, types.UnionType):
@@ -54,7 +54,7 @@ def _has_fields(value: Any, annotation: Any, required: frozenset[str] | set[str]
 
 
 def _has_plain_type(value: Any, annotation: Any) -> bool:
-    is_integer = type(value) is int and abs(value) < LARGEST_INTEGER  # a bool is no number here
+    is_integer = type(value) is int and abs(value) <= LARGEST_INTEGER  # a bool is no number here
     if annotation is float:
         return is_integer or (type(value) is float and not math.isinf(value))
     if annotation is int:

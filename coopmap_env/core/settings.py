@@ -36,7 +36,7 @@ MAX_NESTED_LISTS = 4
 SMALLEST, LARGEST = 1e-30, 1e30
 """Sizes of the numbers that are accepted besides 0: their squares and ratios stay finite."""
 LARGEST_INTEGER = 2**63 - 1
-"""Kernels compute with 64 bits."""
+"""Arrays and kernels have 64 bits."""
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,9 @@ def test_a_mimic_joint_neither_moves_by_itself_nor_is_fixed_elsewhere(boom):
     )
     with pytest.raises(ValueError, match="no moving joint 'latch'"):
         mount_from_urdf(boom, ["latch"], "camera", [0.0])
-    with pytest.raises(ValueError, match="the value of the joint 'boom' must be finite, got nan"):
+    with pytest.raises(
+        ValueError, match="the value of the joint 'boom' must be a finite number, got nan"
+    ):
         mount_from_urdf(boom, ["turn"], "camera", [0.0], fixed_joints={"boom": np.nan})
     with pytest.raises(ValueError, match=r"'boom' of .* is to move and has a fixed value"):
         mount_from_urdf(boom, ["boom"], "camera", [0.0], fixed_joints={"boom": 0.0})

@@ -14,6 +14,7 @@ from coopmap_env.core.elementary import atan2
 from coopmap_env.core.files import private_folder, read_bytes, write_atomically
 from coopmap_env.core.linear_algebra import length
 from coopmap_env.geometry.mesh_files import read_mesh
+from coopmap_env.geometry.mesh_formats.stl import is_exact_binary_stl
 from coopmap_env.robots.kinematics.mesh_paths import resolve_mesh
 from coopmap_env.robots.kinematics.urdf import UrdfModel
 from coopmap_env.robots.kinematics.urdf_elements import (
@@ -26,14 +27,14 @@ from coopmap_env.robots.kinematics.urdf_xml import UrdfElement, UrdfError, read_
 TINY_MASS, TINY_INERTIA = 1e-3, 1e-6
 """Mass and inertia of links without a mass: physics engines read a missing one as 1 kg, and zero as
 fixed."""
-
-
 MAX_STEM = 50
 """Characters of a file's name that are kept in the name of its copy."""
 LINK_PARTS = ("inertial", "visual", "collision", "contact")
+"""What is read of a link; "contact" is PyBullet's."""
 SHAPE_PARTS = ("origin", "geometry")
+"""What is read of a visual or collision shape."""
 JOINT_PARTS = ("parent", "child", "origin", "axis", "limit", "mimic", "dynamics")
-"""What is read of links, their shapes, and joints; "contact" is PyBullet's."""
+"""What is read of a joint."""
 MAX_LINE = 8000
 """Characters. PyBullet breaks longer lines, within numbers too."""
 
@@ -192,18 +193,14 @@ def _complete_joint(joint: ET.Element, path: Path) -> None:
 def _mesh_for_physics(file: Path) -> Path:
     """A mesh, or a copy in a format that PyBullet knows."""
     suffix = file.suffix.lower()
-    if suffix in (".obj", ".dae") or (suffix == ".stl" and _is_binary_stl(file)):
+    if suffix in (".obj", ".dae") or (
+        suffix == ".stl" and is_exact_binary_stl(read_bytes(file, UrdfError))
+    ):
         return file
     mesh = read_mesh(file, UrdfError, in_urdf=True)
     rows = [f"v {x!r} {y!r} {z!r}\n" for x, y, z in mesh.vertices.tolist()]
     rows += [f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist()]
     return _write_cached("".join(rows).encode(), file.stem[:MAX_STEM], ".obj")
-
-
-def _is_binary_stl(file: Path) -> bool:
-    """Whether an STL file is as long as the number of triangles in its header says."""
-    content = read_bytes(file, UrdfError)
-    return len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
 
 
 def _write_rotation_as_rpy(element: ET.Element, path: Path) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from coopmap_env.core.files import brief
+from coopmap_env.core.settings import checked_value
 from coopmap_env.robots.kinematics.urdf_elements import MOVABLE_JOINT_TYPES, Mimic, UrdfJoint
 from coopmap_env.robots.kinematics.urdf_xml import MAX_NUMBER, UrdfError
 
@@ -96,7 +94,10 @@ def fix_all_but(
             )
         if name in values:
             raise ValueError(f"the joint {name!r} of {path} is to move and has a fixed value")
-    numbers = {name: _joint_value(name, value) for name, value in values.items()}
+    numbers = {
+        name: checked_value(f"the value of the joint {name!r}", value, float)
+        for name, value in values.items()
+    }
     return tuple(_fixed_unless(joint, moving, numbers, path) for joint in joints)
 
 
@@ -119,12 +120,3 @@ def _fixed_unless(
             f"fixed at {values[joint.name]:g}"
         )
     return joint if source in moving else joint.fixed_at(value)
-
-
-def _joint_value(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-        raise ValueError(f"the value of the joint {name!r} must be a number, got {brief(value)}")
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"the value of the joint {name!r} must be finite, got {number}")
-    return number
