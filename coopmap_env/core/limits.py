@@ -59,7 +59,5 @@ def _limit(variable: str, default: int) -> int:
     if not text:
         return default
     if not (text.isascii() and text.isdigit() and 0 < len(text) <= 15 and int(text) > 0):
-        raise ValueError(
-            f"{variable} must be a whole number above 0, such as {default}, got {text!r}"
-        )
+        raise ValueError(f"{variable} must be an integer above 0, such as {default}, got {text!r}")
     return int(text)

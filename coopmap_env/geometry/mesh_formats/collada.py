@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.archives import unpack_member
-from coopmap_env.core.files import parse_xml
+from coopmap_env.core.files import brief, parse_xml
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry.mesh_formats.collada_geometry import read_geometry
 from coopmap_env.geometry.mesh_formats.surface import (
@@ -32,7 +32,7 @@ def read_dae(content: bytes, *, apply_up_axis: bool) -> Surface:
     """Read a DAE; without `apply_up_axis` only its unit counts."""
     root = parse_xml(content, "the document")
     if _name(root) != "COLLADA":
-        raise ValueError(f"its root must be COLLADA, not {root.tag[:60]!r}")
+        raise ValueError(f"its root must be COLLADA, not {brief(root.tag)}")
     builder = SurfaceBuilder()
     document = _Document(root)
     pending = [(node, np.eye(4)) for node in document.roots()]
@@ -111,14 +111,14 @@ class _Document:
         text = "1" if element is None else element.get("meter", "1")
         unit = float(floats([text], 1, "the unit")[0])
         if not 0.0 < unit < np.inf:
-            raise ValueError(f"its unit must be above 0 m, not {text[:60]!r}")
+            raise ValueError(f"its unit must be above 0 m, not {brief(text)}")
         return unit
 
     def up_axis(self) -> NDArray[np.float64]:
         """The rotation (3, 3) to z up."""
         name = (self._root.findtext("{*}asset/{*}up_axis") or "Y_UP").strip()
         if name not in _UP_AXES:
-            raise ValueError(f"its up_axis must be one of {', '.join(_UP_AXES)}, not {name[:60]!r}")
+            raise ValueError(f"its up_axis must be one of {', '.join(_UP_AXES)}, not {brief(name)}")
         return _UP_AXES[name]
 
     def roots(self) -> list[ElementTree.Element]:
@@ -134,7 +134,7 @@ class _Document:
         tag = instance.removeprefix("instance_")
         found = self._by_id.get((tag, url or ""), [])
         if len(found) != 1:
-            raise ValueError(f"it has {len(found)} elements {tag} named {(url or '')[:100]!r}")
+            raise ValueError(f"it has {len(found)} elements {tag} named {brief(url or '')}")
         return found[0]
 
     def surface(self, geometry: ElementTree.Element) -> Surface:

@@ -6,6 +6,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.geometry.mesh_formats.surface import (
     Surface,
     SurfaceBuilder,
@@ -56,7 +57,7 @@ def _named(geometry: Element, tag: str, reference: str) -> Element:
         if f"#{entry.get('id')}" == reference
     ]
     if len(found) != 1:
-        raise ValueError(f"a geometry has {len(found)} elements {tag} named {reference[:100]!r}")
+        raise ValueError(f"a geometry has {len(found)} elements {tag} named {brief(reference)}")
     return found[0]
 
 
@@ -70,7 +71,7 @@ def _positions(geometry: Element, reference: str) -> NDArray[np.float64]:
         raise ValueError("its vertices have no input of positions")
     array = source.find("{*}float_array")
     if array is None:
-        raise ValueError(f"the source {source.get('id')!r:.60} has no float_array")
+        raise ValueError(f"the source {brief(source.get('id'))} has no float_array")
     words = (array.text or "").split()
     accessor = source.find("{*}technique_common/{*}accessor")
     stride, offset, count = 3, 0, len(words) // 3
@@ -81,7 +82,7 @@ def _positions(geometry: Element, reference: str) -> NDArray[np.float64]:
         )  # fmt: skip
     if stride < 3 or offset < 0 or not 0 <= count <= (len(words) - offset) // stride:
         raise ValueError(
-            f"the source {source.get('id')!r:.60} has {len(words)} numbers, which are not {count} "
+            f"the source {brief(source.get('id'))} has {len(words)} numbers, which are not {count} "
             f"rows of {stride}"
         )
     rows = words[offset : offset + count * stride]

@@ -165,7 +165,7 @@ class _Document:
         accessor = self.entry("accessors", number)
         if _WIDTHS.get(accessor["type"]) != width:
             raise ValueError(
-                f"accessor {number} must have {width} numbers, not {accessor['type']!r:.60}"
+                f"accessor {number} must have {width} numbers, not {brief(accessor['type'])}"
             )
         count = accessor["count"]
         check_bytes(count * width * 8, f"accessor {number}")
@@ -236,7 +236,7 @@ class _Document:
 def _decode_data(uri: str) -> bytes:
     head, _, text = uri.partition(",")
     if not head.endswith(";base64"):
-        raise ValueError(f"expected base64 data, not {head[:60]!r}")
+        raise ValueError(f"expected base64 data, not {brief(head)}")
     try:
         return base64.b64decode(text, validate=True)
     except binascii.Error as error:

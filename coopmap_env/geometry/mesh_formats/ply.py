@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.core.limits import check_bytes
 from coopmap_env.geometry.mesh_formats.surface import (
     Surface,
@@ -94,9 +95,9 @@ def _read_header(content: bytes) -> tuple[str, list[_Element], bytes]:
             case [] | ["comment" | "obj_info", *_]:
                 pass
             case _:
-                raise ValueError(f"expected a line of a header, not {line[:60]!r}")
+                raise ValueError(f"expected a line of a header, not {brief(line)}")
     if order not in _ORDERS:
-        raise ValueError(f"its format must be one of {', '.join(_ORDERS)}, not {order[:60]!r}")
+        raise ValueError(f"its format must be one of {', '.join(_ORDERS)}, not {brief(order)}")
     for element in elements:
         check_bytes(element.length * len(element.properties) * 8, f"the element {element.name}")
     return order, elements, content[after:]
@@ -104,7 +105,7 @@ def _read_header(content: bytes) -> tuple[str, list[_Element], bytes]:
 
 def _dtype(name: str, order: str) -> np.dtype:
     if name not in _TYPES:
-        raise ValueError(f"expected one of the types {', '.join(_TYPES)}, not {name[:60]!r}")
+        raise ValueError(f"expected one of the types {', '.join(_TYPES)}, not {brief(name)}")
     return np.dtype(_ORDERS.get(order, "") + _TYPES[name])
 
 

@@ -90,7 +90,7 @@ def floats(words: Iterable[str | bytes], n: int, what: str) -> NDArray[np.float6
 
 
 def integers(words: Iterable[str | bytes], n: int, what: str) -> NDArray[np.int64]:
-    """`n` whole numbers that fit in 64 bits; see `floats`."""
+    """`n` integers that fit in 64 bits; see `floats`."""
     return _numbers(words, n, what, int)
 
 

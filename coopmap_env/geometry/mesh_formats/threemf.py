@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.archives import unpack_member
-from coopmap_env.core.files import parse_xml
+from coopmap_env.core.files import brief, parse_xml
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry.mesh_formats.surface import (
     Surface,
@@ -47,7 +47,7 @@ class _Model:
         self.element = parse_xml(content, path)
         unit = self.element.get("unit", "millimeter")
         if unit not in _UNITS:
-            raise ValueError(f"its unit must be one of {', '.join(_UNITS)}, not {unit[:60]!r}")
+            raise ValueError(f"its unit must be one of {', '.join(_UNITS)}, not {brief(unit)}")
         self.unit = _UNITS[unit]
         self.objects = {
             entry.get("id"): entry for entry in self.element.iterfind("{*}resources/{*}object")
@@ -75,7 +75,7 @@ def _root_model(archive: zipfile.ZipFile) -> str:
 def _model(archive: zipfile.ZipFile, models: dict[str, _Model], path: str) -> _Model:
     if path not in models:
         if path not in archive.namelist():
-            raise ValueError(f"it has no model {path[:100]!r}")
+            raise ValueError(f"it has no model {brief(path)}")
         models[path] = _Model(path, unpack_member(archive, archive.getinfo(path)))
     return models[path]
 
@@ -98,7 +98,7 @@ def _place(
     entry = model.objects.get(number)
     if entry is None or depth > _MAX_DEPTH:
         reason = "does not exist" if entry is None else "contains itself"
-        raise ValueError(f"{model.path}: the object {number!r:.60} {reason}")
+        raise ValueError(f"{model.path}: the object {brief(number)} {reason}")
     T = product(T, _transform(reference.get("transform")))
     mesh = entry.find("{*}mesh")
     if mesh is not None:

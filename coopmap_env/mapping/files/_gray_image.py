@@ -99,7 +99,7 @@ def _decode_with_pillow(content: bytes, module: str, reader: str) -> GrayImage:
 def _gray_and_opaque(image: Any) -> GrayImage:
     transparent = image.info.get("transparency")
     if image.mode == "F":
-        raise ValueError("expected whole numbers as gray values, not floats")
+        raise ValueError("expected integers as gray values, not floats")
     if image.mode.startswith("I"):  # 16 bits per pixel
         gray = np.asarray(image)
         return gray / 257.0, None if transparent is None else gray != transparent

@@ -137,11 +137,11 @@ def _parse_header(lines: list[str]) -> tuple[str, int, np.dtype, int]:
             form = " ".join(words[1:])
         elif words[:1] == ["element"]:
             if len(words) != 3 or not re.fullmatch(r"[0-9]{1,18}", words[2]):
-                raise ValueError(f"cannot read {line!r:.100}")
+                raise ValueError(f"cannot read {brief(line)}")
             elements.append((words[1], int(words[2])))
         elif words[:1] == ["property"] and len(elements) == 1:
             if len(words) != 3 or words[1] not in PLY_DTYPES:
-                raise ValueError(f"cannot read the vertices' {line!r:.100}")
+                raise ValueError(f"cannot read the vertices' {brief(line)}")
             fields.append((words[2], PLY_DTYPES[words[1]]))
     if not elements or elements[0][0] != "vertex":
         raise ValueError(f"expected element vertex first, got {brief(elements)}")
@@ -163,7 +163,7 @@ def _read_rows(form: str, body: bytes, row: np.dtype, count: int) -> NDArray[np.
         n_whole = min(count, len(body) // row.itemsize)
         rows = np.frombuffer(body, row, n_whole)
     else:
-        raise ValueError(f"expected a PLY format ascii or binary of version 1.0, not {form!r:.100}")
+        raise ValueError(f"expected a PLY format ascii or binary of version 1.0, not {brief(form)}")
     if len(rows) != count:
         raise ValueError(f"it is truncated: {len(rows)} of {count} vertices")
     return np.asarray(rows)
