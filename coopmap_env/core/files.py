@@ -19,8 +19,9 @@ from typing import Any
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.limits import check_bytes
 
-MAX_YAML = 1 << 22
-"""Characters of a YAML file; PyYAML reads a few hundred thousand in a second."""
+MAX_YAML, MAX_YAML_VALUES, MAX_YAML_DEPTH = 1 << 21, 250_000, 50
+"""Characters of a YAML file, values in it, and values inside of each other: PyYAML reads some ten
+thousand values a second, and looks at each character once for every bracket around it."""
 
 
 class FileError(ValueError):
@@ -140,14 +141,26 @@ def read_yaml_mapping(
         raise error_type(f"{path} has {len(text):,} characters, expected {MAX_YAML:,} at most")
 
     class LoaderWithoutAliases(yaml.SafeLoader):  # type: ignore[name-defined]
+        n_values, depth = 0, 0
+
         def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.events.AliasEvent):
-                event = self.peek_event()
+            event = self.peek_event()
+            where = f"{path}, line {event.start_mark.line + 1}"
+            if isinstance(event, yaml.events.AliasEvent):
                 raise error_type(
-                    f"{path}, line {event.start_mark.line + 1}: the alias *{event.anchor:.40} "
-                    "cannot be read: write its value in full"
+                    f"{where}: the alias *{event.anchor:.40} cannot be read: write its value in "
+                    "full"
                 )
-            return super().compose_node(parent, index)
+            self.n_values += 1
+            if self.n_values > MAX_YAML_VALUES or self.depth > MAX_YAML_DEPTH:
+                raise error_type(
+                    f"{where}: expected {MAX_YAML_VALUES:,} values at most, and {MAX_YAML_DEPTH} "
+                    "inside of each other"
+                )
+            self.depth += 1
+            node = super().compose_node(parent, index)
+            self.depth -= 1
+            return node
 
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
             names: set[str] = set()

@@ -5,6 +5,8 @@ from itertools import pairwise
 import pytest
 
 from coopmap_env.core.files import (
+    MAX_YAML,
+    MAX_YAML_VALUES,
     FileError,
     atomic_path,
     private_folder,
@@ -75,7 +77,7 @@ def test_a_file_is_read_up_to_the_limit_that_a_variable_sets(tmp_path, monkeypat
 @pytest.mark.parametrize("limit", ["-1", "1e9", "0", "many", "9" * 30])
 def test_a_limit_that_is_no_number_is_refused(monkeypatch, limit):
     monkeypatch.setenv("COOPMAP_MAX_CELLS", limit)
-    with pytest.raises(ValueError, match="COOPMAP_MAX_CELLS must be a whole number"):
+    with pytest.raises(ValueError, match="COOPMAP_MAX_CELLS must be an integer"):
         check_cells((2, 2), "a map")
 
 
@@ -92,6 +94,27 @@ def test_cells_are_counted_without_overflow(monkeypatch):
 def test_a_yaml_file_that_would_take_minutes_is_refused_at_once(tmp_path):
     message = read_error(read_yaml_mapping, tmp_path / "a.yaml", b"a: [" + b"1," * (1 << 22))
     assert "8,388,612 characters" in message
+
+
+def test_yaml_of_many_or_nested_values_is_refused_where_they_are_too_many(tmp_path, monkeypatch):
+    """What stands behind is not read, and 300 brackets around a value are 300 times its time."""
+    monkeypatch.setattr("coopmap_env.core.files.MAX_YAML_VALUES", 1_000)
+    many = "a: 1\nb: [" + "[]," * 300_000 + "]"
+    message = read_error(read_yaml_mapping, tmp_path / "a.yaml", many.encode())
+    assert "line 2: expected 1,000 values at most" in message
+    nested = "a: [" + ("[" * 300 + "]" * 300 + ",") * 2_000 + "]"
+    message = read_error(read_yaml_mapping, tmp_path / "a.yaml", nested.encode())
+    assert "50 inside of each other" in message
+
+
+def test_a_yaml_file_of_the_largest_scene_is_read(tmp_path):
+    box = "- {box: [1.25, 1.25, 1.25], position: [12.5, 12.5, 0.5], rpy: [0, 0, 30], name: b_%d}\n"
+    path = tmp_path / "a.yaml"
+    path.write_text("objects:\n" + "".join(box % k for k in range(2_000)))
+    assert len(read_yaml_mapping(path)["objects"]) == 2_000
+    n_values = 18 * 10_000
+    assert n_values < MAX_YAML_VALUES
+    assert 5 * len(path.read_text()) < MAX_YAML
 
 
 def test_yaml_aliases_are_refused_before_they_are_expanded(tmp_path):
