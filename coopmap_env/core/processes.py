@@ -93,21 +93,43 @@ def signal_handlers_kept() -> Iterator[None]:
 
 @contextmanager
 def signals_postponed() -> Iterator[None]:
-    """Postpone `SIGNALS` while processes are started.
+    """Postpone `SIGNALS` to the end of the context, in which processes are started.
 
     So a new process is never left half told what to do. It inherits the postponement, until it
     calls `begin_worker`: Ctrl-C, which a terminal sends to workers too, prints no traceback there.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    with _handlers_postponed():
+        if not hasattr(signal, "pthread_sigmask"):  # Windows
+            yield
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        try:
+            resource_tracker.ensure_running()  # with the mask, because it ignores all but SIGHUP
+            signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # it has unblocked some
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _handlers_postponed() -> Iterator[None]:
+    """Postpone what the main thread does about signals that other threads of it receive.
+
+    The mask of a thread is not that of the others, such as those of BLAS.
+    """
+    received: list[int] = []
+    previous: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():  # others are not interrupted
+        for signum in SIGNALS:
+            if signal.getsignal(signum) not in (signal.SIG_IGN, None):
+                previous[signum] = signal.signal(signum, lambda signum, _: received.append(signum))
     try:
-        resource_tracker.ensure_running()  # with the mask, because it ignores all but SIGHUP
-        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # it has unblocked some
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for signum, handler in previous.items():
+            signal.signal(signum, handler)
+        for signum in received:
+            signal.raise_signal(signum)
 
 
 def begin_worker(lifeline: Any) -> None:
@@ -162,5 +184,7 @@ def worker_pool(
         raise WorkerError(WORKER_ENDED) from None
     finally:
         ours.close()
+        for process in list((pool._processes or {}).values()):
+            process.kill()  # those that still import, too; Python 3.14 has `kill_workers`
         pool.shutdown(cancel_futures=True)
         theirs.close()

@@ -1,13 +1,15 @@
 """Workers end with the process that started them; a signal ends a command in an orderly way."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 
-from coopmap_env.core.processes import Interruption, interrupted_by_signals
+from coopmap_env.core.processes import Interruption, interrupted_by_signals, signals_postponed
 
 JOBS_WITHOUT_END = """
 import os, sys, threading
@@ -56,6 +58,57 @@ def test_no_worker_outlives_the_process_that_started_it(name, kill, tmp_path):
     assert process.returncode == (-signum if name == "SIGKILL" else 128 + signum)
     assert len(list(tmp_path.glob("results/*.json"))) <= 1
     assert not list(tmp_path.glob("results/.*.tmp.json"))
+
+
+IMPORT_WITHOUT_END = """
+import threading
+if __name__ == "__mp_main__":
+    print("importing", flush=True)
+    threading.Event().wait()
+"""
+
+
+def test_a_command_that_is_ended_does_not_wait_for_the_imports_of_its_workers(tmp_path):
+    script = tmp_path / "jobs.py"
+    script.write_text(IMPORT_WITHOUT_END + JOBS_WITHOUT_END)
+    process = subprocess.Popen(
+        [sys.executable, script, tmp_path / "results"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout.readline() == "importing\n"
+        process.terminate()
+        _, errors = process.communicate(timeout=60)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert "Traceback" not in errors
+
+
+def raise_in_another_thread():
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])  # as threads of BLAS have none
+    thread = threading.Thread(target=signal.raise_signal, args=[signal.SIGTERM])
+    thread.start()
+    thread.join()
+
+
+@pytest.mark.parametrize(
+    "raise_signal", [lambda: signal.raise_signal(signal.SIGTERM), raise_in_another_thread]
+)
+def test_a_signal_is_postponed_while_processes_are_started(raise_signal):
+    steps = []
+
+    def start_processes():
+        with signals_postponed():
+            raise_signal()
+            steps.append("started")
+        steps.append("not reached")
+
+    with interrupted_by_signals("again"), pytest.raises(Interruption) as raised:
+        start_processes()
+    assert raised.value.exit_status == 128 + signal.SIGTERM
+    assert steps == ["started"]
 
 
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
