@@ -12,6 +12,7 @@ import numpy as np
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import brief
+from coopmap_env.core.settings import checked_value
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics import urdf_editing
 from coopmap_env.robots.kinematics.chain import check_link_count, check_names
@@ -88,10 +89,7 @@ def mount_from_urdf(
     package_dirs = as_names("package_dirs", package_dirs)
     if not isinstance(fixed_joints or {}, Mapping):
         raise ValueError(f"fixed_joints must map names to values, got {brief(fixed_joints)}")
-    if isinstance(root_height, bool) or not isinstance(root_height, int | float | np.number):
-        raise ValueError(f"root_height must be a number of metres, got {brief(root_height)}")
-    if not math.isfinite(root_height):
-        raise ValueError(f"root_height must be finite, got {root_height}")
+    root_height = checked_value("root_height", root_height, float)
     tree = load_urdf_xml(urdf, package_dirs)
     return _suspended_mount(
         tree, Path(urdf), name, joints, camera_link, home,

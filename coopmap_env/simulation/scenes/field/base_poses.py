@@ -12,8 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import atan2, sin_cos
-from coopmap_env.core.files import brief
-from coopmap_env.core.settings import NonNegative, Positive, Settings
+from coopmap_env.core.settings import (
+    NonNegative,
+    Positive,
+    PositiveInt,
+    Settings,
+    checked_value,
+)
 from coopmap_env.geometry import Z_AXIS, Pose, rotation_about_axis
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.field._solid_queries import (
@@ -111,13 +116,8 @@ def sample_base_poses(
 
 def check_vehicles(n_robots: int, footprint: float) -> None:
     """Raise ValueError unless there is a vehicle and its footprint is a length."""
-    is_count = isinstance(n_robots, int | np.integer) and not isinstance(n_robots, bool)
-    if not is_count or n_robots < 1:
-        expected = "at least 1" if is_count else "an integer of at least 1"
-        raise ValueError(f"n_robots must be {expected}, not {brief(n_robots)}")
-    is_length = isinstance(footprint, int | float | np.number)
-    if not is_length or not 0.0 <= footprint < math.inf:
-        raise ValueError(f"footprint must be finite and >= 0 m, not {brief(footprint)}")
+    checked_value("n_robots", n_robots, PositiveInt)
+    checked_value("footprint", footprint, NonNegative)
 
 
 def facing_pose(x: float, y: float, middle: NDArray[np.float64]) -> Pose:

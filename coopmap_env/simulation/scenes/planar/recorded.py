@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.settings import PositiveInt, checked_value
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 
 
@@ -69,8 +70,7 @@ def max_pool(occupied: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
     ValueError
         If the factor is no integer of at least 1.
     """
-    if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 1:
-        raise ValueError(f"pool must be an integer of at least 1, not {factor!r}")
+    factor = checked_value("pool", factor, PositiveInt)
     for axis, side in enumerate(occupied.shape):
         starts = np.arange(0, side, min(factor, side))
         occupied = np.logical_or.reduceat(occupied, starts, axis=axis)

@@ -8,24 +8,17 @@ import pytest
 
 pytest.importorskip("trimesh")
 
-from plain.fuzz import cases, mutants
+from plain.fuzz import cases, mutants, read_or_refuse
 from plain.meshes import archive, dae, every_format, threemf
 
 from coopmap_env.core.files import FileError
 from coopmap_env.geometry.mesh_files import read_mesh
 
 
-def read_or_refuse(path):
-    """Whether a file could be read; what it holds must be usable."""
-    try:
-        mesh = read_mesh(path)
-    except FileError as error:
-        message = str(error)
-    else:
-        message = ""
-    if message:
-        assert str(path) in message
-        assert len(message) < len(str(path)) * 2 + 1000
+def is_read(path):
+    """Whether a file was read; what it holds must be usable."""
+    mesh = read_or_refuse(read_mesh, path, FileError)
+    if mesh is None:
         return False
     assert len(mesh.faces) > 0
     assert np.isfinite(mesh.triangles).all()
@@ -39,7 +32,7 @@ def test_broken_meshes_are_refused_by_name_or_read(tmp_path, suffix, n_cases):
     n_read = 0
     for content in mutants(every_format()[suffix], n_cases):
         path.write_bytes(content)
-        n_read += read_or_refuse(path)
+        n_read += is_read(path)
     assert n_read < n_cases
 
 
@@ -59,5 +52,5 @@ def test_broken_members_of_archives_are_refused_by_name_or_read(tmp_path, suffix
     n_read = 0
     for content in mutants([original], n_cases):
         path.write_bytes(archive(**{name: content}))
-        n_read += read_or_refuse(path)
+        n_read += is_read(path)
     assert 0 < n_read < n_cases

@@ -23,5 +23,5 @@ def test_pooling_by_1_changes_nothing():
 
 @pytest.mark.parametrize("factor", [0, -3, 2.0, None, False])
 def test_a_factor_that_is_no_integer_is_named(factor):
-    with pytest.raises(ValueError, match=f"at least 1, not {factor!r}"):
+    with pytest.raises(ValueError, match=f"pool must be an integer >= 1, got {factor!r}"):
         max_pool(np.zeros((4, 4), dtype=bool), factor)
