@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from plain.fuzz import cases, mutants
+from plain.fuzz import cases, mutants, read_or_refuse
 from tiny_policies import SETTINGS, tiny_network
 
 from coopmap_agents.config import EnvConfig, TrainingConfig
@@ -314,15 +314,9 @@ def test_a_mutated_record_is_read_or_refused_by_name(n_cases, tmp_path):
     path = tmp_path / "training.json"
     for mutant in mutants([json.dumps(good_record()).encode()], n_cases):
         path.write_bytes(mutant)
-        try:
-            record = read_record(tmp_path)
-        except FileError as error:
-            message = str(error)
-        else:
-            message = f"{path} was read"
+        record = read_or_refuse(lambda file: read_record(file.parent), path, FileError)
+        if record is not None:
             assert record["checkpoint"] == f"checkpoint-{len(record['rows'])}.pt"
-        assert message.startswith(str(path))
-        assert len(message) < 2000
 
 
 @cases(short=300, long=20_000)
@@ -331,12 +325,8 @@ def test_a_mutated_checkpoint_is_read_or_refused_by_name(n_cases, tmp_path):
     network = tiny_network()
     for mutant in mutants([path.read_bytes()], n_cases):
         path.write_bytes(mutant)
-        try:
-            load_checkpoint(path, network, 128)
-        except FileError as error:
-            message = str(error)
-        else:
-            message = f"the checkpoint {path} was read"
+        steps = read_or_refuse(
+            lambda file: load_checkpoint(file, network, 128), path, FileError, "the checkpoint "
+        )
+        if steps is not None:
             assert all(values.isfinite().all() for values in network.parameters())
-        assert message.startswith(f"the checkpoint {path}")
-        assert len(message) < 2000

@@ -1,7 +1,9 @@
 """Broken files and values for fuzz tests: mutations of good ones, drawn from a seed."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,6 +41,22 @@ def mutants(originals: list[bytes], n_cases: int, seed: int = 0) -> Iterator[byt
             mutation = MUTATIONS[rng.integers(len(MUTATIONS))]
             content = mutation(content, rng)
         yield content
+
+
+def read_or_refuse(
+    read: Callable[[Path], Any], path: Path, error_type: type[Exception], start: str = ""
+) -> Any:
+    """What is read from a broken file, or None if it is refused as it must be.
+
+    That is by this error alone, whose message begins with the path, after `start`, and is short.
+    """
+    try:
+        return read(path)
+    except error_type as error:
+        message = str(error)
+    assert message.startswith(f"{start}{path}"), message
+    assert len(message) < 1500 + 10 * len(str(path)), message
+    return None
 
 
 def _truncate(content, rng):

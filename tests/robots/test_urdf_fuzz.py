@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from plain.fuzz import cases, mutants
+from plain.fuzz import cases, mutants, read_or_refuse
 
 from coopmap_env.robots import Mount, UrdfError, UrdfModel, mount_from_urdf
 
@@ -35,24 +35,14 @@ PLAIN = (
 )
 
 
-def _result_or_message(error_type, function, *args, **kwargs):
-    """What a function returns, or None and the message of its error; no other error is caught."""
-    try:
-        return function(*args, **kwargs), ""
-    except error_type as error:
-        return None, str(error)
-
-
 @cases(short=2500, long=100_000)
 def test_a_broken_urdf_is_read_or_refused_by_name(tmp_path, n_cases):
     path = tmp_path / "arm.urdf"
     n_read = 0
     for content in mutants([ARM, PLAIN], n_cases):
         path.write_bytes(content)
-        model, message = _result_or_message(UrdfError, UrdfModel.from_file, path)
+        model = read_or_refuse(UrdfModel.from_file, path, UrdfError)
         if model is None:
-            assert message.startswith(str(path)), message
-            assert len(message) < 1000 + len(str(path)), message
             continue
         n_read += 1
         for T in model.link_poses(dict.fromkeys(model.moving_joints, 0.1)).values():
@@ -64,6 +54,14 @@ def test_a_broken_urdf_is_read_or_refused_by_name(tmp_path, n_cases):
     assert 0.02 * n_cases < n_read < 0.9 * n_cases
 
 
+def mount_or_message(path):
+    """The mount of a URDF, or None and why there is none."""
+    try:
+        return mount_from_urdf(path, ["tilt"], "eye", [0.1], fixed_joints={"slide": 0.05}), ""
+    except ValueError as error:
+        return None, str(error)
+
+
 @cases(short=250, long=10_000)
 def test_a_mount_from_a_broken_urdf_is_made_or_refused_by_name(tmp_path, monkeypatch, n_cases):
     """Links of what is made stand where those of the broken file do."""
@@ -72,9 +70,7 @@ def test_a_mount_from_a_broken_urdf_is_made_or_refused_by_name(tmp_path, monkeyp
     n_made = 0
     for content in mutants([ARM], n_cases, seed=1):
         path.write_bytes(content)
-        mount, message = _result_or_message(
-            ValueError, mount_from_urdf, path, ["tilt"], "eye", [0.1], fixed_joints={"slide": 0.05}
-        )
+        mount, message = mount_or_message(path)
         if mount is None:
             assert "arm" in message, message
             continue
