@@ -5,11 +5,15 @@ import io
 import zipfile
 
 import numpy as np
+import pytest
 import trimesh
+
+from coopmap_env.core.files import FileError
 
 VERTICES = np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0], [0, 0, 4]], dtype=float)
 """A tetrahedron of 2 x 3 x 4."""
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+SIZE = np.array([2.0, 3.0, 4.0])
 
 DAE = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -34,6 +38,29 @@ MODEL = """<?xml version="1.0"?>
 <triangle v1="1" v2="2" v3="3"/></triangles></mesh></object>{objects}</resources>
 <build>{items}</build></model>
 """
+
+
+PLY = """ply
+format ascii 1.0
+comment made by hand
+element vertex 5
+property double x
+property double y
+property double z
+property uchar red
+element face 2
+property list uchar int vertex_indices
+property uchar flags
+end_header
+0 0 0 9
+1 0 0 9
+1 1 0 9
+0 1 0 9
+0 0 1 9
+4 0 1 2 3 7
+3 0 1 4 7
+"""
+"""By hand: a square and a triangle, with properties that are not read."""
 
 
 def tetrahedron():
@@ -87,3 +114,13 @@ def every_format():
         ".gltf": [gltf()],
         ".glb": [exported("glb")],
     }
+
+
+def refusal(read, name, content):
+    """Message of the error of a broken file, which must begin with its path."""
+    with pytest.raises(FileError) as caught:
+        read(name, content)
+    message = str(caught.value)
+    assert f"/{name}" in message.split(": ")[0]
+    assert len(message) < 1000
+    return message
