@@ -108,6 +108,19 @@ def test_a_ply_of_any_kind_has_its_polygons(read, content):
     assert mesh.area == pytest.approx(1.5)
 
 
+def test_a_comment_of_a_ply_may_name_the_end_of_the_header(read):
+    content = PLY.replace("made by hand", "its end_header\ncomment is below")
+    assert read("a.ply", content).area == pytest.approx(1.5)
+
+
+def test_a_binary_ply_may_begin_with_the_byte_of_a_line_end(read):
+    head, _, body = binary_ply("<").partition(b"end_header\n")
+    head = head.replace(b"property double x", b"property uchar tag\nproperty double x")
+    rows = b"".join(b"\n" + body[25 * k : 25 * (k + 1)] for k in range(5)) + body[125:]
+    content = head.replace(b"\n", b"\r") + b"end_header\r" + rows
+    assert read("a.ply", content).area == pytest.approx(1.5)
+
+
 def test_strips_of_a_ply_are_read(read):
     text = PLY.partition("element face")[0] + (
         "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"

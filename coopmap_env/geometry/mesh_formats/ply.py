@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
 from coopmap_env.core.limits import check_bytes
+from coopmap_env.geometry.mesh_formats.ply_header import PLY_TYPES, split_header
 from coopmap_env.geometry.mesh_formats.surface import (
     Surface,
     check_faces,
@@ -17,13 +18,7 @@ from coopmap_env.geometry.mesh_formats.surface import (
     strip,
 )
 
-_TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
-    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
-    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8", "int64": "i8", "uint64": "u8",
-}  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_END = b"end_header"
 _CORNERS = ("vertex_indices", "vertex_index")
 
 
@@ -75,14 +70,10 @@ def _strips(corners: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _read_header(content: bytes) -> tuple[str, list[_Element], bytes]:
     """The format, the elements and what follows the header."""
-    end = content.find(_END)
-    if content[:3] != b"ply" or end < 0:
-        raise ValueError("it must begin with the line ply, and its header end with end_header")
-    after = end + len(_END)
-    after += 2 if content[after : after + 2] == b"\r\n" else 1
+    lines, body = split_header(content)
     order = ""
     elements: list[_Element] = []
-    for line in content[:end].decode("latin-1").splitlines()[1:]:
+    for line in lines[1:]:
         match line.split():
             case ["format", order, *_]:
                 pass
@@ -100,13 +91,13 @@ def _read_header(content: bytes) -> tuple[str, list[_Element], bytes]:
         raise ValueError(f"its format must be one of {', '.join(_ORDERS)}, not {brief(order)}")
     for element in elements:
         check_bytes(element.length * len(element.properties) * 8, f"the element {element.name}")
-    return order, elements, content[after:]
+    return order, elements, body
 
 
 def _dtype(name: str, order: str) -> np.dtype:
-    if name not in _TYPES:
-        raise ValueError(f"expected one of the types {', '.join(_TYPES)}, not {brief(name)}")
-    return np.dtype(_ORDERS.get(order, "") + _TYPES[name])
+    if name not in PLY_TYPES:
+        raise ValueError(f"expected one of the types {', '.join(PLY_TYPES)}, not {brief(name)}")
+    return np.dtype(_ORDERS.get(order, "") + PLY_TYPES[name])
 
 
 class _AsciiRows:

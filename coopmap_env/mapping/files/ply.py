@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief, read_bytes, write_atomically
 from coopmap_env.core.limits import check_cells
+from coopmap_env.geometry.mesh_formats.ply_header import PLY_TYPES, split_header
 from coopmap_env.mapping.files.base import MapFileError, errors_naming
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
@@ -29,13 +30,7 @@ VERTEX_DTYPE = np.dtype(
     + [("probability", "<f8"), ("cell", "<i4")]
 )
 """One vertex of the files."""
-PLY_DTYPES = {
-    "char": "<i1", "int8": "<i1", "uchar": "<u1", "uint8": "<u1", "short": "<i2", "int16": "<i2",
-    "ushort": "<u2", "uint16": "<u2", "int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4",
-    "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8",
-}  # fmt: skip
 PLY_TYPE_NAMES = {"<f8": "double", "<i4": "int"}
-_FIRST_LINE = re.compile(rb"ply[ \t]*(\r\n|\n|\r)")
 DIMENSION_COMMENT = "coopmap dimension"
 """Comment with the dimension of the map; in planar maps, z and covariances along z are 0."""
 
@@ -107,21 +102,10 @@ def load_surfaces(path: str | os.PathLike[str]) -> SurfaceEstimates:
     """
     content = read_bytes(path, MapFileError)
     with errors_naming(path):
-        header, body = _split(content)
+        header, body = split_header(content)
         form, count, row, dimension = _parse_header(header)
         check_cells([count], "element vertex")
         return _surfaces(_read_rows(form, body, row, count), dimension)
-
-
-def _split(content: bytes) -> tuple[list[str], bytes]:
-    """Lines of the header, and what follows it."""
-    first = _FIRST_LINE.match(content)
-    if first is None:
-        raise ValueError("this is no PLY file")
-    end = re.search(rb"[\r\n]end_header[ \t]*" + first[1], content)
-    if end is None:
-        raise ValueError("broken PLY file: it has no end_header")
-    return content[: end.start()].decode("ascii", "replace").splitlines(), content[end.end() :]
 
 
 def _parse_header(lines: list[str]) -> tuple[str, int, np.dtype, int]:
@@ -140,9 +124,9 @@ def _parse_header(lines: list[str]) -> tuple[str, int, np.dtype, int]:
                 raise ValueError(f"cannot read {brief(line)}")
             elements.append((words[1], int(words[2])))
         elif words[:1] == ["property"] and len(elements) == 1:
-            if len(words) != 3 or words[1] not in PLY_DTYPES:
+            if len(words) != 3 or words[1] not in PLY_TYPES:
                 raise ValueError(f"cannot read the vertices' {brief(line)}")
-            fields.append((words[2], PLY_DTYPES[words[1]]))
+            fields.append((words[2], f"<{PLY_TYPES[words[1]]}"))
     if not elements or elements[0][0] != "vertex":
         raise ValueError(f"expected element vertex first, got {brief(elements)}")
     missing = [name for name in VERTEX_DTYPE.names or () if name not in dict(fields)]
