@@ -95,7 +95,7 @@ def signal_handlers_kept() -> Iterator[None]:
 def signals_postponed() -> Iterator[None]:
     """Postpone `SIGNALS` to the end of the context, in which processes are started.
 
-    So a new process is never left half told what to do. It inherits the postponement, until it
+    So no process is left half started. A new one inherits the postponement, until it
     calls `begin_worker`: Ctrl-C, which a terminal sends to workers too, prints no traceback there.
     """
     with _handlers_postponed():

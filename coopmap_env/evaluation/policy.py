@@ -72,11 +72,5 @@ def make_policy(spec: str) -> Policy:
 def _literal(text: str) -> Any:
     try:
         return ast.literal_eval(text)
-    except (
-        ValueError,
-        TypeError,
-        SyntaxError,
-        MemoryError,
-        RecursionError,
-    ):  # all that it may raise
+    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):  # all it may raise
         return text

@@ -22,7 +22,7 @@ def test_a_file_that_is_cut_short_is_never_half_a_mesh(read, suffix):
                 mesh = read(f"a{suffix}", content[: int(fraction * len(content))])
             except FileError:
                 continue
-            # a text that ends between two lines of faces cannot be told from a whole one
+            # a text that ends between two lines of faces looks like a whole one
             assert suffix == ".obj"
             assert len(mesh.faces) < 4
 

@@ -132,7 +132,7 @@ def test_the_physics_engine_collides_with_the_mesh_that_we_read(tmp_path, name, 
     world.close()
 
 
-def test_a_urdf_that_changes_is_loaded_anew_by_the_physics_engine(tmp_path):
+def test_a_urdf_that_changes_is_loaded_again_by_the_physics_engine(tmp_path):
     """PyBullet would keep the first one of the name."""
     pytest.importorskip("pybullet")
     from coopmap_env.simulation.physics import BulletWorld

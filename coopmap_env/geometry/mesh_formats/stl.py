@@ -10,7 +10,7 @@ _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attrib
 
 
 def read_stl(content: bytes) -> Surface:
-    """Read either kind, told apart by the size: many binary files begin with "solid" too."""
+    """Read either kind; the size decides which, as many binary files begin with "solid" too."""
     n_triangles, size = _stated_size(content)
     if len(content) != size and content.lstrip()[:5].lower() == b"solid" and b"\0" not in content:
         return _read_ascii(content)

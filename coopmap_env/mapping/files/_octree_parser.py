@@ -84,7 +84,7 @@ def parse_bt(data: bytes, n_nodes: int) -> Leaves:
     ValueError
         If the data end too early, or are no tree of 16 levels and of so many nodes.
     """
-    # half of a byte of an inner node tells of a child: a header cannot ask for more memory
+    # two bytes of an inner node are eight children: a header cannot ask for more memory
     most = min(n_nodes, 4 * len(data) + 1)
     places = np.empty((most, 4), dtype=np.int32)
     occupied = np.empty(most, dtype=np.bool_)

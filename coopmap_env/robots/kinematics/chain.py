@@ -24,7 +24,7 @@ from coopmap_env.robots.kinematics.urdf_elements import UrdfJoint
 from coopmap_env.robots.kinematics.urdf_xml import UrdfError
 
 MAX_LINKS = 128
-"""PyBullet does not tell where further ones are."""
+"""Links of a mount: PyBullet gives the poses of no more."""
 IDENTITY_POSE = Pose(np.zeros(3), np.eye(3))
 
 
