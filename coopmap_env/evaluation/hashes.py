@@ -8,7 +8,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from coopmap_env.core.files import read_bytes, read_yaml_mapping
+from coopmap_env.core.files import read_bytes
+from coopmap_env.core.yaml_files import read_yaml_mapping
 from coopmap_env.simulation.scenes.field import read_user_scene
 
 

@@ -5,18 +5,16 @@ from itertools import pairwise
 import pytest
 
 from coopmap_env.core.files import (
-    MAX_YAML,
-    MAX_YAML_VALUES,
     FileError,
     atomic_path,
     private_folder,
     read_bytes,
     read_json,
-    read_xml,
-    read_yaml_mapping,
     write_atomically,
 )
 from coopmap_env.core.limits import check_cells
+from coopmap_env.core.xml_files import read_xml
+from coopmap_env.core.yaml_files import MAX_YAML, MAX_YAML_VALUES, read_yaml_mapping
 
 
 def test_text_and_bytes_are_written_and_missing_folders_made(tmp_path):
@@ -98,7 +96,7 @@ def test_a_yaml_file_that_would_take_minutes_is_refused_at_once(tmp_path):
 
 def test_yaml_of_many_or_nested_values_is_refused_where_they_are_too_many(tmp_path, monkeypatch):
     """What stands behind is not read, and 300 brackets around a value are 300 times its time."""
-    monkeypatch.setattr("coopmap_env.core.files.MAX_YAML_VALUES", 1_000)
+    monkeypatch.setattr("coopmap_env.core.yaml_files.MAX_YAML_VALUES", 1_000)
     many = "a: 1\nb: [" + "[]," * 300_000 + "]"
     message = read_error(read_yaml_mapping, tmp_path / "a.yaml", many.encode())
     assert "line 2: expected 1,000 values at most" in message

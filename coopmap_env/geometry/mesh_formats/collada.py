@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.archives import unpack_member
-from coopmap_env.core.files import brief, parse_xml
+from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import product
+from coopmap_env.core.xml_files import parse_xml
 from coopmap_env.geometry.mesh_formats.collada_geometry import read_geometry
 from coopmap_env.geometry.mesh_formats.surface import (
     Surface,

@@ -26,7 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import brief, read_bytes, read_yaml_mapping, read_yaml_number
+from coopmap_env.core.files import brief, read_bytes
+from coopmap_env.core.yaml_files import read_yaml_mapping, read_yaml_number
 from coopmap_env.mapping.files._gray_image import decode_gray_image
 from coopmap_env.mapping.files.base import MapFileError
 

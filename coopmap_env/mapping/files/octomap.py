@@ -26,8 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.core.files import atomic_path, brief, read_bytes, read_yaml_number
+from coopmap_env.core.files import atomic_path, brief, read_bytes
 from coopmap_env.core.limits import check_cells
+from coopmap_env.core.yaml_files import read_yaml_number
 from coopmap_env.mapping.files._octree_parser import (
     NODE_BYTES,
     Leaves,

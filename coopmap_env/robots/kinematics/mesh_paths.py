@@ -6,7 +6,8 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from coopmap_env.core.files import FileError, brief, read_xml
+from coopmap_env.core.files import FileError, brief
+from coopmap_env.core.xml_files import read_xml
 from coopmap_env.robots.kinematics.urdf_xml import UrdfError, UrdfNotFoundError
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import sin_cos
-from coopmap_env.core.files import FileError, brief, read_xml
+from coopmap_env.core.files import FileError, brief
 from coopmap_env.core.linear_algebra import length
+from coopmap_env.core.xml_files import read_xml
 from coopmap_env.geometry import rotation_from_quaternion
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)

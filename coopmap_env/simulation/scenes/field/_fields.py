@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.files import brief, read_yaml_number
+from coopmap_env.core.files import brief
+from coopmap_env.core.yaml_files import read_yaml_number
 from coopmap_env.simulation.scenes.factory import SceneError
 
 MAX_NUMBER = 1e6

@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.extras import import_optional
-from coopmap_env.core.files import read_text, read_xml
+from coopmap_env.core.files import read_text
 from coopmap_env.core.linear_algebra import product
+from coopmap_env.core.xml_files import read_xml
 from coopmap_env.geometry import rotation_about_axis, rotation_from_rpy
 from coopmap_env.simulation.scenes.factory import SceneError
 from coopmap_env.simulation.scenes.field.solid import (

@@ -36,8 +36,9 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.files import brief, read_yaml_mapping, read_yaml_number
+from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import product
+from coopmap_env.core.yaml_files import read_yaml_mapping, read_yaml_number
 from coopmap_env.geometry import rotation_from_rpy
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.simulation.scenes.factory import SceneError
