@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.robots.kinematics.urdf_elements import (
-    MOVABLE_JOINT_TYPES,
     UrdfJoint,
     UrdfLink,
     UrdfShape,
@@ -77,11 +76,6 @@ class UrdfModel:
         return cls(
             path, root, links, tuple(resolved[joint.name] for joint in ordered), tuple(package_dirs)
         )
-
-    @property
-    def moving_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move, mimic joints among them."""
-        return tuple(j.name for j in self.joints if j.joint_type in MOVABLE_JOINT_TYPES)
 
     def joint_values(self, values: Mapping[str, float] | None = None) -> dict[str, float]:
         """Values of all joints, from those that move by themselves; these are 0 if not given."""
