@@ -79,13 +79,13 @@ class WorkerPool:
             for i, n_envs in enumerate(envs_per_worker):
                 self._workers.append(Worker(f"worker {i}", factory, n_envs, with_state))
         except BaseException:
-            self.close()
+            self._kill()
             raise
 
     def request(self, method: str, arguments: Requests) -> None:
         """Start a method call in the workers with these numbers."""
         self._pending = list(arguments)
-        with self._closed_if_interrupted():
+        with self._killed_if_interrupted():
             for i, own in arguments.items():
                 self._workers[i].request(method, *own)
 
@@ -97,7 +97,7 @@ class WorkerPool:
         """
         pending, self._pending = self._pending, []
         replies, errors = {}, []
-        with self._closed_if_interrupted():
+        with self._killed_if_interrupted():
             for i in pending:
                 try:
                     replies[i] = self._workers[i].reply()
@@ -115,15 +115,21 @@ class WorkerPool:
         for worker in self._workers:
             worker.join()
 
+    def _kill(self) -> None:
+        """End the processes at once: some may still import what they need."""
+        for worker in self._workers:
+            worker.kill()
+        self.close()
+
     @contextlib.contextmanager
-    def _closed_if_interrupted(self) -> Iterator[None]:
-        """Close after Ctrl-C: it may have interrupted a message, and the pipe is then unusable."""
+    def _killed_if_interrupted(self) -> Iterator[None]:
+        """Kill after Ctrl-C: it may have interrupted a message, and the pipe is then unusable."""
         try:
             yield
         except Exception:
             raise
         except BaseException:
-            self.close()
+            self._kill()
             raise
 
 
@@ -182,6 +188,10 @@ class Worker:
     def close_pipe(self) -> None:
         """Ask the worker to close its environments and end, after its current request."""
         self._pipe.close()
+
+    def kill(self) -> None:
+        """End the process in the middle of its work."""
+        self._process.kill()
 
     def join(self) -> None:
         """Wait until the process has ended; kill it after `SHUTDOWN_TIMEOUT`."""

@@ -196,13 +196,15 @@ def test_workers_ignore_ctrl_c():
         assert (rewards == 1).all()
 
 
-def test_ctrl_c_in_the_main_process_closes_the_workers(monkeypatch):
+@pytest.mark.parametrize("close", [lambda: None, lambda: threading.Event().wait()])
+def test_ctrl_c_in_the_main_process_ends_the_workers_whatever_they_do(close, monkeypatch):
     def interrupted(worker):
         signal.raise_signal(signal.SIGINT)  # as Ctrl-C does while the main process waits
 
+    monkeypatch.setattr(workers, "SHUTDOWN_TIMEOUT", None)  # for ever
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with with_workers(ConstantReward) as env:
+        with with_workers(partial(HookedEnv, on_close=close)) as env:
             env.reset()
             monkeypatch.setattr(Worker, "reply", interrupted)
             with pytest.raises(KeyboardInterrupt):
