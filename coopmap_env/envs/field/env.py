@@ -97,6 +97,11 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             OccupancyMap(grid, s.beam, s.log_odds_range) for _ in range(n_local_maps)
         )
         self._rating = FieldRatingFunction(s.camera, grid, s.rating, s.log_odds_range)
+        if self._rating.max_visible_cells == 0:  # observations are shares of them
+            raise ValueError(
+                f"camera must see a voxel of {grid.resolution:g} m or more: widen its fields of "
+                f"view or enlarge far, got {s.camera}"
+            )
         chains = [mount.chain() for mount in self.mounts]
         joint_spaces = tuple(
             JointSpace(chain.lower, chain.upper, s.max_grid_poses) for chain in chains

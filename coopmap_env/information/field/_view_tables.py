@@ -50,15 +50,10 @@ class ViewTables:
         Raises
         ------
         ValueError
-            If the camera sees no voxel, or the tables take more memory than `core.limits` allows.
+            If they take more memory than `coopmap_env.core.limits` allows.
         """
         unit = grid.resolution / distance_unit
         frustum = Frustum.from_camera(camera, grid.resolution, MAX_PIXEL_ANGLE * unit)
-        if not frustum.max_visible_cells:
-            raise ValueError(
-                f"a DepthCamera must see a voxel of {grid.resolution:g} m or more: widen its "
-                f"fields of view or enlarge far, got {camera}"
-            )
         w, h = frustum.pixels
         check_bytes(
             8 * frustum.max_visible_cells
