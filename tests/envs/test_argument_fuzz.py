@@ -127,6 +127,13 @@ def test_field_sizes_are_refused_before_memory_is_taken(arguments, name):
         FieldEnv(**arguments())
 
 
+def test_a_camera_that_sees_no_voxel_is_refused():
+    pytest.importorskip("pybullet")
+    narrow = DepthCamera(horizontal_field_of_view=1e-3, vertical_field_of_view=1e-3)
+    with pytest.raises(ValueError, match=r"camera must see a voxel of 0\.1 m"):
+        FieldEnv(**field(camera=narrow))
+
+
 @pytest.mark.parametrize(
     ("scene", "name"),
     [
