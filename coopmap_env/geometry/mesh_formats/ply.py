@@ -30,11 +30,6 @@ class _Element:
     """Name, type, and for lists the type of their length."""
 
     @property
-    def least_size(self) -> int:
-        """Bytes of a binary row without what is in its lists."""
-        return sum((length or kind).itemsize for _, kind, length in self.properties)
-
-    @property
     def has_lists(self) -> bool:
         return any(length is not None for _, _, length in self.properties)
 
