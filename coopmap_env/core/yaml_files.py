@@ -11,7 +11,7 @@ from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import FileError, brief, read_text
 
 MAX_YAML, MAX_YAML_VALUES, MAX_YAML_DEPTH = 1 << 21, 250_000, 50
-"""Characters of a YAML file, values in it, and values inside of each other: PyYAML reads some ten
+"""Characters of a YAML file, values in it, and levels of values in values: PyYAML reads some ten
 thousand values a second, and looks at each character once for every bracket around it."""
 
 
@@ -33,8 +33,21 @@ def read_yaml_mapping(
     text = read_text(path, error_type)
     if len(text) > MAX_YAML:
         raise error_type(f"{path} has {len(text):,} characters, expected {MAX_YAML:,} at most")
+    try:
+        content = yaml.load(text, _strict_loader(yaml, path, error_type))
+    except error_type:
+        raise
+    except Exception as error:  # PyYAML's constructors raise what Python raises for their values
+        raise error_type(f"{path}: expected YAML: {error!s:.500}") from error
+    if not isinstance(content, Mapping):
+        raise error_type(f"{path}: expected a YAML mapping of fields, not {brief(content)}")
+    return content
 
-    class LoaderWithoutAliases(yaml.SafeLoader):  # type: ignore[name-defined]
+
+def _strict_loader(yaml: Any, path: str | os.PathLike[str], error_type: type[FileError]) -> Any:
+    """A loader of PyYAML that refuses aliases, repeated fields, and too many or nested values."""
+
+    class StrictLoader(yaml.SafeLoader):
         n_values, depth = 0, 0
 
         def compose_node(self, parent: Any, index: Any) -> Any:
@@ -67,15 +80,7 @@ def read_yaml_mapping(
                 names.add(str(key.value))
             return super().construct_mapping(node, deep)
 
-    try:
-        content = yaml.load(text, LoaderWithoutAliases)
-    except error_type:
-        raise
-    except Exception as error:  # PyYAML's constructors raise what Python raises for their values
-        raise error_type(f"{path}: expected YAML: {error!s:.500}") from error
-    if not isinstance(content, Mapping):
-        raise error_type(f"{path}: expected a YAML mapping of fields, not {brief(content)}")
-    return content
+    return StrictLoader
 
 
 def read_yaml_number(value: object) -> float:
