@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -191,13 +192,27 @@ def _complete_joint(joint: ET.Element, path: Path) -> None:
 
 
 def _mesh_for_physics(file: Path) -> Path:
-    """A mesh, or a copy in a format that PyBullet knows."""
-    suffix = file.suffix.lower()
-    if suffix in (".obj", ".dae") or (
-        suffix == ".stl" and is_exact_binary_stl(read_bytes(file, UrdfError))
-    ):
-        return file
+    """A mesh, or a copy that PyBullet reads as we do."""
+    status = file.stat()
+    key = file, status.st_mtime_ns, status.st_size
+    path = _checked_mesh(*key)
+    if not path.is_file():  # folders for temporary files are swept
+        _checked_mesh.cache_clear()
+        path = _checked_mesh(*key)
+    return path
+
+
+@lru_cache(maxsize=256)
+def _checked_mesh(file: Path, _modified_ns: int, _size: int) -> Path:
+    """A mesh that we can read, or a copy of it.
+
+    PyBullet reads memory that is not its own where a face names a vertex that does not exist, takes
+    NaN as a corner, and crashes at some COLLADA files, of which it reads nothing but triangles.
+    """
     mesh = read_mesh(file, UrdfError, in_urdf=True)
+    suffix = file.suffix.lower()
+    if suffix == ".obj" or (suffix == ".stl" and is_exact_binary_stl(read_bytes(file, UrdfError))):
+        return file
     rows = [f"v {x!r} {y!r} {z!r}\n" for x, y, z in mesh.vertices.tolist()]
     rows += [f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist()]
     return _write_cached("".join(rows).encode(), file.stem[:MAX_STEM], ".obj")
