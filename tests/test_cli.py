@@ -91,6 +91,7 @@ def test_help_shows_examples(command):
     [
         (["--policies", "nobody"], "unknown policy 'nobody'"),
         (["--episodes", "0"], "--episodes must be at least 1, got 0"),
+        (["--episodes", str(10**20)], f"--episodes must be at most 1,000,000, got {10**20}"),
         (["--scene", "missing.yaml"], "missing.yaml"),
         (["--scene", "moon"], "'moon'"),
         (["--n-robots", "0"], "n_robots must be an integer >= 1, got 0"),

@@ -11,6 +11,9 @@ from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
 from coopmap_env.envs.arguments import SplitName
 
+MAX_EPISODES = 1_000_000
+"""More would take months, and all memory for their list."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate(EnvironmentOptions):
@@ -53,6 +56,8 @@ class Evaluate(EnvironmentOptions):
             raise ValueError("--policies names no policy")
         if self.episodes < 1:
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
+        if self.episodes > MAX_EPISODES:
+            raise ValueError(f"--episodes must be at most {MAX_EPISODES:,}, got {self.episodes}")
         with folder_lock(self.out):
             results = self._play_and_write(names)
         for name, result in results.items():
