@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry.mesh_files import read_mesh
 from coopmap_env.robots import UrdfModel, resolve_mesh
 from coopmap_env.simulation.scenes.factory import SceneError
@@ -110,7 +111,7 @@ def shape_from_urdf(path: Path, package_dirs: Sequence[str] = ()) -> MeshShape:
         for name, link in model.links.items():
             R, t = poses[name][:3, :3], poses[name][:3, 3]
             for shape in getattr(link, kind):
-                corners = (model.shape_triangles(shape) @ R.T + t).reshape(-1, 3)
+                corners = (product(model.shape_triangles(shape), R.T) + t).reshape(-1, 3)
                 faces = np.arange(len(corners)).reshape(-1, 3)
                 meshes.append(trimesh.Trimesh(corners, faces, process=False))
         if any(len(mesh.faces) for mesh in meshes):
