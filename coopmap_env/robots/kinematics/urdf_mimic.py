@@ -84,7 +84,10 @@ def fix_all_but(
     movable = [joint.name for joint in joints if joint.joint_type in MOVABLE_JOINT_TYPES]
     for name in (*moving, *values):
         if name not in movable:
-            raise ValueError(f"{path} has no moving joint {name!r}; it has {movable}")
+            raise ValueError(
+                f"{path} has no moving joint {name!r}{_why_fixed(by_name.get(name))}; it has "
+                f"{movable}"
+            )
     for name in moving:
         mimic = by_name[name].mimic
         if mimic is not None:
@@ -99,6 +102,13 @@ def fix_all_but(
         for name, value in values.items()
     }
     return tuple(_fixed_unless(joint, moving, numbers, path) for joint in joints)
+
+
+def _why_fixed(joint: UrdfJoint | None) -> str:
+    """For errors: what holds a joint that a file calls movable."""
+    if joint is None or joint.lower != joint.upper:
+        return ""
+    return f" (equal limits, or a fixed joint that it mimics, hold it at {joint.lower:g})"
 
 
 def _fixed_unless(
