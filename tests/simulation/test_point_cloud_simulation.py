@@ -91,7 +91,7 @@ def test_covariances_state_eq_1_at_the_distance_that_was_measured():
     assert scan.covariances[:, 0, 0] == pytest.approx((0.1 * measured**2) ** 2)
 
 
-@pytest.mark.parametrize("intrinsic", [0.1, 10.0, 1e6])
+@pytest.mark.parametrize("intrinsic", [0.1, 10.0, 1e3])
 def test_whatever_the_noise_a_hit_stays_a_hit_in_front_of_the_camera(intrinsic):
     camera = DepthCamera()
     cloud = simulated(4.0, camera, RangeNoise(intrinsic=intrinsic, lateral=1.0))
