@@ -80,7 +80,8 @@ def test_equal_limits_make_a_fixed_joint_at_that_value(read, kind, limit, value)
     np.testing.assert_allclose(model.link_poses()["b"], T, atol=1e-15)
     assert model.joints[0].joint_type == "fixed"
     assert model.joint_values() == {"tilt": value}
-    with pytest.raises(ValueError, match=r"arm.urdf has no moving joint 'tilt'; it has \[\]"):
+    reason = rf"arm.urdf has no moving joint 'tilt' \(equal limits, .* hold it at {value:g}\)"
+    with pytest.raises(ValueError, match=reason):
         Chain.from_urdf(model.path, ["tilt"], "b")
 
 
