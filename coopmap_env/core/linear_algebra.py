@@ -33,12 +33,12 @@ def product(A: ArrayLike, B: ArrayLike) -> Array:
         If the shapes do not fit together.
     """
     a, b = np.ascontiguousarray(A, np.float64), np.ascontiguousarray(B, np.float64)
-    if a.ndim == b.ndim == 2 and a.shape[1] == b.shape[0]:
-        single = np.empty((a.shape[0], b.shape[1]))
-        _multiply(a, b, single)
-        return single
-    left = a if a.ndim > 1 else a[None, :]
     right = b if b.ndim > 1 else b[:, None]
+    if a.ndim == right.ndim == 2 and a.shape[1] == len(right):
+        single = np.empty((len(a), right.shape[1]))
+        _multiply(a, right, single)
+        return single if b.ndim > 1 else single.ravel()
+    left = a if a.ndim > 1 else a[None, :]
     stack = left.shape[:-2] or right.shape[:-2]
     (m, n), (inner, p) = left.shape[-2:], right.shape[-2:]
     if n != inner or right.shape[:-2] not in ((), stack):
