@@ -5,9 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.linear_algebra import length
-from coopmap_env.geometry.rotations import rotation_from_quaternion
+from coopmap_env.geometry.rotations import rotation_about_axis, rotation_from_quaternion
 
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """The file's x is right, y up and z towards the viewer."""
@@ -27,5 +26,6 @@ def axis_angle_transform(axis: NDArray[np.float64], degrees: float) -> NDArray[n
     norm = length(axis)
     if norm == 0.0:
         return np.eye(4)
-    sine, cosine = sin_cos(math.radians(degrees) / 2)
-    return quaternion_transform(np.array([*(sine / norm * axis), cosine]))
+    T = np.eye(4)
+    T[:3, :3] = rotation_about_axis(axis / norm, math.radians(degrees))
+    return T
