@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from coopmap_env.core.files import brief
 from coopmap_env.envs.belief import Belief, Decoded, Poses
 
+_USUAL = (np.ndarray, np.int64, int)
+
 
 class InvalidActionError(ValueError):
     """An action that is not in its space; the environment is unchanged."""
@@ -54,6 +56,9 @@ def to_number_array(action: Any) -> NDArray[Any] | None:
     Numpy would convert more: strings, booleans among numbers, durations, bytes and the data under a
     mask.
     """
+    if type(action) in _USUAL:  # nothing to look into: 3 us less a robot and step
+        numbers = np.asarray(action)
+        return numbers if numbers.dtype.kind in "iuf" else None
     if isinstance(action, np.ma.MaskedArray | bytes | bytearray | memoryview):
         return None
     try:
