@@ -9,8 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from coopmap_env.core.locks import LOCK_FILE, OWNER_FILE
+
 TESTS = Path(__file__).parent
 KILLED = -9
+LOCK_FILES = (LOCK_FILE, OWNER_FILE)
 EXTRAS = {
     "evaluate": (),
     "compare": ("matplotlib", "jinja2", "torch"),
@@ -59,7 +62,11 @@ def untimed(value):
 
 
 def content(folder):
-    """All that a command has written, without durations, by the names of the files."""
+    """All that a command has written, without durations, by the names of the files.
+
+    A killed process leaves the files of its lock: the next one that writes into the folder removes
+    them, and one that finds all results there does not write.
+    """
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -71,7 +78,7 @@ def content(folder):
             found[name] = [[row[i] for i in kept] for row in rows]
         elif path.suffix == ".safetensors":
             found[name] = weights(path)
-        elif path.is_file() and "tensorboard" not in name:
+        elif path.is_file() and "tensorboard" not in name and path.name not in LOCK_FILES:
             found[name] = ""
     return found
 
