@@ -6,11 +6,11 @@
 
 from types import ModuleType
 
-from coopmap_env import field_v0, planar_v0
+from coopmap_env import field_v1, planar_v1
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.registration import register_envs as _register
 
-__all__ = ["__version__", "evaluation", "field_v0", "planar_v0"]
+__all__ = ["__version__", "evaluation", "field_v1", "planar_v1"]
 
 _register()
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import coopmap_baselines
-from coopmap_env import field_v0
+from coopmap_env import field_v1
 from coopmap_env.evaluation import rollout
 
 SCANS_EACH = 2
@@ -36,10 +36,10 @@ URDF = """<robot name="pan_tilt">
 """
 
 Path("pan_tilt.urdf").write_text(URDF, encoding="utf-8")
-mount = field_v0.mount_from_urdf(
+mount = field_v1.mount_from_urdf(
     "pan_tilt.urdf", joints=["pan", "tilt"], camera_link="camera", home=[0.0, 0.2], root_height=0.4
 )
-env = field_v0.parallel_env(mount=mount, n_robots=2, split="test", max_scans=SCANS_EACH)
+env = field_v1.parallel_env(mount=mount, n_robots=2, split="test", max_scans=SCANS_EACH)
 for step in rollout(env, coopmap_baselines.make("rating_function", search=50), seed=0):
     print(f"observed {step.infos['robot_0']['observed_fraction']:.1%}")
 env.close()

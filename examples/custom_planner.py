@@ -5,7 +5,7 @@ available to ``coopmap evaluate`` by an entry point of the group ``coopmap.polic
 """
 
 import coopmap_baselines
-from coopmap_env import planar_v0
+from coopmap_env import planar_v1
 from coopmap_env.evaluation import evaluate
 
 N_CANDIDATES = 50
@@ -30,7 +30,7 @@ class UnknownPerCost:
         return actions
 
 
-env = planar_v0.parallel_env(split="test", max_scans=8)
+env = planar_v1.parallel_env(split="test", max_scans=8)
 policies = {
     "unknown per cost": UnknownPerCost(),
     "rating function": coopmap_baselines.make("rating_function", search=N_CANDIDATES),

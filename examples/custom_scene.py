@@ -1,7 +1,7 @@
 """Custom scenes: a class that makes planar worlds, and a YAML file for the field environment.
 
 A scene class of the field environment has the methods of
-`coopmap_env.simulation.scenes.field.FieldScene`, and is passed to `field_v0` in the same way.
+`coopmap_env.simulation.scenes.field.FieldScene`, and is passed to `field_v1` in the same way.
 """
 
 from pathlib import Path
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import coopmap_baselines
-from coopmap_env import field_v0, planar_v0
+from coopmap_env import field_v1, planar_v1
 from coopmap_env.evaluation import rollout
 from coopmap_env.simulation.scenes.planar import PlanarWorld
 
@@ -44,8 +44,8 @@ bases:  # optional: x, y, heading in degrees
 
 Path("shed.yaml").write_text(FIELD_SCENE, encoding="utf-8")
 for env in (
-    planar_v0.parallel_env(scene=Pillars(), max_scans=SCANS_EACH),
-    field_v0.parallel_env(scene="shed.yaml", n_robots=2, max_scans=SCANS_EACH),
+    planar_v1.parallel_env(scene=Pillars(), max_scans=SCANS_EACH),
+    field_v1.parallel_env(scene="shed.yaml", n_robots=2, max_scans=SCANS_EACH),
 ):
     for step in rollout(env, coopmap_baselines.make("coverage", search=50), seed=0):
         fraction = step.infos["robot_0"]["observed_fraction"]

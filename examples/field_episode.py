@@ -1,14 +1,14 @@
 """One episode in the field environment; the map is saved for OctoMap and for mesh viewers."""
 
 import coopmap_baselines
-from coopmap_env import field_v0
+from coopmap_env import field_v1
 from coopmap_env.evaluation import rollout
 from coopmap_env.mapping.files import save_map, save_surfaces
 
 SCANS_EACH = 3
 SEED = 0
 
-env = field_v0.parallel_env(
+env = field_v1.parallel_env(
     n_robots=2, mount="mast", scene="worksite", split="test", max_scans=SCANS_EACH
 )
 policy = coopmap_baselines.make("rating_function", search=100)

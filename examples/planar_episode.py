@@ -4,12 +4,12 @@ import numpy as np
 from PIL import Image
 
 import coopmap_baselines
-from coopmap_env import planar_v0
+from coopmap_env import planar_v1
 
 SCANS_EACH = 16
 SEED = 0
 
-env = planar_v0.parallel_env(
+env = planar_v1.parallel_env(
     n_robots=2, scene="obstacles", split="test", max_scans=SCANS_EACH, render_mode="rgb_array"
 )
 policy = coopmap_baselines.make("rating_function", search=100)

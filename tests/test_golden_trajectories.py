@@ -8,15 +8,21 @@ from plain.golden import (
     MODES,
     N_EPISODES,
     OLD_PROCESSOR,
-    PLANNERS,
+    PARTS,
     SCANS,
     first_hashes_with,
     hashes_of,
+    planner_hashes,
+    trajectory_hashes,
 )
 
+from coopmap_env.envs.field import FieldSettings
+from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.envs.registration import ENVS
 
-GOLDEN = json.loads((Path(__file__).parent / "golden" / "trajectories.json").read_text())
+FOLDER = Path(__file__).parent / "golden"
+GOLDEN = json.loads((FOLDER / "trajectories.json").read_text())
+V0 = json.loads((FOLDER / "trajectories_v0.json").read_text())
 
 
 def test_every_registered_id_and_mode_has_hashes_of_a_hundred_episodes():
@@ -25,17 +31,32 @@ def test_every_registered_id_and_mode_has_hashes_of_a_hundred_episodes():
     assert N_EPISODES == 100
 
 
+@pytest.mark.parametrize("part", PARTS)
 @pytest.mark.parametrize("env_id", SCANS)
-def test_trajectories_and_decisions_of_planners_are_those_that_were_recorded(env_id):
+def test_trajectories_and_decisions_of_planners_are_those_that_were_recorded(env_id, part):
     if "Field" in env_id:
         pytest.importorskip("pybullet")
-    found = hashes_of(env_id)
-    assert set(found) == {*MODES, *PLANNERS}
-    differing = {}
-    for name, hashes in found.items():
-        pairs = zip(hashes.split(), GOLDEN[env_id][name].split(), strict=True)
-        differing[name] = [seed for seed, (now, then) in enumerate(pairs) if now != then]
-    assert differing == {name: [] for name in found}
+    pairs = zip(hashes_of(env_id, part), GOLDEN[env_id][part].split(), strict=True)
+    assert [seed for seed, (now, then) in enumerate(pairs) if now != then] == []
+
+
+V0_ARGUMENTS = {
+    "coopmap/Planar-v1": {"settings": PlanarSettings.v0()},
+    "coopmap/Field-v1": {"settings": FieldSettings.v0()},
+    "coopmap/FieldSearch-v1": {"settings": FieldSettings.v0()},
+}
+
+
+@pytest.mark.parametrize("part", [*MODES, "rating_function", "information_gain"])
+@pytest.mark.parametrize("env_id", SCANS)
+def test_settings_of_v0_give_the_trajectories_of_v0(env_id, part):
+    if "Field" in env_id:
+        pytest.importorskip("pybullet")
+    if part in MODES:
+        found = trajectory_hashes(env_id, part, 10, **V0_ARGUMENTS[env_id])
+    else:
+        found = planner_hashes(env_id, part, 1, **V0_ARGUMENTS[env_id])
+    assert V0[env_id.replace("v1", "v0")][part].split()[: len(found)] == found
 
 
 VARIANTS = {

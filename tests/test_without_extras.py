@@ -25,9 +25,9 @@ def run(code):
 
 def test_the_planar_world_is_played_and_evaluated():
     done = run(
-        "from coopmap_env import evaluation, planar_v0\n"
+        "from coopmap_env import evaluation, planar_v1\n"
         "import coopmap_baselines\n"
-        "env = planar_v0.parallel_env(max_scans=2)\n"
+        "env = planar_v1.parallel_env(max_scans=2)\n"
         "policy = coopmap_baselines.make('rating_function', search=10)\n"
         "print(evaluation.evaluate(env, policy, [0]).table['coverage'][0] > 0)\n"
     )
@@ -38,15 +38,15 @@ def test_the_planar_world_is_played_and_evaluated():
     ("code", "command"),
     [
         (
-            "from coopmap_env import field_v0; field_v0.parallel_env().reset(seed=0)",
+            "from coopmap_env import field_v1; field_v1.parallel_env().reset(seed=0)",
             "pip install 'coopmap[field]'",
         ),
         (
-            "import gymnasium, coopmap_env; gymnasium.make('coopmap/Field-v0').reset(seed=0)",
+            "import gymnasium, coopmap_env; gymnasium.make('coopmap/Field-v1').reset(seed=0)",
             "pip install 'coopmap[field]'",
         ),
         (
-            "from coopmap_env import field_v0; field_v0.parallel_env(mount='tiago')",
+            "from coopmap_env import field_v1; field_v1.parallel_env(mount='tiago')",
             "pip install 'coopmap[",
         ),
         (

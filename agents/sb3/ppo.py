@@ -2,9 +2,9 @@
 
 `train` trains in memory; `coopmap_agents.training` adds files, validation and resuming::
 
-    model = train(lambda: planar_v0.parallel_env(reward="coverage"), PPOSettings(), seed=0)
+    model = train(lambda: planar_v1.parallel_env(reward="coverage"), PPOSettings(), seed=0)
     save_policy(model.policy, PPOSettings(), "policy.safetensors")
-    env = planar_v0.parallel_env(reward="coverage", split="test")
+    env = planar_v1.parallel_env(reward="coverage", split="test")
     evaluation = evaluate(env, LearnedPolicy("policy.safetensors"), seeds=range(100))
 
 In "candidates" mode the network is a `CandidateScorer`, which applies the action mask itself; in

@@ -46,7 +46,7 @@ class SharedPolicyVecEnv(VecEnv):
     Parameters
     ----------
     env_factory : callable
-        Makes a new parallel environment, such as ``lambda: planar_v0.parallel_env(n_robots=3)``.
+        Makes a new parallel environment, such as ``lambda: planar_v1.parallel_env(n_robots=3)``.
         Its robots must have the same spaces and end their episode together. Each worker gets a
         copy of the factory, by cloudpickle: it must not depend on the number of its calls.
     n_envs : int

@@ -8,9 +8,9 @@ import pettingzoo
 SEARCH_ARGUMENTS = {"initialization": "search", "motion_correction": "fiducials"}
 """The full method of the paper: robots find the target first, fiducials correct camera poses."""
 ENVS: dict[str, tuple[str, dict[str, Any]]] = {
-    "coopmap/Planar-v0": ("Planar", {}),
-    "coopmap/Field-v0": ("Field", {}),
-    "coopmap/FieldSearch-v0": ("Field", SEARCH_ARGUMENTS),
+    "coopmap/Planar-v1": ("Planar", {}),
+    "coopmap/Field-v1": ("Field", {}),
+    "coopmap/FieldSearch-v1": ("Field", SEARCH_ARGUMENTS),
 }
 """Class prefix and arguments of each id."""
 

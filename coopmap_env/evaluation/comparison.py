@@ -55,7 +55,7 @@ def evaluate(env: MappingEnv[Any], policy: Policy, seeds: Iterable[int]) -> Eval
     Parameters
     ----------
     env : MappingEnv
-        Made by `coopmap_env.planar_v0.parallel_env` or `coopmap_env.field_v0.parallel_env`.
+        Made by `coopmap_env.planar_v1.parallel_env` or `coopmap_env.field_v1.parallel_env`.
     policy : Policy
         A baseline, a learned policy or any other.
     seeds : iterable of int

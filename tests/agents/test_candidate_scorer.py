@@ -15,7 +15,7 @@ from coopmap_agents.networks.candidate_scorer import RATING_FEATURE_INDEX
 from coopmap_agents.pretrained import LearnedPolicy
 from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model
 from coopmap_baselines import make
-from coopmap_env import field_v0
+from coopmap_env import field_v1
 
 SMALL = PPOSettings(n_envs=1, rollout_steps=32, batch_size=32)
 CLOSE = {"rtol": 1e-4, "atol": 1e-4}
@@ -30,8 +30,8 @@ def team_world(m=20, n_robots=3, **arguments):
 
 def field_world(m=6, n_robots=3, **arguments):
     pytest.importorskip("pybullet")
-    settings = field_v0.FieldSettings(crop_cells=(8, 4))
-    return field_v0.parallel_env(
+    settings = field_v1.FieldSettings(crop_cells=(8, 4))
+    return field_v1.parallel_env(
         action_mode="candidates", n_candidates=m, n_robots=n_robots, settings=settings, **arguments
     )
 

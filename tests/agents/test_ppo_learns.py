@@ -5,20 +5,20 @@ from coopmap_agents.config import PPOSettings
 from coopmap_agents.pretrained import LearnedPolicy, save_policy
 from coopmap_agents.sb3 import train
 from coopmap_baselines import make
-from coopmap_env import planar_v0
+from coopmap_env import planar_v1
 from coopmap_env.evaluation import evaluate
 from coopmap_env.evaluation.statistics import bootstrap_paired_difference
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes.planar import Obstacles
 
-SETTINGS = planar_v0.PlanarSettings(
+SETTINGS = planar_v1.PlanarSettings(
     camera=PlanarCamera(depth_of_field=10.0), reach=6.0, max_start_distance=10.0, crop_cells=32
 )
 SEEDS = range(40)
 
 
 def world(split="train"):
-    return planar_v0.parallel_env(
+    return planar_v1.parallel_env(
         reward="information",
         scene=Obstacles(shape=(64, 64)),
         split=split,

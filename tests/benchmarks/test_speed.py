@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import coopmap_baselines
-from coopmap_env import planar_v0
+from coopmap_env import planar_v1
 from coopmap_env.studies.section3.study import section3_settings
 
 
 @pytest.fixture
 def half_finished_env():
-    env = planar_v0.parallel_env(settings=section3_settings(), split="train")
+    env = planar_v1.parallel_env(settings=section3_settings(), split="train")
     policy = coopmap_baselines.make("rating_function", search=50)
     observations, _ = env.reset(seed=0)
     policy.reset(np.random.default_rng(0))
@@ -20,13 +20,13 @@ def half_finished_env():
 
 
 def test_reset(benchmark):
-    env = planar_v0.parallel_env()
+    env = planar_v1.parallel_env()
     benchmark(env.reset, seed=0)
     assert env.agents
 
 
 def test_step_with_random_actions(benchmark):
-    env = planar_v0.parallel_env(max_scans=10**9)
+    env = planar_v1.parallel_env(max_scans=10**9)
     env.reset(seed=0)
     for k, agent in enumerate(env.agents):
         env.action_space(agent).seed(k)

@@ -3,7 +3,7 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from coopmap_env import field_v0, planar_v0
+from coopmap_env import field_v1, planar_v1
 from coopmap_env.envs.arguments import MappingArguments
 from coopmap_env.envs.field import FieldArguments, FieldEnv
 from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarTeamEnv
@@ -22,10 +22,10 @@ def test_choices_are_those_of_the_rewards_splits_and_pictures():
 @pytest.mark.parametrize(
     ("constructor", "arguments"),
     [
-        (planar_v0.parallel_env, PlanarArguments),
-        (planar_v0.team_env, PlanarArguments),
-        (field_v0.parallel_env, FieldArguments),
-        (field_v0.team_env, FieldArguments),
+        (planar_v1.parallel_env, PlanarArguments),
+        (planar_v1.team_env, PlanarArguments),
+        (field_v1.parallel_env, FieldArguments),
+        (field_v1.team_env, FieldArguments),
     ],
 )
 def test_environments_show_the_signature_of_their_arguments(constructor, arguments):
@@ -33,8 +33,8 @@ def test_environments_show_the_signature_of_their_arguments(constructor, argumen
 
 
 def test_the_documented_constructors_are_the_classes_themselves():
-    assert planar_v0.parallel_env is PlanarEnv
-    assert planar_v0.team_env is PlanarTeamEnv
+    assert planar_v1.parallel_env is PlanarEnv
+    assert planar_v1.team_env is PlanarTeamEnv
 
 
 def test_arguments_may_be_given_in_their_order():

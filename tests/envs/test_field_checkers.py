@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from plain.rollouts import MODES
 
-from coopmap_env import field_v0
+from coopmap_env import field_v1
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 
 pytest.importorskip("pybullet")
@@ -14,8 +14,8 @@ pytest.importorskip("pybullet")
 pytestmark = pytest.mark.filterwarnings(
     "ignore:The old environment creation API has been deprecated:DeprecationWarning"
 )
-NAME = "coopmap/Field-v0"
-SEARCH = "coopmap/FieldSearch-v0"
+NAME = "coopmap/Field-v1"
+SEARCH = "coopmap/FieldSearch-v1"
 
 
 @pytest.fixture(params=MODES)
@@ -36,8 +36,8 @@ def arguments(request, mode):
 
 
 def test_the_page_names_the_ids():
-    assert field_v0.__doc__.count(NAME) == 1
-    assert field_v0.__doc__.count(SEARCH) == 1
+    assert field_v1.__doc__.count(NAME) == 1
+    assert field_v1.__doc__.count(SEARCH) == 1
 
 
 @pytest.mark.parametrize("name", [NAME, SEARCH])
@@ -70,13 +70,13 @@ def test_gymnasium_accepts_the_team_environment(name, arguments):
 @pytest.mark.parametrize("initialization", ["located", "search"])
 def test_stable_baselines_accepts_the_team_environment(initialization, arguments):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = field_v0.team_env(initialization=initialization, **arguments)
+    env = field_v1.team_env(initialization=initialization, **arguments)
     checker.check_env(env)
     env.close()
 
 
 def test_a_team_of_different_mounts_acts_as_one():
-    env = field_v0.team_env(
+    env = field_v1.team_env(
         n_robots=2, mount=["mast", "tiago"], max_scans=2, settings=FieldSettings(crop_cells=(8, 4))
     )
     assert env.action_space.shape == (5 + 3,)

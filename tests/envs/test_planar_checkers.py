@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from plain.rollouts import MODES
 
-from coopmap_env import planar_v0
+from coopmap_env import planar_v1
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
 
@@ -20,10 +20,10 @@ PARALLEL_IDS = [name for name in pettingzoo.parallel_registry if name.startswith
 
 
 def test_the_documented_ids_are_in_both_registries():
-    ids = ["coopmap/Planar-v0", "coopmap/Field-v0", "coopmap/FieldSearch-v0"]
+    ids = ["coopmap/Planar-v1", "coopmap/Field-v1", "coopmap/FieldSearch-v1"]
     assert [name for name in gymnasium.registry if name.startswith("coopmap/")] == ids
     assert [name for name in pettingzoo.parallel_registry if name.startswith("coopmap/")] == ids
-    assert planar_v0.__doc__.count(ids[0]) == 1
+    assert planar_v1.__doc__.count(ids[0]) == 1
 
 
 @pytest.fixture(params=MODES)
@@ -60,7 +60,7 @@ def test_gymnasium_accepts_the_team_environment(name, arguments):
 
 def test_gymnasium_accepts_the_team_environment_with_its_pictures():
     pytest.importorskip("PIL")
-    env = gymnasium.make("coopmap/Planar-v0", render_mode="rgb_array", max_scans=3)
+    env = gymnasium.make("coopmap/Planar-v1", render_mode="rgb_array", max_scans=3)
     check_env(env.unwrapped)
 
 
@@ -71,4 +71,4 @@ def test_gymnasium_accepts_the_team_environment_with_its_pictures():
 )
 def test_stable_baselines_accepts_the_team_environment(arguments):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(planar_v0.team_env(**arguments))
+    checker.check_env(planar_v1.team_env(**arguments))

@@ -148,7 +148,7 @@ def test_the_team_environment_joins_its_robots_along_the_first_axis():
 
 
 def test_gymnasium_makes_the_team_environment_with_its_arguments():
-    env = gymnasium.make("coopmap/Planar-v0", n_robots=1, scene="rooms", max_scans=1)
+    env = gymnasium.make("coopmap/Planar-v1", n_robots=1, scene="rooms", max_scans=1)
     env.reset(seed=0)
     assert env.unwrapped.parallel.scene.name == "rooms"
     *_, truncated, _ = env.step(np.zeros(3, dtype=np.float32))

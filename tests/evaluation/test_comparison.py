@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import coopmap_baselines
-from coopmap_env import evaluation, planar_v0
+from coopmap_env import evaluation, planar_v1
 from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
@@ -35,7 +35,7 @@ POLICIES = ["rating_function:search=10", "raster"]
 
 def small_env(**arguments):
     arguments = {"scene": Obstacles(shape=(60, 60)), "max_scans": 4, "split": "test", **arguments}
-    return planar_v0.parallel_env(**arguments)
+    return planar_v1.parallel_env(**arguments)
 
 
 def timeless(episode):

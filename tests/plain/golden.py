@@ -21,7 +21,7 @@ import coopmap_env  # noqa: F401 - registers the ids
 
 N_EPISODES = 100
 MODES = ("pose", "candidates")
-SCANS = {"coopmap/Planar-v0": 8, "coopmap/Field-v0": 3, "coopmap/FieldSearch-v0": 4}
+SCANS = {"coopmap/Planar-v1": 8, "coopmap/Field-v1": 3, "coopmap/FieldSearch-v1": 4}
 """Scans of each robot in an episode."""
 M_40 = {"search": 40, "coordination": "sequential"}
 PLANNERS = {
@@ -33,6 +33,7 @@ PLANNERS = {
     "random": {},
 }
 """Options of each planner."""
+PARTS = (*MODES, *PLANNERS)
 
 
 def digest(value) -> bytes:
@@ -74,22 +75,24 @@ def random_episode(env, seed) -> bytes:
     return episode_digest(env, seed, lambda env: random_actions(env, rng))
 
 
-def trajectory_hashes(env_id, mode, n_episodes=N_EPISODES) -> list[str]:
+def make_env(env_id, **kwargs):
+    """The environment of an id without wrappers."""
+    env = pettingzoo.make("parallel", env_id, max_scans=SCANS[env_id], **kwargs)
+    return getattr(env, "unwrapped", env)
+
+
+def trajectory_hashes(env_id, mode, n_episodes=N_EPISODES, **kwargs) -> list[str]:
     """Eight hexadecimal digits of each episode of an id in an action mode."""
-    env = pettingzoo.make(
-        "parallel", env_id, action_mode=mode, n_candidates=8, max_scans=SCANS[env_id]
-    )
-    env = getattr(env, "unwrapped", env)
+    env = make_env(env_id, action_mode=mode, n_candidates=8, **kwargs)
     try:
         return [random_episode(env, seed).hex()[:8] for seed in range(n_episodes)]
     finally:
         env.close()
 
 
-def planner_hashes(env_id, name, n_episodes=3) -> list[str]:
+def planner_hashes(env_id, name, n_episodes=3, **kwargs) -> list[str]:
     """The same of episodes in which a planner acts."""
-    env = pettingzoo.make("parallel", env_id, max_scans=SCANS[env_id])
-    env = getattr(env, "unwrapped", env)
+    env = make_env(env_id, **kwargs)
     policy = coopmap_baselines.make(name, **PLANNERS[name])
     hashes = []
     for seed in range(n_episodes):
@@ -100,10 +103,14 @@ def planner_hashes(env_id, name, n_episodes=3) -> list[str]:
     return hashes
 
 
-def hashes_of(env_id) -> dict[str, str]:
+def hashes_of(env_id, part) -> list[str]:
+    """Hashes of an id in an action mode, or with a planner."""
+    return trajectory_hashes(env_id, part) if part in MODES else planner_hashes(env_id, part)
+
+
+def all_hashes(env_id) -> dict[str, str]:
     """Hashes of an id in both action modes, and with each planner."""
-    found = {mode: " ".join(trajectory_hashes(env_id, mode)) for mode in MODES}
-    return found | {name: " ".join(planner_hashes(env_id, name)) for name in PLANNERS}
+    return {part: " ".join(hashes_of(env_id, part)) for part in PARTS}
 
 
 OLD_PROCESSOR = {
@@ -116,7 +123,7 @@ have for an x86-64 processor without AVX2 and fused multiply-add."""
 
 
 def first_hashes(env_id, n_episodes) -> dict[str, str]:
-    """`hashes_of`, of the first episodes only."""
+    """`all_hashes`, of the first episodes only."""
     found = {mode: " ".join(trajectory_hashes(env_id, mode, n_episodes)) for mode in MODES}
     return found | {name: " ".join(planner_hashes(env_id, name, 1)) for name in PLANNERS}
 
@@ -141,5 +148,5 @@ if __name__ == "__main__":
         n = int(sys.argv[1])
         print(json.dumps({env_id: first_hashes(env_id, n) for env_id in sys.argv[2:]}))
     else:
-        recorded = {env_id: hashes_of(env_id) for env_id in sys.argv[2:] or SCANS}
+        recorded = {env_id: all_hashes(env_id) for env_id in sys.argv[2:] or SCANS}
         Path(sys.argv[1]).write_text(json.dumps(recorded, indent=1) + "\n", encoding="utf-8")

@@ -239,8 +239,8 @@ def test_the_table_has_a_row_for_each_method_and_condition(study):
     for method in METHODS:
         assert f"| {method.label} " in text
     assert "| learned (2 training runs) |" in text
-    assert "Planar-v0, learned - rating function, 8 candidates, area under coverage curve" in text
-    assert "| Planar-v0: 3 robots | 2 |" in text
+    assert "Planar-v1, learned - rating function, 8 candidates, area under coverage curve" in text
+    assert "| Planar-v1: 3 robots | 2 |" in text
     widths = {line.count(" | ") for line in text.splitlines() if line.startswith("| method")}
     assert widths == {9}
 

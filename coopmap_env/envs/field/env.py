@@ -49,7 +49,7 @@ from coopmap_env.simulation.scenes.field import FieldWorld, make_field_scene
 
 
 class FieldEnv(MappingEnv[FieldBelief], EzPickle):
-    """Cooperative active mapping with depth cameras on mounts; see `coopmap_env.field_v0`.
+    """Cooperative active mapping with depth cameras on mounts; see `coopmap_env.field_v1`.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
     """
 
     metadata: ClassVar[dict[str, Any]] = {
-        "name": "coopmap/Field-v0",
+        "name": "coopmap/Field-v1",
         "render_modes": ["rgb_array", "human"],
         "render_fps": 2,
         "is_parallelizable": True,

@@ -71,3 +71,8 @@ class FieldSettings(Settings):
         if isinstance(self.crop_cells, list):
             object.__setattr__(self, "crop_cells", tuple(self.crop_cells))
         super().__post_init__()
+
+    @classmethod
+    def v0(cls) -> FieldSettings:
+        """The readings and constants of version v0 of the ids, to reproduce its results."""
+        return cls()

@@ -30,7 +30,7 @@ from coopmap_env.simulation.scenes.planar import PlanarScene, PlanarWorld, make_
 
 
 class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
-    """Cooperative active mapping with planar cameras; see `coopmap_env.planar_v0`.
+    """Cooperative active mapping with planar cameras; see `coopmap_env.planar_v1`.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
     """
 
     metadata: ClassVar[dict[str, Any]] = {
-        "name": "coopmap/Planar-v0",
+        "name": "coopmap/Planar-v1",
         "render_modes": ["rgb_array", "human"],
         "render_fps": 4,
         "is_parallelizable": True,

@@ -43,6 +43,11 @@ class PlanarSettings(Settings):
     """Side of the observed crop of the map, cells: the default depth of field lies inside."""
 
     @classmethod
+    def v0(cls) -> PlanarSettings:
+        """The readings and constants of version v0 of the ids, to reproduce its results."""
+        return cls()
+
+    @classmethod
     def for_resolution(cls, resolution: float) -> PlanarSettings:
         """Scale every length of the defaults, so that a view spans as many cells as before.
 

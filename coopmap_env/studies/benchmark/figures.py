@@ -96,7 +96,7 @@ def draw_generalization(conditions: list[dict[str, Any]], path: Path) -> None:
         _draw_ratios(
             axis, [condition for condition in conditions if condition["env_name"] == env_name]
         )
-        axis.set_title("Planar-v0" if env_name == "planar" else "Field-v0", fontsize=10)
+        axis.set_title("Planar-v1" if env_name == "planar" else "Field-v1", fontsize=10)
     axes[0, 0].legend(fontsize=8)
     figure.tight_layout()
     save_figure(figure, path)

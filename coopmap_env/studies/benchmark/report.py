@@ -27,7 +27,7 @@ VERDICT_SCORES = {
     "reward": ("reward", 1.0, "nats"),
 }
 """Name, factor and unit of the scores in verdicts."""
-ENV_LABELS = {"planar": "Planar-v0", "field": "Field-v0"}
+ENV_LABELS = {"planar": "Planar-v1", "field": "Field-v1"}
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def field_summary(study: FieldStudy) -> dict[str, Any]:
 def field_text_table(study: FieldStudy) -> str:
     """The main scores as text for the terminal."""
     lines = [
-        f"Field-v0 after {2 * SCANS_EACH} scans, {study.size.worlds} test worksites: means",
+        f"Field-v1 after {2 * SCANS_EACH} scans, {study.size.worlds} test worksites: means",
         f"{'policy':<50}{'surface':>9}{'its AUC':>9}{'F-score':>9}{'Chamfer':>9}{'log-loss':>10}"
         f"{'motion':>9}",
     ]

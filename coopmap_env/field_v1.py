@@ -1,9 +1,9 @@
-"""Field-v0: stationary vehicles with articulated camera mounts map a worksite in 3-D.
+"""Field-v1: stationary vehicles with articulated camera mounts map a worksite in 3-D.
 
 =================  =====================================================================
-import             ``from coopmap_env import field_v0`` (extra ``field``)
-ids                ``coopmap/Field-v0`` and, with the search for the target and fiducials,
-                   ``coopmap/FieldSearch-v0`` (PettingZoo "parallel", and Gymnasium for one
+import             ``from coopmap_env import field_v1`` (extra ``field``)
+ids                ``coopmap/Field-v1`` and, with the search for the target and fiducials,
+                   ``coopmap/FieldSearch-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
 agents             ``robot_0`` ... , 2 by default
 actions            `coopmap_env.envs.field.actions`: ``Box(-1, 1, (n,))``, the mount's

@@ -1,8 +1,8 @@
-"""Planar-v0: a team of planar cameras maps an unknown world.
+"""Planar-v1: a team of planar cameras maps an unknown world.
 
 =================  =====================================================================
-import             ``from coopmap_env import planar_v0``
-id                 ``coopmap/Planar-v0`` (PettingZoo "parallel", and Gymnasium for one
+import             ``from coopmap_env import planar_v1``
+id                 ``coopmap/Planar-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
 agents             ``robot_0`` ... , 2 by default
 actions            `coopmap_env.envs.planar.actions`: ``Box(-1, 1, (3,))``, or
