@@ -81,6 +81,10 @@ After a reset there are only ``n_scans``, ``observed_fraction`` and ``action_mas
 
 Version history
 ---------------
+v1: Eq. 7 counts voxels of a view that are hidden, outside of the map or reserved for a teammate as
+known and empty (v0 left them out, so that a known map still paid for them), and Eq. 8a is read
+without the distance. `FieldSettings.v0` restores v0.
+
 v0: first version.
 """
 

@@ -1,8 +1,8 @@
 """Rewards: named terms, each a small function of the outcome of one robot's step.
 
 Where teammates scan the same cells in a step, the overlap is paid once, to the robot of the lower
-index: "rating" leaves the cells in view of earlier robots out of a robot's histogram, "information"
-and "coverage" count what a scan adds to the scans of earlier robots.
+index: "rating" does not count the cells in view of earlier robots for a robot, "information" and
+"coverage" count what a scan adds to the scans of earlier robots.
 """
 
 from __future__ import annotations

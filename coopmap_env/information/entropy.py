@@ -11,7 +11,7 @@ from coopmap_env.core.elementary import log_array
 def entropy(q: ArrayLike) -> float:
     """H(q) = - sum of q_k ln q_k, nats (Eq. 6); events of zero probability change nothing.
 
-    The q need not sum to one: what an occluder hides is missing (Eq. 7).
+    The q need not sum to one: as printed, Eq. 7 leaves out what an occluder hides.
 
     Raises
     ------

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import kernel
 from coopmap_env.information.entropy import entropy_terms
+from coopmap_env.information.settings import Interpretation, RatingSettings
 from coopmap_env.mapping import LogOddsRange
-
-Interpretation = Literal["literal", "distance_free"]
 
 
 def sampled_gray_level(
-    probability: ArrayLike, distance: ArrayLike, interpretation: Interpretation = "literal"
+    probability: ArrayLike, distance: ArrayLike, interpretation: Interpretation = "distance_free"
 ) -> NDArray[np.float64]:
     """Eq. 8a: gray level in [0, 1] of sampled voxels.
 
@@ -28,8 +28,8 @@ def sampled_gray_level(
         P(occupied).
     distance : array_like
         From the camera, in voxels; below 1 counts as 1.
-    interpretation : {"literal", "distance_free"}
-        With the distance as printed, or with d = 1 everywhere.
+    interpretation : {"distance_free", "literal"}
+        With d = 1 everywhere, or with the distance as printed.
     """
     p = np.asarray(probability, dtype=np.float64)
     d = np.ones_like(p) if interpretation == "distance_free" else np.maximum(distance, 1.0)
@@ -64,14 +64,36 @@ class GrayBins(NamedTuple):
     """Bins over the gray levels [0, 2]."""
     entropy_terms: NDArray[np.float64]
     """-q ln q by the count of a bin; see `entropy_terms`."""
+    hidden_is_empty: bool
+    """Whether voxels of N that a view does not count are empty; see `RatingSettings.hidden`."""
+
+
+@kernel
+def histogram_entropy(counts: NDArray[np.int64], gray: GrayBins) -> float:
+    """NI, nats, of the numbers of voxels (n_bins,) with each gray level in a view: Eqs. 6 and 7.
+
+    Where hidden voxels count as empty, bin 0 becomes what the other bins leave of N, in `counts`
+    too. In 3-D a view may hold a few voxels more than N: a bin with N or more has no entropy.
+    """
+    n = len(gray.entropy_terms) - 1
+    if gray.hidden_is_empty:
+        counts[0] = n
+        for b in range(1, gray.n_bins):
+            counts[0] -= counts[b]
+        counts[0] = max(counts[0], 0)
+    h = 0.0
+    for b in range(gray.n_bins):
+        h += gray.entropy_terms[min(counts[b], n)]
+    return h
 
 
 @dataclass(frozen=True)
 class GrayLevelTable:
     """Eqs. 8a and 8b as tables: the bin of a voxel by its distance class and its log-odds.
 
-    Eq. 8a depends on the distance only below two voxels: from there on 1 / ((1 - p) d) <= 1 and
-    the clamp decides. A few distance classes and the map's finite log-odds cover all cases.
+    Eq. 8a, literally, depends on the distance only below two voxels: from there on
+    1 / ((1 - p) d) <= 1 and the clamp decides. A few distance classes and the map's finite log-odds
+    cover all cases. Without the distance there is one class.
     """
 
     sampled: NDArray[np.uint8]
@@ -82,18 +104,21 @@ class GrayLevelTable:
     """Shape (k,): bin of a never-sampled voxel at each distance."""
     n_bins: int
     """Bins over the gray levels [0, 2]."""
+    hidden_is_empty: bool
+    """Whether voxels of N that a view does not count are empty."""
 
     @classmethod
     def from_distances(
         cls,
         distance: NDArray[np.float64],
         depth: float,
-        n_gray_bins: int,
-        interpretation: Interpretation,
+        settings: RatingSettings,
         log_odds_range: LogOddsRange,
     ) -> GrayLevelTable:
         """Tables for cells at these distances (voxels) from the camera."""
-        near = np.unique(np.maximum(distance[distance < 2.0], 1.0))
+        n_gray_bins, interpretation = settings.n_gray_bins, settings.interpretation
+        has_near_classes = interpretation == "literal"
+        near = np.unique(np.maximum(distance[(distance < 2.0) & has_near_classes], 1.0))
         bounded = np.maximum(distance, 1.0)
         classes = np.minimum(np.searchsorted(near, bounded), len(near))
         rows = [
@@ -105,6 +130,7 @@ class GrayLevelTable:
             classes.astype(np.uint8),
             gray_bin(unknown_gray_level(distance, depth), n_gray_bins).astype(np.uint8),
             n_gray_bins,
+            settings.hidden == "empty",
         )
 
     def arrays(self, max_visible_cells: int) -> GrayBins:
@@ -115,4 +141,5 @@ class GrayLevelTable:
             self.unknown,
             self.n_bins,
             entropy_terms(max_visible_cells),
+            self.hidden_is_empty,
         )

@@ -28,7 +28,7 @@ class ViewContext:
     """What, besides the map and the poses, decides which cells a view shows."""
 
     reserved_mask: ReservedMask | None = None
-    """Cells that are left out, because a teammate will observe them."""
+    """Cells that do not count, because a teammate will observe them."""
     occluder_spheres: Spheres | None = None
     """Spheres that cover the other robots and hide what is behind them. 3-D only."""
     coarse: bool = False

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from coopmap_env.core.settings import Bounds, NonNegative, Settings
-from coopmap_env.information.gray_levels import Interpretation
+
+Interpretation = Literal["literal", "distance_free"]
+"""Readings of Eq. 8a."""
+Hidden = Literal["empty", "printed"]
+"""Readings of Eq. 7."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +30,14 @@ class RatingSettings(Settings):
     n_gray_bins: Annotated[int, Bounds(at_least=2, at_most=256)] = 64
     """Bins over the gray levels [0, 2] (Eq. 7). Half of them tell unknown cells apart by their
     distance, in steps of less than one cell in 2-D and of less than two in 3-D."""
-    interpretation: Interpretation = "literal"
-    """Interpretation of Eq. 8a: with the distance as printed, or without it."""
+    interpretation: Interpretation = "distance_free"
+    """Interpretation of Eq. 8a: without the distance, or with it as printed ("literal"). As
+    printed, from two voxels on a voxel with p = 0.49 counts like one with p = 0.001."""
+    hidden: Hidden = "empty"
+    """What Eq. 7 makes of voxels of N that a view does not count, because they are hidden, outside
+    of the map, or reserved for a teammate. "empty": they count as known and empty, so that the q
+    sum to one, and a view of known and empty voxels brings nothing wherever it ends. "printed":
+    they are left out, and a known map that hides a part of a view still pays up to 1/e nats."""
 
 
 @dataclass(frozen=True)

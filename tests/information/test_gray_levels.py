@@ -4,12 +4,20 @@ import numpy as np
 import pytest
 from plain import views
 
-from coopmap_env.information import BeamFan, gray_bin, sampled_gray_level, unknown_gray_level
-from coopmap_env.information.gray_levels import GrayLevelTable
+from coopmap_env.information import (
+    BeamFan,
+    PlanarRatingSettings,
+    entropy,
+    gray_bin,
+    sampled_gray_level,
+    unknown_gray_level,
+)
+from coopmap_env.information.gray_levels import GrayLevelTable, histogram_entropy
 from coopmap_env.mapping import LogOddsRange
 from coopmap_env.sensing import PlanarCamera
 
-READINGS = pytest.mark.parametrize("interpretation", ["literal", "distance_free"])
+INTERPRETATIONS = ["literal", "distance_free"]
+READINGS = pytest.mark.parametrize("interpretation", INTERPRETATIONS)
 
 
 @pytest.mark.parametrize(
@@ -33,7 +41,7 @@ READINGS = pytest.mark.parametrize("interpretation", ["literal", "distance_free"
     ],
 )
 def test_literal_gray_levels_by_hand_eq_8a(p, d, gray):
-    assert sampled_gray_level(p, d) == pytest.approx(gray)
+    assert sampled_gray_level(p, d, "literal") == pytest.approx(gray)
 
 
 @pytest.mark.parametrize(
@@ -45,21 +53,22 @@ def test_distance_free_gray_levels_by_hand_eq_8a(p, gray, d):
 
 
 def test_less_than_a_voxel_counts_as_one_voxel_eq_8a():
-    assert sampled_gray_level([0.3, 0.7], [0.0, 0.4]) == pytest.approx(
-        sampled_gray_level([0.3, 0.7], 1)
+    assert sampled_gray_level([0.3, 0.7], [0.0, 0.4], "literal") == pytest.approx(
+        sampled_gray_level([0.3, 0.7], 1, "literal")
     )
 
 
 def test_both_readings_agree_at_one_voxel_eq_8a():
     p = np.linspace(0, 1, 101)
-    assert sampled_gray_level(p, 1.0) == pytest.approx(sampled_gray_level(p, 1.0, "distance_free"))
+    literal, distance_free = (sampled_gray_level(p, 1.0, name) for name in INTERPRETATIONS)
+    assert literal == pytest.approx(distance_free)
 
 
 def test_from_two_voxels_on_the_literal_reading_knows_free_and_occupied_only_eq_8a():
     """1 / ((1 - p) d) <= 1 for p < 1/2 and d >= 2: the clamp decides, not p."""
     p = np.linspace(0, 1, 201)
     for d in (2.0, 2.3, 10.0, 400.0):
-        assert (sampled_gray_level(p, d) == (p >= 0.5)).all()
+        assert (sampled_gray_level(p, d, "literal") == (p >= 0.5)).all()
 
 
 @READINGS
@@ -111,9 +120,8 @@ def test_every_gray_level_falls_into_a_bin_eq_7(n_gray_bins):
 def test_the_tables_look_up_the_bins_of_the_formulas(interpretation, n_gray_bins):
     limits = LogOddsRange()
     fan = BeamFan.from_camera(PlanarCamera(depth_of_field=7.5), 1.0, 4)
-    table = GrayLevelTable.from_distances(
-        fan.distance, fan.depth, n_gray_bins, interpretation, limits
-    )
+    settings = PlanarRatingSettings(n_gray_bins=n_gray_bins, interpretation=interpretation)
+    table = GrayLevelTable.from_distances(fan.distance, fan.depth, settings, limits)
     rng = np.random.default_rng(0)
     for k in range(len(fan.distance)):
         d = float(fan.distance[k])
@@ -129,3 +137,29 @@ def test_the_tables_look_up_the_bins_of_the_formulas(interpretation, n_gray_bins
             assert found in {
                 min(int((gray + e) * n_gray_bins / 2), n_gray_bins - 1) for e in (-1e-12, 1e-12)
             }
+
+
+@pytest.mark.parametrize("hidden", ["empty", "printed"])
+def test_the_entropy_of_a_histogram_by_hand_eqs_6_and_7(hidden):
+    """N = 8; three empty voxels, two of gray level 1.2, one is hidden and two out of the map."""
+    settings = PlanarRatingSettings(n_gray_bins=4, hidden=hidden)
+    table = GrayLevelTable.from_distances(np.array([1.0]), 5.0, settings, LogOddsRange())
+    value = histogram_entropy(np.array([3, 0, 2, 0]), table.arrays(8))
+    q = {"empty": [6 / 8, 2 / 8], "printed": [3 / 8, 2 / 8]}[hidden]
+    assert value == pytest.approx(entropy(q))
+    # one more than N: no bin has a negative entropy
+    assert histogram_entropy(np.array([0, 0, 9, 0]), table.arrays(8)) == 0
+    assert histogram_entropy(np.array([9, 0, 0, 0]), table.arrays(8)) == 0
+
+
+@pytest.mark.parametrize("hidden", ["empty", "printed"])
+def test_the_entropy_of_a_histogram_is_the_plain_one_eqs_6_and_7(hidden):
+    rng = np.random.default_rng(0)
+    for n_gray_bins in (2, 7, 64):
+        settings = PlanarRatingSettings(n_gray_bins=n_gray_bins, hidden=hidden)
+        table = GrayLevelTable.from_distances(np.array([1.0]), 5.0, settings, LogOddsRange())
+        for _ in range(50):
+            counts = rng.integers(0, 20, n_gray_bins) * (rng.random(n_gray_bins) < 0.4)
+            n = max(int(counts.sum() * rng.uniform(0.98, 3)), 1)
+            plain = views.histogram_entropy(counts.tolist(), n, hidden)
+            assert histogram_entropy(counts, table.arrays(n)) == pytest.approx(plain, abs=1e-12)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from numba import njit
-from plain.views import gray_level
+from plain.views import gray_level, histogram_entropy
 
 from coopmap_env.geometry import traverse
 from coopmap_env.information.field._depth_buffer import DEPTH_TOLERANCE
@@ -71,17 +71,21 @@ def round_to_table(distance):
     return np.sqrt(np.floor(4 * distance**2)) / 2
 
 
-def new_information(map_, seen, distance, settings, max_visible_cells, depth, unit=1.0):
-    """NI of the visible voxels: entropy of the histogram of gray levels (Eqs. 6 to 8)."""
+def gray_histogram(map_, seen, distance, settings, depth, unit=1.0):
+    """f_i of Eq. 7: how many of the voxels have each gray level."""
     counts = [0] * settings.n_gray_bins
     p = map_.probability.ravel()
     for cell in np.flatnonzero(seen):
         d = round_to_table(distance[cell]) * unit
         level = gray_level(p[cell], map_.sampled_mask[cell], d, depth, settings.interpretation)
         counts[min(int(level * settings.n_gray_bins / 2), settings.n_gray_bins - 1)] += 1
-    return -sum(
-        min(f / max_visible_cells, 1) * math.log(min(f / max_visible_cells, 1)) for f in counts if f
-    )
+    return counts
+
+
+def new_information(map_, seen, distance, settings, max_visible_cells, depth, unit=1.0):
+    """NI of the visible voxels: entropy of the histogram of gray levels (Eqs. 6 to 8)."""
+    counts = gray_histogram(map_, seen, distance, settings, depth, unit)
+    return histogram_entropy(counts, max_visible_cells, settings.hidden)
 
 
 def visibility_probabilities(

@@ -75,4 +75,4 @@ class FieldSettings(Settings):
     @classmethod
     def v0(cls) -> FieldSettings:
         """The readings and constants of version v0 of the ids, to reproduce its results."""
-        return cls()
+        return cls(rating=FieldRatingSettings(interpretation="literal", hidden="printed"))

@@ -45,7 +45,7 @@ class PlanarSettings(Settings):
     @classmethod
     def v0(cls) -> PlanarSettings:
         """The readings and constants of version v0 of the ids, to reproduce its results."""
-        return cls()
+        return cls(rating=PlanarRatingSettings(interpretation="literal", hidden="printed"))
 
     @classmethod
     def for_resolution(cls, resolution: float) -> PlanarSettings:

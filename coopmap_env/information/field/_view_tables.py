@@ -65,8 +65,7 @@ class ViewTables:
         gray_levels = GrayLevelTable.from_distances(
             np.sqrt(quarters) / 2 * unit,
             frustum.far * unit,
-            constants.n_gray_bins,
-            constants.interpretation,
+            constants,
             log_odds_range,
         )
         arrays = CameraArrays(frustum.geometry, frustum.directions, frustum.max_runs(grid.shape))
@@ -148,5 +147,5 @@ class ViewTables:
     def entropies(self, histogram: NDArray[np.int64]) -> NDArray[np.float64]:
         """NI (Eqs. 6, 7) of each row of `histograms`, nats, shape (k,)."""
         out = np.empty(len(histogram))
-        write_entropies(histogram, self.gray.entropy_terms, out)
+        write_entropies(histogram, self.gray, out)
         return out

@@ -154,8 +154,8 @@ class FieldRatingFunction:
     ) -> Ratings:
         """Eq. 9 of one pose for each robot, all scanning at once.
 
-        What a robot sees is left out of the histograms of the robots after it, so that an overlap
-        counts once.
+        What a robot sees is reserved for it: the robots after it do not count it, so that an
+        overlap counts once.
         """
         ni = self.sequential_new_information(map_, poses, occluder_spheres)
         return self.rate_from_new_information(map_, poses, distance, ni)

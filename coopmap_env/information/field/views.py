@@ -5,7 +5,8 @@ if its depth is within the limit of its pixel. Sparse rays would miss visible vo
 are slower.
 
 All lengths are in cells of the grid. The tables of `GrayBins` are indexed by the squared distance
-in quarters of a squared cell. `reserved_mask` is 1 at voxels that are not counted.
+in quarters of a squared cell. `reserved_mask` is 1 at voxels that are not counted; Eq. 7 treats
+them as hidden ones.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from coopmap_env.information.field._depth_buffer import (
     occluder_bounds,
 )
 from coopmap_env.information.field.frustum import FrustumRuns, frustum_runs, projection_rows
-from coopmap_env.information.gray_levels import GrayBins
+from coopmap_env.information.gray_levels import GrayBins, histogram_entropy
 from coopmap_env.mapping import MapArrays
 
 MIN_VIEWS_FOR_BOX = 8
@@ -217,14 +218,10 @@ def fill_mask(mask: NDArray[np.uint8], cells: NDArray[np.int32], value: int) -> 
 
 
 @kernel
-def write_entropies(
-    histogram: NDArray[np.int64], entropy_terms: NDArray[np.float64], out: NDArray[np.float64]
-) -> None:
-    """Write NI (Eq. 6) of each row of `write_histograms`; a bin with N or more has no entropy."""
-    n_gray_bins = histogram.shape[1] // 2
-    full = len(entropy_terms) - 1
+def write_entropies(histogram: NDArray[np.int64], gray: GrayBins, out: NDArray[np.float64]) -> None:
+    """Write NI (Eqs. 6 and 7) of each row of `write_histograms`."""
+    counts = np.empty(gray.n_bins, np.int64)
     for p in range(len(histogram)):
-        h = 0.0
-        for b in range(n_gray_bins):
-            h += entropy_terms[min(histogram[p, b] + histogram[p, n_gray_bins + b], full)]
-        out[p] = h
+        for b in range(gray.n_bins):
+            counts[b] = histogram[p, b] + histogram[p, gray.n_bins + b]
+        out[p] = histogram_entropy(counts, gray)

@@ -51,11 +51,7 @@ class PlanarRatingFunction:
         self.settings = settings
         self.fan = BeamFan.from_camera(camera, lattice.grid.resolution, lattice.n_headings)
         self.gray = GrayLevelTable.from_distances(
-            self.fan.distance,
-            self.fan.depth,
-            settings.n_gray_bins,
-            settings.interpretation,
-            log_odds_range,
+            self.fan.distance, self.fan.depth, settings, log_odds_range
         )
         self._fan = tuple(self.fan.arrays)
         self._gray = tuple(self.gray.arrays(self.max_visible_cells))
@@ -132,8 +128,8 @@ class PlanarRatingFunction:
     def rate_team(self, map_: OccupancyMap, pose_ids: ArrayLike, distance: ArrayLike) -> Ratings:
         """Eq. 9 of one pose for each robot, all scanning at once; shapes (n_robots,).
 
-        What a robot sees is left out of the histograms of the robots after it, so that an overlap
-        counts once.
+        What a robot sees is reserved for it: the robots after it do not count it, so that an
+        overlap counts once.
         """
         ids = self.validate_ids(map_, pose_ids)
         ni = np.empty(len(ids))

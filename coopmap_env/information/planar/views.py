@@ -2,7 +2,7 @@
 
 A pose is the id of a lattice pose. A sampled cell with P >= 1/2 counts as occupied and ends the
 beams that cross it; unknown cells let them pass. `reserved_mask` is 1 at cells that a teammate will
-observe: they are not counted.
+observe: they are not counted, and Eq. 7 treats them as hidden ones.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple, kernel
-from coopmap_env.information.gray_levels import GrayBins
+from coopmap_env.information.gray_levels import GrayBins, histogram_entropy
 from coopmap_env.information.planar.fan import FanArrays
 from coopmap_env.mapping import MapArrays
 
@@ -103,10 +103,8 @@ def view_information(
         else:
             counts[gray.unknown[k]] += 1
             unknown += 1
-    h = 0.0
-    for b in range(len(counts)):
-        h += gray.entropy_terms[counts[b]]
-        counts[b] = 0
+    h = histogram_entropy(counts, gray)
+    counts[:] = 0
     return h, unknown
 
 
@@ -184,11 +182,8 @@ def _evaluate_views_64_beams(
             elif not reserved_mask[visible_cell]:
                 counts[np.uint64(unknown_bin[k])] += 1
                 n_unknown += 1
-        h = 0.0
-        for b in range(gray.n_bins):
-            h += gray.entropy_terms[counts[b]]
-            counts[b] = 0
-        ni[p], unknown[p] = h, n_unknown
+        ni[p], unknown[p] = histogram_entropy(counts, gray), n_unknown
+        counts[:] = 0
 
 
 @kernel

@@ -38,15 +38,23 @@ def rating_of(map_, camera=SMALL, **settings):
 
 
 @pytest.mark.parametrize(
-    ("camera", "interpretation"),
-    # the second one sees voxels nearer than two, for which Eq. 8a depends on the distance
-    [(SMALL, "literal"), (DepthCamera(near=0.0, far=0.7), "literal"), (SMALL, "distance_free")],
+    ("camera", "interpretation", "hidden"),
+    # the second one sees voxels nearer than two, for which the literal Eq. 8a depends on distance
+    [
+        (SMALL, "literal", "printed"),
+        (DepthCamera(near=0.0, far=0.7), "literal", "empty"),
+        (SMALL, "distance_free", "empty"),
+    ],
 )
-def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(camera, interpretation):
+def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(
+    camera, interpretation, hidden
+):
     rng = np.random.default_rng(0)
     for n_gray_bins in (64, 7):
         map_ = random_voxel_map(rng, SHAPE, 6, 3)
-        rating = rating_of(map_, camera, interpretation=interpretation, n_gray_bins=n_gray_bins)
+        rating = rating_of(
+            map_, camera, interpretation=interpretation, hidden=hidden, n_gray_bins=n_gray_bins
+        )
         frustum = rating.fine.frustum
         reserved_mask = (rng.random(map_.grid.n_cells) < 0.2).astype(np.uint8)
         R, t = random_poses(rng, map_, 6)
@@ -69,13 +77,31 @@ def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(camera, int
             assert rest_unknown[k] == (seen & (map_.sampled_mask == 0)).sum()
 
 
-def test_what_is_known_and_empty_tells_nothing_but_what_the_count_is_off_eq_7():
+def test_what_is_known_and_empty_tells_nothing_or_as_printed_what_the_count_is_off_eq_7():
     map_ = empty_map()
     map_.mark_free(np.arange(map_.grid.n_cells))
-    rating = rating_of(map_)
+    rating = rating_of(map_, hidden="printed")
     seen = len(rating.visible_cells(map_, (ALONG_X[0], MIDDLE[0])))
     assert seen == pytest.approx(rating.max_visible_cells, rel=0.02)
     assert rating.new_information(map_, (ALONG_X, MIDDLE))[0] < 0.02
+    R, t = random_poses(np.random.default_rng(6), map_, 40, any_orientation=True)
+    assert rating.new_information(map_, (R, t)).max() > 0.3  # cut off by the border
+    assert not rating_of(map_).new_information(map_, (R, t)).any()
+
+
+@pytest.mark.parametrize("hidden", ["empty", "printed"])
+def test_new_information_lies_between_zero_and_the_logarithm_of_the_bins_eq_6(hidden):
+    """Also where a view holds a few voxels more than N, which is a volume."""
+    map_ = empty_map()
+    rating = rating_of(map_, DepthCamera(far=0.8), hidden=hidden, n_gray_bins=2)
+    R, t = random_poses(np.random.default_rng(7), map_, 200, any_orientation=True)
+    for known in (False, True):
+        if known:
+            map_.mark_free(np.arange(map_.grid.n_cells))
+        values = rating.new_information(map_, (R, t))
+        assert 0 <= values.min() <= values.max() <= math.log(2)
+    counts = [len(rating.visible_cells(map_, pose)) for pose in zip(R, t, strict=True)]
+    assert max(counts) > rating.max_visible_cells
 
 
 def test_an_unknown_view_tells_the_entropy_of_its_shells_eq_8b():
@@ -271,7 +297,13 @@ def test_arguments_that_do_not_fit_are_refused():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("K", -1.0), ("exponent", math.nan), ("n_gray_bins", 1), ("interpretation", "odd")],
+    [
+        ("K", -1.0),
+        ("exponent", math.nan),
+        ("n_gray_bins", 1),
+        ("interpretation", "odd"),
+        ("hidden", "odd"),
+    ],
 )
 def test_constants_out_of_range_are_refused(name, value):
     with pytest.raises(ValueError, match=rf"FieldRatingSettings\.{name} .*{value}"):

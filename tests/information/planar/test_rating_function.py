@@ -62,9 +62,12 @@ def test_new_information_of_three_cells_by_hand_eqs_6_to_8():
     assert rating.fan.max_visible_cells == 3
     pose_id = pose_at(4, 4, 0, 4, 9)
     assert ni(rating, map_, pose_id) == pytest.approx(math.log(3))
-    # an occupied neighbour, gray 1 - (1 / 0.999 - 1) / 2, hides the rest: bins 0 and 1
+    # an occupied neighbour, gray 1 - (1 / 0.999 - 1) / 2, hides the rest: bins 0, 1 and, for what
+    # is hidden, 0 or none
     set_cells(map_, 5 * 9 + 4, 0.999)
-    assert ni(rating, map_, pose_id) == pytest.approx(2 / 3 * math.log(3))
+    assert ni(rating, map_, pose_id) == pytest.approx(entropy([2 / 3, 1 / 3]))
+    printed = rating_of(map_, PlanarCamera(1.0, 2.5, 1), 4, n_gray_bins=4, hidden="printed")
+    assert ni(printed, map_, pose_id) == pytest.approx(2 / 3 * math.log(3))
     # two bins only: gray 1.4 and 1.8 in one of two bins, 0 in the other
     map_.clear()
     set_cells(map_, 4 * 9 + 4, 0.001)
@@ -73,19 +76,21 @@ def test_new_information_of_three_cells_by_hand_eqs_6_to_8():
 
 
 @READINGS
+@pytest.mark.parametrize("hidden", ["empty", "printed"])
 @pytest.mark.parametrize(
     ("camera", "n_headings"),
     [(PlanarCamera(depth_of_field=7.0), 16), (PlanarCamera(2 * math.pi, 5.5, 90), 3)],
 )
 def test_new_information_is_the_plain_histogram_s_entropy_eqs_6_to_8(
-    camera, n_headings, interpretation
+    camera, n_headings, hidden, interpretation
 ):
     rng = np.random.default_rng(0)
     for n_gray_bins in (64, 7):
         map_ = random_map(rng, (21, 15), unknown=0.4, occupied=0.05)
         rating = rating_of(
-            map_, camera, n_headings, interpretation=interpretation, n_gray_bins=n_gray_bins
-        )
+            map_, camera, n_headings,
+            interpretation=interpretation, hidden=hidden, n_gray_bins=n_gray_bins,
+        )  # fmt: skip
         ids = rng.integers(0, rating.lattice.n_poses, 40)
         found = rating.new_information(map_, ids)
         for pose_id, value in zip(ids.tolist(), found, strict=True):
@@ -103,25 +108,27 @@ def test_what_is_known_and_empty_tells_nothing_eq_7(interpretation):
     assert ni(rating_of(map_, interpretation=interpretation), map_) == 0
 
 
-def test_a_heading_that_sees_fewer_cells_than_others_keeps_a_trace_of_nothing_eq_7():
+def test_as_printed_a_heading_that_sees_fewer_cells_keeps_a_trace_of_nothing_eq_7():
     """N is one constant of the camera, so a full view of f < N empty cells has NI = -f/N ln f/N."""
     map_ = unknown_map()
     map_.mark_free(np.arange(map_.grid.n_cells))
-    rating = rating_of(map_)
+    rating = rating_of(map_, hidden="printed")
     values = rating.new_information(map_, HERE + np.arange(16))
     counts = np.diff(rating.fan.start)
     assert values == pytest.approx([entropy([f / counts.max()]) for f in counts])
     assert values.max() < 0.03
 
 
-def test_known_and_empty_cells_cut_off_by_the_border_seem_to_tell_something_eq_7():
+def test_as_printed_empty_cells_cut_off_by_the_border_seem_to_tell_something_eq_7():
     """A fault of Eq. 7 as printed: half a view of empty cells is worth up to 1/e nats."""
     map_ = unknown_map()
     map_.mark_free(np.arange(map_.grid.n_cells))
-    rating = rating_of(map_)
+    rating = rating_of(map_, hidden="printed")
     values = [ni(rating, map_, pose_at(x, MIDDLE)) for x in range(MIDDLE, SIZE)]
     assert values[0] == 0
     assert 0.3 < max(values) <= 1 / math.e
+    poses = np.arange(rating.lattice.n_poses)
+    assert not rating_of(map_).new_information(map_, poses).any()
 
 
 @READINGS
@@ -160,18 +167,26 @@ def test_the_further_the_known_cells_reach_the_less_a_view_tells_eq_8b():
 
 
 @READINGS
-def test_an_occluder_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7(interpretation):
+@pytest.mark.parametrize(("hidden", "known"), [("empty", 6), ("printed", 0)])
+def test_an_occluder_in_front_leaves_less_to_tell_and_the_nearer_the_less_eq_7(
+    hidden, known, interpretation
+):
     """Up to the last metres before the depth of field.
 
-    There it hides next to nothing, and is an event of its own that raises the entropy a little.
+    There it hides next to nothing, and is an event of its own that raises the entropy a little. So
+    are empty cells of a view that has had next to none: the first `known` cells are known.
     """
     map_ = unknown_map()
-    rating = rating_of(map_, interpretation=interpretation)
+    rating = rating_of(map_, interpretation=interpretation, hidden=hidden)
+    x, y = np.divmod(np.arange(SIZE * SIZE), SIZE)
+    (around,) = np.nonzero(np.hypot(x - MIDDLE, y - MIDDLE) < known)
+    map_.mark_free(around)
     free_view = ni(rating, map_)
     single, wall = [], []
-    for d in range(1, 17):
+    for d in range(max(known, 1), 14):
         for values, width in ((single, 0), (wall, 25)):
             map_.clear()
+            map_.mark_free(around)
             row = np.arange(MIDDLE - width, MIDDLE + width + 1)
             set_cells(map_, (MIDDLE + d) * SIZE + row, 0.99)
             values.append(ni(rating, map_))
@@ -262,11 +277,13 @@ def test_unknown_cells_are_those_in_view_that_were_never_sampled(n_beams):
         assert reserved[k] == (unknown & (reserved_mask[visible] == 0)).sum()
 
 
-def test_claimed_cells_are_left_out_but_stop_no_beam():
+@pytest.mark.parametrize("hidden", ["empty", "printed"])
+@pytest.mark.parametrize("n_beams", [64, 65])  # one word of bits, and two
+def test_claimed_cells_do_not_count_but_stop_no_beam(n_beams, hidden):
     rng = np.random.default_rng(2)
     map_ = random_map(rng, (21, 15), unknown=0.5, occupied=0.05)
-    camera = PlanarCamera(depth_of_field=7.0)
-    rating = rating_of(map_, camera)
+    camera = PlanarCamera(depth_of_field=7.0, n_beams=n_beams)
+    rating = rating_of(map_, camera, hidden=hidden)
     reserved_mask = (rng.random(map_.grid.n_cells) < 0.3).astype(np.uint8)
     cells = {divmod(int(cell), 15) for cell in np.flatnonzero(reserved_mask)}
     ids = rng.integers(0, rating.lattice.n_poses, 30)
@@ -434,7 +451,8 @@ def test_constants_that_are_negative_or_not_finite_are_refused(name, value):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("n_gray_bins", 1), ("n_gray_bins", 257), ("interpretation", "odd")]
+    ("name", "value"),
+    [("n_gray_bins", 1), ("n_gray_bins", 257), ("interpretation", "odd"), ("hidden", "odd")],
 )
 def test_bins_and_readings_that_do_not_exist_are_refused(name, value):
     with pytest.raises(ValueError, match=rf"PlanarRatingSettings\.{name} .*{value}"):
