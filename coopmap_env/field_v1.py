@@ -31,12 +31,14 @@ voxels that a surface only touches, may be mapped as free. The space in which a 
 is known.
 
 Vehicles stand on springs: a mount that reaches out tilts its vehicle, so that the true camera pose
-differs from that of the encoders. The map is made with the robot's estimate of the camera pose; the
-covariance of encoders, calibration and suspension adds to that of the range noise
-(``motion_correction="kinematic"``, the fastest). With ``"fiducials"``, surfaces observed before and
-the known target correct the pose of each scan in the directions that they constrain (Section 2.5 of
-the paper). ``"exact"`` poses are for upper bounds only. Robots know each other's shape, and points
-on robots are removed from their scans.
+differs from that of the encoders. The map is made with the robot's estimate of the camera pose,
+whose covariance adds to that of the range noise. Robots predict the tilt from the masses and the
+stiffness of their mount's description (``motion_correction="kinematic"``); the true stiffness
+differs from that by up to a fifth, at random for each episode and vehicle. ``"encoders"`` leaves
+the tilt out, with a larger covariance. With ``"fiducials"``, surfaces observed before and the known
+target correct the pose of each scan in the directions that they constrain (Section 2.5 of the
+paper), and tell the stiffness by and by. ``"exact"`` poses are for upper bounds only. Robots know
+each other's shape, and points on robots are removed from their scans.
 
 A symmetric target has several equivalent frames. The first robot that is located takes the one in
 which the world is written.
@@ -83,7 +85,9 @@ Version history
 ---------------
 v1: Eq. 7 counts voxels of a view that are hidden, outside of the map or reserved for a teammate as
 known and empty (v0 left them out, so that a known map still paid for them), and Eq. 8a is read
-without the distance. `FieldSettings.v0` restores v0.
+without the distance. Camera poses contain the predicted deflection of the suspension, and the true
+stiffness differs from the described one. `FieldSettings.v0` restores v0, with
+``motion_correction="encoders"`` where v0 had ``"kinematic"``.
 
 v0: first version.
 """

@@ -42,7 +42,7 @@ def test_trajectories_and_decisions_of_planners_are_those_that_were_recorded(env
 
 V0_ARGUMENTS = {
     "coopmap/Planar-v1": {"settings": PlanarSettings.v0()},
-    "coopmap/Field-v1": {"settings": FieldSettings.v0()},
+    "coopmap/Field-v1": {"settings": FieldSettings.v0(), "motion_correction": "encoders"},
     "coopmap/FieldSearch-v1": {"settings": FieldSettings.v0()},
 }
 

@@ -132,9 +132,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             raise ValueError(f"options must be a dict or None, got {brief(options)}")
         if seed is None:
             seed = int(self._seed_rng.integers(2**31))
-        rngs = EpisodeRngs(
-            *(np.random.default_rng(child) for child in world_seed(self.split, seed).spawn(5))
-        )
+        children = world_seed(self.split, seed).spawn(len(EpisodeRngs._fields))
+        rngs = EpisodeRngs(*map(np.random.default_rng, children))
         belief = self._reset_world(rngs)
         self._rngs, self._seed_rng = rngs, rngs.seeds
         self._belief = self._with_candidates(belief)

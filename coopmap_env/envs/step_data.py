@@ -27,6 +27,8 @@ class EpisodeRngs(NamedTuple):
     candidates: np.random.Generator
     seeds: np.random.Generator
     """Draws the seeds of later resets without a seed."""
+    vehicles: np.random.Generator
+    """Draws how true vehicles differ from their descriptions."""
 
 
 class TeamMoveResult(NamedTuple):

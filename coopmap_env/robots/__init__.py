@@ -8,6 +8,7 @@ from coopmap_env.robots.collision.checker import (
 from coopmap_env.robots.collision.planning import plan_path
 from coopmap_env.robots.collision.self_filter import filter_robot_points
 from coopmap_env.robots.collision.voxel_states import VoxelStates, are_spheres_free
+from coopmap_env.robots.equilibrium import GRAVITY, Equilibrium
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import (
     CollisionSpheres,
@@ -37,6 +38,7 @@ from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 from coopmap_env.robots.vehicle import PoseEstimate, Vehicle
 
 __all__ = [
+    "GRAVITY",
     "R_OPTICAL_CAMERA",
     "SUSPENSION_JOINTS",
     "BodyPoses",
@@ -45,6 +47,7 @@ __all__ = [
     "CollisionSettings",
     "CollisionSphereSettings",
     "CollisionSpheres",
+    "Equilibrium",
     "KinematicTree",
     "LatticeGeometry",
     "Mount",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from coopmap_env.core.settings import NonNegative, Positive, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Positive, Settings
 
 SUSPENSION_JOINTS = ("suspension_heave", "suspension_roll", "suspension_pitch")
 """The joints that every mount's URDF has between its base and its body, from the wheels up."""
@@ -42,10 +44,16 @@ class Suspension(Settings):
     """Metres: what the robot, which measures no deflection, assumes for heave. At rest its weight
     is the same in every posture."""
     roll_std: NonNegative = 0.0045
-    """Radians (a quarter of a degree), assumed for roll: its root mean square over the poses of the
-    mast. The others are alike."""
+    """Radians (a quarter of a degree): what a robot that does not predict its deflection assumes
+    for roll. Its root mean square over the poses of the mast; the others are alike."""
     pitch_std: NonNegative = 0.0036
-    """Radians, assumed for pitch."""
+    """Radians, likewise for pitch."""
+    stiffness_tolerance: Annotated[float, Bounds(at_least=0, below=1)] = 0.2
+    """Largest fraction by which the true stiffness of roll and pitch differs from the values above:
+    springs and tires are known that well. A robot that predicts its deflection allows for it."""
+    prediction_std: NonNegative = 0.0001
+    """Radians by which a predicted roll or pitch is off besides: stepped physics calls a body at
+    rest within 0.01 degrees, and errors of the joints change the load a little."""
 
     @property
     def stiffness(self) -> tuple[float, float, float]:
@@ -58,6 +66,19 @@ class Suspension(Settings):
         return self.heave_damping, self.roll_damping, self.pitch_damping
 
     @property
+    def compliance_std(self) -> float:
+        """Standard deviation of the compliance of roll and of pitch, relative, of a uniform error.
+
+        Both inverses of a stiffness and the stiffness itself differ by about the same fraction.
+        """
+        return self.stiffness_tolerance / math.sqrt(3.0)
+
+    @property
+    def predicted_std(self) -> tuple[float, float, float]:
+        """Standard deviations of heave, roll and pitch as predicted, if the stiffness is known."""
+        return self.heave_std, self.prediction_std, self.prediction_std
+
+    @property
     def std(self) -> tuple[float, float, float]:
-        """Standard deviations that a robot assumes for heave, roll and pitch."""
+        """Standard deviations that a robot without a prediction assumes for heave, roll, pitch."""
         return self.heave_std, self.roll_std, self.pitch_std

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.geometry import Pose, Spheres, skew
+from coopmap_env.robots.equilibrium import GRAVITY_VECTOR, Equilibrium
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
 from coopmap_env.robots.mount import Mount
@@ -30,8 +31,9 @@ class PoseEstimate(NamedTuple):
 class Vehicle:
     """A mount on a stationary vehicle.
 
-    Poses follow from the joints alone: the robot does not measure its suspension and assumes it at
-    rest, as at home.
+    Poses of the camera follow from the joints: the robot does not measure its suspension. It
+    predicts how far the body leans under the mount's weight (`equilibrium`), or assumes it at rest
+    as at home. Links and spheres are always where they are with the suspension at rest.
     """
 
     mount: Mount
@@ -40,10 +42,22 @@ class Vehicle:
     T_world_base: Pose
     base_covariance: NDArray[np.float64] | None = None
     """Shape (6, 6) of T_world_base, as of `PoseEstimate`; None if it is known exactly."""
+    equilibrium: Equilibrium | None = None
+    """Of the body on its springs, by the masses and the stiffness of the mount's description; None
+    if the robot does not predict how far it leans."""
 
     @classmethod
-    def from_mount(cls, mount: str | Mount, T_world_base: Pose) -> Vehicle:
+    def from_mount(
+        cls, mount: str | Mount, T_world_base: Pose, predicts_deflection: bool = False
+    ) -> Vehicle:
         """A mount, by name or itself, on a vehicle at a pose in the world.
+
+        Parameters
+        ----------
+        mount : str or Mount
+        T_world_base : Pose
+        predicts_deflection : bool, optional
+            Whether camera poses contain the deflection of the suspension, if there is one.
 
         Raises
         ------
@@ -52,7 +66,11 @@ class Vehicle:
         """
         mount = make_mount(mount)
         chain = mount.chain()
-        return cls(mount, chain, CollisionSpheres.from_chain(chain, mount.home), T_world_base)
+        equilibrium = None
+        if predicts_deflection and mount.suspension is not None:
+            equilibrium = Equilibrium.from_mount(mount, _gravity(T_world_base))
+        body = CollisionSpheres.from_chain(chain, mount.home)
+        return cls(mount, chain, body, T_world_base, equilibrium=equilibrium)
 
     def __post_init__(self) -> None:
         if self.T_world_base.translation.shape != (3,):
@@ -65,7 +83,10 @@ class Vehicle:
 
     def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """T_world_camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
-        R, t = self.chain.camera_poses(q)
+        if self.equilibrium is None:
+            R, t = self.chain.camera_poses(q)
+        else:
+            R, t = self._suspended_chain.camera_poses(self._suspended_joints(q))
         return product(self.T_world_base.rotation, R), self.T_world_base.transform(t)
 
     def camera_pose(self, q: ArrayLike) -> Pose:
@@ -109,18 +130,45 @@ class Vehicle:
         """The chain with the suspension's joints first."""
         return self.mount.chain(with_suspension=True)
 
+    def _suspended_joints(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Joints q (n,) or (k, n) with heave, roll and pitch before them, as predicted."""
+        joints = self.chain.as_joint_values(q)
+        if self.equilibrium is None:
+            return np.concatenate([np.zeros((*joints.shape[:-1], 3)), joints], axis=-1)
+        full = self.equilibrium.rest_configurations(np.atleast_2d(joints))
+        return full if joints.ndim == 2 else full[0]
+
+    def camera_deflection(self, q: ArrayLike) -> float:
+        """Metres by which the suspension is predicted to move the camera at q (n,)."""
+        if self.equilibrium is None:
+            return 0.0
+        rest = self.chain.camera_poses(q)[1]
+        return length(self._suspended_chain.camera_poses(self._suspended_joints(q))[1] - rest)
+
     def with_base_pose(
         self, T_world_base: Pose, covariance: NDArray[np.float64] | None = None
     ) -> Vehicle:
         """The same vehicle at another base pose."""
-        return replace(self, T_world_base=T_world_base, base_covariance=covariance)
+        equilibrium = self.equilibrium
+        if equilibrium is not None:
+            equilibrium = equilibrium.with_gravity(_gravity(T_world_base))
+        return replace(
+            self, T_world_base=T_world_base, base_covariance=covariance, equilibrium=equilibrium
+        )
+
+    def with_compliance(self, compliance: NDArray[np.float64]) -> Vehicle:
+        """The same vehicle on springs of another `Equilibrium.compliance` (2,), if it has any."""
+        if self.equilibrium is None:
+            return self
+        return replace(self, equilibrium=self.equilibrium.with_compliance(compliance))
 
     def camera_estimate(self, q: ArrayLike) -> PoseEstimate:
         """The camera's pose by the encoders' readings, with its uncertainty to first order.
 
         The covariance is `per_scan_covariance` plus that of the errors which persist from scan to
-        scan: J S J^T with the variances S of the joints' calibration, and that of the base if it is
-        not known exactly.
+        scan: J S J^T with the variances S of the joints' calibration, that of the springs'
+        compliance where their deflection is predicted, and that of the base if it is not known
+        exactly.
 
         Parameters
         ----------
@@ -130,6 +178,9 @@ class Vehicle:
         pose = self.camera_pose(q)
         J = self.joint_jacobian(q)
         persistent_covariance = product(J * np.square(self.mount.calibration_error), J.T)
+        if self.equilibrium is not None:
+            C = self.compliance_jacobian(q) * self.compliance_std
+            persistent_covariance += product(C, C.T)
         if self.base_covariance is not None:
             B = self.base_jacobian(pose)
             persistent_covariance += product(product(B, self.base_covariance), B.T)
@@ -142,26 +193,48 @@ class Vehicle:
         noise, and those assumed for heave, roll and pitch of the body.
         """
         q = self.chain.as_joint_values(q)
-        if self.mount.suspension is None:
-            J = self.joint_jacobian(q)
-        else:
-            J = self._rotated_to_world(
-                self._suspended_chain.jacobian(np.concatenate([np.zeros(3), q]))
-            )
+        rigid = self.mount.suspension is None
+        J = self.joint_jacobian(q) if rigid else self._suspended_jacobian(q)
         return product(J * self._per_scan_variances, J.T)
 
     def joint_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Jacobian (6, n) of the camera [translation; rotation vector] with respect to its joints.
 
-        World frame, suspension at rest.
+        World frame, suspension as predicted, or at rest. That a joint's error changes the load of
+        the springs is left out: 0.1 mm.
         """
-        return self._rotated_to_world(self.chain.jacobian(q))
+        if self.equilibrium is None:
+            return self._rotated_to_world(self.chain.jacobian(q))
+        return self._suspended_jacobian(q)[:, 3:]
+
+    def compliance_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Jacobian (6, 2) of the camera with respect to `Equilibrium.compliance`, world frame.
+
+        Raises
+        ------
+        ValueError
+            If the deflection is not predicted.
+        """
+        if self.equilibrium is None:
+            raise ValueError("the vehicle does not predict its deflection")
+        full = self._suspended_joints(q)
+        J = self._rotated_to_world(self._suspended_chain.jacobian(full))
+        return product(J[:, 1:3], self.equilibrium.compliance_jacobian(full))
+
+    @property
+    def compliance_std(self) -> float:
+        """Standard deviation of `Equilibrium.compliance`; 0 without a suspension."""
+        return 0.0 if self.mount.suspension is None else self.mount.suspension.compliance_std
 
     def base_jacobian(self, camera: Pose) -> NDArray[np.float64]:
         """Jacobian (6, 6) of T_world_camera with respect to T_world_base, as displacements."""
         J = np.eye(6)
         J[:3, 3:] = -skew(camera.translation - self.T_world_base.translation)
         return J
+
+    def _suspended_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Jacobian (6, 3 + n) of the camera by heave, roll, pitch and joints, world frame."""
+        return self._rotated_to_world(self._suspended_chain.jacobian(self._suspended_joints(q)))
 
     def _rotated_to_world(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
         """Both halves of a Jacobian (6, k), translation and rotation vector, in the world frame."""
@@ -171,5 +244,13 @@ class Vehicle:
     def _per_scan_variances(self) -> NDArray[np.float64]:
         """Joint variances of `_suspended_chain`, or of the chain if there is no suspension."""
         mount = self.mount
-        body = () if mount.suspension is None else np.square(mount.suspension.std)
-        return np.concatenate([body, np.square(mount.encoder_noise)])
+        body: tuple[float, ...] = ()
+        if mount.suspension is not None:
+            predicted = self.equilibrium is not None
+            body = mount.suspension.predicted_std if predicted else mount.suspension.std
+        return np.concatenate([np.square(body), np.square(mount.encoder_noise)])
+
+
+def _gravity(T_world_base: Pose) -> NDArray[np.float64]:
+    """Gravity (3,) in the frame of a base, m/s^2."""
+    return product(T_world_base.rotation.T, GRAVITY_VECTOR)

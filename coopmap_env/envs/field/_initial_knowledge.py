@@ -12,9 +12,14 @@ from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import Mount, Vehicle
 
 
-def make_vehicles(mounts: Sequence[Mount], bases: Sequence[Pose]) -> tuple[Vehicle, ...]:
+def make_vehicles(
+    mounts: Sequence[Mount], bases: Sequence[Pose], predicts_deflection: bool = False
+) -> tuple[Vehicle, ...]:
     """The vehicles of a team with their bases at given poses, each T_world_base."""
-    return tuple(Vehicle.from_mount(mount, base) for mount, base in zip(mounts, bases, strict=True))
+    return tuple(
+        Vehicle.from_mount(mount, base, predicts_deflection)
+        for mount, base in zip(mounts, bases, strict=True)
+    )
 
 
 def initial_free_voxels(grid: VoxelGrid, bases: Sequence[Pose], radius: float) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from coopmap_env.robots import Mount
 from coopmap_env.simulation.scenes.field import FieldScene
 
 Initialization = Literal["located", "search"]
-MotionCorrection = Literal["kinematic", "fiducials", "exact"]
+MotionCorrection = Literal["encoders", "kinematic", "fiducials", "exact"]
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class FieldArguments(MappingArguments):
     """Whether robots know their base poses, or have to find the target first, parked with any
     heading (Section 2.2 of the paper)."""
     motion_correction: MotionCorrection = "kinematic"
-    """Source of the estimated camera poses: kinematics, with the covariance of encoders,
-    calibration and suspension; kinematics corrected by fiducials (Section 2.5); or, for upper
-    bounds only, the true poses."""
+    """Source of the estimated camera poses: encoders alone, with the suspension assumed at rest;
+    kinematics, which predict how far the suspension gives under the mount's weight; kinematics
+    corrected by fiducials (Section 2.5); or, for upper bounds only, the true poses."""
     settings: FieldSettings | None = None
     """Camera, noise, map, rating function, motion and physics."""

@@ -42,7 +42,8 @@ class FieldBelief(Belief):
     reachability: Reachability
     """What the mounts can reach from these joints on the maps as they are."""
     position_bounds: tuple[float, ...] = ()
-    """Three standard deviations of each camera's position by kinematics, metres."""
+    """Three standard deviations of each camera's position by kinematics, and how far it is from
+    where it would be on a suspension at rest, metres: bodies are assumed there."""
     coarse: bool = False
     """Whether views are evaluated on the map pooled to half its resolution, which is faster."""
 
@@ -177,14 +178,17 @@ class FieldBelief(Belief):
         estimates = tuple(
             vehicle.camera_estimate(q) for vehicle, q in zip(self.vehicles, poses, strict=True)
         )
-        variances = [float(np.trace(covariance[:3, :3])) for _, covariance in estimates]
+        bounds = [
+            3.0 * math.sqrt(np.trace(estimate.covariance[:3, :3])) + vehicle.camera_deflection(q)
+            for vehicle, q, estimate in zip(self.vehicles, poses, estimates, strict=True)
+        ]
         team = replace(self.team, joints=tuple(poses))
         return replace(
             self,
             team=team,
             estimates=estimates,
             reachability=Reachability(self.limits, team),
-            position_bounds=tuple(3.0 * math.sqrt(variance) for variance in variances),
+            position_bounds=tuple(bounds),
             candidates=None,
         )
 

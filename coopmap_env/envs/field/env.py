@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from gymnasium.utils import EzPickle
@@ -43,7 +43,7 @@ from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.rendering import overview_camera, render_field, robot_triangles, scene_meshes
 from coopmap_env.robots import Mount, make_mount
-from coopmap_env.simulation import FieldSimulator
+from coopmap_env.simulation import FieldSimulator, draw_true_mount
 from coopmap_env.simulation.physics import MAX_VEHICLES
 from coopmap_env.simulation.scenes.field import FieldWorld, make_field_scene
 
@@ -124,6 +124,13 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             s.collision_cost,
         )
 
+    @property
+    def uncorrected_poses(self) -> Literal["encoders", "kinematic"]:
+        """How camera poses follow from readings, where nothing corrects them, and in plans."""
+        if self.motion_correction in ("encoders", "kinematic"):
+            return self.motion_correction
+        return self.settings.correction.prior
+
     def _reset_world(self, rngs: EpisodeRngs) -> FieldBelief:
         s, n = self.settings, len(self.possible_agents)
         world = make_world(self.scene, rngs.scene, n)
@@ -134,12 +141,15 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
                 world = world.with_headings(headings)
             check_bases_in_search_range(world, s.registration.search)
         bases = [local_base_pose(world.grid)] * n if searching else world.base_poses
-        vehicles = make_vehicles(self.mounts, bases)
+        vehicles = make_vehicles(self.mounts, bases, self.uncorrected_poses == "kinematic")
         check_cameras_in_map(world.name, vehicles, world.grid)
         if searching and has_fixed_bases(self.scene):
             true_vehicles = make_vehicles(self.mounts, world.base_poses)
             check_cameras_in_map(world.name, true_vehicles, world.grid)
-        simulator = FieldSimulator(world, self.mounts, s.camera, s.noise, s.physics, rngs.start)
+        mounts = [
+            draw_true_mount(mount, s.max_stiffness_error, rngs.vehicles) for mount in self.mounts
+        ]
+        simulator = FieldSimulator(world, mounts, s.camera, s.noise, s.physics, rngs.start)
         self._close_simulator()
         self._simulator = simulator
         self._map.clear()

@@ -43,6 +43,9 @@ class FieldSettings(Settings):
     """Stepped physics, or its final state computed at once; both model the suspension. Without a
     collision, cameras of the mast and TIAGo end within 0.2 mm and 0.01 degrees of each other; with
     one, mounts stop up to 6 cm apart."""
+    max_stiffness_error: Annotated[float, Bounds(at_least=0, at_most=0.9)] = 0.2
+    """Largest fraction by which the true stiffness of a vehicle's roll and pitch differs from the
+    described one, drawn for each episode. Robots know `Suspension.stiffness_tolerance` only."""
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     """Search for the target, and acceptance of its pose."""
     correction: CorrectionSettings = field(default_factory=CorrectionSettings)
@@ -75,4 +78,8 @@ class FieldSettings(Settings):
     @classmethod
     def v0(cls) -> FieldSettings:
         """The readings and constants of version v0 of the ids, to reproduce its results."""
-        return cls(rating=FieldRatingSettings(interpretation="literal", hidden="printed"))
+        return cls(
+            rating=FieldRatingSettings(interpretation="literal", hidden="printed"),
+            max_stiffness_error=0.0,
+            correction=CorrectionSettings(prior="encoders"),
+        )

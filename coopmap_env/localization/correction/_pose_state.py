@@ -1,12 +1,13 @@
-"""Joint Gaussian over the camera poses, base poses and encoder offsets of a team.
+"""Joint Gaussian over the camera poses, base poses, encoder offsets and springs of a team.
 
 Surfaces that two scans have measured tie their camera poses together, so their errors are
 correlated. To treat them as independent would count the same information again and again. The
-state is a displacement of each scan's camera and, for each robot, a displacement of its base and
-the constant offsets of its encoders, which are common to all of its scans. Prediction adds a scan
-by the mount's kinematics; an update conditions the whole state on measured displacements (a Kalman
-filter over delayed states: Eustice, Singh and Leonard 2006). The base pose follows from camera
-poses and kinematics in the same state.
+state is a displacement of each scan's camera and, for each robot, what all of its scans have in
+common: a displacement of its base, the constant offsets of its encoders and, if it predicts its
+deflection, the errors of the compliance of its springs. Prediction adds a scan by the mount's
+kinematics and the equilibrium of its springs; an update conditions the whole state on measured
+displacements (a Kalman filter over delayed states: Eustice, Singh and Leonard 2006). The base pose
+follows from camera poses and kinematics in the same state.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ MIN_VARIANCE = 1e-9
 
 
 class PoseState:
-    """Bases, encoder offsets and camera poses of a team, with their joint covariance.
+    """Bases, encoder offsets, springs and camera poses of a team, with their joint covariance.
 
     Parameters
     ----------
@@ -37,17 +38,20 @@ class PoseState:
 
     def __init__(self, vehicles: tuple[Vehicle, ...]) -> None:
         self.vehicles = list(vehicles)
-        sizes = [6 + vehicle.chain.n_joints for vehicle in vehicles]
+        sizes = [6 + vehicle.chain.n_joints + _n_springs(vehicle) for vehicle in vehicles]
         self._starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
         self._n_robot_state = int(self._starts[-1])
         self.robot_state = np.zeros(self._n_robot_state)
-        """Per robot: displacement of its base (6), offsets of its encoders (n)."""
+        """Per robot: displacement of its base (6), offsets of its encoders (n), errors of the
+        relative compliance of roll and pitch (2, or none)."""
         self.covariance = np.zeros((self._n_robot_state, self._n_robot_state))
         self.cameras: list[Pose] = []
         """T_world_camera of each scan."""
         for robot, vehicle in enumerate(vehicles):
-            at = self._starts[robot] + 6 + np.arange(vehicle.chain.n_joints)
-            self.covariance[at, at] = np.square(vehicle.mount.calibration_error)
+            at = np.arange(self._starts[robot] + 6, self._starts[robot + 1])
+            springs = np.full(_n_springs(vehicle), vehicle.compliance_std)
+            std = np.concatenate([vehicle.mount.calibration_error, springs])
+            self.covariance[at, at] = np.square(std)
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -132,15 +136,25 @@ class PoseState:
     def _prediction(self, robot: int, reading: Array) -> tuple[Pose, Array, Array]:
         """T_world_camera, its covariance (6, N) with the state, and its own (6, 6)."""
         vehicle, start, stop = self.vehicles[robot], self._starts[robot], self._starts[robot + 1]
-        base, offsets = self.robot_state[start : start + 6], self.robot_state[start + 6 : stop]
+        n = len(reading)
+        base, offsets, springs = np.split(self.robot_state[start:stop], [6, 6 + n])
         joints = reading - offsets
         if base.any():
             vehicle = vehicle.with_base_pose(apply_displacement(vehicle.T_world_base, base))
+        if springs.any():
+            vehicle = vehicle.with_compliance(1.0 + springs)
         pose = vehicle.camera_pose(joints)
-        J = np.zeros((6, 6 + len(reading)))
+        J = np.empty((6, stop - start))
         J[:, :6] = vehicle.base_jacobian(pose)
-        J[:, 6:] = -vehicle.joint_jacobian(joints)
+        J[:, 6 : 6 + n] = -vehicle.joint_jacobian(joints)
+        if len(springs):
+            J[:, 6 + n :] = vehicle.compliance_jacobian(joints)
         at = slice(start, stop)
         independent = vehicle.per_scan_covariance(joints) + MIN_VARIANCE * np.eye(6)
         covariance = product(product(J, self.covariance[at, at]), J.T) + independent
         return pose, product(J, self.covariance[at]), covariance
+
+
+def _n_springs(vehicle: Vehicle) -> int:
+    """How many errors of springs a vehicle has in the state: of roll and pitch, or none."""
+    return 0 if vehicle.equilibrium is None else 2

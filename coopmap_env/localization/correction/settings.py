@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from coopmap_env.core.settings import (
     Bounds,
@@ -19,6 +19,9 @@ from coopmap_env.core.settings import (
 class CorrectionSettings(Settings):
     """How scans are compared with earlier ones and with the known target."""
 
+    prior: Literal["kinematic", "encoders"] = "kinematic"
+    """The camera pose that fiducials correct: by kinematics with the predicted deflection of the
+    suspension, whose stiffness is then estimated too, or with the suspension assumed at rest."""
     min_fiducials: PositiveInt = 3
     """With fewer, the pose stays as predicted."""
     min_patch_pixels: PositiveInt = 6

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
-from coopmap_env.robots import Mount
-from coopmap_env.simulation.physics._equilibrium import GRAVITY, Equilibrium
+from coopmap_env.robots import GRAVITY, Equilibrium, Mount
 from coopmap_env.simulation.physics._joint_map import JointMap
 
 

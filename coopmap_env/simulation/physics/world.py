@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose, Spheres, join_spheres
-from coopmap_env.robots import Mount
-from coopmap_env.simulation.physics._equilibrium import GRAVITY
+from coopmap_env.robots import GRAVITY, Mount
 from coopmap_env.simulation.physics._joint_map import JointMap
 from coopmap_env.simulation.physics._loading import (
     MAX_VEHICLES,

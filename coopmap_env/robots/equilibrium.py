@@ -12,23 +12,25 @@ in every posture, as the weight does not change; roll and pitch follow by Newton
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.core.linear_algebra import product
-from coopmap_env.robots import (
+from coopmap_env.robots.kinematics.chain import Chain
+from coopmap_env.robots.kinematics.forward import (
     BodyPoses,
     KinematicTree,
-    Mount,
     allocate_body_poses,
     body_poses,
 )
+from coopmap_env.robots.mount import Mount
 
 GRAVITY = 9.81
 """m/s^2, along -z of the world."""
@@ -85,27 +87,46 @@ def center_of_mass_offset(
         out[i] = out[i] / total - model.pivot[i]
 
 
+class EnergyDerivatives(NamedTuple):
+    """Derivatives of V with respect to roll and pitch."""
+
+    roll: float
+    pitch: float
+    roll_roll: float
+    roll_pitch: float
+    pitch_pitch: float
+
+
+@kernel
+def energy_derivatives(
+    r: float, p: float, u: NDArray[np.float64], springs: Springs
+) -> EnergyDerivatives:
+    """Gradient and Hessian of V at roll r and pitch p, with the center of mass at u (3,)."""
+    w = springs.weight
+    k_roll, k_pitch = springs.stiffness[1], springs.stiffness[2]
+    (sr, cr), (sp, cp) = sin_cos(r), sin_cos(p)
+    vx, vy, vz = cp * u[0] + sp * u[2], u[1], cp * u[2] - sp * u[0]  # R_y u
+    dx, dz = vz, -vx  # its derivative; the second one is (-vx, 0, -vz)
+    return EnergyDerivatives(
+        k_roll * r
+        - springs.preload[1]
+        - (w[1] * (-sr * vy - cr * vz) + w[2] * (cr * vy - sr * vz)),
+        k_pitch * p - springs.preload[2] - (w[0] * dx - w[1] * sr * dz + w[2] * cr * dz),
+        k_roll + w[1] * (cr * vy - sr * vz) + w[2] * (sr * vy + cr * vz),
+        w[1] * cr * dz + w[2] * sr * dz,
+        k_pitch + w[0] * vx - w[1] * sr * vz + w[2] * cr * vz,
+    )
+
+
 @kernel
 def solve_roll_pitch(u: NDArray[np.float64], springs: Springs) -> tuple[float, float]:
     """Where the gradient of V vanishes, by Newton's method from the unloaded attitude."""
-    w = springs.weight
-    k_roll, k_pitch = springs.stiffness[1], springs.stiffness[2]
-    preload_roll, preload_pitch = springs.preload[1], springs.preload[2]
     r = p = 0.0
     for _ in range(20):
-        (sr, cr), (sp, cp) = sin_cos(r), sin_cos(p)
-        vx, vy, vz = cp * u[0] + sp * u[2], u[1], cp * u[2] - sp * u[0]  # R_y u
-        dx, dz = vz, -vx  # its derivative; the second one is (-vx, 0, -vz)
-        gradient_r = (
-            k_roll * r - preload_roll - (w[1] * (-sr * vy - cr * vz) + w[2] * (cr * vy - sr * vz))
-        )
-        gradient_p = k_pitch * p - preload_pitch - (w[0] * dx - w[1] * sr * dz + w[2] * cr * dz)
-        rr = k_roll + w[1] * (cr * vy - sr * vz) + w[2] * (sr * vy + cr * vz)
-        rp = w[1] * cr * dz + w[2] * sr * dz
-        pp = k_pitch + w[0] * vx - w[1] * sr * vz + w[2] * cr * vz
-        determinant = rr * pp - rp * rp
-        step_r = (pp * gradient_r - rp * gradient_p) / determinant
-        step_p = (rr * gradient_p - rp * gradient_r) / determinant
+        d = energy_derivatives(r, p, u, springs)
+        determinant = d.roll_roll * d.pitch_pitch - d.roll_pitch * d.roll_pitch
+        step_r = (d.pitch_pitch * d.roll - d.roll_pitch * d.pitch) / determinant
+        step_p = (d.roll_roll * d.pitch - d.roll_pitch * d.roll) / determinant
         r -= step_r
         p -= step_p
         if abs(step_r) + abs(step_p) < 1e-13:
@@ -132,6 +153,33 @@ def solve_equilibrium(
         q[k, 1], q[k, 2] = solve_roll_pitch(u, springs)
 
 
+@kernel
+def compliance_response(
+    plain_model: PlainTuple,
+    plain_springs: PlainTuple,
+    q: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write how much roll and pitch at rest grow with the compliance of either, relatively: (2, 2).
+
+    Where the gradient vanishes at q (3 + n,), it keeps doing so: H ds = K s dc / c for compliances
+    c = 1 / K, with the Hessian H of V.
+    """
+    tree, masses, centers, pivot = plain_model
+    model = MassModel(KinematicTree(*tree), masses, centers, pivot)
+    springs = Springs(*plain_springs)
+    unloaded, u = q.copy(), np.empty(3)
+    unloaded[:3] = 0.0
+    center_of_mass_offset(model, unloaded, allocate_body_poses(model.tree), u)
+    d = energy_derivatives(q[1], q[2], u, springs)
+    determinant = d.roll_roll * d.pitch_pitch - d.roll_pitch * d.roll_pitch
+    roll, pitch = springs.stiffness[1] * q[1], springs.stiffness[2] * q[2]
+    out[0, 0] = d.pitch_pitch * roll / determinant
+    out[1, 0] = -d.roll_pitch * roll / determinant
+    out[0, 1] = -d.roll_pitch * pitch / determinant
+    out[1, 1] = d.roll_roll * pitch / determinant
+
+
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
     """Static equilibrium of a mount's vehicle on its suspension; see `from_mount`."""
@@ -140,6 +188,10 @@ class Equilibrium:
     springs: Springs
     damping: NDArray[np.float64]
     """Shape (3,): N s/m, N m s/rad, N m s/rad."""
+    home_offset: NDArray[np.float64]
+    """Shape (3,): center of mass at home, from the pivot, metres."""
+    compliance: NDArray[np.float64] = field(default_factory=lambda: np.ones(2))
+    """Shape (2,): that of roll and pitch, as a multiple of what the mount's description gives."""
 
     @classmethod
     def from_mount(cls, mount: Mount, gravity: ArrayLike = GRAVITY_VECTOR) -> Equilibrium:
@@ -159,27 +211,25 @@ class Equilibrium:
         """
         chain = mount.chain(with_suspension=True)
         assert mount.suspension is not None  # or it would have no such chain
-        tree, n_bodies = chain.tree, len(chain.tree.parent)
-        masses, moments = np.zeros(n_bodies), np.zeros((n_bodies, 3))
-        in_body = product(chain.link_rotations, chain.centers_of_mass[..., None])[..., 0]
-        np.add.at(masses, chain.link_body, chain.masses)
-        np.add.at(
-            moments, chain.link_body, chain.masses[:, None] * (chain.link_translations + in_body)
-        )
-        centers = np.divide(
-            moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0
-        )
-        masses[0] = 0.0
-        model = MassModel(tree, masses, centers, _pivot(mount.name, tree))
-        weight = masses.sum() * np.asarray(gravity, dtype=np.float64)
+        model = _mass_model(chain, mount.name)
         home, u = np.array([0.0, 0.0, 0.0, *mount.home]), np.empty(3)
-        center_of_mass_offset(model, home, allocate_body_poses(tree), u)
-        preload = -np.array(  # minus what the weight does to heave, roll and pitch at s = 0
-            [weight[2], weight[2] * u[1] - weight[1] * u[2], weight[0] * u[2] - weight[2] * u[0]]
-        )
-        suspension = mount.suspension
-        springs = Springs(weight, np.array(suspension.stiffness), preload)
-        return cls(model, springs, np.array(suspension.damping))
+        center_of_mass_offset(model, home, allocate_body_poses(model.tree), u)
+        stiffness = np.array(mount.suspension.stiffness)
+        springs = _preloaded_springs(model, u, stiffness, gravity)
+        return cls(model, springs, np.array(mount.suspension.damping), u)
+
+    def with_gravity(self, gravity: ArrayLike) -> Equilibrium:
+        """The same vehicle on another slope; gravity (3,) in the base frame, m/s^2."""
+        stiffness = self.springs.stiffness
+        springs = _preloaded_springs(self.model, self.home_offset, stiffness, gravity)
+        return replace(self, springs=springs)
+
+    def with_compliance(self, compliance: NDArray[np.float64]) -> Equilibrium:
+        """The same vehicle on other springs; see `compliance` (2,)."""
+        stiffness = self.springs.stiffness.copy()
+        stiffness[1:] *= self.compliance / compliance
+        springs = self.springs._replace(stiffness=stiffness)
+        return replace(self, springs=springs, compliance=compliance)
 
     @cached_property
     def _plain_model(self) -> PlainTuple:
@@ -191,6 +241,41 @@ class Equilibrium:
         q[:, N_SUSPENSION:] = joints
         solve_equilibrium(self._plain_model, tuple(self.springs), q)
         return q
+
+    def compliance_jacobian(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Derivatives (2, 2) of roll and pitch at rest q (3 + n,) with respect to `compliance`."""
+        out = np.empty((2, 2))
+        compliance_response(self._plain_model, tuple(self.springs), q, out)
+        return np.asarray(out / self.compliance)
+
+
+@lru_cache(maxsize=32)
+def _mass_model(chain: Chain, name: str) -> MassModel:
+    """Rigid bodies of a mount on its suspension; `name` is that of the mount, for errors."""
+    tree, n_bodies = chain.tree, len(chain.tree.parent)
+    masses, moments = np.zeros(n_bodies), np.zeros((n_bodies, 3))
+    in_body = product(chain.link_rotations, chain.centers_of_mass[..., None])[..., 0]
+    np.add.at(masses, chain.link_body, chain.masses)
+    np.add.at(moments, chain.link_body, chain.masses[:, None] * (chain.link_translations + in_body))
+    centers = np.divide(
+        moments, masses[:, None], out=np.zeros_like(moments), where=masses[:, None] > 0
+    )
+    masses[0] = 0.0
+    return freeze(MassModel(tree, masses, centers, _pivot(name, tree)))
+
+
+def _preloaded_springs(
+    model: MassModel,
+    home_offset: NDArray[np.float64],
+    stiffness: NDArray[np.float64],
+    gravity: ArrayLike,
+) -> Springs:
+    """Springs that carry the weight without a deflection where its center is at `home_offset`."""
+    u, weight = home_offset, model.masses.sum() * np.asarray(gravity, dtype=np.float64)
+    preload = -np.array(  # minus what the weight does to heave, roll and pitch at s = 0
+        [weight[2], weight[2] * u[1] - weight[1] * u[2], weight[0] * u[2] - weight[2] * u[0]]
+    )
+    return Springs(weight, stiffness, preload)
 
 
 def _pivot(name: str, tree: KinematicTree) -> NDArray[np.float64]:

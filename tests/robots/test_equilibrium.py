@@ -7,8 +7,7 @@ import pytest
 from plain.crane import BODY_MASS, SLIDER_MASS, crane, potential_energy
 from scipy.optimize import minimize
 
-from coopmap_env.robots import Suspension, make_mount
-from coopmap_env.simulation.physics._equilibrium import GRAVITY, Equilibrium
+from coopmap_env.robots import GRAVITY, Equilibrium, Suspension, make_mount
 
 pytest.importorskip("trimesh")
 
