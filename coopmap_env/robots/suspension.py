@@ -51,9 +51,9 @@ class Suspension(Settings):
     stiffness_tolerance: Annotated[float, Bounds(at_least=0, below=1)] = 0.2
     """Largest fraction by which the true stiffness of roll and pitch differs from the values above:
     springs and tires are known that well. A robot that predicts its deflection allows for it."""
-    prediction_std: NonNegative = 0.0001
-    """Radians by which a predicted roll or pitch is off besides: stepped physics calls a body at
-    rest within 0.01 degrees, and errors of the joints change the load a little."""
+    prediction_std: NonNegative = 0.00005
+    """Metres of heave, radians of roll and pitch, by which a prediction is off besides: errors of
+    the joints change the load, and in stepped physics a body at rest still moves by as much."""
 
     @property
     def stiffness(self) -> tuple[float, float, float]:
@@ -76,7 +76,7 @@ class Suspension(Settings):
     @property
     def predicted_std(self) -> tuple[float, float, float]:
         """Standard deviations of heave, roll and pitch as predicted, if the stiffness is known."""
-        return self.heave_std, self.prediction_std, self.prediction_std
+        return (self.prediction_std,) * 3
 
     @property
     def std(self) -> tuple[float, float, float]:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple
 
+from coopmap_env.core.linear_algebra import length
+from coopmap_env.envs.field._initial_knowledge import initial_free_voxels
+from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.envs.field.team_state import Joints
-from coopmap_env.geometry import Pose
+from coopmap_env.geometry import Pose, displacement_between
 from coopmap_env.robots import PoseEstimate
-from coopmap_env.sensing import PointCloud
+from coopmap_env.sensing import PointCloud, transform_cloud
+
+REFERENCE_DEPTH = 3.0
+"""Metres: the depth of a point by which the revision of a pose is measured."""
 
 
 class RecordedScan(NamedTuple):
@@ -22,3 +31,52 @@ class RecordedScan(NamedTuple):
     """T_world_camera; only `TruePoses` may use it."""
     estimate: PoseEstimate
     """Camera pose in the world frame, or in the robot's own frame until it is located."""
+    fused_cloud: PointCloud
+    """Without the points on robots, as it was last fused."""
+    batch: int
+    """Scans of one batch, which follow each other, are fused at once."""
+    pose_index: int | None
+    """Index among `PoseCorrector.revised_estimates`; None if the pose was not corrected."""
+
+
+def fuse_recorded_scans(
+    belief: FieldBelief, recorded: Sequence[RecordedScan], settings: FieldSettings
+) -> None:
+    """Make the team's map from the scans of all located robots, batch by batch."""
+    located, noise = belief.located, settings.noise
+    pairs = zip(belief.vehicles, located, strict=True)
+    bases = [vehicle.T_world_base for vehicle, is_located in pairs if is_located]
+    belief.map.clear()
+    belief.map.mark_free(initial_free_voxels(belief.map.grid, bases, settings.initial_free_radius))
+    shared = [record for record in recorded if located[record.robot]]
+    for _, batch in groupby(shared, key=lambda record: record.batch):
+        belief.map.integrate(
+            [transform_cloud(r.fused_cloud, r.estimate.pose, noise, r.estimate.covariance)
+             for r in batch]
+        )  # fmt: skip
+
+
+def revise(
+    recorded: Sequence[RecordedScan], revised: Sequence[PoseEstimate], min_revision: float
+) -> list[RecordedScan] | None:
+    """The scans with revised camera poses; None if none of them moved by enough.
+
+    Parameters
+    ----------
+    recorded : sequence of RecordedScan
+    revised : sequence of PoseEstimate
+        By `RecordedScan.pose_index`.
+    min_revision : float
+        Metres, of a point at `REFERENCE_DEPTH`.
+    """
+    estimates = [r.estimate if r.pose_index is None else revised[r.pose_index] for r in recorded]
+    pairs = list(zip(recorded, estimates, strict=True))
+    if not any(point_displacement(r.estimate.pose, new.pose) > min_revision for r, new in pairs):
+        return None
+    return [r._replace(estimate=new) for r, new in pairs]
+
+
+def point_displacement(old: Pose, new: Pose) -> float:
+    """Metres by which a point `REFERENCE_DEPTH` ahead of a camera moves with it, at most."""
+    moved = displacement_between(old, new)
+    return length(moved[:3]) + REFERENCE_DEPTH * length(moved[3:])

@@ -5,6 +5,11 @@ a grid as large as the world's. When it is located, all of its scans are transfo
 the target, and the team's map is rebuilt from the scans of all located robots. Measurements are
 shared and not posteriors, so that nothing is counted twice, and points on robots whose poses are
 known by then are removed from every scan.
+
+What a scan tells of base, encoders and springs revises the poses of earlier scans too. Once one of
+them has moved enough, the team's map is made again of the revised scans, so that it is the map that
+would have been made with these poses from the start (`CorrectionSettings.smoothing`). Cells on the
+border of a view may then become unknown again.
 """
 
 from __future__ import annotations
@@ -17,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs.field._initial_knowledge import initial_free_voxels
-from coopmap_env.envs.field._recorded_scan import RecordedScan
+from coopmap_env.envs.field._recorded_scan import RecordedScan, fuse_recorded_scans, revise
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.envs.field.target_search import TargetSearch
@@ -40,8 +44,15 @@ class LocalizedScan(NamedTuple):
 
     estimate: PoseEstimate
     scan: Scan
+    cloud: PointCloud
+    """Without the points on robots."""
     correction: PoseCorrection | None
     """None if fiducials were not used."""
+
+    @property
+    def pose_index(self) -> int | None:
+        """See `RecordedScan.pose_index`."""
+        return None if self.correction is None else self.correction.pose_index
 
 
 class TeamLocalizer:
@@ -79,7 +90,9 @@ class TeamLocalizer:
             if motion_correction == "fiducials"
             else None
         )  # fmt: skip
+        self._smooths = self._corrector is not None and settings.correction.smoothing
         self._recorded_scans: list[RecordedScan] = []
+        self._n_batches = 0
         n_robots = len(belief.agents)
         self.corrections: list[PoseCorrection | None] = [None] * n_robots
         """Correction of each robot's last scan, if fiducials were used."""
@@ -116,6 +129,8 @@ class TeamLocalizer:
         if not all(belief.located):
             belief, last_scans = self._search_target(belief)
             scans = [last_scans.get(robot, scan) for robot, scan in enumerate(scans)]
+        if self._smooths:
+            self._revise_team_map(belief)
         return FusedScans(belief, scans, gains)
 
     def _localize_scans(
@@ -125,13 +140,18 @@ class TeamLocalizer:
         for robot, (cloud, true_camera) in enumerate(zip(clouds, true_cameras, strict=True)):
             localized = self._localize(belief, robot, cloud, true_camera)
             self.corrections[robot] = localized.correction
-            if not all(belief.located):
+            if self._smooths or not all(belief.located):
                 self._recorded_scans.append(
-                    RecordedScan(robot, cloud, belief.joints, true_camera, localized.estimate)
-                )
+                    RecordedScan(
+                        robot, cloud, belief.joints, true_camera, localized.estimate,
+                        localized.cloud, self._n_batches, localized.pose_index,
+                    )
+                )  # fmt: skip
+                self._n_batches += not self._smooths  # v0 fused them one by one
             if localized.estimate is not belief.estimates[robot]:
                 belief = belief.with_camera_estimate(robot, localized.estimate)
             scans.append(localized.scan)
+        self._n_batches += 1
         return belief, scans
 
     def _localize(
@@ -148,7 +168,7 @@ class TeamLocalizer:
             self.correction_times[robot] = time.perf_counter() - start_time
             estimate = correction.estimate
         scan = transform_cloud(cloud, estimate.pose, noise, estimate.covariance)
-        return LocalizedScan(estimate, scan, correction)
+        return LocalizedScan(estimate, scan, cloud, correction)
 
     def _search_target(self, belief: FieldBelief) -> tuple[FieldBelief, dict[int, Scan]]:
         """Search for the target in the scans of each robot that is not located.
@@ -169,7 +189,7 @@ class TeamLocalizer:
             self.registrations[robot] = found
             if found.located and found.T_target_base is not None:
                 belief, last_scans[robot] = self._merge_into_team(belief, robot, found)
-        if all(belief.located):
+        if all(belief.located) and not self._smooths:
             self._recorded_scans = []
         return belief, last_scans
 
@@ -193,7 +213,9 @@ class TeamLocalizer:
             record = self._recorded_scans[k]
             past_belief = belief.with_poses(record.joints)
             localized = self._localize(past_belief, robot, record.cloud, record.true_camera)
-            self._recorded_scans[k] = record._replace(estimate=localized.estimate)
+            self._recorded_scans[k] = record._replace(
+                estimate=localized.estimate, pose_index=localized.pose_index
+            )
             if k == own[-1]:
                 self.corrections[robot] = localized.correction
                 last_scan = localized.scan
@@ -211,17 +233,23 @@ class TeamLocalizer:
 
     def _rebuild_team_map(self, belief: FieldBelief) -> None:
         """Make the team's map from the scans of all located robots."""
-        located, s = belief.located, self._settings
-        pairs = zip(belief.vehicles, located, strict=True)
-        bases = [vehicle.T_world_base for vehicle, is_located in pairs if is_located]
-        belief.map.clear()
-        belief.map.mark_free(initial_free_voxels(belief.map.grid, bases, s.initial_free_radius))
-        for robot, cloud, joints, _, estimate in self._recorded_scans:
-            if located[robot]:
-                past_belief = belief.with_poses(joints)
-                cloud = past_belief.remove_robot_points(robot, cloud, estimate, s.noise)
-                scan = transform_cloud(cloud, estimate.pose, s.noise, estimate.covariance)
-                belief.map.integrate(scan)
+        for k, record in enumerate(self._recorded_scans):
+            if belief.located[record.robot]:
+                past_belief = belief.with_poses(record.joints)
+                cloud = past_belief.remove_robot_points(
+                    record.robot, record.cloud, record.estimate, self._settings.noise
+                )
+                self._recorded_scans[k] = record._replace(fused_cloud=cloud)
+        fuse_recorded_scans(belief, self._recorded_scans, self._settings)
+
+    def _revise_team_map(self, belief: FieldBelief) -> None:
+        """Make the team's map again if the pose of a scan has been revised by enough."""
+        assert self._corrector is not None
+        limit = self._settings.correction.min_revision
+        revised = revise(self._recorded_scans, self._corrector.revised_estimates(), limit)
+        if revised is not None:
+            self._recorded_scans = revised
+            fuse_recorded_scans(belief, revised, self._settings)
 
 
 def _integrate(belief: FieldBelief, scans: Sequence[Scan]) -> list[ScanGain]:

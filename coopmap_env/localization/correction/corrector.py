@@ -20,6 +20,7 @@ from coopmap_env.geometry import Pose, apply_displacement, skew
 from coopmap_env.localization.correction._keyframes import ScanSurfaces
 from coopmap_env.localization.correction._patch_matcher import PatchMatcher
 from coopmap_env.localization.correction._patches import Patches
+from coopmap_env.localization.correction._pose_history import PastScan, PoseHistory
 from coopmap_env.localization.correction._pose_state import PoseState
 from coopmap_env.localization.correction.fiducials import (
     Fiducials,
@@ -94,6 +95,8 @@ class PoseCorrection(NamedTuple):
     map's fiducials that were found in the image, as in the paper's Eq. 10: peaks of the map, and
     mean points of their regions. They are not used here: along a surface, a region's mean point
     says little of the fiducial's position."""
+    pose_index: int
+    """Index of the scan among `PoseCorrector.revised_estimates`."""
 
 
 class PoseCorrector:
@@ -127,6 +130,7 @@ class PoseCorrector:
         self._tracking_settings = tracking or TrackingSettings()
         self._matcher = PatchMatcher(camera, noise, target, self.settings)
         self._fiducials: list[Fiducials | None] = [None] * len(vehicles)
+        self._history = PoseHistory(self.poses)
 
     def set_base(self, robot: int, base: PoseEstimate) -> None:
         """Set the estimate of a robot's base, see `PoseState.set_base`."""
@@ -153,11 +157,19 @@ class PoseCorrector:
         labels, n_tracked, tracked = self._track(robot, predicted, cloud, map_)
         result = self._estimate_pose(scan, camera_index, labels, n_tracked)
         estimate = self.poses.estimate(camera_index)
-        if not self._matcher.add_keyframe(scan):
+        pose_index, was_measured = len(self._history), result[1] == ""
+        is_keyframe = self._matcher.add_keyframe(scan)
+        self._history.add(PastScan(robot, reading, estimate, was_measured), is_keyframe)
+        if not is_keyframe:
             self.poses.remove_camera(camera_index)
         elif self._matcher.drop_oldest():
+            self._history.finish_oldest_keyframe()
             self.poses.remove_camera(0)
-        return PoseCorrection(estimate, predicted, *result, tracked)
+        return PoseCorrection(estimate, predicted, *result, tracked, pose_index)
+
+    def revised_estimates(self) -> list[PoseEstimate]:
+        """Camera pose of each scan, in the order of `correct`, by all that was measured since."""
+        return self._history.estimates()
 
     def _track(
         self, robot: int, predicted: PoseEstimate, cloud: PointCloud, map_: OccupancyMap

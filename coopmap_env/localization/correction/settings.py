@@ -22,6 +22,12 @@ class CorrectionSettings(Settings):
     prior: Literal["kinematic", "encoders"] = "kinematic"
     """The camera pose that fiducials correct: by kinematics with the predicted deflection of the
     suspension, whose stiffness is then estimated too, or with the suspension assumed at rest."""
+    smoothing: bool = True
+    """Whether the poses of earlier scans are revised when later ones tell more, and the map is made
+    again of the revised scans."""
+    min_revision: NonNegative = 0.003
+    """Metres by which a point at 3 m of some scan moves before the map is made again: a smaller
+    change is not worth the time, for voxels are much larger."""
     min_fiducials: PositiveInt = 3
     """With fewer, the pose stays as predicted."""
     min_patch_pixels: PositiveInt = 6
