@@ -30,8 +30,8 @@ ERRORS = {"position": 0.01, "angle": 0.001, "nees": 6.0}
 SEARCH = {"robots": [{"n_scans": 3, **ERRORS}, None], "registration_ms": [50.0, 60.0]}
 CAMERA = {**ERRORS, "point_displacement": math.nan}
 SCAN = {
-    "corrected_directions": 6, "correction_failure": "", "n_hits": 80, "kinematic": CAMERA,
-    "estimated": CAMERA,
+    "corrected_directions": 6, "correction_failure": "", "n_hits": 80, "noise_floor": 0.002,
+    **dict.fromkeys(("encoders", "kinematic", "estimated", "smoothed"), CAMERA),
 }  # fmt: skip
 MEAN_POINTS = {"linear": {"position": 0.1, "angle": 0.1}, "rigid": {"position": 0.1, "angle": 0.1}}
 CORRECTED = {**SCAN, "correction_ms": 2.0, "n_fiducials": 7, "n_outliers": 1}
@@ -41,7 +41,9 @@ CORRECTION = {
     "scans": [
         SCAN, {**CORRECTED, "mean_points": MEAN_POINTS}, {**CORRECTED, "mean_points": None},
     ],
-    "same_scans": dict.fromkeys(("kinematic", "estimated", "exact"), QUALITY),
+    "same_scans": dict.fromkeys(
+        ("encoders", "kinematic", "estimated", "smoothed", "exact"), QUALITY
+    ),
 }  # fmt: skip
 ODD_VALUES = (
     None, True, "x", "1", [], {}, [1], {"a": 1}, -1, -0.5, 0.5, math.nan, math.inf, 10**400, 2**63,

@@ -14,12 +14,14 @@ from coopmap_env.studies.localization.estimator_comparison import (
     NOISE_FACTORS,
     compare_pose_estimators,
 )
+from coopmap_env.studies.localization.map_quality import same_scans_summary
 from coopmap_env.studies.localization.study import LocalizationSize
 from coopmap_env.studies.localization.summary import (
     errors_summary,
     nees_summary,
     search_summary,
 )
+from coopmap_env.studies.localization.verdicts import at_least, is_not_worse
 
 
 def robot(scans, position=0.01, angle=0.001, nees=6.0):
@@ -54,18 +56,50 @@ def test_errors_of_bases_are_those_of_located_robots():
 
 
 def scan(before, after):
-    kinds = ("position", "angle", "point_displacement")
-    return {"kinematic": dict.fromkeys(kinds, before), "estimated": dict.fromkeys(kinds, after)}
+    errors = ("position", "angle", "point_displacement")
+    values = {"encoders": before, "kinematic": before, "estimated": after, "smoothed": after}
+    return {kind: dict.fromkeys(errors, value) for kind, value in values.items()}
 
 
 def test_the_error_ratio_is_that_of_the_medians():
     groups = [[scan(8.0, 1.0), scan(10.0, 2.0)], [scan(12.0, 4.0), scan(math.nan, 1.0)]]
     found = errors_summary(groups, np.random.default_rng(0))
     assert found["scans"] == 4
-    ratio = found["position"]["error_ratio_median"]
+    assert found["position"]["encoders"]["error_ratio"]["estimate"] == 1.0
+    ratio = found["position"]["estimated"]["error_ratio"]
     assert ratio["estimate"] == 5.0  # 10 over 2, without the scan that has no points
     assert ratio["low"] <= 5.0 <= ratio["high"]
-    assert found["point_displacement"]["before"]["median"]["estimate"] == 10.0
+    assert found["point_displacement"]["encoders"]["median"]["estimate"] == 10.0
+
+
+def test_the_95th_percentile_is_compared_with_that_of_the_prediction():
+    groups = [[scan(8.0, 1.0)] * 10, [scan(8.0, 3.0)] * 10]
+    found = errors_summary(groups, np.random.default_rng(0))["position"]
+    assert found["kinematic"]["p95_minus_kinematic"]["estimate"] == 0.0
+    assert found["smoothed"]["p95_minus_kinematic"]["estimate"] == -5.0
+
+
+def test_the_gap_is_that_between_encoders_and_exact_poses():
+    """Half of it by the prediction, four fifths when fused, nine tenths by all scans."""
+    values = {"encoders": 2.0, "kinematic": 1.5, "estimated": 1.2, "smoothed": 1.1, "exact": 1.0}
+    scores = ("f_score", "chamfer", "log_loss")
+    same = {kind: dict.fromkeys(scores, value) for kind, value in values.items()}
+    found = same_scans_summary([{"same_scans": same}] * 3)
+    closed = {
+        kind: found["gap_closed"][kind]["chamfer"]["estimate"] for kind in found["gap_closed"]
+    }
+    assert closed == pytest.approx({"kinematic": 0.5, "estimated": 0.8, "smoothed": 0.9})
+    assert found["smoothed_minus_estimated"]["f_score"]["estimate"] == pytest.approx(-0.1)
+
+
+def test_verdicts_follow_from_the_intervals():
+    sure = {"estimate": 3.8, "low": 3.6, "high": 4.0}
+    assert at_least(sure, 3.5) == "the goal of 3.5 is reached"
+    assert at_least(sure, 5.0) == "the goal of 5 is missed"
+    assert at_least(sure, 3.9) == "the interval does not decide whether it is 3.9"
+    assert is_not_worse({"estimate": -1.0, "low": -2.0, "high": -0.5}) == "it is smaller"
+    assert is_not_worse({"estimate": 1.0, "low": 0.5, "high": 2.0}) == "it is larger"
+    assert is_not_worse({"estimate": -1.0, "low": -2.0, "high": 0.5}) == "no difference is shown"
 
 
 def test_consistent_errors_lie_in_the_band_and_overconfident_ones_do_not():
@@ -131,8 +165,9 @@ def test_the_command_writes_report_and_summary(tmp_path, monkeypatch, capsys):
     assert set(summary["search"]["located_fraction"]["6"]) == {"estimate", "low", "high"}
     assert summary["search"]["false_matches"] == 0
     for part in ("all_scans", "corrected_scans"):
-        assert "error_ratio_median" in summary["correction"][part]["position"]
-    for setting in ("kinematic", "fiducials", "exact"):
+        assert "error_ratio" in summary["correction"][part]["position"]["smoothed"]
+    assert len(summary["verdicts"]) == 12
+    for setting in ("encoders", "kinematic", "fiducials", "exact"):
         assert set(summary["map_quality"][setting]) == {
             "f_score",
             "chamfer",

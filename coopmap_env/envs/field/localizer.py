@@ -117,6 +117,10 @@ class TeamLocalizer:
         last = self.registrations[robot]
         return "too little was in view so far" if last is None else last.reason
 
+    def revised_estimates(self) -> list[PoseEstimate] | None:
+        """Camera pose of each corrected scan by all scans until now; None without fiducials."""
+        return None if self._corrector is None else self._corrector.revised_estimates()
+
     def fuse(
         self, belief: FieldBelief, clouds: Sequence[PointCloud], true_cameras: Sequence[Pose]
     ) -> FusedScans[FieldBelief]:
@@ -244,9 +248,9 @@ class TeamLocalizer:
 
     def _revise_team_map(self, belief: FieldBelief) -> None:
         """Make the team's map again if the pose of a scan has been revised by enough."""
-        assert self._corrector is not None
         limit = self._settings.correction.min_revision
-        revised = revise(self._recorded_scans, self._corrector.revised_estimates(), limit)
+        estimates = self.revised_estimates() or []
+        revised = revise(self._recorded_scans, estimates, limit)
         if revised is not None:
             self._recorded_scans = revised
             fuse_recorded_scans(belief, revised, self._settings)

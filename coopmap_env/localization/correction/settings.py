@@ -25,7 +25,7 @@ class CorrectionSettings(Settings):
     smoothing: bool = True
     """Whether the poses of earlier scans are revised when later ones tell more, and the map is made
     again of the revised scans."""
-    min_revision: NonNegative = 0.003
+    min_revision: NonNegative = 0.005
     """Metres by which a point at 3 m of some scan moves before the map is made again: a smaller
     change is not worth the time, for voxels are much larger."""
     min_fiducials: PositiveInt = 3

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.caches import thread_cache
+from coopmap_env.core.linear_algebra import product
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation import (
     EpisodeRecorder,
@@ -28,9 +29,11 @@ from coopmap_env.localization import (
     rigid_pose,
 )
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import PoseEstimate
+from coopmap_env.robots import PoseEstimate, Vehicle
 from coopmap_env.sensing import PointCloud, transform_cloud
 
+POSE_KINDS = ("encoders", "kinematic", "estimated", "smoothed", "exact")
+"""Kinds of camera poses of one scan; see `RecordedPoses`."""
 MIN_POINTS = 50
 """Points that a scan needs for the mean displacement of its points."""
 MIN_TRACKED_FIDUCIALS = 6
@@ -123,58 +126,89 @@ def run_correction_episode(job: Job) -> Result:
         job["motion_correction"],
     )
     scans: list[dict[str, Any]] = []
-    ablation = PoseAblation(env)
+    recorded = RecordedPoses(env)
     steps = rollout(env, make_policy(job["policy"]), job["seed"])
     recorder = EpisodeRecorder(env, job["seed"])
     for step in steps:
         for robot, agent in enumerate(env.possible_agents):
             if step.infos[agent]["located"]:
                 scans.append(_scan_record(env, robot, step.infos[agent]))
-                ablation.add(robot)
+                recorded.add(robot)
         recorder.add(step)
     return {
         "episode": asdict(recorder.episode()),
-        "scans": scans,
-        "same_scans": ablation.scores(job["seed"]),
+        "scans": [scan | errors for scan, errors in zip(scans, recorded.errors(), strict=True)],
+        "same_scans": recorded.map_scores(job["seed"]),
     }
 
 
-class PoseAblation:
-    """The scans of one episode, fused with three kinds of camera poses.
+class RecordedPoses:
+    """The scans of one episode of located robots, with all kinds of camera poses.
 
-    The poses are those of the encoders ("kinematic"), the estimated ones, and the true ones
-    ("exact"). Episodes with different camera poses have different maps, and so different views.
-    Here the views are the same, and only the poses differ.
+    The poses are those by the encoders ("encoders"), with the predicted deflection of the
+    suspension ("kinematic"), as they were fused ("estimated"), as they are known after the last
+    scan ("smoothed"), and the true ones ("exact"). Episodes with different camera poses have
+    different maps, and so different views. Here the views are the same, and only the poses differ.
     """
 
     def __init__(self, env: FieldEnv) -> None:
         self._env = env
-        s = env.settings
-        self._maps = {
-            name: OccupancyMap(env.scene.grid, s.beam, s.log_odds_range)
-            for name in ("kinematic", "estimated", "exact")
-        }
+        self._clouds: list[PointCloud] = []
+        self._estimates: list[dict[str, PoseEstimate]] = []
 
     def add(self, robot: int) -> None:
-        """Fuse a robot's last scan into each map."""
+        """Record a robot's last scan."""
         env, scan = self._env, self._env.last_scans[robot]
         belief = env.belief()
-        estimated = belief.estimates[robot]
-        cloud = PointCloud(estimated.pose.inverse().transform(scan.points), scan.hit)
+        vehicle, joints, estimated = (
+            belief.vehicles[robot], belief.joints[robot], belief.estimates[robot],
+        )  # fmt: skip
+        self._clouds.append(PointCloud(estimated.pose.inverse().transform(scan.points), scan.hit))
         estimates = {
-            "kinematic": belief.vehicles[robot].camera_estimate(belief.joints[robot]),
-            "estimated": estimated,
-            "exact": PoseEstimate(env.diagnostics.true_cameras[robot], np.zeros((6, 6))),
+            name: Vehicle.from_mount(
+                vehicle.mount, vehicle.T_world_base, predicts_deflection=name == "kinematic"
+            ).camera_estimate(joints)
+            for name in ("encoders", "kinematic")
         }
-        for name, (pose, covariance) in estimates.items():
-            self._maps[name].integrate(transform_cloud(cloud, pose, env.settings.noise, covariance))
+        exact = PoseEstimate(env.diagnostics.true_cameras[robot], np.zeros((6, 6)))
+        self._estimates.append(estimates | {"estimated": estimated, "exact": exact})
 
-    def scores(self, seed: int) -> dict[str, dict[str, float]]:
-        """Map quality by kind of camera pose."""
-        evaluator = make_surface_evaluator(self._env, seed)
+    def _all_estimates(self) -> list[dict[str, PoseEstimate]]:
+        """Of each scan, by kind of pose; without fiducials nothing is smoothed."""
+        smoothed = self._env.localizer.revised_estimates()
+        if smoothed is None:
+            smoothed = [kinds["estimated"] for kinds in self._estimates]
+        return [
+            kinds | {"smoothed": estimate}
+            for kinds, estimate in zip(self._estimates, smoothed, strict=True)
+        ]
+
+    def errors(self) -> list[dict[str, dict[str, float]]]:
+        """Errors of the camera pose of each scan, by kind of pose."""
+        out = []
+        for kinds, cloud in zip(self._all_estimates(), self._clouds, strict=True):
+            points, true = cloud.points[cloud.hit], kinds.pop("exact").pose
+            out.append(
+                {
+                    name: {
+                        **_pose_errors(estimate, true),
+                        "point_displacement": _mean_point_displacement(points, estimate.pose, true),
+                    }
+                    for name, estimate in kinds.items()
+                }
+            )
+        return out
+
+    def map_scores(self, seed: int) -> dict[str, dict[str, float]]:
+        """Quality of the map that is fused of all scans, by kind of pose."""
+        s, evaluator = self._env.settings, make_surface_evaluator(self._env, seed)
         assert evaluator is not None
-        out = {}
-        for name, map_ in self._maps.items():
+        estimates, out = self._all_estimates(), {}
+        for name in POSE_KINDS:
+            map_ = OccupancyMap(self._env.scene.grid, s.beam, s.log_odds_range)
+            for kinds, cloud in zip(estimates, self._clouds, strict=True):
+                pose, covariance = kinds[name]
+                map_.integrate(transform_cloud(cloud, pose, s.noise, covariance))
             scores = evaluator.scores(map_)
             out[name] = {
                 "f_score": scores.f_score,
@@ -185,24 +219,13 @@ class PoseAblation:
 
 
 def _scan_record(env: FieldEnv, robot: int, info: dict[str, Any]) -> dict[str, Any]:
-    """Errors of the camera pose of one scan: by the encoders alone, and as it was fused."""
-    belief, true = env.belief(), env.diagnostics.true_cameras[robot]
-    estimated = belief.estimates[robot]
-    kinematic = belief.vehicles[robot].camera_estimate(belief.joints[robot])
-    scan = env.last_scans[robot]
-    measured_points = estimated.pose.inverse().transform(scan.points[scan.hit])
+    """What a scan saw, and what its correction found."""
+    true = env.diagnostics.true_cameras[robot]
     out: dict[str, Any] = {
         "corrected_directions": info["corrected_directions"],
         "correction_failure": info["correction_failure"],
-        "n_hits": len(measured_points),
-        "kinematic": {
-            **_pose_errors(kinematic, true),
-            "point_displacement": _mean_point_displacement(measured_points, kinematic.pose, true),
-        },
-        "estimated": {
-            **_pose_errors(estimated, true),
-            "point_displacement": _mean_point_displacement(measured_points, estimated.pose, true),
-        },
+        "n_hits": int(env.last_scans[robot].hit.sum()),
+        "noise_floor": _encoder_noise_error(env, robot),
     }
     correction = env.localizer.corrections[robot]
     if correction is not None:
@@ -211,6 +234,18 @@ def _scan_record(env: FieldEnv, robot: int, info: dict[str, Any]) -> dict[str, A
         out["n_outliers"] = int((~correction.matches.inlier_mask).sum())
         out["mean_points"] = _errors_from_mean_points(*correction.tracked_fiducials, true)
     return out
+
+
+def _encoder_noise_error(env: FieldEnv, robot: int) -> float:
+    """Position error, metres, of one draw of the encoders' noise alone: no estimator knows it.
+
+    Fiducials do, where they are in view.
+    """
+    belief = env.belief()
+    vehicle, joints = belief.vehicles[robot], belief.joints[robot]
+    draw = np.random.default_rng(joints.view(np.uint64)).standard_normal(len(joints))
+    noise = draw * vehicle.mount.encoder_noise
+    return float(np.linalg.norm(product(vehicle.joint_jacobian(joints)[:3], noise)))
 
 
 def _pose_errors(estimate: PoseEstimate, true: Pose) -> dict[str, float]:

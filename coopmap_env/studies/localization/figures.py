@@ -41,8 +41,10 @@ def draw_pose_errors(study: LocalizationStudy, path: Path) -> None:
     scans = [scan for run in study.runs["fiducials"] for scan in run["scans"]]
     corrected = [scan for scan in scans if scan["corrected_directions"] > 0]
     lines = (
-        ("encoders, all scans", scans, "kinematic", COLORS[6], "-"),
+        ("encoders, all scans", scans, "encoders", COLORS[6], "-"),
+        ("with predicted suspension, all scans", scans, "kinematic", COLORS[2], "-"),
         ("fiducials, all scans", scans, "estimated", COLORS[0], "-"),
+        ("fiducials, all scans, smoothed", scans, "smoothed", COLORS[0], "--"),
         ("fiducials, corrected scans", corrected, "estimated", COLORS[1], "-"),
     )
     for axis, (name, label, scale) in zip(

@@ -19,6 +19,7 @@ from coopmap_env.studies.localization.figures import (
     draw_pose_errors,
     draw_pose_estimators,
 )
+from coopmap_env.studies.localization.map_quality import ESTIMATES
 from coopmap_env.studies.localization.study import (
     CORRECTION_MODES,
     POLICY,
@@ -29,6 +30,14 @@ from coopmap_env.studies.localization.study import (
 from coopmap_env.studies.localization.summary import localization_summary
 
 DEGREES = 180.0 / math.pi
+KIND_LABELS = {
+    "encoders": "encoders",
+    "kinematic": "predicted suspension",
+    "estimated": "fiducials, when fused",
+    "smoothed": "fiducials, by all scans",
+    "exact": "exact",
+}
+"""Of each kind of camera pose; see `RecordedPoses`."""
 RENDERED_SEED = 0
 """Seed of the search in the report's picture."""
 
@@ -56,6 +65,8 @@ def write_localization_report(study: LocalizationStudy, out: Path) -> dict[str, 
         scans_each=SCANS_EACH,
         search_scans=SEARCH_SCANS,
         correction_modes=CORRECTION_MODES,
+        estimates=ESTIMATES,
+        kind_labels=KIND_LABELS,
         n_fiducials=N_FIDUCIALS,
         settings=json.dumps(settings_to_dict(FieldSettings()), indent=2),
     )
@@ -76,22 +87,17 @@ def localization_text(summary: dict[str, Any]) -> str:
     ]
     for title in ("all_scans", "corrected_scans", "well_corrected_scans"):
         part = correction[title]
-        ratios = ", ".join(
-            f"{name.replace('_', ' ')} {format_interval(part[name]['error_ratio_median'])}"
-            for name in ("position", "angle", "point_displacement")
-        )
-        lines.append(f"{title.replace('_', ' ')} ({part['scans']}), error ratios: {ratios}")
+        lines.append(f"{title.replace('_', ' ')} ({part['scans']}), position error, mm, and ratio:")
+        lines += [
+            f"  {KIND_LABELS[kind]:<26}{format_interval(part['position'][kind]['median'], 1e3):>20}"
+            f"{format_interval(part['position'][kind]['error_ratio']):>20}"
+            for kind in ESTIMATES
+        ]
     lines.append(f"{'camera poses':<14}{'F-score':>26}{'Chamfer, cm':>22}{'log-loss':>28}")
     for name in CORRECTION_MODES:
         f_score, chamfer, log_loss = _quality(summary["map_quality"][name])
         lines.append(f"{name:<14}{f_score:>26}{chamfer:>22}{log_loss:>28}")
-    difference = summary["map_quality_same_scans"]["estimated_minus"]["kinematic"]
-    f_score, chamfer, log_loss = _quality(difference)
-    lines.append(
-        f"the same scans, fiducials minus kinematic: F {f_score}, Chamfer {chamfer} cm, "
-        f"log-loss {log_loss}"
-    )
-    return "\n".join(lines)
+    return "\n".join([*lines, *summary["verdicts"]])
 
 
 def _quality(scores: dict[str, dict[str, float]]) -> tuple[str, str, str]:

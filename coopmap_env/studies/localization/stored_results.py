@@ -59,8 +59,11 @@ class ScanOfPose(TypedDict):
     corrected_directions: int
     correction_failure: str
     n_hits: int
+    noise_floor: float
+    encoders: CameraErrors
     kinematic: CameraErrors
     estimated: CameraErrors
+    smoothed: CameraErrors
 
 
 class ScanRecord(ScanOfPose, total=False):
@@ -83,8 +86,10 @@ class MapQuality(TypedDict):
 class SameScans(TypedDict):
     """By kind of camera pose."""
 
+    encoders: MapQuality
     kinematic: MapQuality
     estimated: MapQuality
+    smoothed: MapQuality
     exact: MapQuality
 
 

@@ -31,8 +31,9 @@ from coopmap_env.studies.localization.estimator_comparison import compare_pose_e
 from coopmap_env.studies.localization.stored_results import is_correction_result, is_search_result
 
 POLICY = "rating_function:search=100"
-CORRECTION_MODES = ("kinematic", "fiducials", "exact")
-"""Of `FieldEnv`: encoders alone, corrected by fiducials, and the true poses as an upper bound."""
+CORRECTION_MODES = ("encoders", "kinematic", "fiducials", "exact")
+"""Of `FieldEnv`: encoders alone, with the predicted deflection of the suspension, corrected by
+fiducials, and the true poses as an upper bound."""
 SCANS_EACH = 16
 """Of each robot in the second part: 32 scans of the team."""
 SEARCH_SCANS = 10
@@ -50,7 +51,7 @@ class LocalizationSize(Settings):
     """Random draws of the comparison of pose estimators."""
 
 
-FULL = LocalizationSize(100, 60, 300)
+FULL = LocalizationSize(100, 100, 300)
 QUICK = LocalizationSize(8, 3, 50)
 
 

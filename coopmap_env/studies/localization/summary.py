@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,15 +10,17 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from coopmap_env.core.version import __version__
-from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, Result
-from coopmap_env.evaluation.statistics import (
-    bootstrap_clusters,
-    bootstrap_mean,
-    bootstrap_paired_difference,
-)
+from coopmap_env.evaluation import BOOTSTRAP_SEED, Result
+from coopmap_env.evaluation.statistics import bootstrap_clusters, bootstrap_mean
 from coopmap_env.studies.localization.episodes import MIN_POINTS
 from coopmap_env.studies.localization.estimator_comparison import NOISE_FACTORS
+from coopmap_env.studies.localization.map_quality import (
+    ESTIMATES,
+    quality_summary,
+    same_scans_summary,
+)
 from coopmap_env.studies.localization.study import POLICY, LocalizationStudy
+from coopmap_env.studies.localization.verdicts import verdicts
 
 Array = NDArray[np.float64]
 
@@ -25,14 +28,13 @@ SCAN_LIMITS = (1, 2, 3, 4, 5, 6, 8, 10)
 """Numbers of scans at which the located robots are counted."""
 FALSE_MATCH_POSITION, FALSE_MATCH_ANGLE = 0.2, np.radians(5.0)
 """Metres, radians: a base with a larger error of either kind is a false match."""
-QUALITY_SCORES = ("f_score", "chamfer", "log_loss", "surface_coverage")
 ERROR_NAMES = ("position", "angle", "point_displacement")
 """Errors of a camera pose: metres, radians, and the mean displacement of its points, metres."""
 
 
 def localization_summary(study: LocalizationStudy) -> dict[str, Any]:
     """All results as JSON values."""
-    return {
+    summary: dict[str, Any] = {
         "version": __version__,
         "policy": POLICY,
         "search": search_summary(study.searches),
@@ -41,6 +43,8 @@ def localization_summary(study: LocalizationStudy) -> dict[str, Any]:
         "map_quality_same_scans": same_scans_summary(study.runs["fiducials"]),
         "pose_estimators": {"noise_factors": NOISE_FACTORS, **study.pose_estimators},
     }
+    summary["verdicts"] = verdicts(summary["correction"], summary["map_quality_same_scans"])
+    return summary
 
 
 def search_summary(searches: list[Result]) -> dict[str, Any]:
@@ -122,14 +126,19 @@ def correction_summary(corrected: list[Result]) -> dict[str, Any]:
             np.mean([scan["n_hits"] < MIN_POINTS for scans in all_scans for scan in scans])
         ),
         "too_few_fiducials": len(reasons),
+        "noise_floor": float(
+            np.median([scan["noise_floor"] for scans in all_scans for scan in scans])
+        ),
         "outliers": sum(scan["n_outliers"] for scans in all_scans for scan in scans),
         "all_scans": errors_summary(all_scans, rng),
         "corrected_scans": errors_summary(corrected_scans, rng),
         "well_corrected_scans": errors_summary(well_corrected_scans, rng),
         "nees": {
-            "kinematic": nees_summary(_error_columns(all_scans, "kinematic", "nees")),
-            "all_scans": nees_summary(_error_columns(all_scans, "estimated", "nees")),
-            "corrected_scans": nees_summary(_error_columns(corrected_scans, "estimated", "nees")),
+            name: {
+                "all_scans": nees_summary(_error_columns(all_scans, name, "nees")),
+                "corrected_scans": nees_summary(_error_columns(corrected_scans, name, "nees")),
+            }
+            for name in ESTIMATES
         },
         "mean_points": _mean_points_summary(all_scans),
         "correction_ms": {
@@ -140,28 +149,38 @@ def correction_summary(corrected: list[Result]) -> dict[str, Any]:
 
 
 def errors_summary(groups: list[list[Result]], rng: np.random.Generator) -> dict[str, Any]:
-    """Errors before and after correction and the ratio of their medians, for each kind of error."""
+    """Errors of each kind of camera pose, and how many times smaller they are than the encoders'.
+
+    The ratio is that of the medians, in the same scans.
+    """
     out: dict[str, Any] = {"scans": sum(map(len, groups))}
     for name in ERROR_NAMES:
-        pairs = [
-            np.array(
-                [[scan["kinematic"][name], scan["estimated"][name]] for scan in scans]
-            ).reshape(-1, 2)
+        rows = [
+            np.array([[scan[kind][name] for kind in ESTIMATES] for scan in scans]).reshape(
+                -1, len(ESTIMATES)
+            )
             for scans in groups
         ]
-        pairs = [rows[np.isfinite(rows).all(axis=1)] for rows in pairs]
+        rows = [of_world[np.isfinite(of_world).all(axis=1)] for of_world in rows]
         out[name] = {
-            "before": _percentiles(pairs, 0, rng),
-            "after": _percentiles(pairs, 1, rng),
-            "error_ratio_median": bootstrap_clusters(pairs, _ratio_of_medians, rng).as_dict(),
+            kind: {
+                **_percentiles(rows, k, rng),
+                "error_ratio": bootstrap_clusters(
+                    rows, partial(_ratio_of_medians, column=k), rng
+                ).as_dict(),
+                "p95_minus_kinematic": bootstrap_clusters(
+                    rows, partial(_p95_minus_kinematic, column=k), rng
+                ).as_dict(),
+            }
+            for k, kind in enumerate(ESTIMATES)
         }
     return out
 
 
-def _percentiles(pairs: list[Array], column: int, rng: np.random.Generator) -> dict[str, Any]:
+def _percentiles(rows: list[Array], column: int, rng: np.random.Generator) -> dict[str, Any]:
     return {
         label: bootstrap_clusters(
-            pairs,
+            rows,
             lambda rows, q=percent: _percentile(rows[:, column], q),  # type: ignore[misc]
             rng,
         ).as_dict()
@@ -173,11 +192,18 @@ def _percentile(values: Array, percent: float) -> float:
     return float(np.percentile(values, percent)) if len(values) else float("nan")
 
 
-def _ratio_of_medians(rows: Array) -> float:
+def _ratio_of_medians(rows: Array, column: int) -> float:
     if not len(rows):
         return float("nan")
-    before, after = np.median(rows, axis=0)
-    return float(before / after)
+    return float(np.median(rows[:, 0]) / np.median(rows[:, column]))
+
+
+def _p95_minus_kinematic(rows: Array, column: int) -> float:
+    """Difference of the 95th percentiles of a kind of pose and of the uncorrected prediction."""
+    if not len(rows):
+        return float("nan")
+    prior = ESTIMATES.index("kinematic")
+    return float(np.percentile(rows[:, column], 95.0) - np.percentile(rows[:, prior], 95.0))
 
 
 def nees_summary(groups: list[Array]) -> dict[str, Any]:
@@ -204,52 +230,6 @@ def nees_summary(groups: list[Array]) -> dict[str, Any]:
     }
 
 
-def quality_summary(evaluations: dict[str, Evaluation]) -> dict[str, Any]:
-    """Map quality of each correction mode, and paired differences of fiducials from the others."""
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
-    tables = {name: evaluation.table for name, evaluation in evaluations.items()}
-    out: dict[str, Any] = {
-        name: {score: bootstrap_mean(table[score], rng).as_dict() for score in QUALITY_SCORES}
-        for name, table in tables.items()
-    }
-    ours = tables["fiducials"]
-    out["fiducials_minus"] = {
-        other: {
-            score: bootstrap_paired_difference(ours[score], tables[other][score], rng).as_dict()
-            for score in QUALITY_SCORES
-        }
-        for other in ("kinematic", "exact")
-    }
-    out["fiducials_over_exact"] = {
-        score: float(ours[score].mean() / tables["exact"][score].mean()) for score in QUALITY_SCORES
-    }
-    return out
-
-
-def same_scans_summary(runs: list[Result]) -> dict[str, Any]:
-    """Map quality of the same scans by each kind of pose, and paired differences."""
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
-
-    def column(name: str, score: str) -> Array:
-        return np.array([run["same_scans"][name][score] for run in runs])
-
-    names, scores = ("kinematic", "estimated", "exact"), ("f_score", "chamfer", "log_loss")
-    out: dict[str, Any] = {
-        name: {score: bootstrap_mean(column(name, score), rng).as_dict() for score in scores}
-        for name in names
-    }
-    out["estimated_minus"] = {
-        other: {
-            score: bootstrap_paired_difference(
-                column("estimated", score), column(other, score), rng
-            ).as_dict()
-            for score in scores
-        }
-        for other in ("kinematic", "exact")
-    }
-    return out
-
-
 def _scan_records(run: Result) -> list[Result]:
     scans: list[Result] = run["scans"]
     return scans
@@ -270,7 +250,7 @@ def _mean_points_summary(groups: list[list[Result]]) -> dict[str, Any]:
             part: float(np.median([scan["mean_points"][name][part] for scan in scans]))
             for part in ("position", "angle")
         }
-    for name in ("kinematic", "estimated"):
+    for name in ("encoders", "estimated"):
         out[name] = {
             part: float(np.median([scan[name][part] for scan in scans]))
             for part in ("position", "angle")
