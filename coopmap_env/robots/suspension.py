@@ -52,8 +52,8 @@ class Suspension(Settings):
     """Largest fraction by which the true stiffness of roll and pitch differs from the values above:
     springs and tires are known that well. A robot that predicts its deflection allows for it."""
     prediction_std: NonNegative = 0.00005
-    """Metres of heave, radians of roll and pitch, by which a prediction is off besides: errors of
-    the joints change the load, and in stepped physics a body at rest still moves by as much."""
+    """Metres of heave, radians of roll and pitch, by which a prediction is off besides: in stepped
+    physics a body at rest still moves by as much."""
 
     @property
     def stiffness(self) -> tuple[float, float, float]:

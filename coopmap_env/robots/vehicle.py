@@ -193,19 +193,22 @@ class Vehicle:
         noise, and those assumed for heave, roll and pitch of the body.
         """
         q = self.chain.as_joint_values(q)
-        rigid = self.mount.suspension is None
-        J = self.joint_jacobian(q) if rigid else self._suspended_jacobian(q)
+        if self.mount.suspension is None:
+            J = self.joint_jacobian(q)
+        elif self.equilibrium is None:
+            J = self._jacobian(q)
+        else:
+            J = np.delete(self._jacobian(q), [3, 4], axis=1)  # compliances persist
         return product(J * self._per_scan_variances, J.T)
 
     def joint_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Jacobian (6, n) of the camera [translation; rotation vector] with respect to its joints.
 
-        World frame, suspension as predicted, or at rest. That a joint's error changes the load of
-        the springs is left out: 0.1 mm.
+        World frame. A joint that moves changes the load of the springs, if that is predicted.
         """
         if self.equilibrium is None:
             return self._rotated_to_world(self.chain.jacobian(q))
-        return self._suspended_jacobian(q)[:, 3:]
+        return self._jacobian(q)[:, 5:]
 
     def compliance_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Jacobian (6, 2) of the camera with respect to `Equilibrium.compliance`, world frame.
@@ -217,9 +220,7 @@ class Vehicle:
         """
         if self.equilibrium is None:
             raise ValueError("the vehicle does not predict its deflection")
-        full = self._suspended_joints(q)
-        J = self._rotated_to_world(self._suspended_chain.jacobian(full))
-        return product(J[:, 1:3], self.equilibrium.compliance_jacobian(full))
+        return self._jacobian(q)[:, 3:5]
 
     @property
     def compliance_std(self) -> float:
@@ -232,9 +233,18 @@ class Vehicle:
         J[:3, 3:] = -skew(camera.translation - self.T_world_base.translation)
         return J
 
-    def _suspended_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Jacobian (6, 3 + n) of the camera by heave, roll, pitch and joints, world frame."""
-        return self._rotated_to_world(self._suspended_chain.jacobian(self._suspended_joints(q)))
+    def _jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Jacobian (6, m) of the camera, world frame.
+
+        By heave, roll and pitch, by the two compliances if the deflection is predicted, by the
+        joints.
+        """
+        full = self._suspended_joints(q)
+        J = self._rotated_to_world(self._suspended_chain.jacobian(full))
+        if self.equilibrium is None:
+            return J
+        by_load = product(J[:, 1:3], self.equilibrium.jacobian(full))
+        return np.concatenate([J[:, :3], by_load[:, :2], J[:, 3:] + by_load[:, 2:]], axis=1)
 
     def _rotated_to_world(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
         """Both halves of a Jacobian (6, k), translation and rotation vector, in the world frame."""
