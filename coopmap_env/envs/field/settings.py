@@ -81,5 +81,5 @@ class FieldSettings(Settings):
         return cls(
             rating=FieldRatingSettings(interpretation="literal", hidden="printed"),
             max_stiffness_error=0.0,
-            correction=CorrectionSettings(prior="encoders", smoothing=False),
+            correction=CorrectionSettings(prior="encoders", smoothing=False, min_patch_pixels=6),
         )

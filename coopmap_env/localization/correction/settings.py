@@ -30,8 +30,9 @@ class CorrectionSettings(Settings):
     change is not worth the time, for voxels are much larger."""
     min_fiducials: PositiveInt = 3
     """With fewer, the pose stays as predicted."""
-    min_patch_pixels: PositiveInt = 6
-    """Least pixels of a patch that counts: in a smaller one, a wrong pixel decides."""
+    min_patch_pixels: PositiveInt = 3
+    """Least pixels of a patch that counts. With 6, as in v0, the median position error on 16
+    training worksites is 2.42 mm instead of 2.35, and a twentieth less scans are corrected."""
     patch_model_std: NonNegative = 0.0005
     """Metres by which a patch may be off for other reasons than its pixels' noise: surfaces are
     sampled by pixels, and normals differ a little inside of a patch. Of 0, 0.5 and 1 mm the one
