@@ -31,7 +31,7 @@ def exported(tree):
 
 
 # `planar_v1` and `field_v1` are pages that gather what users of one environment need.
-EXPORTS = {module: exported(tree) for module, tree in TREES.items() if not module.endswith("_v0")}
+EXPORTS = {module: exported(tree) for module, tree in TREES.items() if not module.endswith("_v1")}
 PACKAGE_OF = {name: module for module, names in EXPORTS.items() for name in names}
 
 

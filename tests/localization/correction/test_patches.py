@@ -312,7 +312,8 @@ def test_patches_of_too_few_pixels_are_left_out():
     labels = np.full(CAMERA.n_pixels, -1, dtype=np.int32)
     labels[12 * 32 + 5 : 12 * 32 + 10] = 0  # five
     labels[12 * 32 + 15 : 12 * 32 + 21] = 1  # six
-    patches = patches_from_sums(measure(there, [there], labels, n_labels=3), SETTINGS)
+    six = dataclasses.replace(SETTINGS, min_patch_pixels=6)
+    patches = patches_from_sums(measure(there, [there], labels, n_labels=3), six)
     assert patches.labels.tolist() == [1]
     fewer = dataclasses.replace(SETTINGS, min_patch_pixels=5)
     patches = patches_from_sums(measure(there, [there], labels, n_labels=3), fewer)
