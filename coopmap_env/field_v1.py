@@ -85,9 +85,9 @@ Version history
 ---------------
 v1: Eq. 7 counts voxels of a view that are hidden, outside of the map or reserved for a teammate as
 known and empty (v0 left them out, so that a known map still paid for them), and Eq. 8a is read
-without the distance. Camera poses contain the predicted deflection of the suspension, and the true
-stiffness differs from the described one. `FieldSettings.v0` restores v0, with
-``motion_correction="encoders"`` where v0 had ``"kinematic"``.
+without the distance. K, chosen again on training worlds, is 0.2 (0.1 in v0). Camera poses contain
+the predicted deflection of the suspension, and the true stiffness differs from the described one.
+`FieldSettings.v0` restores v0, with ``motion_correction="encoders"`` where v0 had ``"kinematic"``.
 
 v0: first version.
 """

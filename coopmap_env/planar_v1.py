@@ -48,7 +48,8 @@ Version history
 ---------------
 v1: Eq. 7 counts cells of a view that are hidden, outside of the map or reserved for a teammate as
 known and empty (v0 left them out, so that a known map still paid for them), and Eq. 8a is read
-without the distance. `PlanarSettings.v0` restores v0.
+without the distance. K and the number of gray bins, chosen again on training worlds, are 0.005 and
+128 (0.2 and 64 in v0). `PlanarSettings.v0` restores v0.
 
 v0: first version.
 """

@@ -269,4 +269,4 @@ def test_doubtful_voxels_count_for_more_than_certain_ones_at_every_distance_eq_8
             for certain, doubtful in (((0.01, 0.11), (0.39, 0.49)), ((0.89, 0.99), (0.51, 0.61))):
                 values = [information(rating, cells, *spread) for spread in (certain, doubtful)]
                 assert values[0] <= values[1]
-                assert values[0] < values[1] or len(cells) < 4
+                assert values[0] < values[1] or len(cells) < 8

@@ -78,7 +78,7 @@ def short(monkeypatch):
     monkeypatch.setattr(sweep, "OTHER_N_BINS", (32,))
     monkeypatch.setattr(sweep, "POLICY", "rating_function:search=5")
     planar = sweep.Sweep(
-        "planar", sweep.PlanarSettings(), "coverage_auc", 2, {1.0: (0.0, 0.5), 2.0: (0.1,)}
+        "planar", sweep.PlanarSettings(), "coverage_auc", 2, 3, {1.0: (0.0, 0.5), 2.0: (0.1,)}
     )
     monkeypatch.setattr(sweep, "SWEEPS", (planar,))
 
@@ -89,8 +89,11 @@ def test_a_search_writes_its_record_and_continues_after_an_interruption(short, t
     assert [(t["K"], t["exponent"], t["n_gray_bins"]) for t in record["trials"]] == [
         (0.0, 1.0, 64), (0.5, 1.0, 64), (0.1, 2.0, 64), (record["choice"]["K"], 1.0, 32),
     ]  # fmt: skip
+    again = record["other_worlds"]
+    assert again["worlds"] == "seeds 2 to 4"
+    assert again["trials"][-1]["n_gray_bins"] == 32
     episodes = sorted((tmp_path / "episodes").glob("*.json"))
-    assert len(episodes) == 8
+    assert len(episodes) == 2 * 4 + 3 * len(again["trials"])
     written = {path: path.stat().st_mtime_ns for path in episodes}
     episodes[0].unlink()
     sweep.main([str(tmp_path)])

@@ -79,7 +79,7 @@ class FieldSettings(Settings):
     def v0(cls) -> FieldSettings:
         """The readings and constants of version v0 of the ids, to reproduce its results."""
         return cls(
-            rating=FieldRatingSettings(interpretation="literal", hidden="printed"),
+            rating=FieldRatingSettings(K=0.1, interpretation="literal", hidden="printed"),
             max_stiffness_error=0.0,
             correction=CorrectionSettings(prior="encoders", smoothing=False, min_patch_pixels=6),
         )

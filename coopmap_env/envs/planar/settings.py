@@ -45,7 +45,10 @@ class PlanarSettings(Settings):
     @classmethod
     def v0(cls) -> PlanarSettings:
         """The readings and constants of version v0 of the ids, to reproduce its results."""
-        return cls(rating=PlanarRatingSettings(interpretation="literal", hidden="printed"))
+        rating = PlanarRatingSettings(
+            K=0.2, n_gray_bins=64, interpretation="literal", hidden="printed"
+        )
+        return cls(rating=rating)
 
     @classmethod
     def for_resolution(cls, resolution: float) -> PlanarSettings:

@@ -27,8 +27,8 @@ def resident_memory_mb(env_name: str, episodes: int) -> float:
     """
     import_optional("psutil", "bench")
     code = (
-        f"import psutil; from coopmap_env import {env_name}_v0\n"
-        f"env = {env_name}_v0.parallel_env()\n"
+        f"import psutil; from coopmap_env import {env_name}_v1\n"
+        f"env = {env_name}_v1.parallel_env()\n"
         f"for seed in range({episodes}):\n"
         "    env.reset(seed=seed)\n"
         "    while env.agents: env.step({a: env.action_space(a).sample() for a in env.agents})\n"
