@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.evaluation import BOOTSTRAP_SEED
-from coopmap_env.evaluation.statistics import bootstrap_paired_difference
-from coopmap_env.evaluation.statistics.interval import Interval
+from coopmap_env.evaluation.statistics import Interval, bootstrap_paired_difference
 from coopmap_env.information import RatingSettings
 
 GOOD_ENOUGH = 0.98
