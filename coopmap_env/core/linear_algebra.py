@@ -200,6 +200,19 @@ def eigh(A: ArrayLike) -> tuple[Array, Array]:
 
 
 @kernel
+def smallest_eigenvalue(A: Array) -> float:
+    """That of a symmetric matrix A (n, n); for kernels. By Jacobi's method."""
+    n = len(A)
+    diagonal = np.empty((1, n, n))
+    diagonal[0] = A
+    _diagonalise(diagonal, np.empty((1, n, n)))
+    smallest = diagonal[0, 0, 0]
+    for k in range(1, n):
+        smallest = min(smallest, diagonal[0, k, k])
+    return smallest
+
+
+@kernel
 def _diagonalise(A: Array, V: Array) -> None:
     """Rotate symmetric matrices A (k, n, n) to diagonal ones; V (k, n, n) receives the rotations.
 

@@ -1,5 +1,6 @@
 """The probabilistic map: grid, inverse sensor model, Gaussian fusion, occupancy."""
 
+from coopmap_env.mapping.arrays import SurfaceArrays
 from coopmap_env.mapping.beam import BeamModel, beam_occupancy
 from coopmap_env.mapping.gaussian import gaussian_density, merge_gaussians
 from coopmap_env.mapping.grid import GridGeometry, VoxelGrid
@@ -12,6 +13,7 @@ from coopmap_env.mapping.log_odds import (
     to_log_odds_fixed,
 )
 from coopmap_env.mapping.occupancy_map import MapArrays, OccupancyMap, ScanGain
+from coopmap_env.mapping.surface_mean import mean_gaussian
 
 __all__ = [
     "FREE_LOG_ODDS_FIXED",
@@ -23,10 +25,12 @@ __all__ = [
     "MapArrays",
     "OccupancyMap",
     "ScanGain",
+    "SurfaceArrays",
     "VoxelGrid",
     "beam_occupancy",
     "gaussian_density",
     "has_line_of_sight",
+    "mean_gaussian",
     "merge_gaussians",
     "to_log_odds_fixed",
 ]

@@ -22,12 +22,39 @@ class MapArrays(NamedTuple):
 
 
 class SurfaceArrays(NamedTuple):
-    """Surface estimates of the cells in information form, where merging is a sum."""
+    """Sums over the points of each cell, from which its surface Gaussian is made.
+
+    The first two have the form of information: the merged point is precision^-1 information_vector.
+    With ``surface_fusion="mean"`` each point counts 1, and two more sums tell what that mean is
+    worth; with "eq_4" they have no cells.
+    """
 
     precision: NDArray[np.float64]
-    """Sums of the points' inverse covariances (n_cells, D, D)."""
+    """Eq. 4: sums of the points' inverse covariances (n_cells, D, D). Mean: numbers of points
+    (n_cells, 1, 1)."""
     information_vector: NDArray[np.float64]
-    """Sums of inverse covariance times (point minus the cell's center) (n_cells, D)."""
+    """Eq. 4: sums of inverse covariance times deviation (n_cells, D), the deviation being the point
+    minus the cell's center. Mean: sums of deviations."""
+    noise: NDArray[np.float64]
+    """Mean: covariances of the sums of deviations (n_cells, D, D)."""
+    scatter: NDArray[np.float64]
+    """Mean: sums of deviation times deviation, less the points' covariances (n_cells, D, D)."""
+
+    @classmethod
+    def empty(cls, n_cells: int, dimension: int, averaged: bool) -> SurfaceArrays:
+        """Those of a map without points."""
+        matrices, vectors = (n_cells, dimension, dimension), np.zeros((n_cells, dimension))
+        if averaged:
+            return cls(np.zeros((n_cells, 1, 1)), vectors, np.zeros(matrices), np.zeros(matrices))
+        return cls.of_eq_4(np.zeros(matrices), vectors)
+
+    @classmethod
+    def of_eq_4(
+        cls, precision: NDArray[np.float64], information_vector: NDArray[np.float64]
+    ) -> SurfaceArrays:
+        """The sums of Eq. 4, (k, D, D) and (k, D)."""
+        none = np.zeros((0, *precision.shape[1:]))
+        return cls(precision, information_vector, none, none)
 
 
 class UpdateBuffers(NamedTuple):
@@ -38,3 +65,14 @@ class UpdateBuffers(NamedTuple):
     of a scan."""
     updated_cells: NDArray[np.int64]
     """Cells of the scan, once each, at the front of (n_cells + 1,)."""
+    n_points: NDArray[np.int32]
+    """Points of the scan in each cell (n_cells,); zero between scans."""
+
+    @classmethod
+    def empty(cls, n_cells: int) -> UpdateBuffers:
+        """Those between two scans."""
+        return cls(
+            np.zeros(n_cells, dtype=np.int32),
+            np.empty(n_cells + 1, dtype=np.int64),
+            np.zeros(n_cells, dtype=np.int32),
+        )

@@ -66,7 +66,7 @@ def add_observation(
     Lambda = (C + floor I)^-1. The deviation is the point minus the cell's center, so that no digits
     cancel far from the origin.
     """
-    precision, vector = surfaces
+    precision, vector = surfaces.precision, surfaces.information_vector
     xx, xy, yy = C[0, 0] + floor, C[0, 1], C[1, 1] + floor
     if C.shape[0] == 2:
         scale = 1.0 / (xx * yy - xy * xy)

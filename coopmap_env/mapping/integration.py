@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
-from coopmap_env.mapping.beam import BeamParameters
+from coopmap_env.mapping.beam import MIN_RANGE_SIGMA, BeamParameters
+from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.grid import GridGeometry
 from coopmap_env.mapping.integration_scalar import integrate_rays
 from coopmap_env.mapping.integration_simd import integrate_rays_simd
+from coopmap_env.mapping.surface_mean import add_point, add_shared_errors
 from coopmap_env.sensing import ScanArrays
 
 CAMERA_OUTSIDE_GRID = -2
@@ -58,7 +60,7 @@ def _apply_updates(
     Log-odds are left unclamped, so that the scans of one team step can be added in any order;
     `clamp_log_odds` ends the step. The entropy is always that of the clamped log-odds.
     """
-    pending, updated_cells = buffers
+    pending, updated_cells, _ = buffers
     log_odds_fixed, sampled_mask, _, clamp = cells
     reduction = 0.0
     new = 0
@@ -93,20 +95,69 @@ class FusionArrays(NamedTuple):
 
 
 @kernel
-def integrate_scan(scan: PlainTuple, fusion: PlainTuple) -> tuple[int, int, float]:
+def _center_offset(
+    point: NDArray[np.float64], cell: int, grid: GridGeometry, offset: NDArray[np.float64]
+) -> None:
+    """Write `point` minus the center of flat cell `cell`, metres."""
+    lower, resolution, shape = grid
+    for axis in range(len(point) - 1, -1, -1):
+        offset[axis] = point[axis] - ((cell % shape[axis] + 0.5) * resolution + lower[axis])
+        cell //= shape[axis]
+
+
+@kernel
+def merge_points(
+    scan: ScanArrays,
+    cells: NDArray[np.int64],
+    pose_covariance: NDArray[np.float64],
+    grid: GridGeometry,
+    surfaces: SurfaceArrays,
+    n_points: NDArray[np.int32],
+) -> None:
+    """Add each beam's point to the surface of its cell (n_beams,), -1 for none."""
+    origin, points, covariances, _ = scan
+    precision, information_vector = surfaces.precision, surfaces.information_vector
+    last = points.shape[1] - 1
+    offset = np.zeros(points.shape[1])
+    floor = (MIN_RANGE_SIGMA * grid.resolution) ** 2
+    # Cells lie far from each other. Reads do not wait for one another as sums do: after these, what
+    # is added to is near. They are kept, or the compiler would leave them out.
+    for cell in cells:
+        if cell >= 0:
+            offset[0] += precision[cell, 0, 0] + information_vector[cell, last]
+    averaged = len(surfaces.noise) > 0
+    for beam in range(len(cells)):
+        cell = cells[beam]
+        if cell >= 0:
+            _center_offset(points[beam], cell, grid, offset)
+            if averaged:
+                add_point(surfaces, cell, covariances[beam], offset, floor)
+            else:
+                add_observation(surfaces, cell, covariances[beam], offset, floor)
+    if averaged and last == 2 and np.any(pose_covariance != 0.0):
+        add_shared_errors(surfaces, cells, origin, pose_covariance, grid, n_points)
+
+
+@kernel
+def integrate_scan(
+    scan: PlainTuple, pose_covariance: NDArray[np.float64], fusion: PlainTuple
+) -> tuple[int, int, float]:
     """Fuse one scan; return how many cells it updated, how many were new, the entropy reduction.
 
-    `scan` is a plain `ScanArrays`, `fusion` a plain `FusionArrays`.
+    `scan` is a plain `ScanArrays`, `fusion` a plain `FusionArrays`; `pose_covariance` (6, 6) is
+    that of the scan, 0 if its pose is exact.
     """
     rays = ScanArrays(*scan)
     grid_tuple, beam_tuple, buffer_tuple, cell_tuple, surface_tuple, entropy = fusion
     grid, beam = GridGeometry(*grid_tuple), BeamParameters(*beam_tuple)
     buffers, cells = UpdateBuffers(*buffer_tuple), MapArrays(*cell_tuple)
-    surfaces = SurfaceArrays(*surface_tuple)
+    hit_cells = np.empty(len(rays.points), dtype=np.int64)
     if beam.partial_surface and len(rays.origin) == 3:
-        count = integrate_rays_simd(rays, grid, beam, buffers, surfaces)
+        count = integrate_rays_simd(rays, grid, beam, buffers, hit_cells)
     else:
-        count = integrate_rays(rays, grid, beam, buffers, surfaces)
+        count = integrate_rays(rays, grid, beam, buffers, hit_cells)
+    surfaces = SurfaceArrays(*surface_tuple)
+    merge_points(rays, hit_cells, pose_covariance, grid, surfaces, buffers.n_points)
     new, reduction = _apply_updates(count, beam, buffers, cells, entropy)
     return count, new, reduction
 

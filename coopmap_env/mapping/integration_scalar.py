@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.geometry import Ray, RayPosition, start_ray, step_ray
-from coopmap_env.mapping.arrays import SurfaceArrays, UpdateBuffers
+from coopmap_env.mapping.arrays import UpdateBuffers
 from coopmap_env.mapping.beam import (
     MAX_PATH_IN_CELL,
     MIN_RANGE_SIGMA,
-    POSTERIOR_CUTOFF,
     RANGE_WINDOW,
     BeamParameters,
     beam_log_odds_fixed,
@@ -23,7 +22,6 @@ from coopmap_env.mapping.beam import (
     partial_endpoint_posterior,
     weight_by_path_length,
 )
-from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.grid import GridGeometry
 from coopmap_env.sensing import ScanArrays
 
@@ -89,7 +87,7 @@ def _update_free_cells(
     count: int,
 ) -> tuple[RayPosition, int]:
     """Update the cells that a beam certainly passes; return its new position and the count."""
-    pending, updated_cells = buffers
+    pending, updated_cells, _ = buffers
     lowest = beam.lowest
     while beam.partial_surface and position.distance < until:
         cell, entry = position.cell, position.distance
@@ -148,10 +146,10 @@ def _update_end_cells(
 ) -> int:
     """Update the n cells in which a beam may have ended, `best` most likely; return the count."""
     cells, entries, exits, weights = ends
-    pending, updated_cells = buffers
+    pending, updated_cells, _ = buffers
     before = 0.0
     for k in range(n):
-        update = beam_log_odds_fixed(weights[k], before, beam.lowest, beam.highest)
+        update = beam_log_odds_fixed(weights[k], before, beam)
         before += weights[k]
         cell = np.uint64(cells[k])
         current = pending[cell]
@@ -166,20 +164,9 @@ def _update_end_cells(
         else:
             count += current == 0
             pending[cell] = add_nonzero(current, update)
-        if before > POSTERIOR_CUTOFF and k >= best:
+        if before > beam.posterior_cutoff and k >= best:
             break
     return count
-
-
-@kernel
-def _center_offset(
-    point: NDArray[np.float64], cell: int, grid: GridGeometry, offset: NDArray[np.float64]
-) -> None:
-    """Write `point` minus the center of flat cell `cell`, metres."""
-    lower, resolution, shape = grid
-    for axis in range(len(point) - 1, -1, -1):
-        offset[axis] = point[axis] - ((cell % shape[axis] + 0.5) * resolution + lower[axis])
-        cell //= shape[axis]
 
 
 @kernel
@@ -188,12 +175,13 @@ def integrate_rays(
     grid: GridGeometry,
     beam: BeamParameters,
     buffers: UpdateBuffers,
-    surfaces: SurfaceArrays,
+    hit_cells: NDArray[np.int64],
 ) -> int:
-    """Follow every beam of a scan; collect its updates per cell; merge the hits' Gaussians.
+    """Follow every beam of a scan; collect its updates per cell, and the cells of its points.
 
     The updates of a cell are summed; where surfaces are partial, the strongest counts instead.
-    Returns how many cells `buffers.updated_cells` lists.
+    Writes the cell to which each beam's point belongs (n_beams,), -1 for none. Returns how many
+    cells `buffers.updated_cells` lists.
     """
     origin, points, covariances, hit = scan
     lower, resolution, shape = grid
@@ -201,11 +189,11 @@ def integrate_rays(
     ends = EndCells(
         np.empty(longest, np.int64), np.empty(longest), np.empty(longest), np.empty(longest)
     )
-    offset = np.zeros(points.shape[1])
     start, direction = np.full(3, 0.5), np.zeros(3)
     for axis in range(points.shape[1]):
         start[axis] = (origin[axis] - lower[axis]) / resolution
     count = 0
+    hit_cells[:] = -1
     for k in range(points.shape[0]):
         z = _unit_direction(points[k], origin, resolution, direction)
         if z == 0.0:
@@ -224,8 +212,5 @@ def integrate_rays(
         best = _weigh_end_cells(n, reached, z, sigma, beam, ends)
         count = _update_end_cells(n, best, beam, ends, buffers, count)
         if best < n:
-            cell = ends.cells[best]
-            _center_offset(points[k], cell, grid, offset)
-            floor = (MIN_RANGE_SIGMA * resolution) ** 2
-            add_observation(surfaces, cell, covariances[k], offset, floor)
+            hit_cells[k] = ends.cells[best]
     return count

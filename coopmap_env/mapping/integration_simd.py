@@ -1,8 +1,7 @@
 """`integrate_rays` for 3-D scans with partial surfaces, equal to the last bit and faster.
 
 Rays are stepped `LANES` at once (see `ray_lanes`). Only then do they update their cells, one beam
-after the other in the scan's order. The points are merged at the end: they lie far from each other
-in memory, and reads that are close in the program are fetched together.
+after the other in the scan's order.
 """
 
 from __future__ import annotations
@@ -23,14 +22,11 @@ from coopmap_env.mapping._ray_lanes import (
     init_lane,
     step_lanes,
 )
-from coopmap_env.mapping.arrays import SurfaceArrays, UpdateBuffers
+from coopmap_env.mapping.arrays import UpdateBuffers
 from coopmap_env.mapping.beam import (
-    MIN_RANGE_SIGMA,
-    POSTERIOR_CUTOFF,
     BeamParameters,
     partial_endpoint_posterior,
 )
-from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.grid import GridGeometry
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT
 from coopmap_env.sensing import ScanArrays
@@ -116,12 +112,13 @@ def _update_end_cells(
 ) -> int:
     """Update the n cells in which a beam may have ended, `best` most likely; return the count."""
     cells, faces, weights = ends
-    pending, updated_cells = buffers
+    pending, updated_cells, _ = buffers
     lowest, highest = beam.lowest, beam.highest
+    behind, cutoff = beam.behind, beam.posterior_cutoff
     least, most = limits
     before = 0.0
     for k in range(n):
-        p = min(max(weights[k] + 0.5 * before, least), most)
+        p = min(max(weights[k] + behind * before, least), most)
         update = lowest
         if p > least:
             update = math.floor(math.log(p / (1.0 - p)) * STEPS_PER_NAT + 0.5)
@@ -136,7 +133,7 @@ def _update_end_cells(
         updated_cells[np.uint64(count)] = cells[k]
         count += (current == 0) & (update != 0)
         pending[cell] = _merge_updates(current, update)
-        if before > POSTERIOR_CUTOFF and k >= best:
+        if before > cutoff and k >= best:
             break
     return count
 
@@ -147,7 +144,7 @@ def _update_free_cells(
 ) -> int:
     """Update the n cells that a beam certainly passes; return the count."""
     cells, _, free_updates = crossed
-    pending, updated_cells = buffers
+    pending, updated_cells, _ = buffers
     k = np.uint64(lane)
     for _ in range(n):
         cell, update = cells[k], free_updates[k]
@@ -158,34 +155,6 @@ def _update_free_cells(
         pending[index] = min(current, update) if current <= 0 else current
         k += np.uint64(LANES)
     return count
-
-
-@kernel
-def _merge_hits(
-    points: NDArray[np.float64],
-    covariances: NDArray[np.float64],
-    cells: NDArray[np.int64],
-    grid: GridGeometry,
-    surfaces: SurfaceArrays,
-) -> None:
-    """Merge the Gaussian of each beam's point into its cell; -1 for none."""
-    lower, resolution, (_, ny, nz) = grid
-    precision, information_vector = surfaces
-    offset = np.zeros(3)
-    floor = (MIN_RANGE_SIGMA * resolution) ** 2
-    # Cells lie far from each other. Reads do not wait for one another as sums do: after these, what
-    # is added to is near. They are kept, or the compiler would leave them out.
-    for cell in cells:
-        if cell >= 0:
-            offset[0] += precision[cell, 0, 0] + precision[cell, 2, 2] + information_vector[cell, 2]
-    for beam in range(len(cells)):
-        cell = cells[beam]
-        if cell >= 0:
-            iz, iy, ix = cell % nz, cell // nz % ny, cell // (ny * nz)
-            offset[0] = points[beam, 0] - ((ix + 0.5) * resolution + lower[0])
-            offset[1] = points[beam, 1] - ((iy + 0.5) * resolution + lower[1])
-            offset[2] = points[beam, 2] - ((iz + 0.5) * resolution + lower[2])
-            add_observation(surfaces, cell, covariances[beam], offset, floor)
 
 
 @kernel
@@ -205,7 +174,7 @@ def integrate_rays_simd(
     grid: GridGeometry,
     beam: BeamParameters,
     buffers: UpdateBuffers,
-    surfaces: SurfaceArrays,
+    hit_cells: NDArray[np.int64],
 ) -> int:
     """Follow every beam of a 3-D scan with partial surfaces; see `integrate_rays`."""
     origin, points, covariances, hit = scan
@@ -214,7 +183,8 @@ def integrate_rays_simd(
     lanes, crossed = allocate_lanes(shape)
     longest = shape[0] + shape[1] + shape[2] + 6
     ends = EndCellFaces(np.empty(longest, np.int64), np.empty(longest), np.empty(longest))
-    z, sigma, hit_cells = np.empty(LANES), np.empty(LANES), np.full(n_beams, -1)
+    z, sigma = np.empty(LANES), np.empty(LANES)
+    hit_cells[:] = -1
     limits = _probability_limits(beam)
     start = (
         (origin[0] - lower[0]) / resolution,
@@ -253,5 +223,4 @@ def integrate_rays_simd(
             count = _update_end_cells(n, best, beam, limits, ends, buffers, count)
             if best < n:
                 hit_cells[k] = ends.cells[best]
-    _merge_hits(points, covariances, hit_cells, grid, surfaces)
     return count

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.caches import freeze
 from coopmap_env.core.kernels import PlainTuple
-from coopmap_env.core.linear_algebra import inverse, product
 from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.grid import VoxelGrid
@@ -22,7 +22,11 @@ from coopmap_env.mapping.integration import (
     validate_scan,
 )
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange
+from coopmap_env.mapping.surfaces import check_surfaces, surface_gaussians
 from coopmap_env.sensing import Scan
+
+EXACT_POSE = freeze(np.zeros((6, 6)))
+"""Covariance of a camera pose that is known exactly."""
 
 
 class ScanGain(NamedTuple):
@@ -74,11 +78,9 @@ class OccupancyMap:
             self.log_odds_fixed, self.sampled_mask, grid.shape_3d, self.log_odds_range.clamp
         )
         """Occupancy for kernels; its arrays are those of the map."""
-        self.precision = np.zeros((n, d, d))
-        """Sums of the inverse covariances of each cell's surface points; see `surfaces`."""
-        self.information_vector = np.zeros((n, d))
-        """Sums of inverse covariance times (point minus the cell's center)."""
-        self._buffers = UpdateBuffers(np.zeros(n, dtype=np.int32), np.empty(n + 1, dtype=np.int64))
+        self.surface_sums = SurfaceArrays.empty(n, d, self.model.surface_fusion == "mean")
+        """Sums over the points of each cell; see `surfaces`."""
+        self._buffers = UpdateBuffers.empty(n)
         self._updated_cells = self._buffers.updated_cells
         self._grid = tuple(grid.geometry)
         self._fusion = FusionArrays(
@@ -86,20 +88,16 @@ class OccupancyMap:
             self.model.parameters,
             self._buffers,
             self.arrays,
-            SurfaceArrays(self.precision, self.information_vector),
+            self.surface_sums,
             self.log_odds_range.entropy,
         ).plain()
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""
         known = np.flatnonzero(self.sampled_mask.view(np.bool_))
-        for array in (
-            self.log_odds_fixed,
-            self.sampled_mask,
-            self.precision,
-            self.information_vector,
-        ):
-            array[known] = 0
+        for array in (self.log_odds_fixed, self.sampled_mask, *self.surface_sums):
+            if len(array):
+                array[known] = 0
 
     def integrate(self, scans: Scan | Sequence[Scan]) -> list[ScanGain]:
         """Fuse scans taken at the same time; the map does not depend on their order.
@@ -113,16 +111,16 @@ class OccupancyMap:
         scans = [scans] if isinstance(scans, Scan) else list(scans)
         valid_scans = [self._validate(scan) for scan in scans]
         gains, updated_cells = [], []
-        for arrays in valid_scans:
-            count, new, reduction = integrate_scan(arrays, self._fusion)
+        for arrays, pose_covariance in valid_scans:
+            count, new, reduction = integrate_scan(arrays, pose_covariance, self._fusion)
             gains.append(ScanGain(new, reduction))
             updated_cells.append(self._updated_cells[:count].copy())
         for cells in updated_cells:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
         return gains
 
-    def _validate(self, scan: Scan) -> PlainTuple:
-        """The plain arrays of a scan that fits this map."""
+    def _validate(self, scan: Scan) -> tuple[PlainTuple, NDArray[np.float64]]:
+        """The plain arrays of a scan that fits this map, and the covariance of its pose."""
         d = self.grid.dimension
         if scan.points.shape[1] != d:
             raise ValueError(f"a {scan.points.shape[1]}-D scan cannot enter a {d}-D map")
@@ -135,7 +133,10 @@ class OccupancyMap:
                 f"beam {invalid_beam} of a scan has a value that is not finite: point "
                 f"{scan.points[invalid_beam]}, covariance {scan.covariances[invalid_beam].tolist()}"
             )
-        return arrays
+        pose_covariance = EXACT_POSE if scan.pose_covariance is None else scan.pose_covariance
+        if not np.isfinite(pose_covariance).all():
+            raise ValueError(f"pose_covariance must be finite, got {pose_covariance.tolist()}")
+        return arrays, pose_covariance
 
     def mark_free(self, cells: ArrayLike) -> None:
         """Mark cells (flat indices) as known to be free, such as those of a robot's own body."""
@@ -179,10 +180,15 @@ class OccupancyMap:
         """Fraction of the grid's cells that are sampled."""
         return int(np.count_nonzero(self.sampled_mask.view(np.bool_))) / self.grid.n_cells
 
+    @property
+    def hit_cells(self) -> NDArray[np.int64]:
+        """Flat indices of the cells in which at least one beam ended, ascending."""
+        return np.flatnonzero(self.surface_sums.precision[:, 0, 0]).astype(np.int64)
+
     def surfaces(
         self,
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Surface estimates of the hit cells (Eqs. 2 and 4).
+        """Surface estimates of the hit cells: Eqs. 2 and 4, or means (`BeamModel.surface_fusion`).
 
         Returns
         -------
@@ -193,60 +199,42 @@ class OccupancyMap:
         covariances : ndarray, shape (k, D, D)
             Their merged covariances, square metres.
         """
-        cells, precisions, vectors = self.information_form()
-        covariances = inverse(precisions)
+        cells = self.hit_cells
+        deviations, covariances = surface_gaussians(self.surface_sums, cells)
         centers = self.grid.center(np.stack(np.unravel_index(cells, self.grid.shape), axis=-1))
-        means = centers + product(covariances, vectors[..., None])[..., 0]
-        return cells, means, covariances
+        return cells, centers + deviations, covariances
 
-    def information_form(
-        self,
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Surface estimates in information form, where merging is a sum.
-
-        Returns
-        -------
-        cells : ndarray, shape (k,)
-            Flat indices of the hit cells.
-        precisions : ndarray, shape (k, D, D)
-            Sums of the inverse covariances.
-        vectors : ndarray, shape (k, D)
-            Sums of inverse covariance times (point minus the cell's center).
-        """
-        cells = np.flatnonzero(self.precision[:, 0, 0]).astype(np.int64)
-        return cells, self.precision[cells], self.information_vector[cells]
+    def hit_cell_sums(self) -> tuple[NDArray[np.int64], SurfaceArrays]:
+        """The hit cells (k,) and their rows of `surface_sums`."""
+        cells = self.hit_cells
+        return cells, SurfaceArrays(*(a[cells] if len(a) else a for a in self.surface_sums))
 
     def set_state(
-        self,
-        log_odds_fixed: ArrayLike,
-        sampled: ArrayLike,
-        cells: ArrayLike,
-        precisions: ArrayLike,
-        vectors: ArrayLike,
+        self, log_odds_fixed: ArrayLike, sampled: ArrayLike, cells: ArrayLike, sums: SurfaceArrays
     ) -> None:
-        """Take over the state of a map of the same grid: log-odds, sampled cells, surfaces.
+        """Take over the state of a map of the same grid and model.
+
+        `sums` are the rows of `cells`, as in `hit_cell_sums`.
 
         Raises
         ------
         ValueError
             If a shape or a value does not fit this map, which is then unchanged.
         """
-        n, d = self.grid.n_cells, self.grid.dimension
-        log_odds_fixed, sampled, cells = (
-            np.asarray(log_odds_fixed),
-            np.asarray(sampled),
-            np.asarray(cells),
-        )
-        precisions, vectors = np.asarray(precisions), np.asarray(vectors)
-        shapes = [a.shape for a in (log_odds_fixed, sampled, cells, precisions, vectors)]
-        k = len(cells) if cells.ndim else 0
-        if shapes != [(n,), (n,), (k,), (k, d, d), (k, d)]:
-            raise ValueError(f"a state of {n} cells in {d}-D cannot have the shapes {shapes}")
+        log_odds_fixed, sampled = np.asarray(log_odds_fixed), np.asarray(sampled)
+        n = self.grid.n_cells
+        if log_odds_fixed.shape != (n,) or sampled.shape != (n,):
+            raise ValueError(
+                f"a state of {n} cells cannot have the shapes {log_odds_fixed.shape} and "
+                f"{sampled.shape}"
+            )
         _check_occupancy(log_odds_fixed, sampled, self.log_odds_range.clamp)
-        _check_surfaces(cells, precisions, vectors, sampled)
+        cells, sums = check_surfaces(cells, sums, self.surface_sums, sampled)
         self.clear()
         self.log_odds_fixed[:], self.sampled_mask[:] = log_odds_fixed, sampled
-        self.precision[cells], self.information_vector[cells] = precisions, vectors
+        for mine, theirs in zip(self.surface_sums, sums, strict=True):
+            if len(mine):
+                mine[cells] = theirs
 
     def copy(self) -> OccupancyMap:
         """An independent copy."""
@@ -264,26 +252,3 @@ def _check_occupancy(
         raise ValueError("sampled must be 0 or 1")
     if log_odds_fixed[sampled == 0].any():
         raise ValueError("log_odds_fixed must be 0 where sampled is 0")
-
-
-def _check_surfaces(
-    cells: NDArray[Any],
-    precisions: NDArray[Any],
-    vectors: NDArray[Any],
-    sampled: NDArray[Any],
-) -> None:
-    if cells.dtype.kind not in "iu":
-        raise ValueError("hit cells must be integers")
-    if not ((cells >= 0) & (cells < len(sampled))).all():
-        raise ValueError(f"hit cells must lie in [0, {len(sampled)})")
-    if len(np.unique(cells)) != len(cells) or not sampled[cells].all():
-        raise ValueError("hit cells must be distinct and sampled")
-    if any(array.dtype.kind not in "iuf" for array in (precisions, vectors)):
-        raise ValueError("surface information must be numbers")
-    with np.errstate(all="ignore"):
-        covariances = inverse(precisions)
-    variances = np.diagonal(covariances, axis1=1, axis2=2)
-    if not (
-        np.isfinite(covariances).all() and np.isfinite(vectors).all() and (variances > 0).all()
-    ):
-        raise ValueError("surface information must be finite and invertible")

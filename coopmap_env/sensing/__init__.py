@@ -2,7 +2,13 @@
 
 from coopmap_env.sensing.cameras import DepthCamera, PinholeIntrinsics, PlanarCamera
 from coopmap_env.sensing.noise import NoiseParameters, RangeNoise, rotate_covariances
-from coopmap_env.sensing.scan import PointCloud, Scan, ScanArrays, transform_cloud
+from coopmap_env.sensing.scan import (
+    PointCloud,
+    Scan,
+    ScanArrays,
+    add_pose_term,
+    transform_cloud,
+)
 
 __all__ = [
     "DepthCamera",
@@ -13,6 +19,7 @@ __all__ = [
     "RangeNoise",
     "Scan",
     "ScanArrays",
+    "add_pose_term",
     "rotate_covariances",
     "transform_cloud",
 ]

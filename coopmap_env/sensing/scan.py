@@ -68,6 +68,9 @@ class Scan:
         Covariance of each observed point (Eqs. 1 and 3), square metres; unused where not `hit`.
     hit : ndarray of bool, shape (n,)
         True where the beam hit a surface, False where it reached the end of the depth of field.
+    pose_covariance : ndarray, shape (6, 6), optional
+        Covariance of the camera's pose in 3-D, as in `transform_cloud`: a part of all
+        `covariances`, by an error that all points of the scan share. None if the pose is exact.
 
     Raises
     ------
@@ -79,6 +82,7 @@ class Scan:
     points: NDArray[np.float64]
     covariances: NDArray[np.float64]
     hit: NDArray[np.bool_]
+    pose_covariance: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         n, dimension = self.points.shape
@@ -92,6 +96,8 @@ class Scan:
                 f"({n}, {dimension}, {dimension}) and hit ({n},); got {self.origin.shape}, "
                 f"{self.covariances.shape}, {self.hit.shape}"
             )
+        if self.pose_covariance is not None and self.pose_covariance.shape != (6, 6):
+            raise ValueError(f"pose_covariance must be (6, 6), got {self.pose_covariance.shape}")
 
     @property
     def arrays(self) -> ScanArrays:
@@ -100,7 +106,7 @@ class Scan:
 
 
 @inlined_kernel
-def _add_pose_term(
+def add_pose_term(
     sigma: NDArray[np.float64],
     q: NDArray[np.float64],
     W: NDArray[np.float64],
@@ -108,8 +114,9 @@ def _add_pose_term(
     covariances: NDArray[np.float64],
     k: int,
 ) -> None:
-    """Add J sigma J^T to the lower triangle of point k's covariance; W and V are buffers (3, 3).
+    """Add J sigma J^T to the lower triangle of point k's covariance.
 
+    `q` (3,) leads from the camera to the point; W and V are buffers (3, 3), W with a diagonal of 0.
     J = [I, -W] with W = [q]x: J S J^T = Stt + Str W + (Str W)^T + W Srr W^T.
     """
     W[0, 1], W[0, 2], W[1, 2] = -q[2], q[1], -q[0]
@@ -168,7 +175,7 @@ def transform_points(
                 covariances[k, i, j] = (depth - lateral) * R[i, 0] * R[j, 0]
             covariances[k, i, i] += lateral
         if pose_is_uncertain:
-            _add_pose_term(sigma, q, W, V, covariances, k)
+            add_pose_term(sigma, q, W, V, covariances, k)
         for i in range(3):
             for j in range(i):
                 covariances[k, j, i] = covariances[k, i, j]
@@ -213,6 +220,7 @@ def transform_cloud(
         )
     n = len(cloud.points)
     transform = T_world_camera.arrays
+    sigma = _validate_pose_covariance(pose_covariance)
     arrays = ScanArrays(
         transform.translation,
         np.empty((n, 3)),
@@ -223,10 +231,10 @@ def transform_cloud(
         np.ascontiguousarray(cloud.points, dtype=np.float64),
         tuple(transform),
         tuple(noise.parameters),
-        _validate_pose_covariance(pose_covariance),
+        sigma,
         tuple(arrays),
     )
-    return Scan(T_world_camera.translation, arrays.points, arrays.covariances, cloud.hit)
+    return Scan(T_world_camera.translation, arrays.points, arrays.covariances, cloud.hit, sigma)
 
 
 def _validate_pose_covariance(pose_covariance: ArrayLike | None) -> NDArray[np.float64]:

@@ -151,14 +151,14 @@ def test_the_teams_map_holds_each_scan_of_located_robots_exactly_once(make):
         # with exact poses, the hits that are no robot's carry the same points as the true ones
         hits.integrate(transform_cloud(cloud, true, env.settings.noise))
         assert robot in (0, 1)
-    ours = {
-        int(cell): np.trace(P) for cell, P in zip(*belief.map.information_form()[:2], strict=True)
-    }
-    theirs = {int(cell): np.trace(P) for cell, P in zip(*hits.information_form()[:2], strict=True)}
+    ours, theirs = (
+        dict(zip(map_.hit_cells.tolist(), map_.hit_cell_sums()[1].precision[:, 0, 0], strict=True))
+        for map_ in (belief.map, hits)
+    )
     shared = sorted(set(ours) & set(theirs))
     assert len(shared) > 0.5 * len(ours)
     ratio = np.array([ours[cell] / theirs[cell] for cell in shared])
-    # twice the precision would mean that a scan was counted twice
+    # twice the points would mean that a scan was counted twice
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
     assert (ratio < 1.5).mean() > 0.95
 

@@ -1,6 +1,7 @@
 """The inverse sensor model: occupancies of the cells that one beam crosses."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,6 +97,33 @@ def test_the_kernel_is_the_plain_sum(model):
 
 
 @READINGS
+def test_cells_behind_the_surface_have_the_probability_of_the_model(model):
+    """Hand numbers: a sharp beam; and the plain sum of random beams."""
+    thick = replace(model, behind=0.93)
+    entries = np.arange(6.0)
+    occupied = beam_occupancy(entries, entries + 1, 3.0 if model is ENTRY else 3.5, 0.05, thick)
+    assert occupied == pytest.approx([0, 0, 0, 1, 0.93, 0.93], abs=1e-12)
+    for entries, exits, z, sigma in random_beams(np.random.default_rng(3), 300):
+        wide = exits - entries > 1e-6
+        intervals = list(zip(entries[wide], exits[wide], strict=True))
+        if intervals:
+            plain = fusion.occupancies(intervals, z, sigma, model.surface, 0.93)
+            found = beam_occupancy(entries[wide], exits[wide], z, sigma, thick)
+            assert found == pytest.approx(plain, abs=1e-8)
+
+
+@READINGS
+def test_the_thicker_obstacles_are_the_more_probable_is_every_cell(model):
+    for entries, exits, z, sigma in random_beams(np.random.default_rng(4), 300):
+        lower, higher = (
+            beam_occupancy(entries, exits, z, sigma, replace(model, behind=behind))
+            for behind in (0.5, 0.9)
+        )
+        assert (higher >= lower).all()
+        assert (higher <= 1 + ROUNDING).all()
+
+
+@READINGS
 def test_end_probabilities_sum_to_one_and_the_best_has_the_largest_without_the_prior(model):
     for entries, exits, z, sigma in random_beams(np.random.default_rng(1), 300):
         w, best = weights(entries, exits, z, sigma, model)
@@ -183,13 +211,18 @@ def test_for_fine_cells_it_is_half_a_normal_cdf_moved_toward_the_camera_by_the_p
 
 
 def test_updates_of_a_beam_stay_inside_the_bounds_of_one_scan():
-    lowest, highest = BeamModel(free=0.01, occupied=0.97).log_odds_bounds
+    model = BeamModel(free=0.01, occupied=0.97)
+    lowest, highest = model.log_odds_bounds
     assert (lowest, highest) == (to_log_odds_fixed(0.01), to_log_odds_fixed(0.97))
-    assert beam_log_odds_fixed(0.0, 0.0, lowest, highest) == lowest
-    assert beam_log_odds_fixed(1e-9, 0.0, lowest, highest) == lowest
-    assert beam_log_odds_fixed(1.0, 0.0, lowest, highest) == highest
-    assert beam_log_odds_fixed(0.0, 1.0, lowest, highest) == 0
-    assert beam_log_odds_fixed(0.3, 0.2, lowest, highest) == to_log_odds_fixed(0.4)
+    beam = model.parameters
+    assert beam_log_odds_fixed(0.0, 0.0, beam) == lowest
+    assert beam_log_odds_fixed(1e-9, 0.0, beam) == lowest
+    assert beam_log_odds_fixed(1.0, 0.0, beam) == highest
+    assert beam_log_odds_fixed(0.0, 1.0, beam) == 0
+    assert beam_log_odds_fixed(0.3, 0.2, beam) == to_log_odds_fixed(0.4)
+    thick = replace(model, behind=0.9).parameters
+    assert beam_log_odds_fixed(0.0, 1.0, thick) == to_log_odds_fixed(0.9)
+    assert beam_log_odds_fixed(0.3, 0.2, thick) == to_log_odds_fixed(0.48)
 
 
 @pytest.mark.parametrize(

@@ -153,7 +153,7 @@ def test_the_information_form_adds_the_inverse_and_its_product_with_the_deviatio
         precision = rng.normal(size=(3, dimension, dimension))
         vector = rng.normal(size=(3, dimension))
         before = precision.copy(), vector.copy()
-        add_observation(SurfaceArrays(precision, vector), 1, C, deviation, 0.25)
+        add_observation(SurfaceArrays.of_eq_4(precision, vector), 1, C, deviation, 0.25)
         P = np.linalg.inv(C + 0.25 * np.eye(dimension))
         # the closed form and LAPACK agree to the rounding of numbers of order 10
         assert precision[1] - before[0][1] == pytest.approx(P, abs=1e-12)
@@ -165,7 +165,7 @@ def test_the_information_form_adds_the_inverse_and_its_product_with_the_deviatio
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_an_observation_without_uncertainty_weighs_as_much_as_the_floor_allows(dimension):
     precision, vector = np.zeros((1, dimension, dimension)), np.zeros((1, dimension))
-    surfaces = SurfaceArrays(precision, vector)
+    surfaces = SurfaceArrays.of_eq_4(precision, vector)
     add_observation(surfaces, 0, np.zeros((dimension,) * 2), np.ones(dimension), 0.01)
     assert precision[0] == pytest.approx(100 * np.eye(dimension))
     assert vector[0] == pytest.approx(np.full(dimension, 100.0))

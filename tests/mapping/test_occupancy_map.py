@@ -51,8 +51,7 @@ def state(map_):
         for array in (
             map_.log_odds_fixed,
             map_.sampled_mask,
-            map_.precision,
-            map_.information_vector,
+            *map_.surface_sums,
             map_._buffers.pending,
         )
     )
@@ -185,11 +184,12 @@ def test_beams_that_cancel_each_other_list_their_cell_once():
 
 @SURFACE
 @pytest.mark.parametrize("grid", GRIDS)
-def test_integrating_is_what_the_plain_loops_do(grid, surface):
+@pytest.mark.parametrize("behind", [(0.5, 0.95), (0.93, 0.99)])
+def test_integrating_is_what_the_plain_loops_do(grid, surface, behind):
     rng = np.random.default_rng(7)
-    model = BeamModel(free=0.4, occupied=0.99, surface=surface)
+    model = BeamModel(0.4, 0.99, surface, *behind)
     map_ = OccupancyMap(grid, model, LogOddsRange(0.97))
-    plain = PlainMap(grid, *model.log_odds_bounds, map_.log_odds_range.clamp, surface)
+    plain = PlainMap(grid, model, map_.log_odds_range.clamp)
     for n_beams in [4, 8, 24] * 9:
         scan = random_scan(rng, grid, n_beams)
         (gain,) = map_.integrate(scan)
@@ -209,7 +209,7 @@ def test_integrating_is_what_the_plain_loops_do(grid, surface):
 def test_surfaces_are_the_hits_of_each_cell_merged_one_by_one_eq_4(grid):
     rng = np.random.default_rng(8)
     map_ = OccupancyMap(grid, MODEL)
-    plain = PlainMap(grid, LOWEST, HIGHEST, map_.log_odds_range.clamp, "entry")
+    plain = PlainMap(grid, MODEL, map_.log_odds_range.clamp)
     for _ in range(25):
         scan = random_scan(rng, grid)
         map_.integrate(scan)

@@ -73,8 +73,8 @@ def select_fiducials(map_, pose, camera, settings, kept=()):
     """Selected voxels, with position, radius and score of each."""
     cells, means, _ = map_.surfaces()
     means = dict(zip(cells.tolist(), means, strict=True))
-    precisions = map_.information_form()[1]
-    information = {c: P[0, 0] + P[1, 1] + P[2, 2] for c, P in zip(means, precisions, strict=True)}
+    weights = map_.hit_cell_sums()[1].precision
+    information = {c: sum(np.diag(P)) for c, P in zip(means, weights, strict=True)}
     probability = map_.probability.ravel()
     least = round(
         math.log(settings.min_peak_probability / (1 - settings.min_peak_probability)) * 1024

@@ -5,9 +5,8 @@ import math
 import numpy as np
 from plain.ray_cells import crossed_cells
 
-RANGE_WINDOW, POSTERIOR_CUTOFF, MAX_PATH_IN_CELL, MIN_RANGE_SIGMA, STEPS_PER_NAT = (
+RANGE_WINDOW, MAX_PATH_IN_CELL, MIN_RANGE_SIGMA, STEPS_PER_NAT = (
     4.0,
-    0.95,
     1.75,
     0.01,
     1024,
@@ -39,10 +38,10 @@ def end_probabilities(intervals, z, sigma, surface):
     return [x / sum(w) for x in w]
 
 
-def occupancies(intervals, z, sigma, surface):
-    """P_k = w_k + half of the w before it."""
+def occupancies(intervals, z, sigma, surface, behind=0.5):
+    """P_k = w_k + `behind` times the w before it."""
     w = end_probabilities(intervals, z, sigma, surface)
-    return [w[k] + 0.5 * sum(w[:k]) for k in range(len(w))]
+    return [w[k] + behind * sum(w[:k]) for k in range(len(w))]
 
 
 def binary_entropy(level_):
@@ -53,8 +52,9 @@ def binary_entropy(level_):
 class PlainMap:
     """Reference of `OccupancyMap`: all values must be equal."""
 
-    def __init__(self, grid, lowest, highest, clamp, surface):
-        self.grid, self.bounds, self.clamp, self.surface = grid, (lowest, highest), clamp, surface
+    def __init__(self, grid, model, clamp):
+        self.grid, self.model, self.clamp = grid, model, clamp
+        self.bounds, self.surface = model.log_odds_bounds, model.surface
         self.log_odds_fixed = np.zeros(grid.shape, dtype=int)
         self.sampled = np.zeros(grid.shape, dtype=bool)
         self.observations = {}
@@ -98,8 +98,8 @@ class PlainMap:
         fits = [likelihood(a, b, z, sigma, self.surface) for a, b in intervals]
         best = fits.index(max(fits)) if any(fits) else w.index(1.0)
         for k, (cell, _, _) in enumerate(ends):
-            updates.append((cell, level(w[k] + 0.5 * sum(w[:k]), lowest, highest)))
-            if sum(w[: k + 1]) > POSTERIOR_CUTOFF and k >= best:
+            updates.append((cell, level(w[k] + self.model.behind * sum(w[:k]), lowest, highest)))
+            if sum(w[: k + 1]) > self.model.posterior_cutoff and k >= best:
                 break
         if best < len(ends):
             floor = (MIN_RANGE_SIGMA * grid.resolution) ** 2 * np.eye(len(point))

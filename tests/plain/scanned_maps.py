@@ -19,5 +19,5 @@ def scanned_map(grid, n_scans=8, seed=0):
 
 
 def state(map_):
-    arrays = (map_.log_odds_fixed, map_.sampled_mask, *map_.information_form())
+    arrays = (map_.log_odds_fixed, map_.sampled_mask, map_.hit_cells, *map_.hit_cell_sums()[1])
     return [(array.dtype, array.tobytes()) for array in arrays]

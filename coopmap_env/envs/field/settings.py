@@ -32,11 +32,15 @@ class FieldSettings(Settings):
 
     camera: DepthCamera = field(default_factory=DepthCamera)
     noise: RangeNoise = field(default_factory=RangeNoise)
-    beam: BeamModel = field(default_factory=lambda: BeamModel(0.02, 0.998, "partial"))
+    beam: BeamModel = field(
+        default_factory=lambda: BeamModel(
+            0.01, 0.998, "partial", behind=0.95, posterior_cutoff=0.99, surface_fusion="mean"
+        )
+    )
     """Surfaces fill a part of their voxels, and other beams pass beside them: a beam that passes
-    is weaker evidence than one that ends. Tuned on training worlds. free = 0.005 has a tenth less
-    log-loss, but maps a third more of the occupied voxels as free, with which links would then
-    collide."""
+    is weaker evidence than one that ends. Tuned on training worlds by `studies.field.calibration`:
+    a lower `free` has less log-loss, but maps more of the occupied voxels as free, with which links
+    would then collide."""
     log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
     rating: FieldRatingSettings = field(default_factory=FieldRatingSettings)
     physics: Literal["kinematic", "stepped"] = "kinematic"
@@ -79,6 +83,7 @@ class FieldSettings(Settings):
     def v0(cls) -> FieldSettings:
         """The readings and constants of version v0 of the ids, to reproduce its results."""
         return cls(
+            beam=BeamModel(0.02, 0.998, "partial"),
             rating=FieldRatingSettings(K=0.1, interpretation="literal", hidden="printed"),
             max_stiffness_error=0.0,
             correction=CorrectionSettings(prior="encoders", smoothing=False, min_patch_pixels=6),

@@ -26,8 +26,14 @@ class PlanarSettings(Settings):
 
     camera: PlanarCamera = field(default_factory=PlanarCamera)
     noise: RangeNoise = field(default_factory=RangeNoise)
-    beam: BeamModel = field(default_factory=BeamModel)
-    log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
+    beam: BeamModel = field(
+        default_factory=lambda: BeamModel(
+            free=0.0003, occupied=0.9995, behind=0.93, surface_fusion="mean"
+        )
+    )
+    """Tuned on training worlds by `studies.section3.calibration`."""
+    log_odds_range: LogOddsRange = field(default_factory=lambda: LogOddsRange(0.9999))
+    """Of the cells with P at v0's limit of 0.001, less than 1 in 10,000 is occupied."""
     rating: PlanarRatingSettings = field(default_factory=PlanarRatingSettings)
     n_headings: Annotated[int, Bounds(at_least=1, largest=3_600)] = 16
     """Headings of the configuration space; see `PoseLattice`."""
@@ -45,10 +51,13 @@ class PlanarSettings(Settings):
     @classmethod
     def v0(cls) -> PlanarSettings:
         """The readings and constants of version v0 of the ids, to reproduce its results."""
-        rating = PlanarRatingSettings(
-            K=0.2, n_gray_bins=64, interpretation="literal", hidden="printed"
+        return cls(
+            beam=BeamModel(),
+            log_odds_range=LogOddsRange(),
+            rating=PlanarRatingSettings(
+                K=0.2, n_gray_bins=64, interpretation="literal", hidden="printed"
+            ),
         )
-        return cls(rating=rating)
 
     @classmethod
     def for_resolution(cls, resolution: float) -> PlanarSettings:

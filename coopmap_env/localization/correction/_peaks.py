@@ -1,7 +1,7 @@
 """Kernels that select fiducials: the map's peaks in view, their balls, the best of them.
 
-Lengths and positions are in cells, positions from the grid's lower corner; precisions and
-information vectors are the map's, in metres.
+Lengths and positions are in cells, positions from the grid's lower corner; sums of
+surfaces are the map's, in metres.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from coopmap_env.localization.correction.voxels_in_view import (
     distance_in_view,
     write_surface_voxels,
 )
-from coopmap_env.mapping import MapArrays, has_line_of_sight
+from coopmap_env.mapping import MapArrays, SurfaceArrays, has_line_of_sight, mean_gaussian
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
@@ -34,10 +34,8 @@ class PeakMap(NamedTuple):
     occupancy: MapArrays
     probability: Array
     """Probability of each log-odds in fixed point, from the lowest on."""
-    precision: Array
-    """Shape (n_cells, 3, 3): see `OccupancyMap.precision`."""
-    information_vector: Array
-    """Shape (n_cells, 3): see `OccupancyMap.information_vector`."""
+    surfaces: SurfaceArrays
+    """See `OccupancyMap.surface_sums`."""
     resolution: float
     """Edge of a cell, metres."""
 
@@ -124,7 +122,11 @@ def select_peaks(
 
     Previous ones come first, in their order, while they are peaks in view; then the best new ones.
     """
-    log_odds, shape, precision = map_.occupancy.log_odds_fixed, map_.occupancy.shape, map_.precision
+    log_odds, shape, precision = (
+        map_.occupancy.log_odds_fixed,
+        map_.occupancy.shape,
+        map_.surfaces.precision,
+    )
     cells, positions, covariances, radii, scores = selected
     capacity, count = len(cells), 0
     tolerance = limits.occlusion_tolerance
@@ -160,7 +162,11 @@ def _peaks_in_view(
     map_: PeakMap, frustum: Frustum, ball: BallLimits, limits: SelectionLimits
 ) -> tuple[Cells, Array, Array]:
     """Cells of all peaks in view, ascending, hidden or not, their radii and scores."""
-    log_odds, shape, precision = map_.occupancy.log_odds_fixed, map_.occupancy.shape, map_.precision
+    log_odds, shape, precision = (
+        map_.occupancy.log_odds_fixed,
+        map_.occupancy.shape,
+        map_.surfaces.precision,
+    )
     cells = np.empty(log_odds.size, dtype=np.int64)
     n = write_surface_voxels(map_.occupancy, precision, frustum, limits.min_log_odds, cells)
     radii, scores = np.empty(n), np.empty(n)
@@ -220,8 +226,11 @@ def _ball_radius(map_: PeakMap, cell: int, ball: BallLimits) -> float:
 
 @kernel
 def _trace(precision: Array, cell: int) -> float:
-    """Trace of the precision of a voxel's surface point; 0 without one."""
-    return precision[cell, 0, 0] + precision[cell, 1, 1] + precision[cell, 2, 2]
+    """Trace of the precision of a voxel's surface point, or its number of points; 0 without one."""
+    trace = precision[cell, 0, 0]
+    for axis in range(1, precision.shape[1]):
+        trace += precision[cell, axis, axis]
+    return trace
 
 
 @kernel
@@ -246,9 +255,29 @@ def _is_peak(levels: Levels, precision: Array, shape: Shape, cell: int, unique: 
 
 @kernel
 def _surface_point(map_: PeakMap, cell: int, point: Array, covariance: Array) -> None:
-    """Write the merged surface point of a voxel, in cells, and its covariance (Eqs. 2, 4)."""
+    """Write the merged surface point of a voxel, in cells, and its covariance."""
     shape = map_.occupancy.shape
-    P = map_.precision[cell]
+    averaged = len(map_.surfaces.noise) > 0
+    if averaged:
+        offset = np.empty(3)
+        mean_gaussian(map_.surfaces, cell, offset, covariance)
+    else:
+        _eq_4_covariance(map_.surfaces.precision[cell], covariance)
+    point[0] = cell // (shape[1] * shape[2]) + 0.5
+    point[1] = cell // shape[2] % shape[1] + 0.5
+    point[2] = cell % shape[2] + 0.5
+    vector = map_.surfaces.information_vector[cell]
+    for m in range(3):
+        if averaged:
+            point[m] += offset[m] / map_.resolution
+            continue
+        for n in range(3):
+            point[m] += covariance[m, n] * vector[n] / map_.resolution
+
+
+@kernel
+def _eq_4_covariance(P: Array, covariance: Array) -> None:
+    """Write the inverse of a precision (3, 3)."""
     for m in range(3):
         a, b = (m + 1) % 3, (m + 2) % 3
         for n in range(3):
@@ -259,12 +288,6 @@ def _surface_point(map_: PeakMap, cell: int, point: Array, covariance: Array) ->
         for n in range(m + 1):
             covariance[m, n] /= scale
             covariance[n, m] = covariance[m, n]
-    point[0] = cell // (shape[1] * shape[2]) + 0.5
-    point[1] = cell // shape[2] % shape[1] + 0.5
-    point[2] = cell % shape[2] + 0.5
-    for m in range(3):
-        for n in range(3):
-            point[m] += covariance[m, n] * map_.information_vector[cell, n] / map_.resolution
 
 
 @kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.archives import read_zip_members
 from coopmap_env.core.files import brief, write_atomically
+from coopmap_env.mapping.arrays import SurfaceArrays
 from coopmap_env.mapping.files.base import (
     MapFileError,
     errors_naming,
@@ -20,11 +22,13 @@ from coopmap_env.mapping.files.base import (
 )
 from coopmap_env.mapping.occupancy_map import OccupancyMap
 
-FORMAT = "coopmap map 1"
-"""Entry ``format`` of the archive."""
 TEXTS = ("format", "settings")
 MAX_TEXT_BYTES = 1 << 16
-ARRAYS = ("levels", "sampled", "cells", "precisions", "vectors")
+OCCUPANCY = ("levels", "sampled", "cells")
+EQ_4_SUMS = ("precisions", "vectors")
+MEAN_SUMS = ("counts", "sums", "noise", "scatter")
+FORMATS = {"coopmap map 1": EQ_4_SUMS, "coopmap map 2": MEAN_SUMS}
+"""Entry ``format`` of the archive, and its names of the `SurfaceArrays`, without empty ones."""
 _HEADER_READERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -32,18 +36,18 @@ _HEADER_READERS = {
 
 
 def save_npz(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
-    """Write a map; surface estimates as those of the hit cells, in information form."""
-    cells, precisions, vectors = map_.information_form()
+    """Write a map; surface estimates as the sums of the hit cells."""
+    cells, sums = map_.hit_cell_sums()
+    format_ = "coopmap map 2" if map_.model.surface_fusion == "mean" else "coopmap map 1"
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
-        format=np.array(FORMAT),
+        format=np.array(format_),
         settings=np.array(settings_to_json(map_)),
         levels=map_.log_odds_fixed,
         sampled=map_.sampled_mask,
         cells=cells,
-        precisions=precisions,
-        vectors=vectors,
+        **dict(zip(FORMATS[format_], sums, strict=False)),  # Eq. 4 has two sums only
     )
     write_atomically(path, buffer.getvalue())
 
@@ -56,18 +60,29 @@ def load_npz(path: str | os.PathLike[str]) -> OccupancyMap:
     MapFileError
         If the file is missing, broken or too large, or its arrays do not make a map.
     """
-    contents = read_zip_members(path, [f"{name}.npy" for name in (*TEXTS, *ARRAYS)], MapFileError)
-    entries = {
+    texts = _read_arrays(path, TEXTS)
+    format_, settings = (_text(path, name, texts[name]) for name in TEXTS)
+    if format_ not in FORMATS:
+        raise MapFileError(
+            f"{path} is of format {brief(format_)}, not {' or '.join(map(repr, FORMATS))}"
+        )
+    names = FORMATS[format_]
+    entries = _read_arrays(path, (*OCCUPANCY, *names))
+    with errors_naming(path):
+        map_ = map_from_settings(settings, path)
+        arrays = [entries[name] for name in names]
+        sums = SurfaceArrays.of_eq_4(*arrays) if names == EQ_4_SUMS else SurfaceArrays(*arrays)
+        map_.set_state(*(entries[name] for name in OCCUPANCY), sums)
+    return map_
+
+
+def _read_arrays(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Members of the archive by their names without suffix."""
+    contents = read_zip_members(path, [f"{name}.npy" for name in names], MapFileError)
+    return {
         name.removesuffix(".npy"): _parse_array(path, name, content)
         for name, content in contents.items()
     }
-    format_, settings = (_text(path, name, entries[name]) for name in TEXTS)
-    if format_ != FORMAT:
-        raise MapFileError(f"{path} is of format {brief(format_)}, not {FORMAT!r}")
-    with errors_naming(path):
-        map_ = map_from_settings(settings, path)
-        map_.set_state(*(entries[name] for name in ARRAYS))
-    return map_
 
 
 def _parse_array(path: str | os.PathLike[str], name: str, content: bytes) -> NDArray[Any]:

@@ -11,7 +11,7 @@ from coopmap_env.evaluation.metrics.surface_scores import (
     distance_scores,
     surface_points,
 )
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping import OccupancyMap, SurfaceArrays, VoxelGrid
 
 GRID = VoxelGrid((20, 20, 10), 0.1, (0, 0, -0.55))
 SQUARE = np.array([[[0.0, 0, 0], [2, 0, 0], [2, 2, 0]], [[0, 0, 0], [2, 2, 0], [0, 2, 0]]])
@@ -32,7 +32,7 @@ def map_of(points, grid=GRID, level=2000):
     log_odds_fixed[cells], sampled[cells] = level, 1
     precision = np.tile(1e4 * np.eye(3), (len(points), 1, 1))
     vectors = 1e4 * (points - grid.center(grid.index(points)))
-    map_.set_state(log_odds_fixed, sampled, cells, precision, vectors)
+    map_.set_state(log_odds_fixed, sampled, cells, SurfaceArrays.of_eq_4(precision, vectors))
     return map_
 
 

@@ -55,7 +55,7 @@ def surfaces(cells, scale=1.0):
 @pytest.mark.parametrize(
     ("message", "arrays"),
     [
-        ("not 'coopmap map 1'", {"format": np.array("other")}),
+        ("not 'coopmap map 1' or 'coopmap map 2'", {"format": np.array("other")}),
         ("settings are broken", {"settings": np.array("{}")}),
         ("shapes", {"levels": np.zeros(3, np.int32)}),
         (r"log_odds_fixed must lie within \+-", {"levels": np.full(20, 99999, np.int32)}),

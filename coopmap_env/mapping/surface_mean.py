@@ -1,0 +1,132 @@
+"""The surface in a cell as the mean of its points, with the uncertainty that this mean has.
+
+Eq. 4 merges the points of a cell as if all were observations of one point, with independent errors.
+They are not: points lie anywhere on the face that crosses the cell, and all points of a scan share
+the error of its camera pose. The product of their densities is then too certain, and it can lie off
+the face, as lines of sight to different points of a face need not meet on it.
+
+Here each point x_i, of covariance C_i, counts alike. The mean of n points of a plane lies in that
+plane, wherever on it they are. Its covariance is that of the sum of their errors over n**2,
+
+    C = (1 / n**2) * sum over scans of (sum of C_i + (m**2 - m) * S) + r * I
+
+m being the number of the scan's points and S the covariance that its camera pose gives to a point
+of this cell, which is a part of every C_i already. So range noise shrinks with the number of
+points, the pose's error only with the number of scans.
+
+Where the face is not a plane (an edge, a corner), the mean is off the surface. The points then
+scatter in every direction more than their noise explains. r is the smallest eigenvalue of this
+excess of their covariance matrix,
+
+    (1 / n) * sum of ((x_i - mean) (x_i - mean)^T - C_i) + C
+
+times n / (n - D), as a plane that fits n points has D parameters; 0 if that is negative, and with
+D points or fewer.
+
+All is made from sums over points and scans, which can be added in any order, and taken away again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.linear_algebra import smallest_eigenvalue
+from coopmap_env.mapping.arrays import SurfaceArrays
+from coopmap_env.mapping.grid import GridGeometry
+from coopmap_env.sensing import add_pose_term
+
+
+@kernel
+def add_point(
+    surfaces: SurfaceArrays,
+    cell: int,
+    C: NDArray[np.float64],
+    deviation: NDArray[np.float64],
+    floor: float,
+) -> None:
+    """Add a point of covariance C + floor I to a cell; the deviation is from the cell's center."""
+    count, total, noise, scatter = surfaces
+    count[cell, 0, 0] += 1.0
+    for i in range(len(deviation)):
+        total[cell, i] += deviation[i]
+        for j in range(len(deviation)):
+            variance = C[i, j] + (floor if i == j else 0.0)
+            noise[cell, i, j] += variance
+            scatter[cell, i, j] += deviation[i] * deviation[j] - variance
+
+
+@kernel
+def add_shared_errors(
+    surfaces: SurfaceArrays,
+    cells: NDArray[np.int64],
+    origin: NDArray[np.float64],
+    pose_covariance: NDArray[np.float64],
+    grid: GridGeometry,
+    n_points: NDArray[np.int32],
+) -> None:
+    """Add (m**2 - m) S of one 3-D scan to the noise of each cell that holds m of its points.
+
+    `cells` are those of the scan's points, -1 for none; `n_points` (n_cells,) is a buffer of zeros.
+    S is taken at the cell's center.
+    """
+    lower, resolution, (_, ny, nz) = grid
+    W, V, S = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((1, 3, 3))
+    lever = np.zeros(3)
+    for cell in cells:
+        if cell >= 0:
+            n_points[cell] += 1
+    for cell in cells:
+        if cell < 0 or n_points[cell] == 0:
+            continue
+        m = n_points[cell]
+        n_points[cell] = 0
+        if m == 1:
+            continue
+        lever[0] = (cell // (ny * nz) + 0.5) * resolution + lower[0] - origin[0]
+        lever[1] = (cell // nz % ny + 0.5) * resolution + lower[1] - origin[1]
+        lever[2] = (cell % nz + 0.5) * resolution + lower[2] - origin[2]
+        S[:] = 0.0
+        add_pose_term(pose_covariance, lever, W, V, S, 0)
+        pairs = float(m) * (m - 1.0)
+        for i in range(3):
+            for j in range(3):
+                surfaces.noise[cell, i, j] += pairs * S[0, max(i, j), min(i, j)]
+
+
+@kernel
+def mean_gaussian(
+    surfaces: SurfaceArrays,
+    cell: int,
+    deviation: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+) -> None:
+    """Write the mean of a cell's points, from its center (D,), and its covariance (D, D)."""
+    n = surfaces.precision[cell, 0, 0]
+    D = len(deviation)
+    excess = np.empty((D, D))
+    for i in range(D):
+        deviation[i] = surfaces.information_vector[cell, i] / n
+    for i in range(D):
+        for j in range(D):
+            covariance[i, j] = surfaces.noise[cell, i, j] / (n * n)
+            spread = surfaces.scatter[cell, i, j] / n - deviation[i] * deviation[j]
+            excess[i, j] = spread + covariance[i, j]
+    if n > D:
+        roughness = max(smallest_eigenvalue(excess), 0.0) * n / (n - D)
+        for i in range(D):
+            covariance[i, i] += roughness
+
+
+@kernel
+def mean_gaussians(
+    surfaces: PlainTuple,
+    cells: NDArray[np.int64],
+    deviations: NDArray[np.float64],
+    covariances: NDArray[np.float64],
+) -> None:
+    """`mean_gaussian` of cells (k,), into (k, D) and (k, D, D); a plain `SurfaceArrays`."""
+    arrays = SurfaceArrays(*surfaces)
+    for k in range(len(cells)):
+        mean_gaussian(arrays, cells[k], deviations[k], covariances[k])
