@@ -61,6 +61,10 @@ class SurfaceResult:
     recall: float
     chamfer: float
     """Metres."""
+    chi2_median: float
+    """Median of the surface's squared distances in standard deviations; 0.45 is honest."""
+    chi2_tail: float
+    """Fraction of them beyond 3.84; 0.05 is honest."""
     false_free_fraction: float
     """Fraction of the occupied and observed voxels that a mount would enter, with P < 0.05."""
 
@@ -98,6 +102,11 @@ class Episode:
     log_loss: float
     """Of the observed cells, nats. In the field environment without the initial free space, which
     no scan has observed; see `observed_mask`."""
+    log_loss_free: float
+    """Of those of the same cells that are truly free, nats. How many of each kind there are depends
+    on where a policy looked; these two do not mix them."""
+    log_loss_occupied: float
+    """Of those that are truly occupied, nats."""
     brier_score: float
     """Of the same cells."""
     extent: MappedExtent
@@ -131,6 +140,8 @@ class Episode:
             "reward": self.reward,
             "entropy": self.entropy_curve[-1],
             "log_loss": self.log_loss,
+            "log_loss_free": self.log_loss_free,
+            "log_loss_occupied": self.log_loss_occupied,
             "brier_score": self.brier_score,
             "motion_distance": self.motion_distance,
             "max_radius": self.extent.max_radius,
@@ -202,7 +213,9 @@ class EpisodeRecorder:
             entropy_curve=self._entropy,
             reward=self._reward,
             motion_distance=self._motion_distance,
-            log_loss=_value_or(log_loss(probability, occupied, observed), LOG_LOSS_OF_PRIOR),
+            log_loss=_log_loss(probability, occupied, observed),
+            log_loss_free=_log_loss(probability, occupied, observed & ~occupied),
+            log_loss_occupied=_log_loss(probability, occupied, observed & occupied),
             brier_score=_value_or(
                 brier_score(probability, occupied, observed), BRIER_SCORE_OF_PRIOR
             ),
@@ -227,6 +240,8 @@ class EpisodeRecorder:
             precision=scores.precision,
             recall=scores.recall,
             chamfer=scores.chamfer,
+            chi2_median=scores.chi2_median,
+            chi2_tail=scores.chi2_tail,
             false_free_fraction=float(false_free.mean()) if len(false_free) else 0.0,
         )
 
@@ -272,6 +287,13 @@ def _initial_state(env: MappingEnv[Any]) -> tuple[NDArray[np.float64], NDArray[n
 def _normalized_auc(curve: list[float]) -> float:
     """Area under a curve over its scans, divided by their number."""
     return float(np.trapezoid(curve)) / (len(curve) - 1)
+
+
+def _log_loss(
+    probability: NDArray[np.float64], occupied: NDArray[np.bool_], cells: NDArray[np.bool_]
+) -> float:
+    """Of some cells, nats; that of the prior if there are none."""
+    return _value_or(log_loss(probability, occupied, cells), LOG_LOSS_OF_PRIOR)
 
 
 def _value_or(value: float, default: float) -> float:

@@ -26,6 +26,8 @@ SUMMARY_SCORES = (
     "n_collisions",
     "planning_time_ms",
     *SURFACE_SCORES,
+    "log_loss_free",
+    "log_loss_occupied",
 )
 """Columns of `Episode.row` that the summary gives with intervals, if the environment has them.
 

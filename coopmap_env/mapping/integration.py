@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, inlined_kernel, kernel
 from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import MIN_RANGE_SIGMA, BeamParameters
 from coopmap_env.mapping.gaussian import add_observation
@@ -94,15 +94,21 @@ class FusionArrays(NamedTuple):
         return tuple(tuple(part) if isinstance(part, tuple) else part for part in self)
 
 
-@kernel
+@inlined_kernel
 def _center_offset(
-    point: NDArray[np.float64], cell: int, grid: GridGeometry, offset: NDArray[np.float64]
+    points: NDArray[np.float64],
+    beam: int,
+    cell: int,
+    grid: GridGeometry,
+    offset: NDArray[np.float64],
 ) -> None:
-    """Write `point` minus the center of flat cell `cell`, metres."""
-    lower, resolution, shape = grid
-    for axis in range(len(point) - 1, -1, -1):
-        offset[axis] = point[axis] - ((cell % shape[axis] + 0.5) * resolution + lower[axis])
-        cell //= shape[axis]
+    """Write a beam's point minus the center of flat cell `cell`, metres."""
+    lower, resolution, (_, ny, nz) = grid
+    iz, iy, ix = cell % nz, cell // nz % ny, cell // (ny * nz)
+    offset[0] = points[beam, 0] - ((ix + 0.5) * resolution + lower[0])
+    offset[1] = points[beam, 1] - ((iy + 0.5) * resolution + lower[1])
+    if len(offset) == 3:
+        offset[2] = points[beam, 2] - ((iz + 0.5) * resolution + lower[2])
 
 
 @kernel
@@ -116,20 +122,25 @@ def merge_points(
 ) -> None:
     """Add each beam's point to the surface of its cell (n_beams,), -1 for none."""
     origin, points, covariances, _ = scan
-    precision, information_vector = surfaces.precision, surfaces.information_vector
+    precision, information_vector, noise, scatter = surfaces
+    averaged = len(noise) > 0
     last = points.shape[1] - 1
+    last_weight = precision.shape[1] - 1
     offset = np.zeros(points.shape[1])
     floor = (MIN_RANGE_SIGMA * grid.resolution) ** 2
     # Cells lie far from each other. Reads do not wait for one another as sums do: after these, what
     # is added to is near. They are kept, or the compiler would leave them out.
     for cell in cells:
         if cell >= 0:
-            offset[0] += precision[cell, 0, 0] + information_vector[cell, last]
-    averaged = len(surfaces.noise) > 0
+            offset[0] += precision[cell, 0, 0] + precision[cell, last_weight, last_weight]
+            offset[0] += information_vector[cell, last]
+            if averaged:
+                offset[0] += noise[cell, 0, 0] + noise[cell, last, last]
+                offset[0] += scatter[cell, 0, 0] + scatter[cell, last, last]
     for beam in range(len(cells)):
         cell = cells[beam]
         if cell >= 0:
-            _center_offset(points[beam], cell, grid, offset)
+            _center_offset(points, beam, cell, grid, offset)
             if averaged:
                 add_point(surfaces, cell, covariances[beam], offset, floor)
             else:

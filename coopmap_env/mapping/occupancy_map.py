@@ -133,10 +133,11 @@ class OccupancyMap:
                 f"beam {invalid_beam} of a scan has a value that is not finite: point "
                 f"{scan.points[invalid_beam]}, covariance {scan.covariances[invalid_beam].tolist()}"
             )
-        pose_covariance = EXACT_POSE if scan.pose_covariance is None else scan.pose_covariance
-        if not np.isfinite(pose_covariance).all():
-            raise ValueError(f"pose_covariance must be finite, got {pose_covariance.tolist()}")
-        return arrays, pose_covariance
+        if scan.pose_covariance is None:
+            return arrays, EXACT_POSE
+        if not np.isfinite(scan.pose_covariance).all():
+            raise ValueError(f"pose_covariance must be finite, got {scan.pose_covariance.tolist()}")
+        return arrays, scan.pose_covariance
 
     def mark_free(self, cells: ArrayLike) -> None:
         """Mark cells (flat indices) as known to be free, such as those of a robot's own body."""

@@ -49,12 +49,13 @@ def add_point(
     """Add a point of covariance C + floor I to a cell; the deviation is from the cell's center."""
     count, total, noise, scatter = surfaces
     count[cell, 0, 0] += 1.0
+    N, S = noise[cell], scatter[cell]
     for i in range(len(deviation)):
         total[cell, i] += deviation[i]
         for j in range(len(deviation)):
             variance = C[i, j] + (floor if i == j else 0.0)
-            noise[cell, i, j] += variance
-            scatter[cell, i, j] += deviation[i] * deviation[j] - variance
+            N[i, j] += variance
+            S[i, j] += deviation[i] * deviation[j] - variance
 
 
 @kernel

@@ -50,6 +50,8 @@ def episode(seed=0, coverage_curve=(0.0, 0.1, 0.3), radius_std=1.0, max_radius=9
         reward=1.0,
         motion_distance=2.0,
         log_loss=0.1,
+        log_loss_free=0.1,
+        log_loss_occupied=0.1,
         brier_score=0.01,
         extent=MappedExtent(max_radius, 3.0, radius_std),
         n_rejected_actions=0,

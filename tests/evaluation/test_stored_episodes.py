@@ -18,12 +18,14 @@ N_SCANS = 2
 PLANAR = {
     "seed": 4, "coverage_curve": [0.0, 0.25, 0.5], "entropy_curve": [9.0, 8.5, 7.0], "reward": 1.5,
     "motion_distance": 3.25, "log_loss": 0.125, "brier_score": 0.0625,
+    "log_loss_free": 0.0625, "log_loss_occupied": 0.25,
     "extent": {"max_radius": 9.0, "mean_radius": 4.5, "radius_std": 2.0},
     "n_rejected_actions": 0, "n_collisions": 1, "planning_time_ms": 0.75, "surface": None,
 }  # fmt: skip
 SURFACE = {
     "coverage_curve": [0.0, 0.125, 0.25], "target_coverage": 0.5, "f_score": 0.75,
-    "precision": 0.875, "recall": 0.625, "chamfer": math.nan, "false_free_fraction": 0.0,
+    "precision": 0.875, "recall": 0.625, "chamfer": math.nan,
+    "chi2_median": 0.5, "chi2_tail": math.nan, "false_free_fraction": 0.0,
 }  # fmt: skip
 FIELD = {**PLANAR, "surface": SURFACE}
 ERRORS = {"position": 0.01, "angle": 0.001, "nees": 6.0}

@@ -1,4 +1,4 @@
-"""The surface of a cell as the mean of its points: hand numbers, plain reference, what is honest."""
+"""The surface of a cell as the mean of its points: hand numbers, plain reference, honesty."""
 
 import itertools
 import math
@@ -87,7 +87,7 @@ def test_points_of_two_scans_halve_the_error_of_the_pose_too():
 
 
 def test_a_common_pose_error_does_not_shrink_with_the_number_of_points():
-    """A thousand points of one scan: what is left is the error of the camera, turned and shifted."""
+    """A thousand points of one scan: what is left is the error of the camera."""
     rng = np.random.default_rng(0)
     A = 0.01 * rng.normal(size=(6, 6))
     sigma = A @ A.T

@@ -8,7 +8,12 @@ import pytest
 from coopmap_env.mapping import BeamModel, VoxelGrid
 from coopmap_env.mapping.files.octomap import sample_octree
 from coopmap_env.sensing import Scan
-from coopmap_env.studies.field.octomap_comparison import compare_with_octomap, fuse_octomap
+from coopmap_env.studies.field.octomap_comparison import (
+    FusedMap,
+    OctomapConstants,
+    compare_with_octomap,
+    fuse_octomap,
+)
 
 pytest.importorskip("pyoctomap")
 # the origin is no multiple of the resolution: OctoMap's voxels are shifted for it
@@ -34,10 +39,12 @@ def test_both_maps_agree_and_are_right_for_precise_beams():
         [beams((8, 2, 2), (8, 3, 2), hit=[True, True])] * 3, truth(), GRID, MODEL
     )
     assert result.n_scans == 3
-    assert result.agreement == result.ours.accuracy == result.octomap.accuracy == 1
+    assert result.agreement == result.ours.accuracy == result.tuned.accuracy == 1
+    assert result.default.accuracy == 1
+    assert result.ours.missed == result.tuned.missed == 0
     assert result.common_cells > 9
     assert result.ours.milliseconds > 0
-    assert result.octomap.milliseconds > 0
+    assert result.tuned.milliseconds > 0
 
 
 def test_octomaps_probabilities_are_its_constants_by_hand():
@@ -47,10 +54,31 @@ def test_octomaps_probabilities_are_its_constants_by_hand():
     # hit 0.7 twice, miss 0.4 twice: floats of 24 bits
     assert log_odds[8, 2, 2] == pytest.approx(2 * math.log(0.7 / 0.3), rel=1e-6)
     assert log_odds[:8, 2, 2] == pytest.approx(np.full(8, 2 * math.log(0.4 / 0.6)), rel=1e-6)
-    loss = compare_with_octomap([beams((8, 2, 2), hit=[True])] * 2, truth(), GRID, MODEL).octomap
+    loss = compare_with_octomap([beams((8, 2, 2), hit=[True])] * 2, truth(), GRID, MODEL).default
     p_hit, p_miss = 1 / (1 + (3 / 7) ** 2), 1 / (1 + 1.5**2)
     expected = -(math.log(p_hit) + 8 * math.log(1 - p_miss)) / 9
     assert loss.log_loss == pytest.approx(expected, rel=1e-6)
+
+
+def test_other_constants_are_octomaps_own_by_hand():
+    constants = OctomapConstants(0.9, 0.2, 0.1, 0.95)
+    tree, _ = fuse_octomap([beams((8, 2, 2), hit=[True])], GRID, constants)
+    log_odds, _ = sample_octree(tree, GRID)
+    assert log_odds[8, 2, 2] == pytest.approx(math.log(0.9 / 0.1), rel=1e-6)
+    assert log_odds[:8, 2, 2] == pytest.approx(np.full(8, math.log(0.2 / 0.8)), rel=1e-6)
+    tree, _ = fuse_octomap([beams((8, 2, 2), hit=[True])] * 9, GRID, constants)
+    log_odds, _ = sample_octree(tree, GRID)
+    assert log_odds[8, 2, 2] == pytest.approx(math.log(0.95 / 0.05), rel=1e-6)
+    assert log_odds[0, 2, 2] == pytest.approx(math.log(0.1 / 0.9), rel=1e-6)
+
+
+def test_missed_and_not_cleared_voxels_by_hand():
+    occupied = np.array([True, True, True, True, False, False])
+    p = np.array([0.01, 0.04, 0.05, 0.9, 0.04, 0.06])
+    scores = FusedMap(p, np.ones(6, bool), 0.002).scores(occupied, np.ones(6, bool))
+    assert (scores.missed, scores.not_cleared, scores.accuracy) == (0.5, 0.5, 0.5)
+    assert scores.milliseconds == 2
+    assert scores.log_loss_free == pytest.approx(-(math.log(0.96) + math.log(0.94)) / 2)
 
 
 def test_beams_without_return_are_free_up_to_their_own_ends():
@@ -66,15 +94,16 @@ def test_beams_without_return_are_free_up_to_their_own_ends():
 
 def test_a_beam_of_zero_length_observes_nothing():
     result = compare_with_octomap([beams((0, 2, 2), hit=[False])], truth(), GRID)
-    assert result.common_cells == result.ours.cells == result.octomap.cells == 0
+    assert result.common_cells == result.ours.cells == result.tuned.cells == 0
     assert math.isnan(result.agreement)
 
 
 def test_the_result_is_plain_values():
     result = compare_with_octomap([beams((8, 2, 2), hit=[True])], truth(), GRID).as_dict()
-    assert set(result) == {"n_scans", "common_cells", "agreement", "ours", "octomap"}
+    assert set(result) == {"n_scans", "common_cells", "agreement", "ours", "tuned", "default"}
     assert set(result["ours"]) == {
-        "cells", "log_loss", "log_loss_common", "accuracy", "milliseconds",
+        "cells", "log_loss", "log_loss_free", "log_loss_occupied", "missed", "not_cleared",
+        "accuracy", "milliseconds",
     }  # fmt: skip
 
 

@@ -25,6 +25,8 @@ def evaluation(coverage, sigma=5.0, worlds=24, seed=0):
                 reward=0.0,
                 motion_distance=0.0,
                 log_loss=0.0,
+                log_loss_free=0.0,
+                log_loss_occupied=0.0,
                 brier_score=0.0,
                 extent=MappedExtent(4 * scatter(sigma), 2 * sigma, scatter(sigma)),
                 n_rejected_actions=0,

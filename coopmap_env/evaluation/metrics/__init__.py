@@ -10,16 +10,24 @@ from coopmap_env.evaluation.metrics.calibration import (
     reliability_curve,
 )
 from coopmap_env.evaluation.metrics.surface import SurfaceEvaluator
+from coopmap_env.evaluation.metrics.surface_consistency import (
+    SurfaceConsistency,
+    cell_face_offsets,
+    surface_chi2,
+)
 from coopmap_env.evaluation.metrics.surface_scores import SurfaceScores
 
 __all__ = [
     "ReliabilityCurve",
+    "SurfaceConsistency",
     "SurfaceEvaluator",
     "SurfaceScores",
     "binary_log_loss",
     "brier_score",
+    "cell_face_offsets",
     "expected_calibration_error",
     "log_loss",
     "observed_mask",
     "reliability_curve",
+    "surface_chi2",
 ]

@@ -84,13 +84,33 @@ class TriangleBins:
         ValueError
             If the points have another shape, or one is not finite.
         """
-        positions = np.ascontiguousarray(points, dtype=np.float64)
-        if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
-            raise ValueError(f"points must be (n, 3) and finite, got shape {positions.shape}")
+        positions = _as_points(points)
         out = np.full(len(positions), np.inf)
         if len(self.triangles):
-            nearest_distances(positions, self.index, out)
+            nearest_distances(positions, self.index, out, np.empty_like(positions))
         return out
+
+    def offsets(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Metres (n, 3) from points (n, 3) to the nearest points of the triangles.
+
+        Raises
+        ------
+        ValueError
+            As in `distances`, or if there are no triangles.
+        """
+        positions = _as_points(points)
+        if not len(self.triangles):
+            raise ValueError("there are no triangles to lead to")
+        offsets = np.empty_like(positions)
+        nearest_distances(positions, self.index, np.empty(len(positions)), offsets)
+        return offsets
+
+
+def _as_points(points: ArrayLike) -> NDArray[np.float64]:
+    positions = np.ascontiguousarray(points, dtype=np.float64)
+    if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
+        raise ValueError(f"points must be (n, 3) and finite, got shape {positions.shape}")
+    return positions
 
 
 @kernel
@@ -125,9 +145,13 @@ def fill_bins(
 
 @kernel
 def nearest_distances(
-    points: NDArray[np.float64], index: TriangleIndex, out: NDArray[np.float64]
+    points: NDArray[np.float64],
+    index: TriangleIndex,
+    out: NDArray[np.float64],
+    offsets: NDArray[np.float64],
 ) -> None:
-    """Distance of each point (n, 3) to the nearest triangle: out (n,)."""
+    """Distance of each point (n, 3) to the nearest triangle: out (n,); the way there: (n, 3)."""
+    way = np.empty(3)
     home_bin = np.empty(3, np.int64)
     shape = index.grid.shape
     n_rings = max(shape[0], shape[1], shape[2])
@@ -142,7 +166,7 @@ def nearest_distances(
             min_distance = max(ring - 1, 0) * index.grid.resolution
             if best <= min_distance * min_distance:
                 break
-            best = nearest_in_ring(p, home_bin, ring, index, best)
+            best = nearest_in_ring(p, home_bin, ring, index, best, way, offsets[n])
         out[n] = np.sqrt(best)
 
 
@@ -153,8 +177,13 @@ def nearest_in_ring(
     ring: int,
     index: TriangleIndex,
     best: float,
+    way: NDArray[np.float64],
+    offset: NDArray[np.float64],
 ) -> float:
-    """Least squared distance: `best`, or that of a triangle `ring` bins away from `home_bin`."""
+    """Least squared distance: `best`, or that of a triangle `ring` bins away from `home_bin`.
+
+    Then the way there is written to `offset` (3,); `way` (3,) is a buffer.
+    """
     shape = index.grid.shape
     for i in range(max(home_bin[0] - ring, 0), min(home_bin[0] + ring, shape[0] - 1) + 1):
         for j in range(max(home_bin[1] - ring, 0), min(home_bin[1] + ring, shape[1] - 1) + 1):
@@ -165,15 +194,21 @@ def nearest_in_ring(
                 if 0 <= k < shape[2]:
                     for slot in range(index.bin_starts[row + k], index.bin_starts[row + k + 1]):
                         triangle = index.triangles[index.bin_triangles[slot]]
-                        best = min(best, squared_distance(p, triangle))
+                        square = squared_distance(p, triangle, way)
+                        if square < best:
+                            best = square
+                            offset[:] = way
     return best
 
 
 @kernel
-def squared_distance(p: NDArray[np.float64], triangle: NDArray[np.float64]) -> float:
+def squared_distance(
+    p: NDArray[np.float64], triangle: NDArray[np.float64], way: NDArray[np.float64]
+) -> float:
     """Squared distance of a point (3,) to a triangle (3, 3), which may be a line or a point.
 
     That to its plane if the point projects into the triangle, otherwise that to the nearest edge.
+    Writes the way from the point to the nearest one of the triangle (3,).
     """
     a, b, c = triangle[0], triangle[1], triangle[2]
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -191,7 +226,10 @@ def squared_distance(p: NDArray[np.float64], triangle: NDArray[np.float64]) -> f
         along = ex * dx + ey * dy + ez * dz
         fraction = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
         rx, ry, rz = dx - fraction * ex, dy - fraction * ey, dz - fraction * ez
-        best = min(best, rx * rx + ry * ry + rz * rz)
+        square = rx * rx + ry * ry + rz * rz
+        if square < best:
+            best = square
+            way[0], way[1], way[2] = -rx, -ry, -rz
         # the side of this edge, seen along the normal
         projects_inside &= (
             nx * (ey * dz - ez * dy) + ny * (ez * dx - ex * dz) + nz * (ex * dy - ey * dx) >= 0.0
@@ -199,5 +237,9 @@ def squared_distance(p: NDArray[np.float64], triangle: NDArray[np.float64]) -> f
         height = nx * dx + ny * dy + nz * dz
     # the normal of a triangle that is almost a line is rounding: its edges decide
     if projects_inside and squared_normal > 1e-20 * longest * longest:
-        best = min(best, height * height / squared_normal)
+        square = height * height / squared_normal
+        if square < best:
+            best = square
+            fraction = -height / squared_normal
+            way[0], way[1], way[2] = fraction * nx, fraction * ny, fraction * nz
     return best

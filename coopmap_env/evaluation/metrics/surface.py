@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from coopmap_env.evaluation.metrics._surface_samples import sample_surface
 from coopmap_env.evaluation.metrics._triangle_distance import TriangleBins
 from coopmap_env.evaluation.metrics._visible_surface import N_POSES, visible_points
+from coopmap_env.evaluation.metrics.surface_consistency import SurfaceConsistency, surface_chi2
 from coopmap_env.evaluation.metrics.surface_scores import (
     SampleVoxels,
     SurfaceScores,
     distance_scores,
-    surface_points,
+    surface_gaussians,
 )
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import Vehicle
@@ -84,9 +85,12 @@ class SurfaceEvaluator:
 
     def scores(self, map_: OccupancyMap) -> SurfaceScores:
         """All scores; takes about ten milliseconds."""
+        means, covariances = surface_gaussians(map_)
         f_score, precision, recall, chamfer = distance_scores(
-            surface_points(map_), self._points, self._bins, self.tau
+            means, self._points, self._bins, self.tau
         )
+        offsets = self._bins.offsets(means) if len(means) else means
+        consistency = SurfaceConsistency.from_chi2(surface_chi2(offsets, covariances))
         return SurfaceScores(
             coverage=self.coverage(map_),
             target_coverage=self.target_coverage(map_),
@@ -94,4 +98,6 @@ class SurfaceEvaluator:
             precision=precision,
             recall=recall,
             chamfer=chamfer,
+            chi2_median=consistency.median,
+            chi2_tail=consistency.tail,
         )

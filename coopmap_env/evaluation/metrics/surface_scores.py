@@ -8,6 +8,9 @@ target coverage    the same for the target alone
 precision          fraction of the map's points that lie within tau of the true surface
 recall             fraction of the visible surface that lies within tau of a map point
 F-score            harmonic mean of precision and recall
+chi2 median        of the points' squared distances from the surface in their own standard
+                   deviations: 0.45 if the map's covariances are right, more if they are too small
+chi2 tail          fraction of these beyond 3.84: 0.05 if the covariances are right
 Chamfer distance   metres, best 0: mean of the two mean distances, without an upper bound
 =================  ========================================================================
 
@@ -51,6 +54,10 @@ class SurfaceScores:
     """Fraction of the visible surface."""
     chamfer: float
     """Metres."""
+    chi2_median: float
+    """Median squared distance in standard deviations; see `surface_consistency`."""
+    chi2_tail: float
+    """Fraction of the map's points beyond 3.84."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +105,11 @@ class SampleVoxels:
         return float(covered / self.counts.sum())
 
 
-def surface_points(map_: OccupancyMap) -> NDArray[np.float64]:
-    """The map's estimate of the surface: merged means (k, 3) of voxels with P > ½, metres."""
-    cells, means, _ = map_.surfaces()
-    return means[map_.log_odds_fixed[cells] > 0]
+def surface_gaussians(map_: OccupancyMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The map's estimate of the surface: means (k, D) and covariances of cells with P > ½, m."""
+    cells, means, covariances = map_.surfaces()
+    occupied = map_.log_odds_fixed[cells] > 0
+    return means[occupied], covariances[occupied]
 
 
 def distance_scores(

@@ -42,6 +42,10 @@ class HitMissModel(Settings):
             )
 
 
+HIT_MISS_LOG_ODDS_RANGE = LogOddsRange(0.9999)
+"""Clamp of the lowest log-loss on training worlds."""
+
+
 class ConstantUpdate(NamedTuple):
     """The update of one scan, as the kernel takes it."""
 

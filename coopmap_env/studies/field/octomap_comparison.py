@@ -1,9 +1,12 @@
-"""The same scans fused by OctoMap and by `OccupancyMap`: agreement, log-loss and time.
+"""The same scans fused by OctoMap and by `OccupancyMap`: log-loss, errors of each kind, and time.
 
 OctoMap (Hornung et al. 2013, extra ``octomap``) updates each voxel once per scan by one of two
-constants, hit 0.7 and miss 0.4, and clamps at 0.12 and 0.97; these are its defaults. It does not
-model the uncertainty of the range. The times are process times of one `insertPointCloud` and of one
-`OccupancyMap.integrate` call, medians over the scans.
+constants and clamps the sum. It does not model the uncertainty of the range. Two sets of constants
+are compared: its defaults, which are made for quick change, and constants tuned for the log-loss on
+the same training scans as those of `OccupancyMap` (`studies.field.calibration`). The second is the
+opponent; the first shows what the defaults are for. Scores are over the voxels that all maps
+sampled. The times are process times of one `insertPointCloud` and of one `OccupancyMap.integrate`
+call, medians over the scans.
 """
 
 from __future__ import annotations
@@ -17,8 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.settings import OpenUnitInterval, Settings
 from coopmap_env.evaluation.metrics import log_loss
-from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
+from coopmap_env.mapping import (
+    FREE_PROBABILITY,
+    BeamModel,
+    LogOddsRange,
+    OccupancyMap,
+    VoxelGrid,
+)
 from coopmap_env.mapping.files.octomap import octomap_shift, sample_octree
 from coopmap_env.sensing import Scan
 
@@ -28,36 +38,90 @@ it lies beyond the maximum range; then the beam is free up to that range."""
 
 
 @dataclass(frozen=True)
+class OctomapConstants(Settings):
+    """The constants of OctoMap's update; the defaults are OctoMap's own."""
+
+    hit: OpenUnitInterval = 0.7
+    """Occupancy that one scan gives to a voxel in which a beam ends."""
+    miss: OpenUnitInterval = 0.4
+    """Occupancy that one scan gives to a voxel that beams only cross."""
+    lowest: OpenUnitInterval = 0.12
+    """Lowest P of a voxel."""
+    highest: OpenUnitInterval = 0.97
+    """Highest P of a voxel."""
+
+
+DEFAULT_OCTOMAP = OctomapConstants()
+TUNED_OCTOMAP = OctomapConstants(0.995, 0.03, 0.001, 0.999)
+"""The lowest log-loss on training worlds, by `studies.field.calibration`."""
+
+
+@dataclass(frozen=True)
 class MapScores:
-    """Scores of one of the two maps."""
+    """Scores of one of the maps."""
 
     cells: int
     """Voxels that it sampled."""
     log_loss: float
-    """Nats, over these voxels."""
-    log_loss_common: float
-    """Nats, over the voxels that both maps sampled."""
+    """Nats, over the voxels that all maps sampled."""
+    log_loss_free: float
+    """Nats, over those of them that are truly free."""
+    log_loss_occupied: float
+    """Nats, over those of them that are truly occupied."""
+    missed: float
+    """Fraction of the truly occupied ones with P < 0.05, which a mount would enter."""
+    not_cleared: float
+    """Fraction of the truly free ones with P >= 0.05, which a mount avoids."""
     accuracy: float
-    """Fraction of the common voxels whose state it predicts right (occupied if P >= 1/2)."""
+    """Fraction whose state it predicts right (occupied if P >= 1/2)."""
     milliseconds: float
     """Median time to fuse a scan."""
 
 
 @dataclass(frozen=True)
 class OctomapComparison:
-    """Both maps of the same scans, compared with the truth and with each other."""
+    """Maps of the same scans, compared with the truth and with each other."""
 
     n_scans: int
     common_cells: int
-    """Voxels that both maps sampled."""
+    """Voxels that all maps sampled."""
     agreement: float
-    """Fraction of these that both maps predict occupied (P >= 1/2), or both free."""
+    """Fraction of these that ours and the tuned one predict occupied (P >= 1/2), or both free."""
     ours: MapScores
-    octomap: MapScores
+    tuned: MapScores
+    """OctoMap with constants tuned on training worlds."""
+    default: MapScores
+    """OctoMap with its own constants."""
 
     def as_dict(self) -> dict[str, Any]:
         """JSON values."""
         return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class FusedMap:
+    """What a map says after all scans."""
+
+    probability: NDArray[np.float64]
+    """Shape of the grid."""
+    sampled: NDArray[np.bool_]
+    """Shape of the grid."""
+    seconds: float
+    """Median time to fuse a scan."""
+
+    def scores(self, occupied: NDArray[np.bool_], common: NDArray[np.bool_]) -> MapScores:
+        """Scores over the common voxels, against the truth."""
+        p = self.probability
+        return MapScores(
+            cells=int(self.sampled.sum()),
+            log_loss=log_loss(p, occupied, common),
+            log_loss_free=log_loss(p, occupied, common & ~occupied),
+            log_loss_occupied=log_loss(p, occupied, common & occupied),
+            missed=_fraction(p[common & occupied] < FREE_PROBABILITY),
+            not_cleared=_fraction(p[common & ~occupied] >= FREE_PROBABILITY),
+            accuracy=_fraction(((p >= 0.5) == occupied)[common]),
+            milliseconds=1e3 * self.seconds,
+        )
 
 
 def compare_with_octomap(
@@ -67,7 +131,7 @@ def compare_with_octomap(
     model: BeamModel | None = None,
     log_odds_range: LogOddsRange | None = None,
 ) -> OctomapComparison:
-    """Fuse scans one after the other into both maps, and score both.
+    """Fuse scans one after the other into each map, and score all.
 
     Parameters
     ----------
@@ -94,26 +158,20 @@ def compare_with_octomap(
             f"expected scans, a 3-D grid and its truth, got {len(scans)} scans, {grid.shape}, "
             f"{truth.shape}"
         )
-    map_, coopmap_seconds = fuse_coopmap(scans, grid, model, log_odds_range)
-    tree, octomap_seconds = fuse_octomap(scans, grid)
-    log_odds, known = sample_octree(tree, grid)
-    octomap_probability = 1.0 / (1.0 + np.exp(-log_odds))
-    common = map_.sampled & known
-
-    def map_scores(p: NDArray[np.float64], cells: NDArray[np.bool_], seconds: float) -> MapScores:
-        is_right = ((p >= 0.5) == truth)[common]
-        return MapScores(
-            int(cells.sum()), log_loss(p, truth, cells), log_loss(p, truth, common),
-            float(is_right.mean()) if len(is_right) else float("nan"), 1e3 * seconds,
-        )  # fmt: skip
-
-    agrees = ((map_.probability >= 0.5) == (octomap_probability >= 0.5))[common]
+    ours = fuse_coopmap(scans, grid, model, log_odds_range)
+    tuned, default = (
+        read_octomap(*fuse_octomap(scans, grid, constants), grid)
+        for constants in (TUNED_OCTOMAP, DEFAULT_OCTOMAP)
+    )
+    common = ours.sampled & tuned.sampled & default.sampled
+    agrees = ((ours.probability >= 0.5) == (tuned.probability >= 0.5))[common]
     return OctomapComparison(
         n_scans=len(scans),
         common_cells=int(common.sum()),
-        agreement=float(agrees.mean()) if len(agrees) else float("nan"),
-        ours=map_scores(map_.probability, map_.sampled, coopmap_seconds),
-        octomap=map_scores(octomap_probability, known, octomap_seconds),
+        agreement=_fraction(agrees),
+        ours=ours.scores(truth, common),
+        tuned=tuned.scores(truth, common),
+        default=default.scores(truth, common),
     )
 
 
@@ -122,8 +180,8 @@ def fuse_coopmap(
     grid: VoxelGrid,
     model: BeamModel | None = None,
     log_odds_range: LogOddsRange | None = None,
-) -> tuple[OccupancyMap, float]:
-    """The `OccupancyMap` of the scans, and the median time of one scan, seconds."""
+) -> FusedMap:
+    """The `OccupancyMap` of the scans."""
     map_ = OccupancyMap(grid, model, log_odds_range)
     map_.integrate(scans[0])  # compiles
     map_.clear()
@@ -132,10 +190,12 @@ def fuse_coopmap(
         start = time.process_time()
         map_.integrate(scan)
         seconds.append(time.process_time() - start)
-    return map_, float(np.median(seconds))
+    return FusedMap(map_.probability, map_.sampled, float(np.median(seconds)))
 
 
-def fuse_octomap(scans: Sequence[Scan], grid: VoxelGrid) -> tuple[Any, float]:
+def fuse_octomap(
+    scans: Sequence[Scan], grid: VoxelGrid, constants: OctomapConstants = DEFAULT_OCTOMAP
+) -> tuple[Any, float]:
     """OctoMap's tree of the scans, in the coordinates of `to_octree`, and the median time, seconds.
 
     The maximum range is an argument of a whole call. Therefore beams without return that end
@@ -143,6 +203,10 @@ def fuse_octomap(scans: Sequence[Scan], grid: VoxelGrid) -> tuple[Any, float]:
     steps of a voxel.
     """
     tree = import_optional("pyoctomap", "octomap").OcTree(grid.resolution)
+    tree.setProbHit(constants.hit)
+    tree.setProbMiss(constants.miss)
+    tree.setClampingThresMin(constants.lowest)
+    tree.setClampingThresMax(constants.highest)
     shift = octomap_shift(grid)
     seconds = []
     for scan in scans:
@@ -155,6 +219,16 @@ def fuse_octomap(scans: Sequence[Scan], grid: VoxelGrid) -> tuple[Any, float]:
             tree.insertPointCloud(points, scan.origin - shift, max_range=max_range)
         seconds.append(time.process_time() - start)
     return tree, float(np.median(seconds))
+
+
+def read_octomap(tree: Any, seconds: float, grid: VoxelGrid) -> FusedMap:
+    """OctoMap's tree, sampled at the voxels of a grid."""
+    log_odds, known = sample_octree(tree, grid)
+    return FusedMap(1.0 / (1.0 + np.exp(-log_odds)), known, seconds)
+
+
+def _fraction(which: NDArray[np.bool_]) -> float:
+    return float(which.mean()) if which.size else float("nan")
 
 
 def _insertion_batches(scan: Scan, resolution: float) -> list[tuple[NDArray[np.float64], float]]:

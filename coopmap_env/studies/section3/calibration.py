@@ -1,15 +1,15 @@
 """Calibration of the map: Brier score, log-loss and reliability against the truth.
 
 The scans of whole episodes are fused by the Gaussian beam model and by a constant hit/miss model.
-Both maps are scored on the cells that they sampled. The constants of both models were tuned by
-`tune_sensor_models` on training worlds; reports use test worlds.
+Each map is scored on the cells that it sampled, and both on those that both sampled. The constants
+of both models were tuned by `sensor_tuning` on training worlds; reports use test worlds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import Policy, rollout
 from coopmap_env.evaluation.metrics import (
-    brier_score,
-    expected_calibration_error,
-    log_loss,
-    reliability_curve,
+    SurfaceConsistency,
+    cell_face_offsets,
+    surface_chi2,
 )
-from coopmap_env.mapping import BeamModel, OccupancyMap
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation import PlanarSimulator
-from coopmap_env.studies.common.hit_miss import HitMissMap, HitMissModel
+from coopmap_env.studies.common.hit_miss import HitMissMap
+from coopmap_env.studies.common.map_scores import MapModel, ScoredCells, compare_cells, pool
 
 NOISE_SPAWN_KEY = 0x5CA9
 """Spawn key of the noise of these scans, which is independent of the episode's own."""
@@ -64,14 +64,6 @@ def record_scans(env: PlanarEnv, policy: Policy, seeds: Sequence[int]) -> Iterat
         yield RecordedWorld(tuple(scans), env.truth.occupied)
 
 
-class ScoredCells(NamedTuple):
-    """Cells of one or more maps as calibration scores take them, flat (n,)."""
-
-    probability: NDArray[np.float64]
-    occupied: NDArray[np.bool_]
-    sampled: NDArray[np.bool_]
-
-
 def fuse_scans(world: RecordedWorld, map_: OccupancyMap | HitMissMap) -> ScoredCells:
     """Fuse the scans of a world into an empty map; return its cells."""
     for scan in world.scans:
@@ -79,71 +71,30 @@ def fuse_scans(world: RecordedWorld, map_: OccupancyMap | HitMissMap) -> ScoredC
     return ScoredCells(map_.probability.ravel(), world.occupied.ravel(), map_.sampled.ravel())
 
 
-def pool_cells(
-    worlds: Sequence[RecordedWorld], env: PlanarEnv, model: BeamModel | HitMissModel
-) -> ScoredCells:
+def pool_cells(worlds: Sequence[RecordedWorld], grid: VoxelGrid, model: MapModel) -> ScoredCells:
     """All cells of all worlds, each fused with the same model."""
-    grid, clamp = env.belief().map.grid, env.settings.log_odds_range
-    parts = [
-        fuse_scans(
-            world,
-            OccupancyMap(grid, model, clamp)
-            if isinstance(model, BeamModel)
-            else HitMissMap(grid, model, clamp),
-        )
-        for world in worlds
-    ]
-    return ScoredCells(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return pool(fuse_scans(world, model.map(grid)) for world in worlds)
 
 
-def calibration_scores(cells: ScoredCells) -> dict[str, Any]:
-    """Brier score, log-loss, calibration error and the reliability curve, as JSON values."""
-    curve = reliability_curve(*cells)
-    return {
-        "brier_score": brier_score(*cells),
-        "log_loss": log_loss(*cells),
-        "calibration_error": expected_calibration_error(*cells),
-        "cells": int(cells.sampled.sum()),
-        "reliability": {
-            "predicted": [None if np.isnan(v) else float(v) for v in curve.mean_predicted],
-            "observed": [None if np.isnan(v) else float(v) for v in curve.occupied_fraction],
-            "counts": curve.counts.tolist(),
-        },
-    }
+def compare_models(
+    worlds: Sequence[RecordedWorld], grid: VoxelGrid, models: Mapping[str, MapModel]
+) -> dict[str, dict[str, Any]]:
+    """`compare_cells` of the maps of each model."""
+    return compare_cells({name: pool_cells(worlds, grid, model) for name, model in models.items()})
 
 
-def tune_sensor_models(
-    worlds: Sequence[RecordedWorld], env: PlanarEnv
-) -> tuple[BeamModel, HitMissModel, dict[str, float]]:
-    """Find the constants of both models that minimise the log-loss on training worlds.
-
-    The defaults of `BeamModel` and `HitMissModel` come from this search. It takes some minutes.
-
-    Returns
-    -------
-    beam : BeamModel
-    hit_miss : HitMissModel
-    losses : dict
-        Log-loss of every choice, by its description.
-    """
-    losses: dict[str, float] = {}
-    free_values = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02)
-    occupied_values = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
-    beam_models = {
-        f"beam free={free} occupied={occupied}": replace(
-            env.settings.beam, free=free, occupied=occupied
-        )
-        for free in free_values
-        for occupied in occupied_values
-    }
-    hit_miss_models = {
-        f"constant miss={miss} hit={hit}": HitMissModel(hit, miss)
-        for miss in (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
-        for hit in (0.51, 0.55, 0.6, 0.7, 0.8, 0.9, 0.97)
-    }
-    models: dict[str, BeamModel | HitMissModel] = {**beam_models, **hit_miss_models}
-    for name, model in models.items():
-        losses[name] = log_loss(*pool_cells(worlds, env, model))
-    best_beam_name = min(beam_models, key=losses.__getitem__)
-    best_hit_miss_name = min(hit_miss_models, key=losses.__getitem__)
-    return beam_models[best_beam_name], hit_miss_models[best_hit_miss_name], losses
+def surface_consistency(
+    worlds: Sequence[RecordedWorld], grid: VoxelGrid, model: MapModel
+) -> dict[str, Any]:
+    """`SurfaceConsistency` of surfaces in cells with P > 1/2, over all worlds, as JSON values."""
+    chi2 = []
+    for world in worlds:
+        map_ = model.map(grid)
+        assert isinstance(map_, OccupancyMap)
+        for scan in world.scans:
+            map_.integrate(scan)
+        cells, means, covariances = map_.surfaces()
+        likely = map_.log_odds_fixed[cells] > 0
+        offsets = cell_face_offsets(means[likely], world.occupied, grid)
+        chi2.append(surface_chi2(offsets, covariances[likely]))
+    return asdict(SurfaceConsistency.from_chi2(np.concatenate(chi2)))

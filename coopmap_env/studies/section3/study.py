@@ -19,8 +19,8 @@ from coopmap_env.core.settings import PositiveInt, Settings
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, compare, make_policy
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
-from coopmap_env.mapping import BeamModel
-from coopmap_env.studies.common.hit_miss import HitMissModel
+from coopmap_env.studies.common.hit_miss import HIT_MISS_LOG_ODDS_RANGE, HitMissModel
+from coopmap_env.studies.common.map_scores import MapModel
 from coopmap_env.studies.recorded import killian
 from coopmap_env.studies.section3 import calibration
 from coopmap_env.studies.section3.snapshots import EpisodeSnapshot, record_snapshot
@@ -196,14 +196,19 @@ def run_section3(
 
 
 def compare_calibration(n_worlds: int) -> dict[str, dict[str, Any]]:
-    """Scores of the Gaussian beam map and of the constant hit/miss map, on the same scans."""
+    """Scores of the Gaussian beam map, of that of v0, and of the constant hit/miss map.
+
+    All fuse the same scans.
+    """
     env = PlanarEnv(split="test", max_scans=SCANS_EACH)
     worlds = list(calibration.record_scans(env, make_policy(search_spec(100)), range(n_worlds)))
-    models: dict[str, BeamModel | HitMissModel] = {
-        "gaussian_beam": env.settings.beam,
-        "hit_miss": HitMissModel(),
+    grid, v0 = env.belief().map.grid, PlanarSettings.v0()
+    models = {
+        "gaussian_beam": MapModel(env.settings.beam, env.settings.log_odds_range),
+        "gaussian_beam_v0": MapModel(v0.beam, v0.log_odds_range),
+        "hit_miss": MapModel(HitMissModel(), HIT_MISS_LOG_ODDS_RANGE),
     }
-    return {
-        name: calibration.calibration_scores(calibration.pool_cells(worlds, env, model))
-        for name, model in models.items()
-    }
+    scores = calibration.compare_models(worlds, grid, models)
+    for name in ("gaussian_beam", "gaussian_beam_v0"):
+        scores[name]["surface"] = calibration.surface_consistency(worlds, grid, models[name])
+    return scores

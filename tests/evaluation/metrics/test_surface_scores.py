@@ -9,7 +9,7 @@ from coopmap_env.evaluation.metrics._triangle_distance import TriangleBins
 from coopmap_env.evaluation.metrics.surface_scores import (
     SampleVoxels,
     distance_scores,
-    surface_points,
+    surface_gaussians,
 )
 from coopmap_env.mapping import OccupancyMap, SurfaceArrays, VoxelGrid
 
@@ -102,10 +102,10 @@ def test_tau_must_be_a_distance(tau):
 def test_points_of_a_map_are_the_means_of_its_occupied_voxels():
     points = SAMPLES[:30] + np.array([0.03, -0.02, 0.04])
     np.testing.assert_allclose(
-        np.sort(surface_points(map_of(points)), axis=0), np.sort(points, axis=0), atol=1e-12
+        np.sort(surface_gaussians(map_of(points))[0], axis=0), np.sort(points, axis=0), atol=1e-12
     )
-    assert len(surface_points(map_of(points, level=-2000))) == 0
-    assert len(surface_points(map_of(points, level=0))) == 0
+    assert len(surface_gaussians(map_of(points, level=-2000))[0]) == 0
+    assert len(surface_gaussians(map_of(points, level=0))[0]) == 0
 
 
 def test_a_voxel_covers_samples_up_to_one_voxel_away():
