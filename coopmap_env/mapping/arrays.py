@@ -48,6 +48,11 @@ class SurfaceArrays(NamedTuple):
             return cls(np.zeros((n_cells, 1, 1)), vectors, np.zeros(matrices), np.zeros(matrices))
         return cls.of_eq_4(np.zeros(matrices), vectors)
 
+    @property
+    def averaged(self) -> bool:
+        """Whether the points of a cell are averaged, not merged by Eq. 4."""
+        return self.precision.shape[1] < self.information_vector.shape[1]
+
     @classmethod
     def of_eq_4(
         cls, precision: NDArray[np.float64], information_vector: NDArray[np.float64]

@@ -16,7 +16,7 @@ def surface_gaussians(
     sums: SurfaceArrays, cells: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Merged points of cells (k,), from the cells' centers (k, D), and covariances (k, D, D)."""
-    if not len(sums.noise):
+    if not sums.averaged:
         covariances = inverse(sums.precision[cells])
         return product(covariances, sums.information_vector[cells][..., None])[..., 0], covariances
     D = sums.information_vector.shape[1]
@@ -58,7 +58,7 @@ def check_surfaces(
 
 def _check_covariances(sums: SurfaceArrays, k: int) -> None:
     """Raise ValueError if a cell has no points, or a covariance no positive variances."""
-    enough = not len(sums.noise) or bool((sums.precision >= 1.0).all())
+    enough = not sums.averaged or bool((sums.precision >= 1.0).all())
     if enough:
         with np.errstate(all="ignore"):
             _, covariances = surface_gaussians(sums, np.arange(k))

@@ -40,15 +40,15 @@ def save_npz(map_: OccupancyMap, path: str | os.PathLike[str]) -> None:
     cells, sums = map_.hit_cell_sums()
     format_ = "coopmap map 2" if map_.model.surface_fusion == "mean" else "coopmap map 1"
     buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        format=np.array(format_),
-        settings=np.array(settings_to_json(map_)),
-        levels=map_.log_odds_fixed,
-        sampled=map_.sampled_mask,
-        cells=cells,
+    arrays: dict[str, Any] = {
+        "format": np.array(format_),
+        "settings": np.array(settings_to_json(map_)),
+        "levels": map_.log_odds_fixed,
+        "sampled": map_.sampled_mask,
+        "cells": cells,
         **dict(zip(FORMATS[format_], sums, strict=False)),  # Eq. 4 has two sums only
-    )
+    }
+    np.savez_compressed(buffer, **arrays)
     write_atomically(path, buffer.getvalue())
 
 
@@ -72,7 +72,7 @@ def load_npz(path: str | os.PathLike[str]) -> OccupancyMap:
         map_ = map_from_settings(settings, path)
         arrays = [entries[name] for name in names]
         sums = SurfaceArrays.of_eq_4(*arrays) if names == EQ_4_SUMS else SurfaceArrays(*arrays)
-        map_.set_state(*(entries[name] for name in OCCUPANCY), sums)
+        map_.set_state(entries["levels"], entries["sampled"], entries["cells"], sums)
     return map_
 
 

@@ -25,7 +25,7 @@ from coopmap_env.sensing import Scan
 class HitMissModel(Settings):
     """The two constants; the defaults have the lowest log-loss on training worlds."""
 
-    hit: OpenUnitInterval = 0.9
+    hit: OpenUnitInterval = 0.8
     """Occupancy that one scan gives to a cell in which a beam ends, above 1/2."""
     miss: OpenUnitInterval = 0.005
     """Occupancy that one scan gives to a cell that beams only cross, below 1/2."""

@@ -1,6 +1,7 @@
 """NPZ files of maps: every bit comes back, and nothing larger than what they hold is believed."""
 
 import io
+import json
 import struct
 import zipfile
 
@@ -10,16 +11,18 @@ from plain.memory import memory_below
 from plain.random_scans import random_scan
 from plain.scanned_maps import FIELD_GRID, PLANAR_GRID, scanned_map, state
 
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files import MapFileError, load_map, save_map
+from coopmap_env.sensing import Scan
 
 GRIDS = [pytest.param(PLANAR_GRID, id="2-D"), pytest.param(FIELD_GRID, id="3-D")]
 
 
+@pytest.mark.parametrize("surface_fusion", ["eq_4", "mean"])
 @pytest.mark.parametrize("n_scans", [0, 8])
 @pytest.mark.parametrize("grid", GRIDS)
-def test_an_npz_file_keeps_every_bit(tmp_path, grid, n_scans):
-    map_ = scanned_map(grid, n_scans)
+def test_an_npz_file_keeps_every_bit(tmp_path, grid, n_scans, surface_fusion):
+    map_ = scanned_map(grid, n_scans, surface_fusion=surface_fusion)
     save_map(map_, tmp_path / "map.npz")
     back = load_map(tmp_path / "map.npz")
     assert state(back) == state(map_)
@@ -32,6 +35,40 @@ def test_an_npz_file_keeps_every_bit(tmp_path, grid, n_scans):
     scan = random_scan(np.random.default_rng(1), grid)
     assert back.integrate(scan) == map_.integrate(scan)
     assert state(back) == state(map_)
+
+
+def test_a_file_of_version_v0_is_read_as_a_map_of_eq_4(tmp_path):
+    """Its settings have neither `behind` nor `surface_fusion`."""
+    map_ = scanned_map(PLANAR_GRID)
+    save_map(map_, tmp_path / "map.npz")
+    settings = json.loads(str(np.load(tmp_path / "map.npz")["settings"]))
+    for name in ("behind", "posterior_cutoff", "surface_fusion"):
+        del settings["beam"][name]
+    with_arrays(tmp_path / "map.npz", settings=np.array(json.dumps(settings)))
+    assert state(load_map(tmp_path / "map.npz")) == state(map_)
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"counts": np.full((1, 1, 1), 0.5)},
+        {"counts": np.full((1, 1, 1), np.nan)},
+        {"noise": np.zeros((1, 2, 2))},
+        {"noise": np.full((1, 2, 2), np.inf)},
+        {"sums": np.zeros((1, 3))},
+        {"format": np.array("coopmap map 1")},
+    ],
+)
+def test_means_of_no_points_or_without_uncertainty_are_rejected(tmp_path, arrays):
+    path = tmp_path / "map.npz"
+    map_ = OccupancyMap(VoxelGrid((12, 1)), BeamModel(surface_fusion="mean"))
+    point, hit = np.array([[5.0, 0.5]]), np.array([True])
+    map_.integrate(Scan(np.array([0.5, 0.5]), point, np.full((1, 2, 2), 0.0), hit))
+    save_map(map_, path)
+    assert len(load_map(path).hit_cells) == 1
+    with_arrays(path, **arrays)
+    with pytest.raises(MapFileError, match=r"invertible|shapes|has no member"):
+        load_map(path)
 
 
 def with_arrays(path, **arrays):
