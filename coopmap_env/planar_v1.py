@@ -49,13 +49,11 @@ Version history
 v1: Eq. 7 counts cells of a view that are hidden, outside of the map or reserved for a teammate as
 known and empty (v0 left them out, so that a known map still paid for them), and Eq. 8a is read
 without the distance. K and the number of gray bins, chosen again on training worlds, are 0.005 and
-128 (0.2 and 64 in v0). `PlanarSettings.v0` restores v0.
+128 (0.2 and 64 in v0). Cells behind a measured surface have probability 0.93 instead of one half,
+and P is kept within 0.0001 and 0.9999 instead of 0.001 and 0.999. A cell's surface is the mean of
+its points (`coopmap_env.mapping.surface_mean`) instead of Eq. 4. `PlanarSettings.v0` restores v0.
 
 v0: first version.
-v1: cells behind a measured surface have probability 0.93 instead of one half, and P is kept within
-0.0001 and 0.9999 instead of 0.001 and 0.999 (fewer wrong probabilities: log-loss 0.006 instead of
-0.010). A cell's surface is the mean of its points (`coopmap_env.mapping.surface_mean`) instead of
-Eq. 4. `PlanarSettings.v0` has the constants of v0.
 """
 
 from coopmap_env.envs.arguments import takes_arguments
