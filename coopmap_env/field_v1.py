@@ -87,7 +87,7 @@ v1: Eq. 7 counts voxels of a view that are hidden, outside of the map or reserve
 known and empty (v0 left them out, so that a known map still paid for them), and Eq. 8a is read
 without the distance. K, chosen again on training worlds, is 0.2 (0.1 in v0). Camera poses contain
 the predicted deflection of the suspension, and the true stiffness differs from the described one.
-Voxels behind a measured surface have probability 0.95 instead of one half, and a beam that passes
+Voxels behind a measured surface have probability 0.97 instead of one half, and a beam that passes
 lowers P to 0.01 instead of 0.02. A voxel's surface is the mean of its points
 (`coopmap_env.mapping.surface_mean`) instead of Eq. 4. `FieldSettings.v0` restores v0, with
 ``motion_correction="encoders"`` where v0 had ``"kinematic"``.

@@ -1,5 +1,6 @@
 """Scores of maps against the true world: calibration, and the true surface."""
 
+from coopmap_env.evaluation.metrics._triangle_distance import surface_offsets
 from coopmap_env.evaluation.metrics.calibration import (
     ReliabilityCurve,
     binary_log_loss,
@@ -30,4 +31,5 @@ __all__ = [
     "observed_mask",
     "reliability_curve",
     "surface_chi2",
+    "surface_offsets",
 ]

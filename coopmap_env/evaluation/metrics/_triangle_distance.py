@@ -106,6 +106,19 @@ class TriangleBins:
         return offsets
 
 
+def surface_offsets(
+    points: ArrayLike, triangles: ArrayLike, grid: VoxelGrid
+) -> NDArray[np.float64]:
+    """Metres (n, 3) from points (n, 3) to the nearest points of triangles inside a 3-D grid.
+
+    Raises
+    ------
+    ValueError
+        If the grid is planar, the points are not (n, 3) and finite, or no triangle is inside.
+    """
+    return TriangleBins.from_triangles(triangles, grid).offsets(points)
+
+
 def _as_points(points: ArrayLike) -> NDArray[np.float64]:
     positions = np.ascontiguousarray(points, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():

@@ -14,7 +14,7 @@ chi2 tail          fraction of these beyond 3.84: 0.05 if the covariances are ri
 Chamfer distance   metres, best 0: mean of the two mean distances, without an upper bound
 =================  ========================================================================
 
-A map point is the merged surface mean (Eqs. 2 and 4) of a voxel with P > ½. Precision uses the
+A map point is the surface point (`OccupancyMap.surfaces`) of a voxel with P > ½. Precision uses the
 exact distance to all true triangles inside the grid, visible or not. Recall and coverage are over
 samples of the visible surface (`_visible_surface`): they measure what the policy missed, and not
 what no pose can see. A sample is covered by an occupied voxel within one

@@ -76,7 +76,7 @@ class Fiducials:
     cells: NDArray[np.int64]
     """(k,) flat indices of the peaks' voxels, which identify the fiducials."""
     positions: NDArray[np.float64]
-    """(k, 3) r_i of Eq. 10: merged surface points (Eq. 4) of these voxels, world frame, metres."""
+    """(k, 3) r_i of Eq. 10: merged surface points of these voxels, world frame, metres."""
     covariances: NDArray[np.float64]
     """(k, 3, 3) of the positions (Eq. 2), square metres."""
     radii: NDArray[np.float64]

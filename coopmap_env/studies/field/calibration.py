@@ -1,6 +1,7 @@
 """Calibration of the 3-D map, and the search for its constants on training worlds, with a record.
 
-    python -m coopmap_env.studies.field.calibration field_sensors.json
+    python -m coopmap_env.studies.field.calibration field_sensors.json       the search
+    python -m coopmap_env.studies.field.calibration field_test.json test     v0 and v1, test worlds
 
 `FieldSettings.beam` and `octomap_comparison.TUNED_OCTOMAP` come from this search. Voxels that are
 known from the start are not scored (`observed_mask`).
@@ -15,7 +16,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -27,12 +28,22 @@ from coopmap_env.core.files import write_atomically
 from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.evaluation import Policy, make_policy, rollout
-from coopmap_env.evaluation.metrics import log_loss
+from coopmap_env.evaluation.metrics import (
+    SurfaceConsistency,
+    log_loss,
+    surface_chi2,
+    surface_offsets,
+)
 from coopmap_env.mapping import BeamModel, LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files.octomap import sample_octree
 from coopmap_env.sensing import Scan
 from coopmap_env.studies.common.coordinate_search import search_coordinates
-from coopmap_env.studies.common.map_scores import ScoredCells, calibration_scores, pool
+from coopmap_env.studies.common.map_scores import (
+    ScoredCells,
+    calibration_scores,
+    compare_cells,
+    pool,
+)
 from coopmap_env.studies.field.octomap_comparison import (
     OctomapConstants,
     fuse_octomap,
@@ -60,7 +71,10 @@ OCTOMAP_CHOICES = {
 }
 
 
-@dataclass(frozen=True)
+VERSIONS = {"v0": FieldSettings.v0(), "v1": FieldSettings()}
+
+
+@dataclass(frozen=True, eq=False)
 class RecordedFieldWorld:
     """The scans of an episode as they were fused, and the truth."""
 
@@ -70,13 +84,20 @@ class RecordedFieldWorld:
     """Shape of the grid."""
     initial_free_mask: NDArray[np.bool_]
     """Shape of the grid."""
+    triangles: NDArray[np.float64]
+    """True surface (m, 3, 3), metres."""
     grid: VoxelGrid
 
-    def score(self, map_: OccupancyMap) -> ScoredCells:
-        """Fuse the scans into an empty map; its voxels without the initially known ones."""
+    def fuse(self, map_: OccupancyMap) -> OccupancyMap:
+        """Fuse the scans into an empty map."""
         map_.mark_free(np.flatnonzero(self.initial_free_mask))
         for scans in self.scans:
             map_.integrate(scans)
+        return map_
+
+    def score(self, map_: OccupancyMap) -> ScoredCells:
+        """Fuse the scans into an empty map; its voxels without the initially known ones."""
+        self.fuse(map_)
         return self.cells(map_.probability, map_.sampled)
 
     def cells(self, probability: NDArray[np.float64], sampled: NDArray[np.bool_]) -> ScoredCells:
@@ -92,7 +113,11 @@ def record_worlds(
     for seed in seeds:
         scans = [tuple(env.last_scans) for _ in rollout(env, policy, seed)]
         yield RecordedFieldWorld(
-            tuple(scans), env.truth.occupied, env.diagnostics.initial_free_mask, env.scene.grid
+            tuple(scans),
+            env.truth.occupied,
+            env.diagnostics.initial_free_mask,
+            env.truth.triangles,
+            env.scene.grid,
         )
 
 
@@ -118,12 +143,29 @@ class FieldConstants(Settings):
         return OccupancyMap(grid, beam, LogOddsRange(self.max_probability))
 
 
-def score_settings(worlds: Sequence[RecordedFieldWorld], settings: FieldSettings) -> dict[str, Any]:
-    """`calibration_scores` of the map that an environment with these settings makes."""
-    beam, log_odds_range = settings.beam, settings.log_odds_range
-    return calibration_scores(
-        pool(world.score(OccupancyMap(world.grid, beam, log_odds_range)) for world in worlds)
-    )
+def score_settings(
+    worlds: Sequence[RecordedFieldWorld], settings: Mapping[str, FieldSettings]
+) -> dict[str, dict[str, Any]]:
+    """Scores of the maps that environments with these settings make of the same scans.
+
+    Those of `compare_cells`, and ``surface``: the `SurfaceConsistency` of voxels with P > 1/2.
+    """
+    pooled, surfaces = {}, {}
+    for name, s in settings.items():
+        maps = [world.fuse(OccupancyMap(world.grid, s.beam, s.log_odds_range)) for world in worlds]
+        pairs = list(zip(worlds, maps, strict=True))
+        pooled[name] = pool(world.cells(map_.probability, map_.sampled) for world, map_ in pairs)
+        chi2 = np.concatenate([_surface_chi2(world, map_) for world, map_ in pairs])
+        surfaces[name] = asdict(SurfaceConsistency.from_chi2(chi2))
+    scores = compare_cells(pooled)
+    return {name: {**scores[name], "surface": surfaces[name]} for name in settings}
+
+
+def _surface_chi2(world: RecordedFieldWorld, map_: OccupancyMap) -> NDArray[np.float64]:
+    cells, means, covariances = map_.surfaces()
+    likely = map_.log_odds_fixed[cells] > 0
+    offsets = surface_offsets(means[likely], world.triangles, world.grid)
+    return surface_chi2(offsets, covariances[likely])
 
 
 def tune_beam_model(worlds: Sequence[RecordedFieldWorld]) -> dict[str, Any]:
@@ -208,13 +250,25 @@ def main(path: Path, seeds: Sequence[int] = SEEDS, max_scans: int = 16) -> None:
         "scans": sum(len(step) for world in worlds for step in world.scans),
         "gaussian_beam": tune_beam_model(worlds),
         "octomap": tune_octomap(worlds[:N_OCTOMAP_WORLDS]),
-        "scores": {
-            name: score_settings(worlds, settings)
-            for name, settings in (("v0", FieldSettings.v0()), ("v1", FieldSettings()))
-        },
+        "scores": score_settings(worlds, VERSIONS),
+    }
+    write_atomically(path, json.dumps(record, indent=1) + "\n")
+
+
+def score_test_worlds(path: Path, n_worlds: int = 20, max_scans: int = 16) -> None:
+    """Write the scores of v0 and v1 on test worlds, each world and all of them, as JSON."""
+    env = FieldEnv(split="test", max_scans=max_scans)
+    try:
+        worlds = list(record_worlds(env, make_policy(POLICY), range(n_worlds)))
+    finally:
+        env.close()
+    record = {
+        "split": "test",
+        "worlds": [score_settings([world], VERSIONS) for world in worlds],
+        "all": score_settings(worlds, VERSIONS),
     }
     write_atomically(path, json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    (score_test_worlds if sys.argv[2:] == ["test"] else main)(Path(sys.argv[1]))

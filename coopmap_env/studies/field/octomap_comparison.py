@@ -52,7 +52,7 @@ class OctomapConstants(Settings):
 
 
 DEFAULT_OCTOMAP = OctomapConstants()
-TUNED_OCTOMAP = OctomapConstants(0.995, 0.03, 0.001, 0.999)
+TUNED_OCTOMAP = OctomapConstants(0.998, 0.02, 0.001, 0.999)
 """The lowest log-loss on training worlds, by `studies.field.calibration`."""
 
 
