@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopmap_env.information import Ratings, ReservedMask
+from coopmap_env.information import Ratings, RatingSettings, ReservedMask
 from coopmap_env.mapping import OccupancyMap
 
 Observation = dict[str, NDArray[Any]]
@@ -150,6 +150,11 @@ class Belief(ABC):
     @abstractmethod
     def positions(self) -> NDArray[np.float64]:
         """Estimated camera positions, shape (n_robots, D), metres; NaN if unknown."""
+
+    @property
+    @abstractmethod
+    def rating_settings(self) -> RatingSettings:
+        """Constants of the ratings (Eqs. 6 to 9)."""
 
     @abstractmethod
     def feasible_poses(self, robot: int) -> Poses:

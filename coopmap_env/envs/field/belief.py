@@ -18,6 +18,7 @@ from coopmap_env.geometry import Pose, Spheres
 from coopmap_env.information import (
     FieldRatingFunction,
     Ratings,
+    RatingSettings,
     ReservedMask,
     ViewContext,
     joint_distance,
@@ -61,6 +62,11 @@ class FieldBelief(Belief):
     def joint_spaces(self) -> tuple[JointSpace, ...]:
         """Joint limits of each mount, and the grid that discretizes its configuration space."""
         return self.limits.joint_spaces
+
+    @property
+    def rating_settings(self) -> RatingSettings:
+        """Constants of the environment's rating function."""
+        return self.rating_function.settings
 
     @property
     def positions(self) -> NDArray[np.float64]:

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.envs.belief import Belief
-from coopmap_env.information import PlanarRatingFunction, Ratings, ReservedMask, ViewContext
+from coopmap_env.information import (
+    PlanarRatingFunction,
+    Ratings,
+    RatingSettings,
+    ReservedMask,
+    ViewContext,
+)
 from coopmap_env.robots import PoseLattice, ReachableCells, infeasibility_reason
 
 
@@ -34,6 +40,11 @@ class PlanarBelief(Belief):
     def camera_poses(self) -> NDArray[np.float64]:
         """Camera poses (n_robots, 3) [x, y, heading], metres and radians."""
         return self.lattice.poses(self.pose_ids)
+
+    @property
+    def rating_settings(self) -> RatingSettings:
+        """Constants of the environment's rating function."""
+        return self.rating_function.settings
 
     @property
     def positions(self) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.studies.benchmark.methods import FAMILIES, RATING
+from coopmap_env.studies.benchmark.methods import FAMILIES
 from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figure
 
 AREA_LABELS = {
@@ -20,14 +20,18 @@ STYLES = ("-", "--", ":", "-.")
 MARKERS = ("o", "s", "^", "D")
 """Markers of the methods of one family, in order."""
 FAMILY_COLORS = dict(
-    zip(FAMILIES, (COLORS[1], COLORS[0], COLORS[3], COLORS[2], "#666666"), strict=True)
+    zip(
+        FAMILIES,
+        (COLORS[1], COLORS[0], COLORS[3], COLORS[2], COLORS[4], "#666666"),
+        strict=True,
+    )
 )
 
 
 def draw_condition(condition: dict[str, Any], path: Path) -> None:
     """Draw curves and performance profiles of the plotted methods, and the AUC of all methods."""
     plt = import_pyplot()
-    figure = plt.figure(figsize=(10.5, 7.6), layout="constrained")
+    figure = plt.figure(figsize=(11, 9.5), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1))
     curves = figure.add_subplot(grid[0, 0])
     profiles = figure.add_subplot(grid[1, 0])
@@ -86,7 +90,7 @@ def _draw_areas(axis: Any, condition: dict[str, Any]) -> None:
 
 
 def draw_generalization(conditions: list[dict[str, Any]], path: Path) -> None:
-    """Draw ratios of AUC to that of the rating function on the same candidates, by condition."""
+    """Draw ratios of AUC to that of the strongest planner with the same actions, by condition."""
     plt = import_pyplot()
     env_names = list(dict.fromkeys(condition["env_name"] for condition in conditions))
     figure, axes = plt.subplots(
@@ -103,16 +107,12 @@ def draw_generalization(conditions: list[dict[str, Any]], path: Path) -> None:
 
 
 def methods_with_baseline(condition: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Methods of a condition that are compared with the rating function, by label."""
-    return {
-        label: method
-        for label, method in condition["methods"].items()
-        if method["family"] != RATING and method["baseline"]
-    }
+    """Methods of a condition that are compared with another one, by label."""
+    return {label: method for label, method in condition["methods"].items() if method["baseline"]}
 
 
 def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
-    axis.axvline(1.0, color=FAMILY_COLORS[RATING], linewidth=1)
+    axis.axvline(1.0, color="black", linewidth=1)
     for row, condition in enumerate(reversed(conditions)):
         area, compared = condition["areas"][0], methods_with_baseline(condition)
         n_drawn = dict.fromkeys(FAMILIES, 0)
@@ -120,14 +120,14 @@ def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
             family = method["family"]
             ratio = method["comparisons"][method["baseline"]]["ratio"][area]
             y = row + 0.22 * ((len(compared) - 1) / 2 - number)
-            marker = MARKERS[n_drawn[family]]
+            marker = MARKERS[n_drawn[family] % len(MARKERS)]
             n_drawn[family] += 1
             name = label if row == 0 else None
             _draw_interval(axis, y, ratio, FAMILY_COLORS[family], label=name, marker=marker)
     axis.set_yticks(
         range(len(conditions)), [condition["label"] for condition in reversed(conditions)]
     )
-    axis.set_xlabel("ratio of AUC to the rating function")
+    axis.set_xlabel("ratio of AUC to the strongest planner's")
     axis.grid(axis="x", alpha=0.3)
 
 

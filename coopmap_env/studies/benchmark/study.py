@@ -1,7 +1,7 @@
 """The comparison of learned policies and planners: all methods play under all conditions.
 
 All methods play on the same worlds of the test split. The seed decides the world and the start
-poses for every action mode. `methods` lists methods and conditions, `summary` has the statistics.
+poses for every action mode. `plan` lists methods and conditions, `summary` has the statistics.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.evaluation import Evaluation, compare, make_policy
-from coopmap_env.studies.benchmark.methods import BenchmarkPlan, Condition, Method
+from coopmap_env.studies.benchmark.methods import Condition, Method
+from coopmap_env.studies.benchmark.plan import BenchmarkPlan
 
 Array = NDArray[np.float64]
 
@@ -72,10 +73,11 @@ class ConditionResult:
 
 @dataclass(frozen=True)
 class BenchmarkStudy:
-    """Results of the study."""
+    """Results of the study, in the order of the plan."""
 
     main: tuple[ConditionResult, ...]
-    generalization: tuple[ConditionResult, ...]
+    sweeps: tuple[ConditionResult, ...] = ()
+    generalization: tuple[ConditionResult, ...] = ()
 
 
 def run_benchmark(
@@ -100,12 +102,15 @@ def run_benchmark(
     ImportError
         With the pip command, if an extra is missing.
     """
-    methods = (method for part in (*plan.main, *plan.generalization) for method in part.methods)
+    parts = (plan.main, plan.sweeps, plan.generalization)
+    methods = (method for part in parts for condition in part for method in condition.methods)
     for spec in dict.fromkeys(spec for method in methods for spec in method.policy_specs):
-        make_policy(spec)  # find a missing model before half an hour of episodes
+        make_policy(spec)  # find a missing model before an hour of episodes
     return BenchmarkStudy(
-        tuple(run_condition(store, condition, workers, log) for condition in plan.main),
-        tuple(run_condition(store, condition, workers, log) for condition in plan.generalization),
+        *(
+            tuple(run_condition(store, condition, workers, log) for condition in part)
+            for part in parts
+        )
     )
 
 

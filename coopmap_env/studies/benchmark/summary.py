@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.version import __version__
 from coopmap_env.evaluation import BOOTSTRAP_SEED
-from coopmap_env.evaluation.statistics import Interval, training_runs
-from coopmap_env.studies.benchmark.methods import LEARNED
+from coopmap_env.evaluation.statistics import training_runs
+from coopmap_env.studies.benchmark.methods import AREAS, verdict_scores
 from coopmap_env.studies.benchmark.study import BenchmarkStudy, ConditionResult, MethodResult
+from coopmap_env.studies.benchmark.sweep_summary import sweep_summary
+from coopmap_env.studies.benchmark.verdicts import verdicts
 
 Array = NDArray[np.float64]
 
 CURVES = {"planar": "coverage", "field": "surface_coverage"}
 """Curve that is drawn against scans, by environment."""
-AREAS = {"planar": ("coverage_auc",), "field": ("surface_coverage_auc", "coverage_auc")}
-"""Areas under coverage curves, by environment; the first belongs to the drawn curve."""
-REWARD = "reward"
-"""The planner's own objective; verdicts are about it and about the areas."""
 N_THRESHOLDS = 61
 """Thresholds of a performance profile."""
 
@@ -36,6 +34,7 @@ def benchmark_summary(study: BenchmarkStudy) -> dict[str, Any]:
         "version": __version__,
         "verdicts": [verdict for condition in main for verdict in verdicts(condition)],
         "main": main,
+        "sweeps": [sweep_summary(result) for result in study.sweeps],
         "generalization": [condition_summary(result) for result in study.generalization],
     }
 
@@ -54,6 +53,17 @@ def condition_summary(result: ConditionResult) -> dict[str, Any]:
         "worlds": condition.n_worlds,
         "env_kwargs": dict(condition.env_kwargs),
         "areas": list(AREAS[condition.env_name]),
+        "opponents": [
+            {
+                "score": opponent.score,
+                "label": opponent.method.label,
+                "env_kwargs": dict(opponent.method.env_kwargs),
+                "training_mean": opponent.training_mean,
+            }
+            for opponent in sorted(
+                condition.opponents, key=lambda opponent: -opponent.training_mean
+            )
+        ],
         "thresholds": thresholds.tolist(),
         "methods": {
             method_result.method.label: _method_summary(method_result, result, thresholds)
@@ -81,7 +91,7 @@ def _method_summary(
         "baseline": baseline.label if baseline else None,
         "comparisons": {
             other.label: comparison_summary(
-                method_result, result.result_for(other), AREAS[condition.env_name]
+                method_result, result.result_for(other), condition.env_name
             )
             for other in condition.compared_methods(method)
         },
@@ -96,11 +106,8 @@ def _score_summary(scores: Array) -> dict[str, Any]:
     }
 
 
-def comparison_summary(
-    ours: MethodResult, theirs: MethodResult, areas: tuple[str, ...]
-) -> dict[str, Any]:
+def comparison_summary(ours: MethodResult, theirs: MethodResult, env_name: str) -> dict[str, Any]:
     """One method compared with another on the same worlds."""
-    verdict_scores = (*areas, REWARD)
     return {
         "same_env_kwargs": ours.method.env_kwargs == theirs.method.env_kwargs,
         "difference": {
@@ -110,66 +117,21 @@ def comparison_summary(
         },
         "difference_by_run": {
             name: (ours.scores[name].mean(axis=1) - theirs.scores[name].mean()).tolist()
-            for name in verdict_scores
+            for name in verdict_scores(env_name)
         },
         "ratio": {
             area: training_runs.ratio_of_means(
                 ours.scores[area], theirs.scores[area], _rng()
             ).as_dict()
-            for area in areas
+            for area in AREAS[env_name]
         },
         "probability_of_improvement": {
             name: training_runs.probability_of_improvement(
                 ours.scores[name], theirs.scores[name], _rng()
             ).as_dict()
-            for name in verdict_scores
+            for name in verdict_scores(env_name)
         },
     }
-
-
-def verdicts(condition: dict[str, Any]) -> list[dict[str, Any]]:
-    """Differences of learned policies from planners in areas and reward, with verdicts.
-
-    Each learned method is compared with its baseline, with the planner that has the best score on
-    the same candidates, and with the reference planner, as far as the condition has them.
-    """
-    return [
-        {
-            "env_name": condition["env_name"],
-            "score": score,
-            "learned": label,
-            "planner": other,
-            "difference": method["comparisons"][other]["difference"][score],
-            "runs": method["comparisons"][other]["difference_by_run"][score],
-            "verdict": interval_verdict(
-                Interval(**method["comparisons"][other]["difference"][score])
-            ),
-        }
-        for label, method in condition["methods"].items()
-        if method["family"] == LEARNED
-        for score in (*condition["areas"], REWARD)
-        for other in verdict_planners(condition["methods"], method, score)
-    ]
-
-
-def interval_verdict(interval: Interval) -> str:
-    """Position of the interval of a difference relative to zero."""
-    if interval.low > 0:
-        return "above zero"
-    return "below zero" if interval.high < 0 else "contains zero"
-
-
-def verdict_planners(methods: dict[str, Any], method: dict[str, Any], score: str) -> list[str]:
-    """Baseline, the best planner with the same actions, and planners with other actions."""
-    comparisons = method["comparisons"]
-    same = [name for name, values in comparisons.items() if values["same_env_kwargs"]]
-
-    def mean(name: str) -> float:
-        return float(methods[name]["scores"][score]["mean"]["estimate"])
-
-    best = max(same, key=mean, default=None)
-    planners = [method["baseline"], best, *(name for name in comparisons if name not in same)]
-    return [name for name in dict.fromkeys(planners) if name is not None]
 
 
 def _rng() -> np.random.Generator:

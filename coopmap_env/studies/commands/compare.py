@@ -10,7 +10,7 @@ from coopmap_env.core.progress import log
 
 @dataclass(frozen=True)
 class Compare:
-    """Compare the pretrained policies with the planners on the same test worlds.
+    """Compare the pretrained policies with the strongest planners on the same test worlds.
 
     Writes report.html, summary.json, table.md, figures and a row for each episode into the folder.
     After an interruption, the same command continues. Needs the extras rl, report, cli and data,
@@ -34,7 +34,7 @@ class Compare:
     def run(self) -> None:
         """Run the comparison, write its files, print its table and verdicts."""
         from coopmap_env.core.locks import folder_lock
-        from coopmap_env.studies.benchmark.methods import FULL, QUICK, make_plan
+        from coopmap_env.studies.benchmark.plan import FULL, QUICK, make_plan
         from coopmap_env.studies.benchmark.report import benchmark_text, write_benchmark_report
         from coopmap_env.studies.benchmark.study import run_benchmark
 

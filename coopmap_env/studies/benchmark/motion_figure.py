@@ -1,0 +1,81 @@
+"""Score against motion: the sweep of each family and the learned policies, as a PNG file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from coopmap_env.studies.benchmark.figures import FAMILY_COLORS
+from coopmap_env.studies.benchmark.methods import LEARNED
+from coopmap_env.studies.benchmark.sweep_summary import MOTION
+from coopmap_env.studies.benchmark.verdicts import ENV_LABELS, SCORE_TEXTS
+from coopmap_env.studies.common.figures import import_pyplot, save_figure
+
+LEARNED_MARKERS = ("*", "P", "X", "D")
+"""Markers of the learned policies, in order."""
+
+
+def draw_sweep(sweep: dict[str, Any], path: Path) -> None:
+    """Draw each score against motion, one panel a score.
+
+    Dots are independent planners, triangles sequential ones; a line joins those of a family that no
+    other of it beats with less motion.
+    """
+    plt = import_pyplot()
+    scores = sweep["scores"]
+    figure, axes = plt.subplots(1, len(scores), figsize=(5.2 * len(scores), 4.2), squeeze=False)
+    for axis, score in zip(axes[0], scores, strict=True):
+        name, scale, unit = SCORE_TEXTS[score]
+        _draw_planners(axis, sweep, score, scale)
+        _draw_learned(axis, sweep, score, scale)
+        axis.set(xlabel="motion distance of the team", ylabel=f"{name}, {unit}")
+        axis.grid(alpha=0.3)
+    axes[0, 0].set_title(f"{ENV_LABELS[sweep['env_name']]}, {sweep['worlds']} worlds", fontsize=10)
+    axes[0, -1].legend(fontsize=8)
+    figure.tight_layout()
+    save_figure(figure, path)
+
+
+def _draw_planners(axis: Any, sweep: dict[str, Any], score: str, scale: float) -> None:
+    for family, labels in sweep["undominated"][score].items():
+        if family not in FAMILY_COLORS:  # all families together
+            continue
+        color = FAMILY_COLORS[family]
+        line = [sweep["methods"][label] for label in labels]
+        axis.plot(*_points(line, score, scale), "-", color=color, linewidth=1.2, label=family)
+        members = [method for method in sweep["methods"].values() if method["family"] == family]
+        for is_sequential, marker in ((False, "o"), (True, "^")):
+            chosen = [m for m in members if ("sequential" in m["policies"][0]) == is_sequential]
+            axis.plot(*_points(chosen, score, scale), marker, color=color, markersize=4)
+
+
+def _draw_learned(axis: Any, sweep: dict[str, Any], score: str, scale: float) -> None:
+    learned = {name: m for name, m in sweep["methods"].items() if m["family"] == LEARNED}
+    for (label, method), marker in zip(learned.items(), LEARNED_MARKERS, strict=False):
+        (motion,), (value,) = _points([method], score, scale)
+        bars = {
+            f"{axis_name}err": [[at - scaled * band["low"]], [scaled * band["high"] - at]]
+            for axis_name, at, scaled, band in (
+                ("x", motion, 1.0, method[MOTION]),
+                ("y", value, scale, method[score]),
+            )
+        }
+        axis.errorbar(
+            motion,
+            value,
+            fmt=marker,
+            color=FAMILY_COLORS[LEARNED],
+            markersize=9,
+            label=label,
+            **bars,
+        )
+
+
+def _points(
+    methods: list[dict[str, Any]], score: str, scale: float
+) -> tuple[list[float], list[float]]:
+    """Motions and scores."""
+    return (
+        [method[MOTION]["estimate"] for method in methods],
+        [scale * method[score]["estimate"] for method in methods],
+    )

@@ -1,0 +1,246 @@
+"""Tables of the benchmark study: rows of text, for the report and in Markdown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from coopmap_env.studies.benchmark.figures import methods_with_baseline
+from coopmap_env.studies.benchmark.verdicts import ENV_LABELS, SCORE_TEXTS, headlines
+from coopmap_env.studies.common.pages import format_interval
+
+Table = list[list[str]]
+"""Rows of cells; the first one is the header."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table of methods."""
+
+    title: str
+    score: str
+    scale: float = 1.0
+    digits: int = 2
+    statistic: str = "mean"
+    """"mean" or "interquartile_mean"; or "difference" or "probability_of_improvement", which
+    compare with the method's baseline."""
+    bounds: bool = True
+    """Whether the cells have the bounds of the interval."""
+
+    def cell(self, method: dict[str, Any]) -> str:
+        """Text of a method's cell; "-" if it has no baseline."""
+        if self.statistic in ("mean", "interquartile_mean"):
+            values = method["scores"][self.score][self.statistic]
+        elif method["baseline"]:
+            values = method["comparisons"][method["baseline"]][self.statistic][self.score]
+        else:
+            return "-"
+        sign = "+" if self.statistic == "difference" else ""
+        return format_interval(values, self.scale, self.digits, self.bounds, sign)
+
+
+def _area_columns(area: str) -> tuple[Column, ...]:
+    return (
+        Column("AUC, %", area, 100),
+        Column("AUC, interquartile mean, %", area, 100, statistic="interquartile_mean"),
+        Column("AUC minus strongest planner", area, 100, statistic="difference"),
+        Column("P(improvement)", area, statistic="probability_of_improvement"),
+    )
+
+
+_REWARD = Column("reward", "reward", digits=1, bounds=False)
+_LOG_LOSS = Column("log-loss", "log_loss", digits=4, bounds=False)
+_MOTION = Column("motion distance", "motion_distance", digits=0, bounds=False)
+_TIME = Column("planning, ms", "planning_time_ms", bounds=False)
+COLUMNS = {
+    "planar": (
+        Column("coverage, %", "coverage", 100),
+        *_area_columns("coverage_auc"),
+        _REWARD,
+        _LOG_LOSS,
+        _MOTION,
+        _TIME,
+    ),
+    "field": (
+        Column("surface coverage, %", "surface_coverage", 100, 1),
+        *_area_columns("surface_coverage_auc"),
+        Column("coverage AUC, %", "coverage_auc", 100),
+        Column("AUC minus strongest planner", "coverage_auc", 100, statistic="difference"),
+        Column("F-score", "f_score", digits=3, bounds=False),
+        _REWARD,
+        _LOG_LOSS,
+        _MOTION,
+        _TIME,
+    ),
+}
+"""Columns of the main table by environment; the report also has all scores with intervals."""
+ALL_SCORES = (
+    Column("coverage, %", "coverage", 100),
+    Column("AUC, %", "coverage_auc", 100),
+    Column("surface coverage, %", "surface_coverage", 100),
+    Column("AUC, %", "surface_coverage_auc", 100),
+    Column("F-score", "f_score", digits=3),
+    Column("reward", "reward"),
+    Column("log-loss", "log_loss", digits=4),
+    Column("motion distance", "motion_distance", digits=1),
+    Column("planning, ms", "planning_time_ms", bounds=False),
+)
+
+
+def benchmark_text(summary: dict[str, Any]) -> str:
+    """Tables and verdicts in Markdown, for the terminal and the README."""
+    parts = [caption(part) + "\n\n" + _markdown(main_table(part)) for part in summary["main"]]
+    if summary["verdicts"]:
+        parts.append("\n".join(f"- {line}" for line in headlines(summary)))
+        parts.append(_markdown(verdict_table(summary["verdicts"])))
+    for sweep in summary["sweeps"]:
+        parts.append(
+            f"Learned policies minus planners at equal motion, {ENV_LABELS[sweep['env_name']]}, "
+            f"{sweep['worlds']} worlds:\n\n" + _markdown(equal_motion_table(sweep))
+        )
+    if summary["generalization"]:
+        parts.append(
+            "Ratio of the area under the coverage curve to that of the planner with the same "
+            "actions that was strongest on training worlds under the first condition:\n\n"
+            + _markdown(generalization_table(summary["generalization"]))
+        )
+    return "\n\n".join(parts) + "\n"
+
+
+def caption(part: dict[str, Any]) -> str:
+    """Explanation of the main table."""
+    robots, scans = part["env_kwargs"]["n_robots"], part["env_kwargs"]["max_scans"]
+    return (
+        f"After {robots * scans} scans of {robots} robots in {ENV_LABELS[part['env_name']]}, "
+        f"{part['worlds']} worlds of the test split: means [95 % intervals over worlds and "
+        "training runs]. AUC: area under the curve over the scans. Differences are paired by "
+        "world, from the planner with the same actions (the same candidates, or any pose) that "
+        "was strongest on training worlds, which has none. The planning time excludes the "
+        "environment's computation of candidates and their features."
+    )
+
+
+def verdict_table(verdicts: list[dict[str, Any]]) -> Table:
+    """Differences of learned policies from the strongest planner of each family, with verdicts."""
+    rows = [["learned", "minus", "score", "difference", "verdict", "each training run"]]
+    for verdict in verdicts:
+        name, scale, _ = SCORE_TEXTS[verdict["score"]]
+        runs = verdict["runs"] if len(verdict["runs"]) > 1 else []
+        rows.append(
+            [
+                f"{ENV_LABELS[verdict['env_name']]}: {verdict['learned']}",
+                f"{verdict['spec']}, {'same actions' if verdict['same_actions'] else 'any pose'}"
+                + (" (strongest)" if verdict["is_strongest"] else ""),
+                name,
+                format_interval(verdict["difference"], scale, sign="+"),
+                verdict["verdict"],
+                ", ".join(f"{scale * run:+.2f}" for run in runs),
+            ]
+        )
+    return rows
+
+
+def opponent_table(part: dict[str, Any]) -> Table:
+    """The strongest planner of each family by each score, as training worlds have chosen it."""
+    rows = [["score", "actions", "planner", "mean on training worlds", "on test worlds"]]
+    for opponent in part["opponents"]:
+        name, scale, _ = SCORE_TEXTS[opponent["score"]]
+        method = part["methods"][opponent["label"]]
+        n_candidates = opponent["env_kwargs"].get("n_candidates")
+        rows.append(
+            [
+                name,
+                f"{n_candidates} candidates" if n_candidates else "any pose",
+                method["policies"][0],
+                f"{scale * opponent['training_mean']:.2f}",
+                format_interval(method["scores"][opponent["score"]]["mean"], scale),
+            ]
+        )
+    return rows
+
+
+def equal_motion_table(sweep: dict[str, Any]) -> Table:
+    """Learned policies minus each family of planners at equal motion."""
+    rows = [["learned", "minus", "score", "motion distance", "planners", "difference", "verdict"]]
+    for entry in sweep["equal_motion"]:
+        name, scale, _ = SCORE_TEXTS[entry["score"]]
+        rows.append(
+            [
+                entry["learned"],
+                entry["planners"],
+                name,
+                f"{entry['motion']:.1f}" + ("" if entry["is_equal"] else " (less)"),
+                f"{scale * entry['planners_score']:.2f}",
+                format_interval(entry["difference"], scale, sign="+"),
+                entry["verdict"],
+            ]
+        )
+    return rows
+
+
+def main_table(part: dict[str, Any]) -> Table:
+    """Main table of one condition."""
+    return _table(part, COLUMNS[part["env_name"]])
+
+
+def all_scores(part: dict[str, Any]) -> Table:
+    """All scores of one condition with intervals."""
+    known = next(iter(part["methods"].values()))["scores"]
+    return _table(part, tuple(column for column in ALL_SCORES if column.score in known))
+
+
+def comparison_table(part: dict[str, Any]) -> Table:
+    """All comparisons of one condition, by the AUC of its drawn curve."""
+    area = part["areas"][0]
+    rows = [["method", "minus", "AUC, points", "P(improvement)", "reward", "motion distance"]]
+    for label, method in part["methods"].items():
+        for other, comparison in method["comparisons"].items():
+            change = comparison["difference"]
+            rows.append(
+                [
+                    label,
+                    other,
+                    format_interval(change[area], 100, sign="+"),
+                    format_interval(comparison["probability_of_improvement"][area]),
+                    format_interval(change["reward"], sign="+"),
+                    format_interval(change["motion_distance"], digits=1, sign="+"),
+                ]
+            )
+    return rows
+
+
+def generalization_table(conditions: list[dict[str, Any]]) -> Table:
+    """Ratios of AUC to that of the strongest planner, one row for each condition."""
+    labels = list(
+        dict.fromkeys(label for part in conditions for label in methods_with_baseline(part))
+    )
+    rows = [["condition", "worlds", *labels]]
+    for part in conditions:
+        area, compared = part["areas"][0], methods_with_baseline(part)
+        ratios = [
+            format_interval(
+                compared[label]["comparisons"][compared[label]["baseline"]]["ratio"][area]
+            )
+            if label in compared
+            else "-"
+            for label in labels
+        ]
+        rows.append(
+            [f"{ENV_LABELS[part['env_name']]}: {part['label']}", str(part["worlds"]), *ratios]
+        )
+    return rows
+
+
+def _table(part: dict[str, Any], columns: tuple[Column, ...]) -> Table:
+    rows = [["method", *(column.title for column in columns)]]
+    for label, method in part["methods"].items():
+        runs = len(method["policies"])
+        name = f"{label} ({runs} training runs)" if runs > 1 else label
+        rows.append([name, *(column.cell(method) for column in columns)])
+    return rows
+
+
+def _markdown(table: Table) -> str:
+    lines = [f"| {' | '.join(row)} |" for row in table]
+    lines.insert(1, "|" + "---|" * len(table[0]))
+    return "\n".join(lines)
