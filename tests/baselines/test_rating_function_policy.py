@@ -118,3 +118,30 @@ def test_a_map_that_did_not_change_is_not_rated_again():
     assert cache.n_rated == len(ids)
     cache.new_information(belief.map.copy(), ids[::-1])
     assert cache.n_rated == len(ids)
+
+
+@pytest.mark.parametrize("search", [30, "exhaustive"])
+@pytest.mark.parametrize("weight", [0, 0.05, 3.0])
+def test_a_motion_weight_takes_the_place_of_k_in_eq_9(search, weight):
+    settings = PlanarSettings()
+    settings = replace(settings, rating=replace(settings.rating, exponent=2.0))
+    env = PlanarEnv(2, settings=settings)
+    env.reset(seed=3)
+    belief = env.belief()
+    ids = belief.feasible_poses(1)
+    policy = coopmap_baselines.make("rating_function", search=search, motion_weight=weight)
+    rated = belief.rate(1, ids)
+    by_hand = (rated.new_information - weight * rated.distance**2) * (1 - rated.occupancy)
+    np.testing.assert_allclose(policy.score(belief, 1, ids, None), by_hand, rtol=1e-12, atol=1e-12)
+
+
+def test_the_motion_weight_of_the_environment_is_the_default():
+    env = PlanarEnv(1)
+    env.reset(seed=0)
+    belief = env.belief()
+    ids = belief.feasible_poses(0)
+    same = coopmap_baselines.make("rating_function", motion_weight=env.settings.rating.K)
+    default = coopmap_baselines.make("rating_function")
+    np.testing.assert_allclose(
+        same.score(belief, 0, ids, None), default.score(belief, 0, ids, None), rtol=1e-12
+    )

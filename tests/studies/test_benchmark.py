@@ -9,34 +9,23 @@ import pytest
 
 from coopmap_env.cli import main
 from coopmap_env.evaluation import Episode, Evaluation, MappedExtent, get_env_spec, make_policy
-from coopmap_env.evaluation.statistics import Interval
-from coopmap_env.studies.benchmark import methods as benchmark_methods
+from coopmap_env.studies.benchmark import plan as benchmark_plan
 from coopmap_env.studies.benchmark import study as benchmark_study
 from coopmap_env.studies.benchmark.methods import (
-    FULL,
     LEARNED,
     POSE_MODE,
-    QUICK,
-    REFERENCE,
-    BenchmarkPlan,
     Condition,
     Method,
-    make_plan,
+    Opponent,
     planner_method,
     with_n_candidates,
 )
-from coopmap_env.studies.benchmark.report import (
-    benchmark_text,
-    verdict_table,
-    write_benchmark_report,
-)
+from coopmap_env.studies.benchmark.plan import FULL, QUICK, BenchmarkPlan, make_plan
+from coopmap_env.studies.benchmark.report import write_benchmark_report
 from coopmap_env.studies.benchmark.study import ConditionResult, MethodResult
-from coopmap_env.studies.benchmark.summary import (
-    benchmark_summary,
-    condition_summary,
-    interval_verdict,
-    verdicts,
-)
+from coopmap_env.studies.benchmark.summary import benchmark_summary, condition_summary
+from coopmap_env.studies.benchmark.tables import benchmark_text
+from coopmap_env.studies.benchmark.verdicts import headlines, verdicts
 
 SHORT = {"n_robots": 2, "max_scans": 2, "split": "test", "reward": "rating"}
 STAND_IN = Method(
@@ -50,12 +39,21 @@ METHODS = (
     planner_method("rating_function:search=100", POSE_MODE),
     planner_method("random", POSE_MODE, plotted=True),
 )
+RATING, COVERAGE, ANY_POSE = METHODS[1:4]
+OPPONENTS = (
+    Opponent("coverage_auc", RATING, 0.3),
+    Opponent("coverage_auc", COVERAGE, 0.5),
+    Opponent("coverage_auc", ANY_POSE, 0.2),
+    Opponent("reward", RATING, 40.0),
+    Opponent("reward", COVERAGE, 20.0),
+    Opponent("reward", ANY_POSE, 50.0),
+)
 
 
 def test_the_plan_has_the_documented_methods_and_conditions():
     whole = make_plan(FULL, ("planar", "field"))
     planar, field = whole.main
-    assert (planar.n_worlds, field.n_worlds) == (100, 100)
+    assert (planar.n_worlds, field.n_worlds) == (100, 50)
     assert len([method for method in planar.methods if method.family == LEARNED]) == 5
     first = planar.methods[0]
     assert first.policy_specs == tuple(
@@ -68,11 +66,30 @@ def test_the_plan_has_the_documented_methods_and_conditions():
     assert [condition.n_worlds for condition in make_plan(QUICK, ("planar",)).main] == [4]
 
 
+def test_every_learned_policy_meets_the_strongest_of_each_family_by_each_score():
+    for condition in make_plan(FULL, ("planar", "field")).main:
+        for method in condition.methods:
+            if method.family == LEARNED:
+                for score in ("coverage_auc", "reward"):
+                    opponents = condition.opponents_by(score, method.env_kwargs)
+                    assert {opponent.method.family for opponent in opponents} == {
+                        "rating function", "coverage", "information gain", "frontier",
+                    }  # fmt: skip
+                    means = [opponent.training_mean for opponent in opponents]
+                    assert means == sorted(means, reverse=True)
+
+
+def test_planners_that_do_not_pay_for_motion_are_in_every_main_condition():
+    for condition in make_plan(FULL, ("planar", "field")).main:
+        here = {m.policy_specs[0] for m in condition.methods if "n_candidates" in m.env_kwargs}
+        for family in ("rating_function", "coverage", "information_gain"):
+            assert f"{family}:motion_weight=0" in here
+            assert f"{family}:motion_weight=0+coordination=sequential" in here
+
+
 def test_every_planner_of_the_comparison_can_be_made():
-    for condition in (
-        *make_plan(FULL, ("planar", "field")).main,
-        *make_plan(FULL, ("planar",)).generalization,
-    ):
+    whole = make_plan(FULL, ("planar", "field"))
+    for condition in (*whole.main, *whole.sweeps, *whole.generalization):
         for method in condition.methods:
             if method.family != LEARNED:
                 make_policy(method.policy_specs[0])
@@ -99,24 +116,29 @@ def test_the_seed_decides_world_and_starts_whatever_the_action_mode():
 
 
 def test_labels_say_what_a_spec_does():
-    assert planner_method("rating_function:search=100", POSE_MODE).label == REFERENCE
+    reference = planner_method("rating_function:search=100", POSE_MODE)
+    assert reference.label == "rating function, m = 100"
+    exhaustive = planner_method("rating_function:search=exhaustive+motion_weight=0", POSE_MODE)
+    assert exhaustive.label == "rating function, exhaustive, motion weight 0"
     sequential = planner_method("rating_function:coordination=sequential", with_n_candidates(32))
     assert sequential.label == "rating function, 32 candidates, sequential"
     assert sequential.family == "rating function"
-    assert planner_method("frontier", POSE_MODE).family == "other"
+    assert planner_method("raster", POSE_MODE).family == "other"
 
 
-def test_every_method_is_compared_with_the_rating_function_on_the_same_candidates():
-    condition = Condition("here", "planar", 2, SHORT, METHODS)
-    learned, rating, coverage, reference, random = METHODS
-    assert condition.baseline_for(learned) is rating
-    assert condition.baseline_for(rating) is reference
-    assert condition.baseline_for(random) is reference
-    assert condition.baseline_for(reference) is None
-    assert condition.compared_methods(learned) == [rating, coverage, reference]
-    assert condition.compared_methods(coverage) == [rating, reference]
-    assert condition.compared_methods(random) == [reference]
-    assert replace(condition, methods=(learned, coverage)).baseline_for(learned) is None
+def test_methods_are_compared_with_the_strongest_planner_of_the_same_actions():
+    condition = Condition("here", "planar", 2, SHORT, METHODS, OPPONENTS)
+    learned, rating, coverage, any_pose, random = METHODS
+    assert condition.baseline_for(learned) is coverage
+    assert condition.baseline_for(rating) is coverage
+    assert condition.baseline_for(coverage) is None
+    assert condition.baseline_for(random) is any_pose
+    assert condition.compared_methods(learned) == [coverage, rating, any_pose]
+    assert condition.compared_methods(rating) == [coverage]
+    assert condition.compared_methods(coverage) == []
+    without = replace(condition, opponents=())
+    assert without.baseline_for(learned) is None
+    assert without.compared_methods(learned) == [rating, coverage]
 
 
 def episode(seed, area, reward=0.0):
@@ -153,7 +175,9 @@ def example_condition():
         method_result(METHODS[3], [0.2, 0.2]),
         method_result(METHODS[4], [0.1, 0.1]),
     )
-    return ConditionResult(Condition("here", "planar", 2, SHORT, METHODS), method_results)
+    return ConditionResult(
+        Condition("here", "planar", 2, SHORT, METHODS, OPPONENTS), method_results
+    )
 
 
 def test_scores_are_summarised_over_runs_and_worlds():
@@ -176,24 +200,21 @@ def test_the_verdict_follows_from_the_paired_difference():
         [0.15, 0.15 - half, 0.15 + half], abs=1e-5
     )
     assert over_rating["runs"] == pytest.approx([0.1, 0.2])
-    assert over_rating["verdict"] == "contains zero"
+    assert over_rating["verdict"] == "no difference found"
     assert areas["coverage, 8 candidates"]["difference"]["estimate"] == pytest.approx(-0.05)
     assert set(areas) == {*(method.label for method in METHODS[1:4])}
-    rewards = [v for v in found if v["score"] == "reward"]
-    assert {v["verdict"] for v in rewards} == {
-        "contains zero"
-    }  # all rewards of the example are zero
-    assert verdict_table(found)[1][3:] == [
-        "+15.00 [-48.53, +78.53]",
-        "contains zero",
-        "+10.00, +20.00",
-    ]
 
 
-def test_an_interval_that_touches_zero_is_no_verdict():
-    assert interval_verdict(Interval(0.2, 0.1, 0.3)) == "above zero"
-    assert interval_verdict(Interval(-0.2, -0.3, -0.1)) == "below zero"
-    assert interval_verdict(Interval(0.2, 0.0, 0.3)) == "contains zero"
+def test_the_strongest_opponent_is_that_of_the_training_worlds_and_of_the_score():
+    found = verdicts(condition_summary(example_condition()))
+    strongest = {(v["score"], v["same_actions"]): v["spec"] for v in found if v["is_strongest"]}
+    assert strongest == {
+        ("coverage_auc", True): "coverage",
+        ("reward", True): "rating_function",
+        ("coverage_auc", False): "rating_function:search=100",
+        ("reward", False): "rating_function:search=100",
+    }
+    assert len(found) == 6
 
 
 def test_improvement_and_ratio_are_against_the_same_worlds():
@@ -202,15 +223,20 @@ def test_improvement_and_ratio_are_against_the_same_worlds():
     assert rating["probability_of_improvement"]["coverage_auc"]["estimate"] == 1.0
     assert rating["ratio"]["coverage_auc"]["estimate"] == pytest.approx(1.5)
     assert rating["same_env_kwargs"]
-    assert not against[REFERENCE]["same_env_kwargs"]
+    assert not against["rating function, m = 100"]["same_env_kwargs"]
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     store = tmp_path_factory.mktemp("store")
-    generalization = Condition("3 robots", "planar", 2, {**SHORT, "n_robots": 3}, METHODS[:3])
+    generalization = Condition(
+        "3 robots", "planar", 2, {**SHORT, "n_robots": 3}, METHODS[:3], OPPONENTS[:2]
+    )
+    sweep = Condition("price of motion", "planar", 3, SHORT, METHODS[:3])
     small = BenchmarkPlan(
-        (Condition("all policies", "planar", 3, SHORT, METHODS),), (generalization,)
+        (Condition("all policies", "planar", 3, SHORT, METHODS, OPPONENTS),),
+        (sweep,),
+        (generalization,),
     )
     return benchmark_study.run_benchmark(store, small, 1, print)
 
@@ -231,17 +257,22 @@ def test_a_missing_policy_is_named_before_any_episode(tmp_path):
     last = replace(first, methods=(Method("late", ("nobody",), POSE_MODE, LEARNED),))
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
         benchmark_study.run_benchmark(
-            tmp_path / "store", BenchmarkPlan((first,), (last,)), 1, print
+            tmp_path / "store", BenchmarkPlan((first,), (), (last,)), 1, print
         )
     assert not (tmp_path / "store").exists()
 
 
 def test_the_table_has_a_row_for_each_method_and_condition(study):
-    text = benchmark_text(benchmark_summary(study))
+    summary = benchmark_summary(study)
+    text = benchmark_text(summary)
     for method in METHODS:
         assert f"| {method.label} " in text
     assert "| learned (2 training runs) |" in text
-    assert "Planar-v1, learned - rating function, 8 candidates, area under coverage curve" in text
+    for line in headlines(summary):
+        assert f"- {line}\n" in text
+    assert "`coverage` with the same actions" in text
+    assert "`rating_function:search=100` with any pose" in text
+    assert "| learned | the planners | area under the coverage curve |" in text
     assert "| Planar-v1: 3 robots | 2 |" in text
     widths = {line.count(" | ") for line in text.splitlines() if line.startswith("| method")}
     assert widths == {9}
@@ -253,7 +284,7 @@ def test_all_files_of_the_report_are_written(study, tmp_path):
     found = write_benchmark_report(study, tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(found))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64") == 2
+    assert page.count("data:image/png;base64") == 3
     assert (tmp_path / "table.md").read_text() == benchmark_text(found)
     rows = list(csv.DictReader((tmp_path / "planar_episodes.csv").read_text().splitlines()))
     assert len(rows) == 3 * 6
@@ -267,9 +298,9 @@ def test_the_command_compares_in_the_named_environments(tmp_path, monkeypatch, c
 
     def small_plan(size, env_names):
         calls.append((size, tuple(env_names)))
-        return BenchmarkPlan((Condition("all policies", "planar", 2, SHORT, METHODS[1:4]),), ())
+        return BenchmarkPlan((Condition("all policies", "planar", 2, SHORT, METHODS[1:4]),))
 
-    monkeypatch.setattr(benchmark_methods, "make_plan", small_plan)
+    monkeypatch.setattr(benchmark_plan, "make_plan", small_plan)
     main(["compare", "--quick", "--envs", "planar", "--out", str(tmp_path)])
     assert calls == [(QUICK, ("planar",))]
     assert "| rating function, m = 100 |" in capsys.readouterr().out
@@ -285,6 +316,8 @@ def test_bad_input_is_named(tmp_path):
         Condition("here", "planar", 1, SHORT, METHODS)
     with pytest.raises(ValueError, match=r"\['learned'\] occur more than once"):
         Condition("here", "planar", 2, SHORT, (STAND_IN, STAND_IN))
+    with pytest.raises(ValueError, match=r"opponents must be among the methods, \['rating.*not"):
+        Condition("here", "planar", 2, SHORT, METHODS[2:], OPPONENTS)
     with pytest.raises(ValueError, match=r"one of learned, rating function, .* got 'magic'"):
         Method("label", ("random",), POSE_MODE, "magic")
     with pytest.raises(ValueError, match="method 'label' needs at least one policy"):

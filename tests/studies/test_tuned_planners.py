@@ -1,0 +1,121 @@
+"""The sweep on training worlds, its record, and the opponents that it chooses."""
+
+import json
+
+import pytest
+
+from coopmap_env.core.files import FileError
+from coopmap_env.evaluation import make_policy
+from coopmap_env.studies.benchmark import tuning
+from coopmap_env.studies.benchmark.families import MOTION_WEIGHTS, planner_spec, sweep_specs
+from coopmap_env.studies.benchmark.methods import POSE_MODE, with_n_candidates
+from coopmap_env.studies.benchmark.tuned_planners import TunedCase, find_case, read_record
+
+
+def scores(area, reward):
+    return {"coverage_auc": {"estimate": area}, "reward": {"estimate": reward}}
+
+
+CASE = TunedCase(
+    "planar",
+    with_n_candidates(8),
+    2,
+    {
+        "coverage": {"coverage": scores(0.07, 30.0), "coverage:motion_weight=0": scores(0.08, 9.0)},
+        "frontier": {"frontier": scores(0.04, 5.0)},
+    },
+)
+
+
+def test_the_strongest_planner_of_a_family_depends_on_the_score():
+    assert CASE.strongest("coverage", "coverage_auc") == "coverage:motion_weight=0"
+    assert CASE.strongest("coverage", "reward") == "coverage"
+    found = {(o.score, o.method.policy_specs[0]): o.training_mean for o in CASE.opponents()}
+    assert found == {
+        ("coverage_auc", "coverage:motion_weight=0"): 0.08,
+        ("coverage_auc", "frontier"): 0.04,
+        ("reward", "coverage"): 30.0,
+        ("reward", "frontier"): 5.0,
+    }
+    assert all(o.method.env_kwargs == with_n_candidates(8) for o in CASE.opponents())
+
+
+def test_a_case_is_found_by_environment_and_actions():
+    assert find_case([CASE], "planar", with_n_candidates(8)) is CASE
+    assert find_case([CASE], "planar", with_n_candidates(9)) is None
+    assert find_case([CASE], "field", with_n_candidates(8)) is None
+
+
+def test_specs_leave_out_what_is_the_default():
+    assert planner_spec("frontier", None, "independent", 100) == "frontier"
+    assert planner_spec("coverage", 0, "independent") == "coverage:motion_weight=0"
+    assert (
+        planner_spec("rating_function", 0.05, "sequential", 100)
+        == "rating_function:search=100+motion_weight=0.05+coordination=sequential"
+    )
+
+
+@pytest.mark.parametrize("env_name", ["planar", "field"])
+def test_every_family_is_swept_from_no_price_of_motion_in_both_coordinations(env_name):
+    for family in MOTION_WEIGHTS[env_name]:
+        specs = list(sweep_specs(family, env_name, search=100))
+        assert len(set(specs)) == len(specs) == 2 * len(MOTION_WEIGHTS[env_name][family])
+        for spec in specs:
+            make_policy(spec)
+        if family != "frontier":
+            assert planner_spec(family, 0, "independent", 100) in specs
+            assert planner_spec(family, 0, "sequential", 100) in specs
+
+
+@pytest.fixture
+def small_sweep(monkeypatch):
+    """Three planners on two training worlds."""
+    weights = {"planar": {"coverage": (0,), "frontier": (None,)}}
+    monkeypatch.setattr(tuning, "MOTION_WEIGHTS", weights)
+    monkeypatch.setattr("coopmap_env.studies.benchmark.families.MOTION_WEIGHTS", weights)
+    case = tuning.TuningCase("planar", with_n_candidates(4), 2)
+    monkeypatch.setattr(tuning, "FULL", (case,))
+
+
+def test_the_record_is_what_the_command_writes(small_sweep, tmp_path):
+    tuning.main([str(tmp_path), "--envs", "planar"])
+    path = tmp_path / "tuned_planners.json"
+    (case,) = read_record(path)
+    assert (case.env_name, case.n_worlds, case.env_kwargs) == ("planar", 2, with_n_candidates(4))
+    specs = [spec for family in case.families.values() for spec in family]
+    assert specs == [
+        "coverage:motion_weight=0",
+        "coverage:motion_weight=0+coordination=sequential",
+        "frontier",
+        "frontier:coordination=sequential",
+    ]
+    row = case.families["coverage"]["coverage:motion_weight=0"]
+    assert set(row) == {"coverage_auc", "reward", "motion_distance"}
+    for interval in row.values():
+        assert interval["low"] <= interval["estimate"] <= interval["high"]
+    written = path.read_text()
+    assert json.loads(written)["split"] == "train"
+    stored = sorted((tmp_path / "episodes").glob("*.json"))
+    tuning.main([str(tmp_path)])
+    assert path.read_text() == written  # the same command again plays nothing
+    assert sorted((tmp_path / "episodes").glob("*.json")) == stored
+
+
+def test_the_record_of_the_repository_has_every_planner_of_the_sweep():
+    record = read_record()
+    assert [(c.env_name, c.env_kwargs) for c in record] == [
+        (case.env_name, case.env_kwargs) for case in tuning.FULL
+    ]
+    for case, played in zip(record, tuning.FULL, strict=True):
+        search = 100 if case.env_kwargs == POSE_MODE else None
+        assert search == played.search
+        for family, rows in case.families.items():
+            assert list(rows) == list(sweep_specs(family, case.env_name, search))
+
+
+@pytest.mark.parametrize("text", ["{}", "[1]", '{"cases": [{"env_name": "planar"}]}', "no JSON"])
+def test_a_broken_record_is_named(tmp_path, text):
+    path = tmp_path / "record.json"
+    path.write_text(text)
+    with pytest.raises(FileError, match=r"record\.json"):
+        read_record(path)
