@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,8 @@ from coopmap_env.evaluation.policy import Policy
 from coopmap_env.evaluation.rollout import Step, rollout
 from coopmap_env.mapping import FREE_PROBABILITY, OccupancyMap
 
+EvaluatorFor = Callable[[int], SurfaceEvaluator | None]
+"""Gives the evaluator of the surface of a seed's world; None if worlds have no true surface."""
 SURFACE_SPAWN_KEY = 0x5C0
 """Spawn key of the samples and poses that evaluate a surface: the same for every policy."""
 LOG_LOSS_OF_PRIOR, BRIER_SCORE_OF_PRIOR = math.log(2.0), 0.25
@@ -163,6 +167,9 @@ class EpisodeRecorder:
         Reset to the world of the seed; `rollout` does so.
     seed : int
         Seed of the world.
+    evaluator_for : callable, optional
+        Gives the evaluator of the surface from the seed, such as one that remembers it; by default
+        `make_surface_evaluator`, a quarter of the time of an episode.
 
     Examples
     --------
@@ -173,9 +180,12 @@ class EpisodeRecorder:
     >>> episode = recorder.episode()
     """
 
-    def __init__(self, env: MappingEnv[Any], seed: int) -> None:
+    def __init__(
+        self, env: MappingEnv[Any], seed: int, evaluator_for: EvaluatorFor | None = None
+    ) -> None:
         self._env, self._seed = env, seed
-        self._evaluator = make_surface_evaluator(env, seed)
+        evaluator_for = evaluator_for or partial(make_surface_evaluator, env)
+        self._evaluator = evaluator_for(seed)
         self._start, self._initial_free_mask = _initial_state(env)
         self._coverage: list[float] = []
         self._entropy: list[float] = []
@@ -246,10 +256,15 @@ class EpisodeRecorder:
         )
 
 
-def run_episode(env: MappingEnv[Any], policy: Policy, seed: int) -> Episode:
-    """Play one episode and measure it; the environment holds the final map afterwards."""
+def run_episode(
+    env: MappingEnv[Any], policy: Policy, seed: int, evaluator_for: EvaluatorFor | None = None
+) -> Episode:
+    """Play one episode and measure it; the environment holds the final map afterwards.
+
+    `evaluator_for` is as of `EpisodeRecorder`.
+    """
     steps = rollout(env, policy, seed)
-    recorder = EpisodeRecorder(env, seed)
+    recorder = EpisodeRecorder(env, seed, evaluator_for)
     for step in steps:
         recorder.add(step)
     return recorder.episode()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 from coopmap_env.core.caches import thread_cache
@@ -12,7 +12,7 @@ from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation.env_specs import make_env
-from coopmap_env.evaluation.episode import run_episode
+from coopmap_env.evaluation.episode import EvaluatorFor, make_surface_evaluator, run_episode
 from coopmap_env.evaluation.hashes import file_hashes
 from coopmap_env.evaluation.jobs import Job, Result
 from coopmap_env.evaluation.policy import Policy, make_policy
@@ -20,6 +20,8 @@ from coopmap_env.evaluation.rollout import warm_up
 
 POLICY_KEYS = ("policy", "fingerprint", "seed")
 """Entries of a job that its environment does not depend on."""
+N_EVALUATORS = 50
+"""Worlds whose surface evaluators are remembered; each takes about seven megabytes."""
 
 
 def make_job(
@@ -71,8 +73,18 @@ def _policy(spec: str, arguments: str) -> Policy:
     return policy
 
 
+@thread_cache(maxsize=4)
+def _evaluator_for(arguments: str) -> EvaluatorFor:
+    """Remembers the evaluators of the worlds of an environment, which all policies share."""
+    return lru_cache(maxsize=N_EVALUATORS)(partial(make_surface_evaluator, _env(arguments)))
+
+
 def run_job(job: Job) -> Result:
-    """Play the episode of a job; later jobs of the thread reuse environment and policy."""
+    """Play the episode of a job.
+
+    Later jobs of the thread reuse environment, policy and evaluator of the surface.
+    """
     env_values = {name: value for name, value in job.items() if name not in POLICY_KEYS}
     arguments = json.dumps(env_values, sort_keys=True)
-    return asdict(run_episode(_env(arguments), _policy(job["policy"], arguments), job["seed"]))
+    env, policy = _env(arguments), _policy(job["policy"], arguments)
+    return asdict(run_episode(env, policy, job["seed"], _evaluator_for(arguments)))

@@ -89,10 +89,16 @@ def test_planners_that_do_not_pay_for_motion_are_in_every_main_condition():
 
 def test_every_planner_of_the_comparison_can_be_made():
     whole = make_plan(FULL, ("planar", "field"))
-    for condition in (*whole.main, *whole.sweeps, *whole.generalization):
-        for method in condition.methods:
-            if method.family != LEARNED:
-                make_policy(method.policy_specs[0])
+    conditions = (*whole.main, *whole.sweeps, *whole.generalization)
+    methods = [method for condition in conditions for method in condition.methods]
+    for spec in {m.policy_specs[0] for m in methods if m.family != LEARNED}:
+        make_policy(spec)
+
+
+def test_a_size_can_be_limited():
+    assert FULL.at_most(30).planar == 30
+    assert FULL.at_most(30).sweep_field == FULL.sweep_field < 30
+    assert QUICK.at_most(100) == QUICK
 
 
 @pytest.mark.parametrize("world", ["planar", "field"])
@@ -301,8 +307,10 @@ def test_the_command_compares_in_the_named_environments(tmp_path, monkeypatch, c
         return BenchmarkPlan((Condition("all policies", "planar", 2, SHORT, METHODS[1:4]),))
 
     monkeypatch.setattr(benchmark_plan, "make_plan", small_plan)
-    main(["compare", "--quick", "--envs", "planar", "--out", str(tmp_path)])
-    assert calls == [(QUICK, ("planar",))]
+    folder = ["--out", str(tmp_path)]
+    main(["compare", "--quick", "--envs", "planar", *folder])
+    main(["compare", "--n-worlds", "3", "--no-generalization", *folder])
+    assert calls == [(QUICK, ("planar",)), (FULL.at_most(3), ("planar", "field"))]
     assert "| rating function, m = 100 |" in capsys.readouterr().out
     assert (tmp_path / "report.html").is_file()
 

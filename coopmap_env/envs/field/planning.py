@@ -83,8 +83,12 @@ class FieldPlanning:
         poses: Joints,
         score: Callable[[Any, Joints], NDArray[np.float64]],
     ) -> Joints:
-        """The best `N_REFINED` poses by their score on the pooled map."""
-        if len(poses) <= N_REFINED:
+        """The best `N_REFINED` poses by their score on the pooled map.
+
+        All poses if there are at most twice as many: pooling the map and ranking them on it would
+        take as long as scoring them.
+        """
+        if len(poses) <= 2 * N_REFINED:
             return poses
         coarse_belief = replace(belief, coarse=True)
         return poses[np.argsort(-score(coarse_belief, poses), kind="stable")[:N_REFINED]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from coopmap_env.core.settings import PositiveInt, Settings
@@ -48,6 +48,10 @@ class BenchmarkSize(Settings):
     generalization_planar: PositiveInt
     """Worlds of each condition that differs from the training."""
     generalization_field: PositiveInt
+
+    def at_most(self, n_worlds: int) -> BenchmarkSize:
+        """The same size with at most this many worlds for each condition."""
+        return BenchmarkSize(**{name: min(n, n_worlds) for name, n in asdict(self).items()})
 
 
 FULL = BenchmarkSize(

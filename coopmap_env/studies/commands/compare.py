@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from coopmap_env.core.progress import log
@@ -19,7 +19,7 @@ class Compare:
     For example:
       coopmap compare --out results/comparison --quick
       coopmap compare --out results/comparison --workers 2
-      coopmap compare --out results/comparison --envs planar
+      coopmap compare --out results/planar --envs planar --n-worlds 24 --no-generalization
     """
 
     out: Path
@@ -30,16 +30,26 @@ class Compare:
     """Processes; the results do not depend on it, except planning times."""
     envs: str = "planar,field"
     """Environments, separated by commas."""
+    n_worlds: int | None = None
+    """At most this many worlds for each condition; all of the full comparison by default."""
+    generalization: bool = True
+    """Whether to play the conditions that differ from the training, too."""
 
     def run(self) -> None:
         """Run the comparison, write its files, print its table and verdicts."""
         from coopmap_env.core.locks import folder_lock
         from coopmap_env.studies.benchmark.plan import FULL, QUICK, make_plan
-        from coopmap_env.studies.benchmark.report import benchmark_text, write_benchmark_report
+        from coopmap_env.studies.benchmark.report import write_benchmark_report
         from coopmap_env.studies.benchmark.study import run_benchmark
+        from coopmap_env.studies.benchmark.tables import benchmark_text
 
         names = [name.strip() for name in self.envs.split(",") if name.strip()]
-        plan = make_plan(QUICK if self.quick else FULL, names)
+        size = QUICK if self.quick else FULL
+        if self.n_worlds is not None:
+            size = size.at_most(self.n_worlds)
+        plan = make_plan(size, names)
+        if not self.generalization:
+            plan = replace(plan, generalization=())
         with folder_lock(self.out):
             study = run_benchmark(self.out / "episodes", plan, self.workers, log)
             summary = write_benchmark_report(study, self.out)
