@@ -18,7 +18,7 @@ field-candidates := --env field --ppo.initial-policy rating --ppo.total-steps 24
 	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
 POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
 
-.PHONY: setup check test reproduce policies $(POLICIES) pictures clean
+.PHONY: setup check test reproduce policies $(POLICIES) planners pictures clean
 
 setup: .venv/.package
 
@@ -61,6 +61,11 @@ $(POLICIES): setup
 	done
 	$(BIN)/python -m coopmap_agents.pretrained.export agents/pretrained/policies/$@ $(addprefix results/$@/,$(SEEDS))
 
+# The strongest planners by training worlds, which `coopmap compare` plays against.
+planners: setup
+	$(BIN)/python -m coopmap_env.studies.benchmark.tuning results/planner-tuning --workers 2
+	cp results/planner-tuning/tuned_planners.json coopmap_env/studies/benchmark/
+
 # The pictures of the README, from the full runs.
 pictures: setup
 	$(BIN)/coopmap reproduce --out results/section3-full --workers 2
@@ -74,6 +79,8 @@ pictures: setup
 	cp results/comparison/planar.png docs/policies_planar.png
 	cp results/comparison/field.png docs/policies_field.png
 	cp results/comparison/generalization.png docs/policies_generalization.png
+	cp results/comparison/motion_planar.png docs/policies_motion_planar.png
+	cp results/comparison/motion_field.png docs/policies_motion_field.png
 
 clean:
 	rm -rf .venv build *.egg-info .mypy_cache .ruff_cache .pytest_cache

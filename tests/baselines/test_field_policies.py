@@ -21,6 +21,8 @@ POLICIES = {
     "raster": {},
     "random": {},
 }
+N_EXACT = 60
+"""The most poses that are all scored at the map's own resolution."""
 COORDINATED = [name for name in POLICIES if name not in ("raster", "random")]
 
 
@@ -71,16 +73,18 @@ def test_sequential_planning_runs_and_leaves_the_first_robot_as_it_was(belief, n
 
 @pytest.mark.parametrize("mode", ["pose", "candidates"])
 def test_the_rating_function_takes_the_pose_of_the_highest_rating(mode):
-    env = FieldEnv(action_mode=mode, n_candidates=20, max_scans=2, settings=SETTINGS)
+    env = FieldEnv(action_mode=mode, n_candidates=N_EXACT, max_scans=2, settings=SETTINGS)
     env.reset(seed=2)
     belief = env.belief()
-    policy = coopmap_baselines.make("rating_function", search=20)  # below the shortlist: all exact
+    policy = coopmap_baselines.make("rating_function", search=N_EXACT)
     policy.reset(np.random.default_rng(0))
     actions = policy.act(belief, {})
     rng = np.random.default_rng(0)
     for robot, agent in enumerate(belief.agents):
         poses = (
-            belief.candidates[robot] if belief.candidates else belief.random_poses(robot, 20, rng)
+            belief.candidates[robot]
+            if belief.candidates
+            else belief.random_poses(robot, N_EXACT, rng)
         )
         best = poses[np.argmax(belief.rate(robot, poses).rating)]
         np.testing.assert_array_equal(actions[agent], belief.action_for(robot, best))

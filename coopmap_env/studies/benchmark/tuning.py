@@ -2,8 +2,8 @@
 
 ::
 
+    make planners  # in a clone of the repository, or
     python -m coopmap_env.studies.benchmark.tuning results/planner-tuning --workers 2
-    cp results/planner-tuning/tuned_planners.json coopmap_env/studies/benchmark/
 
 The criterion, fixed before the search: for each environment, kind of actions, family and score, the
 planner (motion weight and coordination) with the largest mean over the worlds of the training
