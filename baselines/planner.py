@@ -87,8 +87,9 @@ class GainPlanner(Planner):
     search, coordination
         See `Planner`.
     motion_weight : float
-        Gain that is worth one unit of d (Eq. 5). On training worlds, the default has the largest
-        area under the coverage curve up to a hundredth, and the least motion of such weights.
+        Gain that is worth one unit of d (Eq. 5). On training worlds of the planar environment, the
+        default keeps 97 to 99 % of the largest area under the coverage curve, with two thirds to
+        four fifths of the motion of weight 0.
     """
 
     def __init__(

@@ -23,8 +23,8 @@ MOTION_WEIGHTS: Mapping[str, Mapping[str, tuple[float | None, ...]]] = {
         "frontier": (None,),
     },
 }
-"""Motion weights of each family by environment, from none to a third of the usual motion. None is
-the default: of the rating function the environment's K, of the frontier "the nearest", which has no
+"""Motion weights of each family by environment, from none to one that halves the motion. None is the
+default: of the rating function the environment's K, of the frontier "the nearest", which has no
 weight. (A frontier planner that weighs what it sees against motion would be the coverage planner on
 fewer poses.)"""
 SEARCHING = ("rating_function", "coverage", "information_gain")
