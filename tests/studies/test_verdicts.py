@@ -70,7 +70,7 @@ def test_equal_motion_is_said_only_where_the_planners_move_as_much():
     entry = a_verdict(1e-3, 2e-3, 3e-3, planners="coverage", motion=320.4, is_equal=True)
     assert "higher than coverage at equal motion (320), +0.20" in equal_motion_sentence(entry)
     entry["is_equal"] = False
-    assert "coverage at its best, with less motion (320)" in equal_motion_sentence(entry)
+    assert "coverage with less motion (320)" in equal_motion_sentence(entry)
     row = equal_motion_table({"equal_motion": [{**entry, "planners_score": 0.07}]})[1]
     assert row[3:5] == ["320.4 (less)", "7.00"]
 

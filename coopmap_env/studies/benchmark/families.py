@@ -23,10 +23,12 @@ MOTION_WEIGHTS: Mapping[str, Mapping[str, tuple[float | None, ...]]] = {
         "frontier": (None,),
     },
 }
-"""Motion weights of each family by environment, from none to one that halves the motion. None is the
-default: of the rating function the environment's K, of the frontier "the nearest", which has no
-weight. (A frontier planner that weighs what it sees against motion would be the coverage planner on
-fewer poses.)"""
+"""Motion weights of each family by environment, from none to one that halves the motion.
+
+None is the default: of the rating function the environment's K, of the frontier "the nearest",
+which has no weight. (A frontier planner that weighs what it sees against motion would be the
+coverage planner on fewer poses.)
+"""
 SEARCHING = ("rating_function", "coverage", "information_gain")
 """Families that search among m random poses, in "pose" mode."""
 COORDINATIONS = ("independent", "sequential")

@@ -88,11 +88,15 @@ ALL_SCORES = (
 
 
 def benchmark_text(summary: dict[str, Any]) -> str:
-    """Tables and verdicts in Markdown, for the terminal and the README."""
+    """Tables and verdicts in Markdown, for the terminal and the README.
+
+    The verdicts are those on the strongest planner of all families; the report has the others too.
+    """
     parts = [caption(part) + "\n\n" + _markdown(main_table(part)) for part in summary["main"]]
     if summary["verdicts"]:
         parts.append("\n".join(f"- {line}" for line in headlines(summary)))
-        parts.append(_markdown(verdict_table(summary["verdicts"])))
+        strongest = [verdict for verdict in summary["verdicts"] if verdict["is_strongest"]]
+        parts.append(_markdown(verdict_table(strongest)))
     for sweep in summary["sweeps"]:
         parts.append(
             f"Learned policies minus planners at equal motion, {ENV_LABELS[sweep['env_name']]}, "

@@ -91,7 +91,7 @@ def verdict_sentence(verdict: dict[str, Any]) -> str:
 
 def equal_motion_sentence(verdict: dict[str, Any]) -> str:
     """A verdict at equal motion in words; see `sweep_summary`."""
-    where = "at equal motion" if verdict["is_equal"] else "at its best, with less motion"
+    where = "at equal motion" if verdict["is_equal"] else "with less motion"
     return _sentence(verdict, f"{verdict['planners']} {where} ({verdict['motion']:.0f})")
 
 
