@@ -1,6 +1,7 @@
 """The sweep on training worlds, its record, and the opponents that it chooses."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -9,7 +10,13 @@ from coopmap_env.evaluation import make_policy
 from coopmap_env.studies.benchmark import tuning
 from coopmap_env.studies.benchmark.families import MOTION_WEIGHTS, planner_spec, sweep_specs
 from coopmap_env.studies.benchmark.methods import POSE_MODE, with_n_candidates
-from coopmap_env.studies.benchmark.tuned_planners import TunedCase, find_case, read_record
+from coopmap_env.studies.benchmark.tuned_planners import (
+    TunedCase,
+    find_case,
+    rating_constants,
+    read_record,
+    record_notes,
+)
 
 
 def scores(area, reward):
@@ -24,6 +31,7 @@ CASE = TunedCase(
         "coverage": {"coverage": scores(0.07, 30.0), "coverage:motion_weight=0": scores(0.08, 9.0)},
         "frontier": {"frontier": scores(0.04, 5.0)},
     },
+    rating_constants("planar"),
 )
 
 
@@ -44,6 +52,15 @@ def test_a_case_is_found_by_environment_and_actions():
     assert find_case([CASE], "planar", with_n_candidates(8)) is CASE
     assert find_case([CASE], "planar", with_n_candidates(9)) is None
     assert find_case([CASE], "field", with_n_candidates(8)) is None
+
+
+def test_planners_that_were_tuned_with_other_constants_are_named_once():
+    other = replace(CASE, rating={**CASE.rating, "K": 7.0})
+    assert CASE.is_current
+    assert not other.is_current
+    assert record_notes([CASE]) == []
+    (note,) = record_notes([CASE, other, other])
+    assert note.startswith("planar: the opponents were tuned with other constants")
 
 
 def test_specs_leave_out_what_is_the_default():
@@ -82,6 +99,7 @@ def test_the_record_is_what_the_command_writes(small_sweep, tmp_path):
     path = tmp_path / "tuned_planners.json"
     (case,) = read_record(path)
     assert (case.env_name, case.n_worlds, case.env_kwargs) == ("planar", 2, with_n_candidates(4))
+    assert case.is_current
     specs = [spec for family in case.families.values() for spec in family]
     assert specs == [
         "coverage:motion_weight=0",

@@ -1,6 +1,6 @@
 """The record of the planners' sweep on training worlds: which planner is strongest by which score.
 
-`tuning` writes it. The one in this folder belongs to the defaults of the environments.
+`tuning` writes it, with the constants of the rating function that it was played with.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from coopmap_env.core.files import FileError, read_json
+from coopmap_env.core.settings import settings_to_dict
+from coopmap_env.information import FieldRatingSettings, PlanarRatingSettings
 from coopmap_env.studies.benchmark.methods import (
     EnvKwargs,
     Opponent,
@@ -32,6 +34,14 @@ class TunedCase:
     n_worlds: int
     families: Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]]
     """By family, planner's spec and score: mean with its 95 % interval."""
+
+    rating: Mapping[str, Any]
+    """Constants of the environment's rating function, on which the reward depends."""
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the constants are the defaults, so that the scores can be compared."""
+        return dict(self.rating) == rating_constants(self.env_name)
 
     def mean(self, family: str, spec: str, score: str) -> float:
         """Mean score of one planner."""
@@ -67,10 +77,30 @@ def read_record(path: Path = RECORD) -> tuple[TunedCase, ...]:
 
 def _case(values: Mapping[str, Any]) -> TunedCase:
     case = TunedCase(
-        values["env_name"], values["env_kwargs"], values["n_worlds"], values["families"]
+        values["env_name"],
+        values["env_kwargs"],
+        values["n_worlds"],
+        values["families"],
+        values["rating"],
     )
     case.opponents()  # reads every mean that a plan needs
     return case
+
+
+def rating_constants(env_name: str) -> dict[str, Any]:
+    """Default constants of an environment's rating function, as JSON values."""
+    kinds = {"planar": PlanarRatingSettings, "field": FieldRatingSettings}
+    return settings_to_dict(kinds[env_name]())
+
+
+def record_notes(cases: Sequence[TunedCase]) -> list[str]:
+    """A sentence for each environment whose planners were tuned with other constants than now."""
+    stale = sorted({case.env_name for case in cases if not case.is_current})
+    return [
+        f"{name}: the opponents were tuned with other constants of the rating function than those "
+        "of the environment; `make planners` tunes them again"
+        for name in stale
+    ]
 
 
 def find_case(cases: Sequence[TunedCase], env_name: str, env_kwargs: EnvKwargs) -> TunedCase | None:

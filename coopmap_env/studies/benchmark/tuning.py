@@ -36,6 +36,7 @@ from coopmap_env.studies.benchmark.methods import (
     verdict_scores,
     with_n_candidates,
 )
+from coopmap_env.studies.benchmark.tuned_planners import rating_constants
 
 N_DIGITS = 5
 """Significant digits of the recorded numbers."""
@@ -106,6 +107,7 @@ def _tune(
         "env_name": case.env_name,
         "env_kwargs": dict(case.env_kwargs),
         "n_worlds": case.n_worlds,
+        "rating": rating_constants(case.env_name),
         "families": {
             family: {spec: _means(evaluations[spec], scores) for spec in members}
             for family, members in specs.items()
