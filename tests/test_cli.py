@@ -78,7 +78,8 @@ def test_options_have_the_choices_of_the_environment_arguments(arguments):
 
 
 @pytest.mark.parametrize(
-    "command", ["reproduce", "evaluate", "localization", "bench", "compare", "train"]
+    "command",
+    ["reproduce", "evaluate", "localization", "bench", "compare", "train", "fit-table"],
 )
 def test_help_shows_examples(command):
     done = run(command, "--help")

@@ -5,12 +5,12 @@ import pytest
 
 import coopmap_baselines
 from coopmap_env import planar_v1
-from coopmap_env.studies.section3.study import section3_settings
+from coopmap_env.studies.speed.planar import WHOLE_WORLD
 
 
 @pytest.fixture
 def half_finished_env():
-    env = planar_v1.parallel_env(settings=section3_settings(), split="train")
+    env = planar_v1.parallel_env(settings=WHOLE_WORLD, split="train")
     policy = coopmap_baselines.make("rating_function", search=50)
     observations, _ = env.reset(seed=0)
     policy.reset(np.random.default_rng(0))

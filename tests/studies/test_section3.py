@@ -6,10 +6,11 @@ import json
 import pytest
 
 from coopmap_env.studies.section3 import study as section3
-from coopmap_env.studies.section3.study import PAPER_TABLE_1, Section3Size
+from coopmap_env.studies.section3.setting import PAPER_TABLE_1, TABLE_1_SCORES, TableConstants
+from coopmap_env.studies.section3.study import READINGS, Section3Size
 
 SMALL = Section3Size(
-    worlds=4, sweep_worlds=2, k_sweep=(0.1, 0.3), house_runs=1, calibration_worlds=1
+    worlds=4, sweep_worlds=2, k_factors=(0.5, 1.0), house_runs=1, calibration_worlds=1
 )
 
 
@@ -62,15 +63,39 @@ def test_table_1_has_the_papers_values_beside(out):
 @pytest.mark.slow
 def test_the_summary_gives_verdicts_not_assertions(out):
     summary = json.loads((out / "summary.json").read_text())
-    assert set(summary["trends"]) == {"T1", "T2", "T3"}
+    assert set(summary["trends"]) == {"T1", "T2", "T3", "T4"}
     for trend in summary["trends"].values():
         assert isinstance(trend["held"], bool)
         assert {"statistic", "value", "p_value"} <= set(trend)
-    assert summary["settings"]["planar"]["rating"]["K"] == 0.2
+    assert summary["settings"]["planar"]["rating"]["K"] == TableConstants().K
+    assert summary["settings"]["scene"]["shape"] == [TableConstants().side] * 2
+    assert len(summary["readings"]) == len(READINGS)
     assert (
         summary["killian_court"]["gaussian_beam"]["all"]
         < summary["killian_court"]["hit_miss"]["all"]
     )
+
+
+@pytest.mark.slow
+def test_the_deviation_from_the_papers_numbers_is_that_of_the_table(out):
+    summary = json.loads((out / "summary.json").read_text())
+    deviations = [
+        abs(summary["table_1"][label][column]["estimate"] / number - 1)
+        for search, numbers in PAPER_TABLE_1.items()
+        for label in (f"m = {search}" if isinstance(search, int) else search,)
+        for column, number in zip(TABLE_1_SCORES, numbers, strict=True)
+    ]
+    interval = summary["mean_deviation"]
+    assert interval["estimate"] == pytest.approx(sum(deviations) / 18)
+    assert interval["low"] < interval["high"]
+    assert "mean absolute relative deviation" in (out / "table.txt").read_text()
+
+
+@pytest.mark.slow
+def test_the_report_says_which_constants_the_table_determines(out):
+    html = (out / "report.html").read_text()
+    assert "field of view, degrees" in html
+    assert "determined" in html
 
 
 @pytest.mark.slow

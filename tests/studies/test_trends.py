@@ -6,6 +6,7 @@ from coopmap_env.studies.section3.trends import (
     equal_coverage,
     extent_decreases,
     raster_coverage_is_lower,
+    smallest_search_is_widest,
 )
 
 
@@ -81,6 +82,23 @@ def test_increasing_extents_are_not_decreasing():
     trend = extent_decreases(searches([0.09] * 3, sigmas=(7.0, 8.0, 9.0)))
     assert not trend.held
     assert trend.p_value > 0.9
+
+
+def test_the_smallest_search_is_widest_if_it_views_further_than_the_next():
+    trend = smallest_search_is_widest(searches([0.09] * 3, sigmas=(9.0, 8.0, 7.0)))
+    assert trend.held
+    assert trend.value > 0
+
+
+def test_a_smallest_search_that_is_narrower_within_noise_is_still_held():
+    trend = smallest_search_is_widest(searches([0.09] * 3, sigmas=(5.0, 5.0, 5.0)))
+    assert trend.held
+
+
+def test_a_smallest_search_that_is_surely_narrower_is_not_widest():
+    trend = smallest_search_is_widest(searches([0.09] * 3, sigmas=(8.0, 9.0, 7.0)))
+    assert not trend.held
+    assert trend.details["radius_std"]["high"] < 0
 
 
 def test_a_trend_is_json():

@@ -5,6 +5,7 @@ command                   study
 ========================  =======================================================================
 ``coopmap reproduce``     `studies.section3`, which includes `studies.recorded`; then
                           `studies.field`, in one report
+``coopmap fit-table``     `studies.section3.table_fit`: camera, world and weights of Table 1
 ``coopmap compare``       `studies.benchmark`: pretrained policies and planners
 ``coopmap localization``  `studies.localization`
 ``coopmap bench``         `studies.speed`

@@ -82,7 +82,7 @@ def draw_sweep(sweep: Mapping[float, Mapping[Any, Evaluation]], path: Path) -> N
             axis.errorbar(
                 list(sweep), values, errors, color=COLORS[k], marker="o", capsize=3, label=name
             )
-        axis.set_xlabel("K, nats per cell of motion")
+        axis.set_xlabel("K, nats per d**n")
         axis.set_ylabel(label)
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)

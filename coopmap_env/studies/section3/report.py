@@ -21,14 +21,16 @@ from coopmap_env.studies.common.pages import format_interval, render_template
 from coopmap_env.studies.field.report import TABLE_SCORES, field_summary, write_field_figures
 from coopmap_env.studies.field.study import FieldStudy
 from coopmap_env.studies.section3 import figures
-from coopmap_env.studies.section3.study import (
+from coopmap_env.studies.section3.setting import (
     PAPER_TABLE_1,
     RASTER,
     SCANS_EACH,
     TABLE_1_SCORES,
-    Section3,
-    search_spec,
+    section3_scene,
 )
+from coopmap_env.studies.section3.study import Section3, search_spec
+from coopmap_env.studies.section3.table_fit.record import read_record
+from coopmap_env.studies.section3.table_fit.verdicts import constant_verdicts
 from coopmap_env.studies.section3.trends import equal_coverage, extent_decreases
 
 
@@ -62,7 +64,7 @@ def section3_summary(study: Section3) -> dict[str, Any]:
             "planar": settings_to_dict(study.settings),
             "n_robots": 2,
             "scans_each": SCANS_EACH,
-            "scene": "obstacles",
+            "scene": settings_to_dict(section3_scene()),
             "split": "test",
             "worlds": study.size.worlds,
         },
@@ -70,10 +72,11 @@ def section3_summary(study: Section3) -> dict[str, Any]:
             _search_label(search): {name: interval.as_dict() for name, interval in row.items()}
             for search, row in study.table_1().items()
         },
+        "mean_deviation": study.deviation().as_dict(),
         "trends": {name: trend.as_dict() for name, trend in study.trends.items()},
-        "eq_8a_interpretations": {
-            interpretation: _mean_scores(results)
-            for interpretation, results in study.interpretations.items()
+        "readings": {
+            f"{hidden}, {interpretation}": _mean_scores(results)
+            for (hidden, interpretation), results in study.readings.items()
         },
         "sensitivity_to_K": {str(K): _mean_scores(results) for K, results in study.sweep.items()},
         "trends_by_K": {
@@ -104,6 +107,10 @@ def text_table_1(study: Section3) -> str:
             + "".join(f"{cell:>30}" for cell in cells)
             + f"{format_interval(row['coverage'], 100):>22}"
         )
+    lines.append(
+        "mean absolute relative deviation of the 18 numbers from the paper's: "
+        f"{format_interval(study.deviation(), 100, 1)} %"
+    )
     for name, trend in study.trends.items():
         p = "" if trend.p_value is None else f", p = {trend.p_value:.2g}"
         verdict = "held" if trend.held else "NOT held"
@@ -149,9 +156,12 @@ def _render_html(study: Section3, summary: dict[str, Any], out: Path) -> str:
         paper=PAPER_TABLE_1,
         columns=TABLE_1_SCORES,
         label=_search_label,
+        deviation=study.deviation(),
+        record=read_record(),
+        verdicts=constant_verdicts(read_record()),
         scans=2 * SCANS_EACH,
         version=__version__,
-        settings=json.dumps(settings_to_dict(study.settings), indent=2),
+        settings=json.dumps(summary["settings"], indent=2),
     )
 
 

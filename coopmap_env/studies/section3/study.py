@@ -1,21 +1,20 @@
 """Section 3 of the paper over many worlds: Table 1, Figures 7 and 8, the trends, sensitivity.
 
 In the paper, two vision systems take 32 scans together in a planar world of random obstacles. It
-does not state its camera and its constants. The study uses the defaults of `PlanarSettings`, which
-were chosen on training worlds (see `K_SWEEP`), with a reach that spans the world, because the paper
-searches "the entire known configuration space". Results are those of test worlds.
+does not state its camera, its world and its constants: the study uses those of `TableConstants`,
+which were found on training worlds. Results are those of test worlds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from coopmap_env.core.settings import PositiveInt, Settings
+from coopmap_env.core.settings import PositiveInt, Settings, settings_to_dict
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, compare, make_policy
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
@@ -23,31 +22,27 @@ from coopmap_env.studies.common.hit_miss import HIT_MISS_LOG_ODDS_RANGE, HitMiss
 from coopmap_env.studies.common.map_scores import MapModel
 from coopmap_env.studies.recorded import killian
 from coopmap_env.studies.section3 import calibration
+from coopmap_env.studies.section3.deviation import deviation_interval
+from coopmap_env.studies.section3.setting import (
+    RASTER,
+    SCANS_EACH,
+    SEARCHES,
+    TABLE_1_SCORES,
+    TableConstants,
+    section3_scene,
+    section3_settings,
+)
 from coopmap_env.studies.section3.snapshots import EpisodeSnapshot, record_snapshot
 from coopmap_env.studies.section3.trends import Trend, all_trends
 
-SCANS_EACH = 16
-"""Two robots: 32 scans together."""
-SEARCHES = (10, 50, 100, 200, 300, "exhaustive")
-"""m of the paper's random search, and the search over all poses."""
-RASTER = "raster"
-PAPER_TABLE_1 = {
-    10: (54.89, 26.74, 11.48),
-    50: (47.34, 23.79, 9.91),
-    100: (46.69, 23.57, 9.17),
-    200: (46.01, 22.81, 9.42),
-    300: (36.62, 20.69, 7.85),
-    "exhaustive": (34.59, 19.23, 7.52),
-}
-"""Farthest observed point, mean radius and sigma as printed, in the paper's units."""
-TABLE_1_SCORES = ("max_radius", "mean_radius", "radius_std")
-"""Columns of an evaluation's table that correspond to the paper's."""
 SWEEP_SEARCHES = (10, 100, "exhaustive")
-K_SWEEP = (0.1, 0.15, 0.18, 0.2, 0.22, 0.25, 0.3, 0.4)
-"""Nats per cell of motion."""
-SECTION_3_K = 0.2
-"""Chosen among these on training worlds for the trends of the paper. The environment's own default
-is chosen for the area under the coverage curve; see `studies.rating_constants`."""
+K_FACTORS = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0)
+"""Multiples of the reproduction's K at which its results are shown too."""
+READINGS = (
+    ("empty", "distance_free"), ("empty", "literal"),
+    ("printed", "distance_free"), ("printed", "literal"),
+)  # fmt: skip
+"""Readings of hidden voxels (Eq. 7) and of Eq. 8a; the first ones are the environment's."""
 HOUSE_SCANS_EACH = 48
 HOUSE_POLICIES = (
     RASTER, "random", "frontier", "rating_function:search=100", "rating_function:search=exhaustive",
@@ -64,29 +59,22 @@ class Section3Size(Settings):
     worlds: PositiveInt
     """Test worlds of Table 1 and Figure 8."""
     sweep_worlds: PositiveInt
-    """Worlds of the sensitivity to K and of the two interpretations of Eq. 8a."""
-    k_sweep: tuple[float, ...]
-    """Values of K, nats per cell of motion."""
+    """Worlds of the sensitivity to K and of the readings of Eqs. 7 and 8a."""
+    k_factors: tuple[float, ...]
+    """Multiples of K."""
     house_runs: PositiveInt
     """Start poses in the house."""
     calibration_worlds: PositiveInt
     """Test worlds on which the map's calibration is scored."""
 
 
-FULL = Section3Size(200, 60, K_SWEEP, 10, 40)
-QUICK = Section3Size(48, 8, (0.1, 0.2, 0.4), 2, 8)
+FULL = Section3Size(200, 60, K_FACTORS, 10, 40)
+QUICK = Section3Size(48, 8, (0.5, 1.0, 2.0), 2, 8)
 
 
 def search_spec(search: int | str) -> str:
     """The policy spec of a search."""
     return f"rating_function:search={search}"
-
-
-def section3_settings(**rating: Any) -> PlanarSettings:
-    """Settings of the reproduction; `rating` replaces single constants of the rating function."""
-    base = PlanarSettings()
-    rating = {"K": SECTION_3_K, "n_gray_bins": 64, **rating}
-    return replace(base, reach=300.0, rating=replace(base.rating, **rating))
 
 
 @dataclass(frozen=True)
@@ -98,8 +86,8 @@ class Section3:
     raster: Evaluation
     searches: dict[int | str, Evaluation]
     trends: dict[str, Trend]
-    interpretations: dict[str, dict[int | str, Evaluation]]
-    """By interpretation of Eq. 8a, then by search."""
+    readings: dict[tuple[str, str], dict[int | str, Evaluation]]
+    """By the readings of Eqs. 7 and 8a, then by search; see `READINGS`."""
     sweep: dict[float, dict[int | str, Evaluation]]
     """By K, then by search, on training worlds."""
     figure_7: EpisodeSnapshot
@@ -123,6 +111,15 @@ class Section3:
             for search, evaluation in {RASTER: self.raster, **self.searches}.items()
         }
 
+    def deviation(self) -> Interval:
+        """Mean absolute relative deviation of Table 1 from the paper's 18 numbers."""
+        tables = [evaluation.table for evaluation in self.searches.values()]
+        scores = np.stack(
+            [np.stack([table[column] for column in TABLE_1_SCORES], axis=1) for table in tables],
+            axis=1,
+        )
+        return deviation_interval(scores, np.random.default_rng(BOOTSTRAP_SEED))
+
 
 def run_section3(
     store: Path, size: Section3Size, workers: int, log: Callable[[str], None], progress: bool = True
@@ -141,11 +138,15 @@ def run_section3(
     progress : bool
         Show progress bars (extra ``cli``).
     """
+    scene = section3_scene()
+    scene_fields = {"name": scene.name, **settings_to_dict(scene)}
 
     def evaluate_policies(
         policies: list[str], n_worlds: int, settings: PlanarSettings | None, **env_kwargs: Any
     ) -> dict[str, Evaluation]:
-        env_kwargs = {"max_scans": SCANS_EACH, "split": "test", **env_kwargs}
+        env_kwargs = {
+            "max_scans": SCANS_EACH, "split": "test", "scene": scene_fields, **env_kwargs
+        }  # fmt: skip
         return compare(policies, range(n_worlds), env_kwargs, store, settings, workers, progress)
 
     def evaluate_searches(searches: tuple[int | str, ...], *args: Any, **env: Any) -> Any:
@@ -155,22 +156,28 @@ def run_section3(
     log(f"Table 1 and Figure 8: {size.worlds} test worlds, {len(SEARCHES) + 1} searches")
     searches = evaluate_searches(SEARCHES, size.worlds, section3_settings())
     raster = evaluate_policies([RASTER], size.worlds, section3_settings())[RASTER]
-    log("the two interpretations of Eq. 8a")
-    interpretations = {
-        interpretation: evaluate_searches(
-            SWEEP_SEARCHES, size.sweep_worlds, section3_settings(interpretation=interpretation)
+    log("the readings of Eqs. 7 and 8a")
+    readings = {
+        (hidden, interpretation): evaluate_searches(
+            SWEEP_SEARCHES,
+            size.sweep_worlds,
+            section3_settings(hidden=hidden, interpretation=interpretation),
         )
-        for interpretation in ("literal", "distance_free")
+        for hidden, interpretation in READINGS
     }
     log("sensitivity to K, on training worlds")
     sweep = {
-        K: evaluate_searches(
-            SWEEP_SEARCHES, size.sweep_worlds, section3_settings(K=K), split="train"
+        round(factor * TableConstants().K, 3): evaluate_searches(
+            SWEEP_SEARCHES,
+            size.sweep_worlds,
+            section3_settings(K=factor * TableConstants().K),
+            split="train",
         )
-        for K in size.k_sweep
+        for factor in size.k_factors
     }
     log("Figure 7: one world, 400 scans")
-    figure_7 = record_snapshot(FIGURE_7_SCANS_EACH, settings=section3_settings())
+    world_kwargs: dict[str, Any] = {"settings": section3_settings(), "scene": scene}
+    figure_7 = record_snapshot(FIGURE_7_SCANS_EACH, **world_kwargs)
     log("the real floor plan")
     house_kwargs = {"scene": "house", "max_scans": HOUSE_SCANS_EACH}
     house = evaluate_policies(list(HOUSE_POLICIES), size.house_runs, None, **house_kwargs)
@@ -184,10 +191,10 @@ def run_section3(
         raster=raster,
         searches=searches,
         trends=all_trends(raster, searches),
-        interpretations=interpretations,
+        readings=readings,
         sweep=sweep,
         figure_7=figure_7,
-        episode=record_snapshot(SCANS_EACH, settings=section3_settings()),
+        episode=record_snapshot(SCANS_EACH, **world_kwargs),
         house=house,
         house_snapshot=house_snapshot,
         calibration=calibration_scores,

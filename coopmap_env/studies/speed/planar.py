@@ -10,16 +10,20 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.evaluation import Policy, make_policy, rollout
-from coopmap_env.studies.section3.study import SCANS_EACH, section3_settings
+from coopmap_env.studies.section3.setting import SCANS_EACH
 from coopmap_env.studies.speed.common import resident_memory_mb, step_profile
+
+WHOLE_WORLD = replace(PlanarSettings(), reach=300.0)
+"""Settings with which planners search all known free space, not only what is near."""
 
 
 def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
@@ -32,7 +36,7 @@ def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     step_rates(candidates_env, 2)
     names = ("exhaustive", "exhaustive+coordination=sequential", "100")
     policies = {name: make_policy(f"rating_function:search={name}") for name in names}
-    long_reach_env = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=section3_settings())
+    long_reach_env = PlanarEnv(split="test", max_scans=SCANS_EACH, settings=WHOLE_WORLD)
     for policy in policies.values():
         decision_ms(long_reach_env, policy, seed=0)
     samples: dict[str, list[float]] = {}

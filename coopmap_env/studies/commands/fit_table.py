@@ -1,0 +1,44 @@
+"""The command `coopmap fit-table`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from coopmap_env.core.progress import log
+
+
+@dataclass(frozen=True)
+class FitTable:
+    """Search the camera, the world and the weights that the paper's Table 1 does not state.
+
+    Plays training worlds only. Keeps all trials in the folder and writes record.json there: the
+    best constants, and how well the table determines each. After an interruption, the same command
+    continues. Needs the extras tuning and cli.
+
+    For example:
+      coopmap fit-table --out results/table-fit --trials 400
+    """
+
+    out: Path
+    """Folder of the results."""
+    trials: int = 400
+    """Trials of the search; about two seconds each."""
+    workers: int = 1
+    """Processes of the profile around the optimum; trials follow one another."""
+    printed: bool = False
+    """Read Eqs. 7 and 8a as printed, as version v0 did."""
+
+    def run(self) -> None:
+        """Search, write the record, print the best constants."""
+        from coopmap_env.core.locks import folder_lock
+        from coopmap_env.envs.planar import PlanarSettings
+        from coopmap_env.studies.section3.table_fit.record import SearchSize, fit_table
+
+        base = PlanarSettings()
+        if self.printed:
+            base = replace(base, rating=PlanarSettings.v0().rating)
+        with folder_lock(self.out):
+            record = fit_table(self.out, SearchSize(trials=self.trials), base, self.workers, log)
+        print(f"mean deviation {record['fit']['deviation']:.1%}: {record['constants']}")
+        log(f"record: {self.out / 'record.json'}")
