@@ -56,10 +56,13 @@ def calibration_scores(cells: ScoredCells) -> dict[str, Any]:
     """Brier score, log-loss, calibration error and the reliability curve, as JSON values.
 
     ``missed`` is the fraction of occupied cells with P < 0.05, into which a robot would move;
-    ``not_cleared`` that of free cells with P >= 0.05, into which it would not.
+    ``not_cleared`` that of free cells with P >= 0.05, into which it would not. ``found`` is the
+    fraction of occupied cells with P > 1/2, ``false_occupied`` that of free ones, and
+    ``false_share`` that of free ones among all with P > 1/2.
     """
     curve = reliability_curve(*cells)
     p, occupied, sampled = cells
+    likely = p > 0.5
     return {
         "brier_score": brier_score(*cells),
         "log_loss": log_loss(*cells),
@@ -67,6 +70,9 @@ def calibration_scores(cells: ScoredCells) -> dict[str, Any]:
         "log_loss_occupied": log_loss(p, occupied, sampled & occupied),
         "missed": _fraction(p[sampled & occupied] < FREE_PROBABILITY),
         "not_cleared": _fraction(p[sampled & ~occupied] >= FREE_PROBABILITY),
+        "found": _fraction(likely[sampled & occupied]),
+        "false_occupied": _fraction(likely[sampled & ~occupied]),
+        "false_share": _fraction(~occupied[sampled & likely]),
         "calibration_error": expected_calibration_error(*cells),
         "cells": int(cells.sampled.sum()),
         "reliability": {
