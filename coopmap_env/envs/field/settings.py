@@ -41,8 +41,7 @@ class FieldSettings(Settings):
     is weaker evidence than one that ends. Tuned on training worlds by `studies.field.calibration`:
     a lower `free` has less log-loss, but maps more of the occupied voxels as free, with which links
     would then collide."""
-    log_odds_range: LogOddsRange = field(default_factory=lambda: LogOddsRange(0.998))
-    """Tuned with `beam`: a lower limit of P would make passing beams outweigh one that ends."""
+    log_odds_range: LogOddsRange = field(default_factory=LogOddsRange)
     rating: FieldRatingSettings = field(default_factory=FieldRatingSettings)
     physics: Literal["kinematic", "stepped"] = "kinematic"
     """Stepped physics, or its final state computed at once; both model the suspension. Without a
@@ -85,7 +84,6 @@ class FieldSettings(Settings):
         """The readings and constants of version v0 of the ids, to reproduce its results."""
         return cls(
             beam=BeamModel(0.02, 0.998, "partial"),
-            log_odds_range=LogOddsRange(),
             rating=FieldRatingSettings(K=0.1, interpretation="literal", hidden="printed"),
             max_stiffness_error=0.0,
             correction=CorrectionSettings(prior="encoders", smoothing=False, min_patch_pixels=6),
