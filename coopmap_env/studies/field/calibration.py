@@ -259,7 +259,7 @@ def main(path: Path, seeds: Sequence[int] = SEEDS, max_scans: int = 16) -> None:
     write_atomically(path, json.dumps(record, indent=1) + "\n")
 
 
-def score_test_worlds(path: Path, n_worlds: int = 20, max_scans: int = 16) -> None:
+def score_test_worlds(path: Path, n_worlds: int = 100, max_scans: int = 16) -> None:
     """Write the scores of v0 and v1 on test worlds, each world and all of them, as JSON."""
     env = FieldEnv(split="test", max_scans=max_scans)
     try:
