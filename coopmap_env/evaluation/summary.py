@@ -42,7 +42,8 @@ def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict
     """Scores of each policy with 95 % intervals, and its comparison with a reference policy.
 
     For every score: the mean, and the interquartile mean with its stratified bootstrap interval
-    (the worlds of a policy are one stratum).
+    (the worlds of a policy are one stratum). Worlds where a score is undefined, such as the errors of
+    surface points where the map has none, do not count; a score needs two others.
     The comparison is over the paired worlds: the probability of improvement over the reference, and
     the mean difference in the area under the coverage curve.
 
@@ -60,12 +61,15 @@ def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict
         entry: dict[str, Any] = {"episodes": len(evaluation.episodes)}
         if len(evaluation.episodes) > 1:
             for score in (score for score in SUMMARY_SCORES if score in table):
-                entry[score] = {
-                    "mean": bootstrap_mean(table[score], rng).as_dict(),
-                    "interquartile_mean": bootstrap_interquartile_mean(
-                        [table[score]], rng
-                    ).as_dict(),
-                }
+                values = table[score]
+                defined = values[~np.isnan(values)]
+                if len(defined) > 1:
+                    entry[score] = {
+                        "mean": bootstrap_mean(defined, rng).as_dict(),
+                        "interquartile_mean": bootstrap_interquartile_mean(
+                            [defined], rng
+                        ).as_dict(),
+                    }
             if reference is not None and name != reference:
                 ours, theirs = table["coverage_auc"], evaluations[reference].table["coverage_auc"]
                 entry["comparison"] = {

@@ -248,7 +248,7 @@ def test_a_collision_with_a_wall_that_is_mapped_as_free_corrects_the_map():
     assert infos["robot_0"]["rejected_reason"] == ""
     assert infos["robot_0"]["distance"] == 0
     assert env.belief().pose_ids == (here,)
-    assert env.belief().map.probability[23, 20] == pytest.approx(0.999, abs=1e-4)
+    assert env.belief().map.probability[23, 20] == pytest.approx(0.9999, abs=1e-6)
     _, _, _, _, infos = env.step({"robot_0": action})
     assert infos["robot_0"]["collided"] is False
     assert infos["robot_0"]["rejected_reason"] == "goal is not known to be free"

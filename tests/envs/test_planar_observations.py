@@ -201,13 +201,13 @@ def test_candidate_features_by_hand():
         0.0, -1.0,  # a quarter turn to the right
         rated.new_information[0] / most,
         0.1 * d2 / most,
-        0.001,
+        0.0001,
         rated.rating[0] / most,
         belief.rating_function.count_unknown_cells(belief.map, [pose_id(env, 10, 11)])[0]
         / belief.rating_function.fan.max_visible_cells,
     ]  # fmt: skip
     np.testing.assert_allclose(observation["candidates"][row], expected, atol=1e-6)
-    assert expected[7] == pytest.approx((expected[4] - expected[5]) * 0.999, abs=1e-4)
+    assert expected[7] == pytest.approx((expected[4] - expected[5]) * 0.9999, abs=1e-6)
     assert 0.9 < expected[8] < 1
 
 
