@@ -25,7 +25,7 @@ class SurfaceArrays(NamedTuple):
     """Sums over the points of each cell, from which its surface Gaussian is made.
 
     The first two have the form of information: the merged point is precision^-1 information_vector.
-    With ``surface_fusion="mean"`` each point counts 1, and two more sums tell what that mean is
+    With ``surface_fusion="mean"`` each point counts 1, and three more sums tell what that mean is
     worth; with "eq_4" they have no cells.
     """
 
@@ -36,16 +36,19 @@ class SurfaceArrays(NamedTuple):
     """Eq. 4: sums of inverse covariance times deviation (n_cells, D), the deviation being the point
     minus the cell's center. Mean: sums of deviations."""
     noise: NDArray[np.float64]
-    """Mean: covariances of the sums of deviations (n_cells, D, D)."""
+    """Mean: sums of the points' covariances (n_cells, D, D)."""
     scatter: NDArray[np.float64]
     """Mean: sums of deviation times deviation, less the points' covariances (n_cells, D, D)."""
+    shared: NDArray[np.float64]
+    """Mean: sums of the covariances that camera poses give to the points (n_cells, D, D)."""
 
     @classmethod
     def empty(cls, n_cells: int, dimension: int, averaged: bool) -> SurfaceArrays:
         """Those of a map without points."""
         matrices, vectors = (n_cells, dimension, dimension), np.zeros((n_cells, dimension))
         if averaged:
-            return cls(np.zeros((n_cells, 1, 1)), vectors, np.zeros(matrices), np.zeros(matrices))
+            counts = np.zeros((n_cells, 1, 1))
+            return cls(counts, vectors, *(np.zeros(matrices) for _ in range(3)))
         return cls.of_eq_4(np.zeros(matrices), vectors)
 
     @property
@@ -59,7 +62,7 @@ class SurfaceArrays(NamedTuple):
     ) -> SurfaceArrays:
         """The sums of Eq. 4, (k, D, D) and (k, D)."""
         none = np.zeros((0, *precision.shape[1:]))
-        return cls(precision, information_vector, none, none)
+        return cls(precision, information_vector, none, none, none)
 
 
 class UpdateBuffers(NamedTuple):

@@ -122,7 +122,7 @@ def merge_points(
 ) -> None:
     """Add each beam's point to the surface of its cell (n_beams,), -1 for none."""
     origin, points, covariances, _ = scan
-    precision, information_vector, noise, scatter = surfaces
+    precision, information_vector, noise, scatter, _ = surfaces
     averaged = len(noise) > 0
     last = points.shape[1] - 1
     last_weight = precision.shape[1] - 1

@@ -2,17 +2,20 @@
 
 Eq. 4 merges the points of a cell as if all were observations of one point, with independent errors.
 They are not: points lie anywhere on the face that crosses the cell, and all points of a scan share
-the error of its camera pose. The product of their densities is then too certain, and it can lie off
-the face, as lines of sight to different points of a face need not meet on it.
+the error of its camera pose. So, for the most part, do all scans: the offsets of the encoders, the
+base's pose and the springs stay as they are, and the reading of a mount that does not move is the
+same. The product of their densities is then too certain, and it can lie off the face, as lines of
+sight to different points of a face need not meet on it.
 
 Here each point x_i, of covariance C_i, counts alike. The mean of n points of a plane lies in that
 plane, wherever on it they are. Its covariance is that of the sum of their errors over n**2,
 
-    C = (1 / n**2) * sum over scans of (sum of C_i + (m**2 - m) * S) + r * I
+    C = (1 / n**2) * (sum of C_i + (n - 1) * sum of S_i) + r * I
 
-m being the number of the scan's points and S the covariance that its camera pose gives to a point
-of this cell, which is a part of every C_i already. So range noise shrinks with the number of
-points, the pose's error only with the number of scans.
+S_i being the covariance that the camera pose gives to a point of this cell, which is a part of C_i
+already. So range noise shrinks with the number of points, the pose's error does not. This takes
+the poses of all scans for equally wrong, in the same direction. What is not, the noise of each
+new reading of the encoders or another robot, makes C too large, not too small.
 
 Where the face is not a plane (an edge, a corner), the mean is off the surface. The points then
 scatter in every direction more than their noise explains. r is the smallest eigenvalue of this
@@ -47,7 +50,7 @@ def add_point(
     floor: float,
 ) -> None:
     """Add a point of covariance C + floor I to a cell; the deviation is from the cell's center."""
-    count, total, noise, scatter = surfaces
+    count, total, noise, scatter, _ = surfaces
     count[cell, 0, 0] += 1.0
     N, S = noise[cell], scatter[cell]
     for i in range(len(deviation)):
@@ -67,7 +70,7 @@ def add_shared_errors(
     grid: GridGeometry,
     n_points: NDArray[np.int32],
 ) -> None:
-    """Add (m**2 - m) S of one 3-D scan to the noise of each cell that holds m of its points.
+    """Add m S of one 3-D scan to each cell that holds m of its points.
 
     `cells` are those of the scan's points, -1 for none; `n_points` (n_cells,) is a buffer of zeros.
     S is taken at the cell's center.
@@ -83,17 +86,14 @@ def add_shared_errors(
             continue
         m = n_points[cell]
         n_points[cell] = 0
-        if m == 1:
-            continue
         lever[0] = (cell // (ny * nz) + 0.5) * resolution + lower[0] - origin[0]
         lever[1] = (cell // nz % ny + 0.5) * resolution + lower[1] - origin[1]
         lever[2] = (cell % nz + 0.5) * resolution + lower[2] - origin[2]
         S[:] = 0.0
         add_pose_term(pose_covariance, lever, W, V, S, 0)
-        pairs = float(m) * (m - 1.0)
         for i in range(3):
             for j in range(3):
-                surfaces.noise[cell, i, j] += pairs * S[0, max(i, j), min(i, j)]
+                surfaces.shared[cell, i, j] += m * S[0, max(i, j), min(i, j)]
 
 
 @kernel
@@ -111,7 +111,8 @@ def mean_gaussian(
         deviation[i] = surfaces.information_vector[cell, i] / n
     for i in range(D):
         for j in range(D):
-            covariance[i, j] = surfaces.noise[cell, i, j] / (n * n)
+            errors = surfaces.noise[cell, i, j] + (n - 1.0) * surfaces.shared[cell, i, j]
+            covariance[i, j] = errors / (n * n)
             spread = surfaces.scatter[cell, i, j] / n - deviation[i] * deviation[j]
             excess[i, j] = spread + covariance[i, j]
     if n > D:

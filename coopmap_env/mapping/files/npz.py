@@ -26,7 +26,7 @@ TEXTS = ("format", "settings")
 MAX_TEXT_BYTES = 1 << 16
 OCCUPANCY = ("levels", "sampled", "cells")
 EQ_4_SUMS = ("precisions", "vectors")
-MEAN_SUMS = ("counts", "sums", "noise", "scatter")
+MEAN_SUMS = ("counts", "sums", "noise", "scatter", "shared")
 FORMATS = {"coopmap map 1": EQ_4_SUMS, "coopmap map 2": MEAN_SUMS}
 """Entry ``format`` of the archive, and its names of the `SurfaceArrays`, without empty ones."""
 _HEADER_READERS = {
