@@ -101,7 +101,8 @@ def compare(
     results_dir : Path
         Folder for finished episodes.
     settings : optional
-        `PlanarSettings` or `FieldSettings`.
+        `PlanarSettings` or `FieldSettings`. Stored episodes belong to the settings that they were
+        played with, also if these are the defaults: other defaults play again.
     env_name : {"planar", "field"}
     backend : {"processes", "ray"}
         Kind of the workers; see `run_jobs`.
@@ -110,6 +111,7 @@ def compare(
     policy_objects = [make_policy(policy) for policy in policies]
     with closing(get_env_spec(env_name).make(**env_kwargs, settings=settings)) as trial_env:
         warm_up(trial_env, *policy_objects)
+        settings = trial_env.settings  # the defaults may depend on the scene
         is_valid = partial(
             is_episode,
             n_scans=trial_env.max_scans,

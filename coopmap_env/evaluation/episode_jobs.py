@@ -40,7 +40,8 @@ def make_job(
     seed : int
     env_kwargs : dict
         Arguments of the environment as JSON values, without the settings.
-    settings : PlanarSettings or FieldSettings, optional
+    settings : PlanarSettings or FieldSettings
+        Those of the environment, also where they are the defaults, which may change.
     env_name : {"planar", "field"}
     """
     return {
@@ -51,7 +52,7 @@ def make_job(
         "seed": seed,
         "env_name": env_name,
         "env_kwargs": env_kwargs,
-        "settings": None if settings is None else settings_to_dict(settings),
+        "settings": settings_to_dict(settings),
     }
 
 

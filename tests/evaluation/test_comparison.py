@@ -1,6 +1,7 @@
 import csv
 import json
 from dataclasses import asdict, replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from coopmap_env.evaluation import (
     summarize,
     write_episodes,
 )
-from coopmap_env.evaluation.episode_jobs import make_job
+from coopmap_env.evaluation.episode_jobs import make_job, run_job
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.mapping.files import write_map_server
 from coopmap_env.sensing import DepthCamera
@@ -185,7 +186,7 @@ def test_a_changed_mesh_changes_the_jobs_of_its_scene(tmp_path):
     jobs = []
     for side in (1.0, 1.0, 1.1):
         trimesh.creation.box([side] * 3).export(tmp_path / "part.stl")
-        jobs.append(make_job("random", 0, {"scene": str(scene)}, None, "field"))
+        jobs.append(make_job("random", 0, {"scene": str(scene)}, FieldSettings(), "field"))
     assert jobs[0] == jobs[1] != jobs[2]
 
 
@@ -240,6 +241,36 @@ def test_a_changed_map_is_played_again(tmp_path):
     assert coverage() != first
 
 
+def test_episodes_that_were_played_with_other_default_settings_are_played_again(
+    tmp_path, monkeypatch
+):
+    def play(settings=None):
+        arguments = {"max_scans": 3, "split": "test"}
+        found = compare(["raster"], [0], arguments, tmp_path, settings, progress=False)
+        return timeless(found["raster"].episodes[0])
+
+    first = play()
+    assert play(PlanarSettings()) == first
+    assert len(list(tmp_path.glob("*.json"))) == 1  # the defaults by name are the defaults
+    others = replace(PlanarSettings(), reach=4.0, initial_free_radius=1.0)
+    monkeypatch.setattr(PlanarSettings, "for_resolution", lambda resolution: others)
+    assert play() == play(others) != first
+    assert len(list(tmp_path.glob("*.json"))) == 2
+
+
+def test_the_default_settings_of_a_scene_are_those_of_its_job(tmp_path, monkeypatch):
+    jobs = []
+    module = import_module("coopmap_env.evaluation.comparison")
+    monkeypatch.setattr(module, "run_job", lambda job: jobs.append(job) or run_job(job))
+    write_map(tmp_path / "map.yaml", wall=15)
+    arguments = {"scene": str(tmp_path / "map.yaml"), "max_scans": 1}  # cells of a decimetre
+    compare(["random"], [0], arguments, tmp_path / "store", progress=False)
+    defaults = planar_v1.parallel_env(**arguments).settings
+    assert defaults != PlanarSettings()
+    (job,) = jobs
+    assert settings_from_dict(json.loads(json.dumps(job["settings"])), PlanarSettings) == defaults
+
+
 class Reader:
     """A policy that is made from a file."""
 
@@ -257,10 +288,10 @@ def test_the_content_of_a_file_in_a_spec_enters_the_job(tmp_path, monkeypatch):
     monkeypatch.setattr(episode_jobs, "make_policy", lambda spec: Reader())
     notes = tmp_path / "notes.txt"
     notes.write_bytes(b"one")
-    before = make_job(f"reader:notes={notes}", 0, {}, None)
-    assert make_job(f"reader:notes={notes}", 0, {}, None) == before
+    before = make_job(f"reader:notes={notes}", 0, {}, PlanarSettings())
+    assert make_job(f"reader:notes={notes}", 0, {}, PlanarSettings()) == before
     notes.write_bytes(b"two")
-    assert make_job(f"reader:notes={notes}", 0, {}, None) != before
+    assert make_job(f"reader:notes={notes}", 0, {}, PlanarSettings()) != before
 
 
 def test_a_policy_fingerprint_enters_the_job(monkeypatch):
@@ -269,7 +300,7 @@ def test_a_policy_fingerprint_enters_the_job(monkeypatch):
         episode_jobs._fingerprint.cache_clear()
         learned = Reader(fingerprint=fingerprint)
         monkeypatch.setattr(episode_jobs, "make_policy", lambda spec, learned=learned: learned)
-        jobs.append(make_job("reader", 0, {}, None))
+        jobs.append(make_job("reader", 0, {}, PlanarSettings()))
     episode_jobs._fingerprint.cache_clear()
     assert [job["fingerprint"] for job in jobs] == ["one", "two"]
 
