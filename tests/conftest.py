@@ -5,9 +5,9 @@ import signal
 # each other: a small training took five times the processor's time.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-# A shell starts background jobs with SIGINT ignored, nohup with SIGHUP. The programs that tests start
-# would inherit that, and those that are ended by such a signal would run for ever. A handler that
-# does nothing is not inherited.
+# A shell starts background jobs with SIGINT ignored, nohup with SIGHUP. The programs that tests
+# start would inherit that, and those that are ended by such a signal would run for ever. A handler
+# that does nothing is not inherited.
 for signum in (signal.SIGINT, signal.SIGHUP):
     if signal.getsignal(signum) == signal.SIG_IGN:
         signal.signal(signum, lambda *_: None)

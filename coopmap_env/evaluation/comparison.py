@@ -119,13 +119,13 @@ def compare(
         )
     jobs = [
         make_job(policy, seed, env_kwargs, settings, env_name)
+        for seed in seeds  # policies share the evaluator of a world
         for policy in policies
-        for seed in seeds
     ]
-    results = iter(run_jobs(run_job, jobs, results_dir, workers, progress, is_valid, backend))
+    results = run_jobs(run_job, jobs, results_dir, workers, progress, is_valid, backend)
     return {
-        policy: Evaluation(tuple(episode_from_dict(next(results)) for _ in seeds))
-        for policy in policies
+        policy: Evaluation(tuple(map(episode_from_dict, results[k :: len(policies)])))
+        for k, policy in enumerate(policies)
     }
 
 

@@ -20,8 +20,9 @@ from coopmap_env.evaluation.rollout import warm_up
 
 POLICY_KEYS = ("policy", "fingerprint", "seed")
 """Entries of a job that its environment does not depend on."""
-N_EVALUATORS = 50
-"""Worlds whose surface evaluators are remembered; each takes about seven megabytes."""
+N_EVALUATORS = 4
+"""Worlds of an environment whose surface evaluators are remembered: one takes eight megabytes, and
+a comparison plays all policies on a world before the next."""
 
 
 def make_job(
@@ -62,22 +63,21 @@ def _fingerprint(policy: str) -> str:
 
 
 @thread_cache(maxsize=4)
-def _env(arguments: str) -> MappingEnv[Any]:
+def _env(arguments: str) -> tuple[MappingEnv[Any], EvaluatorFor]:
+    """An environment, and the surface evaluators of its worlds, which all policies share.
+
+    An evaluator refers to its environment: they are remembered together.
+    """
     values = json.loads(arguments)
-    return make_env(values["env_name"], values["env_kwargs"], values["settings"])
+    env = make_env(values["env_name"], values["env_kwargs"], values["settings"])
+    return env, lru_cache(maxsize=N_EVALUATORS)(partial(make_surface_evaluator, env))
 
 
-@thread_cache(maxsize=16)
+@thread_cache(maxsize=128)
 def _policy(spec: str, arguments: str) -> Policy:
     policy = make_policy(spec)
-    warm_up(_env(arguments), policy)
+    warm_up(_env(arguments)[0], policy)
     return policy
-
-
-@thread_cache(maxsize=4)
-def _evaluator_for(arguments: str) -> EvaluatorFor:
-    """Remembers the evaluators of the worlds of an environment, which all policies share."""
-    return lru_cache(maxsize=N_EVALUATORS)(partial(make_surface_evaluator, _env(arguments)))
 
 
 def run_job(job: Job) -> Result:
@@ -87,5 +87,6 @@ def run_job(job: Job) -> Result:
     """
     env_values = {name: value for name, value in job.items() if name not in POLICY_KEYS}
     arguments = json.dumps(env_values, sort_keys=True)
-    env, policy = _env(arguments), _policy(job["policy"], arguments)
-    return asdict(run_episode(env, policy, job["seed"], _evaluator_for(arguments)))
+    policy = _policy(job["policy"], arguments)
+    env, evaluator_for = _env(arguments)
+    return asdict(run_episode(env, policy, job["seed"], evaluator_for))

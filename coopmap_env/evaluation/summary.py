@@ -42,8 +42,8 @@ def summarize(evaluations: dict[str, Evaluation], reference: str | None) -> dict
     """Scores of each policy with 95 % intervals, and its comparison with a reference policy.
 
     For every score: the mean, and the interquartile mean with its stratified bootstrap interval
-    (the worlds of a policy are one stratum). Worlds where a score is undefined, such as the errors of
-    surface points where the map has none, do not count; a score needs two others.
+    (the worlds of a policy are one stratum). Worlds where a score is undefined, such as the errors
+    of surface points where the map has none, do not count; a score needs two others.
     The comparison is over the paired worlds: the probability of improvement over the reference, and
     the mean difference in the area under the coverage curve.
 

@@ -32,6 +32,18 @@ def test_the_evaluator_of_a_world_is_made_once_for_all_policies(jobs, monkeypatc
     assert made == [3, 4]
 
 
+def test_jobs_after_one_that_failed_are_scored_in_their_own_world(jobs):
+    first, second = jobs[:2]
+    expected = run_job({**second, "version": "another"})["surface"]
+    run_job(first)
+    others = [{**first, "version": f"other {k}"} for k in range(4)]
+    for job in others[:3]:
+        run_job(job)
+    with pytest.raises(ValueError, match="search"):
+        run_job({**others[3], "policy": "coverage:search=0"})
+    np.testing.assert_equal(run_job(second)["surface"], expected)
+
+
 def test_a_remembered_evaluator_gives_the_scores_of_a_new_one(jobs):
     env = make_env("field", ARGUMENTS, None)
     for job in (jobs[0], jobs[2]):  # two policies on one world

@@ -6,10 +6,11 @@
 `FieldSettings.beam` and `octomap_comparison.TUNED_OCTOMAP` come from this search. Voxels that are
 known from the start are not scored (`observed_mask`).
 
-The objective of the beam model is the log-loss, plus what the map misses (voxels with P < 0.05, which
-links move into) beyond a target: what v0 misses in the same scans, less 2.6 points. These points can be
-won; the others are voxels that no beam without noise hits. Without the second term the search takes
-free = 0.005 for a fiftieth less log-loss. OctoMap's constants have the lowest log-loss alone.
+The objective of the beam model is the log-loss, plus what the map misses (voxels with P < 0.05,
+which links move into) beyond a target: what v0 misses in the same scans, less 2.6 points. These
+points can be won; the others are voxels that no beam without noise hits. Without the second term
+the search takes free = 0.005 for a fiftieth less log-loss. OctoMap's constants have the lowest
+log-loss alone.
 """
 
 from __future__ import annotations
