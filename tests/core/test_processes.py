@@ -19,7 +19,7 @@ from coopmap_env.evaluation.jobs import run_jobs
 
 def wait_for_ever(job):
     if job["n"] > 0:
-        print("waiting", flush=True)
+        os.write(1, b"waiting\\n")  # `print` of two processes may mix lines
         threading.Event().wait()
     return {"process": os.getpid()}
 
@@ -61,9 +61,9 @@ def test_no_worker_outlives_the_process_that_started_it(name, kill, tmp_path):
 
 
 IMPORT_WITHOUT_END = """
-import threading
+import os, threading
 if __name__ == "__mp_main__":
-    print("importing", flush=True)
+    os.write(1, b"importing\\n")
     threading.Event().wait()
 """
 

@@ -20,6 +20,8 @@ import coopmap_baselines
 import coopmap_env  # noqa: F401 - registers the ids
 
 N_EPISODES = 100
+N_PLAYED = {"coopmap/Planar-v1": 100, "coopmap/Field-v1": 40, "coopmap/FieldSearch-v1": 30}
+"""Episodes that are played without ``-m long``: those of the field take most of the time."""
 MODES = ("pose", "candidates")
 SCANS = {"coopmap/Planar-v1": 8, "coopmap/Field-v1": 3, "coopmap/FieldSearch-v1": 4}
 """Scans of each robot in an episode."""
@@ -103,9 +105,11 @@ def planner_hashes(env_id, name, n_episodes=3, **kwargs) -> list[str]:
     return hashes
 
 
-def hashes_of(env_id, part) -> list[str]:
-    """Hashes of an id in an action mode, or with a planner."""
-    return trajectory_hashes(env_id, part) if part in MODES else planner_hashes(env_id, part)
+def hashes_of(env_id, part, n_episodes=N_EPISODES) -> list[str]:
+    """Hashes of an id in an action mode, or with a planner, which plays three episodes."""
+    if part in MODES:
+        return trajectory_hashes(env_id, part, n_episodes)
+    return planner_hashes(env_id, part)
 
 
 def all_hashes(env_id) -> dict[str, str]:
