@@ -7,7 +7,9 @@ from pathlib import Path
 from unittest.mock import patch
 
 import coopmap_env.studies.benchmark.methods as benchmark
+import coopmap_env.studies.benchmark.plan as benchmark_plan
 import coopmap_env.studies.benchmark.report
+import coopmap_env.studies.benchmark.tables
 import coopmap_env.studies.commands.reproduce
 import coopmap_env.studies.localization.report
 import coopmap_env.studies.localization.study as localization
@@ -50,7 +52,7 @@ def compare(out):
         for name in ("rating_function", "coverage")
     )
     condition = benchmark.Condition("all policies", "planar", 2, short, methods)
-    plan = benchmark.BenchmarkPlan((condition,), ())
+    plan = benchmark_plan.BenchmarkPlan((condition,), ())
 
     def report(study, out):
         results = study.main[0].method_results
@@ -60,11 +62,9 @@ def compare(out):
         "compare --quick",
         out,
         [
-            (benchmark, {"make_plan": lambda *_: plan}),
-            (
-                coopmap_env.studies.benchmark.report,
-                {"write_benchmark_report": report, "benchmark_text": str},
-            ),
+            (benchmark_plan, {"make_plan": lambda *_: plan}),
+            (coopmap_env.studies.benchmark.report, {"write_benchmark_report": report}),
+            (coopmap_env.studies.benchmark.tables, {"benchmark_text": str}),
         ],
     )
 
