@@ -2,6 +2,7 @@ import csv
 import json
 from dataclasses import asdict, replace
 from importlib import import_module
+from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
@@ -133,6 +134,19 @@ def test_a_bad_policy_is_rejected_before_any_episode(tmp_path):
     with pytest.raises(ValueError, match="unknown policy 'nobody'"):
         compare(["raster", "nobody"], range(2), {}, tmp_path / "new", progress=False)
     assert not (tmp_path / "new").exists()
+
+
+def test_a_policy_that_is_installed_while_a_program_runs_is_found(monkeypatch):
+    make_policy("random")
+    module = import_module("coopmap_env.evaluation.policy")
+    group = module.ENTRY_POINT_GROUP
+    late = EntryPoint("late", "coopmap_baselines:RandomPolicy", group)
+    installed = [*module.entry_points(group=group), late]
+    monkeypatch.setattr(module, "entry_points", lambda group: installed)
+    assert isinstance(make_policy("late"), coopmap_baselines.RandomPolicy)
+    monkeypatch.undo()
+    with pytest.raises(ValueError, match="unknown policy 'nobody'"):
+        make_policy("nobody")  # forgets the policy of this test
 
 
 def test_every_installed_policy_is_made_by_name():
