@@ -87,9 +87,9 @@ class GainPlanner(Planner):
     search, coordination
         See `Planner`.
     motion_weight : float
-        Gain that is worth one unit of d (Eq. 5). On training worlds of the planar environment, the
-        default keeps 97 to 99 % of the largest area under the coverage curve, with two thirds to
-        four fifths of the motion of weight 0.
+        Gain that is worth one unit of d (Eq. 5). On training worlds of the planar environment, with
+        32 to 300 candidates or any pose, the default keeps 95 to 99 % of the largest area under the
+        coverage curve of all weights, with 0.55 to 0.81 of the motion of weight 0.
     """
 
     def __init__(
