@@ -68,11 +68,11 @@ def calibration_scores(cells: ScoredCells) -> dict[str, Any]:
         "log_loss": log_loss(*cells),
         "log_loss_free": log_loss(p, occupied, sampled & ~occupied),
         "log_loss_occupied": log_loss(p, occupied, sampled & occupied),
-        "missed": _fraction(p[sampled & occupied] < FREE_PROBABILITY),
-        "not_cleared": _fraction(p[sampled & ~occupied] >= FREE_PROBABILITY),
-        "found": _fraction(likely[sampled & occupied]),
-        "false_occupied": _fraction(likely[sampled & ~occupied]),
-        "false_share": _fraction(~occupied[sampled & likely]),
+        "missed": fraction(p[sampled & occupied] < FREE_PROBABILITY),
+        "not_cleared": fraction(p[sampled & ~occupied] >= FREE_PROBABILITY),
+        "found": fraction(likely[sampled & occupied]),
+        "false_occupied": fraction(likely[sampled & ~occupied]),
+        "false_share": fraction(~occupied[sampled & likely]),
         "calibration_error": expected_calibration_error(*cells),
         "cells": int(cells.sampled.sum()),
         "reliability": {
@@ -95,5 +95,6 @@ def compare_cells(pooled: Mapping[str, ScoredCells]) -> dict[str, dict[str, Any]
     }
 
 
-def _fraction(which: NDArray[np.bool_]) -> float:
+def fraction(which: NDArray[np.bool_]) -> float:
+    """The fraction of cells that are marked; NaN without cells."""
     return float(which.mean()) if which.size else float("nan")

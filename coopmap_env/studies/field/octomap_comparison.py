@@ -31,6 +31,7 @@ from coopmap_env.mapping import (
 )
 from coopmap_env.mapping.files.octomap import octomap_shift, sample_octree
 from coopmap_env.sensing import Scan
+from coopmap_env.studies.common.map_scores import fraction
 
 FREE_BEAM_EXTENSION = 2.0
 """Metres by which beams without return are lengthened. OctoMap enters a point as a surface unless
@@ -117,9 +118,9 @@ class FusedMap:
             log_loss=log_loss(p, occupied, common),
             log_loss_free=log_loss(p, occupied, common & ~occupied),
             log_loss_occupied=log_loss(p, occupied, common & occupied),
-            missed=_fraction(p[common & occupied] < FREE_PROBABILITY),
-            not_cleared=_fraction(p[common & ~occupied] >= FREE_PROBABILITY),
-            accuracy=_fraction(((p >= 0.5) == occupied)[common]),
+            missed=fraction(p[common & occupied] < FREE_PROBABILITY),
+            not_cleared=fraction(p[common & ~occupied] >= FREE_PROBABILITY),
+            accuracy=fraction(((p >= 0.5) == occupied)[common]),
             milliseconds=1e3 * self.seconds,
         )
 
@@ -168,7 +169,7 @@ def compare_with_octomap(
     return OctomapComparison(
         n_scans=len(scans),
         common_cells=int(common.sum()),
-        agreement=_fraction(agrees),
+        agreement=fraction(agrees),
         ours=ours.scores(truth, common),
         tuned=tuned.scores(truth, common),
         default=default.scores(truth, common),
@@ -225,10 +226,6 @@ def read_octomap(tree: Any, seconds: float, grid: VoxelGrid) -> FusedMap:
     """OctoMap's tree, sampled at the voxels of a grid."""
     log_odds, known = sample_octree(tree, grid)
     return FusedMap(1.0 / (1.0 + np.exp(-log_odds)), known, seconds)
-
-
-def _fraction(which: NDArray[np.bool_]) -> float:
-    return float(which.mean()) if which.size else float("nan")
 
 
 def _insertion_batches(scan: Scan, resolution: float) -> list[tuple[NDArray[np.float64], float]]:
