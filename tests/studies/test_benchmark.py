@@ -12,10 +12,12 @@ from coopmap_env.evaluation import Episode, Evaluation, MappedExtent
 from coopmap_env.studies.benchmark import plan as benchmark_plan
 from coopmap_env.studies.benchmark import study as benchmark_study
 from coopmap_env.studies.benchmark.methods import (
+    ALL_PLANNERS,
     LEARNED,
     POSE_MODE,
     Condition,
     Method,
+    MotionLine,
     Opponent,
     planner_method,
     with_n_candidates,
@@ -41,13 +43,14 @@ METHODS = (
 )
 RATING, COVERAGE, ANY_POSE = METHODS[1:4]
 OPPONENTS = (
-    Opponent("coverage_auc", RATING, 0.3),
-    Opponent("coverage_auc", COVERAGE, 0.5),
-    Opponent("coverage_auc", ANY_POSE, 0.2),
-    Opponent("reward", RATING, 40.0),
-    Opponent("reward", COVERAGE, 20.0),
-    Opponent("reward", ANY_POSE, 50.0),
+    Opponent("coverage_auc", RATING, 0.3, 7),
+    Opponent("coverage_auc", COVERAGE, 0.5, 7),
+    Opponent("coverage_auc", ANY_POSE, 0.2, 7),
+    Opponent("reward", RATING, 40.0, 7),
+    Opponent("reward", COVERAGE, 20.0, 7),
+    Opponent("reward", ANY_POSE, 50.0, 7),
 )
+LINES = (MotionLine(ALL_PLANNERS, "coverage_auc", (RATING, COVERAGE), 7),)
 
 
 def test_methods_are_compared_with_the_strongest_planner_of_the_same_actions():
@@ -156,11 +159,12 @@ def study(tmp_path_factory):
     generalization = Condition(
         "3 robots", "planar", 2, {**SHORT, "n_robots": 3}, METHODS[:3], OPPONENTS[:2]
     )
-    sweep = Condition("price of motion", "planar", 3, SHORT, METHODS[:3])
+    sweep = Condition("price of motion", "planar", 3, SHORT, METHODS[:3], lines=LINES)
     small = BenchmarkPlan(
         (Condition("all policies", "planar", 3, SHORT, METHODS, OPPONENTS),),
         (sweep,),
         (generalization,),
+        notes=("planar: tuned with other constants",),
     )
     return benchmark_study.run_benchmark(store, small, 1, print)
 
@@ -195,7 +199,12 @@ def test_the_table_has_a_row_for_each_method_and_condition(study):
     for line in headlines(summary):
         assert f"- {line}\n" in text
     assert "`coverage` with the same actions" in text
-    assert "`rating_function:search=100` with any pose" in text
+    assert "`rating_function:search=100` with any pose (m = 100)" in text
+    assert "Planar-v1, 3 worlds, area under the coverage curve: " in text
+    assert text.startswith("Note: planar: tuned with other constants.\n")
+    assert "that was strongest on 7 training worlds" in text
+    assert "Planar-v1, 3 worlds; 7 training worlds have chosen the planners:" in text
+    assert "on training worlds (Planar-v1: 7 training worlds):" in text
     assert "| learned | the planners | area under the coverage curve |" in text
     assert "| Planar-v1: 3 robots | 2 |" in text
     widths = {line.count(" | ") for line in text.splitlines() if line.startswith("| method")}
@@ -209,6 +218,13 @@ def test_all_files_of_the_report_are_written(study, tmp_path):
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(found))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64") == 3
+    assert "Note: planar: tuned with other constants." in page
+    assert found["notes"] == ["planar: tuned with other constants"]
+    assert " ".join(page.split()).count("Planar-v1: 7 training worlds") == 2
+    assert "strongest on 7 training worlds by the area" in " ".join(page.split())
+    assert "that 7 training worlds have chosen" in " ".join(page.split())
+    for part in (*found["main"], *found["sweeps"], *found["generalization"]):
+        assert part["training_worlds"] == [7]
     assert (tmp_path / "table.md").read_text() == benchmark_text(found)
     rows = list(csv.DictReader((tmp_path / "planar_episodes.csv").read_text().splitlines()))
     assert len(rows) == 3 * 6
@@ -244,6 +260,8 @@ def test_bad_input_is_named(tmp_path):
         Condition("here", "planar", 2, SHORT, (STAND_IN, STAND_IN))
     with pytest.raises(ValueError, match=r"opponents must be among the methods, \['rating.*not"):
         Condition("here", "planar", 2, SHORT, METHODS[2:], OPPONENTS)
+    with pytest.raises(ValueError, match=r"opponents must be among the methods, \['rating.*not"):
+        Condition("here", "planar", 2, SHORT, METHODS[2:], lines=LINES)
     with pytest.raises(ValueError, match=r"one of learned, rating function, .* got 'magic'"):
         Method("label", ("random",), POSE_MODE, "magic")
     with pytest.raises(ValueError, match="method 'label' needs at least one policy"):

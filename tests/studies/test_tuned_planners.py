@@ -1,6 +1,7 @@
 """The sweep on training worlds, its record, and the opponents that it chooses."""
 
 import json
+import math
 from dataclasses import replace
 
 import pytest
@@ -8,19 +9,25 @@ import pytest
 from coopmap_env.core.files import FileError
 from coopmap_env.evaluation import make_policy
 from coopmap_env.studies.benchmark import tuning
-from coopmap_env.studies.benchmark.families import MOTION_WEIGHTS, planner_spec, sweep_specs
+from coopmap_env.studies.benchmark.families import (
+    MOTION_WEIGHTS,
+    SEARCH_POSES,
+    planner_spec,
+    sweep_specs,
+)
 from coopmap_env.studies.benchmark.methods import POSE_MODE, with_n_candidates
 from coopmap_env.studies.benchmark.tuned_planners import (
     TunedCase,
+    default_settings,
     find_case,
-    rating_constants,
     read_record,
     record_notes,
 )
 
 
-def scores(area, reward):
-    return {"coverage_auc": {"estimate": area}, "reward": {"estimate": reward}}
+def scores(area, reward, motion=100.0):
+    means = {"coverage_auc": area, "reward": reward, "motion_distance": motion}
+    return {score: {"estimate": mean} for score, mean in means.items()}
 
 
 CASE = TunedCase(
@@ -28,10 +35,13 @@ CASE = TunedCase(
     with_n_candidates(8),
     2,
     {
-        "coverage": {"coverage": scores(0.07, 30.0), "coverage:motion_weight=0": scores(0.08, 9.0)},
+        "coverage": {
+            "coverage": scores(0.07, 30.0),
+            "coverage:motion_weight=0": scores(0.08, 9.0, 200.0),
+        },
         "frontier": {"frontier": scores(0.04, 5.0)},
     },
-    rating_constants("planar"),
+    default_settings("planar"),
 )
 
 
@@ -46,6 +56,24 @@ def test_the_strongest_planner_of_a_family_depends_on_the_score():
         ("reward", "frontier"): 5.0,
     }
     assert all(o.method.env_kwargs == with_n_candidates(8) for o in CASE.opponents())
+    assert {o.training_worlds for o in CASE.opponents()} == {2}
+
+
+def test_the_opponents_at_equal_motion_are_the_hull_of_each_family_and_of_all():
+    found = {
+        (line.family, line.score): [method.policy_specs[0] for method in line.methods]
+        for line in CASE.lines()
+    }
+    both = ["coverage", "coverage:motion_weight=0"]
+    assert found == {
+        ("the planners", "coverage_auc"): both,
+        ("coverage", "coverage_auc"): both,
+        ("frontier", "coverage_auc"): ["frontier"],
+        ("the planners", "reward"): ["coverage"],
+        ("coverage", "reward"): ["coverage"],
+        ("frontier", "reward"): ["frontier"],
+    }
+    assert {line.training_worlds for line in CASE.lines()} == {2}
 
 
 def test_a_case_is_found_by_environment_and_actions():
@@ -55,9 +83,12 @@ def test_a_case_is_found_by_environment_and_actions():
 
 
 def test_planners_that_were_tuned_with_other_constants_are_named_once():
-    other = replace(CASE, rating={**CASE.rating, "K": 7.0})
     assert CASE.is_current
-    assert not other.is_current
+    rating = {**CASE.settings, "rating": {**CASE.settings["rating"], "K": 7.0}}
+    beam = {**CASE.settings, "beam": {**CASE.settings["beam"], "free": 0.4}}
+    for settings in (rating, beam, {"rating": CASE.settings["rating"]}):
+        other = replace(CASE, settings=settings)
+        assert not other.is_current
     assert record_notes([CASE]) == []
     (note,) = record_notes([CASE, other, other])
     assert note.startswith("planar: the opponents were tuned with other constants")
@@ -125,10 +156,17 @@ def test_the_record_of_the_repository_has_every_planner_of_the_sweep():
         (case.env_name, case.env_kwargs) for case in tuning.FULL
     ]
     for case, played in zip(record, tuning.FULL, strict=True):
-        search = 100 if case.env_kwargs == POSE_MODE else None
+        search = SEARCH_POSES if case.env_kwargs == POSE_MODE else None
         assert search == played.search
         for family, rows in case.families.items():
             assert list(rows) == list(sweep_specs(family, case.env_name, search))
+
+
+def test_the_record_of_the_repository_is_that_of_the_present_constants():
+    """`make planners` makes it again."""
+    for case, played in zip(read_record(), tuning.FULL, strict=True):
+        assert case.n_worlds == played.n_worlds
+        assert case.is_current
 
 
 @pytest.mark.parametrize("text", ["{}", "[1]", '{"cases": [{"env_name": "planar"}]}', "no JSON"])
@@ -136,4 +174,66 @@ def test_a_broken_record_is_named(tmp_path, text):
     path = tmp_path / "record.json"
     path.write_text(text)
     with pytest.raises(FileError, match=r"record\.json"):
+        read_record(path)
+
+
+BROKEN = {
+    "the test split": (
+        lambda record, case, row: record.update(split="test"),
+        "split must be 'train', got 'test'",
+    ),
+    "no case": (
+        lambda record, case, row: record.update(cases=[]),
+        r"cases must be a list that is not empty, got \[\]",
+    ),
+    "no family": (
+        lambda record, case, row: case.update(families={}),
+        "families must be a mapping that is not empty, got {}",
+    ),
+    "an empty family": (
+        lambda record, case, row: case["families"].update(coverage={}),
+        "family coverage must be a mapping that is not empty, got {}",
+    ),
+    "an unknown environment": (
+        lambda record, case, row: case.update(env_name="marine"),
+        "env_name must be planar or field, got 'marine'",
+    ),
+    "a number of worlds in words": (
+        lambda record, case, row: case.update(n_worlds="many"),
+        "n_worlds must be a positive integer, got 'many'",
+    ),
+    "no worlds": (
+        lambda record, case, row: case.update(n_worlds=0),
+        "n_worlds must be a positive integer, got 0",
+    ),
+    "a mean that is no number": (
+        lambda record, case, row: row["reward"].update(estimate=math.nan),
+        "mean reward of frontier must be a number, got nan",
+    ),
+    "a mean in words": (
+        lambda record, case, row: row["motion_distance"].update(estimate="0.9"),
+        "mean motion_distance of frontier must be a number, got '0.9'",
+    ),
+    "an unknown planner": (
+        lambda record, case, row: case["families"]["frontier"].update({"covrage:a=1": row}),
+        "unknown policy 'covrage'",
+    ),
+    "an unknown option": (
+        lambda record, case, row: case["families"]["frontier"].update({"frontier:a=1": row}),
+        "frontier.* a",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_value_of_a_record_is_named_with_the_file(kind, tmp_path):
+    break_record, message = BROKEN[kind]
+    case = json.loads(json.dumps(vars(CASE)))
+    record = {"split": "train", "cases": [case]}
+    path = tmp_path / "record.json"
+    path.write_text(json.dumps(record))
+    assert read_record(path) == (CASE,)
+    break_record(record, case, case["families"]["frontier"]["frontier"])
+    path.write_text(json.dumps(record))
+    with pytest.raises(FileError, match=rf"record\.json: .*{message}"):
         read_record(path)

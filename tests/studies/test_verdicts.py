@@ -21,6 +21,7 @@ def a_verdict(low, estimate, high, **changes):
     difference = {"estimate": estimate, "low": low, "high": high}
     return {
         "env_name": "planar",
+        "worlds": 100,
         "score": "coverage_auc",
         "learned": "learned, 32 candidates",
         "spec": "coverage:motion_weight=0+coordination=sequential",
@@ -57,13 +58,13 @@ def test_a_sentence_names_the_opponent_in_full_and_claims_what_the_interval_carr
     interval, words
 ):
     sentence = verdict_sentence(a_verdict(*interval))
-    assert sentence == f"Planar-v1, area under the coverage curve: {words}"
+    assert sentence == f"Planar-v1, 100 worlds, area under the coverage curve: {words}"
 
 
 def test_a_reward_is_in_nats_and_another_kind_of_actions_is_named():
     sentence = verdict_sentence(a_verdict(1, 2, 3, score="reward", same_actions=False))
     assert "reward: learned" in sentence
-    assert "with any pose, +2.00 [+1.00, +3.00] nats" in sentence
+    assert "with any pose (m = 100), +2.00 [+1.00, +3.00] nats" in sentence
 
 
 def test_equal_motion_is_said_only_where_the_planners_move_as_much():
@@ -77,6 +78,6 @@ def test_equal_motion_is_said_only_where_the_planners_move_as_much():
 
 def test_a_row_of_the_table_has_the_spec_and_each_training_run():
     row = verdict_table([a_verdict(0.001, 0.002, 0.003)])[1]
-    assert row[1].startswith("coverage:motion_weight=0+coordination=sequential, same actions")
+    assert row[1].startswith("coverage:motion_weight=0+coordination=sequential, the same actions")
     assert row[1].endswith("(strongest)")
     assert row[3:] == ["+0.20 [+0.10, +0.30]", "higher", "+0.10, +0.20"]

@@ -29,6 +29,9 @@ None is the default: of the rating function the environment's K, of the frontier
 which has no weight. (A frontier planner that weighs what it sees against motion would be the
 coverage planner on fewer poses.)
 """
+SEARCH_POSES = 100
+"""m: random poses of a decision, for tuning planners in "pose" mode. The strongest planner with any
+pose is the strongest one with this m."""
 SEARCHING = ("rating_function", "coverage", "information_gain")
 """Families that search among m random poses, in "pose" mode."""
 COORDINATIONS = ("independent", "sequential")

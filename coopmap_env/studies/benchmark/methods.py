@@ -17,6 +17,8 @@ EnvKwargs = Mapping[str, Any]
 LEARNED = "learned"
 FAMILIES = (LEARNED, "rating function", "information gain", "coverage", "frontier", "other")
 """Families of methods; methods of a family share a colour."""
+ALL_PLANNERS = "the planners"
+"""All families of planners together."""
 TRAINING_SEEDS = (0, 1, 2)
 """Training runs of each pretrained policy."""
 STANDARD_TEAM: EnvKwargs = {"n_robots": 2, "max_scans": 16, "split": "test", "reward": "rating"}
@@ -28,6 +30,8 @@ AREAS = {"planar": ("coverage_auc",), "field": ("surface_coverage_auc", "coverag
 """Areas under coverage curves, by environment; the first belongs to the drawn curve."""
 REWARD = "reward"
 """The planner's own objective; verdicts are about it and about the areas."""
+MOTION = "motion_distance"
+"""d of Eq. 5, summed over an episode."""
 
 
 def verdict_scores(env_name: str) -> tuple[str, ...]:
@@ -69,6 +73,24 @@ class Opponent:
     method: Method
     training_mean: float
     """Mean score on the training worlds."""
+    training_worlds: int
+    """Number of the training worlds."""
+
+
+@dataclass(frozen=True)
+class MotionLine:
+    """Planners that are the opponents at equal motion, as training worlds have shown them.
+
+    They are the upper concave hull of score against motion, from the least motion to the best
+    score; see `equal_motion`.
+    """
+
+    family: str
+    """One of `FAMILIES`, or `ALL_PLANNERS`."""
+    score: str
+    methods: tuple[Method, ...]
+    training_worlds: int
+    """Number of the training worlds."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +108,8 @@ class Condition:
     methods: tuple[Method, ...]
     opponents: tuple[Opponent, ...] = ()
     """Their methods are among `methods`."""
+    lines: tuple[MotionLine, ...] = ()
+    """Opponents at equal motion; their methods are among `methods`."""
 
     def __post_init__(self) -> None:
         if self.n_worlds < 2:
@@ -93,7 +117,9 @@ class Condition:
         labels = [method.label for method in self.methods]
         if repeated := {label for label in labels if labels.count(label) > 1}:
             raise ValueError(f"labels must differ, {sorted(repeated)} occur more than once")
-        if missing := {opponent.method.label for opponent in self.opponents} - set(labels):
+        needed = {opponent.method.label for opponent in self.opponents}
+        needed |= {method.label for line in self.lines for method in line.methods}
+        if missing := needed - set(labels):
             raise ValueError(f"opponents must be among the methods, {sorted(missing)} are not")
 
     def opponents_by(self, score: str, env_kwargs: EnvKwargs) -> list[Opponent]:

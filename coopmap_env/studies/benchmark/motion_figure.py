@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from coopmap_env.studies.benchmark.figures import FAMILY_COLORS
-from coopmap_env.studies.benchmark.methods import LEARNED
-from coopmap_env.studies.benchmark.sweep_summary import MOTION
+from coopmap_env.studies.benchmark.methods import LEARNED, MOTION
+from coopmap_env.studies.benchmark.tables import training_text
 from coopmap_env.studies.benchmark.verdicts import ENV_LABELS, SCORE_TEXTS
 from coopmap_env.studies.common.figures import import_pyplot, save_figure
 
@@ -18,8 +18,8 @@ LEARNED_MARKERS = ("*", "P", "X", "D")
 def draw_sweep(sweep: dict[str, Any], path: Path) -> None:
     """Draw each score against motion, one panel a score.
 
-    Dots are independent planners, triangles sequential ones; a line joins those of a family that no
-    other of it beats with less motion.
+    Dots are independent planners, triangles sequential ones; a line joins those of a family that
+    training worlds have chosen as the opponents at equal motion.
     """
     plt = import_pyplot()
     scores = sweep["scores"]
@@ -30,20 +30,21 @@ def draw_sweep(sweep: dict[str, Any], path: Path) -> None:
         _draw_learned(axis, sweep, score, scale)
         axis.set(xlabel="motion distance of the team", ylabel=f"{name}, {unit}")
         axis.grid(alpha=0.3)
-    axes[0, 0].set_title(f"{ENV_LABELS[sweep['env_name']]}, {sweep['worlds']} worlds", fontsize=10)
+    where = f"{ENV_LABELS[sweep['env_name']]}, {sweep['worlds']} worlds"
+    axes[0, 0].set_title(f"{where}; lines: by {training_text(sweep)}", fontsize=10)
     axes[0, -1].legend(fontsize=8)
     figure.tight_layout()
     save_figure(figure, path)
 
 
 def _draw_planners(axis: Any, sweep: dict[str, Any], score: str, scale: float) -> None:
-    for family, labels in sweep["undominated"][score].items():
-        if family not in FAMILY_COLORS:  # all families together
-            continue
-        color = FAMILY_COLORS[family]
-        line = [sweep["methods"][label] for label in labels]
-        axis.plot(*_points(line, score, scale), "-", color=color, linewidth=1.2, label=family)
+    for family, color in FAMILY_COLORS.items():
         members = [method for method in sweep["methods"].values() if method["family"] == family]
+        if not members or family == LEARNED:
+            continue
+        line = [sweep["methods"][label] for label in sweep["lines"][score].get(family, ())]
+        line.sort(key=lambda method: float(method[MOTION]["estimate"]))
+        axis.plot(*_points(line, score, scale), "-", color=color, linewidth=1.2, label=family)
         for is_sequential, marker in ((False, "o"), (True, "^")):
             chosen = [m for m in members if ("sequential" in m["policies"][0]) == is_sequential]
             axis.plot(*_points(chosen, score, scale), marker, color=color, markersize=4)

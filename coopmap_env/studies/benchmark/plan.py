@@ -27,7 +27,12 @@ from coopmap_env.studies.benchmark.methods import (
     unique_methods,
     with_n_candidates,
 )
-from coopmap_env.studies.benchmark.tuned_planners import TunedCase, find_case, read_record
+from coopmap_env.studies.benchmark.tuned_planners import (
+    TunedCase,
+    find_case,
+    read_record,
+    record_notes,
+)
 
 N_CANDIDATES = 32
 """Number of candidates with which the policies were trained, and of the planners beside them."""
@@ -83,6 +88,8 @@ class BenchmarkPlan:
     """The same worlds with all motion weights of all families, to compare at equal motion."""
     generalization: tuple[Condition, ...] = ()
     """Conditions that differ from the training, and the training condition for comparison."""
+    notes: tuple[str, ...] = ()
+    """What readers of the results have to know about the opponents; see `record_notes`."""
 
 
 def make_plan(
@@ -109,13 +116,14 @@ def make_plan(
     main, sweeps, generalization = [], [], []
     if "planar" in env_names:
         main.append(main_condition("planar", size.planar, PLANAR_METHODS, cases))
-        sweeps.append(sweep_condition("planar", size.sweep_planar, PLANAR_METHODS))
+        sweeps.append(sweep_condition("planar", size.sweep_planar, PLANAR_METHODS, cases))
         generalization += planar_generalization(size.generalization_planar, cases)
     if "field" in env_names:
         main.append(main_condition("field", size.field, FIELD_METHODS, cases))
-        sweeps.append(sweep_condition("field", size.sweep_field, FIELD_METHODS))
+        sweeps.append(sweep_condition("field", size.sweep_field, FIELD_METHODS, cases))
         generalization += field_generalization(size.generalization_field, cases)
-    return BenchmarkPlan(tuple(main), tuple(sweeps), tuple(generalization))
+    notes = record_notes([case for case in cases if case.env_name in env_names])
+    return BenchmarkPlan(tuple(main), tuple(sweeps), tuple(generalization), tuple(notes))
 
 
 PLANAR_METHODS = (
@@ -186,8 +194,13 @@ def main_condition(
     )
 
 
-def sweep_condition(env_name: str, n_worlds: int, methods: Sequence[Method]) -> Condition:
+def sweep_condition(
+    env_name: str, n_worlds: int, methods: Sequence[Method], cases: Sequence[TunedCase]
+) -> Condition:
     """The learned policies that choose among candidates, and all planners of all families."""
+    case = find_case(cases, env_name, CANDIDATE_MODE)
+    lines = case.lines() if case else ()
+    chosen = (method for line in lines for method in line.methods)
     planners = (
         planner_method(spec, CANDIDATE_MODE)
         for family in MOTION_WEIGHTS[env_name]
@@ -199,7 +212,12 @@ def sweep_condition(env_name: str, n_worlds: int, methods: Sequence[Method]) -> 
         if method.family == LEARNED and method.env_kwargs == CANDIDATE_MODE
     )
     return Condition(
-        "price of motion", env_name, n_worlds, STANDARD_TEAM, unique_methods((*learned, *planners))
+        "price of motion",
+        env_name,
+        n_worlds,
+        STANDARD_TEAM,
+        unique_methods((*learned, *planners, *chosen)),
+        lines=lines,
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from coopmap_env.core.files import write_atomically
 from coopmap_env.evaluation import write_episodes
+from coopmap_env.studies.benchmark.families import SEARCH_POSES
 from coopmap_env.studies.benchmark.figures import draw_condition, draw_generalization
 from coopmap_env.studies.benchmark.motion_figure import draw_sweep
 from coopmap_env.studies.benchmark.study import BenchmarkStudy, ConditionResult
@@ -20,6 +21,8 @@ from coopmap_env.studies.benchmark.tables import (
     generalization_table,
     main_table,
     opponent_table,
+    training_text,
+    training_texts,
     verdict_table,
 )
 from coopmap_env.studies.benchmark.verdicts import ENV_LABELS, headlines
@@ -45,6 +48,9 @@ def write_benchmark_report(study: BenchmarkStudy, out: Path) -> dict[str, Any]:
         out,
         summary=summary,
         verdicts=verdict_table(summary["verdicts"]),
+        training_text=training_text,
+        training_texts=training_texts,
+        search_poses=SEARCH_POSES,
         headlines=headlines(summary),
         env_labels=ENV_LABELS,
         table=main_table,

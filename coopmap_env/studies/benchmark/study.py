@@ -78,6 +78,8 @@ class BenchmarkStudy:
     main: tuple[ConditionResult, ...]
     sweeps: tuple[ConditionResult, ...] = ()
     generalization: tuple[ConditionResult, ...] = ()
+    notes: tuple[str, ...] = ()
+    """Those of the plan."""
 
 
 def run_benchmark(
@@ -106,12 +108,10 @@ def run_benchmark(
     methods = (method for part in parts for condition in part for method in condition.methods)
     for spec in dict.fromkeys(spec for method in methods for spec in method.policy_specs):
         make_policy(spec)  # find a missing model before an hour of episodes
-    return BenchmarkStudy(
-        *(
-            tuple(run_condition(store, condition, workers, log) for condition in part)
-            for part in parts
-        )
+    main, sweeps, generalization = (
+        tuple(run_condition(store, condition, workers, log) for condition in part) for part in parts
     )
+    return BenchmarkStudy(main, sweeps, generalization, plan.notes)
 
 
 def run_condition(

@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.version import __version__
-from coopmap_env.evaluation import BOOTSTRAP_SEED
 from coopmap_env.evaluation.statistics import training_runs
 from coopmap_env.studies.benchmark.methods import AREAS, verdict_scores
 from coopmap_env.studies.benchmark.study import BenchmarkStudy, ConditionResult, MethodResult
-from coopmap_env.studies.benchmark.sweep_summary import sweep_summary
+from coopmap_env.studies.benchmark.sweep_summary import (
+    resampling_rng,
+    sweep_summary,
+    training_worlds,
+)
 from coopmap_env.studies.benchmark.verdicts import verdicts
 
 Array = NDArray[np.float64]
@@ -32,6 +35,7 @@ def benchmark_summary(study: BenchmarkStudy) -> dict[str, Any]:
     main = [condition_summary(result) for result in study.main]
     return {
         "version": __version__,
+        "notes": list(study.notes),
         "verdicts": [verdict for condition in main for verdict in verdicts(condition)],
         "main": main,
         "sweeps": [sweep_summary(result) for result in study.sweeps],
@@ -53,12 +57,14 @@ def condition_summary(result: ConditionResult) -> dict[str, Any]:
         "worlds": condition.n_worlds,
         "env_kwargs": dict(condition.env_kwargs),
         "areas": list(AREAS[condition.env_name]),
+        "training_worlds": training_worlds(condition.opponents),
         "opponents": [
             {
                 "score": opponent.score,
                 "label": opponent.method.label,
                 "env_kwargs": dict(opponent.method.env_kwargs),
                 "training_mean": opponent.training_mean,
+                "training_worlds": opponent.training_worlds,
             }
             for opponent in sorted(
                 condition.opponents, key=lambda opponent: -opponent.training_mean
@@ -84,9 +90,9 @@ def _method_summary(
         "policies": list(method.policy_specs),
         "env_kwargs": dict(method.env_kwargs),
         "scores": {name: _score_summary(scores) for name, scores in method_result.scores.items()},
-        "curve": training_runs.mean_curve(method_result.curves(curve), _rng()).as_dict(),
+        "curve": training_runs.mean_curve(method_result.curves(curve), resampling_rng()).as_dict(),
         "profile": training_runs.performance_profile(
-            method_result.scores[area], thresholds, _rng()
+            method_result.scores[area], thresholds, resampling_rng()
         ).as_dict(),
         "baseline": baseline.label if baseline else None,
         "comparisons": {
@@ -100,8 +106,8 @@ def _method_summary(
 
 def _score_summary(scores: Array) -> dict[str, Any]:
     return {
-        "mean": training_runs.mean(scores, _rng()).as_dict(),
-        "interquartile_mean": training_runs.interquartile_mean(scores, _rng()).as_dict(),
+        "mean": training_runs.mean(scores, resampling_rng()).as_dict(),
+        "interquartile_mean": training_runs.interquartile_mean(scores, resampling_rng()).as_dict(),
         "runs": scores.mean(axis=1).tolist(),
     }
 
@@ -121,19 +127,14 @@ def comparison_summary(ours: MethodResult, theirs: MethodResult, env_name: str) 
         },
         "ratio": {
             area: training_runs.ratio_of_means(
-                ours.scores[area], theirs.scores[area], _rng()
+                ours.scores[area], theirs.scores[area], resampling_rng()
             ).as_dict()
             for area in AREAS[env_name]
         },
         "probability_of_improvement": {
             name: training_runs.probability_of_improvement(
-                ours.scores[name], theirs.scores[name], _rng()
+                ours.scores[name], theirs.scores[name], resampling_rng()
             ).as_dict()
             for name in verdict_scores(env_name)
         },
     }
-
-
-def _rng() -> np.random.Generator:
-    """The same resamples of worlds for every statistic."""
-    return np.random.default_rng(BOOTSTRAP_SEED)

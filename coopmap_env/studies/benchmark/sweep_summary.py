@@ -2,91 +2,83 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from coopmap_env.evaluation import BOOTSTRAP_SEED
 from coopmap_env.evaluation.statistics import training_runs
-from coopmap_env.studies.benchmark.equal_motion import difference_at_equal_motion, undominated
-from coopmap_env.studies.benchmark.methods import LEARNED, verdict_scores
+from coopmap_env.studies.benchmark.equal_motion import difference_at_equal_motion
+from coopmap_env.studies.benchmark.methods import (
+    LEARNED,
+    MOTION,
+    MotionLine,
+    Opponent,
+    verdict_scores,
+)
 from coopmap_env.studies.benchmark.study import ConditionResult, MethodResult
-from coopmap_env.studies.benchmark.verdicts import ALL_PLANNERS, interval_verdict
-
-MOTION = "motion_distance"
+from coopmap_env.studies.benchmark.verdicts import interval_verdict
 
 
 def sweep_summary(result: ConditionResult) -> dict[str, Any]:
     """Score and motion of every method, and the learned ones compared at equal motion."""
-    env_name = result.condition.env_name
-    families = _families(result)
+    condition = result.condition
+    env_name = condition.env_name
     learned = [found for found in result.method_results if found.method.family == LEARNED]
     return {
         "env_name": env_name,
-        "worlds": result.condition.n_worlds,
+        "worlds": condition.n_worlds,
         "scores": list(verdict_scores(env_name)),
         "methods": {
             found.method.label: {
                 "family": found.method.family,
                 "policies": list(found.method.policy_specs),
                 **{
-                    score: training_runs.mean(found.scores[score], _rng()).as_dict()
+                    score: training_runs.mean(found.scores[score], resampling_rng()).as_dict()
                     for score in (*verdict_scores(env_name), MOTION)
                 },
             }
             for found in result.method_results
         },
-        "undominated": {
+        "training_worlds": training_worlds(condition.lines),
+        "lines": {
             score: {
-                family: [found.method.label for found in _undominated(members, score)]
-                for family, members in families.items()
+                line.family: [method.label for method in line.methods]
+                for line in condition.lines
+                if line.score == score
             }
             for score in verdict_scores(env_name)
         },
         "equal_motion": [
             entry
             for ours in learned
-            for score in verdict_scores(env_name)
-            for family, members in families.items()
-            if (entry := _at_equal_motion(env_name, ours, family, members, score))
+            for line in condition.lines
+            if (entry := _at_equal_motion(result, ours, line))
         ],
     }
 
 
-def _families(result: ConditionResult) -> dict[str, list[MethodResult]]:
-    """Planners by family, and all of them together."""
-    planners = [found for found in result.method_results if found.method.family != LEARNED]
-    families: dict[str, list[MethodResult]] = {ALL_PLANNERS: planners}
-    for found in planners:
-        families.setdefault(found.method.family, []).append(found)
-    return families
-
-
-def _undominated(members: list[MethodResult], score: str) -> list[MethodResult]:
-    rows = undominated(
-        np.array([found.scores[score].mean() for found in members]),
-        np.array([found.scores[MOTION].mean() for found in members]),
-    )
-    return [members[row] for row in rows]
-
-
 def _at_equal_motion(
-    env_name: str, ours: MethodResult, family: str, members: list[MethodResult], score: str
+    result: ConditionResult, ours: MethodResult, line: MotionLine
 ) -> dict[str, Any] | None:
-    """The entry of one learned method, family and score; None if all planners move more."""
+    """The entry of one learned method and line; None if all planners of it move more."""
+    planners = [result.result_for(method).scores for method in line.methods]
     found = difference_at_equal_motion(
-        ours.scores[score],
+        ours.scores[line.score],
         ours.scores[MOTION],
-        np.array([planner.scores[score][0] for planner in members]),
-        np.array([planner.scores[MOTION][0] for planner in members]),
+        np.array([scores[line.score][0] for scores in planners]),
+        np.array([scores[MOTION][0] for scores in planners]),
     )
     if found is None:
         return None
     return {
-        "env_name": env_name,
+        "env_name": result.condition.env_name,
+        "worlds": result.condition.n_worlds,
+        "training_worlds": line.training_worlds,
         "learned": ours.method.label,
-        "planners": family,
-        "score": score,
+        "planners": line.family,
+        "score": line.score,
         "motion": found.motion,
         "is_equal": found.is_equal,
         "planners_score": found.planners_score,
@@ -95,6 +87,11 @@ def _at_equal_motion(
     }
 
 
-def _rng() -> np.random.Generator:
+def training_worlds(chosen: Iterable[Opponent | MotionLine]) -> list[int]:
+    """Numbers of training worlds that have chosen planners, without repetition."""
+    return sorted({planners.training_worlds for planners in chosen})
+
+
+def resampling_rng() -> np.random.Generator:
     """The same resamples of worlds for every statistic."""
     return np.random.default_rng(BOOTSTRAP_SEED)

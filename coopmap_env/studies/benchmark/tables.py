@@ -5,8 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from coopmap_env.studies.benchmark.families import SEARCH_POSES
 from coopmap_env.studies.benchmark.figures import methods_with_baseline
-from coopmap_env.studies.benchmark.verdicts import ENV_LABELS, SCORE_TEXTS, headlines
+from coopmap_env.studies.benchmark.verdicts import (
+    ENV_LABELS,
+    SCORE_TEXTS,
+    actions_text,
+    headlines,
+)
 from coopmap_env.studies.common.pages import format_interval
 
 Table = list[list[str]]
@@ -92,7 +98,8 @@ def benchmark_text(summary: dict[str, Any]) -> str:
 
     The verdicts are those on the strongest planner of all families; the report has the others too.
     """
-    parts = [caption(part) + "\n\n" + _markdown(main_table(part)) for part in summary["main"]]
+    parts = [f"Note: {note}." for note in summary["notes"]]
+    parts += [caption(part) + "\n\n" + _markdown(main_table(part)) for part in summary["main"]]
     if summary["verdicts"]:
         parts.append("\n".join(f"- {line}" for line in headlines(summary)))
         strongest = [verdict for verdict in summary["verdicts"] if verdict["is_strongest"]]
@@ -100,12 +107,14 @@ def benchmark_text(summary: dict[str, Any]) -> str:
     for sweep in summary["sweeps"]:
         parts.append(
             f"Learned policies minus planners at equal motion, {ENV_LABELS[sweep['env_name']]}, "
-            f"{sweep['worlds']} worlds:\n\n" + _markdown(equal_motion_table(sweep))
+            f"{sweep['worlds']} worlds; {training_text(sweep)} have chosen the planners:\n\n"
+            + _markdown(equal_motion_table(sweep))
         )
     if summary["generalization"]:
         parts.append(
             "Ratio of the area under the coverage curve to that of the planner with the same "
-            "actions that was strongest on training worlds under the first condition:\n\n"
+            "actions that was strongest under the first condition on training worlds "
+            f"({training_texts(summary['generalization'])}):\n\n"
             + _markdown(generalization_table(summary["generalization"]))
         )
     return "\n\n".join(parts) + "\n"
@@ -114,14 +123,30 @@ def benchmark_text(summary: dict[str, Any]) -> str:
 def caption(part: dict[str, Any]) -> str:
     """Explanation of the main table."""
     robots, scans = part["env_kwargs"]["n_robots"], part["env_kwargs"]["max_scans"]
+    baseline = (
+        "Differences are paired by world, from the planner with the same actions (the same "
+        f"candidates, or any pose with m = {SEARCH_POSES}) that was strongest on "
+        f"{training_text(part)}, which has none. "
+    )
     return (
         f"After {robots * scans} scans of {robots} robots in {ENV_LABELS[part['env_name']]}, "
         f"{part['worlds']} worlds of the test split: means [95 % intervals over worlds and "
-        "training runs]. AUC: area under the curve over the scans. Differences are paired by "
-        "world, from the planner with the same actions (the same candidates, or any pose) that "
-        "was strongest on training worlds, which has none. The planning time excludes the "
-        "environment's computation of candidates and their features."
+        "training runs]. AUC: area under the curve over the scans. "
+        + (baseline if part["opponents"] else "")
+        + "The planning time excludes the environment's computation of candidates and their "
+        "features."
     )
+
+
+def training_text(part: dict[str, Any]) -> str:
+    """The number of training worlds that chose the planners of a condition or sweep, in words."""
+    return f"{' or '.join(map(str, part['training_worlds'])) or 'no'} training worlds"
+
+
+def training_texts(parts: list[dict[str, Any]]) -> str:
+    """The numbers of training worlds of all environments, in words."""
+    texts = (f"{ENV_LABELS[part['env_name']]}: {training_text(part)}" for part in parts)
+    return "; ".join(dict.fromkeys(texts))
 
 
 def verdict_table(verdicts: list[dict[str, Any]]) -> Table:
@@ -133,7 +158,7 @@ def verdict_table(verdicts: list[dict[str, Any]]) -> Table:
         rows.append(
             [
                 f"{ENV_LABELS[verdict['env_name']]}: {verdict['learned']}",
-                f"{verdict['spec']}, {'same actions' if verdict['same_actions'] else 'any pose'}"
+                f"{verdict['spec']}, {actions_text(verdict)}"
                 + (" (strongest)" if verdict["is_strongest"] else ""),
                 name,
                 format_interval(verdict["difference"], scale, sign="+"),
@@ -146,7 +171,16 @@ def verdict_table(verdicts: list[dict[str, Any]]) -> Table:
 
 def opponent_table(part: dict[str, Any]) -> Table:
     """The strongest planner of each family by each score, as training worlds have chosen it."""
-    rows = [["score", "actions", "planner", "mean on training worlds", "on test worlds"]]
+    rows = [
+        [
+            "score",
+            "actions",
+            "planner",
+            "mean on training worlds",
+            "training worlds",
+            "on test worlds",
+        ]
+    ]
     for opponent in part["opponents"]:
         name, scale, _ = SCORE_TEXTS[opponent["score"]]
         method = part["methods"][opponent["label"]]
@@ -154,9 +188,10 @@ def opponent_table(part: dict[str, Any]) -> Table:
         rows.append(
             [
                 name,
-                f"{n_candidates} candidates" if n_candidates else "any pose",
+                f"{n_candidates} candidates" if n_candidates else f"any pose (m = {SEARCH_POSES})",
                 method["policies"][0],
                 f"{scale * opponent['training_mean']:.2f}",
+                str(opponent["training_worlds"]),
                 format_interval(method["scores"][opponent["score"]]["mean"], scale),
             ]
         )

@@ -7,8 +7,9 @@
 
 The criterion, fixed before the search: for each environment, kind of actions, family and score, the
 planner (motion weight and coordination) with the largest mean over the worlds of the training
-split with seeds from 0. `tuned_planners` reads the record; comparisons use other worlds, those of
-the test split. After an interruption, the same command continues.
+split with seeds from 0; and at equal motion, the upper concave hull of mean score against mean
+motion. `tuned_planners` reads the record; comparisons use other worlds, those of the test split.
+After an interruption, the same command continues.
 """
 
 from __future__ import annotations
@@ -28,15 +29,16 @@ from coopmap_env.core.progress import log as log_line
 from coopmap_env.core.version import __version__
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, compare
 from coopmap_env.evaluation.statistics import bootstrap_mean
-from coopmap_env.studies.benchmark.families import MOTION_WEIGHTS, sweep_specs
+from coopmap_env.studies.benchmark.families import MOTION_WEIGHTS, SEARCH_POSES, sweep_specs
 from coopmap_env.studies.benchmark.methods import (
+    MOTION,
     POSE_MODE,
     STANDARD_TEAM,
     EnvKwargs,
     verdict_scores,
     with_n_candidates,
 )
-from coopmap_env.studies.benchmark.tuned_planners import rating_constants
+from coopmap_env.studies.benchmark.tuned_planners import SPLIT, default_settings
 
 N_DIGITS = 5
 """Significant digits of the recorded numbers."""
@@ -56,9 +58,9 @@ class TuningCase:
 
 FULL = (
     *(TuningCase("planar", with_n_candidates(n), 48) for n in (32, 100, 300)),
-    TuningCase("planar", POSE_MODE, 48, 100),
+    TuningCase("planar", POSE_MODE, 48, SEARCH_POSES),
     TuningCase("field", with_n_candidates(32), 12),
-    TuningCase("field", POSE_MODE, 12, 100),
+    TuningCase("field", POSE_MODE, 12, SEARCH_POSES),
 )
 
 
@@ -80,7 +82,7 @@ def tune_planners(
     return {
         "command": "python -m coopmap_env.studies.benchmark.tuning OUT",
         "version": __version__,
-        "split": "train",
+        "split": SPLIT,
         "first_seed": 0,
         "cases": [_tune(store, case, workers, log) for case in cases],
     }
@@ -97,17 +99,17 @@ def _tune(
     evaluations = compare(
         [spec for family in specs.values() for spec in family],
         range(case.n_worlds),
-        {**STANDARD_TEAM, **case.env_kwargs, "split": "train"},
+        {**STANDARD_TEAM, **case.env_kwargs, "split": SPLIT},
         store,
         workers=workers,
         env_name=case.env_name,
     )
-    scores = (*verdict_scores(case.env_name), "motion_distance")
+    scores = (*verdict_scores(case.env_name), MOTION)
     return {
         "env_name": case.env_name,
         "env_kwargs": dict(case.env_kwargs),
         "n_worlds": case.n_worlds,
-        "rating": rating_constants(case.env_name),
+        "settings": default_settings(case.env_name),
         "families": {
             family: {spec: _means(evaluations[spec], scores) for spec in members}
             for family, members in specs.items()

@@ -8,7 +8,13 @@ from __future__ import annotations
 from typing import Any
 
 from coopmap_env.evaluation.statistics import Interval
-from coopmap_env.studies.benchmark.methods import LEARNED, POSE_MODE, verdict_scores
+from coopmap_env.studies.benchmark.families import SEARCH_POSES
+from coopmap_env.studies.benchmark.methods import (
+    ALL_PLANNERS,
+    LEARNED,
+    POSE_MODE,
+    verdict_scores,
+)
 from coopmap_env.studies.common.pages import format_interval
 
 SCORE_TEXTS = {
@@ -31,7 +37,8 @@ def verdicts(condition: dict[str, Any]) -> list[dict[str, Any]]:
     """Differences of learned policies from the strongest planners, with verdicts.
 
     For each learned method and score: the strongest planner of each family with the same actions,
-    and with any pose; the strongest of all comes first. Training worlds have chosen them.
+    and with any pose (of m = 100); the strongest of all comes first. Training worlds have chosen
+    them.
 
     Parameters
     ----------
@@ -71,6 +78,7 @@ def _verdict(
     difference = comparison["difference"][score]
     return {
         "env_name": condition["env_name"],
+        "worlds": condition["worlds"],
         "score": score,
         "learned": learned,
         "planner": opponent,
@@ -85,8 +93,12 @@ def _verdict(
 
 def verdict_sentence(verdict: dict[str, Any]) -> str:
     """A verdict in words."""
-    actions = "with the same actions" if verdict["same_actions"] else "with any pose"
-    return _sentence(verdict, f"`{verdict['spec']}` {actions}")
+    return _sentence(verdict, f"`{verdict['spec']}` with {actions_text(verdict)}")
+
+
+def actions_text(verdict: dict[str, Any]) -> str:
+    """The opponent's actions. Planners with another number of poses do not compete."""
+    return "the same actions" if verdict["same_actions"] else f"any pose (m = {SEARCH_POSES})"
 
 
 def equal_motion_sentence(verdict: dict[str, Any]) -> str:
@@ -103,7 +115,8 @@ def _sentence(verdict: dict[str, Any], opponent: str) -> str:
     else:
         finding = f"{learned} is {verdict['verdict']} than {opponent}"
     difference = format_interval(verdict["difference"], scale, sign="+")
-    return f"{ENV_LABELS[verdict['env_name']]}, {name}: {finding}, {difference} {unit} per world."
+    where = f"{ENV_LABELS[verdict['env_name']]}, {verdict['worlds']} worlds"
+    return f"{where}, {name}: {finding}, {difference} {unit} per world."
 
 
 def headlines(summary: dict[str, Any]) -> list[str]:
@@ -131,7 +144,3 @@ def headlines(summary: dict[str, Any]) -> list[str]:
                 if topic.items() <= verdict.items() and verdict["planners"] == ALL_PLANNERS
             ]
     return lines
-
-
-ALL_PLANNERS = "the planners"
-"""All families of a sweep together."""

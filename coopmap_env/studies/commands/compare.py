@@ -42,15 +42,14 @@ class Compare:
         from coopmap_env.studies.benchmark.report import write_benchmark_report
         from coopmap_env.studies.benchmark.study import run_benchmark
         from coopmap_env.studies.benchmark.tables import benchmark_text
-        from coopmap_env.studies.benchmark.tuned_planners import read_record, record_notes
 
         names = [name.strip() for name in self.envs.split(",") if name.strip()]
         size = QUICK if self.quick else FULL
         if self.n_worlds is not None:
             size = size.at_most(self.n_worlds)
-        for note in record_notes([case for case in read_record() if case.env_name in names]):
-            log(f"note: {note}")
         plan = make_plan(size, names)
+        for note in plan.notes:
+            log(f"note: {note}")
         if not self.generalization:
             plan = replace(plan, generalization=())
         with folder_lock(self.out):
