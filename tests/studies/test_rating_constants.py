@@ -5,6 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from coopmap_env.core.version import __version__
+from coopmap_env.envs.field import FieldSettings
+from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation.statistics.interval import Interval
 from coopmap_env.information import FieldRatingSettings, PlanarRatingSettings
 from coopmap_env.studies.rating_constants import sweep
@@ -113,3 +116,22 @@ def test_the_defaults_are_those_of_the_record(name, defaults):
         "exponent": defaults.exponent,
         "n_gray_bins": defaults.n_gray_bins,
     }
+
+
+@pytest.mark.parametrize(
+    ("name", "defaults"), [("planar", PlanarSettings()), ("field", FieldSettings())]
+)
+def test_the_records_were_played_with_the_present_settings(name, defaults):
+    record = json.loads((sweep.RECORDS / f"{name}.json").read_text())
+    present = json.loads(json.dumps(sweep.played_settings(defaults)))
+    assert record["settings"] == present
+    assert record["version"] == __version__
+
+
+def test_played_settings_leave_out_only_what_is_swept():
+    other_beam = sweep.played_settings(PlanarSettings.v0())["beam"]
+    played = sweep.played_settings(PlanarSettings())
+    assert other_beam != played["beam"]
+    assert set(played["rating"]) == {
+        "interpretation", "hidden", "alpha_position", "alpha_heading",
+    }  # fmt: skip

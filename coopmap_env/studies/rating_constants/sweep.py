@@ -44,6 +44,7 @@ import numpy as np
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.locks import folder_lock
 from coopmap_env.core.progress import log as log_line
+from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
@@ -62,6 +63,8 @@ ENV_KWARGS = {"max_scans": 16, "split": "train"}
 """Two robots: 32 scans together."""
 N_BINS = 64
 OTHER_N_BINS = (32, 128)
+SWEPT = ("K", "exponent", "n_gray_bins")
+"""Fields of the rating settings that differ between the trials."""
 RECORDS = Path(__file__).parent
 """Folder of the records from which the defaults come, one for each environment."""
 N_DIGITS = 5
@@ -147,6 +150,13 @@ def run_sweep(
     return record
 
 
+def played_settings(settings: Any) -> dict[str, Any]:
+    """What all trials have in common: the settings without the constants that are swept."""
+    values = settings_to_dict(settings)
+    rating = {name: one for name, one in values["rating"].items() if name not in SWEPT}
+    return {**values, "rating": rating}
+
+
 def describe_confirmation(
     trials: list[Trial], chosen: Trial, by_bins: dict[int, Trial]
 ) -> dict[str, Any]:
@@ -180,6 +190,7 @@ def describe(
         "version": __version__,
         "policy": POLICY,
         "env_kwargs": ENV_KWARGS,
+        "settings": played_settings(sweep.settings),
         "worlds": f"seeds 0 to {sweep.n_worlds - 1}",
         "area": sweep.area,
         "trials": [_describe_trial(trial, best) for trial in everything],
