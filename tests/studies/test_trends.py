@@ -87,17 +87,21 @@ def test_increasing_extents_are_not_decreasing():
 def test_the_smallest_search_is_widest_if_it_views_further_than_the_next():
     trend = smallest_search_is_widest(searches([0.09] * 3, sigmas=(9.0, 8.0, 7.0)))
     assert trend.held
+    assert trend.verdict == "above"
     assert trend.value > 0
 
 
-def test_a_smallest_search_that_is_narrower_within_noise_is_still_held():
+def test_a_smallest_search_that_is_narrower_within_noise_is_not_called_wider():
     trend = smallest_search_is_widest(searches([0.09] * 3, sigmas=(5.0, 5.0, 5.0)))
     assert trend.held
+    assert trend.verdict == "within noise: not shown to be lower"
+    assert trend.as_dict()["verdict"] == trend.verdict
 
 
 def test_a_smallest_search_that_is_surely_narrower_is_not_widest():
     trend = smallest_search_is_widest(searches([0.09] * 3, sigmas=(8.0, 9.0, 7.0)))
     assert not trend.held
+    assert trend.verdict == "below"
     assert trend.details["radius_std"]["high"] < 0
 
 

@@ -13,8 +13,9 @@ class FitTable:
     """Search the camera, the world and the weights that the paper's Table 1 does not state.
 
     Plays training worlds only. Keeps all trials in the folder and writes record.json there: the
-    best constants, and how well the table determines each. After an interruption, the same command
-    continues. Needs the extras tuning and cli.
+    best constants, and how well the table determines each. The first trial has the constants so
+    far. After an interruption, the same command continues; a folder with trials of other settings
+    or of another version is refused. Needs the extras tuning and cli.
 
     For example:
       coopmap fit-table --out results/table-fit --trials 400
@@ -23,7 +24,7 @@ class FitTable:
     out: Path
     """Folder of the results."""
     trials: int = 400
-    """Trials of the search; about two seconds each."""
+    """Trials of the search; some five seconds each, less where one is soon behind."""
     workers: int = 1
     """Processes of the profile around the optimum; trials follow one another."""
     printed: bool = False

@@ -2,7 +2,8 @@
 
 The scans of whole episodes are fused by the Gaussian beam model and by a constant hit/miss model.
 Each map is scored on the cells that it sampled, and both on those that both sampled. The constants
-of both models were tuned by `sensor_tuning` on training worlds; reports use test worlds.
+of both models were tuned by `sensor_tuning` on training worlds, those of v0's beam were not;
+reports use test worlds.
 """
 
 from __future__ import annotations

@@ -29,7 +29,8 @@ from coopmap_env.studies.section3.setting import (
     section3_scene,
 )
 from coopmap_env.studies.section3.study import Section3, search_spec
-from coopmap_env.studies.section3.table_fit.record import read_record
+from coopmap_env.studies.section3.table_fit.flatness import PROFILE_FACTORS
+from coopmap_env.studies.section3.table_fit.record import SearchSize, read_record
 from coopmap_env.studies.section3.table_fit.verdicts import constant_verdicts
 from coopmap_env.studies.section3.trends import equal_coverage, extent_decreases
 
@@ -113,7 +114,7 @@ def text_table_1(study: Section3) -> str:
     )
     for name, trend in study.trends.items():
         p = "" if trend.p_value is None else f", p = {trend.p_value:.2g}"
-        verdict = "held" if trend.held else "NOT held"
+        verdict = trend.verdict.replace("not held", "NOT held")
         lines.append(f"{name} {verdict}: {trend.question} ({trend.value:.3g}{p})")
     return "\n".join(lines)
 
@@ -159,6 +160,8 @@ def _render_html(study: Section3, summary: dict[str, Any], out: Path) -> str:
         deviation=study.deviation(),
         record=read_record(),
         verdicts=constant_verdicts(read_record()),
+        default_size=SearchSize(),
+        default_factors=PROFILE_FACTORS,
         scans=2 * SCANS_EACH,
         version=__version__,
         settings=json.dumps(summary["settings"], indent=2),

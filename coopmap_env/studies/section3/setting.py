@@ -1,8 +1,8 @@
 """Section 3 of the paper: its searches, its printed table, and the camera, world and weights.
 
 The paper does not state its camera, its obstacles and its constants. `TableConstants` are those
-with which our Table 1 is nearest to the printed one; `coopmap fit-table` finds them on training
-worlds.
+with which our Table 1 is nearest to the printed one, of those that searches on training worlds
+tried: `table_fit/record.json` says what was played, and `coopmap fit-table` searches further.
 """
 
 from __future__ import annotations
@@ -79,16 +79,6 @@ class TableConstants(Settings):
         """Beams of the camera."""
         arc = math.radians(self.field_of_view) * self.depth_of_field
         return min(MAX_BEAMS, max(2, math.ceil(arc / BEAM_GAP)))
-
-
-def rounded(constants: TableConstants) -> TableConstants:
-    """The constants with three significant digits."""
-    digits: dict[str, Any] = {
-        name: float(f"{value:.3g}")
-        for name, value in vars(constants).items()
-        if isinstance(value, float)
-    }
-    return replace(constants, **digits)
 
 
 def section3_settings(

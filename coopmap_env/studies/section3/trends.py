@@ -5,7 +5,8 @@ T2  A raster scan observes far less.
 T3  The spread of the observed space (sigma) and its farthest point decrease as m grows.
 T4  Already from m = 10 to m = 50, the two smallest searches, no column of Table 1 increases.
 
-All compare searches on the same worlds. They are reported as held or not held.
+All compare searches on the same worlds. They are reported as held or not held, but T4 by what its
+intervals show: that the smallest m is above the next, that it is below, or neither.
 """
 
 from __future__ import annotations
@@ -47,11 +48,19 @@ class Trend:
     value: float
     p_value: float | None
     details: dict[str, Any]
+    wording: str = ""
+    """The verdict, where "held" or "not held" says too much."""
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        return self.wording or ("held" if self.held else "not held")
 
     def as_dict(self) -> dict[str, Any]:
         """JSON values."""
         return {
             "held": self.held,
+            "verdict": self.verdict,
             "question": self.question,
             "statistic": self.statistic,
             "value": self.value,
@@ -129,13 +138,23 @@ def smallest_search_is_widest(searches: Mapping[Any, Evaluation]) -> Trend:
     worst = min(differences, key=lambda column: differences[column].high)
     return Trend(
         held=all(difference.high >= 0.0 for difference in differences.values()),
-        question="the smallest m views no less far and wide than the next",
-        statistic=f"{worst}, the least of the three columns: smallest m less the next; held "
-        "unless a 95 % interval lies below 0",
+        question="the smallest m views further and wider than the next",
+        statistic=f"{worst}, the least certain of the three columns: smallest m less the next, "
+        f"{differences[worst]:.2f} (95 % interval); above if all three intervals lie above 0, "
+        "below if one lies below it",
         value=differences[worst].estimate,
         p_value=None,
         details={column: difference.as_dict() for column, difference in differences.items()},
+        wording=_wording(list(differences.values())),
     )
+
+
+def _wording(differences: Sequence[Interval]) -> str:
+    if all(difference.low > 0.0 for difference in differences):
+        return "above"
+    if any(difference.high < 0.0 for difference in differences):
+        return "below"
+    return "within noise: not shown to be lower"
 
 
 def all_trends(raster: Evaluation, searches: Mapping[Any, Evaluation]) -> dict[str, Trend]:

@@ -38,11 +38,8 @@ class ProfilePoint:
     fit: Fit
     loss: Interval
     """What the search minimises, less that of the optimum, on the same worlds."""
-
-    @property
-    def told_apart(self) -> bool:
-        """Whether this value is surely worse than the optimum."""
-        return self.loss.low > 0.0
+    deviation_loss: Interval
+    """Its part of the 18 numbers: their deviation, less that of the optimum."""
 
     def as_dict(self) -> dict[str, Any]:
         """JSON values."""
@@ -50,6 +47,7 @@ class ProfilePoint:
             "value": self.value,
             **self.fit.as_dict(),
             "loss": self.loss.as_dict(),
+            "deviation_loss": self.deviation_loss.as_dict(),
         }
 
 
@@ -64,8 +62,26 @@ def profile_values(name: str, best: float) -> list[float]:
 
 
 def profile_points(best: Point) -> list[tuple[str, float]]:
-    """Coordinate and value of all points that a profile plays beside the best one."""
-    return [(name, value) for name in RANGES for value in profile_values(name, best[name])]
+    """Coordinate and value of all points that a profile plays beside the best one.
+
+    Values that no `TableConstants` may have are replaced by the limit of the search on their side.
+    """
+    moved: dict[tuple[str, float], None] = {}
+    for name in RANGES:
+        for value in profile_values(name, best[name]):
+            if not _is_valid(best, name, value):
+                value = RANGES[name].low if value < best[name] else RANGES[name].high
+            if value != best[name]:
+                moved[name, value] = None
+    return list(moved)
+
+
+def _is_valid(best: Point, name: str, value: float) -> bool:
+    try:
+        moved_constants(best, name, value)
+    except ValueError:
+        return False
+    return True
 
 
 def moved_constants(best: Point, name: str, value: float) -> TableConstants:
@@ -80,12 +96,16 @@ def compare_points(
     points: dict[str, list[ProfilePoint]] = {}
     for (name, value), one in zip(moved, columns, strict=True):
         fit = Fit.from_means(mean_columns(one))
-        points.setdefault(name, []).append(ProfilePoint(value, fit, paired_loss(one, at_best)))
+        losses = [paired_loss(one, at_best, part) for part in ("value", "deviation")]
+        points.setdefault(name, []).append(ProfilePoint(value, fit, *losses))
     return points
 
 
-def paired_loss(columns: Columns, reference: Columns) -> Interval:
-    """Value of some columns less that of others on the same worlds, with its 95 % interval."""
+def paired_loss(columns: Columns, reference: Columns, part: str = "value") -> Interval:
+    """A property of the `Fit` of some columns less that of others, with its 95 % interval.
+
+    Both are of the same worlds.
+    """
     n_worlds = len(next(iter(reference.values())))
     draws = np.random.default_rng(BOOTSTRAP_SEED).integers(n_worlds, size=(N_RESAMPLES, n_worlds))
 
@@ -94,7 +114,7 @@ def paired_loss(columns: Columns, reference: Columns) -> Interval:
             Fit.from_means({search: rows[worlds].mean(axis=-2) for search, rows in one.items()})
             for one in (columns, reference)
         )
-        return ours.value - best.value
+        return getattr(ours, part) - getattr(best, part)
 
     low, high = percentile_bounds(loss(draws))
     return Interval(float(loss(np.arange(n_worlds))), float(low), float(high))

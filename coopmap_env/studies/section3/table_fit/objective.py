@@ -48,14 +48,19 @@ class Fit:
         )
 
     @property
+    def missed(self) -> dict[str, Any]:
+        """By constraint, what it is missed by; 0 if it is kept."""
+        missed = {
+            "observed": np.abs(self.observed / PAPER_OBSERVED - 1.0) - OBSERVED_TOLERANCE,
+            "unequal": self.unequal - EQUAL_TOLERANCE,
+            "raster": self.raster - RASTER_TOLERANCE,
+        }
+        return {name: np.maximum(one, 0.0) for name, one in missed.items()}
+
+    @property
     def penalty(self) -> Any:
-        """Sum of what the constraints are missed by; 0 if all are kept."""
-        missed = (
-            np.abs(self.observed / PAPER_OBSERVED - 1.0) - OBSERVED_TOLERANCE,
-            self.unequal - EQUAL_TOLERANCE,
-            self.raster - RASTER_TOLERANCE,
-        )
-        return sum(np.maximum(one, 0.0) for one in missed)
+        """Sum of what the constraints are missed by."""
+        return sum(self.missed.values())
 
     @property
     def value(self) -> Any:

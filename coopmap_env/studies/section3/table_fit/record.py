@@ -12,6 +12,7 @@ import numpy as np
 
 from coopmap_env.core.files import read_json, write_atomically
 from coopmap_env.core.settings import PositiveInt, Settings, settings_to_dict
+from coopmap_env.core.version import __version__
 from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation import BOOTSTRAP_SEED
 from coopmap_env.studies.section3.deviation import deviation_interval
@@ -23,6 +24,7 @@ from coopmap_env.studies.section3.table_fit.episodes import (
     play_jobs,
 )
 from coopmap_env.studies.section3.table_fit.flatness import (
+    PROFILE_FACTORS,
     TOLERANCE,
     compare_points,
     moved_constants,
@@ -33,6 +35,7 @@ from coopmap_env.studies.section3.table_fit.objective import Fit
 from coopmap_env.studies.section3.table_fit.points import RANGES, constants_at
 from coopmap_env.studies.section3.table_fit.search import (
     count_trials,
+    describe_setup,
     importances,
     least_value,
     open_search,
@@ -41,7 +44,9 @@ from coopmap_env.studies.section3.table_fit.search import (
 )
 
 RECORD = Path(__file__).parent / "record.json"
-"""Record of the search that found the defaults of `TableConstants`."""
+"""Record of the search that found the defaults of `TableConstants`. It was smaller than a default
+`SearchSize`, and began at the best trials of earlier runs: the record says how large it was, and
+its notes how it began."""
 FIRST_SEARCH_SEED, FIRST_FINAL_SEED, FIRST_PROFILE_SEED = 100, 730_000, 731_000
 """Seeds of the training worlds of the trials, of the choice among the best, and of the profile."""
 
@@ -98,7 +103,7 @@ def fit_table(
         )
     )
     store = out / "columns"
-    study = open_search(out)
+    study = open_search(out, describe_setup(search_seeds, base))
     run_search(study, size.trials, search_seeds, base, log)
     log(f"the {size.finalists} best trials on {size.final_worlds} other training worlds")
     ranked = ranked_points(study)
@@ -122,6 +127,7 @@ def fit_table(
     record = {
         "split": "train",
         "base": settings_to_dict(base),
+        "version": __version__,
         "trials": count_trials(study),
         "complete_trials": len(ranked),
         "seeds": {
@@ -136,6 +142,7 @@ def fit_table(
         "least_values": {start: least_value(study, start) for start in STARTS},
         "importances": dict(importances(study)),
         "near_optimal": {"tolerance": TOLERANCE, "ranges": ranges},
+        "profile_factors": list(PROFILE_FACTORS),
         "profile": {
             name: [point.as_dict() for point in points]
             for name, points in compare_points(moved, others, at_best).items()

@@ -1,13 +1,23 @@
-"""Which constants the table determines, as the record of the search tells."""
+"""Which constants the table determines, and which part of it, as the record of the search tells.
+
+What the search minimises has two parts: the deviation of the 18 numbers, and what the constraints
+are missed by. A constant can be determined by the sum though the numbers hardly depend on it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from coopmap_env.studies.section3.table_fit.objective import Fit
 from coopmap_env.studies.section3.table_fit.points import RANGES
 
+CONSTRAINTS = {
+    "observed": "the observed fraction",
+    "unequal": "T1",
+    "raster": "T2",
+}
 LABELS = {
     "field_of_view": "field of view, degrees",
     "depth_of_field": "depth of field, cells",
@@ -34,14 +44,30 @@ class ConstantVerdict:
     near_optimal: tuple[float, float]
     """Lowest and highest value of the trials that are almost as good as the best one."""
     worse: list[float]
-    """Values of the profile that are surely worse, with all other coordinates kept."""
+    """Values of the profile with a surely larger sum, all other coordinates kept."""
+    worse_numbers: list[float]
+    """Those with a surely larger deviation of the 18 numbers alone."""
+    missed: list[str]
+    """Constraints that the values of `worse` miss, as `CONSTRAINTS` names them."""
     importance: float
     """How much it decides whether a trial is among the best (PED-ANOVA); the sum of all is 1."""
 
     @property
     def determined(self) -> bool:
         """Whether a lower and a higher value are surely worse, with all other coordinates kept."""
-        return any(v < self.best for v in self.worse) and any(v > self.best for v in self.worse)
+        return self._on_both_sides(self.worse)
+
+    @property
+    def determined_by(self) -> str:
+        """What determines it, or "open"."""
+        if self._on_both_sides(self.worse_numbers):
+            return "by the 18 numbers"
+        if not self.determined:
+            return "open"
+        return f"by {' and '.join(self.missed)}, not by the 18 numbers alone"
+
+    def _on_both_sides(self, values: list[float]) -> bool:
+        return any(v < self.best for v in values) and any(v > self.best for v in values)
 
 
 def constant_verdicts(record: Mapping[str, Any]) -> list[ConstantVerdict]:
@@ -49,14 +75,25 @@ def constant_verdicts(record: Mapping[str, Any]) -> list[ConstantVerdict]:
     verdicts = []
     for name, label in LABELS.items():
         low, high = record["near_optimal"]["ranges"][name]
+        profile = record["profile"][name]
+        worse = [one for one in profile if one["loss"]["low"] > 0]
         verdicts.append(
             ConstantVerdict(
                 label=label,
                 best=record["point"][name],
                 searched=RANGES[name][:2],
                 near_optimal=(low, high),
-                worse=[one["value"] for one in record["profile"][name] if one["loss"]["low"] > 0],
+                worse=[one["value"] for one in worse],
+                worse_numbers=[o["value"] for o in profile if o["deviation_loss"]["low"] > 0],
+                missed=_missed_constraints(worse),
                 importance=record["importances"][name],
             )
         )
     return verdicts
+
+
+def _missed_constraints(points: Sequence[Mapping[str, Any]]) -> list[str]:
+    fits = [Fit(**{name: point[name] for name in Fit.__annotations__}) for point in points]
+    return [
+        label for name, label in CONSTRAINTS.items() if any(fit.missed[name] > 0 for fit in fits)
+    ]
