@@ -8,6 +8,7 @@ import pytest
 from coopmap_env.studies.section3 import study as section3
 from coopmap_env.studies.section3.setting import PAPER_TABLE_1, TABLE_1_SCORES, TableConstants
 from coopmap_env.studies.section3.study import READINGS, Section3Size
+from coopmap_env.studies.section3.table_fit.record import read_record
 
 SMALL = Section3Size(
     worlds=4, sweep_worlds=2, k_factors=(0.5, 1.0), house_runs=1, calibration_worlds=1
@@ -95,7 +96,18 @@ def test_the_deviation_from_the_papers_numbers_is_that_of_the_table(out):
 def test_the_report_says_which_constants_the_table_determines(out):
     html = (out / "report.html").read_text()
     assert "field of view, degrees" in html
-    assert "determined" in html
+    assert "<td>by the 18 numbers</td>" in html
+    assert "<td>by the observed fraction, not by the 18 numbers alone</td>" in html
+
+
+@pytest.mark.slow
+def test_the_report_says_what_the_record_played_and_what_the_command_plays(out):
+    html = " ".join((out / "report.html").read_text().split())
+    record = read_record()
+    assert f"{record['trials']} trials of a search" in html
+    assert "moved to 0.8 and 1.25 times its best value, on 16 further training worlds" in html
+    assert "By default it plays more than was played for this one: 400 trials" in html
+    assert f"{record['least_values']['first']:.3f} from the first robot's start" in html
 
 
 @pytest.mark.slow

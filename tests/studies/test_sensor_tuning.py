@@ -1,15 +1,20 @@
 """The searches for sensor constants, and OctoMap's rule that one of them replays."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from coopmap_env.core.settings import Settings
+from coopmap_env.envs.field import FieldSettings
+from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import Scan
 from coopmap_env.studies.common.coordinate_search import search_coordinates
+from coopmap_env.studies.common.hit_miss import HIT_MISS_LOG_ODDS_RANGE, HitMissModel
+from coopmap_env.studies.field import octomap_comparison
 from coopmap_env.studies.section3 import sensor_tuning
 
 
@@ -53,10 +58,61 @@ def test_the_planar_search_improves_on_v0_and_keeps_a_record(tmp_path, monkeypat
     assert len(beam["tried"]) == 2
 
 
+def read(module_file, name):
+    return json.loads(Path(module_file).with_name(name).read_text())
+
+
+def test_the_planar_defaults_are_those_of_the_record_but_for_the_clamp():
+    record = read(sensor_tuning.__file__, "planar_sensors.json")
+    beam = record["gaussian_beam"]
+    settings = PlanarSettings()
+    names = ("behind", "free", "occupied")
+    assert {name: beam["best"][name] for name in names} == {
+        name: getattr(settings.beam, name) for name in names
+    }
+    clamp = settings.log_odds_range.max_probability
+    assert (clamp, beam["best"]["max_probability"]) == (0.9999, 0.99999)
+    (kept,) = (
+        one["loss"] for one in beam["tried"] if one == {
+            **beam["best"], "max_probability": clamp, "loss": one["loss"],
+        }
+    )  # fmt: skip
+    assert beam["loss"] < kept < 1.01 * beam["loss"]
+
+
+def test_the_hit_miss_defaults_are_those_of_the_record():
+    best = read(sensor_tuning.__file__, "planar_sensors.json")["hit_miss"]["best"]
+    model = HitMissModel()
+    assert best == {
+        "hit": model.hit,
+        "miss": model.miss,
+        "max_probability": HIT_MISS_LOG_ODDS_RANGE.max_probability,
+    }
+
+
+def test_the_field_defaults_are_those_of_the_record():
+    record = read(octomap_comparison.__file__, "field_sensors.json")
+    best, settings = record["gaussian_beam"]["best"], FieldSettings()
+    clamp = best.pop("max_probability")
+    assert best == {name: getattr(settings.beam, name) for name in best}
+    assert set(best) == {"behind", "posterior_cutoff", "free", "occupied"}
+    assert clamp == settings.log_odds_range.max_probability
+
+
+def test_the_tuned_octomap_is_that_of_the_record():
+    record = read(octomap_comparison.__file__, "field_sensors.json")
+    best = record["octomap"]["best"]
+    assert best == asdict(octomap_comparison.TUNED_OCTOMAP)
+    tried = record["octomap"]["tried"]
+    for name, value in best.items():  # no best value lies at an end of what was tried
+        values = {one[name] for one in tried}
+        assert min(values) < value < max(values), name
+
+
 def test_replayed_octomap_is_octomap():
     pytest.importorskip("pyoctomap")
     pytest.importorskip("pybullet")
-    from coopmap_env.studies.field import calibration, octomap_comparison
+    from coopmap_env.studies.field import calibration
 
     grid = VoxelGrid((12, 10, 8), 0.5, (0.2, -1.4, 0.1))
     rng = np.random.default_rng(0)
