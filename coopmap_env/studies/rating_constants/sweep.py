@@ -12,9 +12,8 @@ K
     The largest of the sweep (n = 1, 64 bins) whose area under the coverage curve, a mean over the
     worlds, is at least 98 % of the largest area of the sweep. In the field it is the area under the
     curve of the covered surface. Motion costs time and, on a real mount, precision; the last two
-    per cent of the area are not worth the motion that they take. (In the records K = 0, which
-    has the largest area, takes 1.37 times the motion of the chosen K in the planar environment and
-    1.75 times in the field.)
+    per cent of the area are not worth the motion that they take. (In the records K = 0 takes 1.36
+    times the motion of the chosen K in the planar environment and 1.77 times in the field.)
 n
     1, unless another exponent has a larger area at the motion of the chosen K and n = 1, with a
     paired 95 % interval that does not contain zero. Its K is swept too, as its unit differs, and
