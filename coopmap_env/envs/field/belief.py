@@ -99,8 +99,12 @@ class FieldBelief(Belief):
 
         `estimate` is that of the camera when the cloud was measured.
         """
-        spheres = self.team.robot_spheres(robot, self.position_bounds)
+        spheres = self.robot_spheres(robot)
         return filter_robot_points(cloud, estimate.pose, *spheres, noise, estimate.covariance)
+
+    def robot_spheres(self, robot: int) -> Spheres:
+        """Spheres around the robots whose points are removed from a robot's point cloud."""
+        return self.team.robot_spheres(robot, self.position_bounds)
 
     def infeasibility_reason(self, robot: int, q: Joints) -> str:
         """Why this pose is infeasible; empty if it is feasible."""

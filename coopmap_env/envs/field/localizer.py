@@ -8,8 +8,9 @@ known by then are removed from every scan.
 
 What a scan tells of base, encoders and springs revises the poses of earlier scans too. Once one of
 them has moved enough, the team's map is made again of the revised scans, so that it is the map that
-would have been made with these poses from the start (`CorrectionSettings.smoothing`). Cells on the
-border of a view may then become unknown again.
+would have been made with these camera poses from the start (`CorrectionSettings.smoothing`): points
+on robots are removed by the revised poses. Cells on the border of a view may then become unknown
+again.
 """
 
 from __future__ import annotations
@@ -44,7 +45,6 @@ class LocalizedScan(NamedTuple):
 
     estimate: PoseEstimate
     scan: Scan
-    cloud: PointCloud
     """Without the points on robots."""
     correction: PoseCorrection | None
     """None if fiducials were not used."""
@@ -61,7 +61,8 @@ class TeamLocalizer:
     Parameters
     ----------
     settings : FieldSettings
-    motion_correction : {"kinematic", "fiducials", "exact"}
+    motion_correction : {"encoders", "kinematic", "fiducials", "exact"}
+        Encoders and kinematics differ in the vehicles of `belief`.
     target : ndarray, shape (m, 3, 3)
         Triangles of the target in the world frame.
     belief : FieldBelief
@@ -134,7 +135,7 @@ class TeamLocalizer:
             belief, last_scans = self._search_target(belief)
             scans = [last_scans.get(robot, scan) for robot, scan in enumerate(scans)]
         if self._smooths:
-            self._revise_team_map(belief)
+            belief, scans = self._revise_team_map(belief, scans)
         return FusedScans(belief, scans, gains)
 
     def _localize_scans(
@@ -148,10 +149,11 @@ class TeamLocalizer:
                 self._recorded_scans.append(
                     RecordedScan(
                         robot, cloud, belief.joints, true_camera, localized.estimate,
-                        localized.cloud, self._n_batches, localized.pose_index,
+                        belief.robot_spheres(robot), self._n_batches, localized.pose_index,
                     )
                 )  # fmt: skip
-                self._n_batches += not self._smooths  # v0 fused them one by one
+                # in v0, which did not smooth, they were fused again one by one
+                self._n_batches += not self._settings.correction.smoothing
             if localized.estimate is not belief.estimates[robot]:
                 belief = belief.with_camera_estimate(robot, localized.estimate)
             scans.append(localized.scan)
@@ -172,7 +174,7 @@ class TeamLocalizer:
             self.correction_times[robot] = time.perf_counter() - start_time
             estimate = correction.estimate
         scan = transform_cloud(cloud, estimate.pose, noise, estimate.covariance)
-        return LocalizedScan(estimate, scan, cloud, correction)
+        return LocalizedScan(estimate, scan, correction)
 
     def _search_target(self, belief: FieldBelief) -> tuple[FieldBelief, dict[int, Scan]]:
         """Search for the target in the scans of each robot that is not located.
@@ -239,21 +241,28 @@ class TeamLocalizer:
         """Make the team's map from the scans of all located robots."""
         for k, record in enumerate(self._recorded_scans):
             if belief.located[record.robot]:
-                past_belief = belief.with_poses(record.joints)
-                cloud = past_belief.remove_robot_points(
-                    record.robot, record.cloud, record.estimate, self._settings.noise
-                )
-                self._recorded_scans[k] = record._replace(fused_cloud=cloud)
+                spheres = belief.with_poses(record.joints).robot_spheres(record.robot)
+                self._recorded_scans[k] = record._replace(robot_spheres=spheres)
         fuse_recorded_scans(belief, self._recorded_scans, self._settings)
 
-    def _revise_team_map(self, belief: FieldBelief) -> None:
-        """Make the team's map again if the pose of a scan has been revised by enough."""
+    def _revise_team_map(
+        self, belief: FieldBelief, scans: list[Scan]
+    ) -> tuple[FieldBelief, list[Scan]]:
+        """Make the team's map again if the pose of a scan has been revised by enough.
+
+        The cameras, and the last scans `scans`, are then where the map has them.
+        """
         limit = self._settings.correction.min_revision
         estimates = self.revised_estimates() or []
-        revised = revise(self._recorded_scans, estimates, limit)
-        if revised is not None:
-            self._recorded_scans = revised
-            fuse_recorded_scans(belief, revised, self._settings)
+        revised = revise(self._recorded_scans, estimates, limit, belief.map.grid)
+        if revised is None:
+            return belief, scans
+        self._recorded_scans = revised
+        fuse_recorded_scans(belief, revised, self._settings)
+        last = revised[-len(scans) :]
+        for record in last:
+            belief = belief.with_camera_estimate(record.robot, record.estimate)
+        return belief, [record.scan(self._settings.noise) for record in last]
 
 
 def _integrate(belief: FieldBelief, scans: Sequence[Scan]) -> list[ScanGain]:
