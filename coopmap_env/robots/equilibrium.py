@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
@@ -74,7 +75,17 @@ class Equilibrium:
         return replace(self, springs=springs)
 
     def with_compliance(self, compliance: NDArray[np.float64]) -> Equilibrium:
-        """The same vehicle on other springs; see `compliance` (2,)."""
+        """The same vehicle on other springs; see `compliance` (2,).
+
+        Raises
+        ------
+        ValueError
+            If these are not two finite numbers above 0.
+        """
+        if compliance.shape != (2,) or not all(0.0 < c < math.inf for c in compliance.tolist()):
+            raise ValueError(
+                f"compliance must be two finite numbers above 0, got {compliance.tolist()}"
+            )
         stiffness = self.springs.stiffness.copy()
         stiffness[1:] *= self.compliance / compliance
         springs = self.springs._replace(stiffness=stiffness)

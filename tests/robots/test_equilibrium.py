@@ -104,6 +104,15 @@ def test_deflections_of_the_mast_are_of_a_plausible_size(mast):
     assert tilt.max() < 3.0
 
 
+@pytest.mark.parametrize(
+    "compliance", [[-0.2, 1.0], [1.0, 0.0], [np.nan, 1.0], [1.0, np.inf], [1.0], [1.0, 1.0, 1.0]]
+)
+def test_a_compliance_that_is_not_two_numbers_above_zero_is_an_error(mast, compliance):
+    equilibrium = Equilibrium.from_mount(mast)
+    with pytest.raises(ValueError, match=r"compliance must be two .* above 0, got \[.*\]"):
+        equilibrium.with_compliance(np.array(compliance))
+
+
 def test_a_suspension_with_other_axes_is_an_error(tmp_path):
     with pytest.raises(ValueError, match="heave along z, then roll about"):
         Equilibrium.from_mount(crane(tmp_path, roll_axis="0 0 1"))

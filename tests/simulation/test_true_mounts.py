@@ -1,12 +1,14 @@
 """Vehicles whose springs are not as described; a prediction with the true ones is right."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from plain.crane import crane
 
-from coopmap_env.robots import Vehicle, make_mount
+from coopmap_env.envs.field import FieldSettings
+from coopmap_env.robots import Equilibrium, Vehicle, make_mount
 from coopmap_env.sensing import DepthCamera, RangeNoise
 from coopmap_env.simulation import FieldSimulator, draw_true_mount
 from coopmap_env.simulation.scenes.field import make_field_scene
@@ -87,3 +89,34 @@ def test_a_crane_leans_by_its_moment_over_the_drawn_stiffness(tmp_path):
         np.random.default_rng(3), 1).base_poses[0], predicts_deflection=True)  # fmt: skip
     angle = 10 * 9.81 / drawn.suspension.pitch_stiffness
     assert vehicle.camera_deflection([1.0]) == pytest.approx(angle, rel=2e-3)
+
+
+def largest_lean(mount, error):
+    """Degrees in the corners of the joint limits and 500 postures, with the softest true springs.
+
+    Also with one of them as stiff as it can be.
+    """
+    chain, leans = mount.chain(), []
+    corners = list(product(*zip(chain.lower, chain.upper, strict=True)))
+    drawn = np.random.default_rng(0).uniform(chain.lower, chain.upper, (500, chain.n_joints))
+    for roll, pitch in ((-error, -error), (-error, error), (error, -error)):
+        suspension = replace(
+            mount.suspension,
+            roll_stiffness=(1 + roll) * mount.suspension.roll_stiffness,
+            pitch_stiffness=(1 + pitch) * mount.suspension.pitch_stiffness,
+        )
+        true = Equilibrium.from_mount(replace(mount, suspension=suspension))
+        rest = true.rest_configurations(np.concatenate([corners, drawn]))
+        leans.append(np.degrees(np.abs(rest[:, 1:3])).max())
+    return max(leans)
+
+
+@pytest.mark.parametrize("name", ["mast", "husky_panda", "tiago"])
+def test_mounts_of_the_library_stand_in_all_postures_on_the_softest_springs(name):
+    assert largest_lean(make_mount(name), 0.8) < 4.0
+
+
+def test_softer_springs_than_a_tiago_stands_on_are_not_accepted():
+    assert not largest_lean(make_mount("tiago"), 0.9) < 45.0
+    with pytest.raises(ValueError, match=r"max_stiffness_error must be .* <= 0.8, got 0\.9"):
+        FieldSettings(max_stiffness_error=0.9)

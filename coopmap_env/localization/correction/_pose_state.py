@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 
 MIN_VARIANCE = 1e-9
 """Metres and radians, squared, added to a prediction, so that covariances stay definite."""
+COMPLIANCE_BOUNDS = (0.2, 5.0)
+"""Of springs, as a multiple of what is described: the state never leaves them. The equation is
+linear, and a bad measurement could make a stiffness negative; `FieldSettings.max_stiffness_error`
+allows no true spring outside of them."""
 
 
 class PoseState:
@@ -47,6 +51,10 @@ class PoseState:
         self.covariance = np.zeros((self._n_robot_state, self._n_robot_state))
         self.cameras: list[Pose] = []
         """T_world_camera of each scan."""
+        self._spring_indices = np.concatenate([
+            np.arange(end - _n_springs(vehicle), end)
+            for vehicle, end in zip(vehicles, self._starts[1:], strict=True)
+        ])  # fmt: skip
         for robot, vehicle in enumerate(vehicles):
             at = np.arange(self._starts[robot] + 6, self._starts[robot + 1])
             springs = np.full(_n_springs(vehicle), vehicle.compliance_std)
@@ -121,6 +129,9 @@ class PoseState:
         P = self.covariance - product(product(PH, gain[:, :-1]), PH.T)
         self.covariance = 0.5 * (P + P.T)
         self.robot_state = self.robot_state + x[: self._n_robot_state]
+        low, high = COMPLIANCE_BOUNDS
+        springs = self.robot_state[self._spring_indices]
+        self.robot_state[self._spring_indices] = springs.clip(low - 1.0, high - 1.0)
         displacements = x[self._n_robot_state :].reshape(-1, 6)
         self.cameras = [
             apply_displacement(p, d) for p, d in zip(self.cameras, displacements, strict=True)

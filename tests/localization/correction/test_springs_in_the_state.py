@@ -5,7 +5,11 @@ import pytest
 
 from coopmap_env.geometry import Pose, displacement_between, rotation_about_z
 from coopmap_env.localization.correction._pose_history import PastScan, PoseHistory
-from coopmap_env.localization.correction._pose_state import MIN_VARIANCE, PoseState
+from coopmap_env.localization.correction._pose_state import (
+    COMPLIANCE_BOUNDS,
+    MIN_VARIANCE,
+    PoseState,
+)
 from coopmap_env.robots import Vehicle, make_mount
 
 pytest.importorskip("trimesh")
@@ -65,6 +69,16 @@ def test_two_measured_cameras_tell_how_soft_the_springs_are(poses):
     after = displacement_between(poses.predict(0, there).pose, soft.camera_pose(there))
     assert np.linalg.norm(after[:3]) < np.linalg.norm(before[:3]) / 2
     assert not poses.robot_state[24:26].any()
+
+
+def test_no_measurement_makes_a_spring_negative_or_a_hundred_times_softer(poses):
+    """A linear update of compliances by -1.5 and 90; the next prediction is a pose."""
+    springs, A = np.array([11, 12]), 1e12 * np.eye(2)
+    poses.update(springs, A, A @ [-1.5, 90.0])
+    assert (1.0 + poses.robot_state[springs]).tolist() == pytest.approx(COMPLIANCE_BOUNDS)
+    wanted = vehicle().with_compliance(np.array(COMPLIANCE_BOUNDS)).camera_pose(ASIDE)
+    found = poses.predict(0, ASIDE).pose
+    np.testing.assert_allclose(found.translation, wanted.translation, atol=1e-12)
 
 
 # histories
