@@ -36,8 +36,12 @@ class RatingSettings(Settings):
     hidden: Hidden = "empty"
     """What Eq. 7 makes of voxels of N that a view does not count, because they are hidden, outside
     of the map, or reserved for a teammate. "empty": they count as known and empty, so that the q
-    sum to one, and a view of known and empty voxels brings nothing wherever it ends. "printed":
-    they are left out, and a known map that hides a part of a view still pays up to 1/e nats."""
+    sum to one, and a view of known and empty voxels brings nothing wherever it ends. To hide voxels
+    does not raise NI as long as no bin of theirs keeps more voxels than there were empty ones; so
+    it is for known voxels where most are empty. It can raise NI where a view is full of voxels that
+    are known with doubt: if all of N have p = 0.3, NI is 0, and ln 2 once a half is reserved.
+    "printed": they are left out, and a known map that hides a part of a view still pays up to 1/e
+    nats."""
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,13 @@ b, fitted on training worlds, says so. Only cells up to `posterior_cutoff` are u
 sigma of z; what lies deeper stays unknown.
 
 Scans add their log-odds, as if each said something of its own about a cell behind a surface. Truly
-the second one repeats the prior of the first. On training worlds the sum is nevertheless right
-(cells with P = 0.95, 0.985 and 0.997 are occupied in 95, 98 and 99.5 of 100 cases), as two scans
-that agree on where a surface is rule out that noise had moved it.
+the second one repeats the prior of the first, although two scans that agree on where a surface is
+rule out that noise had moved it. In the field, where of a scan's updates of a cell only one counts,
+the sum is too modest at first and too sure at last: on ten training worksites, after 12 scans with
+exact poses, such cells with P = 0.972 are occupied in 99.7 and those with P = 0.999 in 99.6 of 100
+cases. In the plane the beams of a single scan add up as well, so that the prior b counts several
+times: on 200 training worlds, after 16 scans, such cells with P = 0.933 are occupied in 90 and
+those with P = 0.996 in 97 of 100 cases.
 
 Loop, Cai, Orts-Escolano & Chou 2016 ("A closed-form Bayesian fusion equation using occupancy
 probabilities") give P(s) = F(s) - F(s - 3)/2, s in units of sigma behind z: obstacles three sigma
@@ -234,7 +238,11 @@ def beam_log_odds_fixed(weight: float, before: float, beam: BeamParameters) -> i
 def merge_updates(one: int, other: int) -> int:
     """Which of two beams' updates of a cell counts where surfaces are partial: ends before passes.
 
-    The strongest of both ends, or of both passes.
+    The strongest of both ends, or of both passes. The update of a cell behind a surface counts as
+    an end where b > 1/2: one such beam outweighs all beams of its scan that pass through the cell.
+    With the field's constants, b = 0.97, more free voxels get P > 1/2 than with those of v0,
+    b = 1/2: 0.068 % instead of 0.050 % of the free ones that were observed (20 test worlds). Fewer
+    stay closed to robots, whose limit is P = 0.05: 2.5 % instead of 4.0 %.
     """
     return max(one, other) if one > 0 or other > 0 else min(one, other)
 

@@ -32,8 +32,9 @@ class Vehicle:
     """A mount on a stationary vehicle.
 
     Poses of the camera follow from the joints: the robot does not measure its suspension. It
-    predicts how far the body leans under the mount's weight (`equilibrium`), or assumes it at rest
-    as at home. Links and spheres are always where they are with the suspension at rest.
+    predicts how far the body leans under the mount's weight (`equilibrium`; in the field
+    environment ``motion_correction="kinematic"``), or assumes it at rest as at home ("encoders").
+    Links and spheres are always where they are with the suspension at rest.
     """
 
     mount: Mount

@@ -70,7 +70,8 @@ class Scan:
         True where the beam hit a surface, False where it reached the end of the depth of field.
     pose_covariance : ndarray, shape (6, 6), optional
         Covariance of the camera's pose in 3-D, as in `transform_cloud`: a part of all
-        `covariances`, by an error that all points of the scan share. None if the pose is exact.
+        `covariances`, by an error that all points of the scan share. None or zeros if the pose is
+        exact.
 
     Raises
     ------
@@ -202,7 +203,8 @@ def transform_cloud(
         The camera's noise model (Eq. 1).
     pose_covariance : array_like, shape (6, 6), optional
         Sigma of [translation, rotation vector], both in the world frame, metres and radians: the
-        true camera is at t + dt with rotation exp([dw]x) R. Without it the pose is exact.
+        true camera is at t + dt with rotation exp([dw]x) R. Without it the pose is exact, and the
+        scan has zeros.
 
     Returns
     -------
@@ -238,10 +240,10 @@ def transform_cloud(
 
 
 def _validate_pose_covariance(pose_covariance: ArrayLike | None) -> NDArray[np.float64]:
-    """The covariance of a camera's pose; zeros for None."""
+    """The covariance of a camera's pose, an array of the scan's own; zeros for None."""
     if pose_covariance is None:
         return np.zeros((6, 6))
-    sigma = np.ascontiguousarray(pose_covariance, dtype=np.float64)
+    sigma = np.array(pose_covariance, dtype=np.float64, order="C")
     if sigma.shape != (6, 6) or not math.isfinite(sigma.sum()):
         raise ValueError(f"pose_covariance must be finite and (6, 6), got {sigma.shape}: {sigma}")
     if not is_covariance(sigma):

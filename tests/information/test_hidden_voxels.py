@@ -16,6 +16,7 @@ from coopmap_env.information import (
     ViewContext,
     entropy,
 )
+from coopmap_env.mapping import to_log_odds_fixed
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import DepthCamera, PlanarCamera
 
@@ -205,6 +206,28 @@ def test_hiding_any_voxels_of_any_histogram_never_raises_its_entropy_if_enough_a
         raised[cannot_raise(full, seen)] += after > before + 1e-12
     assert raised[True] == 0
     assert raised[False] > 100
+
+
+@WORLDS
+def test_voxels_that_are_known_with_doubt_bring_more_once_a_half_of_them_is_reserved_eq_7(world):
+    """The limit of the above: with p = 0.3 everywhere, the reserved half is the other event."""
+    rng = np.random.default_rng(5)
+    map_ = world.random_map(rng)
+    rating, n_raised = world.rating(map_), 0
+    map_.mark_free(np.arange(map_.grid.n_cells))
+    map_.log_odds_fixed[:] = to_log_odds_fixed(0.3)
+    for view in world.random_views(rng, map_, 10):
+        visible = rating.visible_cells(map_, view)
+        q = len(visible) / rating.max_visible_cells
+        reserved = np.zeros(map_.grid.n_cells, dtype=np.uint8)
+        reserved[visible[: len(visible) // 2]] = 1
+        kept = (len(visible) - len(visible) // 2) / rating.max_visible_cells
+        full = world.new_information(rating, map_, view)
+        half = world.new_information(rating, map_, view, reserved_mask=reserved)
+        assert full == pytest.approx(entropy([q, 1 - q]), abs=1e-12)
+        assert half == pytest.approx(entropy([kept, 1 - kept]), abs=1e-12)
+        n_raised += half > full
+    assert n_raised > 0
 
 
 def test_the_first_empty_voxels_raise_the_information_of_a_view_that_is_all_unknown_eq_7():

@@ -183,6 +183,16 @@ def test_transforming_is_equivariant_under_rigid_motion():
     assert there.covariances == pytest.approx(R @ here.covariances @ R.T, abs=1e-12)
 
 
+def test_a_scan_has_a_pose_covariance_of_its_own_which_is_zero_if_the_pose_is_exact():
+    sigma = random_pose_covariance(np.random.default_rng(9))
+    scan = transform_cloud(cloud_of([1, 0, 0]), pose_of("z", 0), NOISE, sigma)
+    wanted = sigma.copy()
+    sigma[:] = 0.0  # as a filter may do that goes on
+    np.testing.assert_array_equal(scan.pose_covariance, wanted)
+    exact = transform_cloud(cloud_of([1, 0, 0]), pose_of("z", 0), NOISE)
+    np.testing.assert_array_equal(exact.pose_covariance, np.zeros((6, 6)))
+
+
 def test_points_are_independent_of_each_other():
     rng = np.random.default_rng(6)
     cloud, pose, sigma = random_cloud(rng), random_pose(rng), random_pose_covariance(rng)

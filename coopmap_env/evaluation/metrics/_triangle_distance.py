@@ -100,7 +100,7 @@ class TriangleBins:
         """
         positions = _as_points(points)
         if not len(self.triangles):
-            raise ValueError("there are no triangles to lead to")
+            raise ValueError(f"there are no triangles inside the grid {self.grid} to lead to")
         offsets = np.empty_like(positions)
         nearest_distances(positions, self.index, np.empty(len(positions)), offsets)
         return offsets
@@ -121,8 +121,12 @@ def surface_offsets(
 
 def _as_points(points: ArrayLike) -> NDArray[np.float64]:
     positions = np.ascontiguousarray(points, dtype=np.float64)
-    if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
-        raise ValueError(f"points must be (n, 3) and finite, got shape {positions.shape}")
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise ValueError(f"points must be (n, 3), got shape {positions.shape}")
+    finite = np.isfinite(positions).all(axis=1)
+    if not finite.all():
+        first = int(np.argmin(finite))
+        raise ValueError(f"points must be finite, got {positions[first].tolist()} at {first}")
     return positions
 
 

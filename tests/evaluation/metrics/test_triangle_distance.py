@@ -81,7 +81,11 @@ def test_nothing_is_infinitely_far():
 
 def test_wrong_arguments_are_rejected():
     bins = TriangleBins.from_triangles(RIGHT[None], GRID)
-    with pytest.raises(ValueError, match=r"\(n, 3\) and finite"):
-        bins.distances([[0, np.nan, 0]])
+    with pytest.raises(ValueError, match=r"must be \(n, 3\), got shape \(1, 2\)"):
+        bins.distances([[0, 0]])
+    with pytest.raises(ValueError, match=r"must be finite, got \[0.0, nan, 0.0\] at 1"):
+        bins.distances([[0, 0, 0], [0, np.nan, 0]])
+    with pytest.raises(ValueError, match=r"no triangles inside the grid VoxelGrid\(.* to lead to"):
+        TriangleBins.from_triangles(RIGHT[None] + 9, GRID).offsets([[0, 0, 0]])
     with pytest.raises(ValueError, match="3 axes"):
         TriangleBins.from_triangles(RIGHT[None], VoxelGrid((4, 4)))
