@@ -31,7 +31,7 @@ class EnvironmentOptions(TaskArguments):
     initialization: Literal["", Initialization] = ""
     """field: located (default), or search: robots localize themselves on the target first."""
     motion_correction: Literal["", MotionCorrection] = ""
-    """field: how camera poses are estimated; kinematic (default)."""
+    """field: source of camera poses: encoders, kinematic (default), fiducials or exact."""
 
     def __post_init__(self) -> None:
         """Accept any value: the environment checks it, outside of the parser of the command line.
