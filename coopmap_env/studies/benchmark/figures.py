@@ -93,16 +93,30 @@ def draw_generalization(conditions: list[dict[str, Any]], path: Path) -> None:
     """Draw ratios of AUC to that of the strongest planner with the same actions, by condition."""
     plt = import_pyplot()
     env_names = list(dict.fromkeys(condition["env_name"] for condition in conditions))
+    n_intervals = max(
+        sum(len(methods_with_baseline(c)) for c in conditions if c["env_name"] == env_name)
+        for env_name in env_names
+    )
     figure, axes = plt.subplots(
-        1, len(env_names), figsize=(5.6 * len(env_names), 4.4), squeeze=False
+        1,
+        len(env_names),
+        figsize=(6.4 * len(env_names), 2.6 + 0.07 * n_intervals),
+        squeeze=False,
+        layout="constrained",
     )
     for axis, env_name in zip(axes[0], env_names, strict=True):
         _draw_ratios(
             axis, [condition for condition in conditions if condition["env_name"] == env_name]
         )
         axis.set_title("Planar-v1" if env_name == "planar" else "Field-v1", fontsize=10)
-    axes[0, 0].legend(fontsize=8)
-    figure.tight_layout()
+    handles = dict(
+        pair
+        for axis in axes[0]
+        for pair in zip(*reversed(axis.get_legend_handles_labels()), strict=True)
+    )
+    figure.legend(
+        handles.values(), handles, loc="outside upper center", ncols=len(env_names), fontsize=8
+    )
     save_figure(figure, path)
 
 
@@ -114,12 +128,14 @@ def methods_with_baseline(condition: dict[str, Any]) -> dict[str, dict[str, Any]
 def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
     axis.axvline(1.0, color="black", linewidth=1)
     for row, condition in enumerate(reversed(conditions)):
+        if row % 2:
+            axis.axhspan(row - 0.5, row + 0.5, color="black", alpha=0.05, linewidth=0)
         area, compared = condition["areas"][0], methods_with_baseline(condition)
         n_drawn = dict.fromkeys(FAMILIES, 0)
         for number, (label, method) in enumerate(compared.items()):
             family = method["family"]
             ratio = method["comparisons"][method["baseline"]]["ratio"][area]
-            y = row + 0.22 * ((len(compared) - 1) / 2 - number)
+            y = row + 0.5 - (number + 0.5) / len(compared)
             marker = MARKERS[n_drawn[family] % len(MARKERS)]
             n_drawn[family] += 1
             name = label if row == 0 else None
@@ -127,6 +143,7 @@ def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
     axis.set_yticks(
         range(len(conditions)), [condition["label"] for condition in reversed(conditions)]
     )
+    axis.set_ylim(-0.5, len(conditions) - 0.5)
     axis.set_xlabel("ratio of AUC to the strongest planner's")
     axis.grid(axis="x", alpha=0.3)
 
