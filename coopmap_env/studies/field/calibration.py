@@ -154,11 +154,13 @@ def score_settings(
     """
     pooled, surfaces = {}, {}
     for name, s in settings.items():
-        maps = [world.fuse(OccupancyMap(world.grid, s.beam, s.log_odds_range)) for world in worlds]
-        pairs = list(zip(worlds, maps, strict=True))
-        pooled[name] = pool(world.cells(map_.probability, map_.sampled) for world, map_ in pairs)
-        chi2 = np.concatenate([_surface_chi2(world, map_) for world, map_ in pairs])
-        surfaces[name] = asdict(SurfaceConsistency.from_chi2(chi2))
+        cells, chi2 = [], []
+        for world in worlds:
+            map_ = world.fuse(OccupancyMap(world.grid, s.beam, s.log_odds_range))
+            cells.append(world.cells(map_.probability, map_.sampled))
+            chi2.append(_surface_chi2(world, map_))
+        pooled[name] = pool(cells)
+        surfaces[name] = asdict(SurfaceConsistency.from_chi2(np.concatenate(chi2)))
     scores = compare_cells(pooled)
     return {name: {**scores[name], "surface": surfaces[name]} for name in settings}
 
