@@ -49,7 +49,8 @@ def test_a_network_initialised_with_the_rating_takes_a_candidate_of_the_highest_
     ratings = seen.observations["candidates"][..., 7].masked_fill(
         seen.observations["action_mask"] == 0, -np.inf
     )
-    chosen, _ = model.policy.predict(seen.observations, deterministic=True)
+    shown = {name: value.numpy() for name, value in seen.observations.items()}
+    chosen, _ = model.policy.predict(shown, deterministic=True)
     assert len(set(chosen.tolist())) > 4
     # two candidates may have the same rating
     torch.testing.assert_close(ratings[torch.arange(len(seen)), chosen], ratings.amax(dim=1))
