@@ -37,7 +37,7 @@ def draw_localization(search: dict[str, Any], study: LocalizationStudy, path: Pa
 def draw_pose_errors(study: LocalizationStudy, path: Path) -> None:
     """Draw the cumulative errors of camera poses before and after correction."""
     plt = import_pyplot()
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), sharey=True)
+    figure, axes = plt.subplots(1, 3, figsize=(12, 4.2), sharey=True, layout="constrained")
     scans = [scan for run in study.runs["fiducials"] for scan in run["scans"]]
     corrected = [scan for scan in scans if scan["corrected_directions"] > 0]
     lines = (
@@ -65,7 +65,7 @@ def draw_pose_errors(study: LocalizationStudy, path: Path) -> None:
         axis.set_xlabel(label)
         axis.set_xscale("log")
     axes[0].set_ylabel("% of scans below")
-    axes[0].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     save_figure(figure, path)
 
 
