@@ -37,7 +37,7 @@ stiffness of their mount's description (``motion_correction="kinematic"``); the 
 differs from that by up to a fifth, at random for each episode and vehicle. ``"encoders"`` leaves
 the tilt out, with a larger covariance. With ``"fiducials"``, surfaces observed before and the known
 target correct the pose of each scan in the directions that they constrain (Section 2.5 of the
-paper), and tell the stiffness by and by. ``"exact"`` poses are for upper bounds only. Robots know
+paper), and the stiffness is estimated. ``"exact"`` poses are for upper bounds only. Robots know
 each other's shape, and points on robots are removed from their scans.
 
 A symmetric target has several equivalent frames. The first robot that is located takes the one in

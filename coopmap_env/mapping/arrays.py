@@ -25,8 +25,8 @@ class SurfaceArrays(NamedTuple):
     """Sums over the points of each cell, from which its surface Gaussian is made.
 
     The first two have the form of information: the merged point is precision^-1 information_vector.
-    With ``surface_fusion="mean"`` each point counts 1, and three more sums tell what that mean is
-    worth; with "eq_4" they have no cells.
+    With ``surface_fusion="mean"`` each point counts 1, and three more sums give the covariance of
+    that mean; with "eq_4" they have no cells.
     """
 
     precision: NDArray[np.float64]

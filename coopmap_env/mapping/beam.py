@@ -19,7 +19,7 @@ the second one repeats the prior of the first, although two scans that agree on 
 rule out that noise had moved it. In the field, where of a scan's updates of a cell only one counts,
 the sum is too modest at first and too sure at last: on ten training worksites, after 12 scans with
 exact poses, such cells with P = 0.972 are occupied in 99.7 and those with P = 0.999 in 99.6 of 100
-cases. In the plane the beams of a single scan add up as well, so that the prior b counts several
+cases. In 2-D the beams of a single scan add up as well, so that the prior b counts several
 times: on 200 training worlds, after 16 scans, such cells with P = 0.933 are occupied in 90 and
 those with P = 0.996 in 97 of 100 cases.
 

@@ -25,7 +25,7 @@ FIELD_CAMERA = DepthCamera(far=1.5)
 
 
 class Plane:
-    """Random maps and views of the plane; a view is the id of a pose."""
+    """Random planar maps and their views; a view is the id of a pose."""
 
     n_maps = 30
 

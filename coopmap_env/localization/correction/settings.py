@@ -23,8 +23,8 @@ class CorrectionSettings(Settings):
     """The camera pose that fiducials correct: by kinematics with the predicted deflection of the
     suspension, whose stiffness is then estimated too, or with the suspension assumed at rest."""
     smoothing: bool = True
-    """Whether the poses of earlier scans are revised when later ones tell more, and the map is made
-    again of the revised scans."""
+    """Whether later scans revise the poses of earlier ones, and the map is made again of the
+    revised scans."""
     min_revision: NonNegative = 0.005
     """Metres by which a point at 3 m of some scan moves before the map is made again: a smaller
     change is not worth the time, for voxels are much larger."""

@@ -9,7 +9,7 @@ from coopmap_env.studies.common.pages import format_interval
 ALL_SCANS_RATIO = 3.5
 """Goal: how many times smaller than the encoders' the median position error is, over all scans."""
 CORRECTED_SCANS_RATIO = 5.0
-"""The same over scans in which fiducials tell something."""
+"""The same over scans that fiducials correct."""
 GAP_CLOSED = 0.5
 """Goal: part of the difference between the maps by encoders and by exact poses that is closed."""
 KINDS = {"estimated": "fiducials, when fused", "smoothed": "fiducials, by all scans"}

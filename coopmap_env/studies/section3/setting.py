@@ -61,7 +61,7 @@ class TableConstants(Settings):
     heading_length: NonNegative = 4.5
     """Cells of motion that cost as much as one radian: the root of a heading's weight in Eq. 5."""
     n_gray_bins: Annotated[int, Bounds(at_least=2, at_most=256)] = 10
-    """Gray levels that Eq. 7 tells apart."""
+    """Bins over the gray levels (Eq. 7)."""
     n_headings: Annotated[int, Bounds(at_least=3, at_most=256)] = 42
     """Headings of the configuration space."""
     side: Annotated[int, Bounds(at_least=40, at_most=400)] = 145

@@ -26,7 +26,7 @@ PROFILE_FACTORS = (0.6, 0.8, 1.25, 1.67)
 SMALL_WEIGHT = 0.5
 """Below this, a weight of headings is as good as 0."""
 TOLERANCE = 0.02
-"""A value that is this much worse than the best one is told apart from it."""
+"""A value that is this much worse than the best one is a different one."""
 N_RESAMPLES = 2000
 
 
@@ -53,7 +53,7 @@ class ProfilePoint:
 
 def profile_values(name: str, best: float) -> list[float]:
     """The values of a coordinate that a profile plays, without the best one."""
-    if RANGES[name].low == 0.0 and best < SMALL_WEIGHT:  # multiples of 0 tell nothing
+    if RANGES[name].low == 0.0 and best < SMALL_WEIGHT:  # multiples of 0 are 0
         return [SMALL_WEIGHT, 4 * SMALL_WEIGHT]
     values = [factor * best for factor in PROFILE_FACTORS]
     if not RANGES[name].integer:

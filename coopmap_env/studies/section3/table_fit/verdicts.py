@@ -1,4 +1,4 @@
-"""Which constants the table determines, and which part of it, as the record of the search tells.
+"""Which constants the table determines, and which part of it, by the record of the search.
 
 What the search minimises has two parts: the deviation of the 18 numbers, and what the constraints
 are missed by. A constant can be determined by the sum though the numbers hardly depend on it.
