@@ -6,11 +6,11 @@ the target, and the team's map is rebuilt from the scans of all located robots. 
 shared and not posteriors, so that nothing is counted twice, and points on robots whose poses are
 known by then are removed from every scan.
 
-What a scan observes of base, encoders and springs revises the poses of earlier scans too. Once one of
-them has moved enough, the team's map is made again of the revised scans, so that it is the map that
-would have been made with these camera poses from the start (`CorrectionSettings.smoothing`): points
-on robots are removed by the revised poses. Cells on the border of a view may then become unknown
-again.
+What a scan observes of base, encoders and springs revises the poses of earlier scans too. Once one
+of them has moved enough, the team's map is made again of the revised scans, so that it is the map
+that would have been made with these camera poses from the start (`CorrectionSettings.smoothing`):
+points on robots are removed by the revised poses. Cells on the border of a view may then become
+unknown again.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ PROFILE_FACTORS = (0.6, 0.8, 1.25, 1.67)
 SMALL_WEIGHT = 0.5
 """Below this, a weight of headings is as good as 0."""
 TOLERANCE = 0.02
-"""A value that is this much worse than the best one is a different one."""
+"""Trials whose loss is larger than the best one by at most this are near it."""
 N_RESAMPLES = 2000
 
 
