@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.kernels import inlined_kernel
 from coopmap_env.core.limits import check_cells
 
 Number = TypeVar("Number", int, float)
@@ -27,6 +28,16 @@ class GridGeometry(NamedTuple):
     """Edge of a cell, metres."""
     shape: tuple[int, int, int]
     """Cells along x, y, z; a planar grid is one layer."""
+
+
+@inlined_kernel
+def write_center(grid: GridGeometry, cell: int, center: NDArray[np.float64]) -> None:
+    """Write the center (D,) of a flat cell, metres."""
+    lower, resolution, (_, ny, nz) = grid
+    center[0] = (cell // (ny * nz) + 0.5) * resolution + lower[0]
+    center[1] = (cell // nz % ny + 0.5) * resolution + lower[1]
+    if len(center) == 3:
+        center[2] = (cell % nz + 0.5) * resolution + lower[2]
 
 
 @dataclass(frozen=True)

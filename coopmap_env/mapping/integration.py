@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import PlainTuple, inlined_kernel, kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import MIN_RANGE_SIGMA, BeamParameters
 from coopmap_env.mapping.gaussian import add_observation
-from coopmap_env.mapping.grid import GridGeometry
+from coopmap_env.mapping.grid import GridGeometry, write_center
 from coopmap_env.mapping.integration_scalar import integrate_rays
 from coopmap_env.mapping.integration_simd import integrate_rays_simd
 from coopmap_env.mapping.surface_mean import add_point, add_shared_errors
@@ -94,23 +94,6 @@ class FusionArrays(NamedTuple):
         return tuple(tuple(part) if isinstance(part, tuple) else part for part in self)
 
 
-@inlined_kernel
-def _center_offset(
-    points: NDArray[np.float64],
-    beam: int,
-    cell: int,
-    grid: GridGeometry,
-    offset: NDArray[np.float64],
-) -> None:
-    """Write a beam's point minus the center of flat cell `cell`, metres."""
-    lower, resolution, (_, ny, nz) = grid
-    iz, iy, ix = cell % nz, cell // nz % ny, cell // (ny * nz)
-    offset[0] = points[beam, 0] - ((ix + 0.5) * resolution + lower[0])
-    offset[1] = points[beam, 1] - ((iy + 0.5) * resolution + lower[1])
-    if len(offset) == 3:
-        offset[2] = points[beam, 2] - ((iz + 0.5) * resolution + lower[2])
-
-
 @kernel
 def merge_points(
     scan: ScanArrays,
@@ -140,7 +123,9 @@ def merge_points(
     for beam in range(len(cells)):
         cell = cells[beam]
         if cell >= 0:
-            _center_offset(points, beam, cell, grid, offset)
+            write_center(grid, cell, offset)
+            for m in range(len(offset)):
+                offset[m] = points[beam, m] - offset[m]
             if averaged:
                 add_point(surfaces, cell, covariances[beam], offset, floor)
             else:

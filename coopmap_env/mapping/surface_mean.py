@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.core.linear_algebra import smallest_eigenvalue
 from coopmap_env.mapping.arrays import SurfaceArrays
-from coopmap_env.mapping.grid import GridGeometry
+from coopmap_env.mapping.grid import GridGeometry, write_center
 from coopmap_env.sensing import add_pose_term
 
 
@@ -75,7 +75,6 @@ def add_shared_errors(
     `cells` are those of the scan's points, -1 for none; `n_points` (n_cells,) is a buffer of zeros.
     S is taken at the cell's center.
     """
-    lower, resolution, (_, ny, nz) = grid
     W, V, S = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((1, 3, 3))
     lever = np.zeros(3)
     for cell in cells:
@@ -86,9 +85,9 @@ def add_shared_errors(
             continue
         m = n_points[cell]
         n_points[cell] = 0
-        lever[0] = (cell // (ny * nz) + 0.5) * resolution + lower[0] - origin[0]
-        lever[1] = (cell // nz % ny + 0.5) * resolution + lower[1] - origin[1]
-        lever[2] = (cell % nz + 0.5) * resolution + lower[2] - origin[2]
+        write_center(grid, cell, lever)
+        for i in range(3):
+            lever[i] -= origin[i]
         S[:] = 0.0
         add_pose_term(pose_covariance, lever, W, V, S, 0)
         for i in range(3):
