@@ -39,9 +39,7 @@ from coopmap_env.studies.benchmark.methods import (
     with_n_candidates,
 )
 from coopmap_env.studies.benchmark.tuned_planners import SPLIT, default_settings
-
-N_DIGITS = 5
-"""Significant digits of the recorded numbers."""
+from coopmap_env.studies.common.records import significant
 
 
 @dataclass(frozen=True)
@@ -122,7 +120,7 @@ def _means(evaluation: Evaluation, scores: Sequence[str]) -> dict[str, dict[str,
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     return {
         score: {
-            name: float(f"{value:.{N_DIGITS}g}")
+            name: significant(value)
             for name, value in bootstrap_mean(evaluation.table[score], rng).as_dict().items()
         }
         for score in scores

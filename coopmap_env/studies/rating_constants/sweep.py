@@ -49,6 +49,7 @@ from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation import BOOTSTRAP_SEED, compare
 from coopmap_env.evaluation.statistics import bootstrap_mean
+from coopmap_env.studies.common.records import significant
 from coopmap_env.studies.rating_constants.choice import (
     Trial,
     area_at_motion,
@@ -66,8 +67,6 @@ SWEPT = ("K", "exponent", "n_gray_bins")
 """Fields of the rating settings that differ between the trials."""
 RECORDS = Path(__file__).parent
 """Folder of the records from which the defaults come, one for each environment."""
-N_DIGITS = 5
-"""Significant digits of the recorded numbers."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +213,7 @@ def _describe_trial(trial: Trial, best: Trial) -> dict[str, Any]:
         "exponent": c.exponent,
         "n_gray_bins": c.n_gray_bins,
         "area": _round(bootstrap_mean(trial.area, rng)),
-        "fraction_of_best": _significant(float(trial.area.mean() / best.area.mean())),
+        "fraction_of_best": significant(float(trial.area.mean() / best.area.mean())),
         "less_best": _round(difference(trial.area, best.area)),
         "motion": _round(bootstrap_mean(trial.motion, rng)),
     }
@@ -222,11 +221,7 @@ def _describe_trial(trial: Trial, best: Trial) -> dict[str, Any]:
 
 def _round(interval: Any) -> list[float]:
     """Estimate, low and high end."""
-    return [_significant(value) for value in interval.as_dict().values()]
-
-
-def _significant(value: float) -> float:
-    return float(f"{value:.{N_DIGITS}g}")
+    return [significant(value) for value in interval.as_dict().values()]
 
 
 def main(arguments: list[str] | None = None) -> None:
