@@ -189,7 +189,7 @@ def test_what_hides_known_voxels_never_raises_new_information_eq_7(world):
         n_raised += after > before + 1e-12
     assert n_known > 15
     assert n_unknown > 60
-    assert n_raised <= 0.01 * n_unknown  # audited: 0.4 %
+    assert n_raised <= 0.01 * n_unknown  # 0.4 % were measured
 
 
 def test_hiding_any_voxels_of_any_histogram_never_raises_its_entropy_if_enough_are_empty_eq_7():
