@@ -6,6 +6,7 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
+from plain.episodes import example_episode
 
 import coopmap_baselines
 from coopmap_env import evaluation, planar_v1
@@ -13,7 +14,6 @@ from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation import (
-    Episode,
     Evaluation,
     MappedExtent,
     Policy,
@@ -45,21 +45,8 @@ def timeless(episode):
 
 
 def episode(seed=0, coverage_curve=(0.0, 0.1, 0.3), radius_std=1.0, max_radius=9.0):
-    return Episode(
-        seed=seed,
-        coverage_curve=list(coverage_curve),
-        entropy_curve=[3.0] * len(coverage_curve),
-        reward=1.0,
-        motion_distance=2.0,
-        log_loss=0.1,
-        log_loss_free=0.1,
-        log_loss_occupied=0.1,
-        brier_score=0.01,
-        extent=MappedExtent(max_radius, 3.0, radius_std),
-        n_rejected_actions=0,
-        n_collisions=0,
-        planning_time_ms=0.5,
-    )
+    extent = MappedExtent(max_radius, 3.0, radius_std)
+    return example_episode(seed, coverage_curve, extent=extent)
 
 
 def test_the_area_under_the_curve_is_the_mean_of_its_trapezoids():

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain.episodes import example_episode
 
 from coopmap_env.cli import main
-from coopmap_env.evaluation import Episode, Evaluation, MappedExtent
+from coopmap_env.evaluation import Evaluation
 from coopmap_env.studies.benchmark import plan as benchmark_plan
 from coopmap_env.studies.benchmark import study as benchmark_study
 from coopmap_env.studies.benchmark.methods import (
@@ -70,21 +71,7 @@ def test_methods_are_compared_with_the_strongest_planner_of_the_same_actions():
 
 def episode(seed, area, reward=0.0):
     """An episode of one scan with this area under the coverage curve."""
-    return Episode(
-        seed=seed,
-        coverage_curve=[0.0, 2 * area],
-        entropy_curve=[1.0, 0.5],
-        reward=reward,
-        motion_distance=1.0,
-        log_loss=0.1,
-        log_loss_free=0.1,
-        log_loss_occupied=0.1,
-        brier_score=0.1,
-        extent=MappedExtent(1.0, 1.0, 1.0),
-        n_rejected_actions=0,
-        n_collisions=0,
-        planning_time_ms=1.0,
-    )
+    return example_episode(seed, (0.0, 2 * area), reward=reward, motion_distance=1.0)
 
 
 def method_result(method, *runs):

@@ -1,8 +1,9 @@
 """The price of motion: families compared at equal motion, from hand-made tables of scores."""
 
 import pytest
+from plain.episodes import example_episode
 
-from coopmap_env.evaluation import Episode, Evaluation, MappedExtent
+from coopmap_env.evaluation import Evaluation
 from coopmap_env.studies.benchmark.methods import (
     LEARNED,
     Condition,
@@ -47,21 +48,7 @@ def result(method, *runs):
     """Each run has one (area, motion, reward) in both worlds."""
 
     def episode(seed, area, motion, reward):
-        return Episode(
-            seed=seed,
-            coverage_curve=[0.0, 2 * area],
-            entropy_curve=[1.0, 0.5],
-            reward=reward,
-            motion_distance=motion,
-            log_loss=0.1,
-            log_loss_free=0.1,
-            log_loss_occupied=0.1,
-            brier_score=0.1,
-            extent=MappedExtent(1.0, 1.0, 1.0),
-            n_rejected_actions=0,
-            n_collisions=0,
-            planning_time_ms=1.0,
-        )
+        return example_episode(seed, (0.0, 2 * area), motion_distance=motion, reward=reward)
 
     return MethodResult(
         method, tuple(Evaluation(tuple(episode(seed, *run) for seed in (0, 1))) for run in runs)

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from plain.episodes import example_episode
 
-from coopmap_env.evaluation import Episode, Evaluation, MappedExtent
+from coopmap_env.evaluation import Evaluation, MappedExtent
 from coopmap_env.studies.section3.trends import (
     equal_coverage,
     extent_decreases,
@@ -19,20 +20,10 @@ def evaluation(coverage, sigma=5.0, worlds=24, seed=0):
 
     return Evaluation(
         tuple(
-            Episode(
-                seed=world,
-                coverage_curve=[0.0, scatter(coverage)],
-                entropy_curve=[1.0, 0.5],
-                reward=0.0,
-                motion_distance=0.0,
-                log_loss=0.0,
-                log_loss_free=0.0,
-                log_loss_occupied=0.0,
-                brier_score=0.0,
+            example_episode(
+                world,
+                (0.0, scatter(coverage)),
                 extent=MappedExtent(4 * scatter(sigma), 2 * sigma, scatter(sigma)),
-                n_rejected_actions=0,
-                n_collisions=0,
-                planning_time_ms=0.0,
             )
             for world in range(worlds)
         )
