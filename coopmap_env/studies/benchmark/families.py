@@ -17,7 +17,7 @@ MOTION_WEIGHTS: Mapping[str, Mapping[str, tuple[float | None, ...]]] = {
         "frontier": (None,),
     },
     "field": {
-        "rating_function": (0, 0.02, 0.05, 0.1, 0.2, None),
+        "rating_function": (0, 0.02, 0.05, 0.1, None),
         "coverage": (0, 0.003, 0.006, 0.012, 0.025),
         "information_gain": (0, 0.003, 0.006, 0.012, 0.025),
         "frontier": (None,),
@@ -25,9 +25,9 @@ MOTION_WEIGHTS: Mapping[str, Mapping[str, tuple[float | None, ...]]] = {
 }
 """Motion weights of each family by environment, from none to one that halves the motion.
 
-None is the default: of the rating function the environment's K, of the frontier "the nearest",
-which has no weight. (A frontier planner that weighs what it sees against motion would be the
-coverage planner on fewer poses.)
+None is the default: of the rating function the environment's K (0.005 and 0.2), of the frontier
+"the nearest", which has no weight. (A frontier planner that weighs what it sees against motion
+would be the coverage planner on fewer poses.)
 """
 SEARCH_POSES = 100
 """m: random poses of a decision, for tuning planners in "pose" mode. The strongest planner with any
