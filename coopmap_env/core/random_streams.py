@@ -49,10 +49,10 @@ def draw_stream(rng: np.random.Generator) -> NDArray[np.uint64]:
 
 
 @intrinsic
-def _high_word(typing_context: Any, a: Any, b: Any) -> Any:  # noqa: ARG001
+def _high_word(typing_context: Any, a: Any, b: Any) -> Any:
     """Upper 64 bits of the product of two 64-bit words: a single instruction, which numba lacks."""
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         wide = ir.IntType(128)
         product = builder.mul(*(builder.zext(factor, wide) for factor in arguments))
         return builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), ir.IntType(64))

@@ -1,5 +1,6 @@
 """Camera models, their range noise, and the scans that they measure."""
 
+from coopmap_env.sensing.beam_fan import BeamFan
 from coopmap_env.sensing.cameras import DepthCamera, PinholeIntrinsics, PlanarCamera
 from coopmap_env.sensing.noise import NoiseParameters, RangeNoise, rotate_covariances
 from coopmap_env.sensing.scan import (
@@ -11,6 +12,7 @@ from coopmap_env.sensing.scan import (
 )
 
 __all__ = [
+    "BeamFan",
     "DepthCamera",
     "NoiseParameters",
     "PinholeIntrinsics",

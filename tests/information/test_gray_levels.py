@@ -5,7 +5,6 @@ import pytest
 from plain import views
 
 from coopmap_env.information import (
-    BeamFan,
     PlanarRatingSettings,
     entropy,
     gray_bin,
@@ -14,7 +13,7 @@ from coopmap_env.information import (
 )
 from coopmap_env.information.gray_levels import GrayLevelTable, histogram_entropy
 from coopmap_env.mapping import LogOddsRange
-from coopmap_env.sensing import PlanarCamera
+from coopmap_env.sensing import BeamFan, PlanarCamera
 
 INTERPRETATIONS = ["literal", "distance_free"]
 READINGS = pytest.mark.parametrize("interpretation", INTERPRETATIONS)

@@ -18,10 +18,10 @@ from coopmap_env.information._mutual_information import (
     CellModel,
     validate_prior,
 )
-from coopmap_env.information.planar.fan import BEAMS_PER_WORD, BeamFan, FanArrays
 from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.ratings import WHOLE_VIEW, ViewContext
 from coopmap_env.mapping import MapArrays, OccupancyMap
+from coopmap_env.sensing.beam_fan import BEAMS_PER_WORD, BeamFan, FanArrays
 
 
 class BeamEntries(NamedTuple):

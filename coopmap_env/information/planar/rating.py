@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
 from coopmap_env.information.gray_levels import GrayLevelTable
-from coopmap_env.information.planar.fan import BeamFan
 from coopmap_env.information.planar.views import (
     allocate_view,
     are_all_below,
@@ -20,7 +19,7 @@ from coopmap_env.information.ratings import WHOLE_VIEW, Ratings, ViewContext
 from coopmap_env.information.settings import PlanarRatingSettings
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
-from coopmap_env.sensing import PlanarCamera
+from coopmap_env.sensing import BeamFan, PlanarCamera
 
 
 class PlanarRatingFunction:

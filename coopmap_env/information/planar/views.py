@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.information.gray_levels import GrayBins, histogram_entropy
-from coopmap_env.information.planar.fan import FanArrays
 from coopmap_env.mapping import MapArrays
+from coopmap_env.sensing.beam_fan import FanArrays
 
 
 class ViewBuffers(NamedTuple):

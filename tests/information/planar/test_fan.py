@@ -9,10 +9,10 @@ from plain.random_maps import random_map, set_cells
 from plain.views import visible_cells
 
 from coopmap_env.geometry import traverse
-from coopmap_env.information import BeamFan, PlanarRatingFunction, PlanarRatingSettings
+from coopmap_env.information import PlanarRatingFunction, PlanarRatingSettings
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
-from coopmap_env.sensing import PlanarCamera
+from coopmap_env.sensing import BeamFan, PlanarCamera
 
 CAMERAS = [
     pytest.param(PlanarCamera(depth_of_field=9.0), 16, id="default beams"),

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.limits import check_cells
 from coopmap_env.geometry import traverse
-from coopmap_env.sensing import PlanarCamera
+from coopmap_env.sensing.cameras import PlanarCamera
 
 BEAMS_PER_WORD = 64
 
