@@ -11,16 +11,12 @@ The state of a stream is a row of three words: the key's two, and how many block
 from __future__ import annotations
 
 import math
-from typing import Any
-
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import log, sin_cos
 from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.words import high_product
 
 STATE_WORDS = 3
 """Words of the state of a stream."""
@@ -48,18 +44,6 @@ def draw_stream(rng: np.random.Generator) -> NDArray[np.uint64]:
     return np.array([*rng.integers(2**64, size=2, dtype=np.uint64), 0], dtype=np.uint64)
 
 
-@intrinsic
-def _high_word(typing_context: Any, a: Any, b: Any) -> Any:
-    """Upper 64 bits of the product of two 64-bit words: a single instruction, which numba lacks."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        wide = ir.IntType(128)
-        product = builder.mul(*(builder.zext(factor, wide) for factor in arguments))
-        return builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), ir.IntType(64))
-
-    return types.uint64(types.uint64, types.uint64), generate
-
-
 @kernel
 def random_block(stream: NDArray[np.uint64], number: int) -> Words:
     """The four words of a block of a stream: the `number`-th of those that were not taken yet."""
@@ -67,8 +51,8 @@ def random_block(stream: NDArray[np.uint64], number: int) -> Words:
     x0 = stream[_BLOCKS_TAKEN] + np.uint64(number) + _ONE
     x1 = x2 = x3 = np.uint64(0)
     for _ in range(_ROUNDS):
-        high0, low0 = _high_word(_MULTIPLIERS[0], x0), _MULTIPLIERS[0] * x0
-        high1, low1 = _high_word(_MULTIPLIERS[1], x2), _MULTIPLIERS[1] * x2
+        high0, low0 = high_product(_MULTIPLIERS[0], x0), _MULTIPLIERS[0] * x0
+        high1, low1 = high_product(_MULTIPLIERS[1], x2), _MULTIPLIERS[1] * x2
         x0, x1, x2, x3 = high1 ^ x1 ^ key0, low1, high0 ^ x3 ^ key1, low0
         key0 += _KEY_STEPS[0]
         key1 += _KEY_STEPS[1]
