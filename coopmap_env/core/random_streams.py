@@ -11,6 +11,7 @@ The state of a stream is a row of three words: the key's two, and how many block
 from __future__ import annotations
 
 import math
+
 import numpy as np
 from numpy.typing import NDArray
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.elementary import sin_cos
+from coopmap_env.core.elementary import sin_cos, sin_cos_array
 from coopmap_env.core.limits import check_cells
 from coopmap_env.geometry import traverse
 from coopmap_env.sensing.cameras import PlanarCamera
@@ -99,10 +99,13 @@ class BeamFan:
         what = "the view of a camera for all headings (depth_of_field, n_beams, n_headings)"
         check_cells((n_headings, side, side, words), what)
         check_cells((n_headings, side, camera.n_beams), what)
-        lists = [
-            _beams_by_cell(camera.bearings + h * 2 * np.pi / n_headings, depth, words)
-            for h in range(n_headings)
-        ]
+        sines, cosines = sin_cos_array(camera.bearings)
+        lists = []
+        for h in range(n_headings):
+            # rotated like the beams of a scan, so that both cross the same cells to the last bit
+            s, c = sin_cos((h if 2 * h < n_headings else h - n_headings) * (2 * np.pi / n_headings))
+            directions = np.stack([c * cosines - s * sines, s * cosines + c * sines], axis=1)
+            lists.append(_beams_by_cell(directions, depth, words))
         offsets = np.concatenate([offsets for offsets, _ in lists])
         return cls(
             start=np.cumsum([0, *(len(offsets) for offsets, _ in lists)]),
@@ -126,15 +129,13 @@ def _window_side(depth: float) -> int:
 
 
 def _beams_by_cell(
-    angles: NDArray[np.float64], depth: float, words: int
+    directions: NDArray[np.float64], depth: float, words: int
 ) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
-    """Cell offsets crossed by beams at these angles, nearest first, and the bits of the beams."""
+    """Cell offsets crossed by beams (n_beams, 2), nearest first, and the bits of the beams."""
     size = _window_side(depth)
     half = size // 2
     beams = np.zeros((size, size, words), dtype=np.uint64)
-    for beam, angle in enumerate(angles):
-        sine, cosine = sin_cos(angle)
-        direction = [cosine, sine]
+    for beam, direction in enumerate(directions):
         cells = traverse([half + 0.5] * 2, direction, depth, (size, size)).cells
         word, bit = divmod(beam, BEAMS_PER_WORD)
         beams[cells[:, 0], cells[:, 1], word] |= np.uint64(1 << bit)

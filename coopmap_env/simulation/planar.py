@@ -8,79 +8,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.elementary import power, sin_cos, sin_cos_array
-from coopmap_env.core.kernels import PlainTuple, kernel
-from coopmap_env.geometry import start_ray, step_ray
+from coopmap_env.core.elementary import sin_cos_array
+from coopmap_env.core.random_streams import draw_stream
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
+from coopmap_env.simulation.planar_scans import PlanarCameraArrays, simulate_scan
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
 from coopmap_env.simulation.simulator import MoveResult
 
 
-@kernel
-def cast_ray(
-    occupied: NDArray[np.bool_], px: float, py: float, ux: float, uy: float, reach: float
-) -> float:
-    """Distance (cells) at which a ray enters the first occupied cell; inf if there is none."""
-    nx, ny = occupied.shape
-    ray, position = start_ray((px, py, 0.5), (ux, uy, 0.0), (nx, ny, 1))
-    end = min(reach, ray.end)
-    flat = occupied.ravel()
-    while position.distance < end:
-        if flat[position.cell]:
-            return position.distance
-        position = step_ray(ray, position)
-    return math.inf
-
-
-@kernel
-def simulate_scan(
-    occupied: NDArray[np.bool_],
-    grid: PlainTuple,
-    pose: NDArray[np.float64],
-    beams: NDArray[np.float64],
-    reach: float,
-    noise: PlainTuple,
-    draws: NDArray[np.float64],
-    scan: PlainTuple,
-) -> None:
-    """Fill a scan: cast each beam, add noise to the hits (Eq. 1), rotate covariances (Eq. 3).
-
-    `beams` (n, 2) are unit directions in the camera frame, `reach` is their length in metres;
-    `draws` (n, 2) are standard normal numbers; `grid`, `noise` and `scan` are a plain
-    `GridGeometry`, `NoiseParameters` and `ScanArrays`.
-    """
-    lower, resolution, _ = grid
-    _, points, covariances, hit = scan
-    px, py = (pose[0] - lower[0]) / resolution, (pose[1] - lower[1]) / resolution
-    s, c = sin_cos(pose[2])
-    intrinsic, depth_factor, lateral_factor, exponent = noise
-    for beam in range(len(beams)):
-        ux = c * beams[beam, 0] - s * beams[beam, 1]
-        uy = s * beams[beam, 0] + c * beams[beam, 1]
-        d = cast_ray(occupied, px, py, ux, uy, reach / resolution) * resolution
-        hit[beam] = d < math.inf
-        if not hit[beam]:
-            points[beam, 0] = pose[0] + reach * ux
-            points[beam, 1] = pose[1] + reach * uy
-            covariances[beam, 0, 0] = 0.0
-            covariances[beam, 0, 1] = 0.0
-            covariances[beam, 1, 0] = 0.0
-            covariances[beam, 1, 1] = 0.0
-            continue
-        scale = intrinsic * power(d, exponent)
-        depth, lateral = scale * depth_factor, scale * lateral_factor
-        ex, ey = depth * draws[beam, 0], lateral * draws[beam, 1]
-        points[beam, 0] = pose[0] + d * ux + c * ex - s * ey
-        points[beam, 1] = pose[1] + d * uy + s * ex + c * ey
-        # the camera states Eq. 1 at the distance that it measured, not at the true one
-        mx, my = points[beam, 0] - pose[0], points[beam, 1] - pose[1]
-        scale = intrinsic * power(math.sqrt(mx * mx + my * my), exponent)
-        xx, yy = (scale * depth_factor) ** 2, (scale * lateral_factor) ** 2
-        covariances[beam, 0, 0] = c * c * xx + s * s * yy
-        covariances[beam, 0, 1] = c * s * (xx - yy)
-        covariances[beam, 1, 0] = covariances[beam, 0, 1]
-        covariances[beam, 1, 1] = s * s * xx + c * c * yy
+def camera_arrays(camera: PlanarCamera, noise: RangeNoise) -> PlanarCameraArrays:
+    """A camera and its noise for kernels."""
+    sines, cosines = sin_cos_array(camera.bearings)
+    beams = np.column_stack([cosines, sines])
+    return PlanarCameraArrays(beams, float(camera.depth_of_field), noise.parameters)
 
 
 class PlanarSimulator:
@@ -100,9 +41,7 @@ class PlanarSimulator:
         self.camera = camera
         self._grid = tuple(VoxelGrid(world.shape, world.resolution, world.origin).geometry)
         self._extent = (*world.shape, world.resolution, *world.origin)
-        sines, cosines = sin_cos_array(camera.bearings)
-        self._beams = np.column_stack([cosines, sines])
-        self._noise = tuple(noise.parameters)
+        self._camera = camera_arrays(camera, noise)
         self._poses: list[Sequence[float]] = []
 
     def set_poses(self, poses: Sequence[Sequence[float]]) -> None:
@@ -133,7 +72,7 @@ class PlanarSimulator:
         ValueError
             If the pose is not finite, or lies outside the world.
         """
-        n = len(self._beams)
+        n = self.camera.n_beams
         camera_pose: NDArray[np.float64] = np.array(pose, dtype=np.float64)
         arrays = (
             camera_pose[:2],
@@ -146,10 +85,8 @@ class PlanarSimulator:
             self.world.occupied,
             self._grid,
             camera_pose,
-            self._beams,
-            self.camera.depth_of_field,
-            self._noise,
-            rng.standard_normal((n, 2)),
+            (self._camera.beams, self._camera.reach, tuple(self._camera.noise)),
+            draw_stream(rng),
             arrays,
         )
         return Scan(*arrays)

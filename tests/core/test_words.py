@@ -14,8 +14,10 @@ def operations(a, b):
 
 @pytest.mark.parametrize(
     ("a", "b"),
-    [(0, 5), (1, 2**64 - 1), (2**63, 2), (2**64 - 1, 2**64 - 1)]
-    + np.random.default_rng(0).integers(2**64, size=(50, 2), dtype=np.uint64).tolist(),
+    [
+        *[(0, 5), (1, 2**64 - 1), (2**63, 2), (2**64 - 1, 2**64 - 1)],
+        *np.random.default_rng(0).integers(2**64, size=(50, 2), dtype=np.uint64).tolist(),
+    ],
 )
 def test_words_equal_pythons_integers(a, b):
     lowest = (a & -a).bit_length() - 1 if a else 64

@@ -2,8 +2,7 @@
 
 import math
 
-import numpy as np
-
+from coopmap_env.core.elementary import sin_cos
 from coopmap_env.geometry import traverse
 
 
@@ -20,10 +19,9 @@ def visible_cells(map_, camera, lattice, pose_id, see_through=()):
         blocked[cell] = False
     seen = set()
     for bearing in camera.bearings:
-        # the heading from its number: both sides must round alike where beams pass through corners
-        turn = pose_id % lattice.n_headings * 2 * np.pi / lattice.n_headings
-        assert math.isclose(math.cos(turn), math.cos(heading), abs_tol=1e-12)
-        direction = [np.cos(bearing + turn), np.sin(bearing + turn)]
+        # the beam rotated by the heading: both sides must round alike where beams pass corners
+        (sine, cosine), (s, c) = sin_cos(bearing), sin_cos(heading)
+        direction = [c * cosine - s * sine, s * cosine + c * sine]
         for cell in map(tuple, traverse(start, direction, depth, blocked.shape).cells.tolist()):
             seen.add(cell)
             if blocked[cell]:
