@@ -169,6 +169,62 @@ def _update_end_cells(
     return count
 
 
+class BeamBuffers(NamedTuple):
+    """Scratch for following one beam."""
+
+    ends: EndCells
+    start: NDArray[np.float64]
+    """Position of the camera (3,), cells; in 2-D the last one is 0.5."""
+    direction: NDArray[np.float64]
+    """Unit direction of the beam (3,)."""
+
+
+@kernel
+def allocate_beam(shape: tuple[int, int, int]) -> BeamBuffers:
+    """Scratch for the longest beam of a grid."""
+    n = shape[0] + shape[1] + shape[2] + 3
+    ends = EndCells(np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(n))
+    return BeamBuffers(ends, np.full(3, 0.5), np.zeros(3))
+
+
+@kernel
+def set_camera(origin: NDArray[np.float64], grid: GridGeometry, scratch: BeamBuffers) -> None:
+    """Set the camera (D,), metres, from which the next beams come."""
+    for axis in range(len(origin)):
+        scratch.start[axis] = (origin[axis] - grid.lower[axis]) / grid.resolution
+
+
+@kernel
+def integrate_beam(
+    k: int,
+    scan: ScanArrays,
+    grid: GridGeometry,
+    beam: BeamParameters,
+    scratch: BeamBuffers,
+    buffers: UpdateBuffers,
+    count: int,
+) -> tuple[int, int]:
+    """Follow beam k of a scan; return the count of updated cells, and its hit cell or -1."""
+    ends, start, direction = scratch
+    z = _unit_direction(scan.points[k], scan.origin, grid.resolution, direction)
+    if z == 0.0:
+        return count, -1
+    free_until, stop, sigma = z, z, 0.0
+    if scan.hit[k]:
+        sigma = _range_sigma(direction, scan.covariances[k], grid.resolution)
+        free_until = z - RANGE_WINDOW * sigma - MAX_PATH_IN_CELL
+        stop = z + RANGE_WINDOW * sigma
+    ray, position = start_ray(start, direction, grid.shape)
+    free_until = min(free_until, ray.end)
+    position, count = _update_free_cells(ray, position, free_until, beam, buffers, count)
+    if not scan.hit[k]:
+        return count, -1
+    n, reached = _find_end_cells(ray, position, min(stop, ray.end), ends)
+    best = _weigh_end_cells(n, reached, z, sigma, beam, ends)
+    count = _update_end_cells(n, best, beam, ends, buffers, count)
+    return count, ends.cells[best] if best < n else -1
+
+
 @kernel
 def integrate_rays(
     scan: ScanArrays,
@@ -183,34 +239,9 @@ def integrate_rays(
     Writes the cell to which each beam's point belongs (n_beams,), -1 for none. Returns how many
     cells `buffers.updated_cells` lists.
     """
-    origin, points, covariances, hit = scan
-    lower, resolution, shape = grid
-    longest = shape[0] + shape[1] + shape[2] + 3
-    ends = EndCells(
-        np.empty(longest, np.int64), np.empty(longest), np.empty(longest), np.empty(longest)
-    )
-    start, direction = np.full(3, 0.5), np.zeros(3)
-    for axis in range(points.shape[1]):
-        start[axis] = (origin[axis] - lower[axis]) / resolution
+    scratch = allocate_beam(grid.shape)
+    set_camera(scan.origin, grid, scratch)
     count = 0
-    hit_cells[:] = -1
-    for k in range(points.shape[0]):
-        z = _unit_direction(points[k], origin, resolution, direction)
-        if z == 0.0:
-            continue
-        free_until, stop, sigma = z, z, 0.0
-        if hit[k]:
-            sigma = _range_sigma(direction, covariances[k], resolution)
-            free_until = z - RANGE_WINDOW * sigma - MAX_PATH_IN_CELL
-            stop = z + RANGE_WINDOW * sigma
-        ray, position = start_ray(start, direction, shape)
-        free_until = min(free_until, ray.end)
-        position, count = _update_free_cells(ray, position, free_until, beam, buffers, count)
-        if not hit[k]:
-            continue
-        n, reached = _find_end_cells(ray, position, min(stop, ray.end), ends)
-        best = _weigh_end_cells(n, reached, z, sigma, beam, ends)
-        count = _update_end_cells(n, best, beam, ends, buffers, count)
-        if best < n:
-            hit_cells[k] = ends.cells[best]
+    for k in range(len(scan.points)):
+        count, hit_cells[k] = integrate_beam(k, scan, grid, beam, scratch, buffers, count)
     return count
