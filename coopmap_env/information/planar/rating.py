@@ -8,19 +8,27 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
 from coopmap_env.information.gray_levels import GrayLevelTable
-from coopmap_env.information.planar.fan import BeamFan
-from coopmap_env.information.planar.views import (
-    allocate_view,
-    are_all_below,
-    evaluate_views,
-    find_visible_cells,
-    sequential_new_information,
+from coopmap_env.information.planar.cell_codes import (
+    CodeTable,
+    reserve_cells,
+    write_codes,
+    write_view_codes,
 )
-from coopmap_env.information.ratings import WHOLE_VIEW, Ratings, ViewContext
+from coopmap_env.information.planar.fan import BeamFan
+from coopmap_env.information.planar.view_arrays import ViewTables
+from coopmap_env.information.planar.view_calls import (
+    evaluate_poses,
+    evaluate_team,
+    find_visible_cells,
+)
+from coopmap_env.information.ratings import WHOLE_VIEW, Ratings, ReservedMask, ViewContext
 from coopmap_env.information.settings import PlanarRatingSettings
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
+
+ROW_SPEED = 6
+"""How many cells of a whole map are coded in the time of one cell of a view (measured)."""
 
 
 class PlanarRatingFunction:
@@ -53,10 +61,10 @@ class PlanarRatingFunction:
         self.gray = GrayLevelTable.from_distances(
             self.fan.distance, self.fan.depth, settings, log_odds_range
         )
-        self._fan = tuple(self.fan.arrays)
-        self._gray = tuple(self.gray.arrays(self.max_visible_cells))
+        self.codes = CodeTable.from_gray_levels(self.gray, log_odds_range)
+        self._fan = tuple(self.fan.arrays(lattice.grid.shape[1]))
+        self._tables = tuple(ViewTables.from_fan(self.fan, self.gray, self.codes))
         self._clamp = log_odds_range.clamp
-        self._no_reservation = np.zeros(lattice.grid.n_cells, dtype=np.uint8)
 
     @property
     def max_visible_cells(self) -> int:
@@ -84,9 +92,15 @@ class PlanarRatingFunction:
     def _evaluate(
         self, map_: OccupancyMap, ids: NDArray[np.int64], context: ViewContext
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        return self.evaluate_codes(self._codes(map_, ids, context.reserved_mask), ids)
+
+    def evaluate_codes(
+        self, codes: NDArray[np.uint8], ids: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """`new_information_and_unknown` of valid poses on the `cell_codes` of a map (n_cells,)."""
         ni, unknown = np.empty(len(ids)), np.empty(len(ids), dtype=np.int64)
-        reserved = self.reserved_cells(context)
-        evaluate_views(tuple(map_.arrays), reserved, ids, self._fan, self._gray, ni, unknown)
+        shape = self.lattice.grid.shape
+        evaluate_poses(codes, shape, ids, self._fan, self._tables, ni, unknown)
         return ni, unknown
 
     def visible_cells(
@@ -96,11 +110,27 @@ class PlanarRatingFunction:
 
         Reserved cells are included.
         """
-        (valid_id,) = self.validate_ids(map_, [pose_id])
-        fan = self.fan.arrays
-        view = allocate_view(fan, self.settings.n_gray_bins)
-        n = find_visible_cells(map_.arrays, valid_id, fan, view)
-        return view.visible[:n].copy()
+        ids = self.validate_ids(map_, [pose_id])
+        codes, shape = self._codes(map_, ids, None), self.lattice.grid.shape
+        cells = np.empty(self.max_visible_cells, dtype=np.int64)
+        n = find_visible_cells(codes, shape, ids, self._fan, self._tables, cells)
+        return cells[:n]
+
+    def _codes(
+        self, map_: OccupancyMap, ids: NDArray[np.int64], reserved_mask: ReservedMask | None
+    ) -> NDArray[np.uint8]:
+        """Codes of the cells (n_cells,): of all, or of those in few views, others arbitrary."""
+        arrays, table = map_.arrays, self.codes
+        codes = np.empty(map_.grid.n_cells, dtype=np.uint8)
+        cells = arrays.log_odds_fixed, arrays.sampled_mask
+        if len(ids) * self.max_visible_cells * ROW_SPEED < len(codes):
+            shape = self.lattice.grid.shape
+            write_view_codes(*cells, shape, ids, self._fan, table.of_log_odds, codes)
+        else:
+            write_codes(*cells, table.of_log_odds, codes)
+        if reserved_mask is not None:
+            reserve_cells(reserved_mask, table.first_occupied, table.uncounted, codes)
+        return codes
 
     def distance(self, pose_ids: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
         """Distance d of Eq. 5, shape (k,), from `current`: one pose for each, or one for all."""
@@ -132,10 +162,8 @@ class PlanarRatingFunction:
         overlap counts once.
         """
         ids = self.validate_ids(map_, pose_ids)
-        ni = np.empty(len(ids))
-        sequential_new_information(
-            tuple(map_.arrays), self._no_reservation, ids, self._fan, self._gray, ni
-        )
+        codes, shape, ni = self._codes(map_, ids, None), map_.grid.shape, np.empty(len(ids))
+        evaluate_team(codes, shape, ids, self._fan, self._tables, ni)
         return self._rate(map_, ids, distance, ni)
 
     def rate_from_new_information(
@@ -168,11 +196,6 @@ class PlanarRatingFunction:
         cost, occupancy, rating = out
         return Ratings(new_information, d, cost, occupancy, rating)
 
-    def reserved_cells(self, context: ViewContext) -> NDArray[np.uint8]:
-        """The context's reserved mask, or zeros."""
-        mask = context.reserved_mask
-        return self._no_reservation if mask is None else mask
-
     def validate_ids(self, map_: OccupancyMap, ids: ArrayLike) -> NDArray[np.int64]:
         """Pose ids as an array; kernels trust them and the map, so both are checked here.
 
@@ -190,6 +213,15 @@ class PlanarRatingFunction:
                 f"rating function ({self.lattice.grid.shape}, clamp {self._clamp})"
             )
         return numbers
+
+
+@kernel
+def are_all_below(numbers: NDArray[np.int64], n: int) -> bool:
+    """Whether every number lies in 0 ... n - 1."""
+    outside = 0
+    for k in range(len(numbers)):
+        outside += numbers[k] < 0 or numbers[k] >= n
+    return outside == 0
 
 
 @kernel
