@@ -149,9 +149,8 @@ def test_every_beam_of_the_fan_crosses_its_cells_and_no_other():
     for h in range(n_headings):
         for beam, bearing in enumerate(camera.bearings):
             word, bit = divmod(beam, 64)
-            own = (fan.beams[fan.start[h] : fan.start[h + 1], word] >> np.uint64(bit)) & np.uint64(
-                1
-            )
+            words = fan.beams[word, fan.start[h] : fan.start[h + 1]]
+            own = words >> np.uint64(bit) & np.uint64(1)
             offsets = fan.offsets[fan.start[h] : fan.start[h + 1]][own == 1]
             angle = bearing + h * 2 * np.pi / n_headings
             ray = traverse([10.5, 10.5], [np.cos(angle), np.sin(angle)], 6.0, (21, 21))
