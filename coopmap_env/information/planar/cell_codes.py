@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import kernel
 from coopmap_env.information.gray_levels import GrayLevelTable
 from coopmap_env.information.planar.fan import FanArrays
 from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, LogOddsRange
@@ -124,22 +124,19 @@ def write_view_codes(
     sampled_mask: NDArray[np.uint8],
     shape: tuple[int, ...],
     poses: NDArray[np.int64],
-    fan_tuple: PlainTuple,
+    fan: FanArrays,
     of_log_odds: NDArray[np.uint8],
     codes: NDArray[np.uint8],
 ) -> None:
-    """Write the codes of the cells in the fans of poses into those of the map.
-
-    `fan_tuple` is a plain `FanArrays`, `of_log_odds` that of the `CodeTable`.
-    """
-    fan = FanArrays(*fan_tuple)
-    start, offsets = fan.start, fan.offsets
+    """Write the codes of the cells in the fans of poses into those of the map."""
+    start, offsets, flat_offsets, margin = fan.start, fan.offsets, fan.flat_offsets, fan.max_offset
     (nx, ny), n_headings, clamp = shape, len(start) - 1, len(of_log_odds) // 2
     for p in range(len(poses)):
         cell, heading = poses[p] // n_headings, poses[p] % n_headings
         x, y = cell // ny, cell % ny
+        is_inner = margin <= x < nx - margin and margin <= y < ny - margin
         for k in range(np.uint64(start[heading]), np.uint64(start[heading + 1])):
             i, j = x + offsets[k, 0], y + offsets[k, 1]
-            if 0 <= i < nx and 0 <= j < ny:
-                at = np.uint64(i * ny + j)
+            if is_inner or (0 <= i < nx and 0 <= j < ny):
+                at = np.uint64(cell + flat_offsets[k])
                 codes[at] = of_log_odds[np.uint64(log_odds_fixed[at] + clamp)] * sampled_mask[at]

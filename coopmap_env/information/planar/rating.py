@@ -8,15 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
 from coopmap_env.information.gray_levels import GrayLevelTable
-from coopmap_env.information.planar.cell_codes import (
-    CodeTable,
-    reserve_cells,
-    write_codes,
-    write_view_codes,
-)
+from coopmap_env.information.planar.cell_codes import CodeTable
 from coopmap_env.information.planar.fan import BeamFan
 from coopmap_env.information.planar.view_arrays import ViewTables
 from coopmap_env.information.planar.view_calls import (
+    evaluate_coded_poses,
     evaluate_poses,
     evaluate_team,
     find_visible_cells,
@@ -27,8 +23,7 @@ from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera
 
-ROW_SPEED = 6
-"""How many cells of a whole map are coded in the time of one cell of a view (measured)."""
+NOTHING_RESERVED: ReservedMask = np.zeros(0, dtype=np.uint8)
 
 
 class PlanarRatingFunction:
@@ -92,7 +87,11 @@ class PlanarRatingFunction:
     def _evaluate(
         self, map_: OccupancyMap, ids: NDArray[np.int64], context: ViewContext
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        return self.evaluate_codes(self._codes(map_, ids, context.reserved_mask), ids)
+        ni, unknown = np.empty(len(ids)), np.empty(len(ids), dtype=np.int64)
+        mask = context.reserved_mask
+        reserved_mask = NOTHING_RESERVED if mask is None else mask
+        evaluate_poses(tuple(map_.arrays), reserved_mask, ids, self._fan, self._tables, ni, unknown)
+        return ni, unknown
 
     def evaluate_codes(
         self, codes: NDArray[np.uint8], ids: NDArray[np.int64]
@@ -100,7 +99,7 @@ class PlanarRatingFunction:
         """`new_information_and_unknown` of valid poses on the `cell_codes` of a map (n_cells,)."""
         ni, unknown = np.empty(len(ids)), np.empty(len(ids), dtype=np.int64)
         shape = self.lattice.grid.shape
-        evaluate_poses(codes, shape, ids, self._fan, self._tables, ni, unknown)
+        evaluate_coded_poses(codes, shape, ids, self._fan, self._tables, ni, unknown)
         return ni, unknown
 
     def visible_cells(
@@ -111,26 +110,9 @@ class PlanarRatingFunction:
         Reserved cells are included.
         """
         ids = self.validate_ids(map_, [pose_id])
-        codes, shape = self._codes(map_, ids, None), self.lattice.grid.shape
         cells = np.empty(self.max_visible_cells, dtype=np.int64)
-        n = find_visible_cells(codes, shape, ids, self._fan, self._tables, cells)
+        n = find_visible_cells(tuple(map_.arrays), ids, self._fan, self._tables, cells)
         return cells[:n]
-
-    def _codes(
-        self, map_: OccupancyMap, ids: NDArray[np.int64], reserved_mask: ReservedMask | None
-    ) -> NDArray[np.uint8]:
-        """Codes of the cells (n_cells,): of all, or of those in few views, others arbitrary."""
-        arrays, table = map_.arrays, self.codes
-        codes = np.empty(map_.grid.n_cells, dtype=np.uint8)
-        cells = arrays.log_odds_fixed, arrays.sampled_mask
-        if len(ids) * self.max_visible_cells * ROW_SPEED < len(codes):
-            shape = self.lattice.grid.shape
-            write_view_codes(*cells, shape, ids, self._fan, table.of_log_odds, codes)
-        else:
-            write_codes(*cells, table.of_log_odds, codes)
-        if reserved_mask is not None:
-            reserve_cells(reserved_mask, table.first_occupied, table.uncounted, codes)
-        return codes
 
     def distance(self, pose_ids: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
         """Distance d of Eq. 5, shape (k,), from `current`: one pose for each, or one for all."""
@@ -162,8 +144,8 @@ class PlanarRatingFunction:
         overlap counts once.
         """
         ids = self.validate_ids(map_, pose_ids)
-        codes, shape, ni = self._codes(map_, ids, None), map_.grid.shape, np.empty(len(ids))
-        evaluate_team(codes, shape, ids, self._fan, self._tables, ni)
+        ni = np.empty(len(ids))
+        evaluate_team(tuple(map_.arrays), ids, self._fan, self._tables, ni)
         return self._rate(map_, ids, distance, ni)
 
     def rate_from_new_information(

@@ -17,8 +17,9 @@ from coopmap_env.information.planar.fan import BeamFan, FanArrays
 class ViewTables(NamedTuple):
     """What a code means in a view, for each entry of a fan."""
 
+    of_log_odds: NDArray[np.uint8]
+    """See `CodeTable`, as for the next three."""
     bins: NDArray[np.uint16]
-    """See `CodeTable`, as for the next two."""
     first_occupied: int
     uncounted: int
     distance_class: NDArray[np.uint8]
@@ -44,6 +45,7 @@ class ViewTables(NamedTuple):
             for first, end in zip(fan.start[:-1], fan.start[1:], strict=True)
         ]
         return cls(
+            codes.of_log_odds,
             codes.bins,
             codes.first_occupied,
             codes.uncounted,
@@ -90,7 +92,7 @@ class ReservedCells(NamedTuple):
 
 
 @kernel
-def allocate_view(fan: FanArrays, n_bins: int) -> ViewBuffers:
+def allocate_view(fan: FanArrays, tables: ViewTables) -> ViewBuffers:
     """Scratch for any view of a fan."""
     n_words = (fan.max_visible_cells + 7) // 8
     n = 8 * n_words + 1
@@ -103,7 +105,7 @@ def allocate_view(fan: FanArrays, n_bins: int) -> ViewBuffers:
         np.empty((n, len(fan.all_beams)), np.uint64),
         np.empty(n_words, np.uint64),
         np.empty(n_words, np.int64),
-        np.zeros(n_bins + 1, np.int64),
+        np.zeros(tables.n_bins + 1, np.int64),
     )
 
 
