@@ -18,7 +18,7 @@ field-candidates := --env field --ppo.initial-policy rating --ppo.total-steps 24
 	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
 POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
 
-.PHONY: setup check test reproduce policies $(POLICIES) planners pictures clean
+.PHONY: setup check test speed reproduce policies $(POLICIES) planners pictures clean
 
 setup: .venv/.package
 
@@ -47,6 +47,11 @@ check: setup
 # installed links: numba would compile all kernels for both.
 test: check
 	$(BIN)/pytest --numprocesses auto --dist worksteal
+	$(MAKE) --no-print-directory speed
+
+# Steps of this version and of the last commit shared with main, in turns; it decides nothing.
+speed: setup
+	-$(BIN)/python -P -m coopmap_env.studies.speed.regression
 
 reproduce: setup
 	$(BIN)/coopmap reproduce --quick --out $(OUT)
