@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +17,7 @@ from coopmap_agents.sb3 import make_model
 from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
 from coopmap_agents.training import loop as training
 from coopmap_baselines import make
+from coopmap_env.cli import main
 from coopmap_env.evaluation import evaluate
 from coopmap_env.mapping.files import write_map_server
 
@@ -67,8 +66,7 @@ def whole(tmp_path_factory):
     return folder, run_training(CONFIG, folder)
 
 
-@pytest.mark.parametrize("n_segments", [1, 2])
-@pytest.mark.parametrize("workers", [0, 2])
+@pytest.mark.parametrize(("n_segments", "workers"), [(1, 0), (2, 0), (1, 2)])
 def test_a_resumed_training_ends_as_an_uninterrupted_one(whole, n_segments, workers, tmp_path):
     with pytest.raises(Interrupted):
         run_training(CONFIG, tmp_path, workers, interrupt_after(n_segments))
@@ -268,26 +266,24 @@ def test_a_central_critic_learns_from_the_state_and_the_policy_does_not_need_it(
     assert evaluate(ENV_CONFIG.make("test"), policy, [0]).table["coverage"][0] > 0
 
 
-def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
-    def coopmap(*arguments):
-        command = [sys.executable, "-m", "coopmap_env.cli", *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
-
-    done = coopmap(
+def test_the_command_trains_and_its_policy_is_evaluated(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main([
         "train", "--out", "t", "--max-scans", "4", "--n-candidates", "6", "--validation-episodes",
         "2", "--ppo.total-steps", "64", "--ppo.rollout-steps", "16", "--ppo.n-envs", "2",
         "--ppo.batch-size", "32",
-    )  # fmt: skip
-    assert "64 of 64 steps" in done.stderr
+    ])  # fmt: skip
+    printed = capsys.readouterr().err
+    assert "64 of 64 steps" in printed
     assert re.search(
-        r"agent-steps/s: environment \d+%, network while collecting \d+%, updates \d+%", done.stderr
+        r"agent-steps/s: environment \d+%, network while collecting \d+%, updates \d+%", printed
     )
-    assert re.search(r"policy: t/policy\.safetensors, after (0|64) steps; ", done.stderr)
-    done = coopmap(
+    assert re.search(r"policy: t/policy\.safetensors, after (0|64) steps; ", printed)
+    main([
         "evaluate", "--policies", "learned:model=t/policy.safetensors", "--action-mode",
         "candidates", "--episodes", "2", "--max-scans", "4", "--out", "e",
-    )  # fmt: skip
-    assert "area under curve" in done.stdout
+    ])  # fmt: skip
+    assert "area under curve" in capsys.readouterr().out
 
 
 def test_invalid_configurations_are_refused():

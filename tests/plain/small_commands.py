@@ -80,8 +80,8 @@ def study_localization(out):
             (
                 localization,
                 {
-                    "QUICK": localization.LocalizationSize(2, 1, 1),
-                    "SEARCH_SCANS": 2,
+                    "QUICK": localization.LocalizationSize(1, 1, 1),
+                    "SEARCH_SCANS": 1,
                     "SCANS_EACH": 1,
                     "compare_pose_estimators": lambda *_: {},
                 },

@@ -15,8 +15,7 @@ import numpy as np
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.evaluation import Policy, make_policy
-from coopmap_env.evaluation.rollout import policy_rng
+from coopmap_env.evaluation import Policy, make_policy, policy_rng
 from coopmap_env.studies.speed.cases import (
     CASES,
     SCANS_EACH,
