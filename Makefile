@@ -18,7 +18,10 @@ field-candidates := --env field --ppo.initial-policy rating --ppo.total-steps 24
 	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
 POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
 
-.PHONY: setup check test speed reproduce policies $(POLICIES) planners pictures clean
+# Answers a line with the name of a case by its times.
+CASES := $(BIN)/python -P -m coopmap_env.studies.speed.cases > /dev/null
+
+.PHONY: setup check kernels test speed reproduce policies $(POLICIES) planners pictures clean
 
 setup: .venv/.package
 
@@ -43,9 +46,15 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Numba compiles for minutes on a new machine. Here it is done once; in the tests it would be done by
+# each of the processes that start first.
+kernels: setup
+	printf 'planar_pose\nplanar_candidates\n' | $(CASES) & printf 'field\n' | $(CASES) & wait
+
 # `python -m pytest` would import from this folder, and the programs that tests start from the
 # installed links: numba would compile all kernels for both.
-test: check
+test: setup
+	$(MAKE) --no-print-directory --jobs 2 check kernels
 	$(BIN)/pytest --numprocesses auto --dist worksteal
 	$(MAKE) --no-print-directory speed
 

@@ -88,6 +88,9 @@ class KernelCache:
             found = FunctionCache(function)
         except RuntimeError:  # there is no folder to write to, or no source file
             return NullCache()
+        if not hasattr(found, "_cache_file"):  # its own files would not follow the callees
+            _warn_of_unknown_numba()
+            return NullCache()
         name = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}"
         found._cache_file = KernelFiles(
             Path(found.cache_path), name.replace("<", "").replace(">", ""), self._dispatcher

@@ -171,16 +171,25 @@ def test_a_full_disk_is_no_error(load, monkeypatch):
     assert load()(3.0) == 60.0
 
 
-def test_an_unknown_numba_is_a_warning_and_kernels_still_run(monkeypatch):
-    monkeypatch.setattr(kernel_cache, "NullCache", None)
+class FilesElsewhere:
+    """A cache of a numba that keeps its files in another place than we know."""
+
+    def __init__(self, function):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("NullCache", None), ("FunctionCache", FilesElsewhere)]
+)
+def test_an_unknown_numba_is_a_warning_and_kernels_still_run(name, value, monkeypatch):
+    monkeypatch.setattr(kernel_cache, name, value)
     kernel_cache._warn_of_unknown_numba.cache_clear()
 
     def one():
         return 1
 
     with pytest.warns(RuntimeWarning, match=r"numba .* compiled in every process"):
-        compiled = kernel(one)
-    assert compiled() == 1
+        assert kernel(one)() == 1
     assert kernel(one)() == 1  # it warns once
     kernel_cache._warn_of_unknown_numba.cache_clear()
 
