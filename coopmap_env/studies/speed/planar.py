@@ -28,8 +28,8 @@ from coopmap_env.studies.speed.measure import Case, Measured, measure, ratio
 
 WHOLE_WORLD = replace(PlanarSettings(), reach=300.0)
 """Settings with which planners search all known free space, not only what is near."""
-SEARCHES = ("exhaustive", "exhaustive+coordination=sequential", "100")
-"""Of the rating function."""
+SEARCHES = {"exhaustive": 2, "exhaustive+coordination=sequential": 2, "100": 10}
+"""Of the rating function, and how often they are repeated in a round."""
 N_RATED_POSES = 1000
 SEEDS = (0, 1)
 """Worlds in which decisions are timed."""
@@ -51,9 +51,9 @@ def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
         **{f"rating_{size}": Case(ratings(size)) for size in (1, 100)},
         **{
             f"decision_ms_{search}": Case(
-                decisions(make_policy(f"rating_function:search={search}")), 2
+                decisions(make_policy(f"rating_function:search={search}")), repeats
             )
-            for search in SEARCHES
+            for search, repeats in SEARCHES.items()
         },
         "decision_ms_brute_force": Case(decisions(BruteForce()), repeats=1),
     }
