@@ -28,7 +28,8 @@ from coopmap_env.core.settings import (
     UnitInterval,
 )
 from coopmap_env.envs import MappingEnv
-from coopmap_env.evaluation import make_env
+from coopmap_env.evaluation import make_env, make_vector_env
+from coopmap_env.vector import MappingVectorEnv
 
 EngineName = Literal["sb3", "rllib"]
 InitialPolicy = Literal["random", "rating"]
@@ -153,8 +154,17 @@ class EnvConfig:
 
     def make(self, split: str) -> MappingEnv[Any]:
         """Make an environment of a split."""
-        settings = None if self.settings is None else dict(self.settings)
-        return make_env(self.name, {**self.arguments, "split": split}, settings)
+        return make_env(self.name, {**self.arguments, "split": split}, self._settings())
+
+    def vector_env(
+        self, n_envs: int, split: str = "train", **options: Any
+    ) -> MappingVectorEnv[Any]:
+        """Make a vector environment of a split; `options` are those of its constructor."""
+        arguments = {**self.arguments, "split": split}
+        return make_vector_env(self.name, n_envs, arguments, self._settings(), **options)
+
+    def _settings(self) -> dict[str, Any] | None:
+        return None if self.settings is None else dict(self.settings)
 
 
 @dataclass(frozen=True, kw_only=True)

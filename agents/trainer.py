@@ -1,6 +1,6 @@
-"""The interface between the training loop and a library: `SB3Trainer` and `RLlibTrainer` have it.
+"""What a training loop and an engine share; `SB3Trainer` and `RLlibTrainer` are engines.
 
-Networks and logs are those of Stable-Baselines3 in both. The module stands below both engines, and
+Networks and logs are those of Stable-Baselines3 in both. The module stands below the engines, and
 so outside of `coopmap_agents.training`, which imports them.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from pathlib import Path
+from typing import Any
 
 import coopmap_agents._require_rl  # noqa: F401
 
@@ -16,8 +17,36 @@ import numpy as np
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from coopmap_agents.config import PPOSettings
+from coopmap_agents.config import EnvConfig, PPOSettings
 from coopmap_agents.record import SegmentReport
+from coopmap_env.vector import EnvFactory, MappingVectorEnv, WorkerVectorEnv
+
+
+def make_rows(
+    env_factory: EnvFactory, n_envs: int, workers: int, with_state: bool
+) -> MappingVectorEnv[Any]:
+    """The vector environment that a training learns from: rows are robots.
+
+    Parameters
+    ----------
+    env_factory : EnvConfig or callable
+        An `EnvConfig` makes the vector environment of its kind; what another callable makes is
+        stepped by a `WorkerVectorEnv`.
+    n_envs : int
+        Number of worlds.
+    workers : int
+        Processes for the worlds; 0 steps them in this one.
+    with_state : bool
+        Adds the team's state to the observations, for a central critic.
+    """
+    options: dict[str, Any] = {
+        "autoreset_mode": "SameStep",
+        "with_state": with_state,
+        "num_workers": workers,
+    }
+    if isinstance(env_factory, EnvConfig):
+        return env_factory.vector_env(n_envs, **options)
+    return WorkerVectorEnv(env_factory, n_envs, **options)
 
 
 class Trainer(ABC):

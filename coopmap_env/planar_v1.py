@@ -2,6 +2,7 @@
 
 =================  =====================================================================
 import             ``from coopmap_env import planar_v1``
+many worlds        `vector_env`: a `gymnasium.vector.VectorEnv`, see `coopmap_env.vector`
 id                 ``coopmap/Planar-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
 agents             ``robot_0`` ... , 2 by default
@@ -56,10 +57,49 @@ its points (`coopmap_env.mapping.surface_mean`) instead of Eq. 4. `PlanarSetting
 v0: first version.
 """
 
+from functools import partial
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
 from coopmap_env.envs.arguments import takes_arguments
 from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarSettings, PlanarTeamEnv
+from coopmap_env.vector import RowName, WorkerVectorEnv
 
 parallel_env = takes_arguments(PlanarArguments)(PlanarEnv)
 team_env = takes_arguments(PlanarArguments)(PlanarTeamEnv)
 
-__all__ = ["PlanarArguments", "PlanarSettings", "parallel_env", "team_env"]
+
+def vector_env(
+    n_envs: int,
+    *,
+    rows: RowName = "agents",
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    double_buffer: bool = False,
+    with_state: bool = False,
+    num_workers: int = 0,
+    **arguments: Any,
+) -> WorkerVectorEnv:
+    """Many worlds in one call; see `coopmap_env.vector` and `WorkerVectorEnv`.
+
+    Parameters
+    ----------
+    n_envs : int
+        Number of worlds.
+    rows, autoreset_mode, double_buffer, with_state, num_workers
+        See `WorkerVectorEnv`.
+    **arguments
+        `PlanarArguments`.
+    """
+    return WorkerVectorEnv(
+        partial(PlanarEnv, **arguments),
+        n_envs,
+        rows=rows,
+        autoreset_mode=autoreset_mode,
+        double_buffer=double_buffer,
+        with_state=with_state,
+        num_workers=num_workers,
+    )
+
+
+__all__ = ["PlanarArguments", "PlanarSettings", "parallel_env", "team_env", "vector_env"]

@@ -13,19 +13,42 @@ import logging
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from gymnasium import spaces
 from ray.rllib.env.env_context import EnvContext
 from ray.rllib.env.multi_agent_env import MultiAgentEnv
 from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
 
 from coopmap_env.envs import Observation
+from coopmap_env.vector import EnvFactory, WorkerVectorEnv
 
 Observations = dict[Any, Observation]
 """By the number of the robot; the key is Any, as in RLlib."""
 Flags = dict[Any, bool]
 Result = TypeVar("Result")
+
+
+class SharedSpaces(NamedTuple):
+    """Names of a team's robots, and the spaces that they have in common."""
+
+    robots: tuple[str, ...]
+    observation_space: spaces.Dict
+    action_space: spaces.Space[Any]
+
+
+def shared_spaces(env_factory: EnvFactory, with_state: bool) -> SharedSpaces:
+    """Names and spaces of the robots that a factory's environments have.
+
+    Raises
+    ------
+    ValueError
+        If robots have different spaces, or there is no state where it is needed.
+    """
+    with contextlib.closing(WorkerVectorEnv(env_factory, 1, with_state=with_state)) as env:
+        assert isinstance(env.single_observation_space, spaces.Dict)
+        return SharedSpaces(env.robots, env.single_observation_space, env.single_action_space)
 
 
 class RLlibTeamEnv(MultiAgentEnv):
@@ -36,7 +59,7 @@ class RLlibTeamEnv(MultiAgentEnv):
     Parameters
     ----------
     context : EnvContext
-        With the entries ``env_factory``, ``team_spaces`` (`TeamSpaces`) and ``seed``, from
+        With the entries ``env_factory``, ``team_spaces`` (`SharedSpaces`) and ``seed``, from
         `coopmap_agents.rllib.make_config`.
     """
 

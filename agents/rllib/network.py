@@ -18,8 +18,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import make_network
-from coopmap_agents.rllib.env import suppress_rllib_warnings
-from coopmap_agents.rollouts.team_block import TeamSpaces
+from coopmap_agents.rllib.env import SharedSpaces, suppress_rllib_warnings
 
 SHARED_POLICY_ID = "shared"
 """RLlib's name of the policy that all robots share."""
@@ -57,7 +56,9 @@ class SharedNetworkModule(TorchRLModule, ValueFunctionAPI):
         return self.network.predict_values(batch[Columns.OBS]).squeeze(-1)
 
 
-def shared_network_spec(team_spaces: TeamSpaces, settings: PPOSettings, seed: int) -> RLModuleSpec:
+def shared_network_spec(
+    team_spaces: SharedSpaces, settings: PPOSettings, seed: int
+) -> RLModuleSpec:
     """Specification from which RLlib makes the network in every process."""
     return RLModuleSpec(
         module_class=SharedNetworkModule,

@@ -52,6 +52,7 @@ from coopmap_agents.rllib.env import (
     RLlibTeamEnv,
     TeamEnvRunner,
     collect_statistics,
+    shared_spaces,
     suppress_rllib_warnings,
 )
 from coopmap_agents.rllib.network import (
@@ -61,9 +62,9 @@ from coopmap_agents.rllib.network import (
     reset_runner,
     shared_network_spec,
 )
-from coopmap_agents.rollouts import EnvFactory, TeamBlock
 from coopmap_agents.trainer import Trainer
 from coopmap_env.evaluation import ray_session, ray_workers_checked
+from coopmap_env.vector import EnvFactory
 
 WORKER_ENDED = (
     "a worker process was killed or has ended early: the same command continues the training after "
@@ -103,8 +104,8 @@ def make_config(
         raise ValueError(
             f"workers must be 0 or divide PPOSettings.n_envs = {settings.n_envs}, got {workers}"
         )
-    with contextlib.closing(TeamBlock(env_factory, 1, settings.critic == "central")) as block:
-        team_spaces = block.team_spaces()
+    with_state = settings.critic == "central"
+    team_spaces = shared_spaces(env_factory, with_state)
     team_fragment_length = settings.rollout_steps * len(team_spaces.robots)
     network = shared_network_spec(team_spaces, settings, seed)
     config = (

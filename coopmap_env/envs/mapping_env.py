@@ -17,6 +17,8 @@ from coopmap_env.envs.arguments import MappingArguments
 from coopmap_env.envs.belief import ActionMode, Decoded, Observation, Observer
 from coopmap_env.envs.rewards import RewardScale, reward_terms
 from coopmap_env.envs.step_data import (
+    RESET_INFO_TYPES,
+    STEP_INFO_TYPES,
     BeliefT,
     EpisodeRngs,
     FusedScans,
@@ -40,6 +42,9 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
+    reset_info_types: ClassVar[dict[str, Any]] = RESET_INFO_TYPES
+    step_info_types: ClassVar[dict[str, Any]] = STEP_INFO_TYPES
+    """Types of the entries of infos, by which vector environments make arrays of them."""
     _belief: BeliefT
 
     def __init__(self, arguments: MappingArguments) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from coopmap_env.envs.belief import Belief, Observation
-from coopmap_env.envs.rewards import StepOutcome
+from coopmap_env.envs.rewards import REWARD_TERMS, StepOutcome
 from coopmap_env.information import Ratings
 from coopmap_env.mapping import ScanGain
 from coopmap_env.sensing import Scan
@@ -16,6 +16,22 @@ from coopmap_env.sensing import Scan
 BeliefT = TypeVar("BeliefT", bound=Belief)
 Infos = dict[str, dict[str, Any]]
 """Info of each agent."""
+
+
+RESET_INFO_TYPES: dict[str, Any] = {"n_scans": int, "observed_fraction": float}
+"""Type of each entry of a robot's info after a reset, without the action mask; see
+`coopmap_env.vector`."""
+STEP_INFO_TYPES: dict[str, Any] = {
+    **RESET_INFO_TYPES,
+    "rejected_reason": str,
+    "collided": bool,
+    "reward_terms": dict.fromkeys(REWARD_TERMS, float),
+    "new_information": float,
+    "distance": float,
+    "new_cells": int,
+    "entropy_reduction": float,
+}
+"""The same after a step; `outcome_info` fills it in."""
 
 
 class EpisodeRngs(NamedTuple):

@@ -13,17 +13,16 @@ import numpy as np
 import pytest
 import torch
 from pettingzoo.utils import BaseParallelWrapper
+from plain.small_worlds import masked_world, small_world
+from plain.toy_team import ConstantChoice, ConstantReward, HookedEnv, StatefulEnv
 from ray.rllib.core.columns import Columns
-from small_worlds import masked_world, small_world
-from toy_team import ConstantChoice, ConstantReward, HookedEnv, StatefulEnv
 
 from coopmap_agents.config import EnvConfig, PPOSettings, TrainingConfig
-from coopmap_agents.networks import copy_weights
+from coopmap_agents.networks import copy_weights, stack
 from coopmap_agents.pretrained import LearnedPolicy
 from coopmap_agents.rllib import RLlibTrainer, make_config
-from coopmap_agents.rllib.env import suppress_rllib_warnings
+from coopmap_agents.rllib.env import shared_spaces, suppress_rllib_warnings
 from coopmap_agents.rllib.network import SHARED_POLICY_ID, shared_network_spec
-from coopmap_agents.rollouts import TeamBlock, stack
 from coopmap_agents.sb3 import SB3Trainer
 from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
 from coopmap_env.core.processes import WorkerError
@@ -43,7 +42,7 @@ CONSTANT_REWARD = PPOSettings(
 def ray():
     """Two processors for the workers of this file."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(Path(__file__).parent))  # toys are imported from here
+        patch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))  # toys are imported from here
         with ray_session(workers=2) as started:
             yield started
 
@@ -195,7 +194,7 @@ def test_rllib_s_logits_and_values_are_those_of_the_network(train, make_env):
     network = train(make_env, segments=1).network
     rows = stack(make_env().reset(seed=5)[0].values())
     assert rows["map"].dtype == np.uint8  # scaled by Stable-Baselines3, or not at all
-    module = shared_network_spec(TeamBlock(make_env, 1).team_spaces(), TINY, seed=3).build()
+    module = shared_network_spec(shared_spaces(make_env, with_state=False), TINY, seed=3).build()
     module.network.load_state_dict(network.state_dict())
     given, _ = network.obs_to_tensor(rows)
     with torch.no_grad():

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plain.toy_team import ConstantReward, StatefulEnv
 from ray.rllib.env.env_context import EnvContext
-from toy_team import ConstantReward, StatefulEnv
 
 from coopmap_agents.rllib import RLlibTeamEnv
-from coopmap_agents.rollouts import TeamBlock
+from coopmap_agents.rllib.env import shared_spaces
 
 
 def team(factory=ConstantReward, seed=0, worker=1, with_state=False):
-    team_spaces = TeamBlock(factory, 1, with_state).team_spaces()
+    team_spaces = shared_spaces(factory, with_state)
     values = {"env_factory": factory, "team_spaces": team_spaces, "seed": seed}
     return RLlibTeamEnv(EnvContext(values, worker_index=worker))
 

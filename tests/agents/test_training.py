@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from plain.toy_team import ConstantReward
 from safetensors.torch import load_file
-from toy_team import ConstantReward
 
 from coopmap_agents.config import EnvConfig, ImitationSettings, PPOSettings, TrainingConfig
 from coopmap_agents.pretrained import LearnedPolicy, read_metadata

@@ -37,7 +37,13 @@ from coopmap_env.envs.field.team_state import Joints, TeamState
 from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.rewards import RewardScale
-from coopmap_env.envs.step_data import EpisodeRngs, FusedScans, TeamMoveResult, Transition
+from coopmap_env.envs.step_data import (
+    STEP_INFO_TYPES,
+    EpisodeRngs,
+    FusedScans,
+    TeamMoveResult,
+    Transition,
+)
 from coopmap_env.envs.team import TeamEnv
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
@@ -69,6 +75,18 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         "render_modes": ["rgb_array", "human"],
         "render_fps": 2,
         "is_parallelizable": True,
+    }
+    step_info_types: ClassVar[dict[str, Any]] = {
+        **STEP_INFO_TYPES,
+        "collided_with": str,
+        "located": bool,
+        "localization_failure": str,
+        "corrected_directions": int,
+        "correction_failure": str,
+        "camera_error": float,
+        "camera_angle_error": float,
+        "base_error": float,
+        "base_angle_error": float,
     }
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
