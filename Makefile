@@ -18,7 +18,7 @@ field-candidates := --env field --ppo.initial-policy rating --ppo.total-steps 24
 	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
 POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
 
-.PHONY: setup check test reproduce policies $(POLICIES) planners pictures clean
+.PHONY: setup check test reproduce policies $(POLICIES) planners engines pictures clean
 
 setup: .venv/.package
 
@@ -65,6 +65,10 @@ $(POLICIES): setup
 planners: setup
 	$(BIN)/python -m coopmap_env.studies.benchmark.tuning results/planner-tuning --workers 2
 	cp results/planner-tuning/tuned_planners.json coopmap_env/studies/benchmark/
+
+# Speed of both engines of training, and their scores after equally long trainings.
+engines: setup
+	OMP_NUM_THREADS=1 $(BIN)/python -m coopmap_env.studies.engine_comparison results/engines --seeds $(SEEDS)
 
 # The pictures of the README, from the full runs.
 pictures: setup

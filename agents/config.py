@@ -31,7 +31,7 @@ from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import make_env, make_vector_env
 from coopmap_env.vector import MappingVectorEnv
 
-EngineName = Literal["sb3", "rllib"]
+EngineName = Literal["sb3", "ppo", "rllib"]
 InitialPolicy = Literal["random", "rating"]
 CriticInput = Literal["local", "central"]
 LayerWidth = Annotated[int, Bounds(at_least=1, at_most=1 << 20)]
@@ -94,6 +94,8 @@ class PPOSettings(Settings):
     """Widths of the hidden layers of the actor and of the critic."""
     device: str = "cpu"
     """Device of torch: networks this small are no faster on a GPU."""
+    threads: Annotated[int, Bounds(at_least=1, at_most=1024)] = 1
+    """Threads of torch. With another number, sums round differently; small networks gain little."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -174,8 +176,8 @@ class TrainingOptions(Settings):
     seed: NonNegativeInt = 0
     """Seed of everything: worlds, exploration and networks."""
     engine: EngineName = "sb3"
-    """Library that trains: Stable-Baselines3, or RLlib on Ray (on the cluster that RAY_ADDRESS
-    names)."""
+    """What trains: Stable-Baselines3, the loop of `coopmap_agents.ppo`, or RLlib on Ray (on the
+    cluster that RAY_ADDRESS names)."""
     init_from: str = ""
     """Policy whose weights to start from: a file, or the name of a pretrained one; empty for random
     weights."""

@@ -1,12 +1,14 @@
-"""What a training loop and an engine share; `SB3Trainer` and `RLlibTrainer` are engines.
+"""What a training loop and an engine share; `PPOTrainer`, `SB3Trainer`, `RLlibTrainer` are engines.
 
-Networks and logs are those of Stable-Baselines3 in both. The module stands below the engines, and
-so outside of `coopmap_agents.training`, which imports them.
+Networks and logs are those of Stable-Baselines3 in all. The module stands below the engines, and so
+outside of `coopmap_agents.training`, which imports them.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import coopmap_agents._require_rl  # noqa: F401
 
 # isort: split
 import numpy as np
+import torch
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.policies import ActorCriticPolicy
 
@@ -47,6 +50,17 @@ def make_rows(
     if isinstance(env_factory, EnvConfig):
         return env_factory.vector_env(n_envs, **options)
     return WorkerVectorEnv(env_factory, n_envs, **options)
+
+
+@contextmanager
+def torch_threads(n: int) -> Iterator[None]:
+    """Let torch use a number of threads in this context; with another, sums round differently."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(n)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class Trainer(ABC):

@@ -67,18 +67,37 @@ def whole(tmp_path_factory):
     return folder, run_training(CONFIG, folder)
 
 
-@pytest.mark.parametrize("n_segments", [1, 2])
-@pytest.mark.parametrize("workers", [0, 2])
-def test_a_resumed_training_ends_as_an_uninterrupted_one(whole, n_segments, workers, tmp_path):
+@pytest.fixture(scope="module")
+def whole_ppo(tmp_path_factory):
+    """The same by our own engine."""
+    folder = tmp_path_factory.mktemp("whole_ppo")
+    return folder, run_training(replace(CONFIG, engine="ppo"), folder)
+
+
+@pytest.mark.parametrize(("n_segments", "workers"), [(1, 2), (2, 0)])
+@pytest.mark.parametrize("engine", ["sb3", "ppo"])
+def test_a_resumed_training_ends_as_an_uninterrupted_one(
+    whole, whole_ppo, engine, n_segments, workers, tmp_path
+):
+    config, expected = replace(CONFIG, engine=engine), whole if engine == "sb3" else whole_ppo
     with pytest.raises(Interrupted):
-        run_training(CONFIG, tmp_path, workers, interrupt_after(n_segments))
-    record = run_training(CONFIG, tmp_path, workers)
-    assert untimed(record) == untimed(whole[1])
-    ours, theirs = checkpoint(tmp_path), checkpoint(whole[0])
+        run_training(config, tmp_path, workers, interrupt_after(n_segments))
+    record = run_training(config, tmp_path, workers)
+    assert untimed(record) == untimed(expected[1])
+    ours, theirs = checkpoint(tmp_path), checkpoint(expected[0])
     assert ours["steps"] == theirs["steps"] == 192
     for name, values in theirs["network"].items():
         assert torch.equal(ours["network"][name], values)
-    assert torch.equal(weights(tmp_path), weights(whole[0]))
+    assert torch.equal(weights(tmp_path), weights(expected[0]))
+
+
+def test_engines_start_at_the_same_network_and_learn_others(whole, whole_ppo):
+    first, ours = whole[1]["rows"][0], whole_ppo[1]["rows"][0]
+    assert first["validation"] == ours["validation"]
+    assert not torch.equal(
+        checkpoint(whole[0])["network"]["network.score.weight"],
+        checkpoint(whole_ppo[0])["network"]["network.score.weight"],
+    )
 
 
 def test_a_training_killed_while_writing_resumes_from_the_segment_before(
@@ -292,7 +311,8 @@ def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
 
 def test_invalid_configurations_are_refused():
     with pytest.raises(
-        ValueError, match=r"TrainingConfig\.engine must be one of 'sb3', 'rllib', got 'torchrl'"
+        ValueError,
+        match=r"TrainingConfig\.engine must be one of 'sb3', 'ppo', 'rllib', got 'torchrl'",
     ):
         replace(CONFIG, engine="torchrl")
     with pytest.raises(

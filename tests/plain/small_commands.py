@@ -134,6 +134,10 @@ def train(out):
     run(f"train {TRAINING}", out)
 
 
+def train_with_ppo(out):
+    run(f"train --engine ppo {TRAINING}", out)
+
+
 def train_with_rllib(out):
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     run(f"train --engine rllib {TRAINING}", out)
@@ -145,5 +149,6 @@ COMMANDS = {
     "localization": study_localization,
     "reproduce": reproduce,
     "train": train,
+    "train with ppo": train_with_ppo,
     "train with rllib": train_with_rllib,
 }
