@@ -17,6 +17,7 @@ import coopmap_agents._require_rl  # noqa: F401
 # isort: split
 import numpy as np
 import torch
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.policies import ActorCriticPolicy
 
@@ -26,7 +27,11 @@ from coopmap_env.vector import EnvFactory, MappingVectorEnv, WorkerVectorEnv
 
 
 def make_rows(
-    env_factory: EnvFactory, n_envs: int, workers: int, with_state: bool
+    env_factory: EnvFactory,
+    n_envs: int,
+    workers: int,
+    with_state: bool,
+    autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP,
 ) -> MappingVectorEnv[Any]:
     """The vector environment that a training learns from: rows are robots.
 
@@ -41,9 +46,11 @@ def make_rows(
         Processes for the worlds; 0 steps them in this one.
     with_state : bool
         Adds the team's state to the observations, for a central critic.
+    autoreset_mode : AutoresetMode
+        When worlds are reset; see `coopmap_env.vector`.
     """
     options: dict[str, Any] = {
-        "autoreset_mode": "SameStep",
+        "autoreset_mode": autoreset_mode,
         "with_state": with_state,
         "num_workers": workers,
     }

@@ -9,8 +9,9 @@ from typing import Any
 import gymnasium
 import torch
 from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
+from ray.rllib.core import DEFAULT_MODULE_ID
 from ray.rllib.core.columns import Columns
-from ray.rllib.core.rl_module import RLModuleSpec
+from ray.rllib.core.rl_module import MultiRLModule, RLModuleSpec
 from ray.rllib.core.rl_module.apis import ValueFunctionAPI
 from ray.rllib.core.rl_module.torch import TorchRLModule
 from ray.rllib.utils.debug import update_global_seed_if_necessary
@@ -19,9 +20,6 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import make_network
 from coopmap_agents.rllib.env import SharedSpaces, suppress_rllib_warnings
-
-SHARED_POLICY_ID = "shared"
-"""RLlib's name of the policy that all robots share."""
 
 
 class SharedNetworkModule(TorchRLModule, ValueFunctionAPI):
@@ -70,7 +68,10 @@ def shared_network_spec(
 
 def get_network(owner: Any) -> ActorCriticPolicy:
     """The network of a learner or of a runner."""
-    network: ActorCriticPolicy = owner.module[SHARED_POLICY_ID].network
+    module = owner.module
+    if isinstance(module, MultiRLModule):
+        module = module[DEFAULT_MODULE_ID]
+    network: ActorCriticPolicy = module.network
     return network
 
 

@@ -11,7 +11,8 @@ world * n_robots + robot) or a team as `TeamEnv` sees it (``rows="teams"``); `ro
 
 =================  ==============================================================================
 observations       dict of arrays (rows, ...), with_state=True adds "state" (`MappingEnv.state`)
-actions            in `action_space`: (rows,) or (rows, n_robots) candidates, (rows, k) numbers
+actions            in `action_space`: (rows,) or (rows, n_robots) candidates, (rows, k) numbers,
+                   which are converted to the type of the space
 rewards            float64 (rows,)
 terminations,      bool (rows,); robots of a world end together
 truncations

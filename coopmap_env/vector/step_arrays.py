@@ -118,13 +118,11 @@ def robot_slices(team: TeamSpaces) -> list[dict[str, slice]]:
 
 
 def action_spec(team: TeamSpaces, n_worlds: int) -> ArraySpec:
-    """The actions of all worlds: int64 (E, n) choices, or float64 (E, k) of all robots' numbers.
-
-    Numbers of any type are float64 without a change of their value.
-    """
+    """The actions of all worlds: int64 (E, n) choices, or (E, k) numbers of all robots."""
     if isinstance(team.actions[0], spaces.Discrete):
         return ArraySpec((n_worlds, len(team.robots)), "<i8")
-    return ArraySpec((n_worlds, sum(prod(space.shape or ()) for space in team.actions)), "<f8")
+    dtype = np.dtype(team.actions[0].dtype).str
+    return ArraySpec((n_worlds, sum(prod(space.shape or ()) for space in team.actions)), dtype)
 
 
 def map_tree(function: Callable[..., Any], tree: Tree, *others: Tree) -> Tree:

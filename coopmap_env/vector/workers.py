@@ -16,7 +16,6 @@ import contextlib
 import multiprocessing
 import os
 import pickle
-import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -25,6 +24,7 @@ from typing import Any
 import cloudpickle  # type: ignore[import-untyped]
 
 from coopmap_env.core.processes import WorkerError, begin_worker, signals_postponed
+from coopmap_env.vector.remote_error import RemoteError
 from coopmap_env.vector.step_arrays import ArrayPlan
 from coopmap_env.vector.world_block import EnvFactory, WorldBlock
 
@@ -230,37 +230,6 @@ class Worker:
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
-
-
-@dataclass(frozen=True)
-class RemoteError:
-    """An exception of a worker, as a message."""
-
-    pickled: bytes
-    """Empty if the exception cannot be pickled."""
-    summary: str
-    """Type and message."""
-    report: str
-    """The worker's traceback."""
-
-    @classmethod
-    def from_exception(cls, error: Exception) -> RemoteError:
-        """Pack an exception."""
-        try:
-            pickled = cloudpickle.dumps(error)
-        except Exception:  # pickling an exception's attributes may raise anything
-            pickled = b""
-        summary = "".join(traceback.format_exception_only(error)).strip()
-        return cls(pickled, summary, "".join(traceback.format_exception(error)))
-
-    def to_error(self, worker: str) -> Exception:
-        """Unpack the exception, or make a RuntimeError; a note has the worker's traceback."""
-        try:
-            error = pickle.loads(self.pickled)
-        except Exception:  # a constructor that does not forward `args` pickles, but fails here
-            error = RuntimeError(self.summary)
-        error.add_note(f"in {worker}:\n{self.report}")
-        return error
 
 
 def shared_memory(n_bytes: int) -> Any:

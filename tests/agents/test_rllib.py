@@ -15,6 +15,7 @@ import torch
 from pettingzoo.utils import BaseParallelWrapper
 from plain.small_worlds import masked_world, small_world
 from plain.toy_team import ConstantChoice, ConstantReward, HookedEnv, StatefulEnv
+from ray.rllib.core import DEFAULT_MODULE_ID
 from ray.rllib.core.columns import Columns
 
 from coopmap_agents.config import EnvConfig, PPOSettings, TrainingConfig
@@ -22,7 +23,7 @@ from coopmap_agents.networks import copy_weights, stack
 from coopmap_agents.pretrained import LearnedPolicy
 from coopmap_agents.rllib import RLlibTrainer, make_config
 from coopmap_agents.rllib.env import shared_spaces, suppress_rllib_warnings
-from coopmap_agents.rllib.network import SHARED_POLICY_ID, shared_network_spec
+from coopmap_agents.rllib.network import shared_network_spec
 from coopmap_agents.sb3 import SB3Trainer
 from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
 from coopmap_env.core.processes import WorkerError
@@ -42,7 +43,8 @@ CONSTANT_REWARD = PPOSettings(
 def ray():
     """Two processors for the workers of this file."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))  # toys are imported from here
+        for folder in Path(__file__).parents[:2]:  # workers import this file and its toys
+            patch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
         with ray_session(workers=2) as started:
             yield started
 
@@ -252,11 +254,11 @@ def test_rllib_s_own_checkpoints_work_too(tmp_path):
     algorithm.save_to_path(tmp_path)
     again.restore_from_path(tmp_path)
     one, two = (
-        parameters(each.get_module(SHARED_POLICY_ID).network) for each in (algorithm, again)
+        parameters(each.get_module(DEFAULT_MODULE_ID).network) for each in (algorithm, again)
     )
     assert torch.equal(one, two)
     again.train()
-    assert not torch.equal(parameters(again.get_module(SHARED_POLICY_ID).network), one)
+    assert not torch.equal(parameters(again.get_module(DEFAULT_MODULE_ID).network), one)
     for each in (algorithm, again):
         each.stop()
 
@@ -282,8 +284,8 @@ def test_all_settings_reach_rllib():
     config = make_config(lambda: masked_world(n_robots=3), settings, seed=4, workers=2)
     expected = {
         "num_env_runners": 2,
-        "num_envs_per_env_runner": 3,
-        "rollout_fragment_length": 8 * 3,  # rows of an environment: steps of three robots
+        "num_envs_per_env_runner": 3 * 3,  # a row for each of three robots
+        "rollout_fragment_length": 8,
         "train_batch_size_per_learner": 6 * 8 * 3,
         "minibatch_size": 24,
         "num_epochs": 3,
