@@ -22,6 +22,7 @@ from coopmap_env.mapping.integration import (
     validate_scan,
 )
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange
+from coopmap_env.mapping.pooling import PooledMap
 from coopmap_env.mapping.surfaces import check_surfaces, surface_gaussians
 from coopmap_env.sensing import Scan
 
@@ -91,9 +92,11 @@ class OccupancyMap:
             self.surface_sums,
             self.log_odds_range.entropy,
         ).plain()
+        self._pooled: PooledMap | None = None
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""
+        self._pooled = None
         known = np.flatnonzero(self.sampled_mask.view(np.bool_))
         for array in (self.log_odds_fixed, self.sampled_mask, *self.surface_sums):
             if len(array):
@@ -117,6 +120,9 @@ class OccupancyMap:
             updated_cells.append(self._updated_cells[:count].copy())
         for cells in updated_cells:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
+        if self._pooled is not None:
+            for cells in updated_cells:
+                self._pooled.update(cells)
         return gains
 
     def _validate(self, scan: Scan) -> tuple[PlainTuple, NDArray[np.float64]]:
@@ -151,6 +157,18 @@ class OccupancyMap:
         cells = np.asarray(cells)
         self.log_odds_fixed[cells] = log_odds_fixed
         self.sampled_mask[cells] = 1
+        self._pooled = None
+
+    @property
+    def pooled(self) -> MapArrays:
+        """Occupancy at half the resolution, see `coopmap_env.mapping.pooling`; for reading.
+
+        It is made when it is first asked for, and then kept up to date by all methods; who writes
+        to the arrays of the map does so before.
+        """
+        if self._pooled is None:
+            self._pooled = PooledMap(self.arrays)
+        return self._pooled.arrays
 
     @property
     def log_odds(self) -> NDArray[np.float64]:
