@@ -85,6 +85,18 @@ def _write_column(
 
 
 @kernel
+def _add_column(arrays: MapArrays, first: int, n: int, lowest: int, buffers: ColumnBuffers) -> None:
+    """Add n voxels from `first` on to a column; without a branch, many of them at once."""
+    log_odds_fixed = arrays.log_odds_fixed[first : first + n]
+    sampled_mask = arrays.sampled_mask[first : first + n]
+    highest, counts = buffers.highest[:n], buffers.counts[:n]
+    for a in range(n):
+        was_sampled = np.int32(sampled_mask[a])
+        counts[a] = np.int32(counts[a] + was_sampled)
+        highest[a] = max(highest[a], log_odds_fixed[a] if was_sampled else lowest)
+
+
+@kernel
 def write_crop(
     arrays: MapArrays,
     crop: Crop,
@@ -97,7 +109,7 @@ def write_crop(
     `byte_of_log_odds` holds 255 P of each log-odds value. A column is read in the order of memory,
     which is faster than going from cell to cell.
     """
-    log_odds_fixed, sampled, columns = arrays.log_odds_fixed, arrays.sampled_mask, crop.columns
+    columns = crop.columns
     side, _, k = columns.shape
     n, n_layers = out.shape[0] // 2 * pooling, crop.n_layers
     highest = np.empty(n, np.int32)
@@ -113,13 +125,5 @@ def write_crop(
             for c in range(k):
                 first = columns[i, j, c]
                 if first >= 0:
-                    log_odds_run = log_odds_fixed[first : first + n_layers]
-                    sampled_run = sampled[first : first + n_layers]
-                    for a in range(n_layers):
-                        was_sampled = np.int32(sampled_run[a])
-                        counts[a] += was_sampled
-                        # no branch: which voxels were sampled cannot be predicted
-                        value = log_odds_run[a] * was_sampled
-                        value += lowest * (np.int32(1) - was_sampled)
-                        highest[a] = max(highest[a], value)
+                    _add_column(arrays, np.int64(first), n_layers, lowest, buffers)
             _write_column(buffers, scale, out, i, j)
