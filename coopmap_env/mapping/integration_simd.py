@@ -148,7 +148,7 @@ def _update_free_cells(
     pending, updated_cells, _ = buffers
     k = np.uint64(lane)
     for _ in range(n):
-        cell, update = cells[k], int(free_updates[k])
+        cell, update = cells[k], np.int64(free_updates[k])
         index = np.uint64(cell)
         current = np.int64(pending[index])
         updated_cells[np.uint64(count)] = cell

@@ -120,9 +120,8 @@ class OccupancyMap:
             updated_cells.append(self._updated_cells[:count].copy())
         for cells in updated_cells:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
-        if self._pooled is not None:
-            for cells in updated_cells:
-                self._pooled.update(cells)
+        if self._pooled is not None and updated_cells:
+            self._pooled.update(np.concatenate(updated_cells))
         return gains
 
     def _validate(self, scan: Scan) -> tuple[PlainTuple, NDArray[np.float64]]:

@@ -179,13 +179,11 @@ class Vehicle:
         q = self.chain.as_joint_values(q)
         pose = self.camera_pose(q)
         full = None if self.mount.suspension is None else self._jacobian(q)
-        if self.equilibrium is None or full is None:
-            J = self.joint_jacobian(q)
-        else:
-            J = full[:, 5:]
+        predicted = None if self.equilibrium is None else full
+        J = self.joint_jacobian(q) if predicted is None else predicted[:, 5:]
         persistent_covariance = product(J * np.square(self.mount.calibration_error), J.T)
-        if self.equilibrium is not None and full is not None:
-            C = full[:, 3:5] * self.compliance_std
+        if predicted is not None:
+            C = predicted[:, 3:5] * self.compliance_std
             persistent_covariance += product(C, C.T)
         if self.base_covariance is not None:
             B = self.base_jacobian(pose)

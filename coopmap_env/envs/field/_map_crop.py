@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import atan2, sin_cos
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import MapArrays, VoxelGrid
 
@@ -84,16 +84,20 @@ def _write_column(
         out[depth + z, i, j] = scale.fractions[np.uint64(count)]
 
 
-@kernel
-def _add_column(arrays: MapArrays, first: int, n: int, lowest: int, buffers: ColumnBuffers) -> None:
-    """Add n voxels from `first` on to a column; without a branch, many of them at once."""
-    log_odds_fixed = arrays.log_odds_fixed[first : first + n]
-    sampled_mask = arrays.sampled_mask[first : first + n]
-    highest, counts = buffers.highest[:n], buffers.counts[:n]
-    for a in range(n):
+@inlined_kernel  # it is called for each column: a call takes as long as the work
+def _add_column(
+    log_odds_fixed: NDArray[np.int32],
+    sampled_mask: NDArray[np.uint8],
+    lowest: np.int32,
+    highest: NDArray[np.int32],
+    counts: NDArray[np.int32],
+) -> None:
+    """Add a run of voxels (n,) to a column (n,), many at once: there is no branch."""
+    for a in range(len(log_odds_fixed)):
         was_sampled = np.int32(sampled_mask[a])
         counts[a] = np.int32(counts[a] + was_sampled)
-        highest[a] = max(highest[a], log_odds_fixed[a] if was_sampled else lowest)
+        value = log_odds_fixed[a] * was_sampled + lowest * (np.int32(1) - was_sampled)
+        highest[a] = max(highest[a], value)
 
 
 @kernel
@@ -125,5 +129,7 @@ def write_crop(
             for c in range(k):
                 first = columns[i, j, c]
                 if first >= 0:
-                    _add_column(arrays, np.int64(first), n_layers, lowest, buffers)
+                    end = first + n_layers
+                    run, mask = arrays.log_odds_fixed[first:end], arrays.sampled_mask[first:end]
+                    _add_column(run, mask, lowest, highest[:n_layers], counts[:n_layers])
             _write_column(buffers, scale, out, i, j)

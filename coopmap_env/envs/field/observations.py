@@ -236,8 +236,8 @@ class FieldObserver:
         vehicle, n = belief.vehicles[robot], self._n_joints[robot]
         if self._settings.candidate_views == "coarse":
             belief = replace(belief, coarse=True)
-        rated, unknown = belief.rate_with_unknown_fraction(robot, candidates)
-        rotations, translations = vehicle.camera_poses(candidates)
+        cameras = rotations, translations = vehicle.camera_poses(candidates)
+        rated, unknown = belief.rate_with_unknown_fraction(robot, candidates, cameras=cameras)
         base = vehicle.T_world_base
         out = np.empty((len(candidates), n + N_POSE_AND_RATING_FEATURES), dtype=np.float32)
         out[:, :n] = belief.joint_spaces[robot].normalize(candidates)
