@@ -29,6 +29,9 @@ def test_by_hand_the_distance_and_the_bits_around_one_blocked_voxel():
     map_.mark_free(np.arange(map_.grid.n_cells))
     map_.mark_occupied(map_.grid.flat_index([15, 15, 15]))
     blocked = BlockedVoxels.from_map(map_, (1.5, 1.5, 1.5), 1.44)  # all 30 but one on each side
+    assert free_distance(blocked, 15.5, 15.5, 15.5) == -1
+    assert free_distance(blocked, 5.5, 15.5, 15.5) == 0  # not known yet
+    blocked.find_distances()
     assert blocked.words.shape == (30, 30, 1, N_LEVELS)
     assert blocked.words[15, 15, 0, 0] == (1 << 15) | ~np.uint64((1 << 30) - 1)
     assert blocked.words[16, 15, 0, 1] == (0b111 << 14) | 1 | ~np.uint64((1 << 29) - 1)
@@ -52,6 +55,7 @@ def test_random_spheres_and_points_agree_with_the_states_of_the_voxels(fraction,
     reach = 0.04 * max(shape)
     states = VoxelStates.from_map(map_, middle, reach)
     blocked = BlockedVoxels.from_map(map_, middle, reach)
+    blocked.find_distances()
     n = 3000
     size = np.array(states.states.shape)
     points = rng.uniform(-0.05, 1.05, (n, 3)) * size

@@ -166,7 +166,8 @@ def test_waypoints_that_are_passed_over_are_free(any_mount, mast, open_map):
     for n_blocked in (0, 10, 40, 150):
         open_map.log_odds_fixed[:], open_map.sampled_mask[:] = state
         open_map.mark_occupied(rng.choice(open_map.grid.n_cells, n_blocked))
-        s = CollisionChecker(vehicle, open_map, team)
+        s, alone = (CollisionChecker(vehicle, open_map, team) for _ in range(2))
+        s.are_motions_free(vehicle.home, np.repeat(vehicle.home[None], 9, axis=0))
         poses = random_joints(vehicle.chain, rng, 120)
         poses = poses[s.are_poses_free(poses)]
         for start, goal in zip(poses[:-1:2], poses[1::2], strict=False):
@@ -174,6 +175,7 @@ def test_waypoints_that_are_passed_over_are_free(any_mount, mast, open_map):
             free = s.are_poses_free(start + fractions[:, None] * (goal - start))
             contact = s.first_contact(start, goal)
             assert s.are_motions_free(start, goal)[0] == (contact is None) == free.all()
+            assert str(contact) == str(alone.first_contact(start, goal))  # without distances
             if contact is None:
                 found_free += 1
             else:

@@ -30,7 +30,7 @@ class BlockedVoxels(NamedTuple):
 
     words: NDArray[np.uint64]
     """Shape (nx, ny, nz / WORD rounded up, N_LEVELS): bit k of a word is voxel k of its column; the
-    bits after the last voxel are 1."""
+    bits after the last voxel are 1. Those of the dilations are all 1 until `find_distances`."""
     nz: int
     lower: NDArray[np.float64]
     """Lower corner (3,), metres, world frame."""
@@ -50,11 +50,14 @@ class BlockedVoxels(NamedTuple):
         first, shape = box_around(grid, center, reach)
         nx, ny, nz = shape.tolist()
         n_words = -(-nz // WORD)
-        words = np.empty((nx, ny, n_words, N_LEVELS), dtype=np.uint64)
+        words = np.full((nx, ny, n_words, N_LEVELS), ALL_BITS)
         write_blocked_words(map_.arrays, first, nz, words)
-        dilate_words(words)
         lower = np.array(grid.origin) + first * grid.resolution
         return cls(words, nz, lower, 1.0 / grid.resolution)
+
+    def find_distances(self) -> None:
+        """Make the dilations, which takes as long as they save in some motions."""
+        dilate_words(self.words)
 
 
 @kernel

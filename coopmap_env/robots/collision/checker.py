@@ -32,6 +32,9 @@ from coopmap_env.robots.collision.blocked_voxels import BlockedVoxels
 from coopmap_env.robots.collision.voxel_states import STATE_NAMES, VoxelStates
 from coopmap_env.robots.vehicle import Vehicle
 
+_MIN_MOTIONS_FOR_DISTANCES = 4
+"""Motions from which on it pays to find the distances to blocked voxels first."""
+
 
 @dataclass(frozen=True)
 class CollisionSettings(Settings):
@@ -103,6 +106,7 @@ class CollisionChecker:
         largest_radius = float(vehicle.body.radii[vehicle.body.n_static_spheres :].max(initial=0.0))
         largest_radius += self.settings.margin
         self._map = map_
+        self._has_distances = False
         self._teammate_index, centers, radii = _reachable_teammate_spheres(
             team, center, reach, self.settings
         )
@@ -128,6 +132,9 @@ class CollisionChecker:
         With `n_wanted` the check ends once so many are free; goals after those count as not free.
         """
         q0, q1 = self._motion(start, goals)
+        if not self._has_distances and len(q1) >= _MIN_MOTIONS_FOR_DISTANCES:
+            self._obstacles.blocked.find_distances()
+            self._has_distances = True
         out = np.empty(len(q1), dtype=np.bool_)
         n = len(q1) if n_wanted is None else n_wanted
         step = float(self.settings.step)
