@@ -8,7 +8,13 @@ from plain.kinematics import pose_is_free, random_joints, waypoints
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import FREE_LOG_ODDS_FIXED
 from coopmap_env.robots import CollisionChecker, CollisionSettings, Vehicle, plan_path
-from coopmap_env.robots.collision._motion import MAX_SEGMENT, count_waypoints
+from coopmap_env.robots.collision._motion import (
+    MAX_SEGMENT,
+    allocate_motion,
+    count_waypoints,
+    write_travel,
+)
+from coopmap_env.robots.collision.checker import robot_arrays
 
 LEFT, RIGHT = np.array([-1.0, 0.6, 0.9, 0, 0]), np.array([1.0, 0.6, 0.9, 0, 0])
 
@@ -184,6 +190,19 @@ def test_waypoints_that_are_passed_over_are_free(any_mount, mast, open_map):
                 assert contact.free_fraction == pytest.approx(last_free, abs=1e-12)
     assert found_free > 10
     assert found_contacts > 10 or any_mount.name == "tiago"  # its head has nothing to touch
+
+
+def test_spheres_that_no_joint_moves_have_no_speed(any_mount):
+    vehicle = Vehicle.from_mount(any_mount, Pose(np.zeros(3), np.eye(3)))
+    robot, n_static = robot_arrays(vehicle), vehicle.body.n_static_spheres
+    garbage = [np.full(300, np.nan) for _ in range(50)]
+    del garbage  # memory that is given out again
+    work = allocate_motion(robot, vehicle.chain.n_joints)
+    assert not work.speeds[:n_static].any()
+    assert not work.travel[:n_static].any()
+    home = vehicle.home
+    write_travel(robot, home, home + 0.1, 2, vehicle.spheres(home).centers, work.poses, work.travel)
+    assert not work.travel[:n_static].any()
 
 
 def test_the_check_ends_when_enough_motions_are_free(vehicle, open_map):

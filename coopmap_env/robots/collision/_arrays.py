@@ -91,7 +91,8 @@ class MotionBuffers(NamedTuple):
     ignored: NDArray[np.bool_]
     """Spheres whose contacts do not count (yet) (s,)."""
     speeds: NDArray[np.float64]
-    """Metres that each center may move from waypoint to waypoint (s,)."""
+    """Metres that each center may move from waypoint to waypoint (s,); 0 of those that no joint
+    moves."""
     travel: NDArray[np.float64]
     """Metres that each center may move in a segment (s,)."""
     q: NDArray[np.float64]

@@ -45,7 +45,7 @@ def allocate_motion(robot: Robot, n_joints: int) -> MotionBuffers:
         base_poses(robot),
         np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)),
         np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_),
-        np.empty(n), np.empty(n), np.empty(n_joints),
+        np.zeros(n), np.zeros(n), np.empty(n_joints),
     )  # fmt: skip
 
 
@@ -177,7 +177,7 @@ def _prepare(
     sphere_positions(robot, q0, work.poses, 0, work.start)
     work.goal[:] = work.start  # those that no joint moves stay there
     work.at[:] = work.start
-    work.speeds[:] = 1.0
+    work.speeds[robot.spheres.n_static :] = 1.0
     mark_initial_contacts(robot.spheres, work.start, obstacles, work.touching)
 
 
