@@ -18,7 +18,10 @@ field-candidates := --env field --ppo.initial-policy rating --ppo.total-steps 24
 	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
 POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
 
-.PHONY: setup check test reproduce policies $(POLICIES) planners pictures clean
+# Answers a line with the name of a case by its times.
+CASES := $(BIN)/python -P -m coopmap_env.studies.speed.cases > /dev/null
+
+.PHONY: setup check kernels test speed reproduce policies $(POLICIES) planners engines pictures clean
 
 setup: .venv/.package
 
@@ -43,10 +46,21 @@ check: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Numba compiles for minutes on a new machine. Here it is done once; in the tests it would be done by
+# each of the processes that start first.
+kernels: setup
+	printf 'planar_pose\nplanar_candidates\n' | $(CASES) & printf 'field\n' | $(CASES) & wait
+
 # `python -m pytest` would import from this folder, and the programs that tests start from the
 # installed links: numba would compile all kernels for both.
-test: check
+test: setup
+	$(MAKE) --no-print-directory --jobs 2 check kernels
 	$(BIN)/pytest --numprocesses auto --dist worksteal
+	$(MAKE) --no-print-directory speed
+
+# Steps of this version and of the last commit shared with main, in turns; it decides nothing.
+speed: setup
+	-$(BIN)/python -P -m coopmap_env.studies.speed.regression
 
 reproduce: setup
 	$(BIN)/coopmap reproduce --quick --out $(OUT)
@@ -65,6 +79,10 @@ $(POLICIES): setup
 planners: setup
 	$(BIN)/python -m coopmap_env.studies.benchmark.tuning results/planner-tuning --workers 2
 	cp results/planner-tuning/tuned_planners.json coopmap_env/studies/benchmark/
+
+# Speed of both engines of training, and their scores after equally long trainings.
+engines: setup
+	OMP_NUM_THREADS=1 $(BIN)/python -m coopmap_env.studies.engine_comparison results/engines --seeds $(SEEDS)
 
 # The pictures of the README, from the full runs.
 pictures: setup

@@ -7,8 +7,8 @@ module          content
                 and how
 ``networks``    `make_network`: `CandidateScorer` scores candidates in any order and number,
                 `PosePolicy` is a Gaussian over poses; `ObservationFeatures` is their input
-``rollouts``    `TeamBlock`, `WorkerPool`: environments of a team as rows of a batch, in this
-                process or in workers
+``trainer``     `make_rows`: the vector environment of a training, whose rows are robots
+``ppo``         PPO as one loop, without a library: `train_network`
 ``sb3``         PPO on Stable-Baselines3: `train`, `SharedPolicyVecEnv`
 ``rllib``       PPO on Ray's RLlib (extra ``ray``)
 ``training``    `run_training`: a training in a folder, with validation, checkpoints and resuming;

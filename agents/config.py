@@ -28,9 +28,10 @@ from coopmap_env.core.settings import (
     UnitInterval,
 )
 from coopmap_env.envs import MappingEnv
-from coopmap_env.evaluation import make_env
+from coopmap_env.evaluation import make_env, make_vector_env
+from coopmap_env.vector import MappingVectorEnv
 
-EngineName = Literal["sb3", "rllib"]
+EngineName = Literal["sb3", "ppo", "rllib"]
 InitialPolicy = Literal["random", "rating"]
 CriticInput = Literal["local", "central"]
 LayerWidth = Annotated[int, Bounds(at_least=1, at_most=1 << 20)]
@@ -93,6 +94,8 @@ class PPOSettings(Settings):
     """Widths of the hidden layers of the actor and of the critic."""
     device: str = "cpu"
     """Device of torch: networks this small are no faster on a GPU."""
+    threads: Annotated[int, Bounds(at_least=1, at_most=1024)] = 1
+    """Threads of torch. With another number, sums round differently; small networks gain little."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -153,8 +156,17 @@ class EnvConfig:
 
     def make(self, split: str) -> MappingEnv[Any]:
         """Make an environment of a split."""
-        settings = None if self.settings is None else dict(self.settings)
-        return make_env(self.name, {**self.arguments, "split": split}, settings)
+        return make_env(self.name, {**self.arguments, "split": split}, self._settings())
+
+    def vector_env(
+        self, n_envs: int, split: str = "train", **options: Any
+    ) -> MappingVectorEnv[Any]:
+        """Make a vector environment of a split; `options` are those of its constructor."""
+        arguments = {**self.arguments, "split": split}
+        return make_vector_env(self.name, n_envs, arguments, self._settings(), **options)
+
+    def _settings(self) -> dict[str, Any] | None:
+        return None if self.settings is None else dict(self.settings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,8 +176,8 @@ class TrainingOptions(Settings):
     seed: NonNegativeInt = 0
     """Seed of everything: worlds, exploration and networks."""
     engine: EngineName = "sb3"
-    """Library that trains: Stable-Baselines3, or RLlib on Ray (on the cluster that RAY_ADDRESS
-    names)."""
+    """What trains: Stable-Baselines3, the loop of `coopmap_agents.ppo`, or RLlib on Ray (on the
+    cluster that RAY_ADDRESS names)."""
     init_from: str = ""
     """Policy whose weights to start from: a file, or the name of a pretrained one; empty for random
     weights."""

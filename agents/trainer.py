@@ -1,23 +1,73 @@
-"""The interface between the training loop and a library: `SB3Trainer` and `RLlibTrainer` have it.
+"""What a training loop and an engine share; `PPOTrainer`, `SB3Trainer`, `RLlibTrainer` are engines.
 
-Networks and logs are those of Stable-Baselines3 in both. The module stands below both engines, and
-so outside of `coopmap_agents.training`, which imports them.
+Networks and logs are those of Stable-Baselines3 in all. The module stands below the engines, and so
+outside of `coopmap_agents.training`, which imports them.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import coopmap_agents._require_rl  # noqa: F401
 
 # isort: split
 import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from coopmap_agents.config import PPOSettings
+from coopmap_agents.config import EnvConfig, PPOSettings
 from coopmap_agents.record import SegmentReport
+from coopmap_env.vector import EnvFactory, MappingVectorEnv, WorkerVectorEnv
+
+
+def make_rows(
+    env_factory: EnvFactory,
+    n_envs: int,
+    workers: int,
+    with_state: bool,
+    autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP,
+) -> MappingVectorEnv[Any]:
+    """The vector environment that a training learns from: rows are robots.
+
+    Parameters
+    ----------
+    env_factory : EnvConfig or callable
+        An `EnvConfig` makes the vector environment of its kind; what another callable makes is
+        stepped by a `WorkerVectorEnv`.
+    n_envs : int
+        Number of worlds.
+    workers : int
+        Processes for the worlds; 0 steps them in this one.
+    with_state : bool
+        Adds the team's state to the observations, for a central critic.
+    autoreset_mode : AutoresetMode
+        When worlds are reset; see `coopmap_env.vector`.
+    """
+    options: dict[str, Any] = {
+        "autoreset_mode": autoreset_mode,
+        "with_state": with_state,
+        "num_workers": workers,
+    }
+    if isinstance(env_factory, EnvConfig):
+        return env_factory.vector_env(n_envs, **options)
+    return WorkerVectorEnv(env_factory, n_envs, **options)
+
+
+@contextmanager
+def torch_threads(n: int) -> Iterator[None]:
+    """Let torch use a number of threads in this context; with another, sums round differently."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(n)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class Trainer(ABC):

@@ -2,6 +2,7 @@
 
 =================  =====================================================================
 import             ``from coopmap_env import field_v1`` (extra ``field``)
+many worlds        `vector_env`: a `gymnasium.vector.VectorEnv`, see `coopmap_env.vector`
 ids                ``coopmap/Field-v1`` and, with the search for the target and fiducials,
                    ``coopmap/FieldSearch-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
@@ -95,12 +96,51 @@ lowers P to 0.01 instead of 0.02. A voxel's surface is the mean of its points
 v0: first version.
 """
 
+from functools import partial
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
 from coopmap_env.envs.arguments import takes_arguments
 from coopmap_env.envs.field import FieldArguments, FieldEnv, FieldSettings, FieldTeamEnv
 from coopmap_env.robots import Mount, make_mount, mount_from_urdf
+from coopmap_env.vector import RowName, WorkerVectorEnv
 
 parallel_env = takes_arguments(FieldArguments)(FieldEnv)
 team_env = takes_arguments(FieldArguments)(FieldTeamEnv)
+
+
+def vector_env(
+    n_envs: int,
+    *,
+    rows: RowName = "agents",
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    double_buffer: bool = False,
+    with_state: bool = False,
+    num_workers: int = 0,
+    **arguments: Any,
+) -> WorkerVectorEnv:
+    """Many worlds in one call; see `coopmap_env.vector` and `WorkerVectorEnv`.
+
+    Parameters
+    ----------
+    n_envs : int
+        Number of worlds.
+    rows, autoreset_mode, double_buffer, with_state, num_workers
+        See `WorkerVectorEnv`.
+    **arguments
+        `FieldArguments`.
+    """
+    return WorkerVectorEnv(
+        partial(FieldEnv, **arguments),
+        n_envs,
+        rows=rows,
+        autoreset_mode=autoreset_mode,
+        double_buffer=double_buffer,
+        with_state=with_state,
+        num_workers=num_workers,
+    )
+
 
 __all__ = [
     "FieldArguments",
@@ -110,4 +150,5 @@ __all__ = [
     "mount_from_urdf",
     "parallel_env",
     "team_env",
+    "vector_env",
 ]

@@ -2,6 +2,7 @@
 
 =================  =====================================================================
 import             ``from coopmap_env import planar_v1``
+many worlds        `vector_env`: a `gymnasium.vector.VectorEnv`, see `coopmap_env.vector`
 id                 ``coopmap/Planar-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
 agents             ``robot_0`` ... , 2 by default
@@ -58,8 +59,10 @@ v0: first version.
 
 from coopmap_env.envs.arguments import takes_arguments
 from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarSettings, PlanarTeamEnv
+from coopmap_env.vector import PlanarVectorEnv
 
 parallel_env = takes_arguments(PlanarArguments)(PlanarEnv)
 team_env = takes_arguments(PlanarArguments)(PlanarTeamEnv)
+vector_env = PlanarVectorEnv
 
-__all__ = ["PlanarArguments", "PlanarSettings", "parallel_env", "team_env"]
+__all__ = ["PlanarArguments", "PlanarSettings", "parallel_env", "team_env", "vector_env"]

@@ -60,7 +60,8 @@ V0_ARGUMENTS = {
 
 @pytest.mark.parametrize("part", [*MODES, "rating_function", "information_gain"])
 @pytest.mark.parametrize("env_id", SCANS)
-def test_settings_of_v0_give_the_trajectories_of_v0(env_id, part):
+def test_settings_of_v0_give_the_trajectories_that_were_recorded(env_id, part):
+    """In the field those of v0 itself; the planar step has other random numbers since."""
     if "Field" in env_id:
         pytest.importorskip("pybullet")
     if part in MODES:

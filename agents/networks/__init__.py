@@ -14,7 +14,7 @@ from coopmap_agents.networks.factory import (
     parameter_shapes,
     set_actor_trainable,
 )
-from coopmap_agents.networks.features import ObservationFeatures
+from coopmap_agents.networks.features import ObservationFeatures, stack
 from coopmap_agents.networks.pose_policy import PosePolicy
 
 __all__ = [
@@ -28,4 +28,5 @@ __all__ = [
     "network_class",
     "parameter_shapes",
     "set_actor_trainable",
+    "stack",
 ]

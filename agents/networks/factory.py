@@ -17,6 +17,8 @@ from coopmap_agents.networks.pose_policy import PosePolicy
 from coopmap_env.core.limits import check_bytes
 
 BYTES_PER_PARAMETER = 4
+ADAM_EPSILON = 1e-5
+"""As in Stable-Baselines3: a thousand times torch's, against large steps from tiny gradients."""
 CRITIC_PREFIXES = (
     "network.value.",
     "mlp_extractor.value_net.",
@@ -43,6 +45,7 @@ def network_class(
     options: dict[str, Any] = {
         "net_arch": list(settings.hidden),
         "features_extractor_kwargs": {"image_features": settings.image_features},
+        "optimizer_kwargs": {"eps": ADAM_EPSILON, "fused": True},
     }
     if isinstance(action_space, spaces.Discrete):
         return CandidateScorer, {**options, "initial_policy": settings.initial_policy}

@@ -5,7 +5,7 @@ Stable-Baselines3 scales the map from 0 ... 255 to 0 ... 1 and converts all entr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,16 @@ from stable_baselines3.common.preprocessing import get_flattened_obs_dim, is_ima
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from coopmap_env.envs import Observation
+
 SPECIAL_KEYS = ("candidates", "action_mask", "teammates", "located", "state")
 """Entries of an observation that are not simply concatenated."""
+
+
+def stack(observations: Iterable[Observation]) -> Observation:
+    """Stack the observations of n robots: each entry gets a first axis of length n."""
+    rows = list(observations)
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
 
 def as_tensors(

@@ -12,11 +12,10 @@ from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from coopmap_agents.networks import CandidateScorer, actor_parameters
+from coopmap_agents.networks import CandidateScorer, actor_parameters, stack
 from coopmap_agents.pretrained.library import pretrained_names, pretrained_path
 from coopmap_agents.pretrained.policy_file import load_policy, read_metadata
 from coopmap_agents.record import POLICY_FILE
-from coopmap_agents.rollouts import stack
 from coopmap_env.core.files import brief
 from coopmap_env.envs import Belief, Observation
 

@@ -2,8 +2,8 @@
 
 import coopmap_agents._require_ray
 import coopmap_agents._require_rl  # noqa: F401
-from coopmap_agents.rllib.env import RLlibTeamEnv
+from coopmap_agents.rllib.env import RLlibRows
 from coopmap_agents.rllib.network import SharedNetworkModule
 from coopmap_agents.rllib.ppo import RLlibTrainer, make_config
 
-__all__ = ["RLlibTeamEnv", "RLlibTrainer", "SharedNetworkModule", "make_config"]
+__all__ = ["RLlibRows", "RLlibTrainer", "SharedNetworkModule", "make_config"]

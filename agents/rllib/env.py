@@ -1,9 +1,8 @@
-"""A team as an environment of RLlib.
+"""A vector environment in RLlib: each robot is a row, and for RLlib an environment of its own.
 
-RLlib's own adapter of PettingZoo reports truncation for each robot, which RLlib ignores: the time
-limit would count as termination. Here truncation is reported once, for the whole team. Robots are
-named by their numbers: RLlib keeps names in sets, and the order of strings in a set, and so of the
-rows of a batch, would differ from process to process.
+RLlib's adapter of multi-agent environments reports truncation for each robot, which RLlib ignores,
+and handles one robot after the other. As rows of a vector environment, robots are truncated as any
+environment is, and share one policy.
 """
 
 from __future__ import annotations
@@ -12,46 +11,71 @@ import contextlib
 import logging
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from ray.rllib.env.env_context import EnvContext
-from ray.rllib.env.multi_agent_env import MultiAgentEnv
-from ray.rllib.env.multi_agent_env_runner import MultiAgentEnvRunner
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import NDArray
+from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
+from coopmap_agents.trainer import make_rows
 from coopmap_env.envs import Observation
+from coopmap_env.vector import EnvFactory, WorkerVectorEnv
 
-Observations = dict[Any, Observation]
-"""By the number of the robot; the key is Any, as in RLlib."""
-Flags = dict[Any, bool]
 Result = TypeVar("Result")
 
 
-class RLlibTeamEnv(MultiAgentEnv):
-    """A parallel environment whose robots end their episode together.
+class SharedSpaces(NamedTuple):
+    """Names of a team's robots, and the spaces that they have in common."""
 
-    Infos are left out: RLlib does not need them, and would send them all to the learner.
+    robots: tuple[str, ...]
+    observation_space: spaces.Dict
+    action_space: spaces.Space[Any]
+
+
+def shared_spaces(env_factory: EnvFactory, with_state: bool) -> SharedSpaces:
+    """Names and spaces of the robots that a factory's environments have.
+
+    Raises
+    ------
+    ValueError
+        If robots have different spaces, or there is no state where it is needed.
+    """
+    with contextlib.closing(WorkerVectorEnv(env_factory, 1, with_state=with_state)) as env:
+        assert isinstance(env.single_observation_space, spaces.Dict)
+        return SharedSpaces(env.robots, env.single_observation_space, env.single_action_space)
+
+
+class RLlibRows(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
+    """The rows of a vector environment, for RLlib's runners of single agents.
+
+    RLlib keeps what it gets, so observations are copies. Infos are left out: RLlib does not need
+    them, and would send them all to the learner.
 
     Parameters
     ----------
-    context : EnvContext
-        With the entries ``env_factory``, ``team_spaces`` (`TeamSpaces`) and ``seed``, from
-        `coopmap_agents.rllib.make_config`.
+    context : mapping
+        With the entries ``env_factory``, ``team_spaces`` (`SharedSpaces`) and ``seed``, from
+        `coopmap_agents.rllib.make_config`, and RLlib's ``num_envs``, the number of rows.
     """
 
-    def __init__(self, context: EnvContext) -> None:
-        super().__init__()
-        team_spaces = context["team_spaces"]
-        self._env = context["env_factory"]()
-        self._with_state = "state" in team_spaces.observation_space.spaces
-        self._entropy = (context["seed"], context.worker_index)
-        self._robots = team_spaces.robots
-        self.possible_agents = list(range(len(team_spaces.robots)))
-        self.agents = self.possible_agents
-        self.observation_spaces = dict.fromkeys(self.agents, team_spaces.observation_space)
-        self.action_spaces = dict.fromkeys(self.agents, team_spaces.action_space)
-        self._returns = [0.0] * len(team_spaces.robots)
+    def __init__(self, context: Mapping[str, Any]) -> None:
+        team_spaces: SharedSpaces = context["team_spaces"]
+        self._env = env = make_rows(
+            context["env_factory"],
+            context["num_envs"] // len(team_spaces.robots),
+            workers=0,
+            with_state="state" in team_spaces.observation_space.spaces,
+            autoreset_mode=AutoresetMode.NEXT_STEP,
+        )
+        self._entropy = context["seed"]
+        self.num_envs, self.metadata, self.render_mode = env.num_envs, env.metadata, None
+        self.single_observation_space = env.single_observation_space
+        self.single_action_space = env.single_action_space
+        self.observation_space, self.action_space = env.observation_space, env.action_space
+        self._running_returns = np.zeros(env.num_envs)
         self.returns: list[float] = []
         """Sum of rewards of each robot in each episode that ended."""
         self.seconds = 0.0
@@ -59,60 +83,36 @@ class RLlibTeamEnv(MultiAgentEnv):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observations, dict[Any, Any]]:
-        """Start an episode.
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode in each world.
 
-        RLlib's seeds are consecutive, over workers and over environments, so some would be equal.
-        Therefore they are mixed with the training's seed and the worker's number.
+        RLlib's seeds are consecutive over its workers, so some would be equal in two trainings.
+        Therefore they are mixed with the training's seed.
         """
+        seeds = None
         if seed is not None:
-            mixed = np.random.SeedSequence((*self._entropy, seed))
-            seed = int(mixed.generate_state(1)[0])
-        observations, _ = self._timed(lambda: self._env.reset(seed=seed, options=options))
-        self._returns = [0.0] * len(self._robots)
-        return self._by_number(observations), {}
+            mixed = np.random.SeedSequence((self._entropy, seed))
+            seeds = mixed.generate_state(self._env.n_worlds).tolist()
+        observations, _ = self._timed(lambda: self._env.reset(seed=seeds, options=options))
+        self._running_returns[:] = 0.0
+        return _copied(observations), {}
 
-    def step(  # type: ignore[override]  # the parent already differs from Gymnasium's
-        self, action_dict: dict[Any, Any]
-    ) -> tuple[Observations, dict[Any, float], Flags, Flags, dict[Any, Any]]:
-        """Step all robots.
-
-        Raises
-        ------
-        RuntimeError
-            If some robots have ended their episode and others have not.
-        """
-        actions = {robot: action_dict[i] for i, robot in enumerate(self._robots)}
+    def step(
+        self, actions: NDArray[Any]
+    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Step all worlds, and reset those that have ended in the step before."""
         observations, rewards, terminated, truncated, _ = self._timed(
             lambda: self._env.step(actions)
         )
-        ends = {(bool(terminated[robot]), bool(truncated[robot])) for robot in self._robots}
-        if len(ends) > 1:
-            raise RuntimeError(
-                f"robots must end their episode together, got terminated {terminated} and "
-                f"truncated {truncated}"
-            )
-        is_terminated, is_truncated = ends.pop()
-        row = [float(rewards[robot]) for robot in self._robots]
-        self._returns = [total + reward for total, reward in zip(self._returns, row, strict=True)]
-        if is_terminated or is_truncated:
-            self.returns += self._returns
-        return (
-            self._by_number(observations),
-            dict(enumerate(row)),
-            {"__all__": is_terminated},
-            {"__all__": is_truncated and not is_terminated},
-            {},
-        )
+        self._running_returns += rewards
+        ends = terminated | truncated
+        self.returns += self._running_returns[ends].tolist()
+        self._running_returns[ends] = 0.0
+        return _copied(observations), rewards.copy(), terminated.copy(), truncated.copy(), {}
 
-    def close(self) -> None:
-        """Close the environment."""
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the vector environment."""
         self._env.close()
-
-    def _by_number(self, observations: dict[str, Observation]) -> Observations:
-        """Observations by the robots' numbers, with the state if the critic uses it."""
-        state = {"state": self._env.state()} if self._with_state else {}
-        return {i: {**observations[robot], **state} for i, robot in enumerate(self._robots)}
 
     def _timed(self, function: Callable[[], Result]) -> Result:
         start = time.perf_counter()
@@ -121,7 +121,7 @@ class RLlibTeamEnv(MultiAgentEnv):
         return result
 
 
-class TeamEnvRunner(MultiAgentEnvRunner):
+class RowsRunner(SingleAgentEnvRunner):
     """RLlib's runner of environments, whose errors reach the main process."""
 
     def apply(self, func: Callable[..., Result], *arguments: Any, **options: Any) -> Result:
@@ -130,9 +130,9 @@ class TeamEnvRunner(MultiAgentEnvRunner):
 
 
 def collect_statistics(runner: Any) -> tuple[float, list[float]]:
-    """Seconds and returns of all environments of a runner."""
-    envs = [env.unwrapped for env in runner.env.envs]
-    return sum(env.seconds for env in envs), [value for env in envs for value in env.returns]
+    """Seconds and returns of the environment of a runner."""
+    env: RLlibRows = runner.env.unwrapped
+    return env.seconds, env.returns
 
 
 @contextlib.contextmanager
@@ -143,7 +143,11 @@ def suppress_rllib_warnings() -> Iterator[None]:
     logger.setLevel(logging.ERROR)
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message=".*Overriding environment rllib-multi-agent")
+            warnings.filterwarnings("ignore", message=".*Overriding environment rllib-single-agent")
             yield
     finally:
         logger.setLevel(level)
+
+
+def _copied(observations: Observation) -> Observation:
+    return {key: values.copy() for key, values in observations.items()}

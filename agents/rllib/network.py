@@ -9,8 +9,9 @@ from typing import Any
 import gymnasium
 import torch
 from ray.rllib.algorithms.ppo.torch.ppo_torch_learner import PPOTorchLearner
+from ray.rllib.core import DEFAULT_MODULE_ID
 from ray.rllib.core.columns import Columns
-from ray.rllib.core.rl_module import RLModuleSpec
+from ray.rllib.core.rl_module import MultiRLModule, RLModuleSpec
 from ray.rllib.core.rl_module.apis import ValueFunctionAPI
 from ray.rllib.core.rl_module.torch import TorchRLModule
 from ray.rllib.utils.debug import update_global_seed_if_necessary
@@ -18,11 +19,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import make_network
-from coopmap_agents.rllib.env import suppress_rllib_warnings
-from coopmap_agents.rollouts.team_block import TeamSpaces
-
-SHARED_POLICY_ID = "shared"
-"""RLlib's name of the policy that all robots share."""
+from coopmap_agents.rllib.env import SharedSpaces, suppress_rllib_warnings
 
 
 class SharedNetworkModule(TorchRLModule, ValueFunctionAPI):
@@ -57,7 +54,9 @@ class SharedNetworkModule(TorchRLModule, ValueFunctionAPI):
         return self.network.predict_values(batch[Columns.OBS]).squeeze(-1)
 
 
-def shared_network_spec(team_spaces: TeamSpaces, settings: PPOSettings, seed: int) -> RLModuleSpec:
+def shared_network_spec(
+    team_spaces: SharedSpaces, settings: PPOSettings, seed: int
+) -> RLModuleSpec:
     """Specification from which RLlib makes the network in every process."""
     return RLModuleSpec(
         module_class=SharedNetworkModule,
@@ -69,7 +68,10 @@ def shared_network_spec(team_spaces: TeamSpaces, settings: PPOSettings, seed: in
 
 def get_network(owner: Any) -> ActorCriticPolicy:
     """The network of a learner or of a runner."""
-    network: ActorCriticPolicy = owner.module[SHARED_POLICY_ID].network
+    module = owner.module
+    if isinstance(module, MultiRLModule):
+        module = module[DEFAULT_MODULE_ID]
+    network: ActorCriticPolicy = module.network
     return network
 
 

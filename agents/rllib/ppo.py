@@ -33,10 +33,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 from ray.exceptions import RayError
 from ray.rllib.algorithms import Algorithm
 from ray.rllib.algorithms.ppo import PPOConfig
-from ray.rllib.core.rl_module import MultiRLModuleSpec
+from ray.rllib.core import DEFAULT_MODULE_ID
 from ray.rllib.utils.debug import update_global_seed_if_necessary
 from ray.rllib.utils.metrics import (
     ENV_RUNNER_RESULTS,
@@ -49,21 +50,21 @@ from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import set_actor_trainable
 from coopmap_agents.record import SegmentReport
 from coopmap_agents.rllib.env import (
-    RLlibTeamEnv,
-    TeamEnvRunner,
+    RLlibRows,
+    RowsRunner,
     collect_statistics,
+    shared_spaces,
     suppress_rllib_warnings,
 )
 from coopmap_agents.rllib.network import (
-    SHARED_POLICY_ID,
     SharedNetworkLearner,
     get_network,
     reset_runner,
     shared_network_spec,
 )
-from coopmap_agents.rollouts import EnvFactory, TeamBlock
 from coopmap_agents.trainer import Trainer
 from coopmap_env.evaluation import ray_session, ray_workers_checked
+from coopmap_env.vector import EnvFactory
 
 WORKER_ENDED = (
     "a worker process was killed or has ended early: the same command continues the training after "
@@ -103,30 +104,25 @@ def make_config(
         raise ValueError(
             f"workers must be 0 or divide PPOSettings.n_envs = {settings.n_envs}, got {workers}"
         )
-    with contextlib.closing(TeamBlock(env_factory, 1, settings.critic == "central")) as block:
-        team_spaces = block.team_spaces()
-    team_fragment_length = settings.rollout_steps * len(team_spaces.robots)
-    network = shared_network_spec(team_spaces, settings, seed)
+    with_state = settings.critic == "central"
+    team_spaces = shared_spaces(env_factory, with_state)
+    n_rows = settings.n_envs * len(team_spaces.robots)
     config = (
         PPOConfig()
         .environment(
-            RLlibTeamEnv,
+            RLlibRows,
             env_config={"env_factory": env_factory, "team_spaces": team_spaces, "seed": seed},
             normalize_actions=False,
             clip_actions=True,
             disable_env_checking=True,  # the check takes random actions, even masked ones
         )
-        .multi_agent(
-            policies={SHARED_POLICY_ID},
-            policy_mapping_fn=lambda *_, **__: SHARED_POLICY_ID,
-            count_steps_by="agent_steps",
-        )
-        .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs={SHARED_POLICY_ID: network}))
+        .rl_module(rl_module_spec=shared_network_spec(team_spaces, settings, seed))
         .env_runners(
-            env_runner_cls=TeamEnvRunner,
+            env_runner_cls=RowsRunner,
+            gym_env_vectorize_mode=gymnasium.VectorizeMode.VECTOR_ENTRY_POINT,
             num_env_runners=workers,
-            num_envs_per_env_runner=settings.n_envs // max(workers, 1),
-            rollout_fragment_length=team_fragment_length,
+            num_envs_per_env_runner=n_rows // max(workers, 1),
+            rollout_fragment_length=settings.rollout_steps,
             sample_timeout_s=None,  # RLlib discards roll-outs that arrive later
         )
         .learners(
@@ -135,7 +131,7 @@ def make_config(
             num_gpus_per_learner=int(settings.device != "cpu"),
         )
         .training(
-            train_batch_size_per_learner=settings.n_envs * team_fragment_length,
+            train_batch_size_per_learner=n_rows * settings.rollout_steps,
             minibatch_size=settings.batch_size,
             num_epochs=settings.n_epochs,
             lr=settings.learning_rate,
@@ -221,9 +217,9 @@ class RLlibTrainer(Trainer):
             set_actor_trainable(self.network, self.steps >= self._settings.critic_warmup_steps)
             result = self.algorithm.train()
             self.steps += int(
-                result[ENV_RUNNER_RESULTS][NUM_MODULE_STEPS_SAMPLED][SHARED_POLICY_ID]
+                result[ENV_RUNNER_RESULTS][NUM_MODULE_STEPS_SAMPLED][DEFAULT_MODULE_ID]
             )
-            metrics = result[LEARNER_RESULTS][SHARED_POLICY_ID]
+            metrics = result[LEARNER_RESULTS][DEFAULT_MODULE_ID]
             self.log({name: float(metrics[key]) for name, key in LOGGED_METRICS.items()})
         statistics = self._on_runners(collect_statistics)
         seconds = time.perf_counter() - start

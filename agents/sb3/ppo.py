@@ -33,9 +33,9 @@ from coopmap_agents.networks import (
     set_actor_trainable,
 )
 from coopmap_agents.record import SegmentReport
-from coopmap_agents.rollouts import EnvFactory
 from coopmap_agents.sb3.vec_env import SharedPolicyVecEnv
-from coopmap_agents.trainer import Trainer
+from coopmap_agents.trainer import Trainer, make_rows
+from coopmap_env.vector import EnvFactory
 
 
 def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, workers: int = 0) -> PPO:
@@ -44,7 +44,7 @@ def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, worker
     Parameters
     ----------
     env_factory : callable
-        Makes a new parallel environment; see `SharedPolicyVecEnv`.
+        Makes a new parallel environment; see `make_rows`.
     settings : PPOSettings
     seed : int
         Seed of the weights. Stable-Baselines3 seeds the global generators of random, numpy and
@@ -59,7 +59,7 @@ def make_model(env_factory: EnvFactory, settings: PPOSettings, seed: int, worker
         cells across, or the network is too large, as in `parameter_shapes`.
     """
     central = settings.critic == "central"
-    rows = SharedPolicyVecEnv(env_factory, settings.n_envs, workers=workers, with_state=central)
+    rows = SharedPolicyVecEnv(make_rows(env_factory, settings.n_envs, workers, central))
     env = VecMonitor(TimedVecEnv(rows))
     try:
         _check_channels_first(rows.observation_space)

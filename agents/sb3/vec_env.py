@@ -1,102 +1,64 @@
-"""A team as rows of a vectorised environment of Stable-Baselines3: one policy for all robots.
+"""A vector environment as one of Stable-Baselines3: one policy for all robots.
 
-Row ``i * n_robots + r`` is robot r of parallel environment i. When the robots of an environment are
-done, it is reset in the same step:
+Row ``world * n_robots + robot`` is a robot. When the robots of a world are done, it is reset in the
+same step:
 
 ==============================  ==================================================================
 returned observation            the first of the next episode
 info "terminal_observation"     the last of the episode that ended
 info "TimeLimit.truncated"      whether it ended by truncation: then PPO bootstraps with the value
                                 of "terminal_observation"
-observation "state"             only ``with_state``: the environment's ``state()``, the same for all
-                                of its robots, for a centralised critic
 ==============================  ==================================================================
 
-Worker processes change neither the rows nor their order nor any value.
+Stable-Baselines3 keeps what it gets, so all arrays are copies.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Mapping, Sequence
 from operator import methodcaller
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from coopmap_agents.rollouts import (
-    BlockStep,
-    EnvFactory,
-    Info,
-    LocalBlock,
-    Requests,
-    WorkerPool,
-    concatenate_blocks,
-)
 from coopmap_env.envs import Observation
+from coopmap_env.vector import MappingVectorEnv
 
 Indices = int | Iterable[int] | None
+Info = dict[str, Any]
 
 
 class SharedPolicyVecEnv(VecEnv):
-    """`n_envs` parallel environments; each robot is one row.
+    """The rows of a vector environment; each robot is one row.
 
     Parameters
     ----------
-    env_factory : callable
-        Makes a new parallel environment, such as ``lambda: planar_v1.parallel_env(n_robots=3)``.
-        Its robots must have the same spaces and end their episode together. Each worker gets a
-        copy of the factory, by cloudpickle: it must not depend on the number of its calls.
-    n_envs : int
-        Number of parallel environments; ``num_envs``, the number of rows, is n_robots times that.
-    workers : int
-        Number of processes, which share the environments evenly; 0 steps all of them in this
-        process. Workers are spawned and import the main script: protect its body by
-        ``if __name__ == "__main__":``.
-    with_state : bool
-        Adds the environment's state to the observations of its robots, as entry "state".
+    env : MappingVectorEnv
+        With ``rows="agents"`` and ``autoreset_mode="SameStep"``; see `make_rows`.
 
     Raises
     ------
     ValueError
-        If `n_envs` or `workers` is out of range, the factory returns the same environment twice,
-        robots have different spaces, or there is no state.
-
-    Notes
-    -----
-    An exception of an environment in a worker is raised here, with the worker's traceback as a
-    note: call `reset` afterwards. A RuntimeError reports that a worker has ended: call `close`.
-    Ctrl-C while the main process waits for workers closes them.
+        If it has other rows or another mode.
     """
 
-    def __init__(
-        self, env_factory: EnvFactory, n_envs: int, workers: int = 0, with_state: bool = False
-    ) -> None:
-        if n_envs < 1:
-            raise ValueError(f"n_envs must be at least 1, got {n_envs}")
-        if not 0 <= workers <= n_envs:
-            raise ValueError(f"workers must be 0 to n_envs ({n_envs}), got {workers}")
-        n_blocks = workers or 1
-        bounds = [n_envs * i // n_blocks for i in range(n_blocks + 1)]
-        self._envs_of_block = [range(*pair) for pair in pairwise(bounds)]
-        self._blocks: LocalBlock | WorkerPool = (
-            WorkerPool(env_factory, [len(envs) for envs in self._envs_of_block], with_state)
-            if workers
-            else LocalBlock(env_factory, n_envs, with_state)
-        )
-        try:
-            team_spaces = self._call("team_spaces", dict.fromkeys(range(n_blocks), ()))
-            self.robots, observation_space, action_space = team_spaces[0]
-            self._observations: Observation = {}
-            super().__init__(n_envs * len(self.robots), observation_space, action_space)
-        except BaseException:
-            self.close()
-            raise
+    def __init__(self, env: MappingVectorEnv[Any]) -> None:
+        if env.rows != "agents" or env.autoreset_mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(
+                'a SharedPolicyVecEnv needs rows="agents" and autoreset_mode="SameStep", got '
+                f"{env.rows!r} and {env.autoreset_mode.value!r}"
+            )
+        self.env = env
+        self.robots = env.robots
+        self._observations: Observation = {}
+        self._actions: NDArray[Any] | None = None
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed all environments at the next reset, each differently; None for random seeds.
+        """Seed all worlds at the next reset, each differently; None for random seeds.
 
         The seeds are drawn from `seed`. Consecutive seeds would not do: trainings with seeds 0 and
         1 would share all worlds but one.
@@ -104,59 +66,55 @@ class SharedPolicyVecEnv(VecEnv):
         Returns
         -------
         list of int
-            One seed for each row; the robots of an environment have the same.
+            One seed for each row; the robots of a world have the same.
         """
-        drawn = np.random.SeedSequence(seed).generate_state(self._envs_of_block[-1].stop)
+        drawn = np.random.SeedSequence(seed).generate_state(self.env.n_worlds)
         self._seeds = [int(number) for number in drawn for _ in self.robots]
         return self._seeds
 
     def reset(self) -> Observation:
-        """Start an episode in each environment; seeds and options are used once."""
-        n_robots = len(self.robots)  # which share the seed and options of their environment
-        seeds, options = self._seeds[::n_robots], self._options[::n_robots]
-        replies = self._call(
-            "reset",
-            {
-                block: ([seeds[k] for k in envs], [options[k] or None for k in envs])
-                for block, envs in enumerate(self._envs_of_block)
-            },
+        """Start an episode in each world; seeds and options are used once."""
+        options = self._options[0]
+        if any(own != options for own in self._options):
+            raise ValueError("all rows share their options, got different ones")
+        observations, infos = self.env.reset(
+            seed=self._seeds[:: len(self.robots)], options=options or None
         )
         self._reset_seeds()
         self._reset_options()
-        self.reset_infos = [info for _, infos in replies for info in infos]
-        self._observations = concatenate_blocks(
-            (observation for observation, _ in replies), n_robots
-        )
+        self.reset_infos = _by_row(infos, self.num_envs)
+        self._observations = {key: values.copy() for key, values in observations.items()}
         return self._observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Send the actions, one for each row; without workers, `step_wait` uses them."""
-        self._request("step", {block: (actions[rows],) for block, rows in enumerate(self._rows)})
+        """Store the actions, one for each row, for `step_wait`."""
+        self._actions = actions
 
     def step_wait(
         self,
     ) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[Info]]:
-        """Step all environments, and reset those that are done.
+        """Step all worlds, and reset those that are done.
 
         Raises
         ------
         RuntimeError
             If there was no `step_async` before.
         """
-        steps: list[BlockStep] = list(self._blocks.replies().values())
-        if not steps:
+        if self._actions is None:
             raise RuntimeError("call step_async() before step_wait(): there are no actions")
-        self._observations = concatenate_blocks(
-            (step.observation for step in steps), len(self.robots)
-        )
-        new_infos = [info for step in steps for info in step.reset_infos]
-        for row, info in enumerate(new_infos):
-            if info is not None:
-                self.reset_infos[row] = info
-        rewards = np.concatenate([step.rewards for step in steps])
-        dones = np.concatenate([step.dones for step in steps])
-        infos = [info for step in steps for info in step.infos]
-        return self._observations, rewards, dones, infos
+        actions, self._actions = self._actions, None
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        self._observations = {key: values.copy() for key, values in observations.items()}
+        by_row, dones = _by_row(infos, self.num_envs), terminated | truncated
+        if dones.any():
+            final_infos = _by_row(infos["final_info"], self.num_envs)
+            for row in np.flatnonzero(dones).tolist():
+                self.reset_infos[row], by_row[row] = by_row[row], final_infos[row]
+                last = infos["final_obs"][row]
+                by_row[row]["terminal_observation"] = {k: own.copy() for k, own in last.items()}
+        for info, is_cut in zip(by_row, (truncated & ~terminated).tolist(), strict=True):
+            info["TimeLimit.truncated"] = is_cut
+        return self._observations, rewards.astype(np.float32), dones, by_row
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Mask of the candidates that each robot can take now, shape (num_envs, m).
@@ -206,49 +164,36 @@ class SharedPolicyVecEnv(VecEnv):
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
         """One image of each environment, not of each row; `render` tiles them."""
-        return self.env_method("render")[:: len(self.robots)]
+        return list(self.env.render())
 
     def close(self) -> None:
-        """Close all environments and end their workers; repeated calls do nothing."""
-        self._blocks.close()
+        """Close the vector environment; repeated calls do nothing."""
+        self.env.close()
 
     @property
     def _is_masked(self) -> bool:
         return "action_mask" in self.observation_space.spaces  # type: ignore[attr-defined]
 
-    @property
-    def _rows(self) -> list[slice]:
-        """Rows of each block."""
-        n = len(self.robots)
-        return [slice(n * envs.start, n * envs.stop) for envs in self._envs_of_block]
-
     def _apply(self, indices: Indices, *call: Any) -> list[Any]:
         """Results of a function of each row's environment, `call` is (function, *arguments)."""
         rows = [range(self.num_envs)[index] for index in self._get_indices(indices)]
-        env_of_row = [row // len(self.robots) for row in rows]
-        env_numbers = {
-            block: numbers
-            for block, envs in enumerate(self._envs_of_block)
-            if (numbers := sorted(set(envs) & set(env_of_row)))
-        }
-        replies = self._call(
-            "apply",
-            {
-                block: ([number - self._envs_of_block[block].start for number in numbers], *call)
-                for block, numbers in env_numbers.items()
-            },
-        )
-        results: dict[int, Any] = {}
-        for numbers, values in zip(env_numbers.values(), replies, strict=True):
-            results.update(zip(numbers, values, strict=True))
-        return [results[number] for number in env_of_row]
+        world_of_row = [row // len(self.robots) for row in rows]
+        worlds = sorted(set(world_of_row))
+        results = dict(zip(worlds, self.env.apply(*call, worlds=worlds), strict=True))
+        return [results[world] for world in world_of_row]
 
-    def _call(self, method: str, arguments: Requests) -> list[Any]:
-        """Results of a method of some blocks, in order."""
-        self._request(method, arguments)
-        return list(self._blocks.replies().values())
 
-    def _request(self, method: str, arguments: Requests) -> None:
-        if self._blocks.closed:
-            raise RuntimeError("these environments are closed: make a new SharedPolicyVecEnv")
-        self._blocks.request(method, arguments)
+def _by_row(infos: Mapping[str, Any], n_rows: int) -> list[Info]:
+    """One dictionary for each row, of the entries that it has."""
+    by_row: list[Info] = [{} for _ in range(n_rows)]
+    for key, values in infos.items():
+        if key.startswith(("_", "final_")):
+            continue
+        if isinstance(values, Mapping):
+            own: Sequence[Any] = _by_row(values, n_rows)
+        else:
+            own = list(values.copy()) if values.ndim > 1 else values.tolist()
+        for info, value, has_value in zip(by_row, own, infos[f"_{key}"].tolist(), strict=True):
+            if has_value:
+                info[key] = value
+    return by_row

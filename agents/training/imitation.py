@@ -25,10 +25,11 @@ from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_agents.config import ImitationSettings
+from coopmap_agents.networks import stack
 from coopmap_agents.pretrained import LearnedPolicy
-from coopmap_agents.rollouts import EnvFactory, stack
 from coopmap_env.envs import Belief, Observation
 from coopmap_env.evaluation import Policy, rollout
+from coopmap_env.vector import EnvFactory
 
 POSE_TOLERANCE = 0.1
 """Two poses agree if no entry of the action, of range 2, differs by more; for the report only."""

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ import torch
 from coopmap_agents._record_form import checkpoint_name
 from coopmap_agents.config import TrainingConfig
 from coopmap_agents.networks import copy_weights
+from coopmap_agents.ppo import PPOTrainer
 from coopmap_agents.pretrained import LearnedPolicy, resolve_network, save_policy
 from coopmap_agents.record import (
     POLICY_FILE,
@@ -41,7 +42,7 @@ from coopmap_agents.record import (
     read_record,
 )
 from coopmap_agents.sb3 import SB3Trainer
-from coopmap_agents.trainer import Trainer
+from coopmap_agents.trainer import Trainer, torch_threads
 from coopmap_agents.training.checkpoints import load_checkpoint, save_checkpoint
 from coopmap_agents.training.imitation import behavior_clone
 from coopmap_env.core.files import write_atomically
@@ -65,8 +66,8 @@ def run_training(
     out : Path
         Folder. If it holds this training, that is resumed.
     workers : int
-        Processes for the environments. With Stable-Baselines3 the result does not depend on it;
-        with RLlib it does, and a training must be resumed with the same number.
+        Processes for the environments. The result does not depend on it, except with RLlib: there
+        a training must be resumed with the same number.
     log : callable, optional
         Called with a line of progress before the first and after each segment.
     command : str, optional
@@ -99,7 +100,11 @@ def _train(
         log(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
         return record
     record["config"] = config_to_dict(config)  # total_steps may be larger than before
-    with _single_thread(), closing(_make_trainer(config, workers, out / "tensorboard")) as trainer:
+    logs = out / "tensorboard"
+    with (
+        torch_threads(config.ppo.threads),
+        closing(_make_trainer(config, workers, logs)) as trainer,
+    ):
         if record["rows"]:
             trainer.steps = load_checkpoint(
                 out / record["checkpoint"], trainer.network, record["rows"][-1]["steps"]
@@ -123,17 +128,6 @@ def _remove_other_checkpoints(record: Record, out: Path) -> None:
         (out / checkpoint_name(other)).unlink(missing_ok=True)
 
 
-@contextmanager
-def _single_thread() -> Iterator[None]:
-    """One thread of torch: with more, sums round differently, and small networks gain little."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
 def _make_trainer(config: TrainingConfig, workers: int, logs: Path) -> Trainer:
     try:
         torch.zeros(1, device=config.ppo.device)
@@ -145,7 +139,8 @@ def _make_trainer(config: TrainingConfig, workers: int, logs: Path) -> Trainer:
         from coopmap_agents.rllib import RLlibTrainer
 
         return RLlibTrainer(config.env, config.ppo, config.seed, workers, logs)
-    return SB3Trainer(config.env, config.ppo, config.seed, workers, logs)
+    trainer = PPOTrainer if config.engine == "ppo" else SB3Trainer
+    return trainer(config.env, config.ppo, config.seed, workers, logs)
 
 
 def _initialize_network(trainer: Trainer, config: TrainingConfig) -> dict[str, float] | None:

@@ -1,7 +1,7 @@
-"""The decorator of all compiled kernels: cached on disk, without the interpreter's lock.
+"""The decorator of all compiled kernels: kept on disk, without the interpreter's lock.
 
-Kernels take arrays and named tuples of arrays, allocate little, draw no random numbers and raise
-nothing: the function that calls them validates.
+Kernels take arrays and named tuples of arrays, allocate little, draw random numbers from counted
+streams alone (`random_streams`) and raise nothing: the function that calls them validates.
 
 In the busiest loops, indices are unsigned (``np.uint64(i)``): for a signed one, the compiler adds
 the test for negative indices, which Python counts from the end.
@@ -14,9 +14,11 @@ inside (``ScanArrays(*scan)``), which costs nothing there.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from numba import njit
+
+from coopmap_env.core.kernel_cache import attach_cache
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -24,16 +26,38 @@ PlainTuple = tuple[Any, ...]
 """A named tuple that was made plain at the call."""
 
 
+_BORROWING: dict[str, Any] = {"nogil": True, "_nrt": False}
+try:  # no public option
+    njit(**_BORROWING)(lambda: None)
+except (KeyError, TypeError):
+    del _BORROWING["_nrt"]
+
+
 def kernel(function: Function) -> Function:
     """Compile a function when it is first called; to a type checker it stays what it was."""
-    return cast(Function, njit(cache=True, nogil=True)(function))
+    return _cached(njit(nogil=True)(function))
+
+
+def borrowing_kernel(function: Function) -> Function:
+    """Compile a kernel that makes no array, and whose arrays its caller keeps.
+
+    Numba counts the references to each array that is handed on, with a locked instruction: in
+    kernels that pass many arrays to small ones this is half of the time. These do not count. Only
+    other kernels may call them: a call from Python would keep its arrays for ever.
+    """
+    return _cached(njit(**_BORROWING)(function))
 
 
 def inlined_kernel(function: Function) -> Function:
     """Compile a kernel into its callers, where a call would take longer than what it does."""
-    return cast(Function, njit(cache=True, nogil=True, inline="always")(function))
+    return _cached(njit(nogil=True, inline="always")(function))
 
 
 def unchecked_division_kernel(function: Function) -> Function:
     """Compile a kernel in which 1 / 0 is infinite, as in numpy, instead of an error."""
-    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
+    return _cached(njit(nogil=True, error_model="numpy")(function))
+
+
+def _cached(dispatcher: Any) -> Any:
+    attach_cache(dispatcher)
+    return dispatcher

@@ -73,7 +73,7 @@ def uniform_index(word: np.uint64, n: int) -> int:
     The upper half of the product of n and the word's upper half (Lemire 2019, "Fast random integer
     generation in an interval"), without its rejection step: the bias is out of reach of any test.
     """
-    return np.int64(((word >> _HALF_SHIFT) * np.uint64(n)) >> _HALF_SHIFT)
+    return int(((word >> _HALF_SHIFT) * np.uint64(n)) >> _HALF_SHIFT)
 
 
 @kernel

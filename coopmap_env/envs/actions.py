@@ -91,6 +91,11 @@ def parse_pose_action(agent: str, action: Any, names: tuple[str, ...]) -> NDArra
     return numbers.astype(np.float64)
 
 
+def masked_reason(index: int, n_candidates: int) -> str:
+    """Why an action that chooses a masked candidate is rejected."""
+    return f"candidate {index} is masked out: only {n_candidates} poses are feasible"
+
+
 class CandidateMode:
     """A choice among random feasible poses: the paper's random-m search."""
 
@@ -101,8 +106,14 @@ class CandidateMode:
         """Discrete(m)."""
         return spaces.Discrete(self.n_candidates)
 
-    def decode(self, agent: str, action: Any, belief: Belief) -> Decoded:
-        """The candidate of that index; one that is masked out is rejected."""
+    def parse(self, agent: str, action: Any) -> int:
+        """The index that an action is.
+
+        Raises
+        ------
+        InvalidActionError
+            Naming the robot and the value.
+        """
         value = to_number_array(action)
         if value is None or value.shape != () or value.dtype.kind == "f":
             raise InvalidActionError(
@@ -114,11 +125,14 @@ class CandidateMode:
                 f"{agent}: a candidate action must lie in 0 ... {self.n_candidates - 1}, "
                 f"got {index}"
             )
+        return index
+
+    def decode(self, agent: str, action: Any, belief: Belief) -> Decoded:
+        """The candidate of that index; one that is masked out is rejected."""
+        index = self.parse(agent, action)
         candidates = self._candidates_of(belief, belief.agents.index(agent))
         if index >= len(candidates):
-            return Decoded(
-                None, f"candidate {index} is masked out: only {len(candidates)} poses are feasible"
-            )
+            return Decoded(None, masked_reason(index, len(candidates)))
         return Decoded(candidates[index], "")
 
     def encode(self, robot: int, pose: Any, belief: Belief) -> np.int64:

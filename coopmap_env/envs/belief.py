@@ -112,13 +112,10 @@ class Planning(Protocol):
 
 
 class Observer(Protocol):
-    """Computes observations and declares their spaces."""
+    """Declares the spaces of observations. Each environment makes its own."""
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
-
-    def observe(self, belief: Any) -> list[Observation]:
-        """Observations of all robots, as new arrays."""
 
     def state_space(self) -> spaces.Box:
         """Make a new space of `state`."""

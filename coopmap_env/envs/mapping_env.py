@@ -14,32 +14,32 @@ from pettingzoo import ParallelEnv
 from coopmap_env.core.files import brief
 from coopmap_env.envs.actions import CandidateMode, action_of_each
 from coopmap_env.envs.arguments import MappingArguments
-from coopmap_env.envs.belief import ActionMode, Decoded, Observation, Observer
-from coopmap_env.envs.rewards import RewardScale, reward_terms
+from coopmap_env.envs.belief import ActionMode, Observation, Observer
 from coopmap_env.envs.step_data import (
+    RESET_INFO_TYPES,
+    STEP_INFO_TYPES,
     BeliefT,
-    EpisodeRngs,
-    FusedScans,
+    EpisodeSeeds,
     Infos,
-    TeamMoveResult,
-    Transition,
+    TeamStep,
     copy_action_masks,
     outcome_info,
-    step_outcomes,
 )
 from coopmap_env.rendering import HumanWindow
 from coopmap_env.sensing import Scan
-from coopmap_env.simulation.scenes import world_seed
 
 
 class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """Conducts an episode and computes nothing itself: decode, move, scan, fuse, reward, observe.
 
-    A world's environment calls `_set_up` once and provides
-    `_reset_world`, `_move`, `_fuse_scans`, `_render_frame` and `truth`.
+    A world's environment calls `_set_up` once and provides `_start`, `_advance`, `last_scans`,
+    `_render_frame` and `truth`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
+    reset_info_types: ClassVar[dict[str, Any]] = RESET_INFO_TYPES
+    step_info_types: ClassVar[dict[str, Any]] = STEP_INFO_TYPES
+    """Types of the entries of infos, by which vector environments make arrays of them."""
     _belief: BeliefT
 
     def __init__(self, arguments: MappingArguments) -> None:
@@ -57,46 +57,45 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._seed_rng = np.random.default_rng()
         self._scans_done = 0
         self._has_reset = False
-        self.last_scans: list[Scan] = []
-        """Scans of the last step, as they were fused."""
         self._trails: list[list[NDArray[np.float64]]] = []
 
     def _set_up(
         self,
         actions: ActionMode,
-        scale: RewardScale,
         observer: Observer,
-        collision_cost: float = 0.0,
     ) -> None:
         """Set the parts that depend on the kind of world, and declare the spaces."""
         self._actions = actions
-        self._reward_scale = scale
         self._observer = observer
-        self._collision_cost = collision_cost
         agents = list(enumerate(self.possible_agents))
         self.action_spaces = {agent: actions.space(robot) for robot, agent in agents}
         self.observation_spaces = {agent: observer.space(robot) for robot, agent in agents}
         self.state_space = observer.state_space()
 
     @abstractmethod
-    def _reset_world(self, rngs: EpisodeRngs) -> BeliefT:
-        """Make a new world and put the team into it."""
+    def _start(self, seeds: EpisodeSeeds) -> tuple[BeliefT, list[Observation]]:
+        """Make a new world, put the team into it, and observe."""
 
     @abstractmethod
-    def _move(
-        self, belief: BeliefT, targets: Sequence[Any], rng: np.random.Generator
-    ) -> TeamMoveResult:
-        """Move all robots to their targets; None lets a robot stay."""
+    def _advance(self, actions: dict[str, Any]) -> TeamStep[BeliefT]:
+        """Move, scan, fuse and observe, by an action for each robot.
 
+        Raises
+        ------
+        InvalidActionError
+            If an action is not in its space; nothing has changed then.
+        """
+
+    @property
     @abstractmethod
-    def _fuse_scans(self, belief: BeliefT, rng: np.random.Generator) -> FusedScans[BeliefT]:
-        """Scan with every robot from where it is, and fuse the scans."""
+    def last_scans(self) -> list[Scan]:
+        """Scans of the last step, as they were fused."""
 
     @abstractmethod
     def _render_frame(self) -> NDArray[np.uint8]:
         """Draw a picture (H, W, 3) of the truth, the map and the team."""
 
-    def _extra_info(self, robot: int, transition: Transition[BeliefT]) -> dict[str, Any]:
+    def _extra_info(self, robot: int, step: TeamStep[BeliefT]) -> dict[str, Any]:
         """Entries of a robot's info that only this kind of world has."""
         return {}
 
@@ -132,18 +131,15 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             raise ValueError(f"options must be a dict or None, got {brief(options)}")
         if seed is None:
             seed = int(self._seed_rng.integers(2**31))
-        children = world_seed(self.split, seed).spawn(len(EpisodeRngs._fields))
-        rngs = EpisodeRngs(*map(np.random.default_rng, children))
-        belief = self._reset_world(rngs)
-        self._rngs, self._seed_rng = rngs, rngs.seeds
-        self._belief = self._with_candidates(belief)
+        seeds = EpisodeSeeds.of_episode(self.split, seed)
+        self._belief, observed = self._start(seeds)
+        self._seed_rng = np.random.default_rng(seeds.seeds)
         self._has_reset = True
         self._scans_done = 0
-        self.last_scans = []
         self.agents = list(self.possible_agents)
         self._trails = [[] for _ in self.agents]
         self._record_positions()
-        observations = self._observe()
+        observations = dict(zip(self.agents, observed, strict=True))
         infos = {agent: self._common_info() for agent in self.agents}
         copy_action_masks(observations, infos)
         if self.render_mode == "human":
@@ -167,18 +163,16 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         RuntimeError
             Before the first reset and after the end of an episode.
         """
-        decoded = self._decode(actions)
-        targets = [one.target for one in decoded]
-        transition = self._transition(self._belief, targets, self._rngs.noise)
-        self._belief = self._with_candidates(transition.belief)
-        self.last_scans = transition.scans
+        self._require_reset()
+        if not self.agents:
+            raise RuntimeError(f"the episode ended after {self.max_scans} scans: call reset()")
+        step = self._advance(action_of_each(self.agents, actions))
+        self._belief = step.belief
         self._scans_done += 1
         self._record_positions()
-        terms = [reward_terms(outcome, self._reward_scale) for outcome in transition.outcomes]
-        rewards = self._assign_rewards(terms)
-        observations = self._observe()
-        reasons = [one.rejected_reason for one in decoded]
-        infos = self._step_infos(transition, terms, reasons)
+        observations = dict(zip(self.agents, step.observations, strict=True))
+        rewards = self._assign_rewards(step.reward_terms)
+        infos = self._step_infos(step)
         copy_action_masks(observations, infos)
         ended = self._scans_done >= self.max_scans
         terminations = dict.fromkeys(self.agents, False)
@@ -188,22 +182,6 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if ended:
             self.agents = []
         return observations, rewards, terminations, truncations, infos
-
-    def _transition(
-        self, belief: BeliefT, targets: Sequence[Any], rng: np.random.Generator
-    ) -> Transition[BeliefT]:
-        """Move, scan and fuse: the next belief, and what each robot brought.
-
-        Maps are updated in place; all else of `belief` stays as it is.
-        """
-        move = self._move(belief, targets, rng)
-        rated = belief.rate_team(move.poses)
-        if move.collision_cells:
-            belief.map.mark_occupied(move.collision_cells)
-        fused = self._fuse_scans(belief.with_poses(move.poses), rng)
-        costs = [self._collision_cost if name else 0.0 for name in move.collided_with]
-        outcomes = step_outcomes(rated, fused.gains, costs)
-        return Transition(fused.belief, fused.scans, outcomes, move.collided_with)
 
     def state(self) -> NDArray[np.float32]:
         """Observation of a centralised critic; see the world's `observations`."""
@@ -247,23 +225,6 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if not self._has_reset:
             raise RuntimeError("call reset() first: there is no world yet")
 
-    def _decode(self, actions: Mapping[str, Any]) -> list[Decoded]:
-        self._require_reset()
-        if not self.agents:
-            raise RuntimeError(f"the episode ended after {self.max_scans} scans: call reset()")
-        given = action_of_each(self.agents, actions)
-        return [
-            self._actions.decode(agent, action, self._belief) for agent, action in given.items()
-        ]
-
-    def _with_candidates(self, belief: BeliefT) -> BeliefT:
-        """The belief with new candidates in "candidates" mode, otherwise the belief itself."""
-        if self._candidate_mode is None:
-            return belief
-        m, rng = self._candidate_mode.n_candidates, self._rngs.candidates
-        robots = range(len(self.possible_agents))
-        return belief.with_candidates([belief.random_poses(robot, m, rng) for robot in robots])
-
     def _record_positions(self) -> None:
         """Append the known camera positions to the trails, which pictures show."""
         if self.render_mode is None:
@@ -274,28 +235,16 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             if not is_unknown:
                 trail.append(position)
 
-    def _observe(self) -> dict[str, Observation]:
-        return dict(zip(self.agents, self._observer.observe(self._belief), strict=True))
-
-    def _assign_rewards(self, terms: list[dict[str, float]]) -> dict[str, float]:
+    def _assign_rewards(self, terms: Sequence[dict[str, float]]) -> dict[str, float]:
         rewards = [term[self._reward_term] for term in terms]
         if self._shares_reward:
             rewards = [sum(rewards) / len(rewards)] * len(rewards)
         return dict(zip(self.agents, rewards, strict=True))
 
-    def _step_infos(
-        self,
-        transition: Transition[BeliefT],
-        terms: Sequence[dict[str, float]],
-        reasons: Sequence[str],
-    ) -> Infos:
+    def _step_infos(self, step: TeamStep[BeliefT]) -> Infos:
         common = self._common_info()
         return {
-            agent: {
-                **common,
-                **outcome_info(transition, robot, terms[robot], reasons[robot]),
-                **self._extra_info(robot, transition),
-            }
+            agent: {**common, **outcome_info(step, robot), **self._extra_info(robot, step)}
             for robot, agent in enumerate(self.agents)
         }
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from coopmap_env.core.elementary import log
+from coopmap_env.core.kernels import kernel
 from coopmap_env.mapping import ScanGain
 
 
@@ -48,11 +49,13 @@ class RewardScale(NamedTuple):
         return cls(max_visible_cells * log(2.0), log(n_gray_bins), n_cells)
 
 
+@kernel
 def rating(outcome: StepOutcome, scale: RewardScale) -> float:
     """Eq. 9 of the executed pose on the map before the scan: what the planner maximises; nats."""
     return outcome.rating - outcome.collision_cost * scale.max_information
 
 
+@kernel
 def information(outcome: StepOutcome, scale: RewardScale) -> float:
     """Realised drop of map entropy minus the motion cost.
 
@@ -66,6 +69,7 @@ def information(outcome: StepOutcome, scale: RewardScale) -> float:
     )
 
 
+@kernel
 def coverage(outcome: StepOutcome, scale: RewardScale) -> float:
     """Newly observed cells as a fraction of the world."""
     return outcome.gain.new_cells / scale.n_cells - outcome.collision_cost

@@ -35,17 +35,11 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         self.render_mode = self.parallel.render_mode
         agents = self.parallel.possible_agents
         each: list[Any] = [self.parallel.observation_space(agent) for agent in agents]
-        self.observation_space = spaces.Dict(
-            {key: _concatenate_boxes([space[key] for space in each]) for key in each[0]}
-        )
+        self.observation_space = team_observation_space(each)
         actions: list[Any] = [self.parallel.action_space(agent) for agent in agents]
-        self.action_space: spaces.Space[Any]
-        if isinstance(actions[0], spaces.Discrete):
-            self.action_space = spaces.MultiDiscrete([int(action.n) for action in actions])
-            self._split_indices = list(range(1, len(agents)))
-        else:
-            self.action_space = _concatenate_boxes(actions)
-            self._split_indices = np.cumsum([action.shape[0] for action in actions])[:-1].tolist()
+        self.action_space: spaces.Space[Any] = team_action_space(actions)
+        lengths = [action.shape[0] if action.shape else 1 for action in actions]
+        self._split_indices = np.cumsum(lengths)[:-1].tolist()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -96,6 +90,20 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
     def _concatenate(observations: dict[str, Observation]) -> Observation:
         each = list(observations.values())
         return {key: np.concatenate([o[key] for o in each]) for key in each[0]}
+
+
+def team_observation_space(robots: Sequence[spaces.Dict]) -> spaces.Dict:
+    """Observation space of a team: each entry of its robots', concatenated."""
+    return spaces.Dict(
+        {key: _concatenate_boxes([space[key] for space in robots]) for key in robots[0]}
+    )
+
+
+def team_action_space(robots: Sequence[Any]) -> spaces.Space[Any]:
+    """Action space of a team: MultiDiscrete of its robots' choices, or a Box of all numbers."""
+    if isinstance(robots[0], spaces.Discrete):
+        return spaces.MultiDiscrete([int(space.n) for space in robots])
+    return _concatenate_boxes(robots)
 
 
 def _concatenate_boxes(boxes: Sequence[Any]) -> spaces.Box:

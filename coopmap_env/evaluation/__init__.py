@@ -12,7 +12,7 @@ from coopmap_env.evaluation.rollout import Step, policy_rng, rollout
 
 if TYPE_CHECKING:
     from coopmap_env.evaluation.comparison import Evaluation, compare, evaluate, write_episodes
-    from coopmap_env.evaluation.env_specs import EnvSpec, get_env_spec, make_env
+    from coopmap_env.evaluation.env_specs import EnvSpec, get_env_spec, make_env, make_vector_env
     from coopmap_env.evaluation.episode import (
         Episode,
         EpisodeRecorder,
@@ -48,6 +48,7 @@ __all__ = [
     "make_env",
     "make_policy",
     "make_surface_evaluator",
+    "make_vector_env",
     "policy_names",
     "policy_rng",
     "ray_session",

@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from coopmap_env import field_v1, planar_v1
 from coopmap_env.core.settings import settings_from_dict
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.simulation.scenes.field import FIELD_SCENES
 from coopmap_env.simulation.scenes.planar import PLANAR_SCENES
+from coopmap_env.vector import MappingVectorEnv
 
 
 class EnvSpec(NamedTuple):
     """What makes the environments of a name."""
 
     constructor: Callable[..., MappingEnv[Any]]
+    vector_constructor: Callable[..., MappingVectorEnv[Any]]
     settings_class: type[Any]
     scenes: Mapping[str, Callable[[], Any]]
     """Makers of the scenes with a name."""
@@ -40,10 +43,16 @@ class EnvSpec(NamedTuple):
         ValueError
             If an argument is not accepted, such as a scene's name or field.
         """
+        return self.constructor(**self._with_scene(arguments))
+
+    def make_vector(self, n_envs: int, **arguments: Any) -> MappingVectorEnv[Any]:
+        """Make a vector environment of `n_envs` worlds; see `make`."""
+        return self.vector_constructor(n_envs, **self._with_scene(arguments))
+
+    def _with_scene(self, arguments: dict[str, Any]) -> dict[str, Any]:
         scene = arguments.get("scene")
-        if isinstance(scene, Mapping):
-            arguments["scene"] = self._make_scene(dict(scene))
-        return self.constructor(**arguments)
+        made = {"scene": self._make_scene(dict(scene))} if isinstance(scene, Mapping) else {}
+        return {**arguments, **made}
 
     def _make_scene(self, fields: dict[str, Any]) -> Any:
         name = fields.pop("name", None)
@@ -58,9 +67,16 @@ class EnvSpec(NamedTuple):
             raise ValueError(f"scene {name!r}: {error}") from error
 
 
+def _planar_vector_env(
+    n_envs: int, num_workers: int = 0, **arguments: Any
+) -> MappingVectorEnv[Any]:
+    """Planar worlds, with threads in place of worker processes."""
+    return planar_v1.vector_env(n_envs, num_threads=max(num_workers, 1), **arguments)
+
+
 ENV_SPECS = {
-    "planar": EnvSpec(PlanarEnv, PlanarSettings, PLANAR_SCENES),
-    "field": EnvSpec(FieldEnv, FieldSettings, FIELD_SCENES),
+    "planar": EnvSpec(PlanarEnv, _planar_vector_env, PlanarSettings, PLANAR_SCENES),
+    "field": EnvSpec(FieldEnv, field_v1.vector_env, FieldSettings, FIELD_SCENES),
 }
 
 
@@ -91,5 +107,31 @@ def make_env(
         As `settings_to_dict` writes them.
     """
     spec = get_env_spec(env_name)
-    typed_settings = None if settings is None else settings_from_dict(settings, spec.settings_class)
-    return spec.make(**arguments, settings=typed_settings)
+    return spec.make(**arguments, settings=_typed(settings, spec))
+
+
+def make_vector_env(
+    env_name: str,
+    n_envs: int,
+    arguments: dict[str, Any],
+    settings: dict[str, Any] | None,
+    **options: Any,
+) -> MappingVectorEnv[Any]:
+    """Make a vector environment from JSON values.
+
+    Parameters
+    ----------
+    env_name, arguments, settings
+        As in `make_env`.
+    n_envs : int
+        Number of worlds.
+    **options
+        Of the vector environment, such as ``rows`` or ``num_workers``; planar worlds are stepped
+        by as many threads.
+    """
+    spec = get_env_spec(env_name)
+    return spec.make_vector(n_envs, **arguments, **options, settings=_typed(settings, spec))
+
+
+def _typed(settings: dict[str, Any] | None, spec: EnvSpec) -> Any:
+    return None if settings is None else settings_from_dict(settings, spec.settings_class)

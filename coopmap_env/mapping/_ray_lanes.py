@@ -60,8 +60,8 @@ class CrossedCells(NamedTuple):
     """Flat indices."""
     entries: NDArray[np.float64]
     """Distances at which they are entered, cells."""
-    free_updates: NDArray[np.int64]
-    """Updates by a beam that passes them."""
+    free_updates: NDArray[np.float64]
+    """Updates by a beam that passes them: integers, as the numbers that registers hold."""
 
 
 @kernel
@@ -69,9 +69,7 @@ def allocate_lanes(shape: tuple[int, int, int]) -> tuple[Lanes, CrossedCells]:
     """Buffers for `LANES` rays through a grid of this shape."""
     longest = LANES * (shape[0] + shape[1] + shape[2] + 6)
     lanes = Lanes(np.zeros(9 * LANES), np.zeros(4 * LANES, np.int64), np.empty(2 * LANES, np.int64))
-    return lanes, CrossedCells(
-        np.empty(longest, np.int64), np.empty(longest), np.empty(longest, np.int64)
-    )
+    return lanes, CrossedCells(np.empty(longest, np.int64), np.empty(longest), np.empty(longest))
 
 
 @kernel
@@ -100,7 +98,7 @@ def step_lanes(n: int, lowest: float, lanes: Lanes, crossed: CrossedCells) -> No
             over_z = not (over_x | over_y)
             t = min(x, min(y, z))
             cells[row + lane], entries[row + lane] = cell, entry
-            free_updates[row + lane] = math.floor(lowest * min(t - entry, 1.0) + 0.5)
+            free_updates[row + lane] = np.floor(lowest * min(t - entry, 1.0) + 0.5)
             counts[N_FREE + lane] += entry < distances[FREE_UNTIL + lane]
             counts[N_CROSSED + lane] += entry < distances[STOP + lane]
             distances[NEXT_X + lane] = x + dx if over_x else x

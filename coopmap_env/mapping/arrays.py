@@ -65,6 +65,26 @@ class SurfaceArrays(NamedTuple):
         return cls(precision, information_vector, none, none, none)
 
 
+class MapStorage(NamedTuple):
+    """The state of a map: what is kept of its cells."""
+
+    log_odds_fixed: NDArray[np.int32]
+    """Shape (n_cells,); see `MapArrays`."""
+    sampled_mask: NDArray[np.uint8]
+    """Shape (n_cells,)."""
+    surfaces: SurfaceArrays
+    """Of all cells, or of none where no surfaces are kept."""
+
+    @classmethod
+    def empty(cls, n_cells: int, dimension: int, averaged: bool) -> MapStorage:
+        """That of a map without scans."""
+        return cls(
+            np.zeros(n_cells, dtype=np.int32),
+            np.zeros(n_cells, dtype=np.uint8),
+            SurfaceArrays.empty(n_cells, dimension, averaged),
+        )
+
+
 class UpdateBuffers(NamedTuple):
     """Updates of one scan before they are added to the map."""
 

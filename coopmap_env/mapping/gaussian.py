@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import exp_array
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel
 from coopmap_env.core.linear_algebra import inverse, product, solve
 from coopmap_env.mapping.arrays import SurfaceArrays
 
@@ -52,7 +52,7 @@ def merge_gaussians(
     return mean_1 + product(gain, np.asarray(mean_2) - mean_1), C_1 - product(gain, C_1)
 
 
-@kernel
+@borrowing_kernel
 def add_observation(
     surfaces: SurfaceArrays,
     cell: int,

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import MIN_RANGE_SIGMA, BeamParameters
 from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.grid import GridGeometry, write_center
-from coopmap_env.mapping.integration_scalar import integrate_rays
+from coopmap_env.mapping.integration_scalar import allocate_beam, integrate_rays
 from coopmap_env.mapping.integration_simd import integrate_rays_simd
 from coopmap_env.mapping.surface_mean import add_point, add_shared_errors
 from coopmap_env.sensing import ScanArrays
@@ -47,8 +47,8 @@ def validate_scan(scan: PlainTuple, grid: PlainTuple) -> int:
     return -1
 
 
-@kernel
-def _apply_updates(
+@borrowing_kernel
+def apply_updates(
     count: int,
     beam: BeamParameters,
     buffers: UpdateBuffers,
@@ -94,25 +94,29 @@ class FusionArrays(NamedTuple):
         return tuple(tuple(part) if isinstance(part, tuple) else part for part in self)
 
 
-@kernel
+@borrowing_kernel
 def merge_points(
     scan: ScanArrays,
     cells: NDArray[np.int64],
-    pose_covariance: NDArray[np.float64],
     grid: GridGeometry,
     surfaces: SurfaceArrays,
-    n_points: NDArray[np.int32],
+    offset: NDArray[np.float64],
 ) -> None:
-    """Add each beam's point to the surface of its cell (n_beams,), -1 for none."""
-    origin, points, covariances, _ = scan
+    """Add each beam's point to the surface of its cell (n_beams,), -1 for none.
+
+    `offset` (D,) is scratch. A map that keeps no surfaces stays as it is.
+    """
     precision, information_vector, noise, scatter, _ = surfaces
+    if len(precision) == 0:
+        return
+    points, covariances = scan.points, scan.covariances
     averaged = len(noise) > 0
     last = points.shape[1] - 1
     last_weight = precision.shape[1] - 1
-    offset = np.zeros(points.shape[1])
     floor = (MIN_RANGE_SIGMA * grid.resolution) ** 2
     # Cells lie far from each other. Reads do not wait for one another as sums do: after these, what
     # is added to is near. They are kept, or the compiler would leave them out.
+    offset[0] = 0.0
     for cell in cells:
         if cell >= 0:
             offset[0] += precision[cell, 0, 0] + precision[cell, last_weight, last_weight]
@@ -130,8 +134,6 @@ def merge_points(
                 add_point(surfaces, cell, covariances[beam], offset, floor)
             else:
                 add_observation(surfaces, cell, covariances[beam], offset, floor)
-    if averaged and last == 2 and np.any(pose_covariance != 0.0):
-        add_shared_errors(surfaces, cells, origin, pose_covariance, grid, n_points)
 
 
 @kernel
@@ -148,13 +150,17 @@ def integrate_scan(
     grid, beam = GridGeometry(*grid_tuple), BeamParameters(*beam_tuple)
     buffers, cells = UpdateBuffers(*buffer_tuple), MapArrays(*cell_tuple)
     hit_cells = np.empty(len(rays.points), dtype=np.int64)
-    if beam.partial_surface and len(rays.origin) == 3:
+    dimension = len(rays.origin)
+    if beam.partial_surface and dimension == 3:
         count = integrate_rays_simd(rays, grid, beam, buffers, hit_cells)
     else:
-        count = integrate_rays(rays, grid, beam, buffers, hit_cells)
+        scratch = allocate_beam(grid.shape, dimension)
+        count = integrate_rays(rays, grid, beam, scratch, buffers, hit_cells)
     surfaces = SurfaceArrays(*surface_tuple)
-    merge_points(rays, hit_cells, pose_covariance, grid, surfaces, buffers.n_points)
-    new, reduction = _apply_updates(count, beam, buffers, cells, entropy)
+    merge_points(rays, hit_cells, grid, surfaces, np.zeros(dimension))
+    if len(surfaces.shared) > 0 and dimension == 3 and np.any(pose_covariance != 0.0):
+        add_shared_errors(surfaces, hit_cells, rays.origin, pose_covariance, grid, buffers.n_points)
+    new, reduction = apply_updates(count, beam, buffers, cells, entropy)
     return count, new, reduction
 
 

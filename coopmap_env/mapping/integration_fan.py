@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel
 from coopmap_env.core.words import count_bits
 from coopmap_env.mapping.arrays import UpdateBuffers
 from coopmap_env.mapping.beam import BeamParameters
@@ -25,7 +25,7 @@ from coopmap_env.sensing import ScanArrays
 from coopmap_env.sensing.beam_fan import FanArrays
 
 
-@kernel
+@borrowing_kernel
 def _update_cells_of_free_beams(
     cell: int,
     heading: int,
@@ -46,20 +46,21 @@ def _update_cells_of_free_beams(
         k = np.uint64(entry)
         n_free = 0
         for word in range(len(free_beams)):
-            n_free += count_bits(fan.beams[k, word] & free_beams[word])
+            n_free += count_bits(fan.beams[word, k] & free_beams[word])
         if n_free == 0:
             continue
-        i, j = ix + fan.offsets[k, 0], iy + fan.offsets[k, 1]
-        if not is_inside and (i < 0 or i >= nx or j < 0 or j >= ny):
-            continue
-        crossed = np.uint64(i * ny + j)
+        if not is_inside:
+            i, j = ix + fan.offsets[k, 0], iy + fan.offsets[k, 1]
+            if i < 0 or i >= nx or j < 0 or j >= ny:
+                continue
+        crossed = np.uint64(cell + fan.flat_offsets[k])
         updated_cells[np.uint64(count)] = crossed
         count += 1
         pending[crossed] = add_nonzero(0, n_free * lowest)
     return count
 
 
-@kernel
+@borrowing_kernel
 def integrate_lattice_scan(
     scan: ScanArrays,
     cell: int,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.geometry import Ray, RayPosition, start_ray, step_ray
 from coopmap_env.mapping.arrays import UpdateBuffers
 from coopmap_env.mapping.beam import (
@@ -39,7 +39,7 @@ class EndCells(NamedTuple):
     """Probabilities that the beam ended there."""
 
 
-@kernel
+@borrowing_kernel
 def _unit_direction(
     point: NDArray[np.float64],
     origin: NDArray[np.float64],
@@ -58,7 +58,7 @@ def _unit_direction(
     return z
 
 
-@kernel
+@borrowing_kernel
 def _range_sigma(
     direction: NDArray[np.float64], covariance: NDArray[np.float64], resolution: float
 ) -> float:
@@ -123,7 +123,7 @@ def _find_end_cells(
     return n, position.distance
 
 
-@kernel
+@borrowing_kernel
 def _weigh_end_cells(
     n: int, reached: float, z: float, sigma: float, beam: BeamParameters, ends: EndCells
 ) -> int:
@@ -140,7 +140,7 @@ def _weigh_end_cells(
     return endpoint_posterior(entries, exits, candidates, z, sigma, at_entry, weights)
 
 
-@kernel
+@borrowing_kernel
 def _update_end_cells(
     n: int, best: int, beam: BeamParameters, ends: EndCells, buffers: UpdateBuffers, count: int
 ) -> int:
@@ -177,24 +177,26 @@ class BeamBuffers(NamedTuple):
     """Position of the camera (3,), cells; in 2-D the last one is 0.5."""
     direction: NDArray[np.float64]
     """Unit direction of the beam (3,)."""
+    offset: NDArray[np.float64]
+    """Deviation of a point from its cell's center (D,)."""
 
 
 @kernel
-def allocate_beam(shape: tuple[int, int, int]) -> BeamBuffers:
-    """Scratch for the longest beam of a grid."""
+def allocate_beam(shape: tuple[int, int, int], dimension: int) -> BeamBuffers:
+    """Scratch for the longest beam of a grid of 2 or 3 dimensions."""
     n = shape[0] + shape[1] + shape[2] + 3
     ends = EndCells(np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(n))
-    return BeamBuffers(ends, np.full(3, 0.5), np.zeros(3))
+    return BeamBuffers(ends, np.full(3, 0.5), np.zeros(3), np.zeros(dimension))
 
 
-@kernel
+@borrowing_kernel
 def set_camera(origin: NDArray[np.float64], grid: GridGeometry, scratch: BeamBuffers) -> None:
     """Set the camera (D,), metres, from which the next beams come."""
     for axis in range(len(origin)):
         scratch.start[axis] = (origin[axis] - grid.lower[axis]) / grid.resolution
 
 
-@kernel
+@borrowing_kernel
 def integrate_beam(
     k: int,
     scan: ScanArrays,
@@ -205,7 +207,7 @@ def integrate_beam(
     count: int,
 ) -> tuple[int, int]:
     """Follow beam k of a scan; return the count of updated cells, and its hit cell or -1."""
-    ends, start, direction = scratch
+    ends, start, direction, _ = scratch
     z = _unit_direction(scan.points[k], scan.origin, grid.resolution, direction)
     if z == 0.0:
         return count, -1
@@ -225,11 +227,12 @@ def integrate_beam(
     return count, ends.cells[best] if best < n else -1
 
 
-@kernel
+@borrowing_kernel
 def integrate_rays(
     scan: ScanArrays,
     grid: GridGeometry,
     beam: BeamParameters,
+    scratch: BeamBuffers,
     buffers: UpdateBuffers,
     hit_cells: NDArray[np.int64],
 ) -> int:
@@ -239,7 +242,6 @@ def integrate_rays(
     Writes the cell to which each beam's point belongs (n_beams,), -1 for none. Returns how many
     cells `buffers.updated_cells` lists.
     """
-    scratch = allocate_beam(grid.shape)
     set_camera(scan.origin, grid, scratch)
     count = 0
     for k in range(len(scan.points)):

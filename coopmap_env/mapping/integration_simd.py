@@ -25,6 +25,7 @@ from coopmap_env.mapping._ray_lanes import (
 from coopmap_env.mapping.arrays import UpdateBuffers
 from coopmap_env.mapping.beam import (
     BeamParameters,
+    half_power,
     partial_endpoint_posterior,
 )
 from coopmap_env.mapping.grid import GridGeometry
@@ -67,13 +68,13 @@ def _endpoint_posterior(
         upper = math.erf((faces[k + 1] - z) * scale)
         mass = upper - lower
         lower = upper
-        weights[k] = 0.5 ** (faces[k] - first) * mass if mass > 0.0 else 0.0
+        weights[k] = half_power(faces[k] - first) * mass if mass > 0.0 else 0.0
         total += weights[k]
         if mass > highest:
             best, highest = k, mass
     if ends_outside:
         mass = math.erf((z + 1.0 - z) * scale) - math.erf(0.0)
-        weights[n] = 0.5 ** (z - first) * mass
+        weights[n] = half_power(z - first) * mass
         total += weights[n]
         if mass > highest:
             best = n
@@ -147,7 +148,7 @@ def _update_free_cells(
     pending, updated_cells, _ = buffers
     k = np.uint64(lane)
     for _ in range(n):
-        cell, update = cells[k], free_updates[k]
+        cell, update = cells[k], np.int64(free_updates[k])
         index = np.uint64(cell)
         current = np.int64(pending[index])
         updated_cells[np.uint64(count)] = cell

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.kernels import PlainTuple
-from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
+from coopmap_env.mapping.arrays import MapArrays, MapStorage, SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.integration import (
@@ -22,6 +22,7 @@ from coopmap_env.mapping.integration import (
     validate_scan,
 )
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange
+from coopmap_env.mapping.pooling import PooledMap
 from coopmap_env.mapping.surfaces import check_surfaces, surface_gaussians
 from coopmap_env.sensing import Scan
 
@@ -48,6 +49,8 @@ class OccupancyMap:
         The inverse sensor model.
     log_odds_range : LogOddsRange, optional
         The clamp, which belongs to the map, not to the sensor.
+    storage : MapStorage, optional
+        Arrays that become the map's own, with all that is in them; new ones by default.
 
     Notes
     -----
@@ -65,20 +68,22 @@ class OccupancyMap:
         grid: VoxelGrid,
         model: BeamModel | None = None,
         log_odds_range: LogOddsRange | None = None,
+        storage: MapStorage | None = None,
     ) -> None:
         self.grid = grid
         self.model = model or BeamModel()
         self.log_odds_range = log_odds_range or LogOddsRange()
-        n, d = grid.n_cells, grid.dimension
-        self.log_odds_fixed = np.zeros(n, dtype=np.int32)
+        n, averaged = grid.n_cells, self.model.surface_fusion == "mean"
+        storage = storage or MapStorage.empty(n, grid.dimension, averaged)
+        self.log_odds_fixed = storage.log_odds_fixed
         """Log-odds in fixed point, flat; see `log_odds`."""
-        self.sampled_mask = np.zeros(n, dtype=np.uint8)
+        self.sampled_mask = storage.sampled_mask
         """1 where the cell is sampled, flat; see `sampled`."""
         self.arrays = MapArrays(
             self.log_odds_fixed, self.sampled_mask, grid.shape_3d, self.log_odds_range.clamp
         )
         """Occupancy for kernels; its arrays are those of the map."""
-        self.surface_sums = SurfaceArrays.empty(n, d, self.model.surface_fusion == "mean")
+        self.surface_sums = storage.surfaces
         """Sums over the points of each cell; see `surfaces`."""
         self._buffers = UpdateBuffers.empty(n)
         self._updated_cells = self._buffers.updated_cells
@@ -91,9 +96,11 @@ class OccupancyMap:
             self.surface_sums,
             self.log_odds_range.entropy,
         ).plain()
+        self._pooled: PooledMap | None = None
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""
+        self._pooled = None
         known = np.flatnonzero(self.sampled_mask.view(np.bool_))
         for array in (self.log_odds_fixed, self.sampled_mask, *self.surface_sums):
             if len(array):
@@ -117,6 +124,8 @@ class OccupancyMap:
             updated_cells.append(self._updated_cells[:count].copy())
         for cells in updated_cells:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
+        if self._pooled is not None and updated_cells:
+            self._pooled.update(np.concatenate(updated_cells))
         return gains
 
     def _validate(self, scan: Scan) -> tuple[PlainTuple, NDArray[np.float64]]:
@@ -151,6 +160,18 @@ class OccupancyMap:
         cells = np.asarray(cells)
         self.log_odds_fixed[cells] = log_odds_fixed
         self.sampled_mask[cells] = 1
+        self._pooled = None
+
+    @property
+    def pooled(self) -> MapArrays:
+        """Occupancy at half the resolution, see `coopmap_env.mapping.pooling`; for reading.
+
+        It is made when it is first asked for, and then kept up to date by all methods; who writes
+        to the arrays of the map does so before.
+        """
+        if self._pooled is None:
+            self._pooled = PooledMap(self.arrays)
+        return self._pooled.arrays
 
     @property
     def log_odds(self) -> NDArray[np.float64]:

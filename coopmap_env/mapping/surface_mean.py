@@ -34,14 +34,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.core.linear_algebra import smallest_eigenvalue
 from coopmap_env.mapping.arrays import SurfaceArrays
 from coopmap_env.mapping.grid import GridGeometry, write_center
 from coopmap_env.sensing import add_pose_term
 
 
-@kernel
+@borrowing_kernel
 def add_point(
     surfaces: SurfaceArrays,
     cell: int,
@@ -51,14 +51,22 @@ def add_point(
 ) -> None:
     """Add a point of covariance C + floor I to a cell; the deviation is from the cell's center."""
     count, total, noise, scatter, _ = surfaces
-    count[cell, 0, 0] += 1.0
-    N, S = noise[cell], scatter[cell]
-    for i in range(len(deviation)):
-        total[cell, i] += deviation[i]
-        for j in range(len(deviation)):
+    c = np.uint64(cell)
+    count[c, 0, 0] += 1.0
+    if len(deviation) == 3:  # a constant number of turns: the compiler writes them out
+        for i in range(3):
+            total[c, i] += deviation[i]
+            for j in range(3):
+                variance = C[i, j] + (floor if i == j else 0.0)
+                noise[c, i, j] += variance
+                scatter[c, i, j] += deviation[i] * deviation[j] - variance
+        return
+    for i in range(2):
+        total[c, i] += deviation[i]
+        for j in range(2):
             variance = C[i, j] + (floor if i == j else 0.0)
-            N[i, j] += variance
-            S[i, j] += deviation[i] * deviation[j] - variance
+            noise[c, i, j] += variance
+            scatter[c, i, j] += deviation[i] * deviation[j] - variance
 
 
 @kernel

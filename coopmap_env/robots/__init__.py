@@ -31,8 +31,6 @@ from coopmap_env.robots.planar.pose_lattice import LatticeGeometry, PoseLattice,
 from coopmap_env.robots.planar.reachable_cells import (
     ReachableCells,
     free_mask,
-    infeasibility_reason,
-    is_straight_path_free,
 )
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 from coopmap_env.robots.vehicle import PoseEstimate, Vehicle
@@ -69,8 +67,6 @@ __all__ = [
     "filter_robot_points",
     "frame_poses",
     "free_mask",
-    "infeasibility_reason",
-    "is_straight_path_free",
     "make_mount",
     "mount_from_urdf",
     "plan_path",

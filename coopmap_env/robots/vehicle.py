@@ -176,16 +176,20 @@ class Vehicle:
         q : array_like, shape (n,)
             Encoder readings.
         """
+        q = self.chain.as_joint_values(q)
         pose = self.camera_pose(q)
-        J = self.joint_jacobian(q)
+        full = None if self.mount.suspension is None else self._jacobian(q)
+        predicted = None if self.equilibrium is None else full
+        J = self.joint_jacobian(q) if predicted is None else predicted[:, 5:]
         persistent_covariance = product(J * np.square(self.mount.calibration_error), J.T)
-        if self.equilibrium is not None:
-            C = self.compliance_jacobian(q) * self.compliance_std
+        if predicted is not None:
+            C = predicted[:, 3:5] * self.compliance_std
             persistent_covariance += product(C, C.T)
         if self.base_covariance is not None:
             B = self.base_jacobian(pose)
             persistent_covariance += product(product(B, self.base_covariance), B.T)
-        return PoseEstimate(pose, self.per_scan_covariance(q) + persistent_covariance)
+        per_scan = self._per_scan_covariance(J if full is None else full)
+        return PoseEstimate(pose, per_scan + persistent_covariance)
 
     def per_scan_covariance(self, q: ArrayLike) -> NDArray[np.float64]:
         """Covariance (6, 6) of the camera's pose by errors that are independent in each scan.
@@ -194,12 +198,15 @@ class Vehicle:
         noise, and those assumed for heave, roll and pitch of the body.
         """
         q = self.chain.as_joint_values(q)
-        if self.mount.suspension is None:
-            J = self.joint_jacobian(q)
-        elif self.equilibrium is None:
-            J = self._jacobian(q)
-        else:
-            J = np.delete(self._jacobian(q), [3, 4], axis=1)  # compliances persist
+        has_suspension = self.mount.suspension is not None
+        return self._per_scan_covariance(
+            self._jacobian(q) if has_suspension else self.joint_jacobian(q)
+        )
+
+    def _per_scan_covariance(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
+        """`per_scan_covariance` from `_jacobian`, or `joint_jacobian` without a suspension."""
+        if self.equilibrium is not None:
+            J = np.concatenate([J[:, :3], J[:, 5:]], axis=1)  # compliances persist
         return product(J * self._per_scan_variances, J.T)
 
     def joint_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:

@@ -4,8 +4,8 @@ A camera at the center of a cell sends the same beams whatever the cell. So the 
 beams is done once for each heading: every crossed cell is listed with the set of beams that cross
 it, as bits. A view of the known map is then one pass over the list, nearest cell first: a cell is
 visible if any of its beams is still alive, and an occupied cell ends its beams. The result is that
-of walking every beam, but faster: near the camera many beams share a cell. Sorting by |dx| + |dy|
-keeps the order along every beam, as each step of a traversal adds one.
+of walking every beam, but faster: near the camera many beams share a cell. Sorting by distance
+keeps the order along every beam: each step of a traversal leads away from the camera along x or y.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ class FanArrays(NamedTuple):
 
     start: NDArray[np.int64]
     offsets: NDArray[np.int16]
+    flat_offsets: NDArray[np.int32]
+    """Shape (k,): offsets in the flat indices of a map's cells."""
     beams: NDArray[np.uint64]
     all_beams: NDArray[np.uint64]
     max_offset: int
@@ -49,7 +51,7 @@ class BeamFan:
     offsets: NDArray[np.int16]
     """Shape (k, 2): cell offsets (dx, dy) from the camera's cell, nearest first."""
     beams: NDArray[np.uint64]
-    """Shape (k, words): bit b of word w is set if beam 64 w + b crosses the cell."""
+    """Shape (words, k): bit b of word w is set if beam 64 w + b crosses the cell."""
     distance: NDArray[np.float64]
     """Shape (k,): center to center, cells."""
     all_beams: NDArray[np.uint64]
@@ -72,12 +74,13 @@ class BeamFan:
         """N of Eq. 7: the most cells that the camera can see, in empty space; a constant."""
         return int(np.diff(self.start).max())
 
-    @cached_property
-    def arrays(self) -> FanArrays:
-        """The fan as kernels take it."""
+    def arrays(self, ny: int) -> FanArrays:
+        """The fan as kernels take it, for maps with `ny` cells along y."""
+        offsets = self.offsets.astype(np.int64)
         return FanArrays(
             self.start,
             self.offsets,
+            (offsets[:, 0] * ny + offsets[:, 1]).astype(np.int32),
             self.beams,
             self.all_beams,
             self.max_offset,
@@ -110,7 +113,7 @@ class BeamFan:
         return cls(
             start=np.cumsum([0, *(len(offsets) for offsets, _ in lists)]),
             offsets=offsets.astype(np.int16),
-            beams=np.concatenate([bits for _, bits in lists]),
+            beams=np.concatenate([bits for _, bits in lists]).T.copy(),
             distance=np.sqrt(np.square(offsets).sum(axis=1).astype(np.float64)),
             all_beams=_beam_mask(range(camera.n_beams), words),
             depth=depth,
@@ -140,6 +143,6 @@ def _beams_by_cell(
         word, bit = divmod(beam, BEAMS_PER_WORD)
         beams[cells[:, 0], cells[:, 1], word] |= np.uint64(1 << bit)
     offsets = np.argwhere(beams.any(axis=2)) - half
-    order = np.lexsort((offsets[:, 1], offsets[:, 0], np.abs(offsets).sum(axis=1)))
+    order = np.lexsort((offsets[:, 1], offsets[:, 0], np.square(offsets).sum(axis=1)))
     offsets = offsets[order]
     return offsets, beams[offsets[:, 0] + half, offsets[:, 1] + half]

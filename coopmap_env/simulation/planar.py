@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +13,6 @@ from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation.planar_scans import PlanarCameraArrays, simulate_scan
 from coopmap_env.simulation.scenes.planar.world import PlanarWorld
-from coopmap_env.simulation.simulator import MoveResult
 
 
 def camera_arrays(camera: PlanarCamera, noise: RangeNoise) -> PlanarCameraArrays:
@@ -25,13 +23,12 @@ def camera_arrays(camera: PlanarCamera, noise: RangeNoise) -> PlanarCameraArrays
 
 
 class PlanarSimulator:
-    """A true planar world and the cameras that scan it (a `Simulator`).
+    """Scans of a true planar world from any pose; environments scan from their lattice.
 
     Parameters
     ----------
     world : PlanarWorld
     camera : PlanarCamera
-        That of every robot.
     noise : RangeNoise
         Eq. 1.
     """
@@ -42,27 +39,6 @@ class PlanarSimulator:
         self._grid = tuple(VoxelGrid(world.shape, world.resolution, world.origin).geometry)
         self._extent = (*world.shape, world.resolution, *world.origin)
         self._camera = camera_arrays(camera, noise)
-        self._poses: list[Sequence[float]] = []
-
-    def set_poses(self, poses: Sequence[Sequence[float]]) -> None:
-        """Set the robots to planar poses (x, y, heading): metres, radians."""
-        self._poses = list(poses)
-
-    def move(
-        self, targets: Sequence[Sequence[float] | None], rng: np.random.Generator
-    ) -> list[MoveResult]:
-        """Move every camera to its target pose; where the cell is occupied it does not move."""
-        results = []
-        for robot, target in enumerate(targets):
-            collides = target is not None and self.collides(target)
-            if target is not None and not collides:
-                self._poses[robot] = target
-            results.append(MoveResult(self._poses[robot], "an occupied cell" if collides else ""))
-        return results
-
-    def scan(self, robot: int, rng: np.random.Generator) -> Scan:
-        """Scan with a robot's camera from its current pose."""
-        return self.scan_from(self._poses[robot], rng)
 
     def scan_from(self, pose: ArrayLike, rng: np.random.Generator) -> Scan:
         """Scan from a planar pose (3,) [x, y, heading]: metres, radians.
@@ -90,17 +66,6 @@ class PlanarSimulator:
             arrays,
         )
         return Scan(*arrays)
-
-    def collides(self, pose: Sequence[float]) -> bool:
-        """Whether the cell of a planar pose (3,) is truly occupied.
-
-        Raises
-        ------
-        ValueError
-            As in `scan_from`.
-        """
-        x, y, heading = pose
-        return bool(self.world.occupied[self._cell(x, y, heading)])
 
     def _cell(self, x: float, y: float, heading: float) -> tuple[int, int]:
         nx, ny, resolution, x0, y0 = self._extent

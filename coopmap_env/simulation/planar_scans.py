@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import power, sin_cos
-from coopmap_env.core.kernels import PlainTuple, inlined_kernel, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.core.random_streams import normal_pair, random_block, take_blocks
 from coopmap_env.core.words import lowest_bit
 from coopmap_env.geometry import start_ray, step_ray
@@ -81,7 +81,7 @@ def _write_free_beam(
     covariances[beam, 1, 1] = 0.0
 
 
-@kernel
+@borrowing_kernel
 def _measure_hit(
     beam: int,
     pose: NDArray[np.float64],
@@ -144,7 +144,7 @@ def simulate_scan(
     take_blocks(stream, len(beams))
 
 
-@kernel
+@borrowing_kernel
 def scan_from_lattice(
     occupied: NDArray[np.bool_],
     shape: tuple[int, int],
@@ -172,13 +172,15 @@ def scan_from_lattice(
         free_beams[word] = fan.all_beams[word]
     for entry in range(fan.start[heading], fan.start[heading + 1]):
         k = np.uint64(entry)
+        if not is_inside:
+            i, j = ix + fan.offsets[k, 0], iy + fan.offsets[k, 1]
+            if i < 0 or i >= nx or j < 0 or j >= ny:
+                continue
+        if not occupied[np.uint64(cell + fan.flat_offsets[k])]:
+            continue
         i, j = ix + fan.offsets[k, 0], iy + fan.offsets[k, 1]
-        if not is_inside and (i < 0 or i >= nx or j < 0 or j >= ny):
-            continue
-        if not occupied[np.uint64(i * ny + j)]:
-            continue
         for word in range(len(free_beams)):
-            ended = free_beams[word] & fan.beams[k, word]
+            ended = free_beams[word] & fan.beams[word, k]
             free_beams[word] &= ~ended
             while ended:
                 bit = lowest_bit(ended)

@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 from gymnasium import spaces
+from vec_envs import shared
 
 from coopmap_agents.networks import CandidateScorer
-from coopmap_agents.sb3 import SharedPolicyVecEnv
 
 
 def scorer_of(env, seed=0, **options):
@@ -29,7 +29,7 @@ def scorer_of(env, seed=0, **options):
 
 def played_rows(make_env, n_steps=3, n_envs=2, seed=0):
     """A vectorised environment and its observations after some random steps, as tensors."""
-    env = SharedPolicyVecEnv(make_env, n_envs)
+    env = shared(make_env, n_envs)
     env.seed(seed)
     observations = env.reset()
     rng = np.random.default_rng(seed)

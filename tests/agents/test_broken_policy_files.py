@@ -230,8 +230,8 @@ def test_a_seed_may_be_any_integer():
 
 @BOTH
 def test_finite_weights_that_are_too_large_to_compute_with_are_one_error(actions):
+    from coopmap_agents.networks import stack
     from coopmap_agents.pretrained.learned_policy import _decide
-    from coopmap_agents.rollouts import stack
 
     network = tiny_network(actions)
     for values in network.parameters():

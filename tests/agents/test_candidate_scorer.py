@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from plain.small_worlds import small_world
 from scorers import logits, other_sizes, played_rows, sampled_rows, scorer_of
-from small_worlds import small_world
+from vec_envs import shared
 
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import CandidateScorer
 from coopmap_agents.networks.candidate_scorer import RATING_FEATURE_INDEX
 from coopmap_agents.pretrained import LearnedPolicy
-from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model
+from coopmap_agents.sb3 import make_model
 from coopmap_baselines import make
 from coopmap_env import field_v1
 
@@ -206,7 +207,7 @@ def test_a_policy_is_saved_with_its_constructor_arguments(tmp_path):
 
 
 def test_observations_without_candidates_are_refused():
-    env = SharedPolicyVecEnv(small_world, 1)
+    env = shared(small_world, 1)
     with pytest.raises(ValueError, match="needs observations with candidates"):
         scorer_of(env)
 

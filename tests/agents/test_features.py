@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from small_worlds import masked_world, small_world
+from plain.small_worlds import masked_world, small_world
 
 from coopmap_agents.networks import ObservationFeatures
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_worlds import small_world
+from plain.small_worlds import small_world
 
 from coopmap_agents.config import ImitationSettings, PPOSettings
 from coopmap_agents.pretrained import LearnedPolicy

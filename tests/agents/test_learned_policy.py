@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_worlds import SETTINGS, masked_world, small_world
+from plain.small_worlds import SETTINGS, masked_world, small_world
 from stable_baselines3 import PPO
+from vec_envs import shared
 
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import ObservationFeatures
 from coopmap_agents.pretrained import LearnedPolicy, save_policy
-from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model, train
+from coopmap_agents.sb3 import make_model, train
 from coopmap_env.evaluation import Policy, evaluate
 
 TINY = PPOSettings(total_steps=128, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2)
@@ -71,7 +72,7 @@ def test_the_error_names_the_shapes_of_training_without_the_number_of_candidates
 
 
 def test_a_model_that_ignores_masks_is_refused():
-    env = SharedPolicyVecEnv(masked_world, 1)
+    env = shared(masked_world, 1)
     extractor = {
         "features_extractor_class": ObservationFeatures,
         "features_extractor_kwargs": {"image_features": 8},

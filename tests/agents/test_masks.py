@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from plain.small_worlds import masked_world
 from scorers import as_tensors, played_rows, scorer_of
-from small_worlds import masked_world
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
 from coopmap_agents.config import PPOSettings
@@ -118,8 +118,8 @@ class RejectionCounter(VecEnvWrapper):
 def test_training_takes_no_masked_candidate(monkeypatch):
     watched = []
 
-    def make(env_factory, n_envs, **options):
-        watched.append(RejectionCounter(SharedPolicyVecEnv(env_factory, n_envs, **options)))
+    def make(rows):
+        watched.append(RejectionCounter(SharedPolicyVecEnv(rows)))
         return watched[0]
 
     monkeypatch.setattr(ppo, "SharedPolicyVecEnv", make)

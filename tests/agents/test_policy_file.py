@@ -4,15 +4,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from plain.small_worlds import masked_world, small_world
 from safetensors.torch import load_file, save_file
-from small_worlds import masked_world, small_world
+from vec_envs import shared
 
 import coopmap_env
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.pretrained import LearnedPolicy, load_policy, read_metadata, save_policy
 from coopmap_agents.pretrained.metadata import FORMAT
 from coopmap_agents.pretrained.policy_file import METADATA_KEY
-from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model
+from coopmap_agents.sb3 import make_model
 from coopmap_env.evaluation import evaluate
 
 SMALL = PPOSettings(n_envs=2, rollout_steps=16, batch_size=32, hidden=(16, 8), image_features=8)
@@ -28,7 +29,7 @@ def model_and_file(make_env, folder, settings=SMALL):
 @BOTH
 def test_a_loaded_policy_acts_as_the_saved_one(make_env, tmp_path):
     model, path = model_and_file(make_env, tmp_path)
-    env = SharedPolicyVecEnv(make_env, 4)
+    env = shared(make_env, 4)
     env.seed(0)
     observations = env.reset()
     expected, _ = model.predict(observations, deterministic=True)

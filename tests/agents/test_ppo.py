@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_worlds import masked_world, small_world
+from plain.small_worlds import masked_world, small_world
+from plain.toy_team import ConstantChoice, ConstantReward
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor
-from toy_team import ConstantChoice, ConstantReward
+from vec_envs import shared
 
 from coopmap_agents.config import PPOSettings
-from coopmap_agents.sb3 import SharedPolicyVecEnv, make_model, train
+from coopmap_agents.sb3 import make_model, train
 
 TINY = PPOSettings(total_steps=128, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2)
 CONSTANT_REWARD = PPOSettings(
@@ -29,14 +30,14 @@ CONSTANT_REWARD = PPOSettings(
 
 def values_of(model, clock=True, toy=ConstantReward):
     """Values (5, 2) over one episode of the toy's two robots."""
-    env = SharedPolicyVecEnv(lambda: toy(clock=clock), 1)
+    env = shared(lambda: toy(clock=clock), 1)
     env.seed(11)
     observations, values = env.reset(), []
     for _ in range(5):
         tensor, _ = model.policy.obs_to_tensor(observations)
         with torch.no_grad():
             values.append(model.policy.predict_values(tensor).numpy().ravel())
-        observations, *_ = env.step(np.zeros((2, 1)))
+        observations, *_ = env.step(np.zeros((2, *env.action_space.shape), env.action_space.dtype))
     return np.array(values)
 
 
@@ -80,7 +81,7 @@ def test_training_reports_the_returns_of_robots():
 
 def test_the_library_s_own_evaluation_takes_the_rows():
     model = train(lambda: ConstantReward(), TINY, seed=0)
-    env = VecMonitor(SharedPolicyVecEnv(lambda: ConstantReward(), 2))
+    env = VecMonitor(shared(lambda: ConstantReward(), 2))
     assert evaluate_policy(model, env, n_eval_episodes=6) == (5.0, 0.0)
 
 
@@ -172,7 +173,7 @@ class Missing:
             raise ModuleNotFoundError(name)
 
 sys.meta_path.insert(0, Missing)
-import coopmap_agents.commands, coopmap_agents.record, coopmap_agents.rollouts  # need neither
+import coopmap_agents.commands, coopmap_agents.record, coopmap_env.vector  # need neither
 for module in (
     "trainer",
     "networks",

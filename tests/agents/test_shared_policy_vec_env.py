@@ -1,16 +1,17 @@
 import numpy as np
 import pytest
-from gymnasium import spaces
-from small_worlds import masked_world, small_world
+from plain.small_worlds import masked_world, small_world
+from plain.toy_team import ConstantReward
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor
-from toy_team import ConstantReward
+from vec_envs import shared
 
 from coopmap_agents.sb3 import SharedPolicyVecEnv
+from coopmap_env.vector import WorkerVectorEnv
 
 
 def toy(n_envs=3, **arguments):
-    return SharedPolicyVecEnv(lambda: ConstantReward(**arguments), n_envs)
+    return shared(lambda: ConstantReward(**arguments), n_envs)
 
 
 def reset(env, seed):
@@ -55,7 +56,7 @@ def test_each_robot_gets_the_action_of_its_row():
 
 @pytest.mark.parametrize("n_robots", [1, 3])
 def test_rows_are_what_stepping_the_environments_by_hand_gives_across_resets(n_robots):
-    env = SharedPolicyVecEnv(lambda: small_world(n_robots=n_robots), 2)
+    env = shared(lambda: small_world(n_robots=n_robots), 2)
     rng = np.random.default_rng(1)
     seeds = env.seed(5)
     observations = env.reset()
@@ -123,7 +124,7 @@ def test_observations_do_not_change_after_later_steps():
 
 
 def test_the_same_seed_gives_the_same_worlds_episode_after_episode():
-    one, two = (SharedPolicyVecEnv(small_world, 2) for _ in range(2))
+    one, two = (shared(small_world, 2) for _ in range(2))
     assert_same(reset(one, 3), reset(two, 3))
     rng = np.random.default_rng(0)
     for _ in range(9):
@@ -134,7 +135,7 @@ def test_the_same_seed_gives_the_same_worlds_episode_after_episode():
 
 
 def test_another_seed_gives_other_worlds_and_so_does_the_next_environment():
-    env = SharedPolicyVecEnv(small_world, 2)
+    env = shared(small_world, 2)
     one, two = reset(env, 0), reset(env, 1)
     assert (one["pose"] != two["pose"]).any(axis=1).all()
     assert (one["pose"][:2] != one["pose"][2:]).any(axis=1).all()
@@ -167,7 +168,7 @@ def test_options_reach_each_environment_once():
 
 
 def test_action_masks_are_those_of_the_observations():
-    env = SharedPolicyVecEnv(masked_world, 2)
+    env = shared(masked_world, 2)
     observations = reset(env, 0)
     masks = env.action_masks()
     assert masks.shape == (4, 300)
@@ -180,7 +181,7 @@ def test_action_masks_are_those_of_the_observations():
 
 
 def test_masks_are_found_by_the_maskable_ppo_of_sb3_contrib():
-    env = VecMonitor(SharedPolicyVecEnv(masked_world, 2))
+    env = VecMonitor(shared(masked_world, 2))
     assert env.has_attr("action_masks")
     env.reset()
     masks = np.stack(env.env_method("action_masks"))
@@ -195,7 +196,7 @@ def test_without_masks_there_is_no_such_attribute():
     with pytest.raises(AttributeError, match="not masked"):
         env.action_masks()
     with pytest.raises(RuntimeError, match="reset"):
-        SharedPolicyVecEnv(masked_world, 1).action_masks()
+        shared(masked_world, 1).action_masks()
 
 
 def test_attributes_are_read_and_set_by_row():
@@ -246,7 +247,7 @@ def test_vec_monitor_counts_each_robot_s_own_episode():
 
 
 def test_observations_and_rewards_are_finite_and_in_their_space():
-    inner = SharedPolicyVecEnv(small_world, 2)
+    inner = shared(small_world, 2)
     env = VecCheckNan(inner, raise_exception=True)
     env.seed(0)
     observations = env.reset()
@@ -260,45 +261,16 @@ def test_observations_and_rewards_are_finite_and_in_their_space():
         assert len(infos) == env.num_envs
 
 
-def test_there_must_be_an_environment():
-    with pytest.raises(ValueError, match="at least 1, got 0"):
-        toy(n_envs=0)
+@pytest.mark.parametrize(
+    "arguments", [{"rows": "teams", "autoreset_mode": "SameStep"}, {"autoreset_mode": "NextStep"}]
+)
+def test_another_kind_of_vector_environment_is_refused(arguments):
+    with pytest.raises(ValueError, match=r'needs rows="agents" and autoreset_mode="SameStep"'):
+        SharedPolicyVecEnv(WorkerVectorEnv(ConstantReward, 1, **arguments))
 
 
-def test_a_factory_that_returns_one_environment_twice_is_refused():
-    env = ConstantReward()
-    with pytest.raises(ValueError, match="new environment"):
-        SharedPolicyVecEnv(lambda: env, 2)
-
-
-class Mixed(ConstantReward):
-    def action_space(self, agent):
-        return spaces.Discrete(2 + int(agent[-1]))
-
-
-def test_robots_with_different_spaces_are_refused():
-    with pytest.raises(ValueError, match=r"robot_1 has .*Discrete\(3\)"):
-        SharedPolicyVecEnv(Mixed, 1)
-
-
-class Plain(ConstantReward):
-    def observation_space(self, agent):
-        return super().observation_space(agent)["pose"]
-
-
-def test_observations_must_be_dicts():
-    with pytest.raises(ValueError, match="Dict space, got Box"):
-        SharedPolicyVecEnv(Plain, 1)
-
-
-class OneLeaves(ConstantReward):
-    def step(self, actions):
-        observations, rewards, terminations, truncations, infos = super().step(actions)
-        return observations, rewards, terminations | {"robot_1": True}, truncations, infos
-
-
-def test_robots_that_end_at_different_steps_are_an_error():
-    env = SharedPolicyVecEnv(OneLeaves, 1)
-    env.reset()
-    with pytest.raises(RuntimeError, match="'robot_0': False, 'robot_1': True"):
-        env.step(np.zeros((2, 1)))
+def test_options_that_differ_are_refused():
+    env = toy(n_envs=2)
+    env.set_options([{"k": row} for row in range(4)])
+    with pytest.raises(ValueError, match="share their options"):
+        env.reset()

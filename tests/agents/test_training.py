@@ -2,16 +2,14 @@
 
 import json
 import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from plain.toy_team import ConstantReward
 from safetensors.torch import load_file
-from toy_team import ConstantReward
 
 from coopmap_agents.config import EnvConfig, ImitationSettings, PPOSettings, TrainingConfig
 from coopmap_agents.pretrained import LearnedPolicy, read_metadata
@@ -19,6 +17,7 @@ from coopmap_agents.sb3 import make_model
 from coopmap_agents.training import load_checkpoint, run_training, save_checkpoint
 from coopmap_agents.training import loop as training
 from coopmap_baselines import make
+from coopmap_env.cli import main
 from coopmap_env.evaluation import evaluate
 from coopmap_env.mapping.files import write_map_server
 
@@ -67,18 +66,37 @@ def whole(tmp_path_factory):
     return folder, run_training(CONFIG, folder)
 
 
-@pytest.mark.parametrize("n_segments", [1, 2])
-@pytest.mark.parametrize("workers", [0, 2])
-def test_a_resumed_training_ends_as_an_uninterrupted_one(whole, n_segments, workers, tmp_path):
+@pytest.fixture(scope="module")
+def whole_ppo(tmp_path_factory):
+    """The same by our own engine."""
+    folder = tmp_path_factory.mktemp("whole_ppo")
+    return folder, run_training(replace(CONFIG, engine="ppo"), folder)
+
+
+@pytest.mark.parametrize(("n_segments", "workers"), [(1, 0), (2, 0), (1, 2)])
+@pytest.mark.parametrize("engine", ["sb3", "ppo"])
+def test_a_resumed_training_ends_as_an_uninterrupted_one(
+    whole, whole_ppo, engine, n_segments, workers, tmp_path
+):
+    config, expected = replace(CONFIG, engine=engine), whole if engine == "sb3" else whole_ppo
     with pytest.raises(Interrupted):
-        run_training(CONFIG, tmp_path, workers, interrupt_after(n_segments))
-    record = run_training(CONFIG, tmp_path, workers)
-    assert untimed(record) == untimed(whole[1])
-    ours, theirs = checkpoint(tmp_path), checkpoint(whole[0])
+        run_training(config, tmp_path, workers, interrupt_after(n_segments))
+    record = run_training(config, tmp_path, workers)
+    assert untimed(record) == untimed(expected[1])
+    ours, theirs = checkpoint(tmp_path), checkpoint(expected[0])
     assert ours["steps"] == theirs["steps"] == 192
     for name, values in theirs["network"].items():
         assert torch.equal(ours["network"][name], values)
-    assert torch.equal(weights(tmp_path), weights(whole[0]))
+    assert torch.equal(weights(tmp_path), weights(expected[0]))
+
+
+def test_engines_start_at_the_same_network_and_learn_others(whole, whole_ppo):
+    first, ours = whole[1]["rows"][0], whole_ppo[1]["rows"][0]
+    assert first["validation"] == ours["validation"]
+    assert not torch.equal(
+        checkpoint(whole[0])["network"]["network.score.weight"],
+        checkpoint(whole_ppo[0])["network"]["network.score.weight"],
+    )
 
 
 def test_a_training_killed_while_writing_resumes_from_the_segment_before(
@@ -268,31 +286,30 @@ def test_a_central_critic_learns_from_the_state_and_the_policy_does_not_need_it(
     assert evaluate(ENV_CONFIG.make("test"), policy, [0]).table["coverage"][0] > 0
 
 
-def test_the_command_trains_and_its_policy_is_evaluated(tmp_path):
-    def coopmap(*arguments):
-        command = [sys.executable, "-m", "coopmap_env.cli", *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
-
-    done = coopmap(
+def test_the_command_trains_and_its_policy_is_evaluated(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    main([
         "train", "--out", "t", "--max-scans", "4", "--n-candidates", "6", "--validation-episodes",
         "2", "--ppo.total-steps", "64", "--ppo.rollout-steps", "16", "--ppo.n-envs", "2",
         "--ppo.batch-size", "32",
-    )  # fmt: skip
-    assert "64 of 64 steps" in done.stderr
+    ])  # fmt: skip
+    printed = capsys.readouterr().err
+    assert "64 of 64 steps" in printed
     assert re.search(
-        r"agent-steps/s: environment \d+%, network while collecting \d+%, updates \d+%", done.stderr
+        r"agent-steps/s: environment \d+%, network while collecting \d+%, updates \d+%", printed
     )
-    assert re.search(r"policy: t/policy\.safetensors, after (0|64) steps; ", done.stderr)
-    done = coopmap(
+    assert re.search(r"policy: t/policy\.safetensors, after (0|64) steps; ", printed)
+    main([
         "evaluate", "--policies", "learned:model=t/policy.safetensors", "--action-mode",
         "candidates", "--episodes", "2", "--max-scans", "4", "--out", "e",
-    )  # fmt: skip
-    assert "area under curve" in done.stdout
+    ])  # fmt: skip
+    assert "area under curve" in capsys.readouterr().out
 
 
 def test_invalid_configurations_are_refused():
     with pytest.raises(
-        ValueError, match=r"TrainingConfig\.engine must be one of 'sb3', 'rllib', got 'torchrl'"
+        ValueError,
+        match=r"TrainingConfig\.engine must be one of 'sb3', 'ppo', 'rllib', got 'torchrl'",
     ):
         replace(CONFIG, engine="torchrl")
     with pytest.raises(

@@ -4,15 +4,14 @@ from functools import partial
 import numpy as np
 import pytest
 from gymnasium import spaces
-from small_worlds import masked_world, small_world
+from plain.small_worlds import masked_world, small_world
+from plain.toy_team import ConstantReward, StatefulEnv
 from stable_baselines3.common.vec_env import VecCheckNan
-from toy_team import ConstantReward, StatefulEnv
-
-from coopmap_agents.sb3 import SharedPolicyVecEnv
+from vec_envs import shared
 
 
 def test_every_robot_of_an_environment_observes_its_state():
-    env = SharedPolicyVecEnv(StatefulEnv, 2, with_state=True)
+    env = shared(StatefulEnv, 2, with_state=True)
     assert env.observation_space["state"] == StatefulEnv.state_space
     assert env.observation_space["pose"] == ConstantReward().observation_space("robot_0")["pose"]
     first = env.reset()
@@ -24,7 +23,7 @@ def test_every_robot_of_an_environment_observes_its_state():
 
 
 def test_a_terminal_observation_has_the_last_state_and_the_returned_one_the_first_of_the_next():
-    env = SharedPolicyVecEnv(partial(StatefulEnv, n_steps=1), 2, with_state=True)
+    env = shared(partial(StatefulEnv, n_steps=1), 2, with_state=True)
     first = env.reset()
     observations, _, _, infos = env.step(np.zeros((4, 1)))
     last = np.array([info["terminal_observation"]["state"] for info in infos])
@@ -36,7 +35,7 @@ def test_a_terminal_observation_has_the_last_state_and_the_returned_one_the_firs
 
 @pytest.mark.parametrize("make_world", [small_world, masked_world], ids=["pose", "candidates"])
 def test_the_state_is_that_of_the_environment_and_in_its_space(make_world):
-    env = VecCheckNan(SharedPolicyVecEnv(make_world, 2, with_state=True), raise_exception=True)
+    env = VecCheckNan(shared(make_world, 2, with_state=True), raise_exception=True)
     env.action_space.seed(0)
     env.seed(0)
     observations = env.reset()
@@ -52,9 +51,9 @@ def test_the_state_is_that_of_the_environment_and_in_its_space(make_world):
 
 
 def test_workers_send_the_same_states():
-    alone = SharedPolicyVecEnv(partial(StatefulEnv, n_steps=2), 3, with_state=True)
+    alone = shared(partial(StatefulEnv, n_steps=2), 3, with_state=True)
     with contextlib.closing(
-        SharedPolicyVecEnv(partial(StatefulEnv, n_steps=2), 3, workers=2, with_state=True)
+        shared(partial(StatefulEnv, n_steps=2), 3, workers=2, with_state=True)
     ) as env:
         assert env.observation_space == alone.observation_space
         for one in (env, alone):
@@ -65,14 +64,14 @@ def test_workers_send_the_same_states():
 
 
 def test_without_with_state_there_is_no_state():
-    env = SharedPolicyVecEnv(StatefulEnv, 1)
+    env = shared(StatefulEnv, 1)
     assert "state" not in env.observation_space.spaces
     assert "state" not in env.reset()
 
 
 def test_an_environment_without_state_space_is_refused():
     with pytest.raises(ValueError, match="needs an environment with a state_space"):
-        SharedPolicyVecEnv(ConstantReward, 1, with_state=True)
+        shared(ConstantReward, 1, with_state=True)
 
 
 class Crowded(StatefulEnv):
@@ -83,4 +82,4 @@ class Crowded(StatefulEnv):
 
 def test_an_entry_of_the_same_name_is_not_overwritten():
     with pytest.raises(ValueError, match='would overwrite the entry "state"'):
-        SharedPolicyVecEnv(Crowded, 1, with_state=True)
+        shared(Crowded, 1, with_state=True)

@@ -113,8 +113,7 @@ def test_frontier_without_a_frontier_takes_the_nearest_cell_that_shows_the_unkno
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     known = np.zeros((40, 40), dtype=bool)
     known[10:31, 10:31] = True
-    set_poses(env, (20, 20, 0), known=known)
-    belief = env.belief()
+    belief = set_poses(env, (20, 20, 0), known=known)
     edge = known.copy()
     edge[11:30, 11:30] = False
     set_cells(belief.map, np.flatnonzero(edge), 0.2)  # sampled, but not known to be free

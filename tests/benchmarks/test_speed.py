@@ -5,6 +5,7 @@ import pytest
 
 import coopmap_baselines
 from coopmap_env import planar_v1
+from coopmap_env.simulation import PlanarSimulator
 from coopmap_env.studies.speed.planar import WHOLE_WORLD
 
 
@@ -45,7 +46,7 @@ def test_decision_of_the_rating_function(benchmark, half_finished_env, search):
 
 def test_rating_a_thousand_poses(benchmark, half_finished_env):
     belief = half_finished_env.belief()
-    cells = belief.feasible_cells(0).astype(np.int64)
+    cells = belief.feasible_cells(0)
     ids = np.random.default_rng(0).choice(cells, 1000) * belief.lattice.n_headings
     rated = benchmark(belief.rate, 0, ids)
     assert np.isfinite(rated.rating).all()
@@ -53,9 +54,8 @@ def test_rating_a_thousand_poses(benchmark, half_finished_env):
 
 def test_fusing_the_scans_of_a_team(benchmark, half_finished_env):
     rng = np.random.default_rng(0)
-    scans = [
-        half_finished_env._simulator.scan_from(pose, rng)
-        for pose in half_finished_env.belief().camera_poses
-    ]
+    env = half_finished_env
+    simulator = PlanarSimulator(env.truth, env.settings.camera, env.settings.noise)
+    scans = [simulator.scan_from(pose, rng) for pose in env.belief().camera_poses]
     gains = benchmark(half_finished_env.belief().map.integrate, scans)
     assert len(gains) == 2

@@ -1,6 +1,7 @@
 """Every entry of an observation in the field, index by index, against the belief."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,10 +36,11 @@ def test_far_positions_are_clipped():
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("n_robots", [1, 3])
-def test_every_observation_lies_in_its_space_and_agrees_with_the_belief(mode, n_robots):
+@pytest.mark.parametrize(("n_robots", "views"), [(1, "exact"), (3, "coarse")])
+def test_every_observation_lies_in_its_space_and_agrees_with_the_belief(mode, n_robots, views):
+    settings = replace(SETTINGS, candidate_views=views)
     env = FieldEnv(
-        n_robots=n_robots, action_mode=mode, n_candidates=5, max_scans=3, settings=SETTINGS
+        n_robots=n_robots, action_mode=mode, n_candidates=5, max_scans=3, settings=settings
     )
     observations, _ = env.reset(seed=1)
     rng = np.random.default_rng(0)
@@ -59,7 +61,8 @@ def test_every_observation_lies_in_its_space_and_agrees_with_the_belief(mode, n_
                 expected = camera_vector(belief.estimates[other].pose, home, diagonal)
                 np.testing.assert_array_equal(observation["teammates"][row], expected)
             if mode == "candidates":
-                check_candidates(belief, robot, observation)
+                rating_belief = replace(belief, coarse=views == "coarse")
+                check_candidates(rating_belief, robot, observation)
         if not env.agents:
             break
         observations, *_ = env.step(random_actions(env, rng))
@@ -93,6 +96,30 @@ def check_candidates(belief, robot, observation):
         np.testing.assert_allclose(row[n + 6 :], expected, atol=1e-6)
         d = np.linalg.norm(q - belief.joints[robot])
         assert row[n + 7] == pytest.approx(belief.rating_function.settings.K * d / scale, abs=1e-6)
+
+
+def test_coarse_views_of_candidates_rank_them_as_exact_views_do():
+    env = FieldEnv(action_mode="candidates", n_candidates=32, max_scans=6)
+    observations, _ = env.reset(seed=0)
+    rng, scale = np.random.default_rng(0), math.log(env.settings.rating.n_gray_bins)
+    errors, unknown_errors, ranks = [], [], []
+    while env.agents:
+        observations, *_ = env.step(random_actions(env, rng))
+        belief = env.belief()
+        for robot, agent in enumerate(belief.agents):
+            candidates, n = belief.candidates[robot], belief.joint_spaces[robot].n
+            exact, unknown = belief.rate_with_unknown_fraction(robot, candidates)
+            table = observations[agent]["candidates"][: len(candidates)]
+            errors.append(table[:, n + 6] - exact.new_information / scale)
+            unknown_errors.append(table[:, n + 10] - unknown)
+            order = np.argsort(-table[:, n + 9], kind="stable").tolist()
+            ranks.append(order.index(int(exact.rating.argmax())))
+    # six episodes of 16 scans: 0.014 and 0.009; the best one is the first in 94 %, and always among
+    # the first three
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.02
+    assert np.sqrt(np.mean(np.concatenate(unknown_errors) ** 2)) < 0.02
+    assert np.mean(np.array(ranks) < 3) > 0.9
+    env.close()
 
 
 def test_the_state_holds_the_crop_around_the_target_all_joints_and_all_cameras():

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 from plain.candidates import candidate_features
-from plain.planar_worlds import NO_NOISE, env_with_world, open_world, pose_id, set_poses
+from plain.planar_worlds import NO_NOISE, env_with_world, open_world, place_team, pose_id, set_poses
 from plain.random_maps import random_map, set_cells
 from plain.rollouts import random_actions
 
@@ -23,7 +23,10 @@ def env_of(n_robots=1, world=None, **changes):
 
 
 def observation_of(env, robot=0):
-    return env._observe()[f"robot_{robot}"]
+    observations = env._worlds.empty_observations()
+    env._worlds.start(np.zeros(1, dtype=np.int64), observations)
+    env._belief = env._current_belief()
+    return env._observations_of_robots(observations)[robot]
 
 
 def shown(image, channel, value=255):
@@ -189,8 +192,9 @@ def test_candidate_features_by_hand():
         open_world(30, 40, 2.0), n_robots=1, settings=settings,
         action_mode="candidates", n_candidates=40,
     )  # fmt: skip
-    belief = set_poses(env, (10, 10, 4), known=[10 * 40 + 11])
+    set_poses(env, (10, 10, 4), known=[10 * 40 + 11])
     observation, most = observation_of(env), math.log(rating.n_gray_bins)
+    belief = env.belief()
     assert observation["action_mask"].tolist() == [1] * 32 + [0] * 8
     assert not observation["candidates"][32:].any()
     row = belief.candidates[0].tolist().index(pose_id(env, 10, 11, heading=0))
@@ -224,13 +228,10 @@ def test_candidate_features_are_bit_for_bit_those_of_each_pose_alone(n_headings)
     for _ in range(4):
         map_, known = random_map(rng, (30, 34), occupied=0.02), env.belief().map
         known.log_odds_fixed[:], known.sampled_mask[:] = map_.log_odds_fixed, map_.sampled_mask
-        env._belief = env._belief.with_poses(
-            tuple(rng.integers(env.belief().lattice.n_poses, size=3))
-        )
-        env._belief = env._with_candidates(env._belief)
-        belief = env.belief()
+        place_team(env, rng.integers(env.belief().lattice.n_poses, size=3))
         for robot in range(3):
-            observation, offer = observation_of(env, robot), belief.candidates[robot]
+            observation, belief = observation_of(env, robot), env.belief()
+            offer = belief.candidates[robot]
             actual = observation["candidates"][: len(offer)]
             expected = [candidate_features(belief, robot, int(pose)) for pose in offer]
             np.testing.assert_array_equal(

@@ -44,7 +44,7 @@ def test_fusing_by_the_fan_equals_following_each_beam(camera, model):
     rng = np.random.default_rng(1)
     grid = VoxelGrid((41, 33))
     lattice = PoseLattice(grid, 16)
-    fan = BeamFan.from_camera(camera, grid.resolution, lattice.n_headings).arrays
+    fan = BeamFan.from_camera(camera, grid.resolution, lattice.n_headings).arrays(grid.shape[1])
     arrays = camera_arrays(camera, RangeNoise())
     n = camera.n_beams
     n_mixed = 0
@@ -59,11 +59,14 @@ def test_fusing_by_the_fan_equals_following_each_beam(camera, model):
             scan, free_beams,
         )  # fmt: skip
         expected, expected_hits = UpdateBuffers.empty(grid.n_cells), np.empty(n, np.int64)
-        count = integrate_rays(scan, grid.geometry, model.parameters, expected, expected_hits)
+        scratch = allocate_beam(grid.shape_3d, 2)
+        count = integrate_rays(
+            scan, grid.geometry, model.parameters, scratch, expected, expected_hits
+        )
         buffers, hits = UpdateBuffers.empty(grid.n_cells), np.full(n, 7)
         mine = integrate_lattice_scan(
             scan, cell, heading, fan, free_beams, grid.geometry, model.parameters,
-            allocate_beam(grid.shape_3d), buffers, hits,
+            allocate_beam(grid.shape_3d, 2), buffers, hits,
         )  # fmt: skip
         np.testing.assert_array_equal(
             updates(buffers, mine, grid.n_cells), updates(expected, count, grid.n_cells)
@@ -77,7 +80,7 @@ def test_a_map_of_the_fans_updates_knows_what_the_camera_saw():
     """By hand: one beam along x, a wall four cells away; free before it, occupied in it."""
     grid = VoxelGrid((12, 9))
     lattice, camera = PoseLattice(grid, 4), PlanarCamera(1.0, 6.0, 1)
-    fan = BeamFan.from_camera(camera, 1.0, 4).arrays
+    fan = BeamFan.from_camera(camera, 1.0, 4).arrays(9)
     occupied = np.zeros(grid.shape, dtype=np.bool_)
     occupied[6, :] = True
     cell, n = int(grid.flat_index([2, 4])), 1
@@ -94,7 +97,7 @@ def test_a_map_of_the_fans_updates_knows_what_the_camera_saw():
     buffers = UpdateBuffers.empty(grid.n_cells)
     count = integrate_lattice_scan(
         scan, cell, 0, fan, free_beams, grid.geometry, map_.model.parameters,
-        allocate_beam(grid.shape_3d), buffers, hits,
+        allocate_beam(grid.shape_3d, 2), buffers, hits,
     )  # fmt: skip
     update = updates(buffers, count, grid.n_cells).reshape(grid.shape)
     assert (update[2:6, 4] < 0).all()

@@ -7,18 +7,6 @@ import numpy as np
 from coopmap_env.geometry import to_camera_frame
 
 
-def cells_within_reach(lattice, cells, pose_id, reach):
-    """Cells at most `reach` metres from a pose, along its heading and across."""
-    here = lattice.pose(pose_id)
-    kept = []
-    for cell in cells:
-        x, y, _ = lattice.pose(int(cell) * lattice.n_headings)
-        ahead, left, _ = to_camera_frame([x, y, 0.0], here)
-        if max(abs(ahead), abs(left)) <= reach * (1 + 1e-9):
-            kept.append(cell)
-    return kept
-
-
 def candidate_features(belief, robot, pose_id):
     """The nine features of one candidate; see `coopmap_env.envs.planar.observations`."""
     lattice, rating, grid = belief.lattice, belief.rating_function, belief.map.grid

@@ -44,13 +44,21 @@ def set_poses(env, *poses, known=None):
 
     Without `known` (flat cells or a mask of the grid), only the robots' own cells are.
     """
-    ids = tuple(pose_id(env, *pose) for pose in poses)
-    env._belief = replace(env._belief, pose_ids=ids, candidates=None)
+    ids = [pose_id(env, *pose) for pose in poses]
     map_ = env.belief().map
     map_.clear()
     if known is not None:
         known = np.asarray(known)
         map_.mark_free(np.flatnonzero(known) if known.dtype == bool else known)
     map_.mark_free([i // env.belief().lattice.n_headings for i in ids])
-    env._belief = env._with_candidates(env._belief)
-    return env.belief()
+    return place_team(env, ids)
+
+
+def place_team(env, pose_ids):
+    """Stand the team at lattice poses, on the map as it is, with new candidates."""
+    worlds = env._worlds
+    worlds.arrays.pose_ids[0] = pose_ids
+    worlds.start(np.zeros(1, dtype=np.int64), worlds.empty_observations())
+    env._belief = env._current_belief()
+    # without regions, which are those of the map as it is now: tests go on changing it
+    return replace(env.belief(), known_regions=None)

@@ -80,8 +80,8 @@ def study_localization(out):
             (
                 localization,
                 {
-                    "QUICK": localization.LocalizationSize(2, 1, 1),
-                    "SEARCH_SCANS": 2,
+                    "QUICK": localization.LocalizationSize(1, 1, 1),
+                    "SEARCH_SCANS": 1,
                     "SCANS_EACH": 1,
                     "compare_pose_estimators": lambda *_: {},
                 },
@@ -134,6 +134,10 @@ def train(out):
     run(f"train {TRAINING}", out)
 
 
+def train_with_ppo(out):
+    run(f"train --engine ppo {TRAINING}", out)
+
+
 def train_with_rllib(out):
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     run(f"train --engine rllib {TRAINING}", out)
@@ -145,5 +149,6 @@ COMMANDS = {
     "localization": study_localization,
     "reproduce": reproduce,
     "train": train,
+    "train with ppo": train_with_ppo,
     "train with rllib": train_with_rllib,
 }

@@ -117,7 +117,7 @@ def test_feasible_cells_are_the_reachable_ones_in_a_square_around_the_camera(res
         pose = int(rng.integers(grid.n_cells * N_HEADINGS))
         reach = float(rng.uniform(0.5, 12.0)) * resolution
         sampling, regions, lattice = sampler(map_, reach, np.array([pose]))
-        out = np.empty(grid.n_cells, dtype=np.int64)
+        out = np.empty(grid.n_cells, dtype=np.int32)
         n = write_feasible_cells(pose, 0, sampling, regions, out)
         x, y, heading = lattice.pose(pose)
         expected = []
@@ -130,6 +130,22 @@ def test_feasible_cells_are_the_reachable_ones_in_a_square_around_the_camera(res
         assert out[:n].tolist() == expected
 
 
+def test_cells_ahead_or_to_a_side_by_hand():
+    map_ = OccupancyMap(VoxelGrid((5, 3), 0.5))
+    map_.mark_free(np.arange(15))
+
+    def feasible(pose, reach):
+        sampling, regions, _ = sampler(map_, reach, np.array([pose]))
+        out = np.empty(15, dtype=np.int32)
+        return out[: write_feasible_cells(pose, 0, sampling, regions, out)].tolist()
+
+    # from cell (2, 1), facing +y: one cell of 0.5 m ahead and back, and to both sides
+    assert feasible(7 * 8 + 2, 0.5) == list(range(3, 12))
+    assert feasible(7 * 8 + 2, 0.49) == [7]
+    # an eighth of a turn: the corners of the square are 0.71 m ahead or to a side
+    assert feasible(7 * 8 + 1, 0.5) == [4, 6, 7, 8, 10]
+
+
 @pytest.mark.parametrize(("free", "m"), [(1.0, 5), (0.6, 20), (0.03, 20), (0.03, 500)])
 def test_samples_are_different_feasible_poses_as_many_as_there_are(free, m):
     rng = np.random.default_rng(6)
@@ -139,7 +155,7 @@ def test_samples_are_different_feasible_poses_as_many_as_there_are(free, m):
         map_.mark_free(np.flatnonzero(rng.random(grid.n_cells) < free))
         pose = (9 * 19 + 9) * N_HEADINGS + int(rng.integers(N_HEADINGS))
         sampling, regions, _ = sampler(map_, 6.0, np.array([pose]))
-        cells = np.empty(grid.n_cells, dtype=np.int64)
+        cells = np.empty(grid.n_cells, dtype=np.int32)
         n_cells = write_feasible_cells(pose, 0, sampling, regions, cells)
         poses = sample(sampling, regions, pose, m, rng)
         assert len(poses) == min(m, n_cells * N_HEADINGS)
@@ -172,13 +188,13 @@ def test_samples_of_the_open_square_are_uniform():
     map_.mark_free(np.arange(81))
     pose = 40 * N_HEADINGS + 1  # 45 degrees
     sampling, regions, _ = sampler(map_, 2.0, np.array([pose]))
-    cells = np.empty(81, dtype=np.int64)
+    cells = np.empty(81, dtype=np.int32)
     n = write_feasible_cells(pose, 0, sampling, regions, cells)
     assert n == 13  # |i + j| and |i - j| at most 2 sqrt(2): 2.83
     counts = np.zeros(81 * N_HEADINGS, dtype=np.int64)
     for _ in range(6000):
         counts[sample(sampling, regions, pose, 4, rng)] += 1
-    feasible = (cells[:n, None] * N_HEADINGS + np.arange(N_HEADINGS)).ravel()
+    feasible = (cells[:n, None].astype(int) * N_HEADINGS + np.arange(N_HEADINGS)).ravel()
     assert stats.chisquare(counts[feasible]).pvalue > 1e-4
 
 

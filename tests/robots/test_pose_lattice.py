@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from plain import candidates
 
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import PoseLattice
@@ -59,29 +58,6 @@ def test_the_nearest_pose_is_that_of_the_least_distance_and_turn(lattice):
 def test_poses_keep_the_shape_of_the_numbers():
     assert LATTICE.poses(np.zeros((2, 4), dtype=int)).shape == (2, 4, 3)
     assert LATTICE.poses([]).shape == (0, 3)
-
-
-def test_cells_ahead_or_to_a_side_by_hand():
-    # from cell (2, 1), facing +y: one cell of 0.5 m ahead and back, and to both sides
-    square = [c for c in range(15) if 1 <= c // 3 <= 3]
-    assert LATTICE.cells_within(np.arange(15), 7 * 8 + 2, 0.5).tolist() == square
-    assert LATTICE.cells_within(np.arange(15), 7 * 8 + 2, 0.49).tolist() == [7]
-    # an eighth of a turn: the corners of the square are 0.71 m ahead or to a side
-    assert LATTICE.cells_within(np.arange(15), 7 * 8 + 1, 0.5).tolist() == [4, 6, 7, 8, 10]
-
-
-@pytest.mark.parametrize("lattice", LATTICES)
-def test_cells_within_reach_are_those_of_plain_rotations_in_their_order(lattice):
-    rng, kept = np.random.default_rng(1), 0
-    for _ in range(60):
-        cells = rng.permutation(lattice.grid.n_cells).astype(np.int32)
-        pose_id = int(rng.integers(lattice.n_poses))
-        reach = rng.integers(0, 6) / 2 * lattice.grid.resolution  # borders on cells' centers, too
-        found = lattice.cells_within(cells, pose_id, reach)
-        assert found.dtype == np.int32
-        assert found.tolist() == candidates.cells_within_reach(lattice, cells, pose_id, reach)
-        kept += len(found)
-    assert kept > 100
 
 
 @pytest.mark.parametrize("position", [(-1.01, 2.5), (0.0, 1.99), (1.5, 2.5), (0.0, 3.5)])

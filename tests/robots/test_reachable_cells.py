@@ -5,11 +5,10 @@ from collections import deque
 import numpy as np
 import pytest
 from plain.random_maps import random_map, set_cells
-from plain.ray_cells import crossed_cells
 from scipy import ndimage
 
 from coopmap_env.mapping import OccupancyMap, VoxelGrid, to_log_odds_fixed
-from coopmap_env.robots import ReachableCells, free_mask, is_straight_path_free
+from coopmap_env.robots import ReachableCells, free_mask
 
 SHAPES = [(12, 9), (1, 20), (15, 1), (8, 30)]
 
@@ -59,12 +58,6 @@ def test_free_is_sampled_and_less_than_five_per_cent_occupied():
         True,
         False,
         True,
-        False,
-    ]
-    assert [is_straight_path_free(map_, k - 1, k) for k in range(1, 5)] == [
-        False,
-        True,
-        False,
         False,
     ]
 
@@ -125,59 +118,3 @@ def test_steps_are_those_of_a_plain_breadth_first_search_nearest_first(shape):
         assert (reach.steps.reshape(shape) == plain_steps(free, index)).all()
         assert (np.diff(reach.steps[reach.cells]) >= 0).all()
         assert reach.cells[0] == start
-
-
-def test_a_straight_path_by_hand():
-    map_ = map_of("....", ".#..", "....")
-    assert is_straight_path_free(map_, 0, 3)
-    assert is_straight_path_free(map_, 0, 0)
-    assert not is_straight_path_free(map_, 4, 7)
-    assert not is_straight_path_free(map_, 0, 5)
-    assert not is_straight_path_free(map_, 0, 10)
-    assert is_straight_path_free(map_, 8, 11)
-
-
-def test_a_straight_path_does_not_ask_about_the_cell_where_the_camera_stands():
-    map_ = map_of("?..")
-    assert is_straight_path_free(map_, 0, 2)
-    assert not is_straight_path_free(map_, 2, 0)
-
-
-def test_a_straight_path_does_not_lead_through_the_unknown():
-    assert not is_straight_path_free(map_of(".?."), 0, 2)
-
-
-def test_a_diagonal_does_not_squeeze_between_two_corners():
-    assert not is_straight_path_free(map_of(".#", "#."), 0, 3)
-    assert not is_straight_path_free(map_of("#.", ".#"), 1, 2)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_a_straight_path_is_reachable_and_free_where_clipping_says_it_runs(shape):
-    rng = np.random.default_rng(2)
-    found = 0
-    for _ in range(30):
-        map_ = random_map(rng, shape, unknown=0.05, occupied=0.05)
-        free = free_mask(map_).reshape(shape)
-        starts = rng.choice(map_.grid.n_cells, 4)
-        reaches = [ReachableCells.search(map_, int(start)) for start in starts]
-        for start, reach in zip(starts.tolist(), reaches, strict=True):
-            here = np.array(np.unravel_index(start, shape))
-            for goal in rng.choice(map_.grid.n_cells, 10).tolist():
-                there = np.array(np.unravel_index(goal, shape))
-                straight = is_straight_path_free(map_, start, goal)
-                length = float(np.linalg.norm(there - here))
-                crossed = {tuple(here.tolist())}
-                if length > 0:
-                    crossed |= {
-                        c for c, _, _ in crossed_cells(here + 0.5, there - here, length, shape)
-                    }
-                is_free = all(free[cell] for cell in crossed - {tuple(here.tolist())})
-                if straight:
-                    found += 1
-                    assert is_free
-                    assert reach.steps[goal] > 0
-                # a diagonal also asks for the cells that it touches at corners
-                elif not runs_through_corners(there - here):
-                    assert not is_free
-    assert found > 20

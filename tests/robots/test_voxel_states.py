@@ -80,24 +80,6 @@ def test_clearness_agrees_with_scipys_distances_within_half_a_voxels_diagonal():
     assert (around.sphere_states(grid.center(index), d) != FREE).all()
 
 
-def test_where_nothing_is_near_all_spheres_are_clear():
-    rng = np.random.default_rng(2)
-    for radius in (0.05, 0.13, 0.2, 0.27):
-        map_ = scattered(rng, fraction=0.003)
-        around = VoxelStates.from_map(map_, (0.2, 0.3, 0.5), 0.7)
-        near = around.blocked_neighborhood(radius)
-        empty = np.argwhere(near == 0)
-        assert len(empty)
-        centers = around.lower + 0.1 * (empty + rng.random(empty.shape))
-        assert (around.sphere_states(centers, radius) == FREE).all()
-        # and the marks are no wider than that: a cube of `reach` voxels to all sides
-        reach = int(np.ceil(radius / 0.1))
-        inner = tuple(slice(reach, n - reach) for n in near.shape)
-        for index in rng.permutation(np.argwhere(near[inner]))[:50]:
-            cube = tuple(slice(i, i + 2 * reach + 1) for i in index)
-            assert around.states[cube].any()
-
-
 def test_sets_of_spheres_are_clear_if_each_one_is():
     map_ = OccupancyMap(VoxelGrid((10, 10, 10), 0.1))
     map_.mark_free(np.arange(1000))

@@ -48,7 +48,7 @@ def test_a_scan_by_the_fan_equals_casting_each_beam(camera, fraction):
         free_beams = np.zeros(len(fan.all_beams), dtype=np.uint64)
         scan_from_lattice(
             occupied.ravel(), grid.shape, grid.resolution, *divmod(pose_id, lattice.n_headings),
-            pose, fan.arrays, arrays, stream, scan, free_beams,
+            pose, fan.arrays(grid.shape[1]), arrays, stream, scan, free_beams,
         )  # fmt: skip
         for mine, theirs in zip(scan, expected, strict=True):
             np.testing.assert_array_equal(mine, theirs)
@@ -76,7 +76,7 @@ def test_on_other_cells_a_scan_equals_casting_each_beam_to_rounding():
         )
         scan_from_lattice(
             occupied.ravel(), grid.shape, 0.135, *divmod(pose_id, 8),
-            pose, fan.arrays, arrays, stream, scan, np.zeros(1, dtype=np.uint64),
+            pose, fan.arrays(grid.shape[1]), arrays, stream, scan, np.zeros(1, dtype=np.uint64),
         )  # fmt: skip
         np.testing.assert_array_equal(scan.hit, expected.hit)
         np.testing.assert_allclose(scan.points, expected.points, rtol=0, atol=1e-12)

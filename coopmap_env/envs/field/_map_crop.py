@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import atan2, sin_cos
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import MapArrays, VoxelGrid
 
@@ -84,6 +84,22 @@ def _write_column(
         out[depth + z, i, j] = scale.fractions[np.uint64(count)]
 
 
+@inlined_kernel  # it is called for each column: a call takes as long as the work
+def _add_column(
+    log_odds_fixed: NDArray[np.int32],
+    sampled_mask: NDArray[np.uint8],
+    lowest: np.int32,
+    highest: NDArray[np.int32],
+    counts: NDArray[np.int32],
+) -> None:
+    """Add a run of voxels (n,) to a column (n,), many at once: there is no branch."""
+    for a in range(len(log_odds_fixed)):
+        was_sampled = np.int32(sampled_mask[a])
+        counts[a] = np.int32(counts[a] + was_sampled)
+        value = log_odds_fixed[a] * was_sampled + lowest * (np.int32(1) - was_sampled)
+        highest[a] = max(highest[a], value)
+
+
 @kernel
 def write_crop(
     arrays: MapArrays,
@@ -97,7 +113,7 @@ def write_crop(
     `byte_of_log_odds` holds 255 P of each log-odds value. A column is read in the order of memory,
     which is faster than going from cell to cell.
     """
-    log_odds_fixed, sampled, columns = arrays.log_odds_fixed, arrays.sampled_mask, crop.columns
+    columns = crop.columns
     side, _, k = columns.shape
     n, n_layers = out.shape[0] // 2 * pooling, crop.n_layers
     highest = np.empty(n, np.int32)
@@ -113,13 +129,7 @@ def write_crop(
             for c in range(k):
                 first = columns[i, j, c]
                 if first >= 0:
-                    log_odds_run = log_odds_fixed[first : first + n_layers]
-                    sampled_run = sampled[first : first + n_layers]
-                    for a in range(n_layers):
-                        was_sampled = np.int32(sampled_run[a])
-                        counts[a] += was_sampled
-                        # no branch: which voxels were sampled cannot be predicted
-                        value = log_odds_run[a] * was_sampled
-                        value += lowest * (np.int32(1) - was_sampled)
-                        highest[a] = max(highest[a], value)
+                    end = first + n_layers
+                    run, mask = arrays.log_odds_fixed[first:end], arrays.sampled_mask[first:end]
+                    _add_column(run, mask, lowest, highest[:n_layers], counts[:n_layers])
             _write_column(buffers, scale, out, i, j)

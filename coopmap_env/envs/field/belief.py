@@ -16,6 +16,7 @@ from coopmap_env.envs.field.reachability import MotionLimits, Reachability
 from coopmap_env.envs.field.team_state import Joints, TeamState
 from coopmap_env.geometry import Pose, Spheres
 from coopmap_env.information import (
+    CameraPoses,
     FieldRatingFunction,
     Ratings,
     RatingSettings,
@@ -123,10 +124,19 @@ class FieldBelief(Belief):
         return self.rate_with_unknown_fraction(robot, poses, reserved_mask)[0]
 
     def rate_with_unknown_fraction(
-        self, robot: int, poses: Joints, reserved_mask: ReservedMask | None = None
+        self,
+        robot: int,
+        poses: Joints,
+        reserved_mask: ReservedMask | None = None,
+        cameras: CameraPoses | None = None,
     ) -> tuple[Ratings, NDArray[np.float64]]:
-        """`rate` and `unknown_fraction`, from one evaluation of the views."""
-        cameras, map_ = self.vehicles[robot].camera_poses(poses), self.planning_map(robot)
+        """`rate` and `unknown_fraction`, from one evaluation of the views.
+
+        `cameras` are the camera poses, if they are known already.
+        """
+        map_ = self.planning_map(robot)
+        if cameras is None:
+            cameras = self.vehicles[robot].camera_poses(poses)
         context = self.view_context(robot, reserved_mask)
         ni, unknown = self.rating_function.new_information_and_unknown(map_, cameras, context)
         rated = self.rating_function.rate_from_new_information(

@@ -11,6 +11,8 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
+from coopmap_env.envs.actions import CandidateMode
+from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.field._episode_world import (
     check_bases_in_search_range,
     check_cameras_in_map,
@@ -34,15 +36,22 @@ from coopmap_env.envs.field.planning import FieldPlanning
 from coopmap_env.envs.field.reachability import MotionLimits, Reachability
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.envs.field.team_state import Joints, TeamState
+from coopmap_env.envs.field.transition import (
+    FieldRngs,
+    FusedScans,
+    TeamMoveResult,
+    step_outcomes,
+)
 from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.envs.rewards import RewardScale
-from coopmap_env.envs.step_data import EpisodeRngs, FusedScans, TeamMoveResult, Transition
+from coopmap_env.envs.rewards import RewardScale, reward_terms
+from coopmap_env.envs.step_data import STEP_INFO_TYPES, EpisodeSeeds, TeamStep
 from coopmap_env.envs.team import TeamEnv
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.rendering import overview_camera, render_field, robot_triangles, scene_meshes
 from coopmap_env.robots import Mount, make_mount
+from coopmap_env.sensing import Scan
 from coopmap_env.simulation import FieldSimulator, draw_true_mount
 from coopmap_env.simulation.physics import MAX_VEHICLES
 from coopmap_env.simulation.scenes.field import FieldWorld, make_field_scene
@@ -70,6 +79,21 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         "render_fps": 2,
         "is_parallelizable": True,
     }
+    step_info_types: ClassVar[dict[str, Any]] = {
+        **STEP_INFO_TYPES,
+        "collided_with": str,
+        "located": bool,
+        "localization_failure": str,
+        "corrected_directions": int,
+        "correction_failure": str,
+        "camera_error": float,
+        "camera_angle_error": float,
+        "base_error": float,
+        "base_angle_error": float,
+    }
+
+    _actions: FieldPoseMode | CandidateMode
+    _observer: FieldObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         arguments = FieldArguments(*args, **kwargs)
@@ -111,9 +135,6 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         self._set_up(
             self._candidate_mode
             or FieldPoseMode(joint_spaces, [mount.joints for mount in self.mounts]),
-            RewardScale.for_camera(
-                self._rating.max_visible_cells, s.rating.n_gray_bins, grid.n_cells
-            ),
             FieldObserver(
                 grid,
                 s,
@@ -121,8 +142,11 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
                 self._candidate_mode.n_candidates if self._candidate_mode else None,
                 include_located=arguments.initialization == "search",
             ),
-            s.collision_cost,
         )
+        self._reward_scale = RewardScale.for_camera(
+            self._rating.max_visible_cells, s.rating.n_gray_bins, grid.n_cells
+        )
+        self._last_scans: list[Scan] = []
 
     @property
     def uncorrected_poses(self) -> Literal["encoders", "kinematic"]:
@@ -131,7 +155,47 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             return self.motion_correction
         return self.settings.correction.prior
 
-    def _reset_world(self, rngs: EpisodeRngs) -> FieldBelief:
+    def _start(self, seeds: EpisodeSeeds) -> tuple[FieldBelief, list[Observation]]:
+        rngs = FieldRngs.from_seeds(seeds)
+        belief = self._reset_world(rngs)
+        self._rngs = rngs
+        self._last_scans = []
+        belief = self._with_candidates(belief)
+        return belief, self._observer.observe(belief)
+
+    def _advance(self, actions: dict[str, Any]) -> TeamStep[FieldBelief]:
+        belief, rng = self._belief, self._rngs.noise
+        decoded = [self._actions.decode(agent, action, belief) for agent, action in actions.items()]
+        move = self._move(belief, [one.target for one in decoded], rng)
+        rated = belief.rate_team(move.poses)
+        fused = self._fuse_scans(belief.with_poses(move.poses), rng)
+        costs = [self.settings.collision_cost if name else 0.0 for name in move.collided_with]
+        outcomes = step_outcomes(rated, fused.gains, costs)
+        self._last_scans = fused.scans
+        belief = self._with_candidates(fused.belief)
+        return TeamStep(
+            belief,
+            outcomes,
+            [reward_terms(outcome, self._reward_scale) for outcome in outcomes],
+            move.collided_with,
+            [one.rejected_reason for one in decoded],
+            self._observer.observe(belief),
+        )
+
+    @property
+    def last_scans(self) -> list[Scan]:
+        """Scans of the last step, as they were fused."""
+        return self._last_scans
+
+    def _with_candidates(self, belief: FieldBelief) -> FieldBelief:
+        """The belief with new candidates in "candidates" mode, otherwise the belief itself."""
+        if self._candidate_mode is None:
+            return belief
+        m, rng = self._candidate_mode.n_candidates, self._rngs.candidates
+        robots = range(len(self.possible_agents))
+        return belief.with_candidates([belief.random_poses(robot, m, rng) for robot in robots])
+
+    def _reset_world(self, rngs: FieldRngs) -> FieldBelief:
         s, n = self.settings, len(self.possible_agents)
         world = make_world(self.scene, rngs.scene, n)
         searching = self.initialization == "search"
@@ -200,17 +264,17 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             ]
         return TeamMoveResult([result.measured_configuration for result in moved], collided_with)
 
-    def _fuse_scans(self, belief: FieldBelief, rng: np.random.Generator) -> FusedScans[FieldBelief]:
+    def _fuse_scans(self, belief: FieldBelief, rng: np.random.Generator) -> FusedScans:
         simulator, robots = self._require_simulator(), range(len(belief.agents))
         clouds = [simulator.scan(robot, rng) for robot in robots]
         true_cameras = [simulator.true_camera_pose(robot) for robot in robots]
         return self._localizer.fuse(belief, clouds, true_cameras)
 
-    def _extra_info(self, robot: int, transition: Transition[FieldBelief]) -> dict[str, Any]:
-        localizer, located = self._localizer, transition.belief.located[robot]
+    def _extra_info(self, robot: int, step: TeamStep[FieldBelief]) -> dict[str, Any]:
+        localizer, located = self._localizer, step.belief.located[robot]
         correction = localizer.corrections[robot]
         return {
-            "collided_with": transition.collided_with[robot],
+            "collided_with": step.collided_with[robot],
             "located": located,
             "localization_failure": "" if located else localizer.failure_reason(robot),
             "corrected_directions": correction.n_directions if correction else 0,

@@ -27,8 +27,8 @@ from coopmap_env.envs.field._recorded_scan import RecordedScan, fuse_recorded_sc
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.envs.field.target_search import TargetSearch
+from coopmap_env.envs.field.transition import FusedScans
 from coopmap_env.envs.field.true_poses import TruePoses
-from coopmap_env.envs.step_data import FusedScans
 from coopmap_env.geometry import Pose
 from coopmap_env.localization import PoseCorrection, PoseCorrector, Registration, TargetModel
 from coopmap_env.mapping import ScanGain
@@ -98,11 +98,11 @@ class TeamLocalizer:
         self.corrections: list[PoseCorrection | None] = [None] * n_robots
         """Correction of each robot's last scan, if fiducials were used."""
         self.correction_times = [0.0] * n_robots
-        """Seconds that each correction took; they differ from run to run."""
+        """Seconds of a processor that each correction took; they differ from run to run."""
         self.registrations: list[Registration | None] = [None] * n_robots
         """Result of each robot's last search for the target."""
         self.registration_times: list[float] = []
-        """Seconds that each search of the last step took."""
+        """Seconds of a processor that each search of the last step took."""
 
     @cached_property
     def _target(self) -> TargetModel:
@@ -124,7 +124,7 @@ class TeamLocalizer:
 
     def fuse(
         self, belief: FieldBelief, clouds: Sequence[PointCloud], true_cameras: Sequence[Pose]
-    ) -> FusedScans[FieldBelief]:
+    ) -> FusedScans:
         """Estimate the pose of each robot's scan, fuse it into the robot's map, locate robots.
 
         A robot that is located by this step has its scan in the team's frame afterwards.
@@ -169,9 +169,9 @@ class TeamLocalizer:
             estimate = self._true_poses.exact_camera(belief, robot, true_camera)
         cloud = belief.remove_robot_points(robot, cloud, estimate, noise)
         if self._corrector is not None and belief.located[robot]:
-            start_time = time.perf_counter()
+            start_time = time.thread_time()
             correction = self._corrector.correct(robot, belief.joints[robot], cloud, belief.map)
-            self.correction_times[robot] = time.perf_counter() - start_time
+            self.correction_times[robot] = time.thread_time() - start_time
             estimate = correction.estimate
         scan = transform_cloud(cloud, estimate.pose, noise, estimate.covariance)
         return LocalizedScan(estimate, scan, correction)
@@ -186,12 +186,12 @@ class TeamLocalizer:
         for robot, is_located in enumerate(belief.located):
             if is_located:
                 continue
-            start_time = time.perf_counter()
+            start_time = time.thread_time()
             own = [record for record in self._recorded_scans if record.robot == robot]
             found = self._target_search.register(belief, robot, own)
             if found is None:
                 continue
-            self.registration_times.append(time.perf_counter() - start_time)
+            self.registration_times.append(time.thread_time() - start_time)
             self.registrations[robot] = found
             if found.located and found.T_target_base is not None:
                 belief, last_scans[robot] = self._merge_into_team(belief, robot, found)

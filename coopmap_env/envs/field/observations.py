@@ -48,11 +48,16 @@ n+8         P(occupied) at the camera position
 n+9         rating (Eq. 9) as a fraction of ln(n_gray_bins), at least -10
 n+10        never-sampled voxels in view, as a fraction of the most it can see
 ==========  =====================================================================
+
+NI, and with it the rating, and the never-sampled voxels are those of views on the map pooled to
+half its resolution (`coopmap_env.mapping.pooling`), unless `FieldSettings.candidate_views` is
+"exact". Rewards and `FieldBelief.rate` are exact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -229,8 +234,10 @@ class FieldObserver:
         self, belief: FieldBelief, robot: int, candidates: NDArray[np.float64]
     ) -> NDArray[np.float32]:
         vehicle, n = belief.vehicles[robot], self._n_joints[robot]
-        rated, unknown = belief.rate_with_unknown_fraction(robot, candidates)
-        rotations, translations = vehicle.camera_poses(candidates)
+        if self._settings.candidate_views == "coarse":
+            belief = replace(belief, coarse=True)
+        cameras = rotations, translations = vehicle.camera_poses(candidates)
+        rated, unknown = belief.rate_with_unknown_fraction(robot, candidates, cameras=cameras)
         base = vehicle.T_world_base
         out = np.empty((len(candidates), n + N_POSE_AND_RATING_FEATURES), dtype=np.float32)
         out[:, :n] = belief.joint_spaces[robot].normalize(candidates)

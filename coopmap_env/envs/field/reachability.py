@@ -70,9 +70,15 @@ class Reachability:
             self._paths[query] = np.empty((0, len(q))) if path is None else path[1:]
         return self._paths[query]
 
-    def collision_free(self, robot: int, poses: Joints) -> NDArray[np.bool_]:
-        """Which poses (k, n) are reached without a collision by a straight motion of the joints."""
-        return self.collision_checker(robot).are_motions_free(self._team.joints[robot], poses)
+    def collision_free(
+        self, robot: int, poses: Joints, n_wanted: int | None = None
+    ) -> NDArray[np.bool_]:
+        """Which poses (k, n) are reached without a collision by a straight motion of the joints.
+
+        With `n_wanted` only the first so many of them.
+        """
+        checker, start = self.collision_checker(robot), self._team.joints[robot]
+        return checker.are_motions_free(start, poses, n_wanted)
 
     def feasible_poses(self, robot: int) -> Joints:
         """Poses (k, n) of the joint grid that are reached without a collision.
@@ -89,10 +95,8 @@ class Reachability:
         found = [np.empty((0, space.n))]
         for _ in range(MAX_SAMPLING_ROUNDS):
             poses = space.sample(max(m, MIN_BATCH_SIZE), rng)
-            while missing and len(poses):  # no more are checked than may be needed
-                batch, poses = poses[:missing], poses[missing:]
-                found.append(batch[self.collision_free(robot, batch)])
-                missing -= len(found[-1])
+            found.append(poses[self.collision_free(robot, poses, missing)])
+            missing -= len(found[-1])
             if not missing:
                 break
         poses = np.concatenate(found)

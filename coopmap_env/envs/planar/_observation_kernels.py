@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import sin_cos, sin_cos_array
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.geometry import wrap_scalar_angle
-from coopmap_env.mapping import MapArrays
+from coopmap_env.mapping import LogOddsRange, MapArrays, VoxelGrid
 from coopmap_env.robots import LatticeGeometry, pose_from_id
+
+N_CHANNELS = 4
+N_FEATURES = 9
 
 
 class CropTables(NamedTuple):
@@ -20,10 +23,23 @@ class CropTables(NamedTuple):
 
     offsets: NDArray[np.int32]
     """Cell offsets (n_headings, side * side, 2); see `crop_offsets`."""
+    flat_offsets: NDArray[np.int32]
+    """The same as differences of flat indices (n_headings, side * side)."""
     margin: int
     """The largest offset along an axis."""
     byte_of_log_odds: NDArray[np.uint8]
     """255 P, rounded, of each log-odds value in fixed point (2 clamp + 1,)."""
+
+    @classmethod
+    def make(cls, side: int, n_headings: int, ny: int, log_odds_range: LogOddsRange) -> CropTables:
+        """Tables of a crop of `side` cells, on a grid with ny cells along y."""
+        offsets = crop_offsets(side, n_headings)
+        return cls(
+            offsets,
+            offsets[..., 0] * np.int32(ny) + offsets[..., 1],
+            int(np.abs(offsets).max()),
+            np.round(255 * log_odds_range.probability).astype(np.uint8),
+        )
 
 
 class WorldExtent(NamedTuple):
@@ -36,6 +52,12 @@ class WorldExtent(NamedTuple):
     resolution: float
     """Edge of a cell."""
 
+    @classmethod
+    def of_grid(cls, grid: VoxelGrid) -> WorldExtent:
+        """That of a grid."""
+        size = tuple(n * grid.resolution for n in grid.shape)
+        return cls(grid.origin, size, float(grid.resolution))
+
 
 class ObservationArrays(NamedTuple):
     """The entries ``map``, ``pose`` and ``teammates`` of all robots' observations."""
@@ -46,6 +68,38 @@ class ObservationArrays(NamedTuple):
     """Shape (n, 4)."""
     teammates: NDArray[np.float32]
     """Shape (n, n - 1, 4)."""
+
+
+class TeamObservations(NamedTuple):
+    """Observations of E worlds with N robots each."""
+
+    views: ObservationArrays
+    """Shapes (E, N, ...)."""
+    features: NDArray[np.float32]
+    """Shape (E, N, m, 9)."""
+    action_mask: NDArray[np.int8]
+    """Shape (E, N, m)."""
+
+    @classmethod
+    def empty(cls, n_worlds: int, n_robots: int, side: int, m: int) -> TeamObservations:
+        """Room for the observations of crops of `side` cells and m candidates."""
+        team = (n_worlds, n_robots)
+        views = ObservationArrays(
+            np.empty((*team, N_CHANNELS, side, side), dtype=np.uint8),
+            np.empty((*team, 4), dtype=np.float32),
+            np.empty((*team, n_robots - 1, 4), dtype=np.float32),
+        )
+        return cls(
+            views,
+            np.empty((*team, m, N_FEATURES), dtype=np.float32),
+            np.empty((*team, m), dtype=np.int8),
+        )
+
+
+@inlined_kernel
+def name_observations(t: PlainTuple) -> TeamObservations:
+    """Name the parts of a plain `TeamObservations`."""
+    return TeamObservations(ObservationArrays(*t[0]), t[1], t[2])
 
 
 class RatedCandidates(NamedTuple):
@@ -82,18 +136,14 @@ def crop_offsets(side: int, n_headings: int) -> NDArray[np.int32]:
     return np.floor(np.stack([x, y], axis=-1) + 0.5 + 1e-9).astype(np.int32)
 
 
-@kernel
+@borrowing_kernel
 def write_map_crop(
-    arrays: MapArrays,
-    cell: int,
-    offsets: NDArray[np.int32],
-    tables: CropTables,
-    out: NDArray[np.uint8],
+    arrays: MapArrays, cell: int, heading: int, tables: CropTables, out: NDArray[np.uint8]
 ) -> None:
     """Fill channels 0, 1 and 3 and clear 2; `out` is (4, side * side).
 
-    `offsets` (side * side, 2) are those of the camera's heading. Cells are checked for lying inside
-    the world only where the camera is closer to its border than the margin.
+    Cells are checked for lying inside the world only where the camera is closer to its border than
+    the margin.
     """
     log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
     byte_of_log_odds, margin = tables.byte_of_log_odds, tables.margin
@@ -102,11 +152,13 @@ def write_map_crop(
     out[2] = 0
     if margin <= cx < nx - margin and margin <= cy < ny - margin:
         out[3] = 255
-        for k in range(out.shape[1]):
-            at = np.uint64(cell + offsets[k, 0] * ny + offsets[k, 1])
-            out[0, k] = byte_of_log_odds[np.uint64(log_odds_fixed[at] + clamp)]
-            out[1, k] = np.uint8(255) * sampled[at]
+        flat, occupancy, known = tables.flat_offsets[heading], out[0], out[1]
+        for k in range(len(flat)):
+            at = np.uint64(cell + flat[k])
+            occupancy[k] = byte_of_log_odds[np.uint64(log_odds_fixed[at] + clamp)]
+            known[k] = np.uint8(255) * sampled[at]
         return
+    offsets = tables.offsets[heading]
     for k in range(out.shape[1]):
         ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
         inside = 0 <= ix < nx and 0 <= iy < ny
@@ -116,7 +168,7 @@ def write_map_crop(
         out[3, k] = 255 if inside else 0
 
 
-@kernel
+@borrowing_kernel
 def write_teammates(
     poses: NDArray[np.float64],
     robot: int,
@@ -147,6 +199,17 @@ def write_teammates(
 
 
 @kernel
+def write_pose_vector(
+    pose: NDArray[np.float64], world_tuple: PlainTuple, out: NDArray[np.float32]
+) -> None:
+    """Fill the entry ``pose`` (4,) of a pose (3,); `world_tuple` is a plain `WorldExtent`."""
+    world = WorldExtent(*world_tuple)
+    out[0] = (pose[0] - world.origin[0]) / world.size[0]
+    out[1] = (pose[1] - world.origin[1]) / world.size[1]
+    out[3], out[2] = sin_cos(pose[2])
+
+
+@borrowing_kernel
 def write_observations(
     map_tuple: PlainTuple,
     world_tuple: PlainTuple,
@@ -164,21 +227,19 @@ def write_observations(
     """
     arrays, world = MapArrays(*map_tuple), WorldExtent(*world_tuple)
     tables = CropTables(*crop_tuple)
-    origin, size = world.origin, world.size
+    size = world.size
     n_headings = len(tables.offsets)
     diagonal = math.sqrt(size[0] * size[0] + size[1] * size[1])
     for robot in range(len(pose_ids)):
         cell, heading = pose_ids[robot] // n_headings, pose_ids[robot] % n_headings
-        image, vector = maps[robot], pose_vectors[robot]
+        image = maps[robot]
         flat = image.reshape(image.shape[0], -1)
-        write_map_crop(arrays, cell, tables.offsets[heading], tables, flat)
+        write_map_crop(arrays, cell, heading, tables, flat)
         write_teammates(poses, robot, world.resolution, diagonal, image, teammates[robot])
-        vector[0] = (poses[robot, 0] - origin[0]) / size[0]
-        vector[1] = (poses[robot, 1] - origin[1]) / size[1]
-        vector[3], vector[2] = sin_cos(poses[robot, 2])
+        write_pose_vector(poses[robot], world, pose_vectors[robot])
 
 
-@kernel
+@borrowing_kernel
 def write_candidate_features(
     ids: NDArray[np.int64],
     counts: NDArray[np.int64],

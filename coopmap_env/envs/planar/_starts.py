@@ -7,8 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import kernel
 from coopmap_env.robots import PoseLattice
+from coopmap_env.robots.planar.reachable_regions import neighbor
 from coopmap_env.simulation.scenes.planar import PlanarWorld, largest_free_region
+
+ROUNDING = 1 + 1e-9
+"""A cell counts if its center is as near as a radius, but for rounding."""
 
 
 def sample_start_poses(
@@ -41,8 +46,7 @@ def sample_start_poses(
         behind a wall.
     """
     region = largest_free_region(world.occupied)
-    cells = np.flatnonzero(region)
-    first = int(cells[rng.integers(len(cells))])
+    first = int(find_nth(region.ravel(), int(rng.integers(np.count_nonzero(region)))))
     near = _disc(region, first, spread / world.resolution)
     others = rng.permutation(near[near != first])
     starts = np.resize(np.append(first, others), n_robots).tolist()  # repeats if too few
@@ -50,36 +54,53 @@ def sample_start_poses(
     pose_ids = tuple(
         cell * lattice.n_headings + heading for cell, heading in zip(starts, headings, strict=True)
     )
-    free = ~world.occupied
-    known = [
-        _connected_cells(_disc(free, cell, radius / world.resolution), cell, world)
-        for cell in starts
-    ]
+    known = [connected_cells(world.occupied, cell, radius / world.resolution) for cell in starts]
     return pose_ids, np.unique(np.concatenate(known))
 
 
-def _connected_cells(cells: NDArray[np.int64], start: int, world: PlanarWorld) -> NDArray[np.int64]:
-    """The cells that are connected with the start by faces."""
-    ny = world.shape[1]
-    left, found = set(cells.tolist()) - {start}, [start]
-    for cell in found:
-        sides = (
-            cell - ny,
-            cell + ny,
-            cell - 1 if cell % ny else -1,
-            (cell + 1) if (cell + 1) % ny else -1,
-        )
-        for side in left.intersection(sides):
-            left.remove(side)
-            found.append(side)
-    return np.array(found)
+@kernel
+def find_nth(mask: NDArray[np.bool_], n: int) -> int:
+    """Index of the n-th true entry, counted from 0; -1 if there are fewer."""
+    for k in range(len(mask)):
+        n -= mask[k]
+        if n < 0:
+            return k
+    return -1
+
+
+@kernel
+def connected_cells(occupied: NDArray[np.bool_], start: int, radius: float) -> NDArray[np.int64]:
+    """Free cells (flat) no further than `radius` cells from a start, if connected to it by faces.
+
+    The paths between them stay within the radius too.
+    """
+    nx, ny = occupied.shape
+    flat, limit = occupied.ravel(), (radius * ROUNDING) ** 2
+    found = np.zeros(nx * ny, np.bool_)
+    cells = np.empty(nx * ny, np.int64)
+    cells[0], n = start, 1
+    found[start] = True
+    head = 0
+    while head < n:
+        cell = cells[head]
+        head += 1
+        for side in range(4):
+            beside = neighbor(cell, side, (nx, ny, 1))
+            if beside < 0 or found[beside] or flat[beside]:
+                continue
+            i, j = beside // ny - start // ny, beside % ny - start % ny
+            if i * i + j * j <= limit:
+                found[beside] = True
+                cells[n] = beside
+                n += 1
+    return cells[:n].copy()
 
 
 def _disc(mask: NDArray[np.bool_], cell: int, radius: float) -> NDArray[np.int64]:
     """Flat indices of the cells of `mask` no further than `radius` cells from a cell."""
     nx, ny = mask.shape
     x, y = divmod(cell, ny)
-    radius *= 1 + 1e-9  # a cell counts if its center is that near, but for rounding
+    radius *= ROUNDING
     reach = math.floor(radius)
     i = np.arange(max(x - reach, 0), min(x + reach + 1, nx))
     j = np.arange(max(y - reach, 0), min(y + reach + 1, ny))

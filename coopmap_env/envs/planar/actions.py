@@ -14,16 +14,46 @@ index    content
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import sin_cos
-from coopmap_env.envs.actions import InvalidActionError, parse_pose_action
+from coopmap_env.core.kernels import kernel
+from coopmap_env.envs.actions import InvalidActionError, masked_reason, parse_pose_action
 from coopmap_env.envs.belief import Decoded
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.geometry import to_camera_frame
+from coopmap_env.robots import LatticeGeometry, pose_from_id
+from coopmap_env.robots.planar.pose_lattice import nearest_pose_id
+from coopmap_env.robots.planar.reachable_regions import INFEASIBILITY_REASONS
+
+MASKED = len(INFEASIBILITY_REASONS)
+"""Rejection of an action that chooses a candidate which does not exist; other rejections are the
+results of `feasibility`."""
+
+
+@kernel
+def requested_pose(
+    pose_id: int,
+    action: NDArray[np.float64],
+    reach: float,
+    shape: tuple[int, int, int],
+    lattice: LatticeGeometry,
+) -> int:
+    """The lattice pose nearest to a "pose" action (3,) from a pose; -1 outside of the world."""
+    x, y, heading = pose_from_id(pose_id, lattice)
+    ahead, left = reach * action[0], reach * action[1]
+    s, c = sin_cos(heading)
+    return nearest_pose_id(
+        x + (c * ahead - s * left),
+        y + (s * ahead + c * left),
+        heading + math.pi * action[2],
+        shape,
+        lattice,
+    )
 
 
 class PlanarPoseMode:
@@ -36,19 +66,23 @@ class PlanarPoseMode:
         """Box(-1, 1, (3,), float32)."""
         return spaces.Box(-1.0, 1.0, (3,), np.float32)
 
+    def parse(self, agent: str, action: object) -> NDArray[np.float64]:
+        """The numbers (3,) of an action.
+
+        Raises
+        ------
+        InvalidActionError
+            Naming the robot and the value.
+        """
+        return parse_pose_action(agent, action, ("ahead", "left", "turn"))
+
     def decode(self, agent: str, action: object, belief: PlanarBelief) -> Decoded:
         """Nearest lattice pose to the requested one."""
-        ahead, left, turn = parse_pose_action(agent, action, ("ahead", "left", "turn")).tolist()
-        robot = belief.agents.index(agent)
-        reach, _, half_turn = self._scale.tolist()
-        x, y, heading = belief.lattice.pose(belief.pose_ids[robot])
-        s, c = sin_cos(heading)
-        target = (
-            x + reach * (c * ahead - s * left),
-            y + reach * (s * ahead + c * left),
-            heading + half_turn * turn,
-        )
-        pose_id = belief.lattice.nearest_pose_id(target)
+        robot, grid = belief.agents.index(agent), belief.map.grid
+        pose_id = requested_pose(
+            belief.pose_ids[robot], self.parse(agent, action), float(belief.reach), grid.shape_3d,
+            belief.lattice.geometry,
+        )  # fmt: skip
         return Decoded(pose_id, belief.infeasibility_reason(robot, pose_id))
 
     def encode(self, robot: int, pose_id: int, belief: PlanarBelief) -> NDArray[np.float32]:
@@ -60,3 +94,10 @@ class PlanarPoseMode:
                 f"{belief.agents[robot]}: pose {pose_id} is out of reach: {relative} from here"
             )
         return np.clip(action, -1, 1).astype(np.float32)
+
+
+def rejected_reason(rejection: int, action: Any, n_candidates: int) -> str:
+    """Why an action was rejected, in words; empty if it was not."""
+    if rejection == MASKED:
+        return masked_reason(action, n_candidates)
+    return INFEASIBILITY_REASONS[rejection]

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.random_streams import draw_stream
 from coopmap_env.envs.belief import Belief
 from coopmap_env.information import (
     PlanarRatingFunction,
@@ -17,7 +18,20 @@ from coopmap_env.information import (
     ReservedMask,
     ViewContext,
 )
-from coopmap_env.robots import PoseLattice, ReachableCells, infeasibility_reason
+from coopmap_env.robots import PoseLattice
+from coopmap_env.robots.planar.feasible_poses import (
+    PoseSampling,
+    picked_size,
+    sample_feasible_poses,
+    write_feasible_cells,
+)
+from coopmap_env.robots.planar.reachable_regions import (
+    INFEASIBILITY_REASONS,
+    OUTSIDE_WORLD,
+    RegionArrays,
+    feasibility,
+    find_regions,
+)
 
 
 @dataclass(frozen=True)
@@ -30,6 +44,8 @@ class PlanarBelief(Belief):
     """Rates poses with the constants of the environment; has the pose lattice."""
     reach: float
     """Metres; see `PlanarSettings.reach`."""
+    known_regions: RegionArrays | None = None
+    """The environment's own of this map and these poses; None: they are searched when needed."""
 
     @property
     def lattice(self) -> PoseLattice:
@@ -51,22 +67,45 @@ class PlanarBelief(Belief):
         """Camera positions, shape (n_robots, 2), metres."""
         return self.camera_poses[:, :2]
 
-    def feasible_cells(self, robot: int) -> NDArray[np.int32]:
-        """Cells within reach that a collision-free path leads to, the shortest path first."""
-        cells = ReachableCells.search(self.map, self.cell(robot)).cells
-        return self.lattice.cells_within(cells, self.pose_ids[robot], self.reach)
+    @property
+    def regions(self) -> RegionArrays:
+        """The regions of known free space that the robots reach."""
+        if self.known_regions is not None:
+            return self.known_regions
+        regions = RegionArrays.empty(self.map.grid.n_cells, len(self.pose_ids))
+        find_regions(self.map.arrays, np.array(self.pose_ids), self.lattice.n_headings, regions)
+        return regions
+
+    @property
+    def _sampling(self) -> PoseSampling:
+        return PoseSampling(self.lattice.geometry, self.map.grid.shape_3d, float(self.reach))
+
+    def feasible_cells(self, robot: int) -> NDArray[np.int64]:
+        """Cells within reach that a collision-free path leads to, the nearest first.
+
+        So of poses that a planner finds equally good, the nearest one is the first.
+        """
+        found = np.empty(self.map.grid.n_cells, dtype=np.int32)
+        n = write_feasible_cells(self.pose_ids[robot], robot, self._sampling, self.regions, found)
+        cells, ny = found[:n].astype(np.int64), self.map.grid.shape[1]
+        x, y = divmod(self.cell(robot), ny)
+        squares = (cells // ny - x) ** 2 + (cells % ny - y) ** 2
+        nearest_first: NDArray[np.int64] = cells[np.argsort(squares, kind="stable")]
+        return nearest_first
 
     def feasible_poses(self, robot: int) -> NDArray[np.int64]:
         """Pose ids (k,) of all headings in all feasible cells, in the order of the cells."""
-        cells, n = self.feasible_cells(robot).astype(np.int64), self.lattice.n_headings
+        cells, n = self.feasible_cells(robot), self.lattice.n_headings
         return (cells[:, None] * n + np.arange(n)).ravel()
 
     def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Pose ids of up to m different feasible poses, uniformly at random."""
-        cells, n = self.feasible_cells(robot), self.lattice.n_headings
-        picks = rng.choice(len(cells) * n, min(m, len(cells) * n), replace=False)
-        indices, headings = np.divmod(picks, n)
-        return cells[indices] * np.int64(n) + headings
+        poses, picked = np.empty((m,), dtype=np.int64), np.empty(picked_size(m), dtype=np.int64)
+        n = sample_feasible_poses(
+            self.pose_ids[robot], robot, self._sampling, self.regions, draw_stream(rng),
+            picked, poses,
+        )  # fmt: skip
+        return poses[:n]
 
     def cell(self, robot: int) -> int:
         """Flat index of the cell in which the robot's camera is."""
@@ -105,8 +144,10 @@ class PlanarBelief(Belief):
     def infeasibility_reason(self, robot: int, pose_id: int) -> str:
         """Why this pose is infeasible; empty if it is feasible."""
         if pose_id < 0:
-            return "outside the world"
-        return infeasibility_reason(self.map, self.cell(robot), pose_id // self.lattice.n_headings)
+            return INFEASIBILITY_REASONS[OUTSIDE_WORLD]
+        goal = pose_id // self.lattice.n_headings
+        arrays, start = self.map.arrays, self.cell(robot)
+        return INFEASIBILITY_REASONS[feasibility(arrays, self.regions, robot, start, goal)]
 
     def with_poses(self, pose_ids: tuple[int, ...]) -> PlanarBelief:
         """The same belief with the cameras at other poses, and without candidates."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,23 +9,27 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
+from coopmap_env.envs.actions import CandidateMode
+from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.envs.planar._starts import sample_start_poses
-from coopmap_env.envs.planar.actions import PlanarPoseMode
+from coopmap_env.envs.planar._observation_kernels import TeamObservations
+from coopmap_env.envs.planar.actions import PlanarPoseMode, rejected_reason
 from coopmap_env.envs.planar.arguments import PlanarArguments
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.observations import PlanarObserver
 from coopmap_env.envs.planar.planning import PlanarPlanning
 from coopmap_env.envs.planar.settings import PlanarSettings
-from coopmap_env.envs.rewards import RewardScale
-from coopmap_env.envs.step_data import EpisodeRngs, FusedScans, TeamMoveResult
+from coopmap_env.envs.planar.worlds import PlanarWorlds
+from coopmap_env.envs.step_data import EpisodeSeeds, TeamStep
 from coopmap_env.envs.team import TeamEnv
-from coopmap_env.information import PlanarRatingFunction
-from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping import VoxelGrid
 from coopmap_env.rendering import render_team
-from coopmap_env.robots import PoseLattice
-from coopmap_env.simulation import PlanarSimulator
+from coopmap_env.sensing import Scan
 from coopmap_env.simulation.scenes.planar import PlanarScene, PlanarWorld, make_planar_scene
+
+ONE_WORLD = np.zeros(1, dtype=np.int64)
+NO_POSES = np.empty((1, 0, 3))
+NO_CHOICES = np.empty((1, 0), dtype=np.int64)
 
 
 class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
@@ -50,77 +53,99 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         "is_parallelizable": True,
     }
 
+    _actions: PlanarPoseMode | CandidateMode
+    _observer: PlanarObserver
+
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         arguments = PlanarArguments(*args, **kwargs)
         EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
         self.scene = scene = make_planar_scene(arguments.scene)
-        self._grid = VoxelGrid(scene.shape, scene.resolution, scene.origin)
+        grid = VoxelGrid(scene.shape, scene.resolution, scene.origin)
         self.settings = arguments.settings or PlanarSettings.for_resolution(scene.resolution)
-        self._belief = belief = self._empty_belief()
+        self.task = arguments.task(grid, self.settings)
+        self._planning = PlanarPlanning()
         self._set_up(
-            belief.actions,
-            RewardScale.for_camera(
-                belief.rating_function.fan.max_visible_cells,
-                belief.rating_function.settings.n_gray_bins,
-                belief.map.grid.n_cells,
-            ),
-            PlanarObserver(
-                belief,
-                self.settings.crop_cells,
-                self._candidate_mode.n_candidates if self._candidate_mode else None,
-            ),
+            self._candidate_mode or PlanarPoseMode(self.settings.reach), PlanarObserver(self.task)
         )
-        self._simulator: PlanarSimulator
+        self._attach(self._make_worlds(), 0)
 
-    def _reset_world(self, rngs: EpisodeRngs) -> PlanarBelief:
-        world = _make_world(self.scene, self._grid, rngs.scene)
-        self._simulator = PlanarSimulator(world, self.settings.camera, self.settings.noise)
-        self._belief.map.clear()
-        starts, known = sample_start_poses(
-            world,
-            self._belief.lattice,
-            len(self.possible_agents),
-            self.settings.max_start_distance,
-            self.settings.initial_free_radius,
-            rngs.start,
+    def _make_worlds(self) -> PlanarWorlds:
+        return PlanarWorlds(self.task, 1, keep_surfaces=True)
+
+    def _attach(self, worlds: PlanarWorlds, index: int) -> None:
+        """Be the environment of one of these worlds."""
+        self._worlds, self._index = worlds, index
+        self._map, self._regions = worlds.map(index), worlds.regions(index)
+
+    def _start(self, seeds: EpisodeSeeds) -> tuple[PlanarBelief, list[Observation]]:
+        world = make_world(self.scene, self._map.grid, np.random.default_rng(seeds.scene))
+        self._worlds.reset(0, world, seeds)
+        observations = self._worlds.empty_observations()
+        self._worlds.start(ONE_WORLD, observations)
+        return self._current_belief(), self._observations_of_robots(observations)
+
+    def _advance(self, actions: dict[str, Any]) -> TeamStep[PlanarBelief]:
+        worlds = self._worlds
+        parsed = [self._actions.parse(agent, action) for agent, action in actions.items()]
+        n_offered = worlds.arrays.n_candidates[0].tolist()
+        observations = worlds.empty_observations()
+        if worlds.task.n_candidates:
+            worlds.step(ONE_WORLD, NO_POSES, np.array([parsed]), observations)
+        else:
+            worlds.step(ONE_WORLD, np.array([parsed]), NO_CHOICES, observations)
+        rejections = worlds.results.rejections[0].tolist()
+        return TeamStep(
+            self._current_belief(),
+            worlds.outcomes(0),
+            worlds.reward_terms(0),
+            ["an occupied cell" if one else "" for one in worlds.results.collided[0].tolist()],
+            [
+                rejected_reason(rejection, action, n)
+                for rejection, action, n in zip(rejections, parsed, n_offered, strict=True)
+            ],
+            self._observations_of_robots(observations),
         )
-        self._belief.map.mark_free(known)
-        belief = self._belief.with_poses(starts)
-        self._simulator.set_poses([belief.lattice.pose(pose_id) for pose_id in starts])
-        return belief
 
-    def _move(
-        self, belief: PlanarBelief, targets: Sequence[int | None], rng: np.random.Generator
-    ) -> TeamMoveResult:
-        lattice = belief.lattice
-        moved = self._simulator.move(
-            [None if target is None else lattice.pose(target) for target in targets], rng
+    def _current_belief(self) -> PlanarBelief:
+        worlds, index = self._worlds, self._index
+        return PlanarBelief(
+            agents=tuple(self.possible_agents),
+            map=self._map,
+            actions=self._actions,
+            planning=self._planning,
+            candidates=worlds.candidates(index),
+            pose_ids=tuple(worlds.arrays.pose_ids[index].tolist()),
+            rating_function=worlds.rating_function,
+            reach=self.settings.reach,
+            known_regions=self._regions,
         )
-        poses, collision_cells = list(belief.pose_ids), []
-        for robot, target in enumerate(targets):
-            if target is not None and moved[robot].collided_with:
-                collision_cells.append(target // lattice.n_headings)
-            elif target is not None:
-                poses[robot] = target
-        collided_with = [result.collided_with for result in moved]
-        return TeamMoveResult(tuple(poses), collided_with, collision_cells)
 
-    def _fuse_scans(
-        self, belief: PlanarBelief, rng: np.random.Generator
-    ) -> FusedScans[PlanarBelief]:
-        scans = [self._simulator.scan(robot, rng) for robot in range(len(belief.agents))]
-        return FusedScans(belief, scans, belief.map.integrate(scans))
+    def _observations_of_robots(self, observations: TeamObservations) -> list[Observation]:
+        parts = self._observer.name_parts(observations)
+        return [
+            {name: part[0, robot] for name, part in parts.items()}
+            for robot in range(len(self.possible_agents))
+        ]
+
+    @property
+    def last_scans(self) -> list[Scan]:
+        """Scans of the last step, as they were fused."""
+        return self._worlds.scans(self._index) if self._scans_done else []
+
+    def _common_info(self) -> dict[str, Any]:
+        observed = int(self._worlds.arrays.n_observed[self._index]) / self._map.grid.n_cells
+        return {"n_scans": self._scans_done, "observed_fraction": observed}
 
     @property
     def truth(self) -> PlanarWorld:
         """The true world, for scoring and rendering only; policies get `belief`."""
         self._require_reset()
-        return self._simulator.world
+        return self._worlds.truth(self._index)
 
     def _render_frame(self) -> NDArray[np.uint8]:
-        map_, grid = self._belief.map, self._belief.map.grid
-        poses = self._belief.camera_poses
+        belief = self.belief()
+        map_, grid, poses = belief.map, belief.map.grid, belief.camera_poses
         return render_team(
             self.truth.occupied,
             map_.probability,
@@ -133,22 +158,9 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
             f"observed {map_.observed_fraction:.1%}",
         )
 
-    def _empty_belief(self) -> PlanarBelief:
-        s, grid = self.settings, self._grid
-        lattice = PoseLattice(grid, s.n_headings)
-        return PlanarBelief(
-            agents=tuple(self.possible_agents),
-            map=OccupancyMap(grid, s.beam, s.log_odds_range),
-            actions=self._candidate_mode or PlanarPoseMode(s.reach),
-            planning=PlanarPlanning(),
-            candidates=None,
-            pose_ids=(0,) * len(self.possible_agents),
-            rating_function=PlanarRatingFunction(s.camera, lattice, s.rating, s.log_odds_range),
-            reach=s.reach,
-        )
 
-
-def _make_world(scene: PlanarScene, declared: VoxelGrid, rng: np.random.Generator) -> PlanarWorld:
+def make_world(scene: PlanarScene, declared: VoxelGrid, rng: np.random.Generator) -> PlanarWorld:
+    """A world of a scene, which must be as the scene declares."""
     world = scene.world(rng)
     if not isinstance(world, PlanarWorld):
         raise ValueError(f"scene {scene.name!r} must make a PlanarWorld, not {brief(world)}")
@@ -159,6 +171,45 @@ def _make_world(scene: PlanarScene, declared: VoxelGrid, rng: np.random.Generato
                 f"scene {scene.name!r} made a world of {name} {actual}, not {expected}"
             )
     return world
+
+
+class PlanarWorldView(PlanarEnv):
+    """One of many planar worlds, to look at: its belief, truth, scans and picture.
+
+    It shows the world as it is now. The robots' trails are not kept.
+
+    Parameters
+    ----------
+    env : PlanarEnv
+        An environment with the arguments of the worlds.
+    worlds : PlanarWorlds
+    index : int
+        Which one.
+    """
+
+    def __init__(self, env: PlanarEnv, worlds: PlanarWorlds, index: int) -> None:
+        self.__dict__.update(env.__dict__)
+        self._attach(worlds, index)
+        self._has_reset = worlds.has_reset(index)
+        self.agents = list(self.possible_agents)
+        self._trails = [[] for _ in self.agents]
+
+    def belief(self) -> PlanarBelief:
+        """See `MappingEnv.belief`."""
+        self._require_reset()
+        return self._current_belief()
+
+    @property
+    def _scans_done(self) -> int:  # type: ignore[override]  # of the worlds, not of this object
+        return int(self._worlds.arrays.n_scans[self._index])
+
+    def reset(self, *args: Any, **kwargs: Any) -> Any:
+        """Raise RuntimeError: the vector environment resets its worlds."""
+        raise RuntimeError("this is a view of a world: reset the vector environment")
+
+    def step(self, *args: Any, **kwargs: Any) -> Any:
+        """Raise RuntimeError: the vector environment steps its worlds."""
+        raise RuntimeError("this is a view of a world: step the vector environment")
 
 
 class PlanarTeamEnv(TeamEnv):

@@ -52,9 +52,7 @@ index    content
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -65,91 +63,100 @@ from coopmap_env.core.limits import check_bytes
 from coopmap_env.core.linear_algebra import length
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.planar._observation_kernels import (
+    N_CHANNELS,
+    N_FEATURES,
     CropTables,
     FeatureScale,
     ObservationArrays,
+    TeamObservations,
     WorldExtent,
-    crop_offsets,
-    write_candidate_features,
-    write_observations,
+    write_pose_vector,
 )
 from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.envs.planar.task import PlanarTask
+from coopmap_env.information import PlanarRatingFunction
 
-N_CHANNELS = 4
-N_FEATURES = 9
+__all__ = ["ObservationArrays", "PlanarObserver", "TeamObservations", "observation_tables"]
+
 FEATURE_LIMIT = 10.0
 BYTES_PER_CROP_CELL = 40
 """Memory that it takes to prepare a cell of the crop for one heading."""
 
 
-class PlanarObserver:
-    """Computes observations and declares their spaces; one object per environment."""
+class ObservationTables(NamedTuple):
+    """What the kernels of observations need."""
 
-    def __init__(self, belief: PlanarBelief, crop_cells: int, n_candidates: int | None) -> None:
-        grid = belief.map.grid
-        self._n_robots = len(belief.agents)
-        self._crop_cells = crop_cells
-        self._n_candidates = n_candidates
-        self._shape = grid.shape
-        size = tuple(n * grid.resolution for n in grid.shape)
-        self._world = tuple(WorldExtent(grid.origin, size, grid.resolution))
-        check_bytes(
-            BYTES_PER_CROP_CELL * belief.lattice.n_headings * crop_cells**2,
-            "the observed crop for all headings (crop_cells, n_headings)",
-        )
-        features = 4 * N_FEATURES * (n_candidates or 0)
-        check_bytes(
-            self._n_robots * (N_CHANNELS * crop_cells**2 + features),
-            "an observation of all robots (n_robots, crop_cells, n_candidates)",
-        )
-        offsets = crop_offsets(crop_cells, belief.lattice.n_headings)
-        byte_of_log_odds = np.round(255 * belief.map.log_odds_range.probability).astype(np.uint8)
-        self._tables = tuple(CropTables(offsets, int(np.abs(offsets).max()), byte_of_log_odds))
-        max_information = log(belief.rating_function.settings.n_gray_bins)
-        self._scale = tuple(
-            FeatureScale(
-                length(size),
-                max_information,
-                belief.rating_function.max_visible_cells,
-                FEATURE_LIMIT,
-            )
-        )
+    crop: CropTables
+    extent: WorldExtent
+    feature_scale: FeatureScale
+
+
+def observation_tables(task: PlanarTask, rating: PlanarRatingFunction) -> ObservationTables:
+    """Tables for the observations of a task.
+
+    Raises
+    ------
+    ValueError
+        If they, or the observations, take more memory than `coopmap_env.core.limits` allows.
+    """
+    s, grid = task.settings, task.grid
+    check_bytes(
+        BYTES_PER_CROP_CELL * s.n_headings * s.crop_cells**2,
+        "the observed crop for all headings (crop_cells, n_headings)",
+    )
+    check_bytes(
+        task.n_robots * (N_CHANNELS * s.crop_cells**2 + 4 * N_FEATURES * task.n_candidates),
+        "an observation of all robots (n_robots, crop_cells, n_candidates)",
+    )
+    extent = WorldExtent.of_grid(grid)
+    return ObservationTables(
+        CropTables.make(s.crop_cells, s.n_headings, grid.shape[1], s.log_odds_range),
+        extent,
+        FeatureScale(
+            length(extent.size),
+            log(s.rating.n_gray_bins),
+            rating.max_visible_cells,
+            FEATURE_LIMIT,
+        ),
+    )
+
+
+class PlanarObserver:
+    """Declares the spaces of observations, and makes them of the arrays of a step."""
+
+    def __init__(self, task: PlanarTask) -> None:
+        self._task = task
+        self._extent = tuple(WorldExtent.of_grid(task.grid))
 
     def space(self, robot: int) -> spaces.Dict:
         """Make a new observation space of one robot."""
-        v, m = self._crop_cells, self._n_candidates
+        v, m = self._task.settings.crop_cells, self._task.n_candidates
         parts: dict[str, spaces.Space[Any]] = {
             "map": spaces.Box(0, 255, (N_CHANNELS, v, v), np.uint8),
             "pose": spaces.Box(-1.0, 1.0, (4,), np.float32),
         }
-        if self._n_robots > 1:
-            parts["teammates"] = spaces.Box(-1.0, 1.0, (self._n_robots - 1, 4), np.float32)
-        if m is not None:
+        if self._task.n_robots > 1:
+            parts["teammates"] = spaces.Box(-1.0, 1.0, (self._task.n_robots - 1, 4), np.float32)
+        if m:
             parts["candidates"] = spaces.Box(
                 -FEATURE_LIMIT, FEATURE_LIMIT, (m, N_FEATURES), np.float32
             )
             parts["action_mask"] = spaces.Box(0, 1, (m,), np.int8)
         return spaces.Dict(parts)
 
-    def observe(self, belief: PlanarBelief) -> list[Observation]:
-        """Observations of all robots, as new arrays."""
-        drawn = self._draw(belief)
-        observations: list[Observation] = [
-            {"map": image, "pose": pose}
-            for image, pose in zip(drawn.maps, drawn.pose_vectors, strict=True)
-        ]
-        if self._n_robots > 1:
-            for observation, teammates in zip(observations, drawn.teammates, strict=True):
-                observation["teammates"] = teammates
-        if belief.candidates is not None and self._n_candidates is not None:
-            described = self._candidate_features(belief, belief.candidates, self._n_candidates)
-            for observation, features, mask in zip(observations, *described, strict=True):
-                observation["candidates"], observation["action_mask"] = features, mask
-        return observations
+    def name_parts(self, arrays: TeamObservations) -> Observation:
+        """The entries of observations, each with its leading axes of worlds and robots."""
+        views = arrays.views
+        parts: Observation = {"map": views.maps, "pose": views.pose_vectors}
+        if self._task.n_robots > 1:
+            parts["teammates"] = views.teammates
+        if self._task.n_candidates:
+            parts["candidates"], parts["action_mask"] = arrays.features, arrays.action_mask
+        return parts
 
     def state_space(self) -> spaces.Box:
         """Box (2 nx ny + 4 n_robots,) float32 in [-1, 1]; see `state`."""
-        size = 2 * math.prod(self._shape) + 4 * self._n_robots
+        size = 2 * self._task.grid.n_cells + 4 * self._task.n_robots
         return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def state(self, belief: PlanarBelief) -> NDArray[np.float32]:
@@ -158,38 +165,9 @@ class PlanarObserver:
         First P(occupied), then sampled (each nx ny values, row-major), then four values a robot
         as in the observation's ``pose``.
         """
-        map_, poses = belief.map, self._draw(belief).pose_vectors
-        parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_mask, poses.ravel()]
+        map_, poses = belief.map, belief.camera_poses
+        vectors = np.empty((len(poses), 4), dtype=np.float32)
+        for pose, vector in zip(poses, vectors, strict=True):
+            write_pose_vector(pose, self._extent, vector)
+        parts: list[NDArray[Any]] = [map_.probability.ravel(), map_.sampled_mask, vectors.ravel()]
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
-
-    def _draw(self, belief: PlanarBelief) -> ObservationArrays:
-        """The entries ``map``, ``pose`` and ``teammates`` of all robots."""
-        n, side = self._n_robots, self._crop_cells
-        out = ObservationArrays(
-            np.empty((n, N_CHANNELS, side, side), dtype=np.uint8),
-            np.empty((n, 4), dtype=np.float32),
-            np.empty((n, n - 1, 4), dtype=np.float32),
-        )
-        pose_ids = np.array(belief.pose_ids)
-        write_observations(
-            tuple(belief.map.arrays), self._world, self._tables, pose_ids, belief.camera_poses, *out
-        )
-        return out
-
-    def _candidate_features(
-        self, belief: PlanarBelief, candidates: Sequence[NDArray[np.int64]], m: int
-    ) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
-        """The entries ``candidates`` and ``action_mask`` of all robots."""
-        rating, ids = belief.rating_function, np.concatenate(candidates)
-        counts = np.array([len(robot_candidates) for robot_candidates in candidates])
-        ni, unknown = rating.new_information_and_unknown(belief.map, ids)
-        distance = rating.distance(ids, np.repeat(belief.pose_ids, counts))
-        rated = rating.rate_from_new_information(belief.map, ids, distance, ni)
-        features = np.zeros((self._n_robots, m, N_FEATURES), dtype=np.float32)
-        mask = np.zeros((self._n_robots, m), dtype=np.int8)
-        write_candidate_features(
-            ids, counts, belief.camera_poses, tuple(belief.lattice.geometry),
-            (ni, rated.motion_cost, rated.occupancy, rated.rating, unknown),
-            self._scale, features, mask,
-        )  # fmt: skip
-        return features, mask

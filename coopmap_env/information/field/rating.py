@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.geometry import Spheres
-from coopmap_env.information.field._pooling import pool, pooled_grid
 from coopmap_env.information.field._view_tables import ViewTables
 from coopmap_env.information.field.views import fill_mask, view_histogram
 from coopmap_env.information.ratings import (
@@ -24,6 +23,7 @@ from coopmap_env.information.ratings import (
 )
 from coopmap_env.information.settings import FieldRatingSettings, RatingSettings
 from coopmap_env.mapping import LogOddsRange, MapArrays, OccupancyMap, VoxelGrid
+from coopmap_env.mapping.pooling import pool_mask, pooled_grid
 from coopmap_env.sensing import DepthCamera
 
 
@@ -62,6 +62,7 @@ class FieldRatingFunction:
             for g in (grid, pooled_grid(grid))
         )
         self._no_reservation = np.zeros(grid.n_cells, dtype=np.uint8)
+        self._no_pooled_reservation = np.zeros(self.coarse.grid.n_cells, dtype=np.uint8)
         self._sequential_mask = self._no_reservation.copy()
         """For `sequential_new_information`; zeros in between."""
 
@@ -199,12 +200,14 @@ class FieldRatingFunction:
                 f"rating function ({self.grid}, clamp {self._range.clamp})"
             )
         if reserved_mask is None:
-            reserved_mask = self._no_reservation
-        elif reserved_mask.shape != self._no_reservation.shape or reserved_mask.dtype != np.uint8:
+            if coarse:
+                return self.coarse, map_.pooled, self._no_pooled_reservation
+            return self.fine, map_.arrays, self._no_reservation
+        if reserved_mask.shape != self._no_reservation.shape or reserved_mask.dtype != np.uint8:
             raise ValueError(
                 f"reserved_mask must be uint8 of shape {self._no_reservation.shape}, "
                 f"got {reserved_mask.dtype} of shape {reserved_mask.shape}"
             )
         if coarse:
-            return self.coarse, *pool(map_.arrays, reserved_mask, self.grid)
+            return self.coarse, map_.pooled, pool_mask(reserved_mask, self.grid)
         return self.fine, map_.arrays, reserved_mask

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
+from coopmap_env.information.planar.cell_codes import UNKNOWN, write_codes
 from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.ratings import WHOLE_VIEW, ViewContext
-from coopmap_env.mapping import MapArrays, OccupancyMap
+from coopmap_env.mapping import OccupancyMap
 
 
 class RowIntervals(NamedTuple):
@@ -55,8 +56,7 @@ class NewInformationCache:
         self._rows = _row_intervals(rating)
         self._ni = np.zeros(lattice.n_poses)
         self._cached = np.zeros(lattice.n_poses, dtype=np.uint8)
-        self._log_odds_fixed = np.zeros(n_cells, dtype=np.int32)
-        self._sampled = np.zeros(n_cells, dtype=np.uint8)
+        self._codes = np.full(n_cells, UNKNOWN, dtype=np.uint8)
         self._changed = ChangedCells(*np.zeros((2, n_cells), dtype=np.uint8))
         self.n_rated = 0
         """Poses rated so far, for benchmarks: without the cache all of them would be rated."""
@@ -67,7 +67,7 @@ class NewInformationCache:
         """As `PlanarRatingFunction.new_information`, shape (k,)."""
         ids = self.rating.validate_ids(map_, poses)
         self._invalidate_changed(map_)
-        self._rate_missing(map_, ids)
+        self._rate_missing(ids)
         ni = self._ni[ids]
         reserved = context.reserved_mask
         if reserved is not None and reserved.any():
@@ -77,20 +77,20 @@ class NewInformationCache:
         return ni
 
     def _invalidate_changed(self, map_: OccupancyMap) -> None:
+        codes = np.empty_like(self._codes)
+        table, arrays = self.rating.codes, map_.arrays
+        write_codes(arrays.log_odds_fixed, arrays.sampled_mask, table.of_log_odds, codes)
         any_changed = find_changed_cells(
-            map_.arrays,
-            self._log_odds_fixed,
-            self._sampled,
-            self.rating.gray.sampled,
-            self._changed,
+            codes, self._codes, table.bins, table.first_occupied, self._changed
         )
+        self._codes = codes
         if any_changed:
             (cached,) = np.nonzero(self._cached)
             self._cached[cached[self._affected(cached, self._changed) != 0]] = 0
 
-    def _rate_missing(self, map_: OccupancyMap, ids: NDArray[np.int64]) -> None:
+    def _rate_missing(self, ids: NDArray[np.int64]) -> None:
         missing = ids[self._cached[ids] == 0]
-        self._ni[missing] = self.rating.new_information(map_, missing)
+        self._ni[missing], _ = self.rating.evaluate_codes(self._codes, missing)
         self._cached[missing] = 1
         self.n_rated += len(missing)
 
@@ -118,37 +118,30 @@ def _row_intervals(rating: PlanarRatingFunction) -> RowIntervals:
 
 @kernel
 def find_changed_cells(
-    arrays: MapArrays,
-    old_log_odds_fixed: NDArray[np.int32],
-    old_sampled: NDArray[np.uint8],
-    table: NDArray[np.uint8],
+    codes: NDArray[np.uint8],
+    old_codes: NDArray[np.uint8],
+    bins: NDArray[np.uint16],
+    first_occupied: int,
     changed: ChangedCells,
 ) -> bool:
-    """Mark cells whose gray bin or occlusion changed, and keep the map; return if there are any.
+    """Mark cells whose gray bin or occlusion changed; return if there are any.
 
-    `table` is `GrayLevelTable.sampled`: its last row is for two cells away or more.
+    `bins` and `first_occupied` are those of the `CodeTable`.
     """
-    log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
     far, near = changed.far, changed.near
-    far_class = table.shape[0] - 1
+    far_class = bins.shape[0] - 1
     found = False
-    for cell in range(len(log_odds_fixed)):
+    for cell in range(len(codes)):
+        new, old = codes[cell], old_codes[cell]
         far[cell] = 0
         near[cell] = 0
-        new, old = log_odds_fixed[cell], old_log_odds_fixed[cell]
-        if sampled[cell] != old_sampled[cell]:
-            far[cell] = 1
-            near[cell] = 1
-        elif new != old and sampled[cell]:
-            if (new >= 0) != (old >= 0):
+        if new != old:
+            occlusion_changed = (new >= first_occupied) != (old >= first_occupied)
+            if new == UNKNOWN or old == UNKNOWN or occlusion_changed:
                 far[cell] = 1
+            far[cell] |= bins[far_class, new] != bins[far_class, old]
             for row in range(far_class + 1):
-                if table[row, new + clamp] != table[row, old + clamp]:
-                    near[cell] = 1
-                    if row == far_class:
-                        far[cell] = 1
-        old_log_odds_fixed[cell] = new
-        old_sampled[cell] = sampled[cell]
+                near[cell] |= bins[row, new] != bins[row, old]
         found |= far[cell] != 0 or near[cell] != 0
     return found
 

@@ -21,7 +21,8 @@ from coopmap_env.information._mutual_information import (
 from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.ratings import WHOLE_VIEW, ViewContext
 from coopmap_env.mapping import MapArrays, OccupancyMap
-from coopmap_env.sensing.beam_fan import BEAMS_PER_WORD, BeamFan, FanArrays
+from coopmap_env.sensing import BeamFan
+from coopmap_env.sensing.beam_fan import BEAMS_PER_WORD, FanArrays
 
 
 class BeamEntries(NamedTuple):
@@ -33,6 +34,8 @@ class BeamEntries(NamedTuple):
     start: NDArray[np.int64]
     """Shape (n_headings, n_beams + 1)."""
     entries: NDArray[np.int32]
+    order: NDArray[np.int32]
+    """All entries, heading by heading, in the order of the sum: by |dx| + |dy|, then dx and dy."""
 
 
 class PlanarMutualInformation:
@@ -70,9 +73,17 @@ class PlanarMutualInformation:
         ids = self._rating.validate_ids(map_, poses)
         out = np.empty(len(ids))
         model = CellModel.of_map(map_.log_odds_range, self._prior, self._known_probability)
-        reserved = self._rating.reserved_cells(context)
+        reserved = context.reserved_mask
+        if reserved is None:
+            reserved = np.zeros(map_.grid.n_cells, dtype=np.uint8)
         write_mutual_information(
-            map_.arrays, reserved, ids, self._rating.fan.arrays, self._beams, model, out
+            map_.arrays,
+            reserved,
+            ids,
+            self._rating.fan.arrays(map_.grid.shape[1]),
+            self._beams,
+            model,
+            out,
         )
         return out
 
@@ -87,13 +98,16 @@ def _entries_of_beams(fan: BeamFan) -> BeamEntries:
         low, high = fan.start[h], fan.start[h + 1]
         for beam in range(n_beams):
             word, bit = divmod(beam, BEAMS_PER_WORD)
-            crossed = fan.beams[low:high, word] >> np.uint64(bit) & np.uint64(1)
+            crossed = fan.beams[word, low:high] >> np.uint64(bit) & np.uint64(1)
             (entries,) = np.nonzero(crossed)
             start[h, beam] = total
             total += len(entries)
             parts.append(entries + low)
         start[h, n_beams] = total
-    return BeamEntries(start, np.concatenate(parts).astype(np.int32))
+    heading = np.repeat(np.arange(fan.n_headings), np.diff(fan.start))
+    dx, dy = fan.offsets.T.astype(np.int32)
+    order = np.lexsort((dy, dx, np.abs(dx) + np.abs(dy), heading))
+    return BeamEntries(start, np.concatenate(parts).astype(np.int32), order.astype(np.int32))
 
 
 @kernel
@@ -129,7 +143,8 @@ def write_mutual_information(
                 if reach_probability < MIN_REACH_PROBABILITY:
                     break
         total = 0.0
-        for k in range(fan.start[heading], fan.start[heading + 1]):
+        for e in range(fan.start[heading], fan.start[heading + 1]):
+            k = beams.order[e]
             if reached[k] > 0.0:
                 at = (x + offsets[k, 0]) * ny + y + offsets[k, 1]
                 if not reserved_mask[at]:

@@ -8,18 +8,21 @@ from numpy.typing import ArrayLike, NDArray
 from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
 from coopmap_env.information.gray_levels import GrayLevelTable
-from coopmap_env.information.planar.views import (
-    allocate_view,
-    are_all_below,
-    evaluate_views,
+from coopmap_env.information.planar.cell_codes import CodeTable
+from coopmap_env.information.planar.view_arrays import ViewTables
+from coopmap_env.information.planar.view_calls import (
+    evaluate_coded_poses,
+    evaluate_poses,
+    evaluate_team,
     find_visible_cells,
-    sequential_new_information,
 )
-from coopmap_env.information.ratings import WHOLE_VIEW, Ratings, ViewContext
+from coopmap_env.information.ratings import WHOLE_VIEW, Ratings, ReservedMask, ViewContext
 from coopmap_env.information.settings import PlanarRatingSettings
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import BeamFan, PlanarCamera
+
+NOTHING_RESERVED: ReservedMask = np.zeros(0, dtype=np.uint8)
 
 
 class PlanarRatingFunction:
@@ -52,10 +55,10 @@ class PlanarRatingFunction:
         self.gray = GrayLevelTable.from_distances(
             self.fan.distance, self.fan.depth, settings, log_odds_range
         )
-        self._fan = tuple(self.fan.arrays)
-        self._gray = tuple(self.gray.arrays(self.max_visible_cells))
+        self.codes = CodeTable.from_gray_levels(self.gray, log_odds_range)
+        self._fan = tuple(self.fan.arrays(lattice.grid.shape[1]))
+        self._tables = tuple(ViewTables.from_fan(self.fan, self.gray, self.codes))
         self._clamp = log_odds_range.clamp
-        self._no_reservation = np.zeros(lattice.grid.n_cells, dtype=np.uint8)
 
     @property
     def max_visible_cells(self) -> int:
@@ -84,8 +87,18 @@ class PlanarRatingFunction:
         self, map_: OccupancyMap, ids: NDArray[np.int64], context: ViewContext
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         ni, unknown = np.empty(len(ids)), np.empty(len(ids), dtype=np.int64)
-        reserved = self.reserved_cells(context)
-        evaluate_views(tuple(map_.arrays), reserved, ids, self._fan, self._gray, ni, unknown)
+        mask = context.reserved_mask
+        reserved_mask = NOTHING_RESERVED if mask is None else mask
+        evaluate_poses(tuple(map_.arrays), reserved_mask, ids, self._fan, self._tables, ni, unknown)
+        return ni, unknown
+
+    def evaluate_codes(
+        self, codes: NDArray[np.uint8], ids: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """`new_information_and_unknown` of valid poses on the `cell_codes` of a map (n_cells,)."""
+        ni, unknown = np.empty(len(ids)), np.empty(len(ids), dtype=np.int64)
+        shape = self.lattice.grid.shape
+        evaluate_coded_poses(codes, shape, ids, self._fan, self._tables, ni, unknown)
         return ni, unknown
 
     def visible_cells(
@@ -95,11 +108,10 @@ class PlanarRatingFunction:
 
         Reserved cells are included.
         """
-        (valid_id,) = self.validate_ids(map_, [pose_id])
-        fan = self.fan.arrays
-        view = allocate_view(fan, self.settings.n_gray_bins)
-        n = find_visible_cells(map_.arrays, valid_id, fan, view)
-        return view.visible[:n].copy()
+        ids = self.validate_ids(map_, [pose_id])
+        cells = np.empty(self.max_visible_cells, dtype=np.int64)
+        n = find_visible_cells(tuple(map_.arrays), ids, self._fan, self._tables, cells)
+        return cells[:n]
 
     def distance(self, pose_ids: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
         """Distance d of Eq. 5, shape (k,), from `current`: one pose for each, or one for all."""
@@ -132,9 +144,7 @@ class PlanarRatingFunction:
         """
         ids = self.validate_ids(map_, pose_ids)
         ni = np.empty(len(ids))
-        sequential_new_information(
-            tuple(map_.arrays), self._no_reservation, ids, self._fan, self._gray, ni
-        )
+        evaluate_team(tuple(map_.arrays), ids, self._fan, self._tables, ni)
         return self._rate(map_, ids, distance, ni)
 
     def rate_from_new_information(
@@ -158,19 +168,14 @@ class PlanarRatingFunction:
         if d.shape != ids.shape:
             d = np.full(ids.shape, d)
         table, clamp, s = map_.log_odds_range.probability, self._clamp, self.settings
-        cells = ids // self.lattice.n_headings
         out = np.empty((3, len(ids)))
         rate_poses(
-            map_.log_odds_fixed, table, clamp, cells, (float(s.K), float(s.exponent)),
+            map_.log_odds_fixed, table, clamp, ids, self.lattice.n_headings,
+            (float(s.K), float(s.exponent)),
             new_information, d, out,
         )  # fmt: skip
         cost, occupancy, rating = out
         return Ratings(new_information, d, cost, occupancy, rating)
-
-    def reserved_cells(self, context: ViewContext) -> NDArray[np.uint8]:
-        """The context's reserved mask, or zeros."""
-        mask = context.reserved_mask
-        return self._no_reservation if mask is None else mask
 
     def validate_ids(self, map_: OccupancyMap, ids: ArrayLike) -> NDArray[np.int64]:
         """Pose ids as an array; kernels trust them and the map, so both are checked here.
@@ -189,6 +194,15 @@ class PlanarRatingFunction:
                 f"rating function ({self.lattice.grid.shape}, clamp {self._clamp})"
             )
         return numbers
+
+
+@kernel
+def are_all_below(numbers: NDArray[np.int64], n: int) -> bool:
+    """Whether every number lies in 0 ... n - 1."""
+    outside = 0
+    for k in range(len(numbers)):
+        outside += numbers[k] < 0 or numbers[k] >= n
+    return outside == 0
 
 
 @kernel
@@ -220,7 +234,8 @@ def rate_poses(
     log_odds_fixed: NDArray[np.int32],
     probability: NDArray[np.float64],
     clamp: int,
-    cells: NDArray[np.int64],
+    ids: NDArray[np.int64],
+    n_headings: int,
     cost_law: tuple[float, float],
     ni: NDArray[np.float64],
     d: NDArray[np.float64],
@@ -233,6 +248,6 @@ def rate_poses(
     K, exponent = cost_law
     cost, p, rating = out[0], out[1], out[2]
     for k in range(len(d)):
-        p[k] = probability[log_odds_fixed[cells[k]] + clamp]
+        p[k] = probability[log_odds_fixed[ids[k] // n_headings] + clamp]
         cost[k] = K * power(d[k], exponent)
         rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])

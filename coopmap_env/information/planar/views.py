@@ -1,214 +1,153 @@
-"""Kernels over the cells that a camera pose would see on the known map.
+"""Kernels over the cells that a camera pose would see on the known map: NI, Eqs. 6 to 8.
 
-A pose is the id of a lattice pose. A sampled cell with P >= 1/2 counts as occupied and ends the
-beams that cross it; unknown cells let them pass. `reserved_mask` is 1 at cells that a teammate will
-observe: they are not counted, and Eq. 7 treats them as hidden ones.
+A pose is the id of a lattice pose, the map is the codes of its cells (`cell_codes`). A sampled cell
+with P >= 1/2 counts as occupied and ends the beams that cross it; unknown cells let them pass.
+
+In most views nearly all cells are unknown, or known and empty: the special ones are few. So a view
+
+1. copies the codes of all entries of its fan,
+2. lists the special cells, which are neither unknown nor empty,
+3. counts those of them that are visible in their bins of Eq. 7, and finds what they hide,
+4. sums the visible unknown cells over the list: those of one bin are neighbours, as entries are
+   sorted by distance. Bin 0 takes what the other bins leave.
+
+Entries of one byte are handled eight at a time, as a word of 64 bits.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import PlainTuple, kernel
-from coopmap_env.information.gray_levels import GrayBins, histogram_entropy
-from coopmap_env.mapping import MapArrays
+from coopmap_env.core.kernels import borrowing_kernel
+from coopmap_env.information.planar.cell_codes import UNCOUNTED_OCCLUDER
+from coopmap_env.information.planar.view_arrays import ReservedCells, ViewBuffers, ViewTables
+from coopmap_env.information.planar.view_steps import (
+    EIGHT_ONES,
+    ONE,
+    SEVEN,
+    WORD_SHIFT,
+    copy_border_codes,
+    copy_inner_codes,
+    count_special_cells,
+    count_visible_entries,
+    find_special_cells,
+    find_visible_entries,
+    histogram_entropy,
+    sum_unknown_cells,
+)
 from coopmap_env.sensing.beam_fan import FanArrays
 
 
-class ViewBuffers(NamedTuple):
-    """Scratch of one view."""
-
-    alive: NDArray[np.uint64]
-    """Beams that no occupied cell has ended yet, as bits (words,)."""
-    visible: NDArray[np.int64]
-    """Visible cells, flat, nearest first (max_visible_cells,)."""
-    entries: NDArray[np.int64]
-    """Their entries in the fan (max_visible_cells,)."""
-    counts: NDArray[np.int64]
-    """Histogram of gray levels (n_bins,); zeros between two views."""
-
-
-@kernel
-def are_all_below(numbers: NDArray[np.int64], n: int) -> bool:
-    """Whether every number lies in 0 ... n - 1."""
-    outside = 0
-    for k in range(len(numbers)):
-        outside += numbers[k] < 0 or numbers[k] >= n
-    return outside == 0
-
-
-@kernel
-def allocate_view(fan: FanArrays, n_bins: int) -> ViewBuffers:
-    """Scratch for the largest view of a fan."""
-    return ViewBuffers(
-        np.empty(len(fan.all_beams), np.uint64),
-        np.empty(fan.max_visible_cells, np.int64),
-        np.empty(fan.max_visible_cells, np.int64),
-        np.zeros(n_bins, np.int64),
-    )
-
-
-@kernel
-def find_visible_cells(arrays: MapArrays, pose: int, fan: FanArrays, view: ViewBuffers) -> int:
-    """Write the visible cells and their entries in the fan; return how many there are."""
-    log_odds_fixed, sampled, (nx, ny, _) = arrays.log_odds_fixed, arrays.sampled_mask, arrays.shape
-    start, offsets, beams, alive = fan.start, fan.offsets, fan.beams, view.alive
-    n_headings = len(start) - 1
-    cell, heading = pose // n_headings, pose % n_headings
-    x, y = cell // ny, cell % ny
-    words = len(alive)
-    for w in range(words):
-        alive[w] = fan.all_beams[w]
-    count = 0
-    for k in range(start[heading], start[heading + 1]):
-        i, j = x + offsets[k, 0], y + offsets[k, 1]
-        if i < 0 or i >= nx or j < 0 or j >= ny:
-            continue
-        visible_beams = np.uint64(0)
-        for w in range(words):
-            visible_beams |= alive[w] & beams[k, w]
-        if visible_beams == 0:
-            continue
-        visible_cell = i * ny + j
-        view.visible[count] = visible_cell
-        view.entries[count] = k
-        count += 1
-        if sampled[visible_cell] and log_odds_fixed[visible_cell] >= 0:
-            left = np.uint64(0)
-            for w in range(words):
-                alive[w] &= ~beams[k, w]
-                left |= alive[w]
-            if left == 0:
-                break
-    return count
-
-
-@kernel
-def view_information(
-    arrays: MapArrays, reserved_mask: NDArray[np.uint8], view: ViewBuffers, n: int, gray: GrayBins
-) -> tuple[float, int]:
-    """NI of a view of n cells (Eqs. 6-8), nats, and its number of never-sampled cells."""
-    log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
-    counts = view.counts
-    unknown = 0
-    for v in range(n):
-        cell, k = view.visible[v], view.entries[v]
-        if reserved_mask[cell]:
-            continue
-        if sampled[cell]:
-            counts[gray.sampled[gray.distance_class[k], log_odds_fixed[cell] + clamp]] += 1
-        else:
-            counts[gray.unknown[k]] += 1
-            unknown += 1
-    h = histogram_entropy(counts, gray)
-    counts[:] = 0
-    return h, unknown
-
-
-@kernel
+@borrowing_kernel
 def evaluate_views(
-    map_tuple: PlainTuple,
-    reserved_mask: NDArray[np.uint8],
-    poses: NDArray[np.int64],
-    fan_tuple: PlainTuple,
-    gray_tuple: PlainTuple,
-    ni: NDArray[np.float64],
-    unknown: NDArray[np.int64],
-) -> None:
-    """Write NI (Eqs. 6-8) of each pose, and how many never-sampled cells it sees.
-
-    Cameras of at most 64 beams, such as the default one, take one pass over the fan
-    (`_evaluate_views_64_beams`); others take two.
-
-    The tuples are plain `MapArrays`, `FanArrays` and `GrayBins`.
-    """
-    arrays, fan, gray = MapArrays(*map_tuple), FanArrays(*fan_tuple), GrayBins(*gray_tuple)
-    if len(fan.all_beams) == 1:
-        _evaluate_views_64_beams(arrays, reserved_mask, poses, fan, gray, ni, unknown)
-        return
-    view = allocate_view(fan, gray.n_bins)
-    for p in range(len(poses)):
-        n = find_visible_cells(arrays, poses[p], fan, view)
-        ni[p], unknown[p] = view_information(arrays, reserved_mask, view, n, gray)
-
-
-@kernel
-def _evaluate_views_64_beams(
-    arrays: MapArrays,
-    reserved_mask: NDArray[np.uint8],
+    map_codes: NDArray[np.uint8],
+    shape: tuple[int, ...],
     poses: NDArray[np.int64],
     fan: FanArrays,
-    gray: GrayBins,
+    tables: ViewTables,
+    view: ViewBuffers,
     ni: NDArray[np.float64],
     unknown: NDArray[np.int64],
 ) -> None:
-    """`find_visible_cells` and `view_information` in one pass, where all beams fit one word.
+    """Write NI (Eqs. 6-8), nats, of each pose, and how many never-sampled cells it sees.
 
-    Planners spend their time here; it takes a third of the two passes.
+    `shape` are the cells along x and y. Which entries the last pose sees stays in `view`.
     """
-    log_odds_fixed, sampled, (nx, ny, _) = arrays.log_odds_fixed, arrays.sampled_mask, arrays.shape
-    start, offsets, beams, clamp = fan.start, fan.offsets, fan.beams, arrays.clamp
-    table, distance_class, unknown_bin = gray.sampled, gray.distance_class, gray.unknown
-    margin = fan.max_offset
+    nx, ny = shape
+    start, beams, margin = fan.start, fan.beams, fan.max_offset
+    offsets, flat_offsets = fan.offsets, fan.flat_offsets
+    bins, distance_class, n_bins = tables.bins, tables.distance_class, tables.n_bins
+    segment_start, segment_last = tables.segment_start, tables.segment_last
+    words, visible_words, marked, special, ends, alive, sum_words, before, counts = view
+    codes, visible = words.view(np.uint8), visible_words.view(np.uint8)
+    sums = sum_words.view(np.uint8)
     n_headings = len(start) - 1
-    counts = np.zeros(gray.n_bins, np.int64)
+    for word in range(len(fan.all_beams)):
+        alive[0, word] = fan.all_beams[word]
     for p in range(len(poses)):
         cell, heading = poses[p] // n_headings, poses[p] % n_headings
         x, y = cell // ny, cell % ny
-        is_interior = margin <= x < nx - margin and margin <= y < ny - margin
-        alive = fan.all_beams[0]
-        n_unknown = 0
-        for entry in range(start[heading], start[heading + 1]):
-            k = np.uint64(entry)
-            bits = beams[k, 0]
-            if alive & bits == 0:
-                continue
-            i, j = x + offsets[k, 0], y + offsets[k, 1]
-            if not is_interior and (i < 0 or i >= nx or j < 0 or j >= ny):
-                continue
-            visible_cell = np.uint64(i * ny + j)
-            if sampled[visible_cell]:
-                log_odds = log_odds_fixed[visible_cell]
-                if not reserved_mask[visible_cell]:
-                    row, column = np.uint64(distance_class[k]), np.uint64(log_odds + clamp)
-                    counts[np.uint64(table[row, column])] += 1
-                if log_odds >= 0:
-                    alive &= ~bits
-                    if alive == 0:
-                        break
-            elif not reserved_mask[visible_cell]:
-                counts[np.uint64(unknown_bin[k])] += 1
-                n_unknown += 1
-        ni[p], unknown[p] = histogram_entropy(counts, gray), n_unknown
-        counts[:] = 0
+        first, end = np.uint64(start[heading]), np.uint64(start[heading + 1])
+        n = end - first
+        n_words = (n + SEVEN) >> WORD_SHIFT
+        # what fills up the last word is neither unknown nor special
+        words[n_words - ONE] = EIGHT_ONES
+        if margin <= x < nx - margin and margin <= y < ny - margin:
+            copy_inner_codes(map_codes, cell, flat_offsets, first, n, codes)
+        else:
+            copy_border_codes(map_codes, nx, ny, x, y, offsets, first, n, tables.uncounted, codes)
+        n_special = find_special_cells(words, codes, n_words, marked, special)
+        visible_words[:n_words] = EIGHT_ONES
+        n_ends, n_binned, lowest, highest = count_special_cells(
+            special, n_special, first, beams, distance_class, bins, tables.first_occupied, n_bins,
+            codes, alive, ends, counts,
+        )  # fmt: skip
+        if n_ends:
+            find_visible_entries(first, n, beams, alive, ends, n_ends, visible)
+        n_unknown = sum_unknown_cells(words, visible_words, n_words, sum_words, before)
+        total = np.int64(fan.max_visible_cells)
+        if not tables.hidden_is_empty:
+            total = count_visible_entries(visible_words, n)
+        ni[p] = histogram_entropy(
+            total - n_unknown - n_binned, lowest, highest, n_bins, counts, tables.entropy_terms,
+            segment_last, segment_start[heading], segment_start[heading + 1], sums, before,
+        )  # fmt: skip
+        unknown[p] = n_unknown
 
 
-@kernel
-def sequential_new_information(
-    map_tuple: PlainTuple,
-    reserved_mask: NDArray[np.uint8],
-    poses: NDArray[np.int64],
-    fan_tuple: PlainTuple,
-    gray_tuple: PlainTuple,
-    out: NDArray[np.float64],
-) -> None:
-    """Write NI of each pose without what the poses before it see; `reserved_mask` ends as zeros.
+@borrowing_kernel
+def list_visible_cells(
+    shape: tuple[int, ...],
+    pose: int,
+    fan: FanArrays,
+    view: ViewBuffers,
+    cells: NDArray[np.int64],
+) -> int:
+    """Write the cells that the last pose of `evaluate_views` sees, flat, nearest first.
 
-    The tuples are plain, as of `evaluate_views`.
+    Reserved cells are included. Return how many there are.
     """
-    arrays, fan, gray = MapArrays(*map_tuple), FanArrays(*fan_tuple), GrayBins(*gray_tuple)
-    view = allocate_view(fan, gray.n_bins)
-    visible = np.empty((len(poses), fan.max_visible_cells), np.int64)
-    n_visible = np.zeros(len(poses), np.int64)
+    nx, ny = shape
+    start, offsets, visible = fan.start, fan.offsets, view.visible.view(np.uint8)
+    n_headings = len(start) - 1
+    cell, heading = pose // n_headings, pose % n_headings
+    x, y = cell // ny, cell % ny
+    first = start[heading]
+    count = 0
+    for k in range(start[heading + 1] - first):
+        i, j = x + offsets[first + k, 0], y + offsets[first + k, 1]
+        if visible[k] and 0 <= i < nx and 0 <= j < ny:
+            cells[count] = i * ny + j
+            count += 1
+    return count
+
+
+@borrowing_kernel
+def sequential_new_information(
+    map_codes: NDArray[np.uint8],
+    shape: tuple[int, ...],
+    poses: NDArray[np.int64],
+    fan: FanArrays,
+    tables: ViewTables,
+    view: ViewBuffers,
+    reserved: ReservedCells,
+    ni: NDArray[np.float64],
+) -> None:
+    """Write NI of each pose without what the poses before it see; `map_codes` end as they were."""
+    total = 0
     for p in range(len(poses)):
-        n_visible[p] = find_visible_cells(arrays, poses[p], fan, view)
-        out[p], _ = view_information(arrays, reserved_mask, view, n_visible[p], gray)
-        for v in range(n_visible[p]):
-            visible[p, v] = view.visible[v]
-            reserved_mask[visible[p, v]] = 1
-    for p in range(len(poses)):
-        for v in range(n_visible[p]):
-            reserved_mask[visible[p, v]] = 0
+        one = slice(p, p + 1)
+        evaluate_views(
+            map_codes, shape, poses[one], fan, tables, view, ni[one], reserved.unknown[one]
+        )
+        first, cells = total, reserved.cells
+        if p + 1 < len(poses):
+            total += list_visible_cells(shape, poses[p], fan, view, cells[first:])
+        for v in range(first, total):
+            code = map_codes[cells[v]]
+            reserved.codes[v] = code
+            occupied = code >= tables.first_occupied
+            map_codes[cells[v]] = UNCOUNTED_OCCLUDER if occupied else tables.uncounted
+    for v in range(total - 1, -1, -1):
+        map_codes[reserved.cells[v]] = reserved.codes[v]

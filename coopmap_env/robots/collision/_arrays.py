@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.robots.collision.blocked_voxels import BlockedVoxels
 from coopmap_env.robots.kinematics.collision_spheres import PartnerRanges
-from coopmap_env.robots.kinematics.forward import KinematicTree
+from coopmap_env.robots.kinematics.forward import BodyPoses, KinematicTree
 
 
 class RobotSpheres(NamedTuple):
@@ -35,20 +36,6 @@ class Robot(NamedTuple):
     spheres: RobotSpheres
 
 
-class MapVoxels(NamedTuple):
-    """`VoxelStates` as kernels take them."""
-
-    states: NDArray[np.uint8]
-    neighborhood: NDArray[np.uint8]
-    """See `VoxelStates.blocked_neighborhood`; empty if it was not computed."""
-    lower: NDArray[np.float64]
-    """Lower corner (3,), metres, world frame."""
-    scale: float
-    """Voxels per metre."""
-    margin: float
-    """Metres between a sphere and a blocked voxel."""
-
-
 class TeamSpheres(NamedTuple):
     """Spheres of the teammates, world frame."""
 
@@ -61,22 +48,52 @@ class TeamSpheres(NamedTuple):
 class CollisionObstacles(NamedTuple):
     """What a robot may touch besides itself."""
 
-    voxels: MapVoxels
+    blocked: BlockedVoxels
+    margin: float
+    """Metres between a sphere and a blocked voxel."""
     team: TeamSpheres
 
 
-class FirstContacts(NamedTuple):
-    """The first contact on each of k motions."""
+class Contact(NamedTuple):
+    """What a robot touches."""
 
-    kind: NDArray[np.int64]
-    """`NO_CONTACT`, `MAP_CONTACT`, `SELF_CONTACT` or `TEAM_CONTACT` (k,)."""
-    sphere: NDArray[np.int64]
-    """Sphere of the robot (k,)."""
-    other: NDArray[np.int64]
-    """Voxel state, own sphere or teammate's sphere that it touches (k,)."""
-    free_fraction: NDArray[np.float64]
-    """Fraction of the motion up to the last waypoint without contact (k,)."""
-    at_goal: NDArray[np.bool_]
-    """Whether the contact is the goal's (k,)."""
-    positions: NDArray[np.float64]
-    """Centers of all spheres at the contact (k, s, 3)."""
+    kind: int
+    """`NO_CONTACT`, `MAP_CONTACT`, `SELF_CONTACT` or `TEAM_CONTACT`."""
+    sphere: int
+    """Sphere of the robot."""
+    other: int
+    """Own sphere or teammate's sphere that it touches."""
+
+
+class MotionContact(NamedTuple):
+    """The first contact on a motion."""
+
+    contact: Contact
+    free_fraction: float
+    """Fraction of the motion up to the last waypoint without contact."""
+    at_goal: bool
+    """Whether the contact is the goal's."""
+
+
+class MotionBuffers(NamedTuple):
+    """Scratch for one motion of a robot with s spheres."""
+
+    poses: BodyPoses
+    start: NDArray[np.float64]
+    """Centers of the spheres at the start (s, 3), world frame; those of the contact's waypoint are
+    in `at`, and of the goal in `goal`."""
+    goal: NDArray[np.float64]
+    at: NDArray[np.float64]
+    next_end: NDArray[np.float64]
+    """At the end of the present segment (s, 3)."""
+    touching: NDArray[np.bool_]
+    """Spheres that touch something at the start (s,)."""
+    ignored: NDArray[np.bool_]
+    """Spheres whose contacts do not count (yet) (s,)."""
+    speeds: NDArray[np.float64]
+    """Metres that each center may move from waypoint to waypoint (s,); 0 of those that no joint
+    moves."""
+    travel: NDArray[np.float64]
+    """Metres that each center may move in a segment (s,)."""
+    q: NDArray[np.float64]
+    """Joints of a waypoint (n,)."""

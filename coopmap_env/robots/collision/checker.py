@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.mapping import OccupancyMap
+from coopmap_env.robots.collision import _motion
 from coopmap_env.robots.collision._arrays import (
     CollisionObstacles,
-    FirstContacts,
-    MapVoxels,
     Robot,
     RobotSpheres,
     TeamSpheres,
@@ -28,16 +27,13 @@ from coopmap_env.robots.collision._contact import (
     NO_CONTACT,
     SELF_CONTACT,
     are_poses_free,
-    first_contacts,
 )
+from coopmap_env.robots.collision.blocked_voxels import BlockedVoxels
 from coopmap_env.robots.collision.voxel_states import STATE_NAMES, VoxelStates
 from coopmap_env.robots.vehicle import Vehicle
 
-_MIN_POSES_TO_DILATE = 100
-"""Poses from which on it pays to dilate the mask first."""
-_TYPICAL_WAYPOINTS = 20
-"""Waypoints of a typical motion."""
-_NO_NEIGHBORHOOD = np.empty((0, 0, 0), dtype=np.uint8)
+_MIN_MOTIONS_FOR_DISTANCES = 4
+"""Motions from which on it pays to find the distances to blocked voxels first."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +81,8 @@ class PredictedContact:
 class CollisionChecker:
     """Decides which poses and motions of a mount are free, on what the robot knows at one time.
 
+    It holds for the map as it is when the checker is made, and is of no use after a change of it.
+
     Parameters
     ----------
     vehicle : Vehicle
@@ -107,26 +105,41 @@ class CollisionChecker:
         center, reach = vehicle.workspace_sphere
         largest_radius = float(vehicle.body.radii[vehicle.body.n_static_spheres :].max(initial=0.0))
         largest_radius += self.settings.margin
-        self.voxel_states = VoxelStates.from_map(map_, center, reach + largest_radius)
+        self._map = map_
+        self._has_distances = False
         self._teammate_index, centers, radii = _reachable_teammate_spheres(
             team, center, reach, self.settings
         )
         self._robot = robot_arrays(vehicle)
-        self._largest_radius = largest_radius
-        self._neighborhood: NDArray[np.uint8] | None = None
-        self._team = TeamSpheres(centers, radii, float(self.settings.team_margin))
+        self._obstacles = CollisionObstacles(
+            BlockedVoxels.from_map(map_, center, reach + largest_radius),
+            float(self.settings.margin),
+            TeamSpheres(centers, radii, float(self.settings.team_margin)),
+        )
 
     def are_poses_free(self, q: ArrayLike) -> NDArray[np.bool_]:
         """Whether poses (k, n) touch nothing, whatever the path."""
         q = np.atleast_2d(self.vehicle.chain.check_limits(q))
         out = np.empty(len(q), dtype=np.bool_)
-        are_poses_free(self._robot, self._obstacles(len(q)), q, out)
+        are_poses_free(self._robot, self._obstacles, q, out)
         return out
 
-    def are_motions_free(self, start: ArrayLike, goals: ArrayLike) -> NDArray[np.bool_]:
-        """Whether goals (k, n) and the straight motions to them from `start` (n,) touch nothing."""
-        free: NDArray[np.bool_] = self._first_contacts(start, goals, True).kind == NO_CONTACT
-        return free
+    def are_motions_free(
+        self, start: ArrayLike, goals: ArrayLike, n_wanted: int | None = None
+    ) -> NDArray[np.bool_]:
+        """Whether goals (k, n) and the straight motions to them from `start` (n,) touch nothing.
+
+        With `n_wanted` the check ends once so many are free; goals after those count as not free.
+        """
+        q0, q1 = self._motion(start, goals)
+        if not self._has_distances and len(q1) >= _MIN_MOTIONS_FOR_DISTANCES:
+            self._obstacles.blocked.find_distances()
+            self._has_distances = True
+        out = np.empty(len(q1), dtype=np.bool_)
+        n = len(q1) if n_wanted is None else n_wanted
+        step = float(self.settings.step)
+        _motion.are_motions_free(self._robot, self._obstacles, q0, q1, step, n, out)
+        return out
 
     def first_contact(
         self, start: ArrayLike, goal: ArrayLike, goal_first: bool = False
@@ -142,64 +155,42 @@ class CollisionChecker:
         ValueError
             If joint values have another shape, are not finite, or the goal is outside the limits.
         """
-        found = self._first_contacts(start, goal, goal_first)
-        kind, sphere, other = int(found.kind[0]), int(found.sphere[0]), int(found.other[0])
+        q0, q1 = self._motion(start, goal)
+        position = np.empty(3)
+        (kind, sphere, other), free_fraction, at_goal = _motion.first_contact(
+            self._robot, self._obstacles, q0, q1[0], float(self.settings.step), goal_first, position
+        )
         if kind == NO_CONTACT:
             return None
         links, link = self.vehicle.chain.link_names, self.vehicle.body.link
         if kind == MAP_CONTACT:
-            what = STATE_NAMES[other]
+            what = self._voxel_name(position, sphere)
         elif kind == SELF_CONTACT:
             what = f"its own {links[link[other]]}"
         else:
             what = f"teammate {self._teammate_index[other]}"
-        return PredictedContact(
-            kind,
-            links[link[sphere]],
-            what,
-            found.positions[0, sphere],
-            float(found.free_fraction[0]),
-            bool(found.at_goal[0]),
-        )
+        return PredictedContact(kind, links[link[sphere]], what, position, free_fraction, at_goal)
 
     def infeasibility_reason(self, start: ArrayLike, goal: ArrayLike) -> str:
         """Why the mount cannot move straight from one pose to another; empty if it can."""
         contact = self.first_contact(start, goal, goal_first=True)
         return "" if contact is None else str(contact)
 
-    def _obstacles(self, n_poses: int) -> CollisionObstacles:
-        """Obstacles for kernels; the dilated mask pays for many poses only."""
-        if self._neighborhood is None and n_poses >= _MIN_POSES_TO_DILATE:
-            self._neighborhood = self.voxel_states.blocked_neighborhood(self._largest_radius)
-        voxels = MapVoxels(
-            self.voxel_states.states,
-            _NO_NEIGHBORHOOD if self._neighborhood is None else self._neighborhood,
-            self.voxel_states.lower,
-            1.0 / self.voxel_states.resolution,
-            float(self.settings.margin),
-        )
-        return CollisionObstacles(voxels, self._team)
+    def _voxel_name(self, position: NDArray[np.float64], sphere: int) -> str:
+        """Name of what one of the spheres touches in the map."""
+        radius = float(self.vehicle.body.radii[sphere]) + self.settings.margin
+        box = VoxelStates.from_map(self._map, position, radius + self._map.grid.resolution)
+        return STATE_NAMES[int(box.sphere_states(position, radius))]
 
-    def _first_contacts(
-        self, start: ArrayLike, goals: ArrayLike, goal_first: bool
-    ) -> FirstContacts:
+    def _motion(
+        self, start: ArrayLike, goals: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Start (n,) and goals (k, n) of motions; the goals are inside the limits."""
         chain = self.vehicle.chain
         q0, q1 = chain.as_joint_values(start), np.atleast_2d(chain.check_limits(goals))
         if q0.ndim != 1:
             raise ValueError(f"motions start from one pose, got joint values of shape {q0.shape}")
-        n = len(q1)
-        kind, sphere, other = np.empty((3, n), dtype=np.int64)
-        found = FirstContacts(
-            kind,
-            sphere,
-            other,
-            np.empty(n),
-            np.empty(n, dtype=np.bool_),
-            np.empty((n, self.vehicle.body.n_spheres, 3)),
-        )
-        obstacles = self._obstacles(_TYPICAL_WAYPOINTS * n)
-        first_contacts(self._robot, obstacles, q0, q1, float(self.settings.step), goal_first, found)
-        return found
+        return q0, q1
 
 
 def robot_arrays(vehicle: Vehicle) -> Robot:

@@ -1,13 +1,12 @@
-"""Which voxels around a robot are known to be free, for collision checking in 3-D.
+"""Which voxels around a robot are known to be free, and what the others are, in 3-D.
 
 A voxel is free if it was sampled and P < 0.05, as in 2-D; all others, and all beyond the map, are
-blocked. A sphere is free if it touches no blocked voxel. The voxels themselves are tested, without
-a distance field: the test is exact and, for spheres of a voxel or two, faster.
+blocked. A sphere is free if it touches no blocked voxel. The voxels themselves are tested: the test
+is exact.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import kernel
 from coopmap_env.core.limits import check_cells
-from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap
+from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap, VoxelGrid
 
 FREE, UNKNOWN, OCCUPIED, OUTSIDE = range(4)
 STATE_NAMES = ("free space", "unknown space", "an obstacle", "the edge of the map")
@@ -42,37 +41,11 @@ class VoxelStates:
             If the map is not 3-D, or a value of the box is out of its range.
         """
         grid = map_.grid
-        if grid.dimension != 3:
-            raise ValueError(f"a mount needs a 3-D map, got the grid {grid.shape}")
-        middle = np.asarray(center, dtype=np.float64)
-        if middle.shape != (3,) or not np.isfinite(middle).all():
-            raise ValueError(f"the box's center must be three finite values, got {middle}")
-        if not (np.isfinite(reach) and reach > 0):
-            raise ValueError(f"the box's reach must be finite and > 0, got {reach}")
-        first = np.floor(grid.to_cell_units(middle - reach)).astype(np.int64)
-        last = np.floor(grid.to_cell_units(middle + reach)).astype(np.int64)
-        check_cells((last - first + 1).tolist(), "the box of voxels that a mount can reach")
-        states = np.empty(last - first + 1, dtype=np.uint8)
+        first, shape = box_around(grid, center, reach)
+        states = np.empty(shape, dtype=np.uint8)
         copy_states(map_.arrays, first, states)
         lower = np.array(grid.origin) + first * grid.resolution
         return cls(states, lower, grid.resolution)
-
-    def blocked_neighborhood(self, radius: float) -> NDArray[np.uint8]:
-        """Mask (nx, ny, nz): 1 where a sphere up to `radius` metres may touch a blocked voxel.
-
-        That is within this distance of a blocked voxel along each axis. Where it is 0, one test of
-        the center's voxel decides.
-        """
-        reach = max(math.ceil(radius / self.resolution), 1)
-        _, ny, nz = self.states.shape
-        one, other = np.minimum(self.states, 1), np.empty_like(self.states)
-        for shift in (1, nz, ny * nz):
-            dilate(one.reshape(-1), shift, reach, other.reshape(-1))
-            one, other = other, one
-        for axis in range(3):  # near the box's ends, where rows wrapped around, too
-            ends = np.moveaxis(one, axis, 0)
-            ends[:reach] = ends[-reach:] = 1
-        return one
 
     def sphere_states(self, centers: ArrayLike, radii: ArrayLike) -> NDArray[np.uint8]:
         """The worst state (...,) of the voxels that spheres touch; `FREE` if they are free.
@@ -89,6 +62,29 @@ class VoxelStates:
         wide = np.ascontiguousarray(np.broadcast_to(radii, out.shape).ravel(), dtype=np.float64)
         sphere_states(self.states, self.lower, self.resolution, flat, wide, out.reshape(-1))
         return out
+
+
+def box_around(
+    grid: VoxelGrid, center: ArrayLike, reach: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The box of voxels that extends `reach` metres around a point: its first index and shape (3,).
+
+    Raises
+    ------
+    ValueError
+        If the grid is not 3-D, or a value of the box is out of its range.
+    """
+    if grid.dimension != 3:
+        raise ValueError(f"a mount needs a 3-D map, got the grid {grid.shape}")
+    middle = np.asarray(center, dtype=np.float64)
+    if middle.shape != (3,) or not np.isfinite(middle).all():
+        raise ValueError(f"the box's center must be three finite values, got {middle}")
+    if not (np.isfinite(reach) and reach > 0):
+        raise ValueError(f"the box's reach must be finite and > 0, got {reach}")
+    first = np.floor(grid.to_cell_units(middle - reach)).astype(np.int64)
+    shape = np.floor(grid.to_cell_units(middle + reach)).astype(np.int64) - first + 1
+    check_cells(shape.tolist(), "the box of voxels that a mount can reach")
+    return first, shape
 
 
 def are_spheres_free(
@@ -124,34 +120,6 @@ def copy_states(arrays: MapArrays, first: NDArray[np.int64], states: NDArray[np.
             for k in range(z1 - z0):
                 # FREE, UNKNOWN or OCCUPIED without a branch, so that the loop is vectorised
                 column[k] = (1 - known[k]) + 2 * known[k] * (log_odds[k] >= FREE_LOG_ODDS_FIXED)
-
-
-@kernel
-def dilate(source: NDArray[np.uint8], shift: int, reach: int, out: NDArray[np.uint8]) -> None:
-    """Write the OR of source[c - reach * shift] ... source[c + reach * shift], in steps of `shift`.
-
-    Over flat arrays, where the end of an axis wraps around to the next row. Slices, because indices
-    that cannot be negative let the loops run over many voxels at once.
-    """
-    n = len(source)
-    out[:] = source
-    for r in range(1, reach + 1):
-        d = min(r * shift, n)
-        below, above = source[: n - d], source[d:]
-        later, earlier = out[d:], out[: n - d]
-        for c in range(n - d):
-            later[c] |= below[c]
-        for c in range(n - d):
-            earlier[c] |= above[c]
-
-
-@kernel
-def is_near_blocked(neighborhood: NDArray[np.uint8], x: float, y: float, z: float) -> bool:
-    """Whether a point, in voxels from the box's lower corner, may be near blocked voxels."""
-    nx, ny, nz = neighborhood.shape
-    if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
-        return True
-    return neighborhood[np.uint64(x), np.uint64(y), np.uint64(z)] != 0
 
 
 @kernel

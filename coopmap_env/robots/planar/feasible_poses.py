@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import sin_cos
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.core.random_streams import random_block, take_blocks, uniform_index
 from coopmap_env.robots.planar.pose_lattice import LatticeGeometry, pose_from_id
 from coopmap_env.robots.planar.reachable_regions import RegionArrays, is_reachable
@@ -41,7 +41,7 @@ class ReachSquare(NamedTuple):
     """Cells: no cell within reach is further along an axis."""
 
 
-@kernel
+@borrowing_kernel
 def reach_square(pose_id: int, reach: float, lattice: LatticeGeometry) -> ReachSquare:
     """The cells within `reach` metres of a pose."""
     cell = pose_id // lattice.n_headings
@@ -74,7 +74,7 @@ class PoseSampling(NamedTuple):
 
 @kernel
 def write_feasible_cells(
-    pose_id: int, robot: int, sampling: PoseSampling, regions: RegionArrays, out: NDArray[np.int64]
+    pose_id: int, robot: int, sampling: PoseSampling, regions: RegionArrays, out: NDArray[np.int32]
 ) -> int:
     """Write the cells (flat, ascending) that a robot reaches; return how many they are."""
     nx, ny, _ = sampling.shape
@@ -92,7 +92,7 @@ def write_feasible_cells(
     return count
 
 
-@kernel
+@borrowing_kernel
 def _insert(picked: NDArray[np.int64], pose_id: int) -> bool:
     """Insert a pose into the hash table of picked ones; return False if it is there already.
 
@@ -108,37 +108,32 @@ def _insert(picked: NDArray[np.int64], pose_id: int) -> bool:
     return True
 
 
-@kernel
-def _fill_from_list(
+@borrowing_kernel
+def _sample_from_list(
     pose_id: int,
     robot: int,
     sampling: PoseSampling,
     regions: RegionArrays,
     stream: NDArray[np.uint64],
+    picked: NDArray[np.int64],
     out: NDArray[np.int64],
     count: int,
 ) -> int:
-    """Draw the poses that are missing after `count` from a list of all others."""
-    n = sampling.lattice.n_headings
-    cells = np.empty(len(regions.labels), np.int64)
-    n_cells = write_feasible_cells(pose_id, robot, sampling, regions, cells)
-    left = np.empty(n_cells * n, np.int64)
-    n_left = 0
-    taken = np.sort(out[:count])
-    for k in range(n_cells * n):
-        pose = cells[k // n] * n + k % n
-        at = np.searchsorted(taken, pose)
-        if at == count or taken[at] != pose:
-            left[n_left] = pose
-            n_left += 1
-    n_missing = min(len(out) - count, n_left)
-    for k in range(n_missing):
-        word, _, _, _ = random_block(stream, k)
-        pick = k + uniform_index(word, n_left - k)
-        out[count + k] = left[pick]
-        left[pick] = left[k]
-    take_blocks(stream, n_missing)
-    return count + n_missing
+    """Draw the poses that are missing after `count` from a list of the feasible cells."""
+    n, cells = sampling.lattice.n_headings, regions.queue
+    n_poses = write_feasible_cells(pose_id, robot, sampling, regions, cells) * n
+    n_wanted, n_blocks = min(len(out), n_poses), 0
+    while count < n_wanted:
+        words = random_block(stream, n_blocks)
+        n_blocks += 1
+        for word in words:
+            index = uniform_index(word, n_poses)
+            pose = cells[index // n] * np.int64(n) + index % n
+            if count < n_wanted and _insert(picked, pose):
+                out[count] = pose
+                count += 1
+    take_blocks(stream, n_blocks)
+    return count
 
 
 @kernel
@@ -183,7 +178,7 @@ def sample_feasible_poses(
                 count += 1
     take_blocks(stream, n_blocks)
     if count < len(out):
-        count = _fill_from_list(pose_id, robot, sampling, regions, stream, out, count)
+        count = _sample_from_list(pose_id, robot, sampling, regions, stream, picked, out, count)
     return count
 
 

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.elementary import sin_cos
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.mapping import VoxelGrid
 
 
@@ -82,38 +81,19 @@ class PoseLattice:
         x, y = (cell // ny + 0.5) * resolution + x0, (cell % ny + 0.5) * resolution + y0
         return x, y, heading * (2.0 * math.pi / n)
 
-    def cells_within(
-        self, cells: NDArray[np.int32], pose_id: int, half_width: float
-    ) -> NDArray[np.int32]:
-        """Those of some cells in a square around a pose, aligned with its heading.
-
-        A cell counts if its center lies at most `half_width` metres ahead of the pose or behind it,
-        and to either side, up to the rounding of the rotation.
-        """
-        out = np.empty_like(cells)
-        geometry = tuple(self.geometry)
-        count = write_cells_within(cells, pose_id, half_width * (1 + 1e-9), geometry, out)
-        return out[:count]
-
     def nearest_pose_id(self, pose: tuple[float, float, float]) -> int:
         """Id of the lattice pose nearest to (x, y, heading); -1 if that is outside the grid."""
-        x, y, heading = pose
-        (nx, ny), resolution, (x0, y0) = self.grid.shape, self.grid.resolution, self.grid.origin
-        ix, iy = math.floor((x - x0) / resolution), math.floor((y - y0) / resolution)
-        if not (0 <= ix < nx and 0 <= iy < ny):
-            return -1
-        heading_index = round(heading * self.n_headings / (2 * math.pi)) % self.n_headings
-        return int((ix * ny + iy) * self.n_headings + heading_index)
+        return int(nearest_pose_id(*pose, self.grid.shape_3d, tuple(self.geometry)))
 
 
-@kernel
+@borrowing_kernel
 def cell_center(cell: int, lattice: LatticeGeometry) -> tuple[float, float]:
     """Center of a flat cell, metres."""
     ny, resolution, (x0, y0) = lattice.ny, lattice.resolution, lattice.origin
     return (cell // ny + 0.5) * resolution + x0, (cell % ny + 0.5) * resolution + y0
 
 
-@kernel
+@borrowing_kernel
 def pose_from_id(pose_id: int, lattice: LatticeGeometry) -> tuple[float, float, float]:
     """The pose (x, y, heading) of a pose id; see `PoseLattice.poses`."""
     n_headings = lattice.n_headings
@@ -133,24 +113,14 @@ def write_poses(ids: NDArray[np.int64], geometry: PlainTuple, out: NDArray[np.fl
 
 
 @kernel
-def write_cells_within(
-    cells: NDArray[np.int32],
-    pose_id: int,
-    half_width: float,
-    geometry: PlainTuple,
-    out: NDArray[np.int32],
+def nearest_pose_id(
+    x: float, y: float, heading: float, shape: tuple[int, int, int], geometry: PlainTuple
 ) -> int:
-    """Write the cells of `PoseLattice.cells_within` in their order; return how many they are.
-
-    `geometry` is a plain `LatticeGeometry`.
-    """
+    """See `PoseLattice.nearest_pose_id`; `geometry` is a plain `LatticeGeometry`."""
     lattice = LatticeGeometry(*geometry)
-    x, y, heading = pose_from_id(pose_id, lattice)
-    s, c = sin_cos(heading)
-    count = 0
-    for cell in cells:
-        cell_x, cell_y = cell_center(cell, lattice)
-        dx, dy = cell_x - x, cell_y - y
-        out[count] = cell  # the next one is written over it unless it is within
-        count += abs(c * dx + s * dy) <= half_width and abs(c * dy - s * dx) <= half_width
-    return count
+    n, (nx, ny, _), (x0, y0) = lattice.n_headings, shape, lattice.origin
+    ix, iy = math.floor((x - x0) / lattice.resolution), math.floor((y - y0) / lattice.resolution)
+    if not (0 <= ix < nx and 0 <= iy < ny):
+        return -1
+    heading_number = int(np.rint(heading * n / (2.0 * math.pi))) % n
+    return (ix * ny + iy) * n + heading_number

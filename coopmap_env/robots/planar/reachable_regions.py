@@ -19,13 +19,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel, kernel
 from coopmap_env.mapping import MapArrays
 from coopmap_env.robots.planar.reachable_cells import is_free
 
 MAX_LABEL = 60_000
 """Labels are 16 bits wide; before they run out, all regions are searched again."""
 _N_SIDES = 4
+FEASIBLE, OUTSIDE_WORLD, GOAL_UNKNOWN, GOAL_NOT_FREE, NO_PATH = range(5)
+INFEASIBILITY_REASONS = (
+    "",
+    "outside the world",
+    "goal is unknown",
+    "goal is not known to be free",
+    "no path through known free space leads there",
+)
+"""Why a robot cannot go to a cell, by the result of `feasibility`."""
 
 
 class RegionArrays(NamedTuple):
@@ -51,7 +60,7 @@ class RegionArrays(NamedTuple):
         )
 
 
-@kernel
+@borrowing_kernel
 def neighbor(cell: int, side: int, shape: tuple[int, int, int]) -> int:
     """The cell beyond a side (0 to 3) of a planar cell; -1 outside of the grid."""
     nx, ny, _ = shape
@@ -76,13 +85,13 @@ def is_reachable(regions: RegionArrays, robot: int, start: int, cell: int) -> bo
     return cell == start
 
 
-@kernel
+@borrowing_kernel
 def _grow(arrays: MapArrays, regions: RegionArrays, n: int, label: int) -> bool:
     """Extend a region from the first n cells of the queue; return if it met no other region."""
     labels, _, _, queue = regions
     head, tail = 0, n
     while head < tail:
-        cell = np.int64(queue[head])
+        cell = int(queue[head])
         head += 1
         for side in range(_N_SIDES):
             beside = neighbor(cell, side, arrays.shape)
@@ -98,7 +107,7 @@ def _grow(arrays: MapArrays, regions: RegionArrays, n: int, label: int) -> bool:
     return True
 
 
-@kernel
+@borrowing_kernel
 def _region_of(arrays: MapArrays, regions: RegionArrays, cell: int) -> int:
     """Label of a free cell's region, which is searched if it has none yet."""
     if regions.labels[cell] == 0:
@@ -110,7 +119,7 @@ def _region_of(arrays: MapArrays, regions: RegionArrays, cell: int) -> int:
     return regions.labels[cell]
 
 
-@kernel
+@borrowing_kernel
 def _find_access(arrays: MapArrays, regions: RegionArrays, robot: int, start: int) -> None:
     """Write the regions that a robot reaches from the cell in which it stands."""
     access = regions.access[robot]
@@ -135,7 +144,7 @@ def find_regions(
         _find_access(arrays, regions, robot, poses[robot] // n_headings)
 
 
-@kernel
+@borrowing_kernel
 def _extend_regions(
     arrays: MapArrays, regions: RegionArrays, changed_cells: NDArray[np.int64], n: int
 ) -> bool:
@@ -152,7 +161,7 @@ def _extend_regions(
         if not free:
             continue
         for side in range(_N_SIDES):
-            beside = neighbor(np.int64(cell), side, arrays.shape)
+            beside = neighbor(int(cell), side, arrays.shape)
             if beside >= 0 and labels[np.uint64(beside)] != 0:
                 label = labels[np.uint64(beside)]
         if label != 0:
@@ -181,3 +190,18 @@ def update_regions(
         return
     for robot in range(len(poses)):
         _find_access(arrays, regions, robot, poses[robot] // n_headings)
+
+
+@kernel
+def feasibility(arrays: MapArrays, regions: RegionArrays, robot: int, start: int, goal: int) -> int:
+    """Whether a robot can go from one cell to another: FEASIBLE, or why not.
+
+    The start, where the camera already stands, need not be free.
+    """
+    if goal == start:
+        return FEASIBLE
+    if not arrays.sampled_mask[np.uint64(goal)]:
+        return GOAL_UNKNOWN
+    if not is_free(arrays, np.uint64(goal)):
+        return GOAL_NOT_FREE
+    return FEASIBLE if is_reachable(regions, robot, start, goal) else NO_PATH

@@ -14,8 +14,9 @@ from coopmap_env.core.progress import log
 class Bench:
     """Measure steps per second, decision times and memory, and the speed of mpe2's simple_spread.
 
-    Everything runs in one process on one core in interleaved rounds, so that ratios are meaningful
-    on a busy machine too.
+    All programs take turns in one process on one core. Each operation is repeated, in each round
+    and over the rounds, and its shortest time of the processor counts, so that the figures hold on
+    a busy machine too. The quartiles of ratios over the rounds say how well.
 
     For example:
       coopmap bench --out results/bench.json
@@ -26,7 +27,7 @@ class Bench:
     env: Literal["planar", "field", "all"] = "all"
     """Environments; "field" needs the extras field, octomap and bench."""
     rounds: int = 5
-    """Rounds; results are medians over them."""
+    """Rounds: more of them give shorter times on a busy machine, and better quartiles."""
 
     def run(self) -> None:
         """Measure, write the file, print it."""

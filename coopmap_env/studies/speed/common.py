@@ -6,10 +6,32 @@ import cProfile
 import pstats
 import subprocess
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.envs import MappingEnv
+from coopmap_env.studies.common.records import significant
+from coopmap_env.studies.speed.measure import Ratio
+
+
+def figures_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON values with five significant digits; quartiles of ratios under a key of their own."""
+    quartiles = {name: value for name, value in values.items() if isinstance(value, Ratio)}
+    figures = {
+        name: value.estimate if isinstance(value, Ratio) else value
+        for name, value in values.items()
+    }
+    return {
+        **{
+            name: significant(value) if isinstance(value, float) else value
+            for name, value in figures.items()
+        },
+        "quartiles_over_rounds": {
+            name: [significant(bound) for bound in value.quartiles]
+            for name, value in quartiles.items()
+        },
+    }
 
 
 def resident_memory_mb(env_name: str, episodes: int) -> float:

@@ -1,12 +1,12 @@
 """Speed of the field environment: steps, scans, ratings, localization, memory.
 
 The reference of a scan is PyBullet's `rayTestBatch` followed by OctoMap's `insertPointCloud` (extra
-``octomap``) at the same camera pose. Everything runs on one core.
+``octomap``) at the same camera pose. Everything runs on one core; see
+`coopmap_env.studies.speed.measure` for what a time is.
 """
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,94 +23,91 @@ from coopmap_env.sensing import Scan, transform_cloud
 from coopmap_env.simulation.depth import DepthRenderer, simulate_point_cloud
 from coopmap_env.simulation.physics import BulletWorld
 from coopmap_env.studies.field.octomap_comparison import fuse_octomap
-from coopmap_env.studies.speed.common import resident_memory_mb, step_profile
+from coopmap_env.studies.speed.cases import (
+    CASES,
+    SCANS_EACH,
+    Run,
+    Timings,
+    feasible_actions,
+    random_episodes,
+)
+from coopmap_env.studies.speed.common import figures_of, resident_memory_mb, step_profile
+from coopmap_env.studies.speed.measure import Case, measure, ratio
 
 N_SCAN_POSES = 20
-"""Camera poses per round at which a scan is measured."""
+"""Camera poses at which a scan is timed."""
 N_CANDIDATES = 300
 """Poses that are rated at once."""
-N_EPISODES = 4
-"""Random episodes per round, of each kind of physics."""
+SEARCH_SCANS = 16
+"""Length of the episode in which localization is timed."""
 
 
 def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
-    """All measurements as JSON values: process times, medians over interleaved rounds."""
+    """All measurements as JSON values."""
     import_optional("pyoctomap", "octomap")
-    settings = FieldSettings()
-    envs = {
-        physics: FieldEnv(settings=replace(settings, physics=physics))
-        for physics in ("kinematic", "stepped")
-    }
-    samples: dict[str, list[float]] = {}
     log("field: compiling")
-    for env in envs.values():
-        agent_steps_per_second(env, 1)
-    for round_index in range(rounds):
-        log(f"field: round {round_index + 1} of {rounds}")
-        measured = {
-            f"agent_steps_per_s_{name}": agent_steps_per_second(env, N_EPISODES)
-            for name, env in envs.items()
-        }
-        measured |= scan_ms(envs["kinematic"])
-        measured |= rating_ms(envs["kinematic"])
-        measured |= localization_ms()
-        for name, value in measured.items():
-            samples.setdefault(name, []).append(value)
-    figures: dict[str, Any] = {name: statistics.median(v) for name, v in samples.items()}
-    figures["scan_speedup"] = figures["scan_reference_ms"] / figures["scan_ms"]
+    stepped = FieldEnv(max_scans=SCANS_EACH, settings=replace(FieldSettings(), physics="stepped"))
+    cases = {
+        "kinematic": Case(CASES["field"]()),
+        "stepped": Case(random_episodes(stepped, 1, feasible_actions)),
+        "scans": Case(scans()),
+        "ratings": Case(ratings()),
+        "localization": Case(localization(), repeats=2),
+    }
+    measure({name: replace(case, repeats=1) for name, case in cases.items()}, rounds=1)
+    log(f"field: {rounds} rounds")
+    found = measure(cases, rounds)
+    figures: dict[str, Any] = {
+        f"agent_steps_per_s_{name}": 2 * len(found[name].shortest("step")) / total.seconds
+        for name, total in ((name, found[name].total("step")) for name in ("kinematic", "stepped"))
+    }
+    for kind in ("scan", "scan_reference"):
+        figures[f"{kind}_ms"] = 1e3 * float(np.mean(found["scans"].shortest(kind)))
+    figures["scan_speedup"] = ratio(
+        found["scans"].total("scan_reference"), found["scans"].total("scan")
+    )
+    for kind in ("rating_300", "rating_300_without_prescreen"):
+        figures[f"{kind}_ms"] = 1e3 * float(np.mean(found["ratings"].shortest(kind)))
+    for kind in ("correction", "registration"):
+        shortest = 1e3 * found["localization"].shortest(kind)
+        figures[f"{kind}_ms"] = float(np.median(shortest))
+        figures[f"{kind}_max_ms"] = float(shortest.max())
     figures["resident_memory_mb"] = resident_memory_mb("field", episodes=3)
-    figures["step_profile_us"] = step_profile(envs["kinematic"], steps=32)
-    for env in envs.values():
-        env.close()
-    return {
-        name: round(value, 4) if isinstance(value, float) else value
-        for name, value in figures.items()
-    }
+    env = FieldEnv()
+    figures["step_profile_us"] = step_profile(env, steps=32)
+    for each in (env, stepped):
+        each.close()
+    return figures_of(figures)
 
 
-def agent_steps_per_second(env: FieldEnv, episodes: int) -> float:
-    """Agent-steps per second of `step` with random feasible poses, so that every robot moves."""
-    rng = np.random.default_rng(0)
-    elapsed, count = 0.0, 0
-    for seed in range(episodes):
-        env.reset(seed=seed)
-        while env.agents:
-            belief = env.belief()
-            actions = {
-                agent: belief.action_for(robot, belief.random_poses(robot, 1, rng)[0])
-                for robot, agent in enumerate(env.agents)
-            }
-            start = time.process_time()
-            env.step(actions)
-            elapsed += time.process_time() - start
-            count += len(actions)
-    return count / elapsed
-
-
-def scan_ms(env: FieldEnv) -> dict[str, float]:
-    """Milliseconds to simulate and fuse one depth image, and the same of the reference."""
+def scans() -> Run:
+    """Simulate and fuse depth images, ``scan``, and ``scan_reference`` at the same poses."""
+    env = FieldEnv()
     env.reset(seed=0)
-    world, s, rng = env.truth, env.settings, np.random.default_rng(0)
+    world, s, belief = env.truth, env.settings, env.belief()
     renderer = DepthRenderer(world.triangles)
-    map_ = OccupancyMap(world.grid, s.beam, s.log_odds_range)
     physics = BulletWorld(world.solids, env.mounts, world.base_poses)
-    belief = env.belief()
-    ours, theirs = [], []
-    for q in belief.random_poses(0, N_SCAN_POSES, rng):
-        estimate = belief.vehicles[0].camera_estimate(q)
-        pose = estimate.pose
-        start = time.process_time()
-        distances = renderer.distances(pose.rotation, pose.translation, s.camera.directions)
-        cloud = simulate_point_cloud(distances, s.camera, s.noise, rng)
-        scan = transform_cloud(cloud, pose, s.noise, estimate.covariance)
-        map_.integrate(scan)
-        ours.append(time.process_time() - start)
-        theirs.append(reference_scan_seconds(physics, scan, s.camera.far, world.grid))
-    physics.close()
-    return {
-        "scan_ms": 1e3 * statistics.median(ours),
-        "scan_reference_ms": 1e3 * statistics.median(theirs),
-    }
+    poses = belief.random_poses(0, N_SCAN_POSES, np.random.default_rng(0))
+    estimates = [belief.vehicles[0].camera_estimate(q) for q in poses]
+
+    def run() -> Timings:
+        map_ = OccupancyMap(world.grid, s.beam, s.log_odds_range)
+        rng = np.random.default_rng(0)
+        timings: Timings = {"scan": [], "scan_reference": []}
+        for estimate in estimates:
+            pose = estimate.pose
+            start = time.process_time()
+            distances = renderer.distances(pose.rotation, pose.translation, s.camera.directions)
+            cloud = simulate_point_cloud(distances, s.camera, s.noise, rng)
+            scan = transform_cloud(cloud, pose, s.noise, estimate.covariance)
+            map_.integrate(scan)
+            timings["scan"].append(time.process_time() - start)
+            timings["scan_reference"].append(
+                reference_scan_seconds(physics, scan, s.camera.far, world.grid)
+            )
+        return timings
+
+    return run
 
 
 def reference_scan_seconds(physics: BulletWorld, scan: Scan, far: float, grid: Any) -> float:
@@ -124,45 +121,44 @@ def reference_scan_seconds(physics: BulletWorld, scan: Scan, far: float, grid: A
     return seconds + fused
 
 
-def rating_ms(env: FieldEnv) -> dict[str, float]:
-    """Milliseconds to rate 300 candidates half-way through an episode.
+def ratings() -> Run:
+    """Rate 300 candidates half-way through an episode.
 
     First as a decision does it (all on a coarse map, then the best 30 exactly), then all exactly.
     """
-    policy = make_policy("rating_function:search=50")
+    env, policy = FieldEnv(), make_policy("rating_function:search=50")
     for _ in islice(rollout(env, policy, seed=0), env.max_scans // 2):
         pass
     belief = env.belief()
     poses = belief.random_poses(0, N_CANDIDATES, np.random.default_rng(0))
-    start = time.process_time()
-    short = belief.planning.prescreen(belief, poses, lambda rough, some: rough.rate(0, some).rating)
-    belief.rate(0, short)
-    prescreened = time.process_time()
-    belief.rate(0, poses)
-    return {
-        "rating_300_ms": 1e3 * (prescreened - start),
-        "rating_300_without_prescreen_ms": 1e3 * (time.process_time() - prescreened),
-    }
+
+    def run() -> Timings:
+        start = time.process_time()
+        short = belief.planning.prescreen(
+            belief, poses, lambda rough, some: rough.rate(0, some).rating
+        )
+        belief.rate(0, short)
+        prescreened = time.process_time()
+        belief.rate(0, poses)
+        return {
+            "rating_300": [prescreened - start],
+            "rating_300_without_prescreen": [time.process_time() - prescreened],
+        }
+
+    return run
 
 
-def localization_ms() -> dict[str, float]:
-    """Milliseconds of a motion correction and of a registration, over a search episode."""
-    env = FieldEnv(initialization="search", motion_correction="fiducials")
+def localization() -> Run:
+    """Motion corrections and registrations of the target in a search episode."""
+    env = FieldEnv(initialization="search", motion_correction="fiducials", max_scans=SEARCH_SCANS)
     policy = make_policy("rating_function:search=50")
-    corrections: list[float] = []
-    registrations: list[float] = []
-    for seed in range(2):  # the first one loads compiled code
-        steps = rollout(env, policy, seed)
-        corrections.clear()
-        registrations.clear()
-        for _ in steps:
-            registrations += env.localizer.registration_times
+
+    def run() -> Timings:
+        timings: Timings = {"correction": [], "registration": []}
+        for _ in rollout(env, policy, seed=1):
+            timings["registration"] += env.localizer.registration_times
             if all(env.belief().located):
-                corrections += env.localizer.correction_times
-    env.close()
-    return {
-        "correction_ms": 1e3 * statistics.median(corrections),
-        "correction_max_ms": 1e3 * max(corrections),
-        "registration_ms": 1e3 * statistics.median(registrations),
-        "registration_max_ms": 1e3 * max(registrations),
-    }
+                timings["correction"] += env.localizer.correction_times
+        return timings
+
+    return run

@@ -14,8 +14,7 @@ from coopmap_env.information import (
     ViewContext,
     joint_distance,
 )
-from coopmap_env.information.field._pooling import pool, pooled_grid
-from coopmap_env.mapping import LogOddsRange, MapArrays, OccupancyMap, VoxelGrid
+from coopmap_env.mapping import LogOddsRange, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import DepthCamera
 
 SMALL = DepthCamera(far=1.5)
@@ -204,34 +203,6 @@ def test_a_camera_outside_the_grid_is_worth_nothing_eq_9():
 
 
 # from coarse to fine
-
-
-def test_a_pooled_block_is_occupied_by_any_and_unknown_by_most_of_its_voxels():
-    rng = np.random.default_rng(3)
-    # an odd number of voxels along x: the last blocks hold four
-    grid = VoxelGrid((7, 6, 4), 0.1, (1.0, 2.0, 3.0))
-    coarse = pooled_grid(grid)
-    assert coarse == VoxelGrid((4, 3, 2), 0.2, (1.0, 2.0, 3.0))
-    log_odds_fixed = rng.integers(-900, 90, grid.n_cells).astype(np.int32)
-    sampled, reserved_mask = (rng.random((2, grid.n_cells)) < 0.5).astype(np.uint8)
-    arrays = MapArrays(log_odds_fixed * sampled, sampled, grid.shape_3d, 1000)
-    pooled, pooled_mask = pool(arrays, reserved_mask, grid)
-    found = pooled.log_odds_fixed, pooled.sampled_mask, pooled_mask
-    block = {}
-    for cell, index in enumerate(np.ndindex(grid.shape)):
-        block.setdefault(tuple(i // 2 for i in index), []).append(cell)
-    kinds = set()
-    for index, cells in block.items():
-        k = int(coarse.flat_index(index))
-        known = [log_odds_fixed[c] for c in cells if sampled[c]]
-        occupied = any(level >= 0 for level in known)
-        unknown = not occupied and len(cells) - len(known) > len(cells) / 2
-        assert found[1][k] == (not unknown)
-        level = max(known) if occupied else 0 if unknown else math.floor(np.mean(known))
-        assert found[0][k] == level
-        assert found[2][k] == (sum(reserved_mask[c] for c in cells) > len(cells) / 2)
-        kinds.add((occupied, unknown))
-    assert len(kinds) == 3
 
 
 def test_views_of_the_pooled_map_agree_with_those_of_the_map():

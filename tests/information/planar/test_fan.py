@@ -112,7 +112,7 @@ def test_cells_of_a_view_come_nearest_first():
     map_ = OccupancyMap(VoxelGrid((20, 20)))
     rating = rating_of(map_, PlanarCamera(depth_of_field=9.0), 8)
     cells = rating.visible_cells(map_, pose_at(map_, 10, 10, 3, 8))
-    steps = np.abs(np.stack(np.unravel_index(cells, (20, 20))).T - 10).sum(axis=1)
+    steps = np.square(np.stack(np.unravel_index(cells, (20, 20))).T - 10).sum(axis=1)
     assert (np.diff(steps) >= 0).all()
 
 
@@ -149,9 +149,8 @@ def test_every_beam_of_the_fan_crosses_its_cells_and_no_other():
     for h in range(n_headings):
         for beam, bearing in enumerate(camera.bearings):
             word, bit = divmod(beam, 64)
-            own = (fan.beams[fan.start[h] : fan.start[h + 1], word] >> np.uint64(bit)) & np.uint64(
-                1
-            )
+            words = fan.beams[word, fan.start[h] : fan.start[h + 1]]
+            own = words >> np.uint64(bit) & np.uint64(1)
             offsets = fan.offsets[fan.start[h] : fan.start[h + 1]][own == 1]
             angle = bearing + h * 2 * np.pi / n_headings
             ray = traverse([10.5, 10.5], [np.cos(angle), np.sin(angle)], 6.0, (21, 21))

@@ -39,10 +39,10 @@ def best_rated_pose(belief: PlanarBelief, robot: int) -> np.int64:
     rating, map_ = belief.rating_function, belief.map
     n, pose_id = belief.lattice.n_headings, belief.pose_ids[robot]
     most = most_information(map_, rating)
-    cells = belief.feasible_cells(robot).astype(np.int64)
-    # What a motion costs without its turn; the first cell is the robot's own.
+    cells = belief.feasible_cells(robot)
+    # what a motion costs without its turn
     bounds = most - motion_cost(rating, rating.distance(cells * n + pose_id % n, pose_id))
-    here = cells[0] * n + np.arange(n)
+    here = belief.cell(robot) * n + np.arange(n)
     best = rating.rate(map_, here, rating.distance(here, pose_id)).rating.max()
     kept = np.flatnonzero(bounds >= best) if best > 0.0 else np.arange(len(cells))
     poses = (cells[kept, None] * n + np.arange(n)).ravel()

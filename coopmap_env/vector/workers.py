@@ -1,20 +1,21 @@
-"""Blocks of environments: one in this process, or each in a worker process of its own.
+"""Blocks of worlds: one in this process, or each in a worker process of its own.
 
-`LocalBlock` and `WorkerPool` have the same interface: `request` sends a method call to each block,
-`replies` waits for the results. A worker serves requests until its pipe is closed by `close`, and
-ends at once with the main process.
+`LocalBlock` and `WorkerPool` have the same interface: `request` starts a method call in some
+blocks, `replies` waits for the results. A worker serves requests until its pipe is closed by
+`close`, and ends at once with the main process.
 
-Messages are pickled by cloudpickle, which also handles classes and functions that are defined in a
-notebook or in a function. They are read by pickle: workers need neither torch nor
-Stable-Baselines3.
+Pipes carry the names of methods and small arguments; arrays are in memory that all processes share.
+It has no name and no file, so nothing is left behind when processes are killed. Messages are
+pickled by cloudpickle, which also handles classes and functions that are defined in a notebook or
+in a function, and read by pickle.
 """
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import os
 import pickle
-import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -22,11 +23,19 @@ from typing import Any
 
 import cloudpickle  # type: ignore[import-untyped]
 
-from coopmap_agents.rollouts.team_block import EnvFactory, TeamBlock
 from coopmap_env.core.processes import WorkerError, begin_worker, signals_postponed
+from coopmap_env.vector.remote_error import RemoteError
+from coopmap_env.vector.step_arrays import ArrayPlan
+from coopmap_env.vector.world_block import EnvFactory, WorldBlock
 
 SHUTDOWN_TIMEOUT = 10.0
 """Seconds that a worker has to finish its step and close its environments before it is killed."""
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
 
 Requests = Mapping[int, tuple[Any, ...]]
 """Arguments of a method, by the number of the block that calls it."""
@@ -35,10 +44,9 @@ Requests = Mapping[int, tuple[Any, ...]]
 class LocalBlock:
     """One block in this process, which does its work in `replies`."""
 
-    def __init__(self, env_factory: EnvFactory, n_envs: int, with_state: bool) -> None:
-        self._block = TeamBlock(env_factory, n_envs, with_state)
+    def __init__(self, block: WorldBlock) -> None:
+        self.block = block
         self._request: tuple[str, Requests] = ("", {})
-        self.closed = False
 
     def request(self, method: str, arguments: Requests) -> None:
         """Store a method call for `replies`."""
@@ -48,12 +56,23 @@ class LocalBlock:
         """Call the method, once; its result, by the number of the block."""
         method, arguments = self._request
         self._request = "", {}
-        return {i: getattr(self._block, method)(*own) for i, own in arguments.items()}
+        return {i: getattr(self.block, method)(*own) for i, own in arguments.items()}
 
     def close(self) -> None:
         """Close the environments; repeated calls do nothing."""
-        self.closed = True
-        self._block.close()
+        self.block.close()
+
+
+@dataclass(frozen=True)
+class BlockSetup:
+    """What a worker makes its block from."""
+
+    factory: bytes
+    """The pickled factory of environments."""
+    worlds: range
+    with_state: bool
+    n_states: int
+    plan: ArrayPlan
 
 
 class WorkerPool:
@@ -63,23 +82,34 @@ class WorkerPool:
     ----------
     env_factory : callable
         Must be picklable by cloudpickle; each worker gets a copy.
-    envs_per_worker : sequence of int
-        Number of environments of each worker.
-    with_state : bool
+    worlds : sequence of range
+        Those of each worker.
+    with_state, n_states, plan
+        See `WorldBlock`.
+    memory
+        From `shared_memory`.
     """
 
     def __init__(
-        self, env_factory: EnvFactory, envs_per_worker: Sequence[int], with_state: bool
+        self,
+        env_factory: EnvFactory,
+        worlds: Sequence[range],
+        with_state: bool,
+        n_states: int,
+        plan: ArrayPlan,
+        memory: Any,
     ) -> None:
         factory = cloudpickle.dumps(env_factory)
         self._workers: list[Worker] = []
         self._pending: list[int] = []
-        self.closed = False
         try:
-            for i, n_envs in enumerate(envs_per_worker):
-                self._workers.append(Worker(f"worker {i}", factory, n_envs, with_state))
+            for i, own in enumerate(worlds):
+                setup = BlockSetup(factory, own, with_state, n_states, plan)
+                self._workers.append(Worker(f"worker {i}", setup, memory))
+            self.request("ready", dict.fromkeys(range(len(worlds)), ()))
+            self.replies()
         except BaseException:
-            self._kill()
+            self.kill()
             raise
 
     def request(self, method: str, arguments: Requests) -> None:
@@ -109,13 +139,12 @@ class WorkerPool:
 
     def close(self) -> None:
         """Close all environments and end the processes; repeated calls do nothing."""
-        self.closed = True
         for worker in self._workers:
             worker.close_pipe()
         for worker in self._workers:
             worker.join()
 
-    def _kill(self) -> None:
+    def kill(self) -> None:
         """End the processes at once: some may still import what they need."""
         for worker in self._workers:
             worker.kill()
@@ -129,23 +158,24 @@ class WorkerPool:
         except Exception:
             raise
         except BaseException:
-            self._kill()
+            self.kill()
             raise
 
 
 class Worker:
     """A worker process, as the main process sees it."""
 
-    def __init__(self, name: str, factory: bytes, n_envs: int, with_state: bool) -> None:
+    def __init__(self, name: str, setup: BlockSetup, memory: Any) -> None:
         # spawn: a forked child would inherit locks and library threads in an undefined state
         context = multiprocessing.get_context("spawn")
+        self._worlds = setup.worlds
         self._pipe, other_end = context.Pipe()
         # daemon: a main process that ends without `close` does not wait for its workers
         self._process = context.Process(
-            target=run_worker, args=(other_end, factory, n_envs, with_state), name=name, daemon=True
+            target=run_worker, args=(other_end, setup, memory), name=name, daemon=True
         )
         self._reply_pending = False
-        with signals_postponed():
+        with signals_postponed(), _single_threaded_children():
             self._process.start()
         other_end.close()  # else the pipe would not end with the worker
 
@@ -172,11 +202,12 @@ class Worker:
         except (EOFError, ConnectionError) as error:
             self._process.join(SHUTDOWN_TIMEOUT)
             raise WorkerError(
-                f"{self._process.name} has ended, with exit code {self._process.exitcode} (of "
-                "a signal if negative; -9 often means out of memory: use fewer workers). The same "
-                "command continues a training after its last segment; elsewhere, close this "
-                "environment and make a new one. If the worker ended at once, the script that "
-                "starts it may lack if __name__ == '__main__':"
+                f"{self._process.name}, of worlds {self._worlds.start} to {self._worlds.stop - 1}, "
+                f"has ended, with exit code {self._process.exitcode} (of a signal if negative; -9 "
+                "often means out of memory: use fewer workers). The same command continues a "
+                "training after its last segment; elsewhere, close this environment and make a new "
+                "one. If the worker ended at once, the script that starts it may lack "
+                "if __name__ == '__main__':"
             ) from error
         finally:
             self._reply_pending = False
@@ -201,59 +232,52 @@ class Worker:
             self._process.join()
 
 
-@dataclass(frozen=True)
-class RemoteError:
-    """An exception of a worker, as a message."""
-
-    pickled: bytes
-    """Empty if the exception cannot be pickled."""
-    summary: str
-    """Type and message."""
-    report: str
-    """The worker's traceback."""
-
-    @classmethod
-    def from_exception(cls, error: Exception) -> RemoteError:
-        """Pack an exception."""
-        try:
-            pickled = cloudpickle.dumps(error)
-        except Exception:  # pickling an exception's attributes may raise anything
-            pickled = b""
-        summary = "".join(traceback.format_exception_only(error)).strip()
-        return cls(pickled, summary, "".join(traceback.format_exception(error)))
-
-    def to_error(self, worker: str) -> Exception:
-        """Unpack the exception, or make a RuntimeError; a note has the worker's traceback."""
-        try:
-            error = pickle.loads(self.pickled)
-        except Exception:  # a constructor that does not forward `args` pickles, but fails here
-            error = RuntimeError(self.summary)
-        error.add_note(f"in {worker}:\n{self.report}")
-        return error
+def shared_memory(n_bytes: int) -> Any:
+    """Memory that workers share when it is an argument of their start; zeros."""
+    return multiprocessing.get_context("spawn").RawArray("B", n_bytes)
 
 
-def run_worker(pipe: Connection, factory: bytes, n_envs: int, with_state: bool) -> None:
+def run_worker(pipe: Connection, setup: BlockSetup, memory: Any) -> None:
     """Body of a worker: make a block, and serve requests until the pipe is closed."""
     main_process = multiprocessing.parent_process()
     assert main_process is not None
     begin_worker(main_process.sentinel)
     with contextlib.suppress(EOFError, ConnectionError):
         try:
-            block = TeamBlock(pickle.loads(factory), n_envs, with_state)
+            block = WorldBlock(pickle.loads(setup.factory), setup.worlds, setup.with_state)
         except Exception as error:
             failure = cloudpickle.dumps(RemoteError.from_exception(error))
             pipe.recv_bytes()  # the first request, whatever it is
             pipe.send_bytes(failure)
             return
         with contextlib.closing(block):
+            block.connect(setup.plan, memory, setup.n_states)
             while True:
                 pipe.send_bytes(_handle_request(block, pipe.recv_bytes()))
 
 
-def _handle_request(block: TeamBlock, request: bytes) -> bytes:
+def _handle_request(block: WorldBlock, request: bytes) -> bytes:
     try:
         method, arguments = pickle.loads(request)
         reply: bytes = cloudpickle.dumps(getattr(block, method)(*arguments))
     except Exception as error:
         reply = cloudpickle.dumps(RemoteError.from_exception(error))
     return reply
+
+
+@contextlib.contextmanager
+def _single_threaded_children() -> Iterator[None]:
+    """Processes that start here have one thread each: parallel are the worlds.
+
+    Libraries read these variables when they are imported, before a worker's own code runs.
+    """
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

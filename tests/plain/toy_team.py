@@ -16,6 +16,8 @@ class ConstantReward(ParallelEnv):
     """
 
     metadata: ClassVar = {"name": "constant_reward"}
+    reset_info_types: ClassVar = {"episode_number": float}
+    step_info_types: ClassVar = {"step": int}
 
     def __init__(self, n_steps=5, truncates=True, n_robots=2, clock=True, render_mode=None):
         self.n_steps = n_steps

@@ -1,0 +1,223 @@
+"""Planar worlds that are stepped together: arrays of all worlds, and the compiled step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.random_streams import stream_state
+from coopmap_env.envs.planar._observation_kernels import TeamObservations
+from coopmap_env.envs.planar._starts import sample_start_poses
+from coopmap_env.envs.planar._step_kernels import start_worlds, step_worlds
+from coopmap_env.envs.planar._world_arrays import (
+    StepConstants,
+    StepResults,
+    StepScratch,
+    WorldArrays,
+    plain,
+)
+from coopmap_env.envs.planar.observations import observation_tables
+from coopmap_env.envs.planar.task import PlanarTask
+from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome
+from coopmap_env.envs.step_data import EpisodeSeeds
+from coopmap_env.information import PlanarRatingFunction
+from coopmap_env.information.planar.view_arrays import ViewTables
+from coopmap_env.mapping import OccupancyMap, ScanGain, SurfaceArrays
+from coopmap_env.mapping.arrays import MapStorage
+from coopmap_env.robots import PoseLattice
+from coopmap_env.robots.planar.feasible_poses import PoseSampling
+from coopmap_env.robots.planar.reachable_regions import RegionArrays
+from coopmap_env.sensing import Scan
+from coopmap_env.simulation.planar import camera_arrays
+from coopmap_env.simulation.scenes.planar import PlanarWorld
+
+
+class PlanarWorlds:
+    """E planar worlds with a team in each.
+
+    Parameters
+    ----------
+    task : PlanarTask
+    n_worlds : int
+        E.
+    keep_surfaces : bool
+        Whether the maps have surface Gaussians; nothing in a step depends on them, and they take
+        120 bytes a cell.
+    n_threads : int, optional
+        Threads that step worlds at the same time; results do not depend on it.
+    """
+
+    def __init__(
+        self, task: PlanarTask, n_worlds: int, keep_surfaces: bool, n_threads: int = 1
+    ) -> None:
+        s, grid, n, m = task.settings, task.grid, task.n_robots, task.n_candidates
+        self.task = task
+        self.lattice = PoseLattice(grid, s.n_headings)
+        self.rating_function = PlanarRatingFunction(
+            s.camera, self.lattice, s.rating, s.log_odds_range
+        )
+        self.constants = step_constants(task, self.rating_function)
+        surfaces = SurfaceArrays.empty(
+            n_worlds * grid.n_cells if keep_surfaces else 0, 2, s.beam.surface_fusion == "mean"
+        )
+        self.arrays = WorldArrays.empty(
+            n_worlds,
+            n,
+            grid.n_cells,
+            m,
+            SurfaceArrays(*(a.reshape(n_worlds, -1, *a.shape[1:]) for a in surfaces)),
+        )
+        self.results = StepResults.empty(n_worlds, n, s.camera.n_beams)
+        scratch = [StepScratch.empty(self.constants, n, m) for _ in range(n_threads)]
+        self._queue = scratch[0].queue
+        self._plain_arrays, self._plain_constants = plain(self.arrays), plain(self.constants)
+        self._plain_results, self._plain_scratch = plain(self.results), list(map(plain, scratch))
+        self._pool = ThreadPoolExecutor(n_threads) if n_threads > 1 else None
+        self._truths: list[PlanarWorld | None] = [None] * n_worlds
+
+    def has_reset(self, e: int) -> bool:
+        """Whether there is a world of this number yet."""
+        return self._truths[e] is not None
+
+    def truth(self, e: int) -> PlanarWorld:
+        """The true world, after its first reset."""
+        world = self._truths[e]
+        assert world is not None
+        return world
+
+    def reset(self, e: int, world: PlanarWorld, seeds: EpisodeSeeds) -> None:
+        """Put a team into a new world, with an empty map but for the cells around the robots."""
+        arrays, s = self.arrays, self.task.settings
+        starts, known = sample_start_poses(
+            world, self.lattice, self.task.n_robots, s.max_start_distance, s.initial_free_radius,
+            np.random.default_rng(seeds.start),
+        )  # fmt: skip
+        self._truths[e] = world
+        arrays.occupied[e] = world.occupied.ravel()
+        for sums in arrays.surfaces:
+            if sums.size:
+                sums[e, np.flatnonzero(arrays.sampled_mask[e])] = 0
+        arrays.log_odds_fixed[e], arrays.sampled_mask[e] = 0, 0
+        arrays.log_odds_fixed[e, known] = -self.constants.clamp
+        arrays.sampled_mask[e, known] = 1
+        arrays.pose_ids[e] = starts
+        arrays.noise_streams[e] = stream_state(seeds.noise)
+        arrays.candidate_streams[e] = stream_state(seeds.candidates)
+        arrays.n_scans[e] = 0
+
+    def start(self, worlds: NDArray[np.int64], observations: TeamObservations) -> None:
+        """Write the first observations of some worlds, after a reset."""
+        for e in worlds.tolist():
+            self.arrays.n_observed[e] = np.count_nonzero(self.arrays.sampled_mask[e])
+        parts = (self._plain_arrays, self._plain_constants, plain(observations))
+        self._run(start_worlds, worlds, parts)
+
+    def step(
+        self,
+        worlds: NDArray[np.int64],
+        actions: NDArray[np.float64],
+        choices: NDArray[np.int64],
+        observations: TeamObservations,
+    ) -> None:
+        """Step some worlds with valid actions of all; see `step_worlds`."""
+        parts = (self._plain_arrays, self._plain_constants, self._plain_results)
+        self._run(step_worlds, worlds, (actions, choices, *parts, plain(observations)))
+
+    def _run(
+        self, kernel: Callable[..., None], worlds: NDArray[np.int64], arguments: tuple[Any, ...]
+    ) -> None:
+        """Call a kernel for some worlds: a part of them in each thread, with its own scratch."""
+        if self._pool is None:
+            kernel(worlds, *arguments, self._plain_scratch[0])
+            return
+        parts = np.array_split(worlds, len(self._plain_scratch))
+        futures = [
+            self._pool.submit(kernel, part, *arguments, scratch)
+            for part, scratch in zip(parts, self._plain_scratch, strict=True)
+            if len(part)
+        ]
+        for future in futures:
+            future.result()
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def empty_observations(self) -> TeamObservations:
+        """Room for the observations of all worlds."""
+        side = self.task.settings.crop_cells
+        return TeamObservations.empty(
+            len(self._truths), self.task.n_robots, side, self.task.n_candidates
+        )
+
+    def map(self, e: int) -> OccupancyMap:
+        """The map of a world; its arrays are those of the world."""
+        s, arrays = self.task.settings, self.arrays
+        storage = MapStorage(
+            arrays.log_odds_fixed[e],
+            arrays.sampled_mask[e],
+            SurfaceArrays(*(a[e] if a.size else a[0] for a in arrays.surfaces)),
+        )
+        return OccupancyMap(self.task.grid, s.beam, s.log_odds_range, storage)
+
+    def regions(self, e: int) -> RegionArrays:
+        """The regions that the team of a world reaches."""
+        arrays = self.arrays
+        return RegionArrays(arrays.labels[e], arrays.access[e], arrays.n_labels[e], self._queue)
+
+    def outcomes(self, e: int) -> list[StepOutcome]:
+        """What the last step of a world brought, for each robot."""
+        r = self.results
+        rated = (r.new_information, r.distance, r.motion_cost, r.rating)
+        gains = map(ScanGain, r.new_cells[e].tolist(), r.entropy_reduction[e].tolist())
+        return list(map(StepOutcome, *(part[e].tolist() for part in rated), gains))
+
+    def reward_terms(self, e: int) -> list[dict[str, float]]:
+        """Every reward term of the last step of a world by its name, for each robot."""
+        rows = self.results.reward_terms[e].tolist()
+        return [dict(zip(REWARD_TERMS, row, strict=True)) for row in rows]
+
+    def candidates(self, e: int) -> tuple[NDArray[np.int64], ...] | None:
+        """Candidates of each robot of a world, as new arrays; None in "pose" mode."""
+        if not self.task.n_candidates:
+            return None
+        counts = self.arrays.n_candidates[e].tolist()
+        rows = self.arrays.candidates[e]
+        return tuple(row[:count].copy() for row, count in zip(rows, counts, strict=True))
+
+    def scans(self, e: int) -> list[Scan]:
+        """The scans of the last step of a world, as new arrays."""
+        results, poses = self.results, self.lattice.poses(self.arrays.pose_ids[e])
+        parts = (results.points[e], results.covariances[e], results.hit[e])
+        return [
+            Scan(pose[:2].copy(), *(part[robot].copy() for part in parts))
+            for robot, pose in enumerate(poses)
+        ]
+
+
+def step_constants(task: PlanarTask, rating: PlanarRatingFunction) -> StepConstants:
+    """What is the same for all worlds and steps of a task."""
+    s, grid, n_visible = task.settings, task.grid, rating.max_visible_cells
+    return StepConstants(
+        grid.geometry,
+        s.log_odds_range.clamp,
+        PoseSampling(rating.lattice.geometry, grid.shape_3d, float(s.reach)),
+        rating.fan.arrays(grid.shape[1]),
+        ViewTables.from_fan(rating.fan, rating.gray, rating.codes),
+        rating.codes.of_log_odds,
+        camera_arrays(s.camera, s.noise),
+        s.beam.parameters,
+        s.log_odds_range.entropy,
+        s.log_odds_range.probability,
+        (float(s.rating.K), float(s.rating.exponent)),
+        (float(s.rating.alpha_position), float(s.rating.alpha_heading)),
+        RewardScale.for_camera(n_visible, s.rating.n_gray_bins, grid.n_cells),
+        list(REWARD_TERMS).index(task.reward),
+        task.is_reward_shared,
+        *observation_tables(task, rating),
+    )

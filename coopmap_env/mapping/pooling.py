@@ -1,0 +1,144 @@
+"""A map at half its resolution, to score many views at an eighth of the cost.
+
+A block of 2 x 2 x 2 voxels is occupied if any of them is, with the highest log-odds of them; else
+unknown if more than half of them were never sampled; else free, with the mean log-odds of those
+that were. A block is reserved if more than half of it is.
+
+A scan changes few blocks: a `PooledMap` recomputes those of the cells that it is told of.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import kernel
+from coopmap_env.mapping.arrays import MapArrays
+from coopmap_env.mapping.grid import VoxelGrid
+
+Index = int | np.int64
+UNSAMPLED = -(1 << 30)
+"""Below the log-odds of any cell."""
+
+
+def pooled_grid(grid: VoxelGrid) -> VoxelGrid:
+    """Blocks of two voxels along each axis; the last ones may stick out of the grid."""
+    shape = tuple(math.ceil(n / 2) for n in grid.shape)
+    return VoxelGrid(shape, 2 * grid.resolution, grid.origin)
+
+
+class PooledMap:
+    """Blocks of a map, as `MapArrays` on the pooled grid.
+
+    Parameters
+    ----------
+    source : MapArrays
+        The map's own arrays, which it changes.
+    """
+
+    def __init__(self, source: MapArrays) -> None:
+        self._source = source
+        x, y, z = ((n + 1) // 2 for n in source.shape)
+        n = x * y * z
+        self.arrays = MapArrays(
+            np.empty(n, dtype=np.int32), np.empty(n, dtype=np.uint8), (x, y, z), source.clamp
+        )
+        self._last_update = np.zeros(n, dtype=np.int64)
+        self._n_updates = 0
+        pool_all(source, self.arrays)
+
+    def update(self, cells: NDArray[np.int64]) -> None:
+        """Recompute the blocks of those cells (flat indices) that have changed."""
+        self._n_updates += 1
+        pool_changed(self._source, cells, self._n_updates, self._last_update, self.arrays)
+
+
+def pool_mask(mask: NDArray[np.uint8], grid: VoxelGrid) -> NDArray[np.uint8]:
+    """A mask of cells (n_cells,) on the pooled grid: 1 where more than half of a block is."""
+    pooled = pooled_grid(grid)
+    out = np.empty(pooled.n_cells, dtype=np.uint8)
+    write_pooled_mask(mask, grid.shape_3d, pooled.shape_3d, out)
+    return out
+
+
+@kernel
+def _pool_block(source: MapArrays, i: Index, j: Index, k: Index, out: MapArrays) -> None:
+    """Write block (i, j, k)."""
+    log_odds_fixed, sampled, (nx, ny, nz) = source.log_odds_fixed, source.sampled_mask, source.shape
+    _, my, mz = out.shape
+    highest, total, n_sampled = UNSAMPLED, 0, 0
+    end_x, end_y, end_z = min(2 * i + 2, nx), min(2 * j + 2, ny), min(2 * k + 2, nz)
+    size = (end_x - 2 * i) * (end_y - 2 * j) * (end_z - 2 * k)
+    for x in range(2 * i, end_x):
+        for y in range(2 * j, end_y):
+            column = (x * ny + y) * nz
+            for z in range(2 * k, end_z):
+                cell = np.uint64(column + z)
+                was_sampled, level = sampled[cell], log_odds_fixed[cell]
+                n_sampled += was_sampled
+                total += level * was_sampled
+                highest = max(highest, level * was_sampled + UNSAMPLED * (1 - was_sampled))
+    block = np.uint64((i * my + j) * mz + k)
+    if highest >= 0:
+        out.sampled_mask[block], out.log_odds_fixed[block] = 1, highest
+    elif 2 * n_sampled >= size:
+        out.sampled_mask[block], out.log_odds_fixed[block] = 1, total // n_sampled
+    else:
+        out.sampled_mask[block] = out.log_odds_fixed[block] = 0
+
+
+@kernel
+def pool_all(source: MapArrays, out: MapArrays) -> None:
+    """Write all blocks."""
+    mx, my, mz = out.shape
+    for i in range(mx):
+        for j in range(my):
+            for k in range(mz):
+                _pool_block(source, i, j, k, out)
+
+
+@kernel
+def pool_changed(
+    source: MapArrays,
+    cells: NDArray[np.int64],
+    update: int,
+    last_update: NDArray[np.int64],
+    out: MapArrays,
+) -> None:
+    """Write the blocks of some cells, once each: `last_update` is the number of that update."""
+    ny, nz = np.uint32(source.shape[1]), np.uint32(source.shape[2])
+    _, my, mz = out.shape
+    last = np.int64(-1)
+    for cell in cells:
+        column = np.uint32(cell) // nz  # 32 bits: half the time of a division
+        i, j, k = column // ny // 2, column % ny // 2, (np.uint32(cell) - column * nz) // 2
+        block = (np.int64(i) * my + np.int64(j)) * mz + np.int64(k)
+        if block != last and last_update[np.uint64(block)] != update:
+            last_update[np.uint64(block)] = update
+            _pool_block(source, np.int64(i), np.int64(j), np.int64(k), out)
+        last = block
+
+
+@kernel
+def write_pooled_mask(
+    mask: NDArray[np.uint8],
+    shape: tuple[int, int, int],
+    pooled_shape: tuple[int, int, int],
+    out: NDArray[np.uint8],
+) -> None:
+    """Write `pool_mask`."""
+    nx, ny, nz = shape
+    mx, my, mz = pooled_shape
+    for i in range(mx):
+        for j in range(my):
+            for k in range(mz):
+                marked = size = 0
+                for x in range(2 * i, min(2 * i + 2, nx)):
+                    for y in range(2 * j, min(2 * j + 2, ny)):
+                        column = (x * ny + y) * nz
+                        for cell in range(column + 2 * k, column + min(2 * k + 2, nz)):
+                            size += 1
+                            marked += mask[cell]
+                out[(i * my + j) * mz + k] = 2 * marked > size

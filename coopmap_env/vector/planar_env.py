@@ -1,0 +1,175 @@
+"""`PlanarVectorEnv`: many planar worlds, stepped by one compiled call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from coopmap_env.core.files import brief
+from coopmap_env.envs import REWARD_TERMS
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs.planar.actions import MASKED, rejected_reason
+from coopmap_env.envs.planar.env import PlanarWorldView, make_world
+from coopmap_env.envs.planar.observations import ObservationArrays, TeamObservations
+from coopmap_env.envs.planar.worlds import PlanarWorlds
+from coopmap_env.envs.step_data import EpisodeSeeds
+from coopmap_env.robots.planar.reachable_regions import INFEASIBILITY_REASONS
+from coopmap_env.vector.rows import RowName
+from coopmap_env.vector.step_arrays import StepArrays
+from coopmap_env.vector.team_spaces import TeamSpaces
+from coopmap_env.vector.vector_env import MappingVectorEnv
+
+REASONS = np.array([*INFEASIBILITY_REASONS, ""])
+"""Text of each rejection; that of a masked candidate names its numbers."""
+
+
+class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
+    """Planar worlds in arrays; see `coopmap_env.vector`.
+
+    Parameters
+    ----------
+    n_envs : int
+        Number of worlds.
+    rows, autoreset_mode, double_buffer, with_state
+        See `coopmap_env.vector`.
+    num_threads : int
+        Threads that step worlds at the same time; results do not depend on it.
+    keep_surfaces : bool
+        Whether the maps of `world` have surface Gaussians. Nothing else depends on them; they take
+        120 bytes a cell, and some time.
+    **arguments
+        `PlanarArguments`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is not accepted.
+    """
+
+    def __init__(
+        self,
+        n_envs: int,
+        *,
+        rows: RowName = "agents",
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        double_buffer: bool = False,
+        with_state: bool = False,
+        num_threads: int = 1,
+        keep_surfaces: bool = False,
+        **arguments: Any,
+    ) -> None:
+        for name, value in (("n_envs", n_envs), ("num_threads", num_threads)):
+            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+                raise ValueError(f"{name} must be an integer of at least 1, got {brief(value)}")
+        self._env = env = PlanarEnv(**arguments)
+        super().__init__(
+            TeamSpaces.from_env(env, with_state),
+            n_envs,
+            rows=rows,
+            autoreset_mode=autoreset_mode,
+            double_buffer=double_buffer,
+        )
+        self._worlds = PlanarWorlds(env.task, n_envs, keep_surfaces, num_threads)
+        self._observations = [self._team_observations(arrays) for arrays in self._buffers]
+        self._seed_rngs = [np.random.default_rng() for _ in range(n_envs)]
+        team, (actions, _) = (n_envs, env.task.n_robots), self._plan.arrays(self._memory)
+        is_choice = env.task.n_candidates > 0
+        self._choices = actions if is_choice else np.empty((n_envs, 0), dtype=np.int64)
+        self._poses = np.empty((n_envs, 0, 3)) if is_choice else actions.reshape(*team, 3)
+
+    def world(self, index: int) -> PlanarEnv:
+        """A view of one world; see `MappingVectorEnv.world`."""
+        (index,) = self._check_worlds([index])
+        return PlanarWorldView(self._env, self._worlds, index)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads."""
+        if hasattr(self, "_worlds"):  # the constructor may have failed
+            self._worlds.close()
+
+    def _advance(
+        self,
+        buffer: int,
+        stepped: Sequence[int],
+        reset: Sequence[int],
+        seeds: Sequence[int | None],
+        options: dict[str, Any] | None,
+    ) -> None:
+        for world, seed in zip(reset, seeds, strict=True):
+            try:
+                self._reset_world(world, seed)
+            except Exception as error:
+                error.add_note(f"in world {world}")
+                raise
+        if reset:
+            worlds = np.array(reset)
+            self._worlds.start(worlds, self._observations[buffer])
+            self._write_common_infos(buffer, worlds)
+        if stepped:
+            worlds = np.array(stepped)
+            n_offered = self._worlds.arrays.n_candidates.copy()
+            self._worlds.step(worlds, self._poses, self._choices, self._observations[buffer])
+            self._write_results(buffer, worlds, n_offered)
+
+    def _reset_world(self, world: int, seed: int | None) -> None:
+        """Put a team into a new world, by the seeds of a single environment."""
+        env = self._env
+        if seed is None:
+            seed = int(self._seed_rngs[world].integers(2**31))
+        seeds = EpisodeSeeds.of_episode(env.split, seed)
+        made = make_world(env.scene, env.task.grid, np.random.default_rng(seeds.scene))
+        self._worlds.reset(world, made, seeds)
+        self._seed_rngs[world] = np.random.default_rng(seeds.seeds)
+
+    def _write_common_infos(self, buffer: int, worlds: NDArray[np.int64]) -> None:
+        arrays, ours = self._buffers[buffer], self._worlds.arrays
+        n_cells = self._env.task.grid.n_cells
+        arrays.infos["n_scans"][worlds] = ours.n_scans[worlds, None]
+        arrays.infos["observed_fraction"][worlds] = ours.n_observed[worlds, None] / n_cells
+        if "state" in arrays.observations:
+            for world in worlds.tolist():
+                state = self.world(world).state()
+                arrays.observations["state"][world] = np.tile(state, self._rows.per_world)
+
+    def _write_results(
+        self, buffer: int, worlds: NDArray[np.int64], n_offered: NDArray[np.int64]
+    ) -> None:
+        arrays, results = self._buffers[buffer], self._worlds.results
+        infos = arrays.infos
+        self._write_common_infos(buffer, worlds)
+        ended = self._worlds.arrays.n_scans[worlds, None] >= self._env.max_scans
+        arrays.rewards[worlds] = results.rewards[worlds]
+        arrays.terminations[worlds], arrays.truncations[worlds] = False, ended
+        for key in ("collided", "new_information", "distance", "new_cells", "entropy_reduction"):
+            infos[key][worlds] = getattr(results, key)[worlds]
+        for number, name in enumerate(REWARD_TERMS):
+            infos["reward_terms"][name][worlds] = results.reward_terms[worlds, :, number]
+        rejections = results.rejections[worlds]
+        infos["rejected_reason"][worlds] = REASONS[rejections]
+        for k, robot in np.argwhere(rejections == MASKED).tolist():
+            at = worlds[k], robot
+            infos["rejected_reason"][at] = rejected_reason(
+                MASKED, int(self._choices[at]), int(n_offered[at])
+            )
+
+    def _team_observations(self, arrays: StepArrays) -> TeamObservations:
+        """The arrays of a buffer as the kernels write them: views of the same memory."""
+        task, parts = self._env.task, arrays.observations
+        n, m = task.n_robots, task.n_candidates
+        blank = TeamObservations.empty(self.n_worlds, n, task.settings.crop_cells, m)
+
+        def view(key: str, like: NDArray[Any]) -> NDArray[Any]:
+            return parts[key].reshape(like.shape) if key in parts else like
+
+        views = ObservationArrays(
+            view("map", blank.views.maps),
+            view("pose", blank.views.pose_vectors),
+            view("teammates", blank.views.teammates),
+        )
+        return TeamObservations(
+            views, view("candidates", blank.features), view("action_mask", blank.action_mask)
+        )

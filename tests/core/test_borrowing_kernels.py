@@ -1,0 +1,76 @@
+"""Kernels that do not count references are called by kernels alone; steps keep no arrays."""
+
+import ast
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import coopmap_env
+from coopmap_env import planar_v1
+
+PACKAGE = Path(coopmap_env.__file__).parent
+TREES = {path: ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")}
+
+
+def decorators(function):
+    return {one.id for one in function.decorator_list if isinstance(one, ast.Name)}
+
+
+def functions(tree):
+    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+
+
+def test_only_kernels_call_kernels_that_do_not_count_references():
+    borrowing = {
+        function.name
+        for tree in TREES.values()
+        for function in functions(tree)
+        if "borrowing_kernel" in decorators(function)
+    }
+    assert len(borrowing) > 20
+    found = []
+    for path, tree in TREES.items():
+        imported = {
+            alias.asname or alias.name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        own = {function.name for function in functions(tree)}
+        for function in functions(tree):
+            if any("kernel" in name for name in decorators(function)):
+                continue
+            names = {
+                node.func.id
+                for node in ast.walk(function)
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+            }
+            found += [(path.name, function.name, n) for n in names & borrowing & (imported | own)]
+    assert found == []
+
+
+@pytest.mark.parametrize("mode", ["pose", "candidates"])
+def test_a_step_keeps_no_reference_to_its_arrays(mode):
+    env = planar_v1.parallel_env(action_mode=mode, max_scans=20)
+    env.reset(seed=0)
+    action = np.zeros(3, dtype=np.float32) if mode == "pose" else 0
+    arrays = env._worlds.arrays
+    counts = []
+    for _ in range(4):
+        observations, *_ = env.step(dict.fromkeys(env.agents, action))
+        belief = env.belief()
+        belief.rate(0, belief.random_poses(0, 5, np.random.default_rng(0)))
+        belief.feasible_poses(0)
+        belief.rate_team(belief.pose_ids)
+        env.state()
+        counts.append(
+            [
+                sys.getrefcount(observations["robot_0"]["map"].base),
+                *map(
+                    sys.getrefcount, (arrays.log_odds_fixed, arrays.pose_ids, belief.map.arrays[0])
+                ),
+            ]
+        )
+    assert counts[-1] == counts[1]
