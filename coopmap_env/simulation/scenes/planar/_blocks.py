@@ -1,4 +1,4 @@
-"""Convex blocks, drawn row by row.
+"""Convex blocks: how they are drawn, and which cells they cover.
 
 A block is given by the slopes n_k / d_k of its edges: the outward normals over the distances from
 the center. Its gauge is 0 at its center, 1 on its edge and s on the edge of the block scaled by s
@@ -7,12 +7,98 @@ about its center:
     gauge(p) = max_k p . n_k / d_k.
 """
 
+from __future__ import annotations
+
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.elementary import exp, sin_cos
 from coopmap_env.core.kernels import kernel
+
+MAX_EDGES = 6
+_MIN_EDGES = 3
+_EDGE_DISTANCES = (0.7, 1.0)
+"""Distance of a polygon's edges from its center, as a fraction of its half side."""
+_JITTER = 0.1
+"""How far a polygon's edges are rotated, as a fraction of the gap between them: so little that each
+gap stays well under half a turn, which keeps the block bounded and not too thin."""
+
+
+class BlockDraws(NamedTuple):
+    """Random numbers of n blocks; uniform in [0, 1) but for the numbers of edges."""
+
+    centers: NDArray[np.float64]
+    """Shape (n, 2)."""
+    sizes: NDArray[np.float64]
+    """Shape (n, 2)."""
+    kinds: NDArray[np.float64]
+    """Shape (n,)."""
+    n_edges: NDArray[np.int64]
+    """Of a polygon (n,)."""
+    jitters: NDArray[np.float64]
+    """Shape (n, MAX_EDGES)."""
+    headings: NDArray[np.float64]
+    """Shape (n,)."""
+    cuts: NDArray[np.float64]
+    """Shape (n, MAX_EDGES)."""
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, n: int) -> BlockDraws:
+        """Draw those of n blocks."""
+        return cls(
+            rng.random((n, 2)),
+            rng.random((n, 2)),
+            rng.random(n),
+            rng.integers(_MIN_EDGES, MAX_EDGES + 1, size=n),
+            rng.random((n, MAX_EDGES)),
+            rng.random(n),
+            rng.random((n, MAX_EDGES)),
+        )
+
+
+class BlockLaw(NamedTuple):
+    """How blocks are distributed."""
+
+    shortest_half_side: float
+    """Cells."""
+    log_ratio: float
+    """Logarithm of the longest side over the shortest. Half sides are log-uniform: many small
+    blocks, few large ones."""
+    polygon_fraction: float
+    """Chance of a polygon; other blocks are rectangles."""
+
+
+@kernel
+def shape_blocks(
+    draws: BlockDraws, law: BlockLaw, slopes: NDArray[np.float64], reaches: NDArray[np.float64]
+) -> None:
+    """Write the slopes (n, MAX_EDGES, 2) of the edges of blocks, and how far they reach (n,).
+
+    Slopes of zero stand for no edge. Reaches are in cells.
+    """
+    nearest, furthest = _EDGE_DISTANCES
+    for block in range(len(reaches)):
+        half_0 = law.shortest_half_side * exp(law.log_ratio * draws.sizes[block, 0])
+        half_1 = law.shortest_half_side * exp(law.log_ratio * draws.sizes[block, 1])
+        is_polygon = draws.kinds[block] < law.polygon_fraction
+        n_edges = draws.n_edges[block] if is_polygon else 4
+        slopes[block] = 0.0
+        for edge in range(n_edges):
+            jitter, distance = 0.0, half_1 if edge % 2 else half_0
+            if is_polygon:
+                jitter = _JITTER * draws.jitters[block, edge]
+                cut = nearest + (furthest - nearest) * draws.cuts[block, edge]
+                distance = (half_0 + half_1) / 2.0 * cut
+            turns = draws.headings[block] + (edge + jitter) / n_edges
+            sine, cosine = sin_cos(2.0 * math.pi * turns)
+            slopes[block, edge, 0] = cosine / distance
+            slopes[block, edge, 1] = sine / distance
+        # Within half a gap of an edge's normal the block ends at distance / cos(half gap).
+        widest_gap = 2.0 * math.pi * (1.0 + _JITTER) / n_edges
+        reaches[block] = max(half_0, half_1) / sin_cos(widest_gap / 2.0)[1]
 
 
 @kernel

@@ -27,14 +27,6 @@ def plain_strew_blocks(occupied, missing, centers, slopes):
     return missing
 
 
-def random_blocks(scene, seed, n):
-    rng = np.random.default_rng(seed)
-    centers = rng.random((n, 2)) * scene.shape
-    turns, distances, reaches = scene._random_blocks(rng, n)
-    slopes = np.stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=-1)
-    return centers, reaches, slopes / distances[:, :, None]
-
-
 def test_a_square_occupies_the_cells_whose_centers_it_holds():
     occupied = np.zeros((8, 10), dtype=bool)
     assert scatter(occupied, 20, [(3.0, 5.0)], [1.6]) == 4
@@ -70,7 +62,7 @@ def test_occupied_cells_count_once_and_later_blocks_go_unused():
 def test_the_kernel_scatters_as_the_plain_gauge_of_all_cells(polygon_fraction, missing):
     scene = Obstacles(shape=(60, 45), polygon_fraction=polygon_fraction)
     for seed in range(10):
-        centers, reaches, slopes = random_blocks(scene, seed, 20)
+        centers, reaches, slopes = scene._random_blocks(np.random.default_rng(seed), 20)
         expected, occupied = np.zeros((2, 60, 45), dtype=bool)
         still = plain_strew_blocks(expected, missing, centers, slopes)
         assert scatter_blocks(occupied, missing, centers, reaches, slopes) == still

@@ -58,45 +58,57 @@ def test_obstacles_are_as_likely_in_each_quarter_of_the_world():
     np.testing.assert_allclose(quarters, 0.12, rtol=0.2)
 
 
+def random_blocks(scene, n):
+    """Normals (k, 2) and distances (k,) of the edges of n blocks in cells, and their reaches."""
+    _, reaches, all_slopes = scene._random_blocks(np.random.default_rng(0), n)
+    for slopes, reach in zip(all_slopes, reaches, strict=True):
+        steepness = np.hypot(*slopes.T)
+        is_edge = steepness > 0.0
+        assert (np.diff(is_edge.astype(int)) <= 0).all()  # those that are missing come last
+        steepness = steepness[is_edge]
+        yield slopes[is_edge] / steepness[:, None], 1.0 / steepness, reach
+
+
+def gaps_between(normals):
+    """Angles from each normal to the next, in full turns."""
+    turns = np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi)
+    return np.diff(turns, append=turns[0]) % 1.0
+
+
 def test_a_rectangle_has_two_pairs_of_parallel_edges():
     scene = Obstacles(polygon_fraction=0.0)
-    turns, distances, _ = scene._random_blocks(np.random.default_rng(0), 50)
-    np.testing.assert_allclose(np.diff(turns[:, :4]), 0.25)
-    np.testing.assert_array_equal(distances[:, :2], distances[:, 2:4])
-    assert np.isinf(distances[:, 4:]).all()
-    sides = 2 * distances[:, :2]
-    assert (sides >= scene.side_min).all()
-    assert (sides <= scene.side_max).all()
+    for normals, distances, _ in random_blocks(scene, 50):
+        np.testing.assert_allclose(gaps_between(normals), [0.25] * 4)
+        np.testing.assert_allclose(distances[:2], distances[2:], rtol=1e-14)
+        assert (2 * distances >= scene.side_min * (1 - 1e-14)).all()
+        assert (2 * distances <= scene.side_max * (1 + 1e-14)).all()
 
 
 def test_polygons_have_3_to_6_edges_around_them():
-    turns, distances, _ = Obstacles(polygon_fraction=1.0)._random_blocks(
-        np.random.default_rng(0), 200
-    )
-    n_edges = np.isfinite(distances).sum(axis=1)
-    assert set(n_edges.tolist()) == {3, 4, 5, 6}
-    for heading, n in zip(turns, n_edges, strict=True):
-        gaps = np.diff(heading[:n], append=heading[0] + 1.0)
+    numbers = set()
+    for normals, _, _ in random_blocks(Obstacles(polygon_fraction=1.0), 200):
+        numbers.add(len(normals))
+        gaps = gaps_between(normals)
+        assert gaps.sum() == pytest.approx(1.0)
         assert (gaps > 0.0).all()
         assert (gaps < 0.5).all()
+    assert numbers == {3, 4, 5, 6}
 
 
 def test_the_polygon_fraction_is_the_fraction_of_polygons():
-    turns, _, _ = Obstacles(polygon_fraction=0.4)._random_blocks(np.random.default_rng(0), 2000)
-    is_rectangle = np.isclose(np.diff(turns[:, :4]), 0.25).all(axis=1)
+    blocks = random_blocks(Obstacles(polygon_fraction=0.4), 2000)
+    is_rectangle = [
+        len(normals) == 4 and np.allclose(gaps_between(normals), 0.25) for normals, _, _ in blocks
+    ]
     # Three standard errors of a fraction of 0.4 among 2000.
-    assert np.mean(~is_rectangle) == pytest.approx(0.4, abs=0.033)
+    assert 1.0 - np.mean(is_rectangle) == pytest.approx(0.4, abs=0.033)
 
 
 def test_no_corner_of_a_block_lies_beyond_its_reach():
-    turns, distances, reaches = Obstacles()._random_blocks(np.random.default_rng(0), 200)
-    for heading, distance, reach in zip(turns, distances, reaches, strict=True):
-        angle = 2 * np.pi * heading[np.isfinite(distance)]
-        normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        distance = distance[np.isfinite(distance)]
-        for k in range(len(distance)):
+    for normals, distances, reach in random_blocks(Obstacles(), 200):
+        for k in range(len(distances)):
             pair = [k - 1, k]
-            corner = np.linalg.solve(normals[pair], distance[pair])
+            corner = np.linalg.solve(normals[pair], distances[pair])
             assert np.hypot(*corner) <= reach
 
 
