@@ -77,6 +77,14 @@ def uniform_index(word: np.uint64, n: int) -> int:
 
 
 @kernel
+def draw_index(stream: NDArray[np.uint64], n: int) -> int:
+    """A number in 0 ... n - 1, from a block of its own; see `uniform_index`."""
+    index = uniform_index(random_block(stream, 0)[0], n)
+    take_blocks(stream, 1)
+    return index
+
+
+@kernel
 def normal_pair(first: np.uint64, second: np.uint64) -> tuple[float, float]:
     """Two independent standard normal numbers from two words, by the method of Box & Muller."""
     u = 1.0 - float(first >> _FRACTION_SHIFT) * _FRACTION  # in (0, 1]: its logarithm is finite

@@ -107,7 +107,8 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
                 raise
         if reset:
             worlds = np.array(reset)
-            self._worlds.start(worlds, self._observations[buffer])
+            self._worlds.start(worlds)
+            self._worlds.observe(worlds, self._observations[buffer])
             self._write_common_infos(buffer, worlds)
         if stepped:
             worlds = np.array(stepped)
@@ -122,7 +123,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
             seed = int(self._seed_rngs[world].integers(2**31))
         seeds = EpisodeSeeds.of_episode(env.split, seed)
         made = make_world(env.scene, env.task.grid, np.random.default_rng(seeds.scene))
-        self._worlds.reset(world, made, seeds)
+        self._worlds.set_up(world, made, seeds)
         self._seed_rngs[world] = np.random.default_rng(seeds.seeds)
 
     def _write_common_infos(self, buffer: int, worlds: NDArray[np.int64]) -> None:

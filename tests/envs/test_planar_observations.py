@@ -3,7 +3,15 @@ import math
 import numpy as np
 import pytest
 from plain.candidates import candidate_features
-from plain.planar_worlds import NO_NOISE, env_with_world, open_world, place_team, pose_id, set_poses
+from plain.planar_worlds import (
+    NO_NOISE,
+    env_with_world,
+    observe_again,
+    open_world,
+    place_team,
+    pose_id,
+    set_poses,
+)
 from plain.random_maps import random_map, set_cells
 from plain.rollouts import random_actions
 
@@ -23,8 +31,7 @@ def env_of(n_robots=1, world=None, **changes):
 
 
 def observation_of(env, robot=0):
-    observations = env._worlds.empty_observations()
-    env._worlds.start(np.zeros(1, dtype=np.int64), observations)
+    observations = observe_again(env._worlds)
     env._belief = env._current_belief()
     return env._observations_of_robots(observations)[robot]
 

@@ -68,6 +68,7 @@ def test_the_sequential_exhaustive_planner_maximises_the_reward(scene):
     policy = coopmap_baselines.make(
         "rating_function", search="exhaustive", coordination="sequential"
     )
+    compared = 0
     for seed in range(2):
         observations, _ = env.reset(seed=seed)
         policy.reset(np.random.default_rng(0))
@@ -89,8 +90,11 @@ def test_the_sequential_exhaustive_planner_maximises_the_reward(scene):
                 chosen, reason = belief.actions.decode(agent, actions[agent], belief)
                 assert reason == ""
                 reserved_mask[belief.rating_function.visible_cells(belief.map, chosen)] = 1
-            observations, rewards, *_ = env.step(actions)
-            assert list(rewards.values()) == best
+            observations, rewards, *_, infos = env.step(actions)
+            if not any(info["collided"] for info in infos.values()):  # else one is paid as it stays
+                assert list(rewards.values()) == best
+                compared += 1
+    assert compared > 6
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.information.planar.cell_codes import write_codes
 from coopmap_env.sensing import RangeNoise
 from coopmap_env.simulation.scenes.planar import PlanarWorld, RecordedMap
 
@@ -58,7 +59,17 @@ def place_team(env, pose_ids):
     """Stand the team at lattice poses, on the map as it is, with new candidates."""
     worlds = env._worlds
     worlds.arrays.pose_ids[0] = pose_ids
-    worlds.start(np.zeros(1, dtype=np.int64), worlds.empty_observations())
+    observe_again(worlds)
     env._belief = env._current_belief()
     # without regions, which are those of the map as it is now: tests go on changing it
     return replace(env.belief(), known_regions=None)
+
+
+def observe_again(worlds):
+    """Observations of the one world, after its map or its poses were changed from outside."""
+    arrays, observations = worlds.arrays, worlds.empty_observations()
+    codes = worlds.constants.code_of_log_odds
+    write_codes(arrays.log_odds_fixed[0], arrays.sampled_mask[0], codes, arrays.codes[0])
+    arrays.n_observed[0] = np.count_nonzero(arrays.sampled_mask[0])
+    worlds.observe(np.zeros(1, dtype=np.int64), observations)
+    return observations

@@ -1,110 +1,142 @@
-"""Start poses of a planar team: close together, in the largest free region of the world."""
+"""Start of planar episodes: a team close together, and the cells that are known around it."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
-from coopmap_env.robots import PoseLattice
+from coopmap_env.core.kernels import borrowing_kernel
+from coopmap_env.core.random_streams import draw_index
 from coopmap_env.robots.planar.reachable_regions import neighbor
-from coopmap_env.simulation.scenes.planar import PlanarWorld, largest_free_region
+from coopmap_env.simulation.scenes.planar.regions import allocate_runs, mark_largest_free_region
 
 ROUNDING = 1 + 1e-9
 """A cell counts if its center is as near as a radius, but for rounding."""
 
 
+class StartSettings(NamedTuple):
+    """Where teams start, and what they know there; lengths in cells."""
+
+    n_headings: int
+    spread: float
+    """Teammates start no further than this from the first robot."""
+    known_radius: float
+    """Free cells no further than this from a start are known, if connected to it."""
+
+
+class StartBuffers(NamedTuple):
+    """Scratch for worlds of n cells."""
+
+    region: NDArray[np.bool_]
+    """Shape (nx, ny)."""
+    runs: NDArray[np.int32]
+    """See `mark_largest_free_region`."""
+    cells: NDArray[np.int32]
+    """Shape (n,)."""
+    marks: NDArray[np.uint8]
+    """Zeros (n,), before and after."""
+
+    @classmethod
+    def empty(cls, shape: tuple[int, int], cells: NDArray[np.int32]) -> StartBuffers:
+        """Scratch for grids of this shape; `cells` (n,) may be scratch of others too."""
+        return cls(
+            np.empty(shape, dtype=np.bool_),
+            allocate_runs(shape),
+            cells,
+            np.zeros(len(cells), dtype=np.uint8),
+        )
+
+
+@borrowing_kernel
 def sample_start_poses(
-    world: PlanarWorld,
-    lattice: PoseLattice,
-    n_robots: int,
-    spread: float,
-    radius: float,
-    rng: np.random.Generator,
-) -> tuple[tuple[int, ...], NDArray[np.int64]]:
-    """Sample the start poses, and the cells that are known to be free around them.
+    occupied: NDArray[np.bool_],
+    settings: StartSettings,
+    stream: NDArray[np.uint64],
+    buffers: StartBuffers,
+    pose_ids: NDArray[np.int64],
+) -> None:
+    """Write the start poses (n,) of a team in the largest free region of a world (nx, ny).
 
-    Parameters
-    ----------
-    world : World
-    lattice : PoseLattice
-    n_robots : int
-    spread : float
-        Metres: teammates start no further than this from the first robot.
-    radius : float
-        Metres around each start within which free cells are known, if connected to it.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    pose_ids : tuple of int
-        Pose ids; cells are different as long as there are enough within `spread`.
-    known : ndarray, shape (k,)
-        Flat indices of the known cells: the truly free ones around the starts, none of them
-        behind a wall.
+    The first robot is anywhere in it, the others no further than the spread from there. Cells are
+    different as long as there are enough; then they repeat.
     """
-    region = largest_free_region(world.occupied)
-    first = int(find_nth(region.ravel(), int(rng.integers(np.count_nonzero(region)))))
-    near = _disc(region, first, spread / world.resolution)
-    others = rng.permutation(near[near != first])
-    starts = np.resize(np.append(first, others), n_robots).tolist()  # repeats if too few
-    headings = rng.integers(lattice.n_headings, size=n_robots).tolist()
-    pose_ids = tuple(
-        cell * lattice.n_headings + heading for cell, heading in zip(starts, headings, strict=True)
-    )
-    known = [connected_cells(world.occupied, cell, radius / world.resolution) for cell in starts]
-    return pose_ids, np.unique(np.concatenate(known))
+    ny, region, near = occupied.shape[1], buffers.region, buffers.cells
+    size = mark_largest_free_region(occupied, buffers.runs, region)
+    first = _find_nth(region, draw_index(stream, size))
+    near[0] = first
+    n_near = 1 + _list_disc(region, first // ny, first % ny, settings.spread, near[1:])
+    n_robots, n = len(pose_ids), settings.n_headings
+    for robot in range(1, min(n_robots, n_near)):
+        picked = robot + draw_index(stream, n_near - robot)
+        near[robot], near[picked] = near[picked], near[robot]
+    for robot in range(n_robots):
+        pose_ids[robot] = np.int64(near[robot % n_near]) * n + draw_index(stream, n)
 
 
-@kernel
-def find_nth(mask: NDArray[np.bool_], n: int) -> int:
-    """Index of the n-th true entry, counted from 0; -1 if there are fewer."""
-    for k in range(len(mask)):
-        n -= mask[k]
-        if n < 0:
-            return k
+@borrowing_kernel
+def _find_nth(region: NDArray[np.bool_], n: int) -> int:
+    """Flat index of the n-th cell of a region, counted from 0, of those that there are."""
+    nx, ny = region.shape
+    for x in range(nx):
+        in_row = 0
+        for y in range(ny):
+            in_row += region[x, y]
+        if n < in_row:
+            for y in range(ny):
+                n -= region[x, y]
+                if n < 0:
+                    return x * ny + y
+        n -= in_row
     return -1
 
 
-@kernel
-def connected_cells(occupied: NDArray[np.bool_], start: int, radius: float) -> NDArray[np.int64]:
-    """Free cells (flat) no further than `radius` cells from a start, if connected to it by faces.
+@borrowing_kernel
+def _list_disc(
+    region: NDArray[np.bool_], x: int, y: int, radius: float, out: NDArray[np.int32]
+) -> int:
+    """Write the cells of a region around one of them, without it; return how many they are."""
+    nx, ny = region.shape
+    limit = (radius * ROUNDING) ** 2
+    reach = math.floor(min(radius * ROUNDING, max(nx, ny)))
+    count = 0
+    for i in range(max(x - reach, 0), min(x + reach + 1, nx)):
+        for j in range(max(y - reach, 0), min(y + reach + 1, ny)):
+            distance = (i - x) ** 2 + (j - y) ** 2
+            if region[i, j] and 0 < distance <= limit:
+                out[count] = i * ny + j
+                count += 1
+    return count
 
-    The paths between them stay within the radius too.
+
+@borrowing_kernel
+def list_known_cells(
+    occupied: NDArray[np.bool_], start: int, radius: float, buffers: StartBuffers
+) -> int:
+    """Write the free cells within a radius of a start that are connected to it by faces.
+
+    The paths between them stay within the radius too. They are in `buffers.cells`; returns how many
+    they are.
     """
     nx, ny = occupied.shape
-    flat, limit = occupied.ravel(), (radius * ROUNDING) ** 2
-    found = np.zeros(nx * ny, np.bool_)
-    cells = np.empty(nx * ny, np.int64)
-    cells[0], n = start, 1
-    found[start] = True
-    head = 0
-    while head < n:
-        cell = cells[head]
+    cells, marks = buffers.cells, buffers.marks
+    limit = (radius * ROUNDING) ** 2
+    x, y = start // ny, start % ny
+    cells[0], marks[start], head, count = start, 1, 0, 1
+    while head < count:
+        cell = int(cells[head])
         head += 1
         for side in range(4):
             beside = neighbor(cell, side, (nx, ny, 1))
-            if beside < 0 or found[beside] or flat[beside]:
+            if beside < 0 or marks[beside]:
                 continue
-            i, j = beside // ny - start // ny, beside % ny - start % ny
-            if i * i + j * j <= limit:
-                found[beside] = True
-                cells[n] = beside
-                n += 1
-    return cells[:n].copy()
-
-
-def _disc(mask: NDArray[np.bool_], cell: int, radius: float) -> NDArray[np.int64]:
-    """Flat indices of the cells of `mask` no further than `radius` cells from a cell."""
-    nx, ny = mask.shape
-    x, y = divmod(cell, ny)
-    radius *= ROUNDING
-    reach = math.floor(radius)
-    i = np.arange(max(x - reach, 0), min(x + reach + 1, nx))
-    j = np.arange(max(y - reach, 0), min(y + reach + 1, ny))
-    near = (i[:, None] - x) ** 2 + (j - y) ** 2 <= radius**2
-    near &= mask[i[0] : i[-1] + 1, j[0] : j[-1] + 1]
-    flat = i[:, None] * ny + j
-    return flat[near]
+            i, j = beside // ny, beside % ny
+            if not occupied[i, j] and (i - x) ** 2 + (j - y) ** 2 <= limit:
+                marks[beside] = 1
+                cells[count] = beside
+                count += 1
+    for k in range(count):
+        marks[cells[k]] = 0
+    return count

@@ -17,6 +17,7 @@ from coopmap_env.envs.planar._observation_kernels import (
     write_candidate_features,
     write_observations,
 )
+from coopmap_env.envs.planar._starts import list_known_cells, sample_start_poses
 from coopmap_env.envs.planar._world_arrays import (
     StepConstants,
     StepResults,
@@ -29,7 +30,7 @@ from coopmap_env.envs.planar._world_arrays import (
 )
 from coopmap_env.envs.planar.actions import MASKED, requested_pose
 from coopmap_env.envs.rewards import StepOutcome, coverage, information, rating
-from coopmap_env.information.planar.cell_codes import update_codes, write_codes
+from coopmap_env.information.planar.cell_codes import UNKNOWN, update_codes
 from coopmap_env.information.planar.rating import lattice_distances, rate_poses
 from coopmap_env.information.planar.views import evaluate_views, sequential_new_information
 from coopmap_env.mapping import MapArrays, ScanGain, SurfaceArrays
@@ -390,15 +391,54 @@ def step_worlds(
         _step_world(worlds, e, actions, choices, constants, results, observations, scratch)
 
 
+@borrowing_kernel
+def _start_world(
+    worlds: WorldArrays, e: int, constants: StepConstants, scratch: StepScratch
+) -> None:
+    """Empty the map, place the team, and mark the cells around it that are known to be free."""
+    nx, ny, _ = constants.grid.shape
+    log_odds, sampled, codes = worlds.log_odds_fixed[e], worlds.sampled_mask[e], worlds.codes[e]
+    occupied, pose_ids = worlds.occupied[e].reshape(nx, ny), worlds.pose_ids[e]
+    log_odds[:], sampled[:], codes[:] = 0, 0, UNKNOWN
+    worlds.n_observed[e] = worlds.n_scans[e] = 0
+    start = constants.start
+    sample_start_poses(occupied, start, worlds.start_streams[e], scratch.start, pose_ids)
+    for robot in range(len(pose_ids)):
+        n_known = list_known_cells(
+            occupied, pose_ids[robot] // start.n_headings, start.known_radius, scratch.start
+        )
+        for cell in scratch.start.cells[:n_known]:
+            worlds.n_observed[e] += 1 - sampled[cell]
+            log_odds[cell], sampled[cell] = -constants.clamp, 1
+            codes[cell] = constants.code_of_log_odds[0]
+
+
 @kernel
 def start_worlds(
+    which: NDArray[np.int64],
+    worlds_tuple: PlainTuple,
+    constants_tuple: PlainTuple,
+    scratch_tuple: PlainTuple,
+) -> None:
+    """Start an episode in some worlds whose truths and random numbers are set.
+
+    The tuples are plain, as of `step_worlds`.
+    """
+    worlds, constants = name_worlds(worlds_tuple), name_constants(constants_tuple)
+    scratch = name_scratch(scratch_tuple)
+    for e in which:
+        _start_world(worlds, e, constants, scratch)
+
+
+@kernel
+def observe_worlds(
     which: NDArray[np.int64],
     worlds_tuple: PlainTuple,
     constants_tuple: PlainTuple,
     observations_tuple: PlainTuple,
     scratch_tuple: PlainTuple,
 ) -> None:
-    """Observe some worlds after a reset: regions, candidates and observations.
+    """Find the regions that the teams of some worlds reach, offer candidates and observe.
 
     The tuples are plain, as of `step_worlds`.
     """
@@ -408,7 +448,4 @@ def start_worlds(
     for e in which:
         arrays, regions = map_of(worlds, e, constants), regions_of(worlds, e, scratch)
         find_regions(arrays, worlds.pose_ids[e], n, regions)
-        write_codes(
-            arrays.log_odds_fixed, arrays.sampled_mask, constants.code_of_log_odds, worlds.codes[e]
-        )
         _observe(worlds, e, constants, observations, scratch)

@@ -15,6 +15,7 @@ from coopmap_env.envs.planar._observation_kernels import (
     FeatureScale,
     WorldExtent,
 )
+from coopmap_env.envs.planar._starts import StartBuffers, StartSettings
 from coopmap_env.envs.rewards import RewardScale
 from coopmap_env.information.planar.view_arrays import (
     ReservedCells,
@@ -57,6 +58,8 @@ class WorldArrays(NamedTuple):
     """Shape (E, 1)."""
     pose_ids: NDArray[np.int64]
     """Poses of the robots (E, N)."""
+    start_streams: NDArray[np.uint64]
+    """Random numbers of the start poses (E, 3)."""
     noise_streams: NDArray[np.uint64]
     """Random numbers of the range noise (E, 3)."""
     candidate_streams: NDArray[np.uint64]
@@ -86,6 +89,7 @@ class WorldArrays(NamedTuple):
             np.zeros((*team, 4), dtype=np.uint16),
             np.zeros((n_worlds, 1), dtype=np.int64),
             np.zeros(team, dtype=np.int64),
+            np.zeros((n_worlds, STATE_WORDS), dtype=np.uint64),
             np.zeros((n_worlds, STATE_WORDS), dtype=np.uint64),
             np.zeros((n_worlds, STATE_WORDS), dtype=np.uint64),
             np.zeros((*team, m), dtype=np.int64),
@@ -152,6 +156,7 @@ class StepConstants(NamedTuple):
     grid: GridGeometry
     clamp: int
     """Highest log-odds in fixed point."""
+    start: StartSettings
     sampling: PoseSampling
     fan: FanArrays
     views: ViewTables
@@ -191,6 +196,7 @@ class StepScratch(NamedTuple):
     reserved: ReservedCells
     queue: NDArray[np.int32]
     """Shape (n,)."""
+    start: StartBuffers
     picked: NDArray[np.int64]
     """See `sample_feasible_poses`."""
     targets: NDArray[np.int64]
@@ -211,6 +217,7 @@ class StepScratch(NamedTuple):
         """Buffers for worlds of n_robots robots with m candidates."""
         n_cells = math.prod(constants.grid.shape)
         n_rated = n_robots * max(m, 1)
+        queue = np.empty(n_cells, dtype=np.int32)
         return cls(
             UpdateBuffers.empty(n_cells),
             np.empty(n_robots * (n_cells + 1), dtype=np.int64),
@@ -219,7 +226,8 @@ class StepScratch(NamedTuple):
             np.empty(len(constants.fan.all_beams), dtype=np.uint64),
             allocate_view(constants.fan, constants.views),
             allocate_reserved(constants.fan, n_robots),
-            np.empty(n_cells, dtype=np.int32),
+            queue,
+            StartBuffers.empty(constants.grid.shape[:2], queue),
             np.empty(picked_size(max(m, 1)), dtype=np.int64),
             np.empty(n_robots, dtype=np.int64),
             np.empty((n_robots, 3)),
@@ -242,7 +250,7 @@ def name_worlds(t: PlainTuple) -> WorldArrays:
     """Name the parts of a plain `WorldArrays`; the other functions do likewise."""
     return WorldArrays(
         t[0], t[1], t[2], t[3], SurfaceArrays(*t[4]), t[5], t[6], t[7], t[8], t[9], t[10], t[11],
-        t[12], t[13], t[14],
+        t[12], t[13], t[14], t[15],
     )  # fmt: skip
 
 
@@ -253,12 +261,13 @@ def name_results(t: PlainTuple) -> StepResults:
 
 @inlined_kernel
 def name_constants(t: PlainTuple) -> StepConstants:
-    sampling = PoseSampling(LatticeGeometry(*t[2][0]), t[2][1], t[2][2])
-    camera = PlanarCameraArrays(t[6][0], t[6][1], NoiseParameters(*t[6][2]))
+    sampling = PoseSampling(LatticeGeometry(*t[3][0]), t[3][1], t[3][2])
+    camera = PlanarCameraArrays(t[7][0], t[7][1], NoiseParameters(*t[7][2]))
     return StepConstants(
-        GridGeometry(*t[0]), t[1], sampling, FanArrays(*t[3]), ViewTables(*t[4]), t[5], camera,
-        BeamParameters(*t[7]), t[8], t[9], t[10], t[11], RewardScale(*t[12]), t[13], t[14],
-        CropTables(*t[15]), WorldExtent(*t[16]), FeatureScale(*t[17]),
+        GridGeometry(*t[0]), t[1], StartSettings(*t[2]), sampling, FanArrays(*t[4]),
+        ViewTables(*t[5]), t[6], camera, BeamParameters(*t[8]), t[9], t[10], t[11], t[12],
+        RewardScale(*t[13]), t[14], t[15], CropTables(*t[16]), WorldExtent(*t[17]),
+        FeatureScale(*t[18]),
     )  # fmt: skip
 
 
@@ -267,5 +276,5 @@ def name_scratch(t: PlainTuple) -> StepScratch:
     beam = BeamBuffers(EndCells(*t[2][0]), t[2][1], t[2][2], t[2][3])
     return StepScratch(
         UpdateBuffers(*t[0]), t[1], beam, t[3], t[4], ViewBuffers(*t[5]), ReservedCells(*t[6]),
-        t[7], t[8], t[9], t[10], t[11], t[12], t[13], t[14], t[15], t[16],
+        t[7], StartBuffers(*t[8]), t[9], t[10], t[11], t[12], t[13], t[14], t[15], t[16], t[17],
     )  # fmt: skip

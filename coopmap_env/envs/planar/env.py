@@ -80,9 +80,10 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
 
     def _start(self, seeds: EpisodeSeeds) -> tuple[PlanarBelief, list[Observation]]:
         world = make_world(self.scene, self._map.grid, np.random.default_rng(seeds.scene))
-        self._worlds.reset(0, world, seeds)
+        self._worlds.set_up(0, world, seeds)
         observations = self._worlds.empty_observations()
-        self._worlds.start(ONE_WORLD, observations)
+        self._worlds.start(ONE_WORLD)
+        self._worlds.observe(ONE_WORLD, observations)
         return self._current_belief(), self._observations_of_robots(observations)
 
     def _advance(self, actions: dict[str, Any]) -> TeamStep[PlanarBelief]:

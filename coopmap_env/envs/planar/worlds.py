@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.random_streams import stream_state
 from coopmap_env.envs.planar._observation_kernels import TeamObservations
-from coopmap_env.envs.planar._starts import sample_start_poses
-from coopmap_env.envs.planar._step_kernels import start_worlds, step_worlds
+from coopmap_env.envs.planar._starts import StartSettings
+from coopmap_env.envs.planar._step_kernels import observe_worlds, start_worlds, step_worlds
 from coopmap_env.envs.planar._world_arrays import (
     StepConstants,
     StepResults,
@@ -89,32 +89,26 @@ class PlanarWorlds:
         assert world is not None
         return world
 
-    def reset(self, e: int, world: PlanarWorld, seeds: EpisodeSeeds) -> None:
-        """Put a team into a new world, with an empty map but for the cells around the robots."""
-        arrays, s = self.arrays, self.task.settings
-        starts, known = sample_start_poses(
-            world, self.lattice, self.task.n_robots, s.max_start_distance, s.initial_free_radius,
-            np.random.default_rng(seeds.start),
-        )  # fmt: skip
-        self._truths[e] = world
-        arrays.occupied[e] = world.occupied.ravel()
+    def set_up(self, e: int, world: PlanarWorld, seeds: EpisodeSeeds) -> None:
+        """Set the truth of a world and its random numbers, for `start`."""
+        arrays = self.arrays
         for sums in arrays.surfaces:
             if sums.size:
                 sums[e, np.flatnonzero(arrays.sampled_mask[e])] = 0
-        arrays.log_odds_fixed[e], arrays.sampled_mask[e] = 0, 0
-        arrays.log_odds_fixed[e, known] = -self.constants.clamp
-        arrays.sampled_mask[e, known] = 1
-        arrays.pose_ids[e] = starts
+        self._truths[e] = world
+        arrays.occupied[e] = world.occupied.ravel()
+        arrays.start_streams[e] = stream_state(seeds.start)
         arrays.noise_streams[e] = stream_state(seeds.noise)
         arrays.candidate_streams[e] = stream_state(seeds.candidates)
-        arrays.n_scans[e] = 0
 
-    def start(self, worlds: NDArray[np.int64], observations: TeamObservations) -> None:
-        """Write the first observations of some worlds, after a reset."""
-        for e in worlds.tolist():
-            self.arrays.n_observed[e] = np.count_nonzero(self.arrays.sampled_mask[e])
+    def start(self, worlds: NDArray[np.int64]) -> None:
+        """Start an episode in some worlds that were set up; see `start_worlds`."""
+        self._run(start_worlds, worlds, (self._plain_arrays, self._plain_constants))
+
+    def observe(self, worlds: NDArray[np.int64], observations: TeamObservations) -> None:
+        """Write the first observations of some worlds; see `observe_worlds`."""
         parts = (self._plain_arrays, self._plain_constants, plain(observations))
-        self._run(start_worlds, worlds, parts)
+        self._run(observe_worlds, worlds, parts)
 
     def step(
         self,
@@ -206,6 +200,11 @@ def step_constants(task: PlanarTask, rating: PlanarRatingFunction) -> StepConsta
     return StepConstants(
         grid.geometry,
         s.log_odds_range.clamp,
+        StartSettings(
+            rating.lattice.n_headings,
+            s.max_start_distance / grid.resolution,
+            s.initial_free_radius / grid.resolution,
+        ),
         PoseSampling(rating.lattice.geometry, grid.shape_3d, float(s.reach)),
         rating.fan.arrays(grid.shape[1]),
         ViewTables.from_fan(rating.fan, rating.gray, rating.codes),

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
 
+N_RUN_PARTS = 5
+"""Row, start, stop, parent and size of a run."""
+
 
 def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Cells of the largest 4-connected region of free space.
@@ -26,20 +29,25 @@ def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     (nx, ny) bool array
         True in the region; all False if no cell is free.
     """
-    region = np.zeros(occupied.shape, dtype=np.bool_)
-    mark_largest_free_region(np.ascontiguousarray(occupied), region)
+    region = np.empty(occupied.shape, dtype=np.bool_)
+    runs = allocate_runs(occupied.shape)
+    mark_largest_free_region(np.ascontiguousarray(occupied), runs, region)
     return region
 
 
+def allocate_runs(shape: tuple[int, ...]) -> NDArray[np.int32]:
+    """Scratch of `mark_largest_free_region` for grids of this shape."""
+    nx, ny = shape
+    return np.empty((N_RUN_PARTS, nx * ((ny + 1) // 2)), dtype=np.int32)
+
+
 @kernel
-def mark_largest_free_region(occupied: NDArray[np.bool_], region: NDArray[np.bool_]) -> None:
-    """Set `region` (nx, ny), all False before, in the largest free region of `occupied`."""
+def mark_largest_free_region(
+    occupied: NDArray[np.bool_], runs: NDArray[np.int32], region: NDArray[np.bool_]
+) -> int:
+    """Write the largest free region (nx, ny) of `occupied`; return its number of cells."""
     nx, ny = occupied.shape
-    most = nx * ((ny + 1) // 2)
-    rows = np.empty(most, np.int32)
-    starts = np.empty(most, np.int32)
-    stops = np.empty(most, np.int32)
-    parents = np.empty(most, np.int32)
+    rows, starts, stops, parents, sizes = runs[0], runs[1], runs[2], runs[3], runs[4]
     n = 0
     above = 0  # first run of the row before that may touch the next one of this row
     for x in range(nx):
@@ -61,15 +69,17 @@ def mark_largest_free_region(occupied: NDArray[np.bool_], region: NDArray[np.boo
                 touching += 1
             n += 1
         above = first
-    sizes = np.zeros(n, np.int32)
+    region[:] = False
+    if n == 0:
+        return 0
+    sizes[:n] = 0
     for k in range(n):
         sizes[find_root(parents, k)] += stops[k] - starts[k]
-    if n == 0:
-        return
-    largest = np.argmax(sizes)
+    largest = np.argmax(sizes[:n])
     for k in range(n):
         if find_root(parents, k) == largest:
             region[rows[k], starts[k] : stops[k]] = True
+    return int(sizes[largest])
 
 
 @kernel
