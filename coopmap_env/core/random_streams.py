@@ -37,7 +37,14 @@ Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 def stream_state(seed: np.random.SeedSequence) -> NDArray[np.uint64]:
     """State (3,) of a new stream; its words are those of ``numpy.random.Philox(seed)``."""
-    return np.array([*seed.generate_state(2, np.uint64), 0], dtype=np.uint64)
+    return stream_states(seed, 1)[0]
+
+
+def stream_states(seed: np.random.SeedSequence, n: int) -> NDArray[np.uint64]:
+    """States (n, 3) of new streams; the first is that of `stream_state`."""
+    states = np.zeros((n, STATE_WORDS), dtype=np.uint64)
+    states[:, :_BLOCKS_TAKEN] = seed.generate_state(2 * n, np.uint64).reshape(n, -1)
+    return states
 
 
 def draw_stream(rng: np.random.Generator) -> NDArray[np.uint64]:

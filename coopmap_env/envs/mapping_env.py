@@ -24,6 +24,7 @@ from coopmap_env.envs.step_data import (
     TeamStep,
     copy_action_masks,
     outcome_info,
+    random_seed,
 )
 from coopmap_env.rendering import HumanWindow
 from coopmap_env.sensing import Scan
@@ -54,7 +55,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._reward_term = arguments.reward
         self._shares_reward = arguments.team_reward == "shared"
         self._window: HumanWindow | None = None
-        self._seed_rng = np.random.default_rng()
+        self._next_seed = random_seed()
         self._scans_done = 0
         self._has_reset = False
         self._trails: list[list[NDArray[np.float64]]] = []
@@ -130,10 +131,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if options is not None and not isinstance(options, Mapping):
             raise ValueError(f"options must be a dict or None, got {brief(options)}")
         if seed is None:
-            seed = int(self._seed_rng.integers(2**31))
-        seeds = EpisodeSeeds.of_episode(self.split, seed)
+            seed = self._next_seed
+        seeds = EpisodeSeeds(self.split, seed)
         self._belief, observed = self._start(seeds)
-        self._seed_rng = np.random.default_rng(seeds.seeds)
+        self._next_seed = seeds.next_seed
         self._has_reset = True
         self._scans_done = 0
         self.agents = list(self.possible_agents)

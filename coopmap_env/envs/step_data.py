@@ -9,7 +9,7 @@ import numpy as np
 
 from coopmap_env.envs.belief import Belief, Observation
 from coopmap_env.envs.rewards import REWARD_TERMS, StepOutcome
-from coopmap_env.simulation.scenes import world_seed
+from coopmap_env.simulation.scenes import world_seed_words
 
 BeliefT = TypeVar("BeliefT", bound=Belief)
 Infos = dict[str, dict[str, Any]]
@@ -32,28 +32,68 @@ STEP_INFO_TYPES: dict[str, Any] = {
 """The same after a step; `outcome_info` fills it in."""
 
 
-class EpisodeSeeds(NamedTuple):
-    """The seeds of an episode, one for each purpose."""
+class EpisodeSeeds:
+    """The seeds of an episode, one for each purpose: children of the world's, made when asked for.
 
-    scene: np.random.SeedSequence
-    start: np.random.SeedSequence
-    noise: np.random.SeedSequence
-    candidates: np.random.SeedSequence
-    seeds: np.random.SeedSequence
-    """Draws the seeds of later resets without a seed."""
-    vehicles: np.random.SeedSequence
-    """Draws how true vehicles differ from their descriptions."""
+    Parameters
+    ----------
+    split : str
+    seed : int
+        Index of the world in the split.
 
-    @classmethod
-    def of_episode(cls, split: str, seed: int) -> EpisodeSeeds:
-        """Those of the world with this index in a split.
+    Raises
+    ------
+    ValueError
+        If the split is unknown or the seed is not an integer of at least 0.
+    """
 
-        Raises
-        ------
-        ValueError
-            If the seed is not an integer of at least 0.
-        """
-        return cls(*world_seed(split, seed).spawn(len(cls._fields)))
+    def __init__(self, split: str, seed: int) -> None:
+        self._words = world_seed_words(split, seed)
+
+    def _child(self, number: int) -> np.random.SeedSequence:
+        """What `spawn` of the world's seed sequence gives as the child of this number."""
+        entropy, key = self._words["entropy"], self._words["spawn_key"]
+        return np.random.SeedSequence(entropy, spawn_key=(*key, number))
+
+    @property
+    def scene(self) -> np.random.SeedSequence:
+        """Draws the world."""
+        return self._child(0)
+
+    @property
+    def start(self) -> np.random.SeedSequence:
+        """Draws the start of a field team."""
+        return self._child(1)
+
+    @property
+    def noise(self) -> np.random.SeedSequence:
+        """Draws the noise of field scans."""
+        return self._child(2)
+
+    @property
+    def candidates(self) -> np.random.SeedSequence:
+        """Draws the candidates of a field team."""
+        return self._child(3)
+
+    @property
+    def next_seed(self) -> int:
+        """The seed of the next episode, where none is given."""
+        return int(self._child(4).generate_state(1)[0] >> 1)
+
+    @property
+    def vehicles(self) -> np.random.SeedSequence:
+        """Draws how true vehicles differ from their descriptions."""
+        return self._child(5)
+
+    @property
+    def streams(self) -> np.random.SeedSequence:
+        """Keys of the streams from which the kernels of planar worlds draw."""
+        return self._child(6)
+
+
+def random_seed() -> int:
+    """A seed from the operating system."""
+    return int(np.random.default_rng().integers(2**31))
 
 
 class TeamStep(NamedTuple, Generic[BeliefT]):

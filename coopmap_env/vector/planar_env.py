@@ -16,7 +16,7 @@ from coopmap_env.envs.planar.actions import MASKED, rejected_reason
 from coopmap_env.envs.planar.env import PlanarWorldView, make_world
 from coopmap_env.envs.planar.observations import ObservationArrays, TeamObservations
 from coopmap_env.envs.planar.worlds import PlanarWorlds
-from coopmap_env.envs.step_data import EpisodeSeeds
+from coopmap_env.envs.step_data import EpisodeSeeds, random_seed
 from coopmap_env.robots.planar.reachable_regions import INFEASIBILITY_REASONS
 from coopmap_env.vector.rows import RowName
 from coopmap_env.vector.step_arrays import StepArrays
@@ -75,7 +75,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         )
         self._worlds = PlanarWorlds(env.task, n_envs, keep_surfaces, num_threads)
         self._observations = [self._team_observations(arrays) for arrays in self._buffers]
-        self._seed_rngs = [np.random.default_rng() for _ in range(n_envs)]
+        self._next_seeds = [random_seed() for _ in range(n_envs)]
         team, (actions, _) = (n_envs, env.task.n_robots), self._plan.arrays(self._memory)
         is_choice = env.task.n_candidates > 0
         self._choices = actions if is_choice else np.empty((n_envs, 0), dtype=np.int64)
@@ -120,11 +120,11 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         """Put a team into a new world, by the seeds of a single environment."""
         env = self._env
         if seed is None:
-            seed = int(self._seed_rngs[world].integers(2**31))
-        seeds = EpisodeSeeds.of_episode(env.split, seed)
+            seed = self._next_seeds[world]
+        seeds = EpisodeSeeds(env.split, seed)
         made = make_world(env.scene, env.task.grid, np.random.default_rng(seeds.scene))
         self._worlds.set_up(world, made, seeds)
-        self._seed_rngs[world] = np.random.default_rng(seeds.seeds)
+        self._next_seeds[world] = seeds.next_seed
 
     def _write_common_infos(self, buffer: int, worlds: NDArray[np.int64]) -> None:
         arrays, ours = self._buffers[buffer], self._worlds.arrays

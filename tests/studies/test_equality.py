@@ -49,8 +49,8 @@ def test_field_vector_environments_are_single_ones_in_a_short_run(number):
     pytest.importorskip("pybullet")
     pytest.importorskip("embreex")
     case = list(field_cases())[number]
-    short = replace(case, arguments={**case.arguments, "max_scans": 2}, n_worlds=1, n_steps=4)
-    assert play_case(short, 1, np.random.default_rng(0)).steps == 4
+    short = replace(case, arguments={**case.arguments, "max_scans": 2}, n_worlds=2, n_steps=4)
+    assert play_case(short, 1, np.random.default_rng(0)).steps == 8
 
 
 def test_cases_have_every_kind_of_reset_and_number_of_threads_or_workers_for_each_team():

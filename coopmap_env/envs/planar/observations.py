@@ -92,22 +92,8 @@ class ObservationTables(NamedTuple):
 
 
 def observation_tables(task: PlanarTask, rating: PlanarRatingFunction) -> ObservationTables:
-    """Tables for the observations of a task.
-
-    Raises
-    ------
-    ValueError
-        If they, or the observations, take more memory than `coopmap_env.core.limits` allows.
-    """
+    """Tables for the observations of a task."""
     s, grid = task.settings, task.grid
-    check_bytes(
-        BYTES_PER_CROP_CELL * s.n_headings * s.crop_cells**2,
-        "the observed crop for all headings (crop_cells, n_headings)",
-    )
-    check_bytes(
-        task.n_robots * (N_CHANNELS * s.crop_cells**2 + 4 * N_FEATURES * task.n_candidates),
-        "an observation of all robots (n_robots, crop_cells, n_candidates)",
-    )
     extent = WorldExtent.of_grid(grid)
     return ObservationTables(
         CropTables.make(s.crop_cells, s.n_headings, grid.shape[1], s.log_odds_range),
@@ -122,9 +108,25 @@ def observation_tables(task: PlanarTask, rating: PlanarRatingFunction) -> Observ
 
 
 class PlanarObserver:
-    """Declares the spaces of observations, and makes them of the arrays of a step."""
+    """Declares the spaces of observations, and makes them of the arrays of a step.
+
+    Raises
+    ------
+    ValueError
+        If observations, or the tables for them, take more memory than `coopmap_env.core.limits`
+        allows.
+    """
 
     def __init__(self, task: PlanarTask) -> None:
+        s = task.settings
+        check_bytes(
+            BYTES_PER_CROP_CELL * s.n_headings * s.crop_cells**2,
+            "the observed crop for all headings (crop_cells, n_headings)",
+        )
+        check_bytes(
+            task.n_robots * (N_CHANNELS * s.crop_cells**2 + 4 * N_FEATURES * task.n_candidates),
+            "an observation of all robots (n_robots, crop_cells, n_candidates)",
+        )
         self._task = task
         self._extent = tuple(WorldExtent.of_grid(task.grid))
 

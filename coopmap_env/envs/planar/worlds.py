@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.random_streams import stream_state
+from coopmap_env.core.random_streams import stream_states
 from coopmap_env.envs.planar._observation_kernels import TeamObservations
 from coopmap_env.envs.planar._starts import StartSettings
 from coopmap_env.envs.planar._step_kernels import observe_worlds, start_worlds, step_worlds
@@ -97,9 +97,9 @@ class PlanarWorlds:
                 sums[e, np.flatnonzero(arrays.sampled_mask[e])] = 0
         self._truths[e] = world
         arrays.occupied[e] = world.occupied.ravel()
-        arrays.start_streams[e] = stream_state(seeds.start)
-        arrays.noise_streams[e] = stream_state(seeds.noise)
-        arrays.candidate_streams[e] = stream_state(seeds.candidates)
+        streams = arrays.start_streams, arrays.noise_streams, arrays.candidate_streams
+        for stream, state in zip(streams, stream_states(seeds.streams, 3), strict=True):
+            stream[e] = state
 
     def start(self, worlds: NDArray[np.int64]) -> None:
         """Start an episode in some worlds that were set up; see `start_worlds`."""

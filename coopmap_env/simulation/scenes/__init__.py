@@ -4,6 +4,6 @@
 """
 
 from coopmap_env.simulation.scenes.factory import SceneError
-from coopmap_env.simulation.scenes.splits import SPLITS, world_seed
+from coopmap_env.simulation.scenes.splits import SPLITS, world_seed, world_seed_words
 
-__all__ = ["SPLITS", "SceneError", "world_seed"]
+__all__ = ["SPLITS", "SceneError", "world_seed", "world_seed_words"]

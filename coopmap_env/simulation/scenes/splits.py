@@ -14,6 +14,7 @@ The order of `SPLITS` is part of the promise: a new split goes to its end.
 """
 
 import operator
+from typing import TypedDict
 
 import numpy as np
 
@@ -24,6 +25,13 @@ SPLITS = ("train", "validation", "test")
 
 _NAMESPACE = 0x5CE2E
 """First word of each spawn key: far above any number of children that somebody spawns."""
+
+
+class WorldSeedWords(TypedDict):
+    """What a seed sequence is made of."""
+
+    entropy: int
+    spawn_key: tuple[int, ...]
 
 
 def world_seed(split: str, seed: int) -> np.random.SeedSequence:
@@ -46,9 +54,20 @@ def world_seed(split: str, seed: int) -> np.random.SeedSequence:
     ValueError
         With the value, if the split is unknown or the seed is no integer of at least 0.
     """
+    return np.random.SeedSequence(**world_seed_words(split, seed))
+
+
+def world_seed_words(split: str, seed: int) -> WorldSeedWords:
+    """The arguments of `numpy.random.SeedSequence` for a world; see `world_seed`.
+
+    Raises
+    ------
+    ValueError
+        Like `world_seed`.
+    """
     if split not in SPLITS:
         raise ValueError(f"split must be one of {', '.join(SPLITS)}, not {brief(split)}")
-    return np.random.SeedSequence(_check_seed(seed), spawn_key=(_NAMESPACE, SPLITS.index(split)))
+    return {"entropy": _check_seed(seed), "spawn_key": (_NAMESPACE, SPLITS.index(split))}
 
 
 def _check_seed(seed: int) -> int:

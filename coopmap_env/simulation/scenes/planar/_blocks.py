@@ -48,14 +48,17 @@ class BlockDraws(NamedTuple):
     @classmethod
     def draw(cls, rng: np.random.Generator, n: int) -> BlockDraws:
         """Draw those of n blocks."""
+        places, n_edges = rng.random(5 * n), rng.integers(_MIN_EDGES, MAX_EDGES + 1, size=n)
+        edges = rng.random((2 * MAX_EDGES + 1) * n)
+        after_jitters = MAX_EDGES * n
         return cls(
-            rng.random((n, 2)),
-            rng.random((n, 2)),
-            rng.random(n),
-            rng.integers(_MIN_EDGES, MAX_EDGES + 1, size=n),
-            rng.random((n, MAX_EDGES)),
-            rng.random(n),
-            rng.random((n, MAX_EDGES)),
+            places[: 2 * n].reshape(n, 2),
+            places[2 * n : 4 * n].reshape(n, 2),
+            places[4 * n :],
+            n_edges,
+            edges[:after_jitters].reshape(n, MAX_EDGES),
+            edges[after_jitters : after_jitters + n],
+            edges[after_jitters + n :].reshape(n, MAX_EDGES),
         )
 
 
