@@ -21,10 +21,10 @@ from coopmap_env.envs.step_data import (
     BeliefT,
     EpisodeSeeds,
     Infos,
+    SeedDraws,
     TeamStep,
     copy_action_masks,
     outcome_info,
-    random_seed,
 )
 from coopmap_env.rendering import HumanWindow
 from coopmap_env.sensing import Scan
@@ -55,7 +55,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._reward_term = arguments.reward
         self._shares_reward = arguments.team_reward == "shared"
         self._window: HumanWindow | None = None
-        self._next_seed = random_seed()
+        self._seed_draws = SeedDraws()
         self._scans_done = 0
         self._has_reset = False
         self._trails: list[list[NDArray[np.float64]]] = []
@@ -117,7 +117,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         ----------
         seed : int, optional
             Index of the world in the split; determines everything up to the next reset. Without
-            it, the next seed is drawn from the last one, or from the operating system.
+            it, one is drawn from the last seed that was given, or from the operating system.
         options : dict, optional
             Ignored.
 
@@ -130,11 +130,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         """
         if options is not None and not isinstance(options, Mapping):
             raise ValueError(f"options must be a dict or None, got {brief(options)}")
-        if seed is None:
-            seed = self._next_seed
-        seeds = EpisodeSeeds(self.split, seed)
+        seeds = self._seed_draws.seeds_of(self.split, seed)
         self._belief, observed = self._start(seeds)
-        self._next_seed = seeds.next_seed
         self._has_reset = True
         self._scans_done = 0
         self.agents = list(self.possible_agents)

@@ -50,6 +50,11 @@ class EpisodeSeeds:
     def __init__(self, split: str, seed: int) -> None:
         self._words = world_seed_words(split, seed)
 
+    @property
+    def index(self) -> int:
+        """Index of the world in its split."""
+        return self._words["entropy"]
+
     def _child(self, number: int) -> np.random.SeedSequence:
         """What `spawn` of the world's seed sequence gives as the child of this number."""
         entropy, key = self._words["entropy"], self._words["spawn_key"]
@@ -76,9 +81,9 @@ class EpisodeSeeds:
         return self._child(3)
 
     @property
-    def next_seed(self) -> int:
-        """The seed of the next episode, where none is given."""
-        return int(self._child(4).generate_state(1)[0] >> 1)
+    def seeds(self) -> np.random.SeedSequence:
+        """Draws the seeds of later episodes for which none is given."""
+        return self._child(4)
 
     @property
     def vehicles(self) -> np.random.SeedSequence:
@@ -91,9 +96,28 @@ class EpisodeSeeds:
         return self._child(6)
 
 
-def random_seed() -> int:
-    """A seed from the operating system."""
-    return int(np.random.default_rng().integers(2**31))
+class SeedDraws:
+    """The seeds of episodes for which none is given: drawn from the last one that was given.
+
+    Until one is given, they come from the operating system.
+    """
+
+    def __init__(self) -> None:
+        self._rng = np.random.default_rng()
+
+    def seeds_of(self, split: str, seed: int | None) -> EpisodeSeeds:
+        """Those of the next episode, by the seed that was given for it.
+
+        Raises
+        ------
+        ValueError
+            If the seed is not an integer of at least 0.
+        """
+        if seed is None:
+            return EpisodeSeeds(split, int(self._rng.integers(2**31)))
+        seeds = EpisodeSeeds(split, seed)
+        self._rng = np.random.default_rng(seeds.seeds)
+        return seeds
 
 
 class TeamStep(NamedTuple, Generic[BeliefT]):

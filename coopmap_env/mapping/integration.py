@@ -95,6 +95,22 @@ class FusionArrays(NamedTuple):
 
 
 @borrowing_kernel
+def clear_surfaces(surfaces: SurfaceArrays, sampled_mask: NDArray[np.uint8]) -> None:
+    """Forget the surfaces of all cells that were sampled (n_cells,); others have none."""
+    precision, information_vector, noise, scatter, shared = surfaces
+    if len(precision) == 0:
+        return
+    for cell in range(len(sampled_mask)):
+        if sampled_mask[cell]:
+            precision[cell] = 0.0
+            information_vector[cell] = 0.0
+            if len(noise) > 0:
+                noise[cell] = 0.0
+                scatter[cell] = 0.0
+                shared[cell] = 0.0
+
+
+@borrowing_kernel
 def merge_points(
     scan: ScanArrays,
     cells: NDArray[np.int64],

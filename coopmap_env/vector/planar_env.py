@@ -16,7 +16,7 @@ from coopmap_env.envs.planar.actions import MASKED, rejected_reason
 from coopmap_env.envs.planar.env import PlanarWorldView, make_world
 from coopmap_env.envs.planar.observations import ObservationArrays, TeamObservations
 from coopmap_env.envs.planar.worlds import PlanarWorlds
-from coopmap_env.envs.step_data import EpisodeSeeds, random_seed
+from coopmap_env.envs.step_data import SeedDraws
 from coopmap_env.robots.planar.reachable_regions import INFEASIBILITY_REASONS
 from coopmap_env.vector.rows import RowName
 from coopmap_env.vector.step_arrays import StepArrays
@@ -75,7 +75,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         )
         self._worlds = PlanarWorlds(env.task, n_envs, keep_surfaces, num_threads)
         self._observations = [self._team_observations(arrays) for arrays in self._buffers]
-        self._next_seeds = [random_seed() for _ in range(n_envs)]
+        self._seed_draws = [SeedDraws() for _ in range(n_envs)]
         team, (actions, _) = (n_envs, env.task.n_robots), self._plan.arrays(self._memory)
         is_choice = env.task.n_candidates > 0
         self._choices = actions if is_choice else np.empty((n_envs, 0), dtype=np.int64)
@@ -119,18 +119,15 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
     def _reset_world(self, world: int, seed: int | None) -> None:
         """Put a team into a new world, by the seeds of a single environment."""
         env = self._env
-        if seed is None:
-            seed = self._next_seeds[world]
-        seeds = EpisodeSeeds(env.split, seed)
+        seeds = self._seed_draws[world].seeds_of(env.split, seed)
         made = make_world(env.scene, env.task.grid, np.random.default_rng(seeds.scene))
         self._worlds.set_up(world, made, seeds)
-        self._next_seeds[world] = seeds.next_seed
 
     def _write_common_infos(self, buffer: int, worlds: NDArray[np.int64]) -> None:
-        arrays, ours = self._buffers[buffer], self._worlds.arrays
+        arrays, ours, at = self._buffers[buffer], self._worlds.arrays, self._at(worlds)
         n_cells = self._env.task.grid.n_cells
-        arrays.infos["n_scans"][worlds] = ours.n_scans[worlds, None]
-        arrays.infos["observed_fraction"][worlds] = ours.n_observed[worlds, None] / n_cells
+        arrays.infos["n_scans"][at] = ours.n_scans[at, None]
+        arrays.infos["observed_fraction"][at] = ours.n_observed[at, None] / n_cells
         if "state" in arrays.observations:
             for world in worlds.tolist():
                 state = self.world(world).state()
@@ -139,23 +136,27 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
     def _write_results(
         self, buffer: int, worlds: NDArray[np.int64], n_offered: NDArray[np.int64]
     ) -> None:
-        arrays, results = self._buffers[buffer], self._worlds.results
+        arrays, results, at = self._buffers[buffer], self._worlds.results, self._at(worlds)
         infos = arrays.infos
         self._write_common_infos(buffer, worlds)
-        ended = self._worlds.arrays.n_scans[worlds, None] >= self._env.max_scans
-        arrays.rewards[worlds] = results.rewards[worlds]
-        arrays.terminations[worlds], arrays.truncations[worlds] = False, ended
+        arrays.rewards[at] = results.rewards[at]
+        arrays.terminations[at] = False
+        arrays.truncations[at] = self._worlds.arrays.n_scans[at, None] >= self._env.max_scans
         for key in ("collided", "new_information", "distance", "new_cells", "entropy_reduction"):
-            infos[key][worlds] = getattr(results, key)[worlds]
+            infos[key][at] = getattr(results, key)[at]
         for number, name in enumerate(REWARD_TERMS):
-            infos["reward_terms"][name][worlds] = results.reward_terms[worlds, :, number]
-        rejections = results.rejections[worlds]
-        infos["rejected_reason"][worlds] = REASONS[rejections]
+            infos["reward_terms"][name][at] = results.reward_terms[at, :, number]
+        rejections = results.rejections[at]
+        infos["rejected_reason"][at] = REASONS[rejections]
         for k, robot in np.argwhere(rejections == MASKED).tolist():
-            at = worlds[k], robot
-            infos["rejected_reason"][at] = rejected_reason(
-                MASKED, int(self._choices[at]), int(n_offered[at])
+            one = worlds[k], robot
+            infos["rejected_reason"][one] = rejected_reason(
+                MASKED, int(self._choices[one]), int(n_offered[one])
             )
+
+    def _at(self, worlds: NDArray[np.int64]) -> Any:
+        """Index of some worlds: a slice where they are all, which numpy copies much faster."""
+        return slice(None) if len(worlds) == self.n_worlds else worlds
 
     def _team_observations(self, arrays: StepArrays) -> TeamObservations:
         """The arrays of a buffer as the kernels write them: views of the same memory."""

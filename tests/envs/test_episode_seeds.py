@@ -1,7 +1,9 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from coopmap_env.envs.step_data import EpisodeSeeds
+from coopmap_env.envs.step_data import EpisodeSeeds, SeedDraws
 from coopmap_env.simulation.scenes import world_seed
 
 
@@ -11,20 +13,39 @@ def words(seed):
 
 def test_the_seeds_are_the_children_of_the_worlds_seed_in_a_fixed_order():
     seeds = EpisodeSeeds("validation", 17)
-    children = world_seed("validation", 17).spawn(7)
-    made = [seeds.scene, seeds.start, seeds.noise, seeds.candidates, seeds.vehicles, seeds.streams]
-    expected = [*children[:4], *children[5:]]
-    assert list(map(words, made)) == list(map(words, expected))
-    assert seeds.next_seed == int(children[4].generate_state(1)[0]) // 2
+    made = [
+        seeds.scene, seeds.start, seeds.noise, seeds.candidates, seeds.seeds, seeds.vehicles,
+        seeds.streams,
+    ]  # fmt: skip
+    assert list(map(words, made)) == list(map(words, world_seed("validation", 17).spawn(7)))
 
 
-def test_next_seeds_lead_from_world_to_world_without_a_circle():
-    seen, seed = set(), 0
-    for _ in range(1000):
-        seed = EpisodeSeeds("train", seed).next_seed
-        assert 0 <= seed < 2**31
-        seen.add(seed)
-    assert len(seen) == 1000
+def worlds_of(draws, *seeds):
+    return [words(draws.seeds_of("train", seed).scene) for seed in seeds]
+
+
+def test_the_seed_that_was_given_decides_those_that_are_drawn():
+    found = worlds_of(SeedDraws(), 5, None, None)
+    assert worlds_of(SeedDraws(), None, 5, None, None)[1:] == found
+    assert worlds_of(SeedDraws(), 6, None)[1] != found[1]
+    assert found[0] == words(EpisodeSeeds("train", 5).scene)
+
+
+def test_no_circle_of_worlds_is_met_however_many_are_drawn():
+    # A seed that depended on the last one alone would repeat after some 50,000 worlds.
+    draws = SeedDraws()
+    drawn = [draws.seeds_of("train", 0 if k == 0 else None).index for k in range(200_000)]
+    pairs = set(pairwise(drawn))
+    assert len(pairs) == len(drawn) - 1
+
+
+def test_a_seed_that_is_wrong_changes_nothing():
+    draws, other = SeedDraws(), SeedDraws()
+    worlds_of(draws, 3)
+    worlds_of(other, 3)
+    with pytest.raises(ValueError, match="-1"):
+        draws.seeds_of("train", -1)
+    assert worlds_of(draws, None) == worlds_of(other, None)
 
 
 @pytest.mark.parametrize("seed", [-1, 0.5, True, "0", np.bool_(False)])

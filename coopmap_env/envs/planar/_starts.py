@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.kernels import borrowing_kernel
 from coopmap_env.core.random_streams import draw_index
 from coopmap_env.robots.planar.reachable_regions import neighbor
-from coopmap_env.simulation.scenes.planar.regions import allocate_runs, mark_largest_free_region
+from coopmap_env.simulation.scenes.planar.regions import allocate_runs, find_largest_free_region
 
 ROUNDING = 1 + 1e-9
 """A cell counts if its center is as near as a radius, but for rounding."""
@@ -30,10 +30,8 @@ class StartSettings(NamedTuple):
 class StartBuffers(NamedTuple):
     """Scratch for worlds of n cells."""
 
-    region: NDArray[np.bool_]
-    """Shape (nx, ny)."""
     runs: NDArray[np.int32]
-    """See `mark_largest_free_region`."""
+    """See `find_largest_free_region`."""
     cells: NDArray[np.int32]
     """Shape (n,)."""
     marks: NDArray[np.uint8]
@@ -43,7 +41,6 @@ class StartBuffers(NamedTuple):
     def empty(cls, shape: tuple[int, int], cells: NDArray[np.int32]) -> StartBuffers:
         """Scratch for grids of this shape; `cells` (n,) may be scratch of others too."""
         return cls(
-            np.empty(shape, dtype=np.bool_),
             allocate_runs(shape),
             cells,
             np.zeros(len(cells), dtype=np.uint8),
@@ -63,11 +60,12 @@ def sample_start_poses(
     The first robot is anywhere in it, the others no further than the spread from there. Cells are
     different as long as there are enough; then they repeat.
     """
-    ny, region, near = occupied.shape[1], buffers.region, buffers.cells
-    size = mark_largest_free_region(occupied, buffers.runs, region)
-    first = _find_nth(region, draw_index(stream, size))
+    ny, near = occupied.shape[1], buffers.cells
+    n_runs, size = find_largest_free_region(occupied, buffers.runs)
+    runs = buffers.runs[:3, :n_runs]
+    first = _find_nth(runs, ny, draw_index(stream, size))
     near[0] = first
-    n_near = 1 + _list_disc(region, first // ny, first % ny, settings.spread, near[1:])
+    n_near = 1 + _list_disc(runs, first, ny, settings.spread, near[1:])
     n_robots, n = len(pose_ids), settings.n_headings
     for robot in range(1, min(n_robots, n_near)):
         picked = robot + draw_index(stream, n_near - robot)
@@ -77,35 +75,33 @@ def sample_start_poses(
 
 
 @borrowing_kernel
-def _find_nth(region: NDArray[np.bool_], n: int) -> int:
-    """Flat index of the n-th cell of a region, counted from 0, of those that there are."""
-    nx, ny = region.shape
-    for x in range(nx):
-        in_row = 0
-        for y in range(ny):
-            in_row += region[x, y]
-        if n < in_row:
-            for y in range(ny):
-                n -= region[x, y]
-                if n < 0:
-                    return x * ny + y
-        n -= in_row
+def _find_nth(runs: NDArray[np.int32], ny: int, n: int) -> int:
+    """Flat index of the n-th cell of some runs, counted from 0, of those that there are."""
+    for k in range(runs.shape[1]):
+        row, start, stop = np.int64(runs[0, k]), np.int64(runs[1, k]), np.int64(runs[2, k])
+        if n < stop - start:
+            return row * ny + start + n
+        n -= stop - start
     return -1
 
 
 @borrowing_kernel
 def _list_disc(
-    region: NDArray[np.bool_], x: int, y: int, radius: float, out: NDArray[np.int32]
+    runs: NDArray[np.int32], center: int, ny: int, radius: float, out: NDArray[np.int32]
 ) -> int:
-    """Write the cells of a region around one of them, without it; return how many they are."""
-    nx, ny = region.shape
-    limit = (radius * ROUNDING) ** 2
-    reach = math.floor(min(radius * ROUNDING, max(nx, ny)))
-    count = 0
-    for i in range(max(x - reach, 0), min(x + reach + 1, nx)):
-        for j in range(max(y - reach, 0), min(y + reach + 1, ny)):
+    """Write the cells of some runs around one of them, without it; return how many they are."""
+    x, y = center // ny, center % ny
+    limit, count = (radius * ROUNDING) ** 2, 0
+    reach = math.floor(min(radius * ROUNDING, float(runs[0, -1] + ny)))
+    for k in range(runs.shape[1]):
+        i = np.int64(runs[0, k])
+        if abs(i - x) > reach:
+            continue
+        for j in range(
+            max(np.int64(runs[1, k]), y - reach), min(np.int64(runs[2, k]), y + reach + 1)
+        ):
             distance = (i - x) ** 2 + (j - y) ** 2
-            if region[i, j] and 0 < distance <= limit:
+            if 0 < distance <= limit:
                 out[count] = i * ny + j
                 count += 1
     return count

@@ -34,7 +34,12 @@ from coopmap_env.information.planar.cell_codes import UNKNOWN, update_codes
 from coopmap_env.information.planar.rating import lattice_distances, rate_poses
 from coopmap_env.information.planar.views import evaluate_views, sequential_new_information
 from coopmap_env.mapping import MapArrays, ScanGain, SurfaceArrays
-from coopmap_env.mapping.integration import apply_updates, clamp_log_odds, merge_points
+from coopmap_env.mapping.integration import (
+    apply_updates,
+    clamp_log_odds,
+    clear_surfaces,
+    merge_points,
+)
 from coopmap_env.mapping.integration_fan import integrate_lattice_scan
 from coopmap_env.mapping.integration_scalar import integrate_rays
 from coopmap_env.robots import pose_from_id
@@ -66,6 +71,16 @@ def map_of(worlds: WorldArrays, e: int, constants: StepConstants) -> MapArrays:
 def regions_of(worlds: WorldArrays, e: int, scratch: StepScratch) -> RegionArrays:
     """The regions that the team of a world reaches."""
     return RegionArrays(worlds.labels[e], worlds.access[e], worlds.n_labels[e], scratch.queue)
+
+
+@inlined_kernel
+def surfaces_of(worlds: WorldArrays, e: int) -> SurfaceArrays:
+    """The surfaces in the map of a world."""
+    kept = worlds.surfaces
+    return SurfaceArrays(
+        kept.precision[e], kept.information_vector[e], kept.noise[e], kept.scatter[e],
+        kept.shared[e],
+    )  # fmt: skip
 
 
 @borrowing_kernel
@@ -202,11 +217,7 @@ def _scan_and_fuse(
     nx, ny, _ = constants.grid.shape
     n = constants.sampling.lattice.n_headings
     arrays = map_of(worlds, e, constants)
-    kept = worlds.surfaces
-    surfaces = SurfaceArrays(
-        kept.precision[e], kept.information_vector[e], kept.noise[e], kept.scatter[e],
-        kept.shared[e],
-    )  # fmt: skip
+    surfaces = surfaces_of(worlds, e)
     for robot in range(worlds.pose_ids.shape[1]):
         pose_id, pose = worlds.pose_ids[e, robot], scratch.poses[robot]
         pose[0], pose[1], pose[2] = pose_from_id(pose_id, constants.sampling.lattice)
@@ -399,6 +410,7 @@ def _start_world(
     nx, ny, _ = constants.grid.shape
     log_odds, sampled, codes = worlds.log_odds_fixed[e], worlds.sampled_mask[e], worlds.codes[e]
     occupied, pose_ids = worlds.occupied[e].reshape(nx, ny), worlds.pose_ids[e]
+    clear_surfaces(surfaces_of(worlds, e), sampled)
     log_odds[:], sampled[:], codes[:] = 0, 0, UNKNOWN
     worlds.n_observed[e] = worlds.n_scans[e] = 0
     start = constants.start

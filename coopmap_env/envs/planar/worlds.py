@@ -92,9 +92,6 @@ class PlanarWorlds:
     def set_up(self, e: int, world: PlanarWorld, seeds: EpisodeSeeds) -> None:
         """Set the truth of a world and its random numbers, for `start`."""
         arrays = self.arrays
-        for sums in arrays.surfaces:
-            if sums.size:
-                sums[e, np.flatnonzero(arrays.sampled_mask[e])] = 0
         self._truths[e] = world
         arrays.occupied[e] = world.occupied.ravel()
         streams = arrays.start_streams, arrays.noise_streams, arrays.candidate_streams

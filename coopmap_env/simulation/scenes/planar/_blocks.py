@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import exp, sin_cos
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import kernel, unchecked_division_kernel
 
 MAX_EDGES = 6
 _MIN_EDGES = 3
@@ -104,7 +104,7 @@ def shape_blocks(
         reaches[block] = max(half_0, half_1) / sin_cos(widest_gap / 2.0)[1]
 
 
-@kernel
+@unchecked_division_kernel
 def scatter_blocks(
     occupied: NDArray[np.bool_],
     n_missing: int,
@@ -137,7 +137,7 @@ def scatter_blocks(
     """
     nx, ny = occupied.shape
     flat = occupied.ravel()
-    cells = np.empty(nx * ny, np.int64)
+    cells = np.empty(nx * ny, np.int32)
     for block in range(len(centers)):
         if n_missing == 0:
             break
@@ -146,8 +146,9 @@ def scatter_blocks(
         for x in range(max(int(cx - reach), 0), min(int(cx + reach) + 1, nx)):
             low, high = chord(slopes[block], x + 0.5 - cx, reach)
             first, last = math.ceil(cy + low - 0.5), math.floor(cy + high - 0.5)
-            for cell in range(x * ny + max(first, 0), x * ny + min(last + 1, ny)):
-                cells[n] = cell
+            for y in range(np.uint64(max(first, 0)), np.uint64(max(min(last + 1, ny), 0))):
+                cell = np.uint64(x * ny) + y
+                cells[np.uint64(n)] = cell
                 n += not flat[cell]
         new = cells[:n]
         if n > n_missing:
@@ -162,7 +163,7 @@ def scatter_blocks(
     return n_missing
 
 
-@kernel
+@unchecked_division_kernel
 def chord(slopes: NDArray[np.float64], x: float, reach: float) -> tuple[float, float]:
     """Lowest and highest y of the block at x cells from its center; empty if lowest > highest."""
     low, high = -reach, reach

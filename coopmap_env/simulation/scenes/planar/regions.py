@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
 
-N_RUN_PARTS = 5
-"""Row, start, stop, parent and size of a run."""
-
 
 def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Cells of the largest 4-connected region of free space.
@@ -29,23 +26,28 @@ def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     (nx, ny) bool array
         True in the region; all False if no cell is free.
     """
-    region = np.empty(occupied.shape, dtype=np.bool_)
+    region = np.zeros(occupied.shape, dtype=np.bool_)
     runs = allocate_runs(occupied.shape)
-    mark_largest_free_region(np.ascontiguousarray(occupied), runs, region)
+    n, _ = find_largest_free_region(np.ascontiguousarray(occupied), runs)
+    for row, start, stop in runs[:3, :n].T.tolist():
+        region[row, start:stop] = True
     return region
 
 
 def allocate_runs(shape: tuple[int, ...]) -> NDArray[np.int32]:
-    """Scratch of `mark_largest_free_region` for grids of this shape."""
+    """Room for the runs of a grid of this shape: their row, start, stop, parent and size."""
     nx, ny = shape
-    return np.empty((N_RUN_PARTS, nx * ((ny + 1) // 2)), dtype=np.int32)
+    return np.empty((5, nx * ((ny + 1) // 2)), dtype=np.int32)
 
 
 @kernel
-def mark_largest_free_region(
-    occupied: NDArray[np.bool_], runs: NDArray[np.int32], region: NDArray[np.bool_]
-) -> int:
-    """Write the largest free region (nx, ny) of `occupied`; return its number of cells."""
+def find_largest_free_region(
+    occupied: NDArray[np.bool_], runs: NDArray[np.int32]
+) -> tuple[int, int]:
+    """Write the runs of the largest free region; return how many they are, and their cells.
+
+    The first rows of `runs` are then the row, the start and the stop of each run, in C order.
+    """
     nx, ny = occupied.shape
     rows, starts, stops, parents, sizes = runs[0], runs[1], runs[2], runs[3], runs[4]
     n = 0
@@ -60,7 +62,7 @@ def mark_largest_free_region(
             start = y
             while y < ny and not occupied[x, y]:
                 y += 1
-            rows[n], starts[n], stops[n], parents[n] = x, start, y, n
+            rows[n], starts[n], stops[n], parents[n], sizes[n] = x, start, y, n, 0
             while above < first and stops[above] <= start:
                 above += 1
             touching = above
@@ -69,17 +71,18 @@ def mark_largest_free_region(
                 touching += 1
             n += 1
         above = first
-    region[:] = False
-    if n == 0:
-        return 0
-    sizes[:n] = 0
+    largest, n_kept = 0, 0
     for k in range(n):
-        sizes[find_root(parents, k)] += stops[k] - starts[k]
-    largest = np.argmax(sizes[:n])
+        root = find_root(parents, k)
+        sizes[root] += stops[k] - starts[k]
+    for k in range(n):
+        if sizes[k] > sizes[largest]:
+            largest = k
     for k in range(n):
         if find_root(parents, k) == largest:
-            region[rows[k], starts[k] : stops[k]] = True
-    return int(sizes[largest])
+            rows[n_kept], starts[n_kept], stops[n_kept] = rows[k], starts[k], stops[k]
+            n_kept += 1
+    return n_kept, int(sizes[largest]) if n > 0 else 0
 
 
 @kernel
