@@ -78,7 +78,7 @@ def sample_start_poses(
 def _find_nth(runs: NDArray[np.int32], ny: int, n: int) -> int:
     """Flat index of the n-th cell of some runs, counted from 0, of those that there are."""
     for k in range(runs.shape[1]):
-        row, start, stop = np.int64(runs[0, k]), np.int64(runs[1, k]), np.int64(runs[2, k])
+        row, start, stop = runs[0, k], runs[1, k], runs[2, k]
         if n < stop - start:
             return row * ny + start + n
         n -= stop - start
@@ -94,12 +94,10 @@ def _list_disc(
     limit, count = (radius * ROUNDING) ** 2, 0
     reach = math.floor(min(radius * ROUNDING, float(runs[0, -1] + ny)))
     for k in range(runs.shape[1]):
-        i = np.int64(runs[0, k])
+        i = runs[0, k]
         if abs(i - x) > reach:
             continue
-        for j in range(
-            max(np.int64(runs[1, k]), y - reach), min(np.int64(runs[2, k]), y + reach + 1)
-        ):
+        for j in range(max(runs[1, k], y - reach), min(runs[2, k], y + reach + 1)):
             distance = (i - x) ** 2 + (j - y) ** 2
             if 0 < distance <= limit:
                 out[count] = i * ny + j
