@@ -9,6 +9,7 @@ from plain.rollouts import MODES, random_actions
 
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.envs.field.observations import N_POSE_AND_RATING_FEATURES, camera_vector
+from coopmap_env.evaluation import make_policy
 from coopmap_env.geometry import Pose
 
 pytest.importorskip("pybullet")
@@ -158,3 +159,21 @@ def test_the_map_is_drawn_around_the_base_it_belongs_to():
         assert sampled[3, 0, 0] == 0
         assert observations[agent]["map"][0, 0, 0] == 128
     env.close()
+
+
+def played(policy_spec, **settings):
+    env = FieldEnv(action_mode="candidates", max_scans=3, settings=replace(SETTINGS, **settings))
+    policy = make_policy(policy_spec)
+    observations, _ = env.reset(seed=1)
+    policy.reset(np.random.default_rng(0))
+    rewards = []
+    while env.agents:
+        observations, reward, *_ = env.step(policy.act(env.belief(), observations))
+        rewards += reward.values()
+    return rewards, env.belief().map.log_odds_fixed.tobytes()
+
+
+@pytest.mark.parametrize("spec", ["rating_function", "coverage", "information_gain", "frontier"])
+def test_planners_do_not_depend_on_how_the_observed_candidates_are_rated(spec):
+    # so records of planners hold for coarse and exact observed views alike
+    assert played(spec, candidate_views="coarse") == played(spec, candidate_views="exact")
