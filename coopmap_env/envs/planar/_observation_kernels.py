@@ -21,6 +21,8 @@ N_FEATURES = 9
 class CropTables(NamedTuple):
     """How the map is drawn around a camera."""
 
+    side: int
+    """Cells."""
     offsets: NDArray[np.int32]
     """Cell offsets (n_headings, side * side, 2); see `crop_offsets`."""
     flat_offsets: NDArray[np.int32]
@@ -35,6 +37,7 @@ class CropTables(NamedTuple):
         """Tables of a crop of `side` cells, on a grid with ny cells along y."""
         offsets = crop_offsets(side, n_headings)
         return cls(
+            side,
             offsets,
             offsets[..., 0] * np.int32(ny) + offsets[..., 1],
             int(np.abs(offsets).max()),
@@ -142,30 +145,57 @@ def write_map_crop(
 ) -> None:
     """Fill channels 0, 1 and 3 and clear 2; `out` is (4, side * side).
 
-    Cells are checked for lying inside the world only where the camera is closer to its border than
-    the margin.
+    In a row of the crop, the cells inside the world follow each other. Where the camera is closer
+    to the world's border than the margin, they are searched from both ends of the row.
     """
-    log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
-    byte_of_log_odds, margin = tables.byte_of_log_odds, tables.margin
     nx, ny, _ = arrays.shape
-    cx, cy = cell // ny, cell % ny
+    cx, cy, margin = cell // ny, cell % ny, tables.margin
+    flat, inside = tables.flat_offsets[heading], out[3]
     out[2] = 0
     if margin <= cx < nx - margin and margin <= cy < ny - margin:
-        out[3] = 255
-        flat, occupancy, known = tables.flat_offsets[heading], out[0], out[1]
-        for k in range(len(flat)):
-            at = np.uint64(cell + flat[k])
-            occupancy[k] = byte_of_log_odds[np.uint64(log_odds_fixed[at] + clamp)]
-            known[k] = np.uint8(255) * sampled[at]
+        inside[:] = 255
+        _write_cells(arrays, cell, flat, 0, len(flat), tables.byte_of_log_odds, out)
         return
-    offsets = tables.offsets[heading]
-    for k in range(out.shape[1]):
-        ix, iy = cx + offsets[k, 0], cy + offsets[k, 1]
-        inside = 0 <= ix < nx and 0 <= iy < ny
-        at = np.uint64(ix * ny + iy if inside else 0)
-        out[0, k] = byte_of_log_odds[np.uint64(log_odds_fixed[at] + clamp if inside else clamp)]
-        out[1, k] = np.uint8(255) * sampled[at] if inside else 0
-        out[3, k] = 255 if inside else 0
+    out[0] = tables.byte_of_log_odds[arrays.clamp]
+    out[1] = 0
+    inside[:] = 0
+    x, y = np.int32(cx), np.int32(cy)
+    offsets, end_x, end_y = tables.offsets[heading], np.uint32(nx), np.uint32(ny)
+    for start in range(0, len(flat), tables.side):
+        first, end = start, start + tables.side
+        while first < end and not _is_inside(x, y, offsets[first], end_x, end_y):
+            first += 1
+        while first < end and not _is_inside(x, y, offsets[end - 1], end_x, end_y):
+            end -= 1
+        _write_cells(arrays, cell, flat, first, end, tables.byte_of_log_odds, out)
+        inside[first:end] = 255
+
+
+@inlined_kernel
+def _is_inside(
+    x: np.int32, y: np.int32, offset: NDArray[np.int32], end_x: np.uint32, end_y: np.uint32
+) -> np.bool_:
+    """Whether a cell lies in the world; as unsigned numbers, negative indices are huge."""
+    return np.uint32(x + offset[0]) < end_x and np.uint32(y + offset[1]) < end_y
+
+
+@inlined_kernel
+def _write_cells(
+    arrays: MapArrays,
+    cell: int,
+    flat: NDArray[np.int32],
+    first: int,
+    end: int,
+    byte_of_log_odds: NDArray[np.uint8],
+    out: NDArray[np.uint8],
+) -> None:
+    """Fill channels 0 and 1 of some cells of a crop, which lie in the world."""
+    log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
+    occupancy, known = out[0], out[1]
+    for k in range(np.uint64(first), np.uint64(end)):
+        at = np.uint64(cell + flat[k])
+        occupancy[k] = byte_of_log_odds[np.uint64(log_odds_fixed[at] + clamp)]
+        known[k] = np.uint8(255) * sampled[at]
 
 
 @borrowing_kernel
