@@ -242,7 +242,11 @@ def test_bench_writes_ratios_and_times(tmp_path, monkeypatch):
     assert figures["ratio_to_simple_spread"] == pytest.approx(
         figures["agent_steps_per_s"] / figures["simple_spread_agent_steps_per_s"], rel=1e-3
     )
-    assert figures["candidates_agent_steps_per_s"] > 0
+    for case in ("candidates", "vector", "vector_candidates"):
+        assert (
+            figures[f"{case}_agent_steps_per_s"] > figures[f"{case}_agent_steps_per_s_with_resets"]
+        )
+    assert figures["vector_wall_time_of_1_thread_over_2"] > 0
     assert figures["resident_memory_mb"] > 0
     assert {*figures} > {"decision_ms_brute_force", "decision_ms_exhaustive", "step_profile_us"}
 
@@ -255,7 +259,10 @@ def test_the_field_is_measured_too(monkeypatch):
 
     monkeypatch.setattr(field, "SEARCH_SCANS", 4)
     figures = field.measure_field(1, print)
-    assert figures["quartiles_over_rounds"].keys() == {"scan_speedup"}
+    assert figures["quartiles_over_rounds"].keys() == {
+        "scan_speedup",
+        "vector_wall_time_of_1_worker_over_2",
+    }
     for name in (
         "agent_steps_per_s_kinematic",
         "agent_steps_per_s_stepped",

@@ -25,6 +25,8 @@ Run = Callable[[], Timings]
 
 SCANS_EACH = 16
 """Length of an episode."""
+N_WORLDS = 32
+"""Of a vector environment."""
 
 
 def sample_actions(env: Any, rng: np.random.Generator) -> dict[str, Any]:
@@ -80,6 +82,39 @@ def random_episodes(
     return run
 
 
+def vector_episodes(env: Any, episodes: int, clock: Callable[[], float] = time.process_time) -> Run:
+    """Random actions in all worlds: times of ``sampling``, ``step`` and ``reset`` of them all.
+
+    Parameters
+    ----------
+    env : MappingVectorEnv
+        With ``autoreset_mode="Disabled"``: all worlds are reset by one call.
+    episodes : int
+        Of each world.
+    clock : callable
+        Seconds; those of a wall for threads and workers.
+    """
+
+    def run() -> Timings:
+        timings: Timings = {"sampling": [], "step": [], "reset": []}
+        env.action_space.seed(0)
+        for episode in range(episodes):
+            start = clock()
+            env.reset(seed=episode * env.n_worlds)
+            timings["reset"].append(clock() - start)
+            for _ in range(SCANS_EACH):
+                start = clock()
+                actions = env.action_space.sample()
+                sampled = clock()
+                env.step(actions)
+                stepped = clock()
+                timings["sampling"].append(sampled - start)
+                timings["step"].append(stepped - sampled)
+        return timings
+
+    return run
+
+
 def planar_pose() -> Run:
     """Two robots, any pose in reach."""
     return random_episodes(planar_v1.parallel_env(max_scans=SCANS_EACH), episodes=8)
@@ -91,15 +126,50 @@ def planar_candidates() -> Run:
     return random_episodes(env, episodes=4)
 
 
+def planar_vector(action_mode: str, **options: Any) -> Any:
+    """Worlds of two robots in one call."""
+    return planar_v1.vector_env(
+        N_WORLDS, autoreset_mode="Disabled", max_scans=SCANS_EACH, action_mode=action_mode,
+        **options,
+    )  # fmt: skip
+
+
+def planar_vector_pose() -> Run:
+    """32 worlds of two robots, any pose in reach."""
+    return vector_episodes(planar_vector("pose"), episodes=2)
+
+
+def planar_vector_candidates() -> Run:
+    """32 worlds of two robots, 32 candidates."""
+    return vector_episodes(planar_vector("candidates"), episodes=1)
+
+
 def field() -> Run:
     """Two robots with masts, feasible joints."""
     return random_episodes(field_v1.parallel_env(max_scans=SCANS_EACH), 1, feasible_actions)
 
 
+def unmasked_actions(env: Any, rng: np.random.Generator) -> dict[str, Any]:
+    """Any of the candidates that are offered."""
+    return {
+        agent: int(rng.choice(len(env.belief().candidates[robot])))
+        for robot, agent in enumerate(env.agents)
+    }
+
+
+def field_candidates() -> Run:
+    """Two robots with masts, 32 candidates."""
+    env = field_v1.parallel_env(max_scans=SCANS_EACH, action_mode="candidates")
+    return random_episodes(env, 1, unmasked_actions)
+
+
 CASES: dict[str, Callable[[], Run]] = {
     "planar_pose": planar_pose,
     "planar_candidates": planar_candidates,
+    "planar_vector_pose": planar_vector_pose,
+    "planar_vector_candidates": planar_vector_candidates,
     "field": field,
+    "field_candidates": field_candidates,
 }
 """Makes what is timed; the first call of it compiles the kernels."""
 

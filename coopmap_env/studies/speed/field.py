@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from coopmap_env import field_v1
 from coopmap_env.core.extras import import_optional
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.evaluation import make_policy, rollout
@@ -29,7 +30,9 @@ from coopmap_env.studies.speed.cases import (
     Run,
     Timings,
     feasible_actions,
+    field_candidates,
     random_episodes,
+    vector_episodes,
 )
 from coopmap_env.studies.speed.common import figures_of, resident_memory_mb, step_profile
 from coopmap_env.studies.speed.measure import Case, measure, ratio
@@ -41,15 +44,30 @@ N_CANDIDATES = 300
 SEARCH_SCANS = 16
 """Length of the episode in which localization is timed."""
 
+STEPPED = ("kinematic", "stepped", "candidates")
+"""Cases whose steps are counted."""
+
 
 def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     """All measurements as JSON values."""
     import_optional("pyoctomap", "octomap")
     log("field: compiling")
+    vectors = {
+        n: field_v1.vector_env(
+            2, num_workers=n, autoreset_mode="Disabled", action_mode="candidates",
+            max_scans=SCANS_EACH,
+        )
+        for n in (1, 2)
+    }  # fmt: skip
     stepped = FieldEnv(max_scans=SCANS_EACH, settings=replace(FieldSettings(), physics="stepped"))
     cases = {
         "kinematic": Case(CASES["field"]()),
         "stepped": Case(random_episodes(stepped, 1, feasible_actions)),
+        "candidates": Case(field_candidates()),
+        **{
+            f"workers_{n}": Case(vector_episodes(env, 1, time.perf_counter), repeats=2)
+            for n, env in vectors.items()
+        },
         "scans": Case(scans()),
         "ratings": Case(ratings()),
         "localization": Case(localization(), repeats=2),
@@ -59,8 +77,13 @@ def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     found = measure(cases, rounds)
     figures: dict[str, Any] = {
         f"agent_steps_per_s_{name}": 2 * len(found[name].shortest("step")) / total.seconds
-        for name, total in ((name, found[name].total("step")) for name in ("kinematic", "stepped"))
+        for name, total in ((name, found[name].total("step")) for name in STEPPED)
     }
+    figures["vector_wall_time_of_1_worker_over_2"] = ratio(
+        found["workers_1"].total("step"), found["workers_2"].total("step")
+    )
+    n_rays = FieldSettings().camera.width * FieldSettings().camera.height
+    figures["scan_rays_per_s"] = n_rays / float(np.mean(found["scans"].shortest("scan")))
     for kind in ("scan", "scan_reference"):
         figures[f"{kind}_ms"] = 1e3 * float(np.mean(found["scans"].shortest(kind)))
     figures["scan_speedup"] = ratio(
@@ -75,8 +98,10 @@ def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     figures["resident_memory_mb"] = resident_memory_mb("field", episodes=3)
     env = FieldEnv()
     figures["step_profile_us"] = step_profile(env, steps=32)
-    for each in (env, stepped):
-        each.close()
+    env.close()
+    stepped.close()
+    for vector in vectors.values():
+        vector.close()
     return figures_of(figures)
 
 

@@ -18,10 +18,13 @@ from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.evaluation import Policy, make_policy, policy_rng
 from coopmap_env.studies.speed.cases import (
     CASES,
+    N_WORLDS,
     SCANS_EACH,
     Run,
     Timings,
+    planar_vector,
     random_episodes,
+    vector_episodes,
 )
 from coopmap_env.studies.speed.common import figures_of, resident_memory_mb, step_profile
 from coopmap_env.studies.speed.measure import Case, Measured, measure, ratio
@@ -39,15 +42,29 @@ RATES = {
     "_with_resets_and_sampling": ("step", "reset", "sampling"),  # as PettingZoo's own benchmark
 }
 
+RIVALS = {
+    "": ("planar_pose", 2),
+    "candidates_": ("planar_candidates", 2),
+    "vector_": ("planar_vector_pose", 2 * N_WORLDS),
+    "vector_candidates_": ("planar_vector_candidates", 2 * N_WORLDS),
+}
+"""Prefix of the figures: the case, and the robots that move in each of its steps."""
+
 
 def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     """All measurements as JSON values."""
     spread = import_optional("mpe2.simple_spread_v3", "bench").parallel_env()
     log("planar: compiling")
+    vectors = {n: planar_vector("pose", num_threads=n) for n in (1, 2)}
     cases = {
         "planar_pose": Case(CASES["planar_pose"]()),
         "planar_candidates": Case(CASES["planar_candidates"]()),
+        "planar_vector_pose": Case(CASES["planar_vector_pose"]()),
+        "planar_vector_candidates": Case(CASES["planar_vector_candidates"]()),
         "simple_spread": Case(random_episodes(spread, episodes=8)),
+        **{
+            f"threads_{n}": Case(vector_episodes(vectors[n], 1, time.perf_counter)) for n in vectors
+        },
         **{f"rating_{size}": Case(ratings(size)) for size in (1, 100)},
         **{
             f"decision_ms_{search}": Case(
@@ -75,18 +92,21 @@ def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
 def _step_rates(found: dict[str, Measured], n_spread: int) -> dict[str, Any]:
     """Agent-steps per second, and how many times those of simple_spread they are."""
     figures: dict[str, Any] = {}
-    rivals = {"": found["planar_pose"], "candidates_": found["planar_candidates"]}
+    spread = found["simple_spread"]
     for suffix, kinds in RATES.items():
-        spread = found["simple_spread"]
         n_theirs = n_spread * len(spread.shortest("step"))
         rate = n_theirs / spread.total(*kinds).seconds
         figures[f"simple_spread_agent_steps_per_s{suffix}"] = rate
-        for prefix, case in rivals.items():
-            total, n_ours = case.total(*kinds), 2 * len(case.shortest("step"))
+        for prefix, (name, n_rows) in RIVALS.items():
+            case = found[name]
+            total, n_ours = case.total(*kinds), n_rows * len(case.shortest("step"))
             figures[f"{prefix}agent_steps_per_s{suffix}"] = n_ours / total.seconds
             figures[f"{prefix}ratio_to_simple_spread{suffix}"] = ratio(
                 spread.total(*kinds), total, scale=n_ours / n_theirs
             )
+    figures["vector_wall_time_of_1_thread_over_2"] = ratio(
+        found["threads_1"].total("step"), found["threads_2"].total("step")
+    )
     return figures
 
 
