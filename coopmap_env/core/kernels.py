@@ -43,7 +43,8 @@ def borrowing_kernel(function: Function) -> Function:
 
     Numba counts the references to each array that is handed on, with a locked instruction: in
     kernels that pass many arrays to small ones this is half of the time. These do not count. Only
-    other kernels may call them: a call from Python would keep its arrays for ever.
+    other kernels may call them: a call from Python would keep its arrays for ever (tests do it,
+    with small ones).
     """
     return _cached(njit(**_BORROWING)(function))
 

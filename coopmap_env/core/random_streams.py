@@ -1,9 +1,9 @@
 """Random numbers inside of kernels: Philox 4x64-10, the counter-based generator that numpy has too.
 
 A block of four 64-bit words is a function of a key and a counter (Salmon, Moraes, Dror & Shaw 2011,
-"Parallel random numbers: as easy as 1, 2, 3"). So the numbers of a beam or a candidate do not
-depend on how many others were drawn before: kernels draw only what they need, for many worlds, in
-any order. The words are those of ``numpy.random.Philox(key=key)``.
+"Parallel random numbers: as easy as 1, 2, 3"). So the numbers of a beam do not depend on how many
+others were drawn: kernels draw only what they need, for many worlds, in any order. The words are
+those of ``numpy.random.Philox(key=key)``.
 
 The state of a stream is a row of three words: the key's two, and how many blocks were taken.
 """

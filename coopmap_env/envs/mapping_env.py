@@ -126,12 +126,14 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         ValueError
             If the seed is not an integer of at least 0, the options are no dictionary, or the scene
             makes a world of another shape, resolution or origin than it declares. A running episode
-            is not affected.
+            and later draws of seeds are not affected.
         """
         if options is not None and not isinstance(options, Mapping):
             raise ValueError(f"options must be a dict or None, got {brief(options)}")
         seeds = self._seed_draws.seeds_of(self.split, seed)
         self._belief, observed = self._start(seeds)
+        if seed is not None:
+            self._seed_draws.follow(seeds)
         self._has_reset = True
         self._scans_done = 0
         self.agents = list(self.possible_agents)

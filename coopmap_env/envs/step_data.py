@@ -106,7 +106,7 @@ class SeedDraws:
         self._rng = np.random.default_rng()
 
     def seeds_of(self, split: str, seed: int | None) -> EpisodeSeeds:
-        """Those of the next episode, by the seed that was given for it.
+        """Those of the next episode, by the seed that was given for it; `follow` it once it began.
 
         Raises
         ------
@@ -115,9 +115,11 @@ class SeedDraws:
         """
         if seed is None:
             return EpisodeSeeds(split, int(self._rng.integers(2**31)))
-        seeds = EpisodeSeeds(split, seed)
+        return EpisodeSeeds(split, seed)
+
+    def follow(self, seeds: EpisodeSeeds) -> None:
+        """Draw from these, which were given, from now on."""
         self._rng = np.random.default_rng(seeds.seeds)
-        return seeds
 
 
 class TeamStep(NamedTuple, Generic[BeliefT]):

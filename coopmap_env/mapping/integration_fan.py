@@ -3,6 +3,9 @@
 Beams without a hit cross the cells that the camera's `BeamFan` lists. Where k of them cross a cell,
 it gets k times the update of a free beam, in one pass over the fan. Beams that hit are measured
 with noise, so that each goes its own way; they are followed one by one.
+
+A beam exactly along a diagonal runs through corners of cells. There, one that is followed to its
+rounded end may touch another cell than the fan lists.
 """
 
 from __future__ import annotations

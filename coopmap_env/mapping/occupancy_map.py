@@ -74,6 +74,7 @@ class OccupancyMap:
         self.model = model or BeamModel()
         self.log_odds_range = log_odds_range or LogOddsRange()
         n, averaged = grid.n_cells, self.model.surface_fusion == "mean"
+        own_storage = storage is None
         storage = storage or MapStorage.empty(n, grid.dimension, averaged)
         self.log_odds_fixed = storage.log_odds_fixed
         """Log-odds in fixed point, flat; see `log_odds`."""
@@ -97,6 +98,7 @@ class OccupancyMap:
             self.log_odds_range.entropy,
         ).plain()
         self._pooled: PooledMap | None = None
+        self._is_alone = own_storage
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""
@@ -167,9 +169,9 @@ class OccupancyMap:
         """Occupancy at half the resolution, see `coopmap_env.mapping.pooling`; for reading.
 
         It is made when it is first asked for, and then kept up to date by all methods; who writes
-        to the arrays of the map does so before.
+        to the arrays of the map does so before. On arrays that were given it is made each time.
         """
-        if self._pooled is None:
+        if self._pooled is None or not self._is_alone:
             self._pooled = PooledMap(self.arrays)
         return self._pooled.arrays
 

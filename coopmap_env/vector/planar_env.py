@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import brief
+from coopmap_env.core.arguments import check_count
 from coopmap_env.envs import REWARD_TERMS
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.planar.actions import MASKED, rejected_reason
@@ -62,9 +62,8 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         keep_surfaces: bool = False,
         **arguments: Any,
     ) -> None:
-        for name, value in (("n_envs", n_envs), ("num_threads", num_threads)):
-            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise ValueError(f"{name} must be an integer of at least 1, got {brief(value)}")
+        n_envs = check_count("n_envs", n_envs)
+        num_threads = check_count("num_threads", num_threads)
         self._env = env = PlanarEnv(**arguments)
         super().__init__(
             TeamSpaces.from_env(env, with_state),
@@ -75,6 +74,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         )
         self._worlds = PlanarWorlds(env.task, n_envs, keep_surfaces, num_threads)
         self._observations = [self._team_observations(arrays) for arrays in self._buffers]
+        self._world_views = [PlanarWorldView(env, self._worlds, e) for e in range(n_envs)]
         self._seed_draws = [SeedDraws() for _ in range(n_envs)]
         team, (actions, _) = (n_envs, env.task.n_robots), self._plan.arrays(self._memory)
         is_choice = env.task.n_candidates > 0
@@ -84,12 +84,14 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
     def world(self, index: int) -> PlanarEnv:
         """A view of one world; see `MappingVectorEnv.world`."""
         (index,) = self._check_worlds([index])
-        return PlanarWorldView(self._env, self._worlds, index)
+        return self._world_views[index]
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
         if hasattr(self, "_worlds"):  # the constructor may have failed
             self._worlds.close()
+            for view in self._world_views:
+                view.close()
 
     def _advance(
         self,
@@ -99,14 +101,9 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         seeds: Sequence[int | None],
         options: dict[str, Any] | None,
     ) -> None:
-        for world, seed in zip(reset, seeds, strict=True):
-            try:
-                self._reset_world(world, seed)
-            except Exception as error:
-                error.add_note(f"in world {world}")
-                raise
         if reset:
             worlds = np.array(reset)
+            self._set_up(reset, seeds)
             self._worlds.start(worlds)
             self._worlds.observe(worlds, self._observations[buffer])
             self._write_common_infos(buffer, worlds)
@@ -116,12 +113,21 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
             self._worlds.step(worlds, self._poses, self._choices, self._observations[buffer])
             self._write_results(buffer, worlds, n_offered)
 
-    def _reset_world(self, world: int, seed: int | None) -> None:
-        """Put a team into a new world, by the seeds of a single environment."""
-        env = self._env
-        seeds = self._seed_draws[world].seeds_of(env.split, seed)
-        made = make_world(env.scene, env.task.grid, np.random.default_rng(seeds.scene))
-        self._worlds.set_up(world, made, seeds)
+    def _set_up(self, worlds: Sequence[int], seeds: Sequence[int | None]) -> None:
+        """Make new true worlds, by the seeds of a single environment; all of them or none."""
+        env, made = self._env, []
+        for world, seed in zip(worlds, seeds, strict=True):
+            try:
+                own = self._seed_draws[world].seeds_of(env.split, seed)
+                rng = np.random.default_rng(own.scene)
+                made.append((own, make_world(env.scene, env.task.grid, rng)))
+            except Exception as error:
+                error.add_note(f"in world {world}")
+                raise
+        for world, seed, (own, truth) in zip(worlds, seeds, made, strict=True):
+            self._worlds.set_up(world, truth, own)
+            if seed is not None:
+                self._seed_draws[world].follow(own)
 
     def _write_common_infos(self, buffer: int, worlds: NDArray[np.int64]) -> None:
         arrays, ours, at = self._buffers[buffer], self._worlds.arrays, self._at(worlds)

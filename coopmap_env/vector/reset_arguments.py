@@ -22,7 +22,8 @@ def parse_seeds(seed: Any, n_worlds: int) -> list[int | None]:
     """
     if seed is None:
         return [None] * n_worlds
-    if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str | bytes):
+    is_array = isinstance(seed, np.ndarray) and seed.ndim > 0
+    if is_array or (isinstance(seed, Sequence) and not isinstance(seed, str | bytes)):
         if len(seed) != n_worlds:
             raise ValueError(f"{n_worlds} worlds need as many seeds, got {len(seed)}")
         return [None if own is None else _parse_seed(own, world) for world, own in enumerate(seed)]

@@ -80,7 +80,8 @@ class MappingVectorEnv(
         self._parse_actions = ActionParser(self._rows, self._actions)
         self._views = [self._rows.views(arrays) for arrays in self._buffers]
         self._current = 0
-        self._final: StepArrays | None = None
+        self._finals: list[StepArrays | None] = [None] * (1 + double_buffer)
+        """What worlds showed at their ends, for each buffer; made when first needed."""
         self._ready = np.zeros(n_worlds, dtype=bool)
         """Worlds that were reset, and have not failed since."""
         self._ended = np.zeros(n_worlds, dtype=bool)
@@ -247,10 +248,11 @@ class MappingVectorEnv(
         }
 
     def _final_arrays(self) -> StepArrays:
-        if self._final is None:
+        final = self._finals[self._current]
+        if final is None:
             plan = ArrayPlan.make(self.team, self.n_worlds, self._rows.per_world, 1)
-            self._final = plan.arrays(bytearray(plan.n_bytes))[1][0]
-        return self._final
+            final = self._finals[self._current] = plan.arrays(bytearray(plan.n_bytes))[1][0]
+        return final
 
     def _copy_worlds(
         self, source: StepArrays, target: StepArrays, worlds: NDArray[np.bool_]

@@ -9,7 +9,7 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from coopmap_env.core.files import brief
+from coopmap_env.core.arguments import check_count
 from coopmap_env.vector.rows import RowName
 from coopmap_env.vector.team_spaces import Team
 from coopmap_env.vector.vector_env import MappingVectorEnv
@@ -61,7 +61,10 @@ class WorkerVectorEnv(MappingVectorEnv[Team]):
         with_state: bool = False,
         num_workers: int = 0,
     ) -> None:
-        _check_numbers(n_envs, num_workers)
+        n_envs = check_count("n_envs", n_envs)
+        num_workers = check_count("num_workers", num_workers, at_least=0)
+        if num_workers > n_envs:
+            raise ValueError(f"num_workers must be 0 to n_envs ({n_envs}), got {num_workers}")
         n_blocks = num_workers or 1
         bounds = [n_envs * i // n_blocks for i in range(n_blocks + 1)]
         self._worlds_of_block = [range(*pair) for pair in pairwise(bounds)]
@@ -148,14 +151,3 @@ class WorkerVectorEnv(MappingVectorEnv[Team]):
         except BaseException:  # the pool was killed
             self.close()
             raise
-
-
-def _check_numbers(n_envs: Any, num_workers: Any) -> None:
-    if not _is_integer(n_envs) or n_envs < 1:
-        raise ValueError(f"n_envs must be an integer of at least 1, got {brief(n_envs)}")
-    if not _is_integer(num_workers) or not 0 <= num_workers <= n_envs:
-        raise ValueError(f"num_workers must be 0 to n_envs ({n_envs}), got {brief(num_workers)}")
-
-
-def _is_integer(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)

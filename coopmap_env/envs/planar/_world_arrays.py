@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple, inlined_kernel
+from coopmap_env.core.limits import check_bytes
 from coopmap_env.core.random_streams import STATE_WORDS
 from coopmap_env.envs.planar._observation_kernels import (
     CropTables,
@@ -216,6 +217,7 @@ class StepScratch(NamedTuple):
     def empty(cls, constants: StepConstants, n_robots: int, m: int) -> StepScratch:
         """Buffers for worlds of n_robots robots with m candidates."""
         n_cells = math.prod(constants.grid.shape)
+        check_bytes(8 * n_robots * (n_cells + 1), "a list of the cells that all robots scan")
         n_rated = n_robots * max(m, 1)
         queue = np.empty(n_cells, dtype=np.int32)
         return cls(

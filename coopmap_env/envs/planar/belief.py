@@ -100,10 +100,11 @@ class PlanarBelief(Belief):
 
     def random_poses(self, robot: int, m: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Pose ids of up to m different feasible poses, uniformly at random."""
+        # Threads may plan for many worlds, whose regions share one queue.
+        regions = self.regions._replace(queue=np.empty(self.map.grid.n_cells, dtype=np.int32))
         poses, picked = np.empty((m,), dtype=np.int64), np.empty(picked_size(m), dtype=np.int64)
         n = sample_feasible_poses(
-            self.pose_ids[robot], robot, self._sampling, self.regions, draw_stream(rng),
-            picked, poses,
+            self.pose_ids[robot], robot, self._sampling, regions, draw_stream(rng), picked, poses,
         )  # fmt: skip
         return poses[:n]
 

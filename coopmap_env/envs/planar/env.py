@@ -154,7 +154,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
             np.column_stack([grid.to_cell_units(poses[:, :2]), poses[:, 2]]),
             self.settings.camera.field_of_view,
             self.settings.camera.depth_of_field / grid.resolution,
-            [grid.to_cell_units(trail) for trail in self._trails],
+            [grid.to_cell_units(np.reshape(trail, (-1, 2))) for trail in self._trails],
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
             f"observed {map_.observed_fraction:.1%}",
         )
@@ -191,18 +191,37 @@ class PlanarWorldView(PlanarEnv):
     def __init__(self, env: PlanarEnv, worlds: PlanarWorlds, index: int) -> None:
         self.__dict__.update(env.__dict__)
         self._attach(worlds, index)
-        self._has_reset = worlds.has_reset(index)
-        self.agents = list(self.possible_agents)
-        self._trails = [[] for _ in self.agents]
+        self._trails = [[] for _ in self.possible_agents]
+        self._max_scans = env.max_scans
+
+    def __reduce__(self) -> Any:
+        """Raise TypeError: a view has no world of its own."""
+        raise TypeError("a view of a world cannot be copied or pickled; its belief's map can")
 
     def belief(self) -> PlanarBelief:
         """See `MappingEnv.belief`."""
         self._require_reset()
         return self._current_belief()
 
+    # What changes from step to step is that of the worlds; what the engine goes by cannot be set.
     @property
-    def _scans_done(self) -> int:  # type: ignore[override]  # of the worlds, not of this object
+    def _scans_done(self) -> int:  # type: ignore[override]
         return int(self._worlds.arrays.n_scans[self._index])
+
+    @property
+    def _has_reset(self) -> bool:  # type: ignore[override]
+        return self._worlds.has_reset(self._index)
+
+    @property
+    def max_scans(self) -> int:  # type: ignore[override]
+        """Scans of each robot in an episode."""
+        return self._max_scans
+
+    @property
+    def agents(self) -> list[str]:  # type: ignore[override]
+        """Robots that act in the next step: none before a reset and after an end."""
+        is_running = self._has_reset and self._scans_done < self.max_scans
+        return list(self.possible_agents) if is_running else []
 
     def reset(self, *args: Any, **kwargs: Any) -> Any:
         """Raise RuntimeError: the vector environment resets its worlds."""

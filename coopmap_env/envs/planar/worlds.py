@@ -29,7 +29,7 @@ from coopmap_env.information.planar.view_arrays import ViewTables
 from coopmap_env.mapping import OccupancyMap, ScanGain, SurfaceArrays
 from coopmap_env.mapping.arrays import MapStorage
 from coopmap_env.robots import PoseLattice
-from coopmap_env.robots.planar.feasible_poses import PoseSampling
+from coopmap_env.robots.planar.feasible_poses import PoseSampling, check_reach
 from coopmap_env.robots.planar.reachable_regions import RegionArrays
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.planar import camera_arrays
@@ -78,10 +78,11 @@ class PlanarWorlds:
         self._plain_results, self._plain_scratch = plain(self.results), list(map(plain, scratch))
         self._pool = ThreadPoolExecutor(n_threads) if n_threads > 1 else None
         self._truths: list[PlanarWorld | None] = [None] * n_worlds
+        self._has_started = np.zeros(n_worlds, dtype=bool)
 
     def has_reset(self, e: int) -> bool:
-        """Whether there is a world of this number yet."""
-        return self._truths[e] is not None
+        """Whether an episode has started in a world."""
+        return bool(self._has_started[e])
 
     def truth(self, e: int) -> PlanarWorld:
         """The true world, after its first reset."""
@@ -101,6 +102,7 @@ class PlanarWorlds:
     def start(self, worlds: NDArray[np.int64]) -> None:
         """Start an episode in some worlds that were set up; see `start_worlds`."""
         self._run(start_worlds, worlds, (self._plain_arrays, self._plain_constants))
+        self._has_started[worlds] = True
 
     def observe(self, worlds: NDArray[np.int64], observations: TeamObservations) -> None:
         """Write the first observations of some worlds; see `observe_worlds`."""
@@ -194,6 +196,8 @@ class PlanarWorlds:
 def step_constants(task: PlanarTask, rating: PlanarRatingFunction) -> StepConstants:
     """What is the same for all worlds and steps of a task."""
     s, grid, n_visible = task.settings, task.grid, rating.max_visible_cells
+    sampling = PoseSampling(rating.lattice.geometry, grid.shape_3d, float(s.reach))
+    check_reach(sampling)
     return StepConstants(
         grid.geometry,
         s.log_odds_range.clamp,
@@ -202,7 +206,7 @@ def step_constants(task: PlanarTask, rating: PlanarRatingFunction) -> StepConsta
             s.max_start_distance / grid.resolution,
             s.initial_free_radius / grid.resolution,
         ),
-        PoseSampling(rating.lattice.geometry, grid.shape_3d, float(s.reach)),
+        sampling,
         rating.fan.arrays(grid.shape[1]),
         ViewTables.from_fan(rating.fan, rating.gray, rating.codes),
         rating.codes.of_log_odds,

@@ -20,6 +20,8 @@ from coopmap_env.core.random_streams import random_block, take_blocks, uniform_i
 from coopmap_env.robots.planar.pose_lattice import LatticeGeometry, pose_from_id
 from coopmap_env.robots.planar.reachable_regions import RegionArrays, is_reachable
 
+FARTHEST = 1e9
+"""Cells: no grid is as large."""
 TRIES_PER_POSE = 8
 """After so many tries for each pose, what is left is listed instead."""
 
@@ -48,7 +50,7 @@ def reach_square(pose_id: int, reach: float, lattice: LatticeGeometry) -> ReachS
     _, _, heading = pose_from_id(pose_id, lattice)
     s, c = sin_cos(heading)
     half_width = reach * (1.0 + 1e-9)
-    half_side = math.floor((abs(s) + abs(c)) * half_width / lattice.resolution)
+    half_side = math.floor(min((abs(s) + abs(c)) * half_width / lattice.resolution, FARTHEST))
     return ReachSquare(
         cell // lattice.ny, cell % lattice.ny, s, c, half_width, lattice.resolution, half_side
     )
@@ -70,6 +72,18 @@ class PoseSampling(NamedTuple):
     """Cells of the grid."""
     reach: float
     """Metres."""
+
+
+def check_reach(sampling: PoseSampling) -> None:
+    """ValueError if so many poses are in reach that one word cannot choose among them."""
+    lattice, (nx, ny, _) = sampling.lattice, sampling.shape
+    side = min(math.sqrt(2.0) * sampling.reach / lattice.resolution, max(nx, ny))
+    n_poses = (2 * math.floor(side) + 1) ** 2 * lattice.n_headings
+    if n_poses >= 1 << 32:
+        raise ValueError(
+            f"reach {sampling.reach} m with n_headings {lattice.n_headings} gives a robot "
+            f"{n_poses:,} poses to choose from, more than 2**32: lower one of them"
+        )
 
 
 @kernel
