@@ -7,7 +7,7 @@ outside of `coopmap_agents.training`, which imports them.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_agents.config import EnvConfig, PPOSettings
+from coopmap_agents.networks import copy_weights
 from coopmap_agents.record import SegmentReport
 from coopmap_env.vector import EnvFactory, MappingVectorEnv, WorkerVectorEnv
 
@@ -109,6 +110,31 @@ class Trainer(ABC):
     @abstractmethod
     def learn(self, segment: int) -> bool:
         """Learn for one segment, whose number is given; false if it ended early."""
+
+    def learn_all(
+        self,
+        warm_start: ActorCriticPolicy | None = None,
+        learn: Callable[[int], bool] | None = None,
+    ) -> None:
+        """Learn segment by segment, until all steps are learned from or a segment ended early.
+
+        Parameters
+        ----------
+        warm_start : ActorCriticPolicy, optional
+            Initial network, made with the same settings; it is copied.
+        learn : callable, optional
+            Called in place of `learn`.
+
+        Raises
+        ------
+        ValueError
+            If `warm_start` has weights of other shapes.
+        """
+        if warm_start is not None:
+            copy_weights(warm_start, self.network)
+        segment = 0
+        while self.steps < self._settings.total_steps and (learn or self.learn)(segment):
+            segment += 1
 
     def log(self, scores: dict[str, float]) -> None:
         """Write scores to TensorBoard, if there are logs."""

@@ -17,6 +17,7 @@ interrupted between segments or not.
 from __future__ import annotations
 
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
 from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import copy_weights, make_network, set_actor_trainable
+from coopmap_agents.networks import make_network, set_actor_trainable
 from coopmap_agents.ppo.advantages import generalized_advantages
 from coopmap_agents.ppo.rollout import Batch, Rollout
 from coopmap_agents.record import SegmentReport
@@ -57,17 +58,9 @@ def train_network(
     ValueError
         As `PPOTrainer`, or if `warm_start` has weights of other shapes.
     """
-    trainer = PPOTrainer(env_factory, settings, seed, workers)
-    try:
-        if warm_start is not None:
-            copy_weights(warm_start, trainer.network)
-        segment = 0
-        while trainer.steps < settings.total_steps:
-            trainer.learn(segment)
-            segment += 1
+    with closing(PPOTrainer(env_factory, settings, seed, workers)) as trainer:
+        trainer.learn_all(warm_start)
         return trainer.network
-    finally:
-        trainer.close()
 
 
 class PPOTrainer(Trainer):

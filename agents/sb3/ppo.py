@@ -15,6 +15,8 @@ planner, as a warm start.
 from __future__ import annotations
 
 import time
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +29,6 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecMonitor
 
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import (
-    copy_weights,
     network_class,
     parameter_shapes,
     set_actor_trainable,
@@ -118,16 +119,9 @@ def train(
     ValueError
         As `make_model`, or if `warm_start` has weights of other shapes.
     """
-    trainer = SB3Trainer(env_factory, settings, seed, workers)
-    try:
-        if warm_start is not None:
-            copy_weights(warm_start, trainer.network)
-        segment = 0
-        while trainer.steps < settings.total_steps and trainer.learn(segment, callback):
-            segment += 1
+    with closing(SB3Trainer(env_factory, settings, seed, workers)) as trainer:
+        trainer.learn_all(warm_start, partial(trainer.learn, callback=callback))
         return trainer.model
-    finally:
-        trainer.close()
 
 
 class SB3Trainer(Trainer):

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
-from pettingzoo.utils import BaseParallelWrapper
 from plain.small_worlds import masked_world, small_world
+from plain.strict_actions import Strict
 from plain.toy_team import ConstantChoice, ConstantReward
 
 from coopmap_agents.config import PPOSettings
@@ -132,26 +132,6 @@ def test_the_candidate_that_pays_most_is_learned():
             n_best += feature[action] == feature.max()
         observations, *_ = env.step(dict(zip(observations, actions, strict=True)))
     assert n_best >= 180  # of 200
-
-
-class Strict(BaseParallelWrapper):
-    """Fails if an action is missing or masked."""
-
-    def __init__(self, env):
-        super().__init__(env)
-        self.masks = {}
-
-    def reset(self, seed=None, options=None):
-        observations, infos = super().reset(seed, options)
-        self.masks = {agent: own.get("action_mask") for agent, own in observations.items()}
-        return observations, infos
-
-    def step(self, actions):
-        for agent, action in actions.items():
-            assert self.masks[agent] is None or self.masks[agent][action] == 1
-        result = super().step(actions)
-        self.masks = {agent: own.get("action_mask") for agent, own in result[0].items()}
-        return result
 
 
 @pytest.mark.parametrize("make_env", [small_world, masked_world])

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from pettingzoo.utils import BaseParallelWrapper
 from plain.small_worlds import masked_world, small_world
+from plain.strict_actions import Strict
 from plain.toy_team import ConstantChoice, ConstantReward, StatefulEnv
 from ray.rllib.core import DEFAULT_MODULE_ID
 from ray.rllib.core.columns import Columns
@@ -95,27 +95,6 @@ def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it(train):
     expected = [sum(0.5**k for k in range(left)) for left in (5, 4, 3, 2, 1)]  # 1.94 ... 1
     values = values_of(training.network, ConstantReward())
     np.testing.assert_allclose(values, np.column_stack([expected] * 2), rtol=0.1)
-
-
-class Strict(BaseParallelWrapper):
-    """Fails if an action is missing or masked."""
-
-    def __init__(self, env):
-        super().__init__(env)
-        self.masks = {}
-
-    def reset(self, seed=None, options=None):
-        observations, infos = super().reset(seed, options)
-        self.masks = {agent: own.get("action_mask") for agent, own in observations.items()}
-        return observations, infos
-
-    def step(self, actions):
-        for agent, action in actions.items():
-            assert self.action_space(agent).contains(action)
-            assert self.masks[agent] is None or self.masks[agent][action] == 1
-        result = super().step(actions)
-        self.masks = {agent: own.get("action_mask") for agent, own in result[0].items()}
-        return result
 
 
 @pytest.mark.parametrize("make_env", [small_world, masked_world])
