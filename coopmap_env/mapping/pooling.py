@@ -4,7 +4,7 @@ A block of 2 x 2 x 2 voxels is occupied if any of them is, with the highest log-
 unknown if more than half of them were never sampled; else free, with the mean log-odds of those
 that were. A block is reserved if more than half of it is.
 
-A scan changes few blocks: a `PooledMap` recomputes those of the cells that it is told of.
+A scan changes few blocks: `PooledMap.update` recomputes those of the given cells.
 """
 
 from __future__ import annotations

@@ -74,10 +74,10 @@ class FieldSettings(Settings):
     crop_pooling: Annotated[int, Bounds(at_least=1, largest=64)] = 2
     """Voxels along the side of a cell of the observed crop."""
     candidate_views: Literal["coarse", "exact"] = "coarse"
-    """Whether the views that an observation tells of its candidates are those of the map pooled to
-    half its resolution, eight times as fast, or of the map itself. In six training worlds the
-    coarse NI is off by 1.4 % of its maximum (root mean square), and of 32 candidates the best one
-    by the exact rating is the best one in 94 % and among the first three in 100 %."""
+    """Whether the candidates in an observation are rated on the map pooled to half its resolution,
+    eight times as fast, or on the map itself. In six training worlds the coarse NI is off by 1.4 %
+    of its maximum (root mean square), and of 32 candidates the best one by the exact rating is the
+    best one in 94 % and among the first three in 100 %."""
     max_grid_poses: Annotated[int, Bounds(at_least=1, largest=1_000_000)] = 2_000
     """Poses at most in the grid over the joint limits, which discretizes the configuration space
     for exhaustive search and raster scan."""

@@ -19,7 +19,7 @@ from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap
 from coopmap_env.robots.collision.voxel_states import box_around
 
 N_LEVELS = 8
-"""Blocked voxels and their dilations: the largest distance that is told is one voxel less."""
+"""Blocked voxels and their dilations: the largest distance is one voxel less."""
 WORD = 64
 """Bits of a word."""
 ALL_BITS = np.uint64(0xFFFFFFFFFFFFFFFF)
