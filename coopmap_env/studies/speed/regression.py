@@ -1,14 +1,18 @@
 """Speed of this version relative to an earlier commit, in a clone of the repository.
 
-``python -m coopmap_env.studies.speed.regression [COMMIT]``: the earlier version runs in a process
-of its own, from the files of its commit, in turns with this one; see
-`coopmap_env.studies.speed.measure`. Without an argument it is the last commit that this branch
+``python -m coopmap_env.studies.speed.regression [COMMIT] [--cases ...]``: the earlier version runs
+in a process of its own, from the files of its commit, in turns with this one; see
+`coopmap_env.studies.speed.measure`. Without a commit it is the last commit that this branch
 shares with `main`, or the one before if that is the present one. The result is printed and decides
-nothing: where there is no such commit, as in a shallow clone, a line says so.
+nothing: where there is no such commit, as in a shallow clone, a line says so. With other cases and
+with a commit whose kernels take minutes to compile::
+
+    python -m coopmap_env.studies.speed.regression COMMIT --cases field --longest-run 600
 """
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import os
@@ -16,6 +20,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,7 +28,7 @@ from threading import Timer
 
 import coopmap_env
 from coopmap_env.studies.speed import cases
-from coopmap_env.studies.speed.cases import Timings
+from coopmap_env.studies.speed.cases import CASES, Timings
 from coopmap_env.studies.speed.measure import Case, measure, ratio
 
 COMPARED = ("planar_pose", "planar_candidates")
@@ -45,9 +50,18 @@ class CaseError(Exception):
 
 
 class Program:
-    """`cases.py` as a process, with this version of the package or with that in a folder."""
+    """`cases.py` as a process, with this version of the package or with that in a folder.
 
-    def __init__(self, folder: Path | None) -> None:
+    Parameters
+    ----------
+    folder : Path or None
+        With the packages of the version; None for this one.
+    longest_run : float
+        Seconds after which a run is given up.
+    """
+
+    def __init__(self, folder: Path | None, longest_run: float = LONGEST_RUN_S) -> None:
+        self._longest_run = longest_run
         paths = [str(folder)] if folder else []
         paths += filter(None, [os.environ.get("PYTHONPATH")])
         self._process = subprocess.Popen(
@@ -72,22 +86,23 @@ class Program:
         Raises
         ------
         CaseError
-            If it fails, or takes longer than `LONGEST_RUN_S`.
+            If it fails, or takes too long.
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        timer = Timer(LONGEST_RUN_S, self._process.kill)
+        timer = Timer(self._longest_run, self._process.kill)
         timer.start()
         try:
             self._process.stdin.write(f"{name}\n")
             self._process.stdin.flush()
-            line = self._process.stdout.readline()
+            # PyBullet greets on the same channel
+            line = next((own for own in self._process.stdout if own.startswith("{")), "")
         except BrokenPipeError:
             line = ""
         finally:
             timer.cancel()
         if not line:
-            raise CaseError(f"a process has ended, or needed more than {LONGEST_RUN_S} s")
+            raise CaseError(f"a process has ended, or needed more than {self._longest_run} s")
         answer = json.loads(line)
         if "error" in answer:
             raise CaseError(answer["error"])
@@ -97,11 +112,16 @@ class Program:
 
 def main() -> None:
     """Print a line for each case."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("commit", nargs="?")
+    parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(COMPARED))
+    parser.add_argument("--longest-run", type=float, default=LONGEST_RUN_S, help="seconds")
+    options = parser.parse_args()
     try:
-        base = find_base(Path.cwd(), sys.argv[1] if len(sys.argv) > 1 else None)
+        base = find_base(Path.cwd(), options.commit)
         with TemporaryDirectory() as folder:
             extract(Path.cwd(), base, Path(folder))
-            report = compare(Path(folder), COMPARED, ROUNDS)
+            report = compare(Path(folder), options.cases, ROUNDS, options.longest_run)
     except NoBaseError as reason:
         print(f"speed is not compared: {reason}")
         return
@@ -153,10 +173,12 @@ def extract(repository: Path, commit: str, folder: Path) -> None:
             (folder / source).rename(folder / name)
 
 
-def compare(folder: Path, names: tuple[str, ...], rounds: int) -> list[str]:
+def compare(
+    folder: Path, names: Sequence[str], rounds: int, longest_run: float = LONGEST_RUN_S
+) -> list[str]:
     """A line for each case: the ratio of the times of this version and of the one in a folder."""
     lines = []
-    with Program(None) as present, Program(folder) as earlier:
+    with Program(None, longest_run) as present, Program(folder, longest_run) as earlier:
         played: dict[str, Case] = {}
         for name in names:
             try:
