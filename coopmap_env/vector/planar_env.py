@@ -22,6 +22,7 @@ from coopmap_env.vector.rows import RowName
 from coopmap_env.vector.step_arrays import StepArrays
 from coopmap_env.vector.team_spaces import TeamSpaces
 from coopmap_env.vector.vector_env import MappingVectorEnv
+from coopmap_env.vector.world_access import naming_world
 
 REASONS = np.array([*INFEASIBILITY_REASONS, ""])
 """Text of each rejection; that of a masked candidate names its numbers."""
@@ -117,13 +118,10 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         """Make new true worlds, by the seeds of a single environment; all of them or none."""
         env, made = self._env, []
         for world, seed in zip(worlds, seeds, strict=True):
-            try:
+            with naming_world(world):
                 own = self._seed_draws[world].seeds_of(env.split, seed)
                 rng = np.random.default_rng(own.scene)
                 made.append((own, make_world(env.scene, env.task.grid, rng)))
-            except Exception as error:
-                error.add_note(f"in world {world}")
-                raise
         for world, seed, (own, truth) in zip(worlds, seeds, made, strict=True):
             self._worlds.set_up(world, truth, own)
             if seed is not None:

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
 from typing import Any, Generic, TypeVar
 
 WorldT = TypeVar("WorldT")
+
+
+@contextlib.contextmanager
+def naming_world(world: int) -> Iterator[None]:
+    """Add the world to errors."""
+    try:
+        yield
+    except Exception as error:
+        error.add_note(f"in world {world}")
+        raise
 
 
 class WorldAccess(ABC, Generic[WorldT]):

@@ -5,8 +5,7 @@ The same code runs in the main process and in each worker.
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import nan
 from typing import Any, TypeAlias
 
@@ -15,6 +14,7 @@ from gymnasium import spaces
 
 from coopmap_env.vector.step_arrays import ArrayPlan, StepArrays, robot_slices
 from coopmap_env.vector.team_spaces import Team, TeamSpaces
+from coopmap_env.vector.world_access import naming_world
 
 EnvFactory: TypeAlias = "Callable[[], Team]"
 
@@ -66,12 +66,12 @@ class WorldBlock:
         """See `MappingVectorEnv._advance`."""
         arrays = self._buffers[buffer]
         for world, seed in zip(reset, seeds, strict=True):
-            with _naming(world):
+            with naming_world(world):
                 env = self._envs[world]
                 observations, infos = env.reset(seed=seed, options=options)
                 self._write(arrays, world, observations, infos, self.team.reset_infos)
         for world in stepped:
-            with _naming(world):
+            with naming_world(world):
                 self._step(arrays, world)
 
     def ready(self) -> None:
@@ -81,7 +81,7 @@ class WorldBlock:
         """See `MappingVectorEnv.apply`."""
         results = []
         for world in worlds:
-            with _naming(world):
+            with naming_world(world):
                 results.append(function(self._envs[world], *arguments))
         return results
 
@@ -150,13 +150,3 @@ def _write_info(
         else:
             value = info[key]
             arrays[key][at] = nan if value is None else value
-
-
-@contextlib.contextmanager
-def _naming(world: int) -> Iterator[None]:
-    """Add the world to errors."""
-    try:
-        yield
-    except Exception as error:
-        error.add_note(f"in world {world}")
-        raise
