@@ -9,11 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import PlainTuple
 from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.geometry import Pose, Spheres, skew
 from coopmap_env.robots.equilibrium import GRAVITY_VECTOR, Equilibrium
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
+from coopmap_env.robots.kinematics.forward import camera_poses
 from coopmap_env.robots.mount import Mount
 from coopmap_env.robots.mount_library import make_mount
 
@@ -84,11 +86,21 @@ class Vehicle:
 
     def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """T_world_camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
-        if self.equilibrium is None:
-            R, t = self.chain.camera_poses(q)
-        else:
-            R, t = self._suspended_chain.camera_poses(self._suspended_joints(q))
-        return product(self.T_world_base.rotation, R), self.T_world_base.transform(t)
+        joints = self.chain.as_joint_values(q)
+        batch = np.atleast_2d(joints)
+        if self.equilibrium is not None:
+            batch = self.equilibrium.rest_configurations(batch)
+        R, t = np.empty((len(batch), 3, 3)), np.empty((len(batch), 3))
+        camera_poses(self._mounted_camera, batch, R, t)
+        return (R, t) if joints.ndim == 2 else (R[0], t[0])
+
+    @cached_property
+    def _mounted_camera(self) -> PlainTuple:
+        """The camera on the chain whose joints are the arguments of `camera_poses`."""
+        chain = self.chain if self.equilibrium is None else self._suspended_chain
+        body, rotation, translation = chain.camera_frame
+        base = self.T_world_base.arrays
+        return (tuple(chain.tree), body, rotation, translation, base.rotation, base.translation)
 
     def camera_pose(self, q: ArrayLike) -> Pose:
         """T_world_camera at a single q (n,)."""

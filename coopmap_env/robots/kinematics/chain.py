@@ -180,8 +180,8 @@ class Chain:
 
     def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Poses of the camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
-        body, rotation, translation = self._camera
-        R, t = self._frames(q, body, rotation, translation)
+        body, rotation, translation = self.camera_frame
+        R, t = self._frames(q, np.array([body]), rotation[None], translation[None])
         return R[..., 0, :, :], t[..., 0, :]
 
     def point_positions(
@@ -198,17 +198,18 @@ class Chain:
         q = self.as_joint_values(q)
         if q.ndim != 1:
             raise ValueError(f"the Jacobian needs joint values of one pose, got shape {q.shape}")
-        body, _, translation = self._camera
+        body, _, translation = self.camera_frame
         out = np.empty((6, self.n_joints))
-        frame_jacobian(self.tree, q, body[0], translation[0], out)
+        frame_jacobian(self.tree, q, body, translation, out)
         return out
 
     @cached_property
-    def _camera(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        link = slice(self.camera_link, self.camera_link + 1)
-        R, camera = self.link_rotations[link], self.T_link_camera
-        translation = self.link_translations[link] + product(R[0], camera.translation)
-        return self.link_body[link], product(R, camera.rotation), translation
+    def camera_frame(self) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
+        """Rigid body that carries the camera, and rotation and translation of the camera in it."""
+        link, camera = self.camera_link, self.T_link_camera
+        R = np.ascontiguousarray(self.link_rotations[link])
+        translation = self.link_translations[link] + product(R, camera.translation)
+        return int(self.link_body[link]), product(R, camera.rotation), translation
 
     def _frames(
         self,
