@@ -13,6 +13,7 @@ from coopmap_env.core.caches import freeze
 from coopmap_env.core.kernels import PlainTuple
 from coopmap_env.mapping.arrays import MapArrays, MapStorage, SurfaceArrays, UpdateBuffers
 from coopmap_env.mapping.beam import BeamModel
+from coopmap_env.mapping.column_changes import ColumnChanges
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.integration import (
     CAMERA_OUTSIDE_GRID,
@@ -98,15 +99,22 @@ class OccupancyMap:
             self.log_odds_range.entropy,
         ).plain()
         self._pooled: PooledMap | None = None
+        self._changes: ColumnChanges | None = None
         self._is_alone = own_storage
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""
-        self._pooled = None
+        self._forget_derived()
         known = np.flatnonzero(self.sampled_mask.view(np.bool_))
         for array in (self.log_odds_fixed, self.sampled_mask, *self.surface_sums):
             if len(array):
                 array[known] = 0
+
+    def _forget_derived(self) -> None:
+        """Let all that is derived from the cells be made again."""
+        self._pooled = None
+        if self._changes is not None:
+            self._changes.add_all()
 
     def integrate(self, scans: Scan | Sequence[Scan]) -> list[ScanGain]:
         """Fuse scans taken at the same time; the map does not depend on their order.
@@ -126,6 +134,8 @@ class OccupancyMap:
             updated_cells.append(self._updated_cells[:count].copy())
         for cells in updated_cells:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
+            if self._changes is not None:
+                self._changes.add(cells)
         if self._pooled is not None and updated_cells:
             self._pooled.update(np.concatenate(updated_cells))
         return gains
@@ -162,7 +172,7 @@ class OccupancyMap:
         cells = np.asarray(cells)
         self.log_odds_fixed[cells] = log_odds_fixed
         self.sampled_mask[cells] = 1
-        self._pooled = None
+        self._forget_derived()
 
     @property
     def pooled(self) -> MapArrays:
@@ -174,6 +184,16 @@ class OccupancyMap:
         if self._pooled is None or not self._is_alone:
             self._pooled = PooledMap(self.arrays)
         return self._pooled.arrays
+
+    @property
+    def changes(self) -> ColumnChanges:
+        """Which columns of a 3-D map change from when this is first asked for; for reading.
+
+        It is kept up to date as `pooled` is; on arrays that were given it is a new one each time.
+        """
+        if self._changes is None or not self._is_alone:
+            self._changes = ColumnChanges(self.grid.shape_3d)
+        return self._changes
 
     @property
     def log_odds(self) -> NDArray[np.float64]:
@@ -259,6 +279,7 @@ class OccupancyMap:
         for mine, theirs in zip(self.surface_sums, sums, strict=True):
             if len(mine):
                 mine[cells] = theirs
+        self._forget_derived()
 
     def copy(self) -> OccupancyMap:
         """An independent copy."""

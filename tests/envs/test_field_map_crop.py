@@ -1,9 +1,12 @@
 import math
 
 import numpy as np
+import pytest
 
+from coopmap_env.envs.field import FieldEnv
 from coopmap_env.envs.field._initial_knowledge import initial_free_voxels
-from coopmap_env.envs.field._map_crop import Crop, write_crop
+from coopmap_env.envs.field._map_crop import Crop, CropUpdate, write_crop
+from coopmap_env.envs.field.observations import FieldObserver
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
@@ -48,8 +51,74 @@ def test_the_crop_equals_a_voxel_by_voxel_lookup():
         pose, cells = base(0.213, -0.127, heading), (6, 5)
         crop = Crop.around(GRID, pose, cells, 2)
         out = np.empty((10, 6, 6), dtype=np.uint8)
-        write_crop(map_.arrays, crop, 2, byte_of_log_odds, out)
+        all_cells = CropUpdate(map_.changes.last_change, -1)
+        write_crop(map_.arrays, crop, 2, byte_of_log_odds, all_cells, out)
         np.testing.assert_array_equal(out, plain_crop(map_, pose, cells, 2))
+
+
+def test_only_columns_that_have_changed_are_written():
+    map_ = OccupancyMap(GRID)
+    byte_of_log_odds = np.round(255 * map_.log_odds_range.probability).astype(np.uint8)
+    pose, cells = base(0.213, -0.127, 0.3), (6, 5)
+    crop, changes = Crop.around(GRID, pose, cells, 2), map_.changes
+    out = np.full((10, 6, 6), 7, dtype=np.uint8)
+    write_crop(map_.arrays, crop, 2, byte_of_log_odds, CropUpdate(changes.last_change, 0), out)
+    assert (out == 7).all()
+    column = crop.columns[2, 3, 0]
+    map_.log_odds_fixed[column], map_.sampled_mask[column] = 100, 1
+    changes.add(np.array([column]))
+    write_crop(map_.arrays, crop, 2, byte_of_log_odds, CropUpdate(changes.last_change, 1), out)
+    assert (out == 7).all()
+    write_crop(map_.arrays, crop, 2, byte_of_log_odds, CropUpdate(changes.last_change, 0), out)
+    wanted = plain_crop(map_, pose, cells, 2)
+    written = out[0] != 7
+    assert written[2, 3]
+    assert written.sum() <= 2  # a column may be nearest to points of two cells
+    np.testing.assert_array_equal(out[:, written], wanted[:, written])
+
+
+@pytest.mark.parametrize("initialization", ["located", "search"])
+def test_observed_maps_are_those_of_an_observer_that_sees_them_first(initialization):
+    """In two episodes, over scans, and where the map is cleared, marked, or set as a whole."""
+    pytest.importorskip("pybullet")
+    env = FieldEnv(max_scans=3, initialization=initialization)
+    rng = np.random.default_rng(0)
+
+    def check(observations):
+        first = FieldObserver(
+            env.scene.grid, env.settings, [5, 5], None, initialization == "search"
+        )
+        for agent, wanted in zip(env.possible_agents, first.observe(env.belief()), strict=True):
+            np.testing.assert_array_equal(observations[agent]["map"], wanted["map"])
+
+    for seed in (0, 1):
+        check(env.reset(seed=seed)[0])
+        while env.agents:
+            actions = {agent: env.action_space(agent).sample() for agent in env.agents}
+            check(env.step(actions)[0])
+    belief = env.belief()
+    map_ = belief.planning_map(0)
+    kept = map_.copy()
+    for change in (
+        lambda: map_.mark_occupied(rng.choice(map_.grid.n_cells, 9)),
+        lambda: map_.mark_free(rng.choice(map_.grid.n_cells, 9)),
+        map_.clear,
+        lambda: map_.set_state(kept.log_odds_fixed, kept.sampled_mask, *kept.hit_cell_sums()),
+    ):
+        change()
+        check(dict(zip(env.possible_agents, env._observer.observe(belief), strict=True)))
+
+
+def test_an_observation_is_not_changed_by_the_next_one():
+    pytest.importorskip("pybullet")
+    env = FieldEnv(max_scans=2)
+    before = env.reset(seed=0)[0]["robot_0"]["map"]
+    kept = before.copy()
+    env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+    np.testing.assert_array_equal(before, kept)
+    before[:] = 0  # and a user may write to it
+    after = env.step({agent: env.action_space(agent).sample() for agent in env.agents})[0]
+    assert after["robot_0"]["map"].any()
 
 
 def test_ahead_and_left_of_the_base_are_the_first_and_second_axis():

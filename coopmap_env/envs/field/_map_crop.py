@@ -18,6 +18,8 @@ class Crop(NamedTuple):
 
     columns: NDArray[np.int32]
     """Shape (V, V, k): flat index of the lowest voxel of each column, -1 outside the grid."""
+    column_index: NDArray[np.int32]
+    """Shape (V, V, k): index of each column among those of the grid, -1 outside."""
     n_layers: int
     """Voxels of a column that the crop shows."""
 
@@ -43,7 +45,9 @@ class Crop(NamedTuple):
         inside = grid.contains(index)
         flat = np.where(inside, grid.flat_index(np.where(inside[..., None], index, 0)), -1)
         columns = flat.reshape(side, pool, side, pool).transpose(0, 2, 1, 3).reshape(side, side, -1)
-        return cls(np.ascontiguousarray(columns, dtype=np.int32), min(height * pool, grid.shape[2]))
+        columns = np.ascontiguousarray(columns, dtype=np.int32)
+        # the lowest voxel of column k is k times the height of the grid; -1 stays -1
+        return cls(columns, columns // grid.shape[2], min(height * pool, grid.shape[2]))
 
 
 class ColumnBuffers(NamedTuple):
@@ -100,12 +104,22 @@ def _add_column(
         highest[a] = max(highest[a], value)
 
 
+class CropUpdate(NamedTuple):
+    """Which cells of a crop are written: those whose columns have changed since."""
+
+    last_change: NDArray[np.int64]
+    """See `ColumnChanges`."""
+    since: int
+    """Number of the last change that the crop shows; -1 to write all cells."""
+
+
 @kernel
 def write_crop(
     arrays: MapArrays,
     crop: Crop,
     pooling: int,
     byte_of_log_odds: NDArray[np.uint8],
+    update: CropUpdate,
     out: NDArray[np.uint8],
 ) -> None:
     """Fill `out` (2 Z, V, V): highest occupancy of the sampled voxels, and their fraction.
@@ -113,6 +127,7 @@ def write_crop(
     `byte_of_log_odds` holds 255 P of each log-odds value. A column is read in the order of memory,
     which is faster than going from cell to cell.
     """
+    last_change, since = update
     columns = crop.columns
     side, _, k = columns.shape
     n, n_layers = out.shape[0] // 2 * pooling, crop.n_layers
@@ -124,6 +139,13 @@ def write_crop(
     buffers = ColumnBuffers(highest, counts)
     for i in range(side):
         for j in range(side):
+            newest = np.int64(-1)
+            for c in range(k):
+                column = crop.column_index[i, j, c]
+                if column >= 0:
+                    newest = max(newest, last_change[np.uint64(column)])
+            if since >= 0 and newest <= since:
+                continue
             highest[:] = lowest
             counts[:] = 0
             for c in range(k):

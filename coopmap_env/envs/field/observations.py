@@ -58,7 +58,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -68,11 +68,12 @@ from coopmap_env.core.elementary import log
 from coopmap_env.core.limits import check_bytes
 from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.envs.belief import Observation
-from coopmap_env.envs.field._map_crop import Crop, write_crop
+from coopmap_env.envs.field._map_crop import Crop, CropUpdate, write_crop
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping.column_changes import ColumnChanges
 
 FEATURE_LIMIT = 10.0
 N_CAMERA_VALUES = 9
@@ -80,6 +81,17 @@ BYTES_PER_CROP_COLUMN = 100
 """Memory that it takes to prepare a column of voxels of the crop."""
 N_POSE_AND_RATING_FEATURES = 11
 """Features of a candidate besides its joints."""
+
+
+class ShownCrop(NamedTuple):
+    """The crop of the map that a robot was shown last."""
+
+    crop: Crop
+    changes: ColumnChanges
+    """Those of the map."""
+    n_changes: int
+    """Changes until then."""
+    cells: NDArray[np.uint8]
 
 
 class FieldObserver:
@@ -126,6 +138,7 @@ class FieldObserver:
             "an observation of all robots (n_robots, crop_cells, n_candidates)",
         )
         self._crops: dict[int, tuple[Pose, Crop]] = {}
+        self._shown: dict[int, ShownCrop] = {}
         self._max_information = log(settings.rating.n_gray_bins)
 
     def space(self, robot: int) -> spaces.Dict:
@@ -168,7 +181,7 @@ class FieldObserver:
         positions in diagonals of the world; zeros for a robot that is not located.
         """
         origin = Pose(np.zeros(3), np.eye(3))
-        crop = self._map_crop(belief.map, Crop.around(self._grid, origin, *self._crop_size))
+        crop = self._new_map_crop(belief.map, Crop.around(self._grid, origin, *self._crop_size))
         robots = range(len(self._n_joints))
         joints = [belief.joint_spaces[robot].normalize(belief.joints[robot]) for robot in robots]
         cameras = [
@@ -184,7 +197,7 @@ class FieldObserver:
         cameras = [estimate.pose for estimate in belief.estimates]
         far = self._settings.camera.depth_of_field
         observation: Observation = {
-            "map": self._map_crop(belief.planning_map(robot), self._crop(robot, base)),
+            "map": self._map_crop(belief.planning_map(robot), robot, base),
             "joints": belief.joint_spaces[robot].normalize(belief.joints[robot]),
             "camera": camera_vector(cameras[robot], base, far),
         }
@@ -223,12 +236,29 @@ class FieldObserver:
             self._crops[robot] = base, crop
         return crop
 
-    def _map_crop(self, map_: OccupancyMap, crop: Crop) -> NDArray[np.uint8]:
+    def _map_crop(self, map_: OccupancyMap, robot: int, base: Pose) -> NDArray[np.uint8]:
+        """The crop of a robot: that which it was shown last, where the map has changed since."""
+        crop, changes = self._crop(robot, base), map_.changes
+        shown = self._shown.get(robot)
+        if shown is None or shown.changes is not changes or shown.crop is not crop:
+            cells = self._new_map_crop(map_, crop)
+        else:
+            cells = shown.cells.copy()
+            self._write_crop(map_, crop, CropUpdate(changes.last_change, shown.n_changes), cells)
+        self._shown[robot] = ShownCrop(crop, changes, changes.count, cells.copy())
+        return cells
+
+    def _new_map_crop(self, map_: OccupancyMap, crop: Crop) -> NDArray[np.uint8]:
         side, height = self._settings.crop_cells
-        out = np.empty((2 * height, side, side), dtype=np.uint8)
+        cells = np.empty((2 * height, side, side), dtype=np.uint8)
+        self._write_crop(map_, crop, CropUpdate(map_.changes.last_change, -1), cells)
+        return cells
+
+    def _write_crop(
+        self, map_: OccupancyMap, crop: Crop, update: CropUpdate, cells: NDArray[np.uint8]
+    ) -> None:
         pooling = self._settings.crop_pooling
-        write_crop(map_.arrays, crop, pooling, self._byte_of_log_odds, out)
-        return out
+        write_crop(map_.arrays, crop, pooling, self._byte_of_log_odds, update, cells)
 
     def _candidate_features(
         self, belief: FieldBelief, robot: int, candidates: NDArray[np.float64]

@@ -1,0 +1,28 @@
+import numpy as np
+
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.mapping.column_changes import ColumnChanges
+
+
+def test_by_hand_each_column_has_the_number_of_its_last_change():
+    changes = ColumnChanges((2, 3, 4))
+    assert changes.count == 0
+    changes.add(np.array([0, 3, 23]))  # columns 0, 0 and 5
+    changes.add(np.array([20]))  # column 5
+    assert changes.count == 2
+    np.testing.assert_array_equal(changes.last_change, [1, 0, 0, 0, 0, 2])
+    changes.add_all()
+    np.testing.assert_array_equal(changes.last_change, [3] * 6)
+
+
+def test_all_columns_that_differ_are_marked():
+    rng = np.random.default_rng(0)
+    grid = VoxelGrid((12, 10, 6), 0.1, (0.0, 0.0, 0.0))
+    map_ = OccupancyMap(grid)
+    changes = map_.changes
+    assert map_.changes is changes
+    for _ in range(6):
+        before, count = map_.log_odds_fixed.copy(), changes.count
+        map_.mark_occupied(rng.choice(grid.n_cells, 5))
+        differs = (map_.log_odds_fixed != before).reshape(120, 6).any(axis=1)
+        assert (changes.last_change[differs] > count).all()
