@@ -41,6 +41,9 @@ N_SCAN_POSES = 20
 """Camera poses at which a scan is timed."""
 N_CANDIDATES = 300
 """Poses that are rated at once."""
+WORKER_WORLDS = 8
+"""Worlds that one or two workers step. With a single world each, every step would take as
+long as the slower one of two worlds."""
 SEARCH_SCANS = 16
 """Length of the episode in which localization is timed."""
 
@@ -54,7 +57,7 @@ def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     log("field: compiling")
     vectors = {
         n: field_v1.vector_env(
-            2, num_workers=n, autoreset_mode="Disabled", action_mode="candidates",
+            WORKER_WORLDS, num_workers=n, autoreset_mode="Disabled", action_mode="candidates",
             max_scans=SCANS_EACH,
         )
         for n in (1, 2)
