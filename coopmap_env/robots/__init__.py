@@ -19,7 +19,7 @@ from coopmap_env.robots.kinematics.forward import (
     KinematicTree,
     allocate_body_poses,
     body_poses,
-    frame_poses,
+    mounted_frame_poses,
 )
 from coopmap_env.robots.kinematics.mesh_paths import resolve_mesh
 from coopmap_env.robots.kinematics.urdf import UrdfModel
@@ -65,10 +65,10 @@ __all__ = [
     "are_spheres_free",
     "body_poses",
     "filter_robot_points",
-    "frame_poses",
     "free_mask",
     "make_mount",
     "mount_from_urdf",
+    "mounted_frame_poses",
     "plan_path",
     "pose_from_id",
     "resolve_mesh",

@@ -15,7 +15,7 @@ from coopmap_env.geometry import Pose, Spheres, skew
 from coopmap_env.robots.equilibrium import GRAVITY_VECTOR, Equilibrium
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
-from coopmap_env.robots.kinematics.forward import camera_poses
+from coopmap_env.robots.kinematics.forward import mounted_frame_poses
 from coopmap_env.robots.mount import Mount
 from coopmap_env.robots.mount_library import make_mount
 
@@ -87,20 +87,26 @@ class Vehicle:
     def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """T_world_camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
         joints = self.chain.as_joint_values(q)
-        batch = np.atleast_2d(joints)
-        if self.equilibrium is not None:
-            batch = self.equilibrium.rest_configurations(batch)
-        R, t = np.empty((len(batch), 3, 3)), np.empty((len(batch), 3))
-        camera_poses(self._mounted_camera, batch, R, t)
+        R, t = self._camera_poses(np.atleast_2d(self._camera_joints(joints)))
         return (R, t) if joints.ndim == 2 else (R[0], t[0])
+
+    def _camera_poses(
+        self, joints: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """`camera_poses` from `_camera_joints` (k, m)."""
+        R, t = np.empty((len(joints), 1, 3, 3)), np.empty((len(joints), 1, 3))
+        mounted_frame_poses(self._mounted_camera, joints, R, t)
+        return R[:, 0], t[:, 0]
 
     @cached_property
     def _mounted_camera(self) -> PlainTuple:
-        """The camera on the chain whose joints are the arguments of `camera_poses`."""
+        """The camera's frame on the chain that `_camera_joints` belong to."""
         chain = self.chain if self.equilibrium is None else self._suspended_chain
-        body, rotation, translation = chain.camera_frame
-        base = self.T_world_base.arrays
-        return (tuple(chain.tree), body, rotation, translation, base.rotation, base.translation)
+        return chain.mounted(self.T_world_base, *chain.camera_frame)
+
+    def _camera_joints(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joints (n,) or (k, n), after the deflections if these are predicted."""
+        return joints if self.equilibrium is None else self._suspended_joints(joints)
 
     def camera_pose(self, q: ArrayLike) -> Pose:
         """T_world_camera at a single q (n,)."""
@@ -143,9 +149,8 @@ class Vehicle:
         """The chain with the suspension's joints first."""
         return self.mount.chain(with_suspension=True)
 
-    def _suspended_joints(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Joints q (n,) or (k, n) with heave, roll and pitch before them, as predicted."""
-        joints = self.chain.as_joint_values(q)
+    def _suspended_joints(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joints (n,) or (k, n) with heave, roll and pitch before them, as predicted."""
         if self.equilibrium is None:
             return np.concatenate([np.zeros((*joints.shape[:-1], 3)), joints], axis=-1)
         full = self.equilibrium.rest_configurations(np.atleast_2d(joints))
@@ -155,8 +160,9 @@ class Vehicle:
         """Metres by which the suspension is predicted to move the camera at q (n,)."""
         if self.equilibrium is None:
             return 0.0
-        rest = self.chain.camera_poses(q)[1]
-        return length(self._suspended_chain.camera_poses(self._suspended_joints(q))[1] - rest)
+        joints = self.chain.as_joint_values(q)
+        rest = self.chain.camera_poses(joints)[1]
+        return length(self._suspended_chain.camera_poses(self._suspended_joints(joints))[1] - rest)
 
     def with_base_pose(
         self, T_world_base: Pose, covariance: NDArray[np.float64] | None = None
@@ -189,8 +195,13 @@ class Vehicle:
             Encoder readings.
         """
         q = self.chain.as_joint_values(q)
-        pose = self.camera_pose(q)
-        full = None if self.mount.suspension is None else self._jacobian(q)
+        joints = self._camera_joints(q)
+        R, t = self._camera_poses(joints[None])
+        pose = Pose(t[0], R[0])
+        full = None
+        if self.mount.suspension is not None:
+            is_suspended = self.equilibrium is not None
+            full = self._suspended_jacobian(joints if is_suspended else self._suspended_joints(q))
         predicted = None if self.equilibrium is None else full
         J = self.joint_jacobian(q) if predicted is None else predicted[:, 5:]
         persistent_covariance = product(J * np.square(self.mount.calibration_error), J.T)
@@ -259,7 +270,10 @@ class Vehicle:
         By heave, roll and pitch, by the two compliances if the deflection is predicted, by the
         joints.
         """
-        full = self._suspended_joints(q)
+        return self._suspended_jacobian(self._suspended_joints(self.chain.as_joint_values(q)))
+
+    def _suspended_jacobian(self, full: NDArray[np.float64]) -> NDArray[np.float64]:
+        """`_jacobian` at joints (3 + n,) with the deflections before them."""
         J = self._rotated_to_world(self._suspended_chain.jacobian(full))
         if self.equilibrium is None:
             return J

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.arguments import check_choice
 from coopmap_env.core.caches import freeze
+from coopmap_env.core.kernels import PlainTuple
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
-from coopmap_env.robots import Chain, Mount, frame_poses
+from coopmap_env.robots import Chain, Mount, mounted_frame_poses
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 from coopmap_env.simulation.depth import DepthRenderer, TracedMesh, simulate_point_cloud
 from coopmap_env.simulation.physics import (
@@ -95,6 +96,10 @@ class FieldSimulator:
         self._encoder_errors = [offset.copy() for offset in self._encoder_offsets]
         self._bullet = BulletWorld(world.solids, mounts, world.base_poses, self.stepping.time_step)
         self._renderer, self._hidden_bodies = _renderer(world, self._chains)
+        self._frames = [
+            _rendered_frames(chain, base)
+            for chain, base in zip(self._chains, world.base_poses, strict=True)
+        ]
         for robot, mount in enumerate(mounts):
             joints = self._clip_to_limits(
                 robot, np.array(mount.home) - self._encoder_offsets[robot]
@@ -190,17 +195,27 @@ class FieldSimulator:
         """Compute the poses of all cameras and rigid bodies."""
         self._cameras: list[Pose] = []
         rotations, translations = [], []
-        for chain, q, base in zip(self._chains, self._bullet.q, self.world.base_poses, strict=True):
-            R, t = chain.camera_poses(q)
-            self._cameras.append(Pose(base.transform(t), product(base.rotation, R)))
-            bodies = _vehicle_meshes(chain).bodies
-            R, t = np.empty((1, len(bodies), 3, 3)), np.empty((1, len(bodies), 3))
-            identities = np.broadcast_to(np.eye(3), R.shape[1:]).copy()
-            frame_poses(chain.tree, q[None], bodies, identities, np.zeros_like(t[0]), R, t)
-            rotations.append(product(base.rotation, R[0]))
-            translations.append(base.transform(t[0]))
+        for frames, q in zip(self._frames, self._bullet.q, strict=True):
+            n = len(frames[1])
+            R, t = np.empty((1, n, 3, 3)), np.empty((1, n, 3))
+            mounted_frame_poses(frames, q[None], R, t)
+            self._cameras.append(Pose(t[0, -1], R[0, -1]))
+            rotations.append(R[0, :-1])
+            translations.append(t[0, :-1])
         self._body_rotations = np.concatenate(rotations)
         self._body_translations = np.concatenate(translations)
+
+
+def _rendered_frames(chain: Chain, base: Pose) -> PlainTuple:
+    """A plain `MountedFrames` of the bodies of `_vehicle_meshes`, and of the camera after them."""
+    bodies = _vehicle_meshes(chain).bodies
+    camera_body, rotation, translation = chain.camera_frame
+    return chain.mounted(
+        base,
+        np.concatenate([bodies, camera_body]),
+        np.concatenate([np.broadcast_to(np.eye(3), (len(bodies), 3, 3)), rotation]),
+        np.concatenate([np.zeros((len(bodies), 3)), translation]),
+    )
 
 
 class VehicleMeshes(NamedTuple):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import PlainTuple
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics.forward import (
@@ -180,8 +181,7 @@ class Chain:
 
     def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Poses of the camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
-        body, rotation, translation = self.camera_frame
-        R, t = self._frames(q, np.array([body]), rotation[None], translation[None])
+        R, t = self._frames(q, *self.camera_frame)
         return R[..., 0, :, :], t[..., 0, :]
 
     def point_positions(
@@ -200,16 +200,27 @@ class Chain:
             raise ValueError(f"the Jacobian needs joint values of one pose, got shape {q.shape}")
         body, _, translation = self.camera_frame
         out = np.empty((6, self.n_joints))
-        frame_jacobian(self.tree, q, body, translation, out)
+        frame_jacobian(self.tree, q, body[0], translation[0], out)
         return out
 
     @cached_property
-    def camera_frame(self) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
-        """Rigid body that carries the camera, and rotation and translation of the camera in it."""
-        link, camera = self.camera_link, self.T_link_camera
-        R = np.ascontiguousarray(self.link_rotations[link])
-        translation = self.link_translations[link] + product(R, camera.translation)
-        return int(self.link_body[link]), product(R, camera.rotation), translation
+    def camera_frame(self) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """The camera as a frame: its body (1,), rotation (1, 3, 3) and translation (1, 3) there."""
+        link = slice(self.camera_link, self.camera_link + 1)
+        R, camera = self.link_rotations[link], self.T_link_camera
+        translation = self.link_translations[link] + product(R[0], camera.translation)
+        return self.link_body[link], product(R, camera.rotation), translation
+
+    def mounted(
+        self,
+        base: Pose,
+        body: NDArray[np.int64],
+        rotation: NDArray[np.float64],
+        translation: NDArray[np.float64],
+    ) -> PlainTuple:
+        """A plain `MountedFrames` of this chain with its root at a base in the world."""
+        root = base.arrays
+        return (tuple(self.tree), body, rotation, translation, root.rotation, root.translation)
 
     def _frames(
         self,

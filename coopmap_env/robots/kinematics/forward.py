@@ -133,41 +133,39 @@ def frame_poses(
                 t[k, f, i] = tb[b, i] + Rb[b, i, 0] * o[0] + Rb[b, i, 1] * o[1] + Rb[b, i, 2] * o[2]
 
 
-class MountedCamera(NamedTuple):
-    """A camera on a kinematic tree whose root stands at a base in the world."""
+class MountedFrames(NamedTuple):
+    """Frames fixed to the bodies of a tree whose root stands at a base in the world."""
 
     tree: KinematicTree
-    body: int
+    body: NDArray[np.int64]
+    """Shape (f,): the body of each frame."""
     rotation: NDArray[np.float64]
-    """Shape (3, 3): of the camera in its body."""
+    """Shape (f, 3, 3): of the frames in their bodies."""
     translation: NDArray[np.float64]
-    """Shape (3,): of the camera in its body."""
+    """Shape (f, 3)."""
     base_rotation: NDArray[np.float64]
     base_translation: NDArray[np.float64]
 
 
 @kernel
-def camera_poses(
-    camera: PlainTuple, q: NDArray[np.float64], R: NDArray[np.float64], t: NDArray[np.float64]
+def mounted_frame_poses(
+    frames: PlainTuple, q: NDArray[np.float64], R: NDArray[np.float64], t: NDArray[np.float64]
 ) -> None:
-    """Write poses of a camera in the world, for a batch q (k, n): R (k, 3, 3), t (k, 3).
+    """Write poses of frames in the world, for a batch q (k, n): R (k, f, 3, 3), t (k, f, 3).
 
-    `camera` is a plain `MountedCamera` with a plain tree.
+    `frames` is a plain `MountedFrames` with a plain tree.
     """
-    tree, b, rotation, o, base_rotation, base_translation = camera
-    mounted = KinematicTree(*tree)
-    poses, in_base = allocate_body_poses(mounted), np.empty((3, 3))
-    Rb, tb = poses.rotations, poses.translations
-    p = np.empty(3)
+    tree, body, rotation, translation, base_rotation, base_translation = frames
+    frame_poses(KinematicTree(*tree), q, body, rotation, translation, R, t)
+    in_base = np.empty((3, 3))
     for k in range(len(q)):
-        body_poses(mounted, q[k], poses)
-        matmul_3x3(Rb[b], rotation, in_base)
-        matmul_3x3(base_rotation, in_base, R[k])
-        for i in range(3):
-            p[i] = tb[b, i] + Rb[b, i, 0] * o[0] + Rb[b, i, 1] * o[1] + Rb[b, i, 2] * o[2]
-        for i in range(3):
-            row = base_rotation[i]
-            t[k, i] = row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + base_translation[i]
+        for f in range(len(body)):
+            in_base[:] = R[k, f]
+            matmul_3x3(base_rotation, in_base, R[k, f])
+            x, y, z = t[k, f, 0], t[k, f, 1], t[k, f, 2]
+            for i in range(3):
+                row = base_rotation[i]
+                t[k, f, i] = row[0] * x + row[1] * y + row[2] * z + base_translation[i]
 
 
 @kernel
