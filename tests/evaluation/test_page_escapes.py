@@ -71,7 +71,7 @@ def template(tmp_path, monkeypatch):
     pytest.importorskip("jinja2")
     monkeypatch.setattr(pages, "STUDIES", tmp_path)
     (tmp_path / "report.html").write_text(
-        "<b>{{ name }}</b>{% if picture %}{{ image(picture) }}{% endif %}"
+        "<b>{{ name|code }}</b>{% if picture %}{{ image(picture) }}{% endif %}"
     )
     (tmp_path / "figures").mkdir()
     return lambda **values: pages.render_template("report.html", tmp_path / "figures", **values)
@@ -80,6 +80,11 @@ def template(tmp_path, monkeypatch):
 def test_names_on_report_pages_are_escaped(template):
     page = template(name="<script>alert('1')</script>", picture="")
     assert page == "<b>&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt;</b>"
+
+
+def test_names_between_backticks_are_code(template):
+    page = template(name="`a<b` is lower than `c`, by 1 & more", picture="")
+    assert page == ("<b><code>a&lt;b</code> is lower than <code>c</code>, by 1 &amp; more</b>")
 
 
 def test_a_page_shows_pictures_of_its_own_folder_only(template, tmp_path):

@@ -45,8 +45,8 @@ def format_interval(
 def render_template(template: str, image_folder: Path, **values: Any) -> str:
     """Fill in the template of a study (extra ``report``); all values are escaped.
 
-    Templates have the filter ``interval`` (`format_interval`) and the function ``image(name)``,
-    which puts a PNG file into the page.
+    Templates have the filters ``interval`` (`format_interval`) and ``code``, for text with names
+    between backticks; and the function ``image(name)``, which puts a PNG file into the page.
 
     Parameters
     ----------
@@ -65,12 +65,21 @@ def render_template(template: str, image_folder: Path, **values: Any) -> str:
         With the pip command, if Jinja is not installed.
     """
     jinja2 = import_optional("jinja2", "report")
+    markupsafe = import_optional("markupsafe", "report")  # comes with Jinja
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(STUDIES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
     )
-    filters: dict[str, Callable[..., str]] = {"interval": format_interval}
+
+    def code(text: str) -> Any:
+        pieces = map(markupsafe.escape, text.split("`"))
+        marked = [
+            piece if k % 2 == 0 else f"<code>{piece}</code>" for k, piece in enumerate(pieces)
+        ]
+        return markupsafe.Markup("".join(marked))
+
+    filters: dict[str, Callable[..., str]] = {"interval": format_interval, "code": code}
     environment.filters.update(filters)
 
     def image(name: str) -> str:
