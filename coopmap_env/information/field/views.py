@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel, unchecked_division_kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field._depth_buffer import (
     CameraArrays,
@@ -93,6 +93,15 @@ def trace_view(
     return frustum_runs(arrays.shape, pose, rows, camera.frustum, view.runs), rows[:, 2]
 
 
+@inlined_kernel
+def _quarters(half_height: float, horizontal_quarters: float) -> np.uint64:
+    """Index of a voxel's distance in tables.
+
+    By way of a signed number: from a float to an unsigned one takes several times as long.
+    """
+    return np.uint64(np.uint32(np.int32(half_height * half_height + horizontal_quarters)))
+
+
 @unchecked_division_kernel
 def _add_to_histogram(
     arrays: MapArrays,
@@ -110,6 +119,7 @@ def _add_to_histogram(
     limits, runs = view.limits, view.runs
     n_gray_bins = len(counts) // 2
     step_x, step_u, step_v = step[0], step[1], step[2]
+    has_classes = len(table) > 1
     for r in range(n):
         X, U, V = runs.x[r], runs.u[r], runs.v[r]
         half_height, horizontal = runs.half_height[r], runs.horizontal_quarters[r]
@@ -119,13 +129,15 @@ def _add_to_histogram(
             depth = limits[np.uint64(int(U * inverse) * stride + int(V * inverse))]
             if depth >= X:  # noqa: SIM102 - nested is faster
                 if not reserved_mask[cell]:
-                    d = np.uint64(half_height * half_height + horizontal)
                     if sampled[cell]:
-                        row = np.uint64(distance_class[d])
+                        row = np.uint64(0)
+                        if has_classes:
+                            row = np.uint64(distance_class[_quarters(half_height, horizontal)])
                         column = np.uint64(log_odds_fixed[cell] + clamp)
                         counts[np.uint64(table[row, column])] += 1
                     else:
-                        counts[np.uint64(n_gray_bins + unknown_bin[d])] += 1
+                        quarters = _quarters(half_height, horizontal)
+                        counts[np.uint64(n_gray_bins + unknown_bin[quarters])] += 1
             X += step_x
             U += step_u
             V += step_v
