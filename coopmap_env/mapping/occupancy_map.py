@@ -22,6 +22,7 @@ from coopmap_env.mapping.integration import (
     validate_scan,
 )
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange
+from coopmap_env.mapping.occluders import ViewedMap, find_occluders, update_occluders
 from coopmap_env.mapping.pooling import PooledMap
 from coopmap_env.mapping.surfaces import check_surfaces, surface_gaussians
 from coopmap_env.sensing import Scan
@@ -77,7 +78,7 @@ class OccupancyMap:
         own_storage = storage is None
         storage = storage or MapStorage.empty(n, grid.dimension, averaged)
         self.log_odds_fixed = storage.log_odds_fixed
-        """Log-odds in fixed point, flat; see `log_odds`."""
+        """Log-odds in fixed point, flat; see `log_odds`, and `forget_views` before writing."""
         self.sampled_mask = storage.sampled_mask
         """1 where the cell is sampled, flat; see `sampled`."""
         self.arrays = MapArrays(
@@ -98,11 +99,12 @@ class OccupancyMap:
             self.log_odds_range.entropy,
         ).plain()
         self._pooled: PooledMap | None = None
+        self._viewed: ViewedMap | None = None
         self._is_alone = own_storage
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""
-        self._pooled = None
+        self.forget_views()
         known = np.flatnonzero(self.sampled_mask.view(np.bool_))
         for array in (self.log_odds_fixed, self.sampled_mask, *self.surface_sums):
             if len(array):
@@ -126,6 +128,9 @@ class OccupancyMap:
             updated_cells.append(self._updated_cells[:count].copy())
         for cells in updated_cells:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
+        if self._viewed is not None:
+            for cells in updated_cells:
+                update_occluders(self.arrays, cells, self._viewed.occluders)
         if self._pooled is not None and updated_cells:
             self._pooled.update(np.concatenate(updated_cells))
         return gains
@@ -162,18 +167,30 @@ class OccupancyMap:
         cells = np.asarray(cells)
         self.log_odds_fixed[cells] = log_odds_fixed
         self.sampled_mask[cells] = 1
-        self._pooled = None
+        self.forget_views()
 
     @property
     def pooled(self) -> MapArrays:
-        """Occupancy at half the resolution, see `coopmap_env.mapping.pooling`; for reading.
+        """Occupancy at half the resolution, see `coopmap_env.mapping.pooling`; for reading."""
+        return self.viewed(pooled=True).arrays
+
+    def viewed(self, pooled: bool = False) -> ViewedMap:
+        """Occupancy and the cells that occlude a view, of the map or pooled; for reading.
 
         It is made when it is first asked for, and then kept up to date by all methods; who writes
-        to the arrays of the map does so before. On arrays that were given it is made each time.
+        to the arrays of the map calls `forget_views`. On given arrays it is made each time.
         """
-        if self._pooled is None or not self._is_alone:
-            self._pooled = PooledMap(self.arrays)
-        return self._pooled.arrays
+        if pooled:
+            if self._pooled is None or not self._is_alone:
+                self._pooled = PooledMap(self.arrays)
+            return self._pooled.viewed
+        if self._viewed is None or not self._is_alone:
+            self._viewed = ViewedMap(self.arrays, find_occluders(self.arrays))
+        return self._viewed
+
+    def forget_views(self) -> None:
+        """Make `viewed` again when it is next asked for: after writing to the arrays."""
+        self._pooled = self._viewed = None
 
     @property
     def log_odds(self) -> NDArray[np.float64]:
