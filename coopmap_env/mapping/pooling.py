@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.kernels import kernel
 from coopmap_env.mapping.arrays import MapArrays
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.mapping.occluders import ViewedMap, find_occluders, set_occluder
+from coopmap_env.mapping.occluders import WORD, ViewedMap, set_occluder
 
 Index = int | np.int64
 UNSAMPLED = -(1 << 30)
@@ -44,13 +44,13 @@ class PooledMap:
         x, y, z = ((n + 1) // 2 for n in source.shape)
         n = x * y * z
         self.arrays = MapArrays(
-            np.empty(n, dtype=np.int32), np.empty(n, dtype=np.uint8), (x, y, z), source.clamp
+            np.zeros(n, dtype=np.int32), np.zeros(n, dtype=np.uint8), (x, y, z), source.clamp
         )
+        self.viewed = ViewedMap(self.arrays, np.zeros(-(-n // WORD), dtype=np.uint64))
+        """The same with the blocks that occlude a view."""
         self._last_update = np.zeros(n, dtype=np.int64)
         self._n_updates = 0
-        pool_all(source, self.arrays)
-        self.viewed = ViewedMap(self.arrays, find_occluders(self.arrays))
-        """The same with the blocks that occlude a view."""
+        self.update(np.flatnonzero(source.sampled_mask.view(np.bool_)))
 
     def update(self, cells: NDArray[np.int64]) -> None:
         """Recompute the blocks of those cells (flat indices) that have changed."""
@@ -90,16 +90,6 @@ def _pool_block(source: MapArrays, i: Index, j: Index, k: Index, out: MapArrays)
         out.sampled_mask[block], out.log_odds_fixed[block] = 1, total // n_sampled
     else:
         out.sampled_mask[block] = out.log_odds_fixed[block] = 0
-
-
-@kernel
-def pool_all(source: MapArrays, out: MapArrays) -> None:
-    """Write all blocks."""
-    mx, my, mz = out.shape
-    for i in range(mx):
-        for j in range(my):
-            for k in range(mz):
-                _pool_block(source, i, j, k, out)
 
 
 @kernel
