@@ -149,17 +149,21 @@ def add_voxels(
             v = (v0 * dx + v1 * dy + v2 * dz) * inverse
             first_u, last_u = _covered_pixels(u, forms[1], forms[0], half_per_depth, w)
             first_v, last_v = _covered_pixels(v, forms[2], forms[0], half_per_depth, h)
-        for u_pixel in range(first_u, last_u + 1):
-            for v_pixel in range(first_v, last_v + 1):
-                p = np.uint64(u_pixel * h + v_pixel)
-                ix, iy, iz = reciprocals[0, p], reciprocals[1, p], reciprocals[2, p]
-                ax, bx = lx * ix, (lx + 1.0) * ix
-                ay, by = ly * iy, (ly + 1.0) * iy
-                az, bz = lz * iz, (lz + 1.0) * iz
-                entry = max(min(ax, bx), max(min(ay, by), min(az, bz)))
-                exit_ = min(max(ax, bx), min(max(ay, by), max(az, bz)))
-                is_met = (entry < exit_) & (entry >= 0.0) & (entry < far)
-                distances[p] = min(distances[p], entry if is_met else math.inf)
+        u_pixel, v_pixel = first_u, first_v
+        for _ in range(max(last_u - first_u + 1, 0) * max(last_v - first_v + 1, 0)):
+            p = np.uint64(u_pixel * h + v_pixel)
+            ix, iy, iz = reciprocals[0, p], reciprocals[1, p], reciprocals[2, p]
+            ax, bx = lx * ix, (lx + 1.0) * ix
+            ay, by = ly * iy, (ly + 1.0) * iy
+            az, bz = lz * iz, (lz + 1.0) * iz
+            entry = max(min(ax, bx), max(min(ay, by), min(az, bz)))
+            exit_ = min(max(ax, bx), min(max(ay, by), max(az, bz)))
+            is_met = (entry < exit_) & (entry >= 0.0) & (entry < far)
+            distances[p] = min(distances[p], entry if is_met else math.inf)
+            v_pixel += 1
+            column_ends = v_pixel > last_v
+            u_pixel += column_ends
+            v_pixel = first_v if column_ends else v_pixel
 
 
 @kernel
