@@ -23,6 +23,7 @@ from coopmap_env.mapping.integration import (
     validate_scan,
 )
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, LogOddsRange
+from coopmap_env.mapping.occluders import ViewedMap, find_occluders, update_occluders
 from coopmap_env.mapping.pooling import PooledMap
 from coopmap_env.mapping.surfaces import check_surfaces, surface_gaussians
 from coopmap_env.sensing import Scan
@@ -78,7 +79,7 @@ class OccupancyMap:
         own_storage = storage is None
         storage = storage or MapStorage.empty(n, grid.dimension, averaged)
         self.log_odds_fixed = storage.log_odds_fixed
-        """Log-odds in fixed point, flat; see `log_odds`."""
+        """Log-odds in fixed point, flat; see `log_odds`, and `cells_changed` after writing."""
         self.sampled_mask = storage.sampled_mask
         """1 where the cell is sampled, flat; see `sampled`."""
         self.arrays = MapArrays(
@@ -100,21 +101,16 @@ class OccupancyMap:
         ).plain()
         self._pooled: PooledMap | None = None
         self._changes: ColumnChanges | None = None
+        self._viewed: ViewedMap | None = None
         self._is_alone = own_storage
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""
-        self._forget_derived()
+        self.cells_changed()
         known = np.flatnonzero(self.sampled_mask.view(np.bool_))
         for array in (self.log_odds_fixed, self.sampled_mask, *self.surface_sums):
             if len(array):
                 array[known] = 0
-
-    def _forget_derived(self) -> None:
-        """Let all that is derived from the cells be made again."""
-        self._pooled = None
-        if self._changes is not None:
-            self._changes.add_all()
 
     def integrate(self, scans: Scan | Sequence[Scan]) -> list[ScanGain]:
         """Fuse scans taken at the same time; the map does not depend on their order.
@@ -136,6 +132,8 @@ class OccupancyMap:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
             if self._changes is not None:
                 self._changes.add(cells)
+            if self._viewed is not None:
+                update_occluders(self.arrays, cells, self._viewed.occluders)
         if self._pooled is not None and updated_cells:
             self._pooled.update(np.concatenate(updated_cells))
         return gains
@@ -172,24 +170,38 @@ class OccupancyMap:
         cells = np.asarray(cells)
         self.log_odds_fixed[cells] = log_odds_fixed
         self.sampled_mask[cells] = 1
-        self._forget_derived()
+        self.cells_changed()
 
     @property
     def pooled(self) -> MapArrays:
-        """Occupancy at half the resolution, see `coopmap_env.mapping.pooling`; for reading.
+        """Occupancy at half the resolution, see `coopmap_env.mapping.pooling`; for reading."""
+        return self.viewed(pooled=True).arrays
+
+    def viewed(self, pooled: bool = False) -> ViewedMap:
+        """Occupancy and the cells that occlude a view, of the map or pooled; for reading.
 
         It is made when it is first asked for, and then kept up to date by all methods; who writes
-        to the arrays of the map does so before. On arrays that were given it is made each time.
+        to the arrays of the map calls `cells_changed`. On given arrays it is made each time.
         """
-        if self._pooled is None or not self._is_alone:
-            self._pooled = PooledMap(self.arrays)
-        return self._pooled.arrays
+        if pooled:
+            if self._pooled is None or not self._is_alone:
+                self._pooled = PooledMap(self.arrays)
+            return self._pooled.viewed
+        if self._viewed is None or not self._is_alone:
+            self._viewed = ViewedMap(self.arrays, find_occluders(self.arrays))
+        return self._viewed
+
+    def cells_changed(self) -> None:
+        """Tell the map that any of its cells may have changed: after writing to its arrays."""
+        self._pooled = self._viewed = None
+        if self._changes is not None:
+            self._changes.add_all()
 
     @property
     def changes(self) -> ColumnChanges:
         """Which columns of a 3-D map change from when this is first asked for; for reading.
 
-        It is kept up to date as `pooled` is; on arrays that were given it is a new one each time.
+        It is kept up to date as `viewed` is; on arrays that were given it is a new one each time.
         """
         if self._changes is None or not self._is_alone:
             self._changes = ColumnChanges(self.grid.shape_3d)
@@ -279,7 +291,7 @@ class OccupancyMap:
         for mine, theirs in zip(self.surface_sums, sums, strict=True):
             if len(mine):
                 mine[cells] = theirs
-        self._forget_derived()
+        self.cells_changed()
 
     def copy(self) -> OccupancyMap:
         """An independent copy."""

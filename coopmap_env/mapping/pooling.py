@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.kernels import kernel
 from coopmap_env.mapping.arrays import MapArrays
 from coopmap_env.mapping.grid import VoxelGrid
+from coopmap_env.mapping.occluders import WORD, ViewedMap, set_occluder
 
 Index = int | np.int64
 UNSAMPLED = -(1 << 30)
@@ -43,16 +44,18 @@ class PooledMap:
         x, y, z = ((n + 1) // 2 for n in source.shape)
         n = x * y * z
         self.arrays = MapArrays(
-            np.empty(n, dtype=np.int32), np.empty(n, dtype=np.uint8), (x, y, z), source.clamp
+            np.zeros(n, dtype=np.int32), np.zeros(n, dtype=np.uint8), (x, y, z), source.clamp
         )
+        self.viewed = ViewedMap(self.arrays, np.zeros(-(-n // WORD), dtype=np.uint64))
+        """The same with the blocks that occlude a view."""
         self._last_update = np.zeros(n, dtype=np.int64)
         self._n_updates = 0
-        pool_all(source, self.arrays)
+        self.update(np.flatnonzero(source.sampled_mask.view(np.bool_)))
 
     def update(self, cells: NDArray[np.int64]) -> None:
         """Recompute the blocks of those cells (flat indices) that have changed."""
         self._n_updates += 1
-        pool_changed(self._source, cells, self._n_updates, self._last_update, self.arrays)
+        pool_changed(self._source, cells, self._n_updates, self._last_update, self.viewed)
 
 
 def pool_mask(mask: NDArray[np.uint8], grid: VoxelGrid) -> NDArray[np.uint8]:
@@ -90,24 +93,15 @@ def _pool_block(source: MapArrays, i: Index, j: Index, k: Index, out: MapArrays)
 
 
 @kernel
-def pool_all(source: MapArrays, out: MapArrays) -> None:
-    """Write all blocks."""
-    mx, my, mz = out.shape
-    for i in range(mx):
-        for j in range(my):
-            for k in range(mz):
-                _pool_block(source, i, j, k, out)
-
-
-@kernel
 def pool_changed(
     source: MapArrays,
     cells: NDArray[np.int64],
     update: int,
     last_update: NDArray[np.int64],
-    out: MapArrays,
+    viewed: ViewedMap,
 ) -> None:
     """Write the blocks of some cells, once each: `last_update` is the number of that update."""
+    out, occluders = viewed
     ny, nz = np.uint32(source.shape[1]), np.uint32(source.shape[2])
     _, my, mz = out.shape
     last = np.int64(-1)
@@ -118,6 +112,8 @@ def pool_changed(
         if block != last and last_update[np.uint64(block)] != update:
             last_update[np.uint64(block)] = update
             _pool_block(source, np.int64(i), np.int64(j), np.int64(k), out)
+            occludes = out.sampled_mask[block] != 0 and out.log_odds_fixed[block] >= 0
+            set_occluder(occluders, block, occludes)
         last = block
 
 

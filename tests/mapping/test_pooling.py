@@ -38,10 +38,34 @@ def test_a_pooled_block_is_occupied_by_any_and_unknown_by_most_of_its_voxels():
     assert len(kinds) == 3
 
 
+def occludes(arrays):
+    return (arrays.sampled_mask == 1) & (arrays.log_odds_fixed >= 0)
+
+
 def is_up_to_date(map_):
     fresh = PooledMap(map_.arrays).arrays
     pairs = zip(map_.pooled[:2], fresh[:2], strict=True)
-    return all(np.array_equal(kept, made) for kept, made in pairs)
+    views = [map_.viewed(), map_.viewed(pooled=True)]
+    assert views[0].arrays is map_.arrays
+    return all(np.array_equal(kept, made) for kept, made in pairs) and all(
+        bits_of(occluders, occludes(arrays)) for arrays, occluders in views
+    )
+
+
+def bits_of(words, flags):
+    """Whether the bits of some words are these flags, and zero after the last one."""
+    bits = np.unpackbits(words.view(np.uint8), bitorder="little")
+    return np.array_equal(bits[: len(flags)], flags) and not bits[len(flags) :].any()
+
+
+def test_the_bits_of_the_occluders_by_hand():
+    map_ = OccupancyMap(VoxelGrid((5, 5, 3)))
+    for cell, log_odds in ((0, 0), (3, -1), (63, 1), (64, 7), (74, 1)):
+        map_.log_odds_fixed[cell], map_.sampled_mask[cell] = log_odds, 1
+    assert map_.viewed().occluders.tolist() == [(1 << 63) + 1, (1 << 10) + 1]
+    map_.log_odds_fixed[0] = -1
+    map_.cells_changed()
+    assert map_.viewed().occluders.tolist() == [1 << 63, (1 << 10) + 1]
 
 
 def test_the_pooled_map_stays_that_of_the_map_whatever_changes_the_map():
@@ -49,10 +73,11 @@ def test_the_pooled_map_stays_that_of_the_map_whatever_changes_the_map():
     map_ = scanned_map(FIELD_GRID)
     assert is_up_to_date(map_)
     for _ in range(5):
-        before = map_.pooled.log_odds_fixed.copy()
+        before, occluders = map_.pooled.log_odds_fixed.copy(), map_.viewed().occluders.copy()
         map_.integrate([random_scan(rng, FIELD_GRID) for _ in range(3)])
         assert is_up_to_date(map_)
         assert not np.array_equal(map_.pooled.log_odds_fixed, before)
+        assert (map_.viewed().occluders != occluders).any()
     map_.mark_free([5, 80])
     assert is_up_to_date(map_)
     map_.mark_occupied([5, 200])

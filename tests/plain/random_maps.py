@@ -7,6 +7,7 @@ def set_cells(map_, cells, probability):
     """Mark cells (flat indices) as sampled, with this probability."""
     map_.log_odds_fixed[cells] = to_log_odds_fixed(probability)
     map_.sampled_mask[cells] = 1
+    map_.cells_changed()
 
 
 def random_map(rng, shape, unknown=0.3, occupied=0.1, resolution=1.0, origin=(0.0, 0.0)):

@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.core.limits import check_bytes
-from coopmap_env.geometry import RigidTransform, Spheres
+from coopmap_env.geometry import Spheres
 from coopmap_env.information.field._depth_buffer import CameraArrays, SphereArrays
 from coopmap_env.information.field.frustum import MAX_PIXEL_ANGLE, Frustum
-from coopmap_env.information.field.views import (
-    PoseArrays,
-    find_visible_voxels,
-    write_entropies,
-    write_histograms,
+from coopmap_env.information.field.view_calls import (
+    evaluate_poses,
+    evaluate_team,
+    find_visible_cells,
+    plain_camera,
+    plain_map,
 )
+from coopmap_env.information.field.views import PoseArrays
 from coopmap_env.information.gray_levels import GrayBins, GrayLevelTable
 from coopmap_env.information.ratings import CameraPoses
 from coopmap_env.information.settings import RatingSettings
-from coopmap_env.mapping import LogOddsRange, MapArrays, VoxelGrid
+from coopmap_env.mapping import LogOddsRange, VoxelGrid
+from coopmap_env.mapping.occluders import WORD, ViewedMap
 from coopmap_env.sensing import DepthCamera
+
+NO_SPHERES = SphereArrays(np.zeros((0, 3)), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +75,28 @@ class ViewTables:
             constants,
             log_odds_range,
         )
-        arrays = CameraArrays(frustum.geometry, frustum.directions, frustum.max_runs(grid.shape))
+        arrays = CameraArrays(
+            frustum.geometry,
+            frustum.directions,
+            frustum.max_runs(grid.shape),
+            frustum.max_columns(grid.shape[1]) * grid.shape[2] + 2 * WORD,
+        )
         return cls(grid, frustum, arrays, gray_levels)
 
     @cached_property
     def gray(self) -> GrayBins:
         """The gray levels as kernels take them."""
         return self.gray_levels.arrays(self.frustum.max_visible_cells)
+
+    @cached_property
+    def plain_camera(self) -> PlainTuple:
+        """The camera for `view_calls`."""
+        return plain_camera(self.camera)
+
+    @cached_property
+    def plain_gray(self) -> PlainTuple:
+        """The gray levels for `view_calls`."""
+        return tuple(self.gray)
 
     def to_cell_spheres(self, spheres: Spheres | None) -> SphereArrays:
         """Spheres in cells of the grid.
@@ -85,18 +107,19 @@ class ViewTables:
             If the shapes do not fit, or a value is not finite.
         """
         if spheres is None:
-            return SphereArrays(np.zeros((0, 3)), np.zeros(0))
+            return NO_SPHERES
         centers, radii = (np.asarray(part, dtype=np.float64) for part in spheres)
         if centers.shape != (*radii.shape, 3) or radii.ndim != 1:
             raise ValueError(
                 "occluder_spheres are centers (s, 3) and radii (s,), "
                 f"got shapes {centers.shape} and {radii.shape}"
             )
-        if not (np.isfinite(centers).all() and np.isfinite(radii).all()):
+        out = SphereArrays(np.empty(centers.shape), radii / self.grid.resolution)
+        if not (self._to_cells(centers, out.centers) and are_finite(out.radii)):
             raise ValueError(
                 f"occluder_spheres have a value that is not finite: {centers}, {radii}"
             )
-        return SphereArrays(self.grid.to_cell_units(centers), radii / self.grid.resolution)
+        return out
 
     def to_cell_poses(self, poses: CameraPoses) -> PoseArrays:
         """Camera poses in cells of the grid.
@@ -107,45 +130,106 @@ class ViewTables:
             If the shapes do not fit, or a value is not finite.
         """
         R = np.ascontiguousarray(poses[0], dtype=np.float64)
-        t = np.ascontiguousarray(poses[1], dtype=np.float64)
+        t = np.asarray(poses[1], dtype=np.float64)
         if t.ndim != 2 or t.shape[1] != 3 or R.shape != (len(t), 3, 3):
             raise ValueError(
                 "camera poses are rotations (k, 3, 3) and translations (k, 3), "
                 f"got shapes {R.shape} and {t.shape}"
             )
-        if not (np.isfinite(R).all() and np.isfinite(t).all()):
+        positions = np.empty(t.shape)
+        if not (self._to_cells(t, positions) and are_finite(R.ravel())):
             raise ValueError("a camera pose has a value that is not finite")
-        return PoseArrays(R, self.grid.to_cell_units(t))
+        return PoseArrays(R, positions)
 
-    def histograms(
+    def _to_cells(self, points: NDArray[np.float64], out: NDArray[np.float64]) -> bool:
+        """Write `VoxelGrid.to_cell_units`; return whether all are finite."""
+        lower, resolution, _ = self.grid.geometry
+        return write_cell_units(np.ascontiguousarray(points), lower, resolution, out)
+
+    def evaluate(
         self,
-        arrays: MapArrays,
+        viewed: ViewedMap,
         reserved_mask: NDArray[np.uint8],
         poses: CameraPoses,
         occluder_spheres: Spheres | None,
-    ) -> NDArray[np.int64]:
-        """Gray levels in view of each pose, (k, 2 n_gray_bins): sampled voxels, then unknown."""
-        cameras = self.to_cell_poses(poses)
-        out = np.empty((len(cameras.positions), 2 * self.gray.n_bins), dtype=np.int64)
-        spheres = self.to_cell_spheres(occluder_spheres)
-        write_histograms(arrays, reserved_mask, cameras, spheres, self.camera, self.gray, out)
-        return out
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """NI and number of unknown voxels of each pose, (k,)."""
+        cameras, spheres = self.to_cell_poses(poses), self.to_cell_spheres(occluder_spheres)
+        ni = np.empty(len(cameras.positions))
+        unknown = np.empty(len(ni), dtype=np.int64)
+        evaluate_poses(
+            plain_map(viewed), reserved_mask, tuple(cameras), tuple(spheres),
+            self.plain_camera, self.plain_gray, ni, unknown,
+        )  # fmt: skip
+        return ni, unknown
 
-    def visible_voxels(
+    def evaluate_team(
         self,
-        arrays: MapArrays,
+        viewed: ViewedMap,
+        reserved_mask: NDArray[np.uint8],
+        poses: CameraPoses,
+        occluder_spheres: Sequence[Spheres | None] | None,
+    ) -> NDArray[np.float64]:
+        """NI of one pose for each robot, without what those before it see, (k,).
+
+        Raises
+        ------
+        ValueError
+            If poses or spheres do not fit, see `to_cell_poses` and `to_cell_spheres`, or the number
+            of robots differs.
+        """
+        cameras = self.to_cell_poses(poses)
+        ni = np.empty(len(cameras.positions))
+        if occluder_spheres is None:
+            occluder_spheres = [None] * len(ni)
+        if len(occluder_spheres) != len(ni):
+            raise ValueError(
+                f"occluder_spheres needs one entry for each of {len(ni)} poses, "
+                f"got {len(occluder_spheres)}"
+            )
+        each = [NO_SPHERES, *(self.to_cell_spheres(own) for own in occluder_spheres)]
+        spheres = tuple(np.concatenate(parts) for parts in zip(*each, strict=True))
+        ends = np.cumsum([len(own.radii) for own in each[1:]], dtype=np.int64)
+        evaluate_team(
+            plain_map(viewed), reserved_mask, tuple(cameras), spheres, ends,
+            self.plain_camera, self.plain_gray, ni,
+        )  # fmt: skip
+        return ni
+
+    def visible_cells(
+        self,
+        viewed: ViewedMap,
         pose: tuple[ArrayLike, ArrayLike],
         occluder_spheres: Spheres | None,
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Flat indices of the voxels in view, and their squared distances in quarters."""
-        (R,), (position,) = self.to_cell_poses(
-            (np.asarray(pose[0])[None], np.asarray(pose[1])[None])
-        )
+    ) -> NDArray[np.int32]:
+        """Flat indices of the voxels in view."""
+        cameras = self.to_cell_poses((np.asarray(pose[0])[None], np.asarray(pose[1])[None]))
         spheres = self.to_cell_spheres(occluder_spheres)
-        return find_visible_voxels(arrays, RigidTransform(R, position), spheres, self.camera)
+        return find_visible_cells(
+            plain_map(viewed), tuple(cameras), tuple(spheres), self.plain_camera
+        )
 
-    def entropies(self, histogram: NDArray[np.int64]) -> NDArray[np.float64]:
-        """NI (Eqs. 6, 7) of each row of `histograms`, nats, shape (k,)."""
-        out = np.empty(len(histogram))
-        write_entropies(histogram, self.gray, out)
-        return out
+
+@kernel
+def write_cell_units(
+    points: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    resolution: float,
+    out: NDArray[np.float64],
+) -> bool:
+    """Write points (k, 3) in cells from the corner `lower`; return whether all are finite."""
+    finite = True
+    for p in range(len(points)):
+        for axis in range(3):
+            out[p, axis] = (points[p, axis] - lower[axis]) / resolution
+            finite &= math.isfinite(out[p, axis])
+    return finite
+
+
+@kernel
+def are_finite(values: NDArray[np.float64]) -> bool:
+    """Whether all values (n,) are finite."""
+    finite = True
+    for k in range(len(values)):
+        finite &= math.isfinite(values[k])
+    return finite

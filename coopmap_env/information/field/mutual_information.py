@@ -26,7 +26,8 @@ from coopmap_env.information.field._depth_buffer import (
     add_spheres,
     is_outside,
 )
-from coopmap_env.information.field.frustum import FrustumRuns, frustum_runs, projection_rows
+from coopmap_env.information.field.frustum import projection_rows
+from coopmap_env.information.field.frustum_runs import FrustumRuns, frustum_runs
 from coopmap_env.information.field.rating import FieldRatingFunction
 from coopmap_env.information.field.views import PoseArrays, allocate_view
 from coopmap_env.information.ratings import WHOLE_VIEW, CameraPoses, ViewContext
@@ -64,7 +65,7 @@ class FieldMutualInformation:
         On the pooled map a block counts as its eight voxels, and hides as two in a row would.
         """
         coarse = context.coarse
-        tables, arrays, reserved = self._rating.checked_inputs(map_, context.reserved_mask, coarse)
+        tables, viewed, reserved = self._rating.checked_inputs(map_, context.reserved_mask, coarse)
         cameras, spheres = (
             tables.to_cell_poses(poses),
             tables.to_cell_spheres(context.occluder_spheres),
@@ -73,7 +74,9 @@ class FieldMutualInformation:
         model = CellModel.of_map(map_.log_odds_range, self._prior, self._known_probability)
         if coarse:
             model = model._replace(prior=1.0 - (1.0 - self._prior) ** 2)
-        write_mutual_information(arrays, reserved, cameras, spheres, tables.camera, model, out)
+        write_mutual_information(
+            viewed.arrays, reserved, cameras, spheres, tables.camera, model, out
+        )
         return out * (8.0 if coarse else 1.0)
 
 
@@ -199,7 +202,7 @@ def write_mutual_information(
         if is_outside(arrays.shape, pose.translation):
             continue
         _pixel_reach_probabilities(
-            arrays, pose, spheres, camera, model, view.distances, probabilities
+            arrays, pose, spheres, camera, model, view.depth.distances, probabilities
         )
         rows = projection_rows(pose.rotation, frustum)
         n = frustum_runs(arrays.shape, pose, rows, frustum, view.runs)

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import PlainTuple
 from coopmap_env.geometry import Spheres
 from coopmap_env.information.field._view_tables import ViewTables
-from coopmap_env.information.field.views import fill_mask, view_histogram
+from coopmap_env.information.field.camera_terms import rate_cameras, write_occupancy
 from coopmap_env.information.ratings import (
     WHOLE_VIEW,
     CameraPoses,
@@ -22,7 +23,8 @@ from coopmap_env.information.ratings import (
     ViewContext,
 )
 from coopmap_env.information.settings import FieldRatingSettings, RatingSettings
-from coopmap_env.mapping import LogOddsRange, MapArrays, OccupancyMap, VoxelGrid
+from coopmap_env.mapping import LogOddsRange, OccupancyMap, VoxelGrid
+from coopmap_env.mapping.occluders import ViewedMap
 from coopmap_env.mapping.pooling import pool_mask, pooled_grid
 from coopmap_env.sensing import DepthCamera
 
@@ -90,10 +92,9 @@ class FieldRatingFunction:
         self, map_: OccupancyMap, poses: CameraPoses, context: ViewContext = WHOLE_VIEW
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """`new_information` and `count_unknown_cells` of poses, in one pass over the map."""
-        tables, arrays, reserved = self.checked_inputs(map_, context.reserved_mask, context.coarse)
-        histogram = tables.histograms(arrays, reserved, poses, context.occluder_spheres)
-        unknown = histogram[:, tables.gray.n_bins :].sum(axis=1) * (8 if context.coarse else 1)
-        return tables.entropies(histogram), np.asarray(unknown)
+        tables, viewed, reserved = self.checked_inputs(map_, context.reserved_mask, context.coarse)
+        ni, unknown = tables.evaluate(viewed, reserved, poses, context.occluder_spheres)
+        return ni, unknown * 8 if context.coarse else unknown
 
     def visible_cells(
         self,
@@ -105,8 +106,8 @@ class FieldRatingFunction:
 
         Reserved voxels are included, and the resolution is that of the map.
         """
-        tables, arrays, _ = self.checked_inputs(map_)
-        return tables.visible_voxels(arrays, pose, context.occluder_spheres)[0]
+        tables, viewed, _ = self.checked_inputs(map_)
+        return tables.visible_cells(viewed, pose, context.occluder_spheres)
 
     def sequential_new_information(
         self,
@@ -118,22 +119,8 @@ class FieldRatingFunction:
 
         `occluder_spheres` are, for each robot, the spheres of its teammates.
         """
-        tables, arrays, reserved = self.checked_inputs(map_, self._sequential_mask)
-        rotations, translations = np.asarray(poses[0]), np.asarray(poses[1])
-        tables.to_cell_poses(poses)  # validated together, before the first is evaluated
-        histogram = np.zeros((len(rotations), 2 * tables.gray.n_bins), dtype=np.int64)
-        views = []
-        try:
-            for robot, pose in enumerate(zip(rotations, translations, strict=True)):
-                spheres = occluder_spheres[robot] if occluder_spheres else None
-                cells, distances = tables.visible_voxels(arrays, pose, spheres)
-                view_histogram(arrays, reserved, cells, distances, tables.gray, histogram[robot])
-                views.append(cells)
-                fill_mask(self._sequential_mask, cells, 1)
-        finally:
-            for cells in views:
-                fill_mask(self._sequential_mask, cells, 0)
-        return tables.entropies(histogram)
+        tables, viewed, _ = self.checked_inputs(map_)
+        return tables.evaluate_team(viewed, self._sequential_mask, poses, occluder_spheres)
 
     def rate(
         self,
@@ -168,24 +155,51 @@ class FieldRatingFunction:
         distance: ArrayLike,
         new_information: NDArray[np.float64],
     ) -> Ratings:
-        """Eq. 9 from new information that is known already."""
-        d = np.broadcast_to(np.asarray(distance, dtype=np.float64), new_information.shape)
-        occupancy = self.occupancy(map_, poses[1])
-        return Ratings.from_terms(new_information, d, occupancy, self.settings)
+        """Eq. 9 from new information that is known already.
+
+        Raises
+        ------
+        ValueError
+            If the numbers of poses, distances and values differ, or the map does not fit.
+        """
+        points = self._points(poses[1])
+        if new_information.shape != (len(points),):
+            raise ValueError(
+                f"{len(points)} poses need as many values of new information, "
+                f"got shape {new_information.shape}"
+            )
+        d = np.asarray(distance, dtype=np.float64)
+        if d.shape != new_information.shape:
+            d = np.ascontiguousarray(np.broadcast_to(d, new_information.shape))
+        out = np.empty((3, len(d)))
+        cost_law = float(self.settings.K), float(self.settings.exponent)
+        rate_cameras(self._occupancy_tuple(map_), points, cost_law, new_information, d, out)
+        return Ratings(new_information, d, *out)
 
     def occupancy(self, map_: OccupancyMap, translations: ArrayLike) -> NDArray[np.float64]:
         """P of the cell in which each camera (k, 3) would be; 1 outside the grid."""
-        index = self.grid.index(translations)
-        inside = self.grid.contains(index)
-        p = np.ones(len(index))
-        log_odds_fixed = map_.log_odds_fixed[self.grid.flat_index(index[inside])]
-        p[inside] = map_.log_odds_range.probability[log_odds_fixed + map_.log_odds_range.clamp]
-        return p
+        points = self._points(translations)
+        out = np.empty(len(points))
+        write_occupancy(self._occupancy_tuple(map_), points, out)
+        return out
+
+    @staticmethod
+    def _points(translations: ArrayLike) -> NDArray[np.float64]:
+        points = np.ascontiguousarray(translations, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ValueError(f"translations have the shape (k, 3), got {points.shape}")
+        return points
+
+    def _occupancy_tuple(self, map_: OccupancyMap) -> PlainTuple:
+        """A map as `write_occupancy` takes it."""
+        self._check_map(map_)
+        known = map_.log_odds_range
+        return map_.log_odds_fixed, known.clamp, known.probability, tuple(self.grid.geometry)
 
     def checked_inputs(
         self, map_: OccupancyMap, reserved_mask: ReservedMask | None = None, coarse: bool = False
-    ) -> tuple[ViewTables, MapArrays, NDArray[np.uint8]]:
-        """The camera, the map's arrays and the reserved mask, at full resolution or pooled.
+    ) -> tuple[ViewTables, ViewedMap, NDArray[np.uint8]]:
+        """The camera, the map and the reserved mask, at full resolution or pooled.
 
         Kernels trust the map and the mask, so both are checked here.
 
@@ -194,20 +208,23 @@ class FieldRatingFunction:
         ValueError
             If the map is of another grid or clamp, or the mask of another shape or type.
         """
-        if map_.grid != self.grid or map_.log_odds_range.clamp != self._range.clamp:
-            raise ValueError(
-                f"the map ({map_.grid}, clamp {map_.log_odds_range.clamp}) does not fit this "
-                f"rating function ({self.grid}, clamp {self._range.clamp})"
-            )
+        self._check_map(map_)
         if reserved_mask is None:
             if coarse:
-                return self.coarse, map_.pooled, self._no_pooled_reservation
-            return self.fine, map_.arrays, self._no_reservation
+                return self.coarse, map_.viewed(pooled=True), self._no_pooled_reservation
+            return self.fine, map_.viewed(), self._no_reservation
         if reserved_mask.shape != self._no_reservation.shape or reserved_mask.dtype != np.uint8:
             raise ValueError(
                 f"reserved_mask must be uint8 of shape {self._no_reservation.shape}, "
                 f"got {reserved_mask.dtype} of shape {reserved_mask.shape}"
             )
         if coarse:
-            return self.coarse, map_.pooled, pool_mask(reserved_mask, self.grid)
-        return self.fine, map_.arrays, reserved_mask
+            return self.coarse, map_.viewed(pooled=True), pool_mask(reserved_mask, self.grid)
+        return self.fine, map_.viewed(), reserved_mask
+
+    def _check_map(self, map_: OccupancyMap) -> None:
+        if map_.grid != self.grid or map_.log_odds_range.clamp != self._range.clamp:
+            raise ValueError(
+                f"the map ({map_.grid}, clamp {map_.log_odds_range.clamp}) does not fit this "
+                f"rating function ({self.grid}, clamp {self._range.clamp})"
+            )

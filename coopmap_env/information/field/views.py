@@ -16,21 +16,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel, unchecked_division_kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field._depth_buffer import (
     CameraArrays,
+    DepthBuffer,
     SphereArrays,
     depth_limits,
     is_outside,
-    occluder_bounds,
 )
-from coopmap_env.information.field.frustum import FrustumRuns, frustum_runs, projection_rows
+from coopmap_env.information.field._near_occluders import BATCH
+from coopmap_env.information.field.frustum import projection_rows
+from coopmap_env.information.field.frustum_runs import FrustumRuns, frustum_runs
 from coopmap_env.information.gray_levels import GrayBins, histogram_entropy
 from coopmap_env.mapping import MapArrays
-
-MIN_VIEWS_FOR_BOX = 8
-"""Views from which on it pays to find the box of the occluders first."""
+from coopmap_env.mapping.occluders import ViewedMap
 
 
 class PoseArrays(NamedTuple):
@@ -45,71 +45,77 @@ class PoseArrays(NamedTuple):
 class ViewBuffers(NamedTuple):
     """Scratch of one view."""
 
-    distances: NDArray[np.float64]
-    """Distance to the first occluder along the ray of each pixel (width height,)."""
-    limits: NDArray[np.float64]
-    """Depth down to which each pixel sees ((width + 1) (height + 1),); see `depth_limits`."""
+    depth: DepthBuffer
     runs: FrustumRuns
 
 
 @kernel
 def allocate_view(camera: CameraArrays) -> ViewBuffers:
     """Scratch for the views of a camera."""
-    frustum, n = camera.frustum, camera.max_runs
+    frustum, n, n_pixels = camera.frustum, camera.max_runs, len(camera.directions)
     runs = FrustumRuns(
         np.empty(n, np.int64), np.empty(n, np.int64),
         np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n),
     )  # fmt: skip
-    return ViewBuffers(
-        np.empty(len(camera.directions)), np.empty((frustum.width + 1) * (frustum.height + 1)), runs
+    buffer = DepthBuffer(
+        np.empty(BATCH + camera.max_row, np.int32),
+        np.empty((3, n_pixels)),
+        np.empty(n_pixels),
+        np.empty((frustum.width + 1) * (frustum.height + 1)),
+        frustum.height + 1,
     )
-
-
-@kernel
-def unbounded_box() -> NDArray[np.float64]:
-    """A box (2, 3) without ends."""
-    box = np.empty((2, 3))
-    box[0], box[1] = -np.inf, np.inf
-    return box
+    return ViewBuffers(buffer, runs)
 
 
 @kernel
 def trace_view(
-    arrays: MapArrays,
-    box: NDArray[np.float64],
+    viewed: ViewedMap,
     pose: RigidTransform,
     spheres: SphereArrays,
     camera: CameraArrays,
     view: ViewBuffers,
 ) -> tuple[int, NDArray[np.float64]]:
-    """Fill depth limits and runs of a pose; return the number of runs, and dX, dU, dV by z.
-
-    The `box` (2, 3) contains all occluding voxels.
-    """
-    rows = projection_rows(pose.rotation, camera.frustum)
-    if is_outside(arrays.shape, pose.translation):
+    """Fill depth limits and runs of a pose; return the number of runs, and dX, dU, dV by z."""
+    rows, shape = projection_rows(pose.rotation, camera.frustum), viewed.arrays.shape
+    if is_outside(shape, pose.translation):
         return 0, rows[:, 2]
-    depth_limits(arrays, box, pose, camera, spheres, view.distances, view.limits)
-    return frustum_runs(arrays.shape, pose, rows, camera.frustum, view.runs), rows[:, 2]
+    depth_limits(viewed, pose, rows, camera, spheres, view.depth)
+    return frustum_runs(shape, pose, rows, camera.frustum, view.runs), rows[:, 2]
+
+
+@inlined_kernel
+def _quarters(half_height: float, horizontal_quarters: float) -> np.uint64:
+    """Index of a voxel's distance in tables.
+
+    By way of a signed number: from a float to an unsigned one takes several times as long.
+    """
+    return np.uint64(np.uint32(np.int32(half_height * half_height + horizontal_quarters)))
 
 
 @unchecked_division_kernel
-def _add_to_histogram(
+def _count_voxels(
     arrays: MapArrays,
     reserved_mask: NDArray[np.uint8],
     n: int,
     step: NDArray[np.float64],
-    stride: int,
     view: ViewBuffers,
     gray: GrayBins,
     counts: NDArray[np.int64],
+    seen: NDArray[np.uint8],
 ) -> None:
-    """Add one view of n runs to its histogram (see `write_histograms`)."""
+    """Add the visible voxels of n runs to the histogram of their gray levels (Eqs. 7, 8).
+
+    Sampled voxels are counted in the first half of `counts` (2 n_bins,), never-sampled ones in the
+    second: the bins of Eq. 7 are the sum of both. What is counted is written to `seen`, unless that
+    is empty; it may be the mask of reserved voxels itself. Both bins are looked up for each voxel:
+    a processor would often guess wrong which of them is needed.
+    """
     log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
     table, distance_class, unknown_bin = gray.sampled, gray.distance_class, gray.unknown
-    limits, runs = view.limits, view.runs
+    limits, stride, runs = view.depth.limits, view.depth.stride, view.runs
     n_gray_bins = len(counts) // 2
     step_x, step_u, step_v = step[0], step[1], step[2]
+    has_classes, marks = len(table) > 1, len(seen) > 0
     for r in range(n):
         X, U, V = runs.x[r], runs.u[r], runs.v[r]
         half_height, horizontal = runs.half_height[r], runs.horizontal_quarters[r]
@@ -117,15 +123,14 @@ def _add_to_histogram(
         for cell in range(first, first + np.uint64(runs.length[r])):
             inverse = 1.0 / X
             depth = limits[np.uint64(int(U * inverse) * stride + int(V * inverse))]
-            if depth >= X:  # noqa: SIM102 - nested is faster
-                if not reserved_mask[cell]:
-                    d = np.uint64(half_height * half_height + horizontal)
-                    if sampled[cell]:
-                        row = np.uint64(distance_class[d])
-                        column = np.uint64(log_odds_fixed[cell] + clamp)
-                        counts[np.uint64(table[row, column])] += 1
-                    else:
-                        counts[np.uint64(n_gray_bins + unknown_bin[d])] += 1
+            counted = (depth >= X) & (reserved_mask[cell] == 0)
+            quarters = _quarters(half_height, horizontal)
+            row = np.uint64(distance_class[quarters]) if has_classes else np.uint64(0)
+            of_sampled = np.uint64(table[row, np.uint64(log_odds_fixed[cell] + clamp)])
+            of_unknown = np.uint64(n_gray_bins) + np.uint64(unknown_bin[quarters])
+            counts[of_sampled if sampled[cell] else of_unknown] += counted
+            if marks:
+                seen[cell] |= counted
             X += step_x
             U += step_u
             V += step_v
@@ -133,95 +138,97 @@ def _add_to_histogram(
 
 
 @kernel
-def write_histograms(
-    arrays: MapArrays,
+def _new_information(
+    counts: NDArray[np.int64], gray: GrayBins, bins: NDArray[np.int64]
+) -> tuple[float, int]:
+    """NI (Eqs. 6 and 7) and the number of unknown voxels, from the counts of `_count_voxels`.
+
+    `bins` (n_bins,) is scratch; all counts are zero afterwards.
+    """
+    unknown = 0
+    for b in range(gray.n_bins):
+        unknown += counts[gray.n_bins + b]
+        bins[b] = counts[b] + counts[gray.n_bins + b]
+        counts[b] = counts[gray.n_bins + b] = 0
+    return histogram_entropy(bins, gray), unknown
+
+
+@kernel
+def evaluate_views(
+    viewed: ViewedMap,
     reserved_mask: NDArray[np.uint8],
     poses: PoseArrays,
     spheres: SphereArrays,
     camera: CameraArrays,
     gray: GrayBins,
-    out: NDArray[np.int64],
+    ni: NDArray[np.float64],
+    unknown: NDArray[np.int64],
 ) -> None:
-    """Write the histogram of the gray levels that each pose sees (Eqs. 7, 8), (k, 2 n_gray_bins).
+    """Write NI (Eqs. 6 to 8) and the number of unknown voxels in view of each pose (k,)."""
+    view, nothing = allocate_view(camera), np.empty(0, np.uint8)
+    counts, bins = np.zeros(2 * gray.n_bins, np.int64), np.empty(gray.n_bins, np.int64)
+    for p in range(len(poses.positions)):
+        pose = RigidTransform(poses.rotations[p], poses.positions[p])
+        n, step = trace_view(viewed, pose, spheres, camera, view)
+        _count_voxels(viewed.arrays, reserved_mask, n, step, view, gray, counts, nothing)
+        ni[p], unknown[p] = _new_information(counts, gray, bins)
 
-    Sampled voxels are in the first half of a row, never-sampled ones in the second: the bins of
-    Eq. 7 are the sum of both.
+
+@kernel
+def sequential_new_information(
+    viewed: ViewedMap,
+    reserved_mask: NDArray[np.uint8],
+    poses: PoseArrays,
+    spheres: SphereArrays,
+    ends: NDArray[np.int64],
+    camera: CameraArrays,
+    gray: GrayBins,
+    ni: NDArray[np.float64],
+) -> None:
+    """Write NI of one pose for each robot (k,), without what the robots before it see.
+
+    The spheres that hide something from a robot end at number `ends` (k,). What a robot sees is
+    reserved for it while this runs: `reserved_mask` is zero before and afterwards.
     """
     view = allocate_view(camera)
-    stride = camera.frustum.height + 1
-    box = unbounded_box()
-    if len(poses.positions) >= MIN_VIEWS_FOR_BOX:
-        occluder_bounds(arrays, box)
+    counts, bins = np.zeros(2 * gray.n_bins, np.int64), np.empty(gray.n_bins, np.int64)
+    first_seen, end_seen, first_sphere = len(reserved_mask), 0, 0
     for p in range(len(poses.positions)):
-        for b in range(out.shape[1]):
-            out[p, b] = 0
         pose = RigidTransform(poses.rotations[p], poses.positions[p])
-        n, step = trace_view(arrays, box, pose, spheres, camera, view)
-        _add_to_histogram(arrays, reserved_mask, n, step, stride, view, gray, out[p])
+        own = SphereArrays(
+            spheres.centers[first_sphere : ends[p]], spheres.radii[first_sphere : ends[p]]
+        )
+        first_sphere = ends[p]
+        n, step = trace_view(viewed, pose, own, camera, view)
+        _count_voxels(
+            viewed.arrays, reserved_mask, n, step, view, gray, counts, reserved_mask
+        )  # fmt: skip
+        ni[p], _ = _new_information(counts, gray, bins)
+        if n:  # runs are in the order of their voxels
+            first_seen = min(first_seen, view.runs.first[0])
+            end_seen = max(end_seen, view.runs.first[n - 1] + view.runs.length[n - 1])
+    reserved_mask[first_seen:end_seen] = 0
 
 
 @unchecked_division_kernel
-def find_visible_voxels(
-    arrays: MapArrays, pose: RigidTransform, spheres: SphereArrays, camera: CameraArrays
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Visible voxels of one pose: flat indices, and squared distances in quarters."""
+def list_visible_cells(
+    viewed: ViewedMap, pose: RigidTransform, spheres: SphereArrays, camera: CameraArrays
+) -> NDArray[np.int32]:
+    """Flat indices of the voxels that a pose sees, reserved ones included."""
     view = allocate_view(camera)
-    limits, runs = view.limits, view.runs
-    stride = camera.frustum.height + 1
-    n, step = trace_view(arrays, unbounded_box(), pose, spheres, camera, view)
+    limits, stride, runs = view.depth.limits, view.depth.stride, view.runs
+    n, step = trace_view(viewed, pose, spheres, camera, view)
     size = 0
     for r in range(n):
         size += runs.length[r]
-    cells, distances = np.empty(size, np.int32), np.empty(size, np.int32)
-    count = 0
+    cells, count = np.empty(size, np.int32), 0
     for r in range(n):
         X, U, V = runs.x[r], runs.u[r], runs.v[r]
-        half_height, horizontal = runs.half_height[r], runs.horizontal_quarters[r]
         for cell in range(runs.first[r], runs.first[r] + runs.length[r]):
             inverse = 1.0 / X
-            cells[count], distances[count] = cell, int(half_height * half_height + horizontal)
-            # the next one is written over it unless it is visible
+            cells[count] = cell  # the next one is written over it unless it is visible
             count += limits[int(U * inverse) * stride + int(V * inverse)] >= X
             X += step[0]
             U += step[1]
             V += step[2]
-            half_height += 2.0
-    return cells[:count], distances[:count]
-
-
-@kernel
-def view_histogram(
-    arrays: MapArrays,
-    reserved_mask: NDArray[np.uint8],
-    cells: NDArray[np.int32],
-    distances: NDArray[np.int32],
-    gray: GrayBins,
-    counts: NDArray[np.int64],
-) -> None:
-    """As `write_histograms`, from the voxels of a view that is known already."""
-    log_odds_fixed, sampled, clamp = arrays.log_odds_fixed, arrays.sampled_mask, arrays.clamp
-    n_gray_bins = len(counts) // 2
-    for v in range(len(cells)):
-        cell, d = cells[v], distances[v]
-        if not reserved_mask[cell]:
-            if sampled[cell]:
-                counts[gray.sampled[gray.distance_class[d], log_odds_fixed[cell] + clamp]] += 1
-            else:
-                counts[n_gray_bins + gray.unknown[d]] += 1
-
-
-@kernel
-def fill_mask(mask: NDArray[np.uint8], cells: NDArray[np.int32], value: int) -> None:
-    """Write 1 or 0 at the cells of a view; NumPy takes five times as long with 32-bit indices."""
-    for cell in cells:
-        mask[np.uint64(cell)] = value
-
-
-@kernel
-def write_entropies(histogram: NDArray[np.int64], gray: GrayBins, out: NDArray[np.float64]) -> None:
-    """Write NI (Eqs. 6 and 7) of each row of `write_histograms`."""
-    counts = np.empty(gray.n_bins, np.int64)
-    for p in range(len(histogram)):
-        for b in range(gray.n_bins):
-            counts[b] = histogram[p, b] + histogram[p, gray.n_bins + b]
-        out[p] = histogram_entropy(counts, gray)
+    return cells[:count]

@@ -241,6 +241,8 @@ def test_maps_of_another_kind_are_refused():
     clamped = OccupancyMap(empty_map().grid, log_odds_range=LogOddsRange(0.9))
     with pytest.raises(ValueError, match="clamp 2250"):
         rating.new_information(clamped, (ALONG_X, MIDDLE))
+    with pytest.raises(ValueError, match=r"0\.2"):
+        rating.occupancy(other, MIDDLE)
     with pytest.raises(ValueError, match="3-D grid"):
         FieldRatingFunction(SMALL, VoxelGrid((9, 9)))
 
@@ -260,6 +262,12 @@ def test_arguments_that_do_not_fit_are_refused():
             (ALONG_X, MIDDLE),
             ViewContext(occluder_spheres=(np.zeros((2, 3)), np.ones(3))),
         )
+    with pytest.raises(ValueError, match=r"1 poses need as many values .* \(2,\)"):
+        rating.rate_from_new_information(map_, (ALONG_X, MIDDLE), 0.0, np.zeros(2))
+    with pytest.raises(ValueError, match=r"translations have the shape .* \(3,\)"):
+        rating.occupancy(map_, MIDDLE[0])
+    with pytest.raises(ValueError, match="one entry for each of 1 poses, got 2"):
+        rating.sequential_new_information(map_, (ALONG_X, MIDDLE), [None, None])
     with pytest.raises(ValueError, match="occluder_spheres have a value that is not finite"):
         rating.new_information(
             map_, (ALONG_X, MIDDLE), ViewContext(occluder_spheres=([[0, 0, math.inf]], [1.0]))

@@ -8,12 +8,8 @@ from plain.dense_views import all_cells, in_frustum
 from plain.random_voxel_map import rotation
 
 from coopmap_env.geometry import RigidTransform
-from coopmap_env.information.field.frustum import (
-    Frustum,
-    FrustumRuns,
-    frustum_runs,
-    projection_rows,
-)
+from coopmap_env.information.field.frustum import Frustum, projection_rows
+from coopmap_env.information.field.frustum_runs import FrustumRuns, frustum_runs
 from coopmap_env.sensing import DepthCamera
 
 WIDE = DepthCamera(math.radians(110), math.radians(95), near=0.15, far=0.9)
