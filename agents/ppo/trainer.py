@@ -33,7 +33,7 @@ from coopmap_agents.networks import make_network, set_actor_trainable
 from coopmap_agents.ppo.advantages import generalized_advantages
 from coopmap_agents.ppo.rollout import Batch, Rollout
 from coopmap_agents.record import SegmentReport
-from coopmap_agents.trainer import Trainer, make_rows, torch_threads
+from coopmap_agents.trainer import Trainer, add_rewards, make_rows, torch_threads
 from coopmap_env.vector import EnvFactory
 
 
@@ -191,11 +191,8 @@ class PPOTrainer(Trainer):
         self._observations, rewards, terminated, truncated, _ = self._env.step(actions)
         self._environment_seconds += time.perf_counter() - start
         ends = terminated | truncated
-        self._running_returns += rewards
+        self._returns += add_rewards(self._running_returns, rewards, ends)
         paid = torch.as_tensor(rewards, dtype=torch.float32).to(self._device)
-        if ends.any():
-            self._returns += self._running_returns[ends].tolist()
-            self._running_returns[ends] = 0.0
         if (cut := truncated & ~terminated).any():
             last = {key: own[cut] for key, own in self._env.final_observations.items()}
             values = self._network.predict_values(self._on_device(last)).squeeze(-1)
