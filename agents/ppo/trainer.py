@@ -5,9 +5,7 @@ The loop is `PPOTrainer.learn`: play a roll-out, estimate advantages, learn from
 Networks, settings, losses and files are those of `coopmap_agents.sb3`; random numbers differ, and
 so do weights::
 
-    settings = PPOSettings(
-        n_envs=32, rollout_steps=32, batch_size=512, n_epochs=2, learning_rate=6e-4
-    )
+    settings = PPOSettings(n_envs=32, rollout_steps=32, n_epochs=1, learning_rate=1e-3)
     network = train_network(EnvConfig("planar", {"action_mode": "candidates"}), settings, seed=0)
 
 The same seed and settings give the same weights, to the last bit, with any number of workers and
