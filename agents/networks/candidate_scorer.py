@@ -111,7 +111,7 @@ class ScoringNetwork(nn.Module):
         weights = mask.to(candidates.dtype).unsqueeze(-1)
         n_feasible = weights.sum(dim=1, keepdim=True).clamp(min=1)
         inputs = torch.cat([candidates, _standardized(candidates, weights, n_feasible)], dim=-1)
-        # in one row each: torch overwrites a view, as 3-D inputs would give one, far slower
+        # flat, since of 3-D inputs a linear layer gives a view, which ReLU overwrites far slower
         encoded = self.encoder(inputs.flatten(0, 1)).view(*mask.shape, -1) * weights
         total, largest = sum_and_max(encoded)  # masked candidates are 0, and none is smaller
         own, state = context.tensor_split([self.n_context], dim=1)
