@@ -10,11 +10,12 @@ PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name 
 
 SEEDS := 0 1 2
 # How each policy that ships is trained, beside its seed.
-planar-candidates := --validation-episodes 100
-planar-candidates-rating := --reward rating --ppo.initial-policy rating --validation-episodes 100
-planar-pose := --action-mode pose --ppo.total-steps 524288 --ppo.segment-steps 65536 \
-	--validation-episodes 60
-field-candidates := --env field --ppo.initial-policy rating --ppo.total-steps 24576 \
+planar-candidates := --engine sb3 --validation-episodes 100
+planar-candidates-rating := --engine sb3 --reward rating --ppo.initial-policy rating \
+	--validation-episodes 100
+planar-pose := --engine sb3 --action-mode pose --ppo.total-steps 524288 \
+	--ppo.segment-steps 65536 --validation-episodes 60
+field-candidates := --engine sb3 --env field --ppo.initial-policy rating --ppo.total-steps 24576 \
 	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
 POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
 

@@ -21,6 +21,6 @@ module          content
 
 This package imports none of them, so it can be imported without torch::
 
+    from coopmap_agents.ppo import train_network
     from coopmap_agents.pretrained import LearnedPolicy
-    from coopmap_agents.sb3 import train
 """

@@ -31,7 +31,7 @@ from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import make_env, make_vector_env
 from coopmap_env.vector import MappingVectorEnv
 
-EngineName = Literal["sb3", "ppo", "rllib"]
+EngineName = Literal["ppo", "sb3", "rllib"]
 InitialPolicy = Literal["random", "rating"]
 CriticInput = Literal["local", "central"]
 LayerWidth = Annotated[int, Bounds(at_least=1, at_most=1 << 20)]
@@ -175,9 +175,9 @@ class TrainingOptions(Settings):
 
     seed: NonNegativeInt = 0
     """Seed of everything: worlds, exploration and networks."""
-    engine: EngineName = "sb3"
-    """What trains: Stable-Baselines3, the loop of `coopmap_agents.ppo`, or RLlib on Ray (on the
-    cluster that RAY_ADDRESS names)."""
+    engine: EngineName = "ppo"
+    """What trains: the loop of `coopmap_agents.ppo`, which is the fastest, Stable-Baselines3, or
+    RLlib on Ray (on the cluster that RAY_ADDRESS names)."""
     init_from: str = ""
     """Policy whose weights to start from: a file, or the name of a pretrained one; empty for random
     weights."""

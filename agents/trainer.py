@@ -18,6 +18,7 @@ import coopmap_agents._require_rl  # noqa: F401
 import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.policies import ActorCriticPolicy
 
@@ -69,6 +70,24 @@ def torch_threads(n: int) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def add_rewards(
+    returns: NDArray[np.float64], rewards: NDArray[np.float64], ends: NDArray[np.bool_]
+) -> list[float]:
+    """Add a step's rewards to the returns of the running episodes; gives those that ended.
+
+    Parameters
+    ----------
+    returns, rewards : ndarray, shape (rows,)
+        The returns are changed in place; those of ended episodes start again at 0.
+    ends : ndarray of bool, shape (rows,)
+        Where the step ended an episode.
+    """
+    returns += rewards
+    ended: list[float] = returns[ends].tolist()
+    returns[ends] = 0.0
+    return ended
 
 
 class Trainer(ABC):

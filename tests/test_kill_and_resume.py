@@ -20,7 +20,7 @@ EXTRAS = {
     "localization": ("pybullet", "small_gicp", "matplotlib", "jinja2"),
     "reproduce": ("matplotlib", "jinja2", "skimage", "rtbdata"),
     "train": ("stable_baselines3", "safetensors"),
-    "train with ppo": ("stable_baselines3", "safetensors"),
+    "train with sb3": ("stable_baselines3", "safetensors"),
     "train with rllib": ("stable_baselines3", "safetensors", "ray.rllib"),
 }
 

@@ -29,7 +29,7 @@ from torch import nn
 
 from coopmap_agents.config import InitialPolicy
 from coopmap_agents.networks.features import ObservationFeatures, as_tensors
-from coopmap_agents.networks.pose_policy import mlp
+from coopmap_agents.networks.layers import Tanh, mlp, sum_and_max
 from coopmap_env.core.arguments import check_choice
 
 MASKED_LOGIT = -1e8
@@ -68,10 +68,10 @@ class ScoringNetwork(nn.Module):
         width = hidden[0]
         n_summary = n_context + 2 * width
         self.n_context = n_context
-        self.encoder = nn.Sequential(nn.Linear(2 * n_features, width), nn.ReLU())
+        self.encoder = nn.Sequential(nn.Linear(2 * n_features, width), nn.ReLU(inplace=True))
         self.from_candidate = nn.Linear(width, width)
         self.from_summary = nn.Linear(n_summary, width, bias=False)
-        self.mixed = nn.Sequential(nn.Tanh(), mlp(list(hidden)))
+        self.mixed = nn.Sequential(Tanh(), mlp(list(hidden)))
         self.score = nn.Linear(hidden[-1], 1, bias=False)  # a softmax is invariant to a bias
         self.value = nn.Sequential(
             mlp([n_summary + n_state, width, *hidden]), nn.Linear(hidden[-1], 1)
@@ -93,8 +93,9 @@ class ScoringNetwork(nn.Module):
         """
         encoded, summary, critic_input = self._encode(candidates, mask, context)
         mixed = self.from_candidate(encoded) + self.from_summary(summary).unsqueeze(1)
+        scores = self.score(self.mixed(mixed)).squeeze(-1)
         direct = RATING_GAIN * self.rating_weight * candidates[..., RATING_FEATURE_INDEX]
-        return self.score(self.mixed(mixed)).squeeze(-1) + direct, self.value(critic_input)
+        return scores + direct, self.value(critic_input)
 
     def values(
         self, candidates: torch.Tensor, mask: torch.Tensor, context: torch.Tensor
@@ -108,25 +109,23 @@ class ScoringNetwork(nn.Module):
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Encoded candidates (n, m, H), summary (n, G + 2 H), critic's input (n, G + 2 H + S)."""
         weights = mask.to(candidates.dtype).unsqueeze(-1)
-        relative = _standardized(candidates, weights)
-        encoded = self.encoder(torch.cat([candidates, relative], dim=-1)) * weights
-        largest = encoded.amax(
-            dim=1
-        )  # not negative, so masked candidates, which are 0, have no effect
+        n_feasible = weights.sum(dim=1, keepdim=True).clamp(min=1)
+        inputs = torch.cat([candidates, _standardized(candidates, weights, n_feasible)], dim=-1)
+        # flat, since of 3-D inputs a linear layer gives a view, which ReLU overwrites far slower
+        encoded = self.encoder(inputs.flatten(0, 1)).view(*mask.shape, -1) * weights
+        total, largest = sum_and_max(encoded)  # masked candidates are 0, and none is smaller
         own, state = context.tensor_split([self.n_context], dim=1)
-        summary = torch.cat([own, _mean(encoded, weights)[:, 0], largest], dim=1)
+        summary = torch.cat([own, total / n_feasible[:, 0], largest], dim=1)
         return encoded, summary, torch.cat([summary, state], dim=1)
 
 
-def _mean(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
-    """Mean over the feasible candidates, shape (n, 1, k); 0 if there are none."""
-    return (values * weights).sum(1, keepdim=True) / weights.sum(1, keepdim=True).clamp(min=1)
-
-
-def _standardized(candidates: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+def _standardized(
+    candidates: torch.Tensor, weights: torch.Tensor, n_feasible: torch.Tensor
+) -> torch.Tensor:
     """Features less their mean over the feasible candidates, in standard deviations."""
-    centered = candidates - _mean(candidates, weights)
-    return centered / (_mean(centered**2, weights) + MIN_STANDARD_DEVIATION**2).sqrt()
+    centered = candidates - (candidates * weights).sum(dim=1, keepdim=True) / n_feasible
+    variance = (centered**2 * weights).sum(dim=1, keepdim=True) / n_feasible
+    return centered / (variance + MIN_STANDARD_DEVIATION**2).sqrt()
 
 
 class CandidateScorer(ActorCriticPolicy):
@@ -174,6 +173,7 @@ class CandidateScorer(ActorCriticPolicy):
         if not net_arch:
             raise ValueError(f"net_arch needs at least one layer, got {net_arch!r}")
         self.initial_policy = initial_policy
+        kwargs["normalize_images"] = False  # the features scale them
         super().__init__(
             observation_space, action_space, lr_schedule, list(net_arch),
             features_extractor_class=features_extractor_class, **kwargs,

@@ -1,6 +1,6 @@
 """Features extractor: the input of the networks, from the observation of one robot.
 
-Stable-Baselines3 scales the map from 0 ... 255 to 0 ... 1 and converts all entries to float32.
+Stable-Baselines3 converts all entries to float32; the map, from 0 to 255, is scaled here.
 """
 
 from __future__ import annotations
@@ -137,6 +137,17 @@ class ChannelsLast(nn.Module):
         return images.contiguous(memory_format=torch.channels_last)
 
 
+class ByteConv2d(nn.Conv2d):
+    """A convolution of images of bytes, as if these were scaled from 0 ... 255 to 0 ... 1.
+
+    The weights are scaled instead: a copy of all images would take as long as the convolution.
+    """
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """The convolution of float32 images (n, channels, height, width) from 0 to 255."""
+        return self._conv_forward(images, self.weight / 255, self.bias)
+
+
 def _image_encoder(shape: tuple[int, ...], n_features: int) -> nn.Sequential:
     """Two padded convolutions, for images of any size.
 
@@ -148,7 +159,7 @@ def _image_encoder(shape: tuple[int, ...], n_features: int) -> nn.Sequential:
         height, width = -(-height // stride), -(-width // stride)
     return nn.Sequential(
         ChannelsLast(),
-        nn.Conv2d(channels, 16, kernel_size=5, stride=4, padding=2),
+        ByteConv2d(channels, 16, kernel_size=5, stride=4, padding=2),
         nn.ReLU(),
         nn.Conv2d(16, 32, kernel_size=3, stride=2, padding=1),
         nn.ReLU(),

@@ -6,7 +6,6 @@ of the team where that is observed (`ObservationFeatures`).
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,14 +14,7 @@ from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from torch import nn
 
 from coopmap_agents.networks.features import ObservationFeatures, as_tensors
-
-
-def mlp(widths: list[int]) -> nn.Sequential:
-    """Linear layers from each width to the next, each followed by tanh."""
-    parts: list[nn.Module] = []
-    for n_in, n_out in pairwise(widths):
-        parts += [nn.Linear(n_in, n_out), nn.Tanh()]
-    return nn.Sequential(*parts)
+from coopmap_agents.networks.layers import mlp
 
 
 class ActorCriticExtractor(nn.Module):
@@ -58,6 +50,7 @@ class PosePolicy(MultiInputActorCriticPolicy):
 
     def __init__(self, *args: Any, **options: Any) -> None:
         options.setdefault("features_extractor_class", ObservationFeatures)
+        options["normalize_images"] = False  # the features scale them
         super().__init__(*args, **options)
 
     def _build_mlp_extractor(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
+from stable_baselines3.common.preprocessing import is_image_space
 
 from coopmap_env.core.limits import check_bytes
 
@@ -53,12 +54,10 @@ class Rollout:
         n_bytes = sum(box.low.nbytes for box in observation_space.values())  # type: ignore[attr-defined]
         check_bytes(n_steps * n_rows * n_bytes, "a roll-out (rollout_steps, n_envs, n_robots)")
 
-        def empty(box: Any) -> torch.Tensor:
-            kind = getattr(torch, box.dtype.name)
-            return torch.empty((*shape, *box.shape), dtype=kind, device=device)
-
-        self.observations = {key: empty(box) for key, box in observation_space.spaces.items()}
-        self.actions = empty(action_space)
+        self.observations = {
+            key: _empty(box, shape, device) for key, box in observation_space.spaces.items()
+        }
+        self.actions = _empty(action_space, shape, device)
         self.log_probs, self.values, self.rewards = torch.empty((3, *shape), device=device)
         self.ends = torch.empty(shape, dtype=torch.bool, device=device)
 
@@ -80,9 +79,29 @@ class Rollout:
         order = torch.randperm(len(own), generator=generator).to(own.device)
         for rows in order.split(size):
             yield Batch(
-                {key: values[rows] for key, values in flat.items()},
+                {key: _select(values, rows) for key, values in flat.items()},
                 actions[rows],
                 log_probs[rows],
                 own[rows],
                 returns[rows],
             )
+
+
+def _empty(box: Any, shape: tuple[int, int], device: torch.device) -> torch.Tensor:
+    """Memory of an entry of T steps of R rows; that of images has their channels last.
+
+    So networks convolve them, and otherwise each of their passes would reorder them first.
+    """
+    kind = getattr(torch, box.dtype.name)
+    if not is_image_space(box):
+        return torch.empty((*shape, *box.shape), dtype=kind, device=device)
+    channels, height, width = box.shape
+    images = torch.empty((*shape, height, width, channels), dtype=kind, device=device)
+    return images.movedim(-1, 2)
+
+
+def _select(values: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
+    """Copy of some rows, with the same order in memory."""
+    if values.is_contiguous():
+        return values.index_select(0, rows)
+    return values.movedim(1, -1).index_select(0, rows).movedim(-1, 1)

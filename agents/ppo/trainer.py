@@ -5,9 +5,7 @@ The loop is `PPOTrainer.learn`: play a roll-out, estimate advantages, learn from
 Networks, settings, losses and files are those of `coopmap_agents.sb3`; random numbers differ, and
 so do weights::
 
-    settings = PPOSettings(
-        n_envs=32, rollout_steps=32, batch_size=512, n_epochs=2, learning_rate=6e-4
-    )
+    settings = PPOSettings(n_envs=32, rollout_steps=32, n_epochs=1, learning_rate=1e-3)
     network = train_network(EnvConfig("planar", {"action_mode": "candidates"}), settings, seed=0)
 
 The same seed and settings give the same weights, to the last bit, with any number of workers and
@@ -33,7 +31,7 @@ from coopmap_agents.networks import make_network, set_actor_trainable
 from coopmap_agents.ppo.advantages import generalized_advantages
 from coopmap_agents.ppo.rollout import Batch, Rollout
 from coopmap_agents.record import SegmentReport
-from coopmap_agents.trainer import Trainer, make_rows, torch_threads
+from coopmap_agents.trainer import Trainer, add_rewards, make_rows, torch_threads
 from coopmap_env.vector import EnvFactory
 
 
@@ -166,7 +164,8 @@ class PPOTrainer(Trainer):
         rollout, settings = self._rollout, self._settings
         for t in range(settings.rollout_steps):
             rows = rollout.store_observations(t, self._observations)
-            actions, values, log_probs = self._network(rows)
+            with torch.inference_mode():  # a tenth faster than without gradients alone
+                actions, values, log_probs = self._network(rows)
             rewards, ends = self._step(actions.cpu().numpy())
             rollout.actions[t], rollout.log_probs[t] = actions, log_probs
             rollout.values[t] = values.squeeze(-1)
@@ -190,11 +189,8 @@ class PPOTrainer(Trainer):
         self._observations, rewards, terminated, truncated, _ = self._env.step(actions)
         self._environment_seconds += time.perf_counter() - start
         ends = terminated | truncated
-        self._running_returns += rewards
+        self._returns += add_rewards(self._running_returns, rewards, ends)
         paid = torch.as_tensor(rewards, dtype=torch.float32).to(self._device)
-        if ends.any():
-            self._returns += self._running_returns[ends].tolist()
-            self._running_returns[ends] = 0.0
         if (cut := truncated & ~terminated).any():
             last = {key: own[cut] for key, own in self._env.final_observations.items()}
             values = self._network.predict_values(self._on_device(last)).squeeze(-1)

@@ -20,7 +20,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 from ray.rllib.env.single_agent_env_runner import SingleAgentEnvRunner
 
-from coopmap_agents.trainer import make_rows
+from coopmap_agents.trainer import add_rewards, make_rows
 from coopmap_env.envs import Observation
 from coopmap_env.vector import EnvFactory, WorkerVectorEnv
 
@@ -104,10 +104,7 @@ class RLlibRows(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
         observations, rewards, terminated, truncated, _ = self._timed(
             lambda: self._env.step(actions)
         )
-        self._running_returns += rewards
-        ends = terminated | truncated
-        self.returns += self._running_returns[ends].tolist()
-        self._running_returns[ends] = 0.0
+        self.returns += add_rewards(self._running_returns, rewards, terminated | truncated)
         return _copied(observations), rewards.copy(), terminated.copy(), truncated.copy(), {}
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -31,9 +31,9 @@ from coopmap_env.studies.common.records import significant
 ENV = EnvConfig("planar", {"action_mode": "candidates", "reward": "coverage"})
 SETTINGS: dict[EngineName, PPOSettings] = {
     "sb3": PPOSettings(),
-    "ppo": PPOSettings(n_envs=32, rollout_steps=32, batch_size=512, n_epochs=2, learning_rate=6e-4),
+    "ppo": PPOSettings(n_envs=32, rollout_steps=32, n_epochs=1, learning_rate=1e-3),
 }
-"""Those that each engine is meant for: a larger batch, a higher rate and fewer passes cost less."""
+"""The defaults, and those that are fastest for candidates: many worlds, one pass, a higher rate."""
 VALIDATION_EPISODES = 100
 SCORES = ("coverage_auc", "coverage", "reward")
 

@@ -68,6 +68,8 @@ def test_batches_hold_every_row_once_in_another_order_each_time():
     assert rollout.observations["map"].dtype == torch.uint8
     rollout.values[:] = torch.arange(12.0).reshape(4, 3)
     rollout.observations["pose"][..., 0] = rollout.values
+    rollout.observations["map"][:, :, 3, 0, 1] = rollout.values.byte()
+    assert rollout.observations["map"][0].is_contiguous(memory_format=torch.channels_last)
     generator = torch.Generator().manual_seed(0)
     orders = []
     for _ in range(2):
@@ -76,6 +78,9 @@ def test_batches_hold_every_row_once_in_another_order_each_time():
         orders.append(torch.cat([batch.returns for batch in batches]))
         poses = torch.cat([batch.observations["pose"][:, 0] for batch in batches])
         assert torch.equal(poses, orders[-1])
+        maps = [batch.observations["map"] for batch in batches]
+        assert all(own.is_contiguous(memory_format=torch.channels_last) for own in maps)
+        assert torch.equal(torch.cat(maps)[:, 3, 0, 1], orders[-1].byte())
         assert sorted(orders[-1].tolist()) == list(range(12))
     assert not torch.equal(*orders)
 

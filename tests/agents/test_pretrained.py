@@ -1,7 +1,9 @@
 """The pretrained policies: by name, in their environments, and with their records."""
 
 import json
-from dataclasses import replace
+import subprocess
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +19,11 @@ from coopmap_agents.pretrained import (
 from coopmap_agents.pretrained.export import export
 from coopmap_agents.pretrained.metadata import FORMAT
 from coopmap_agents.training import run_training
+from coopmap_env.cli import parse_command
 from coopmap_env.evaluation import evaluate, make_policy
 from coopmap_env.studies.benchmark.learning_curves import draw_learning_curves
 
+ROOT = Path(__file__).parents[2]
 NAMES = ("field-candidates", "planar-candidates", "planar-candidates-rating", "planar-pose")
 each_policy = pytest.mark.parametrize("name", NAMES)
 
@@ -48,6 +52,22 @@ def test_the_policy_of_every_training_seed_loads_and_acts(name):
         coverage.add(float(table["coverage"][0]))
     env.close()
     assert len(coverage) > 1  # they are policies of their own
+
+
+@each_policy
+def test_make_policies_trains_it_as_its_record_says(name):
+    show = f"show: ; @echo $({name})"
+    options = subprocess.check_output(["make", "-s", "--eval", show, "show"], cwd=ROOT, text=True)
+    command = parse_command(["train", "--out", "t", *options.split()])
+    recorded, settings = (
+        pretrained_record(name)["config"],
+        json.loads(json.dumps(asdict(command.ppo))),
+    )
+    assert settings | recorded["ppo"] == settings  # there may be newer ones
+    for option in ("engine", "init_from", "imitate", "validation_episodes"):
+        assert getattr(command, option) == recorded[option]
+    assert command.env == recorded["env"]["name"]
+    assert command.env_kwargs().items() >= recorded["env"]["arguments"].items()
 
 
 @each_policy

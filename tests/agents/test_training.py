@@ -67,18 +67,18 @@ def whole(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def whole_ppo(tmp_path_factory):
-    """The same by our own engine."""
-    folder = tmp_path_factory.mktemp("whole_ppo")
-    return folder, run_training(replace(CONFIG, engine="ppo"), folder)
+def whole_sb3(tmp_path_factory):
+    """The same by Stable-Baselines3."""
+    folder = tmp_path_factory.mktemp("whole_sb3")
+    return folder, run_training(replace(CONFIG, engine="sb3"), folder)
 
 
 @pytest.mark.parametrize(("n_segments", "workers"), [(1, 0), (2, 0), (1, 2)])
-@pytest.mark.parametrize("engine", ["sb3", "ppo"])
+@pytest.mark.parametrize("engine", ["ppo", "sb3"])
 def test_a_resumed_training_ends_as_an_uninterrupted_one(
-    whole, whole_ppo, engine, n_segments, workers, tmp_path
+    whole, whole_sb3, engine, n_segments, workers, tmp_path
 ):
-    config, expected = replace(CONFIG, engine=engine), whole if engine == "sb3" else whole_ppo
+    config, expected = replace(CONFIG, engine=engine), whole if engine == "ppo" else whole_sb3
     with pytest.raises(Interrupted):
         run_training(config, tmp_path, workers, interrupt_after(n_segments))
     record = run_training(config, tmp_path, workers)
@@ -90,12 +90,12 @@ def test_a_resumed_training_ends_as_an_uninterrupted_one(
     assert torch.equal(weights(tmp_path), weights(expected[0]))
 
 
-def test_engines_start_at_the_same_network_and_learn_others(whole, whole_ppo):
-    first, ours = whole[1]["rows"][0], whole_ppo[1]["rows"][0]
-    assert first["validation"] == ours["validation"]
+def test_engines_start_at_the_same_network_and_learn_others(whole, whole_sb3):
+    first, other = whole[1]["rows"][0], whole_sb3[1]["rows"][0]
+    assert first["validation"] == other["validation"]
     assert not torch.equal(
         checkpoint(whole[0])["network"]["network.score.weight"],
-        checkpoint(whole_ppo[0])["network"]["network.score.weight"],
+        checkpoint(whole_sb3[0])["network"]["network.score.weight"],
     )
 
 
@@ -309,7 +309,7 @@ def test_the_command_trains_and_its_policy_is_evaluated(tmp_path, monkeypatch, c
 def test_invalid_configurations_are_refused():
     with pytest.raises(
         ValueError,
-        match=r"TrainingConfig\.engine must be one of 'sb3', 'ppo', 'rllib', got 'torchrl'",
+        match=r"TrainingConfig\.engine must be one of 'ppo', 'sb3', 'rllib', got 'torchrl'",
     ):
         replace(CONFIG, engine="torchrl")
     with pytest.raises(

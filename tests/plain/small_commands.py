@@ -134,8 +134,8 @@ def train(out):
     run(f"train {TRAINING}", out)
 
 
-def train_with_ppo(out):
-    run(f"train --engine ppo {TRAINING}", out)
+def train_with_sb3(out):
+    run(f"train --engine sb3 {TRAINING}", out)
 
 
 def train_with_rllib(out):
@@ -149,6 +149,6 @@ COMMANDS = {
     "localization": study_localization,
     "reproduce": reproduce,
     "train": train,
-    "train with ppo": train_with_ppo,
+    "train with sb3": train_with_sb3,
     "train with rllib": train_with_rllib,
 }
