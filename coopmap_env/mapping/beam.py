@@ -49,7 +49,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.elementary import exp
+from coopmap_env.core.elementary import erf, exp_in_range
 from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
@@ -187,10 +187,10 @@ def endpoint_posterior(
     return best
 
 
-@kernel
+@inlined_kernel
 def half_power(exponent: float) -> float:
-    """``0.5**exponent``, in a third of the time."""
-    return exp(-LN2 * exponent)
+    """``0.5**exponent`` of 0 <= exponent <= 1000; beyond, that of 1000. See `exp_in_range`."""
+    return exp_in_range(-LN2 * min(exponent, 1000.0))
 
 
 @kernel
@@ -215,8 +215,8 @@ def partial_endpoint_posterior(
     for k in range(n):
         # a cell begins where the one before ends: the error function is half of the work
         joined = k > 0 and entries[k] == exits[k - 1]
-        lower = upper if joined else math.erf((entries[k] - z) * scale)
-        upper = math.erf((exits[k] - z) * scale)
+        lower = upper if joined else erf((entries[k] - z) * scale)
+        upper = erf((exits[k] - z) * scale)
         mass = upper - lower
         weights[k] = half_power(entries[k] - entries[0]) * mass if mass > 0.0 else 0.0
         total += weights[k]

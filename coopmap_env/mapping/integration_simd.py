@@ -12,36 +12,50 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.elementary import erf
+from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
 from coopmap_env.mapping._ray_lanes import (
+    FREE_UNTIL,
+    IS_HIT,
     LANES,
+    LENGTH,
     N_CROSSED,
     N_FREE,
+    SIGMA,
     CrossedCells,
+    Lanes,
     allocate_lanes,
-    init_lane,
+    init_lanes,
+    load_beams,
     step_lanes,
 )
 from coopmap_env.mapping.arrays import UpdateBuffers
-from coopmap_env.mapping.beam import (
-    BeamParameters,
-    half_power,
-    partial_endpoint_posterior,
-)
+from coopmap_env.mapping.beam import BeamParameters, half_power, partial_endpoint_posterior
 from coopmap_env.mapping.grid import GridGeometry
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT
 from coopmap_env.sensing import ScanArrays
 
 
-class EndCellFaces(NamedTuple):
-    """Buffers for the n cells in which one beam may have ended, along the beam."""
+class EndWindows(NamedTuple):
+    """The cells in which the hits of all lanes may have ended."""
 
-    cells: NDArray[np.int64]
-    """Flat indices."""
-    faces: NDArray[np.float64]
-    """The n + 1 distances at which the beam crosses their faces, cells."""
+    start: NDArray[np.int64]
+    """First face of each lane in the lists of all faces (LANES + 1,)."""
+    deviations: NDArray[np.float64]
+    """Distances of the faces from the points, in sqrt(2) standard deviations; then their error
+    functions."""
+    distances: NDArray[np.float64]
+    """Distances of the faces from the first one, cells; then the prior: 0.5 to that power."""
     weights: NDArray[np.float64]
-    """Probabilities that the beam ended there; one more for beyond the grid."""
+    """Probabilities that a beam ended in its cells."""
+
+
+@kernel
+def allocate_windows(shape: tuple[int, int, int]) -> EndWindows:
+    """Buffers for `LANES` beams through a grid of this shape."""
+    n = shape[0] + shape[1] + shape[2] + 9
+    start = np.empty(LANES + 1, np.int64)
+    return EndWindows(start, np.empty(LANES * n), np.empty(LANES * n), np.empty(n))
 
 
 @inlined_kernel
@@ -52,49 +66,6 @@ def _merge_updates(one: int, other: int) -> int:
 
 
 @kernel
-def _endpoint_posterior(
-    n: int, z: float, sigma: float, ends_outside: int, ends: EndCellFaces
-) -> int:
-    """`partial_endpoint_posterior` of n cells, and of one behind z if `ends_outside` is 1.
-
-    Returns the likeliest cell; -1 if none explains z.
-    """
-    _, faces, weights = ends
-    scale = 1.0 / (sigma * math.sqrt(2.0))
-    total, highest, best = 0.0, 0.0, -1
-    first = faces[0] if n > 0 else z
-    lower = math.erf((first - z) * scale)
-    for k in range(n):
-        upper = math.erf((faces[k + 1] - z) * scale)
-        mass = upper - lower
-        lower = upper
-        weights[k] = half_power(faces[k] - first) * mass if mass > 0.0 else 0.0
-        total += weights[k]
-        if mass > highest:
-            best, highest = k, mass
-    if ends_outside:
-        mass = math.erf((z + 1.0 - z) * scale) - math.erf(0.0)
-        weights[n] = half_power(z - first) * mass
-        total += weights[n]
-        if mass > highest:
-            best = n
-    if total <= 0.0:
-        return -1
-    for k in range(n + ends_outside):
-        weights[k] /= total
-    return best
-
-
-@kernel
-def _fallback_posterior(
-    n: int, z: float, sigma: float, ends_outside: int, ends: EndCellFaces
-) -> int:
-    """The result of `partial_endpoint_posterior` when no cell explains z."""
-    entries, exits = np.append(ends.faces[:n], z), np.append(ends.faces[1 : n + 1], z + 1.0)
-    return partial_endpoint_posterior(entries, exits, n + ends_outside, z, sigma, ends.weights)
-
-
-@kernel
 def _probability_limits(beam: BeamParameters) -> tuple[float, float]:
     """Probabilities beyond which an update is outside of its bounds: no logarithm is infinite."""
     least = 1.0 / (1.0 + math.exp((1.0 - beam.lowest) / STEPS_PER_NAT))
@@ -102,17 +73,126 @@ def _probability_limits(beam: BeamParameters) -> tuple[float, float]:
 
 
 @kernel
+def _update_free_cells(
+    lane: int, n: int, crossed: CrossedCells, buffers: UpdateBuffers, count: int
+) -> int:
+    """Update the n cells that a beam certainly passes; return the count."""
+    cells, _, free_updates = crossed
+    pending, updated_cells, _ = buffers
+    for k in range(lane, lane + n * LANES, LANES):
+        cell, update = cells[np.uint64(k)], free_updates[np.uint64(k)]
+        index = np.uint64(cell)
+        current = pending[index]
+        updated_cells[np.uint64(count)] = cell
+        count += (current == 0) & (update != 0)
+        pending[index] = min(current, update) if current <= 0 else current
+    return count
+
+
+@kernel
+def _window_start(lane: int, n_free: int, lanes: Lanes, crossed: CrossedCells) -> float:
+    """Distance at which a beam enters the first cell in which it may have ended.
+
+    The n_free cells that it certainly passes may count more: those whose mass is exactly 0.
+    """
+    k = n_free
+    while k > 0 and crossed.entries[(k - 1) * LANES + lane] >= lanes.distances[FREE_UNTIL + lane]:
+        k -= 1
+    return crossed.entries[k * LANES + lane]
+
+
+@kernel
+def _list_faces(lanes: Lanes, crossed: CrossedCells, windows: EndWindows) -> int:
+    """List the faces of the cells in which the hits of all lanes may have ended; how many.
+
+    Those of a lane are one more than its cells, and two more if the surface may lie beyond the
+    grid: z and z + 1.
+    """
+    count = 0
+    for lane in range(LANES):
+        windows.start[lane] = count
+        first = lanes.counts[N_FREE + lane]
+        n = lanes.counts[N_CROSSED + lane] - first
+        if n == 0 or lanes.distances[IS_HIT + lane] == 0.0:
+            continue
+        z, sigma = lanes.distances[LENGTH + lane], lanes.distances[SIGMA + lane]
+        start, scale = _window_start(lane, first, lanes, crossed), 1.0 / (sigma * math.sqrt(2.0))
+        for k in range(first, first + n + 1):
+            face = crossed.entries[k * LANES + lane]
+            windows.deviations[count] = (face - z) * scale
+            windows.distances[count] = face - start
+            count += 1
+        if crossed.entries[(first + n) * LANES + lane] < z:
+            windows.deviations[count], windows.deviations[count + 1] = 0.0, (z + 1.0 - z) * scale
+            windows.distances[count] = windows.distances[count + 1] = z - start
+            count += 2
+    windows.start[LANES] = count
+    return count
+
+
+@unchecked_division_kernel
+def _evaluate_faces(n: int, windows: EndWindows) -> None:
+    """Write the error function of the first n deviations, and the prior at the distances."""
+    deviations, distances = windows.deviations, windows.distances
+    for k in range(n):
+        deviations[k] = erf(deviations[k])
+    for k in range(n):
+        distances[k] = half_power(distances[k])
+
+
+@kernel
+def _endpoint_posterior(first: int, n: int, n_faces: int, windows: EndWindows) -> int:
+    """`partial_endpoint_posterior` of n cells whose faces are listed from `first` on.
+
+    If there are more faces than those of the cells, the surface may also lie beyond the grid; the
+    result then is n. It is -1 if no cell explains the beam's length.
+    """
+    errors, priors, weights = windows.deviations, windows.distances, windows.weights
+    total, highest, best = 0.0, 0.0, -1
+    for k in range(n):
+        mass = errors[first + k + 1] - errors[first + k]
+        weights[k] = priors[first + k] * mass if mass > 0.0 else 0.0
+        total += weights[k]
+        if mass > highest:
+            best, highest = k, mass
+    if n_faces > n + 1:
+        mass = errors[first + n + 2] - errors[first + n + 1]
+        total += priors[first + n + 1] * mass
+        if mass > highest:
+            best = n
+    if total <= 0.0:
+        return -1
+    for k in range(n):
+        weights[k] /= total
+    return best
+
+
+@kernel
+def _fallback_posterior(
+    lane: int, first: int, n: int, lanes: Lanes, crossed: CrossedCells, weights: NDArray[np.float64]
+) -> int:
+    """The result of `partial_endpoint_posterior` when no cell explains the length."""
+    z, sigma = lanes.distances[LENGTH + lane], lanes.distances[SIGMA + lane]
+    faces = crossed.entries[first * LANES + lane :: LANES]
+    entries, exits = np.append(faces[:n], z), np.append(faces[1 : n + 1], z + 1.0)
+    n_candidates = n + int(faces[n] < z)
+    return partial_endpoint_posterior(entries, exits, n_candidates, z, sigma, weights)
+
+
+@kernel
 def _update_end_cells(
+    lane: int,
+    first: int,
     n: int,
     best: int,
     beam: BeamParameters,
     limits: tuple[float, float],
-    ends: EndCellFaces,
+    crossed: CrossedCells,
+    weights: NDArray[np.float64],
     buffers: UpdateBuffers,
     count: int,
 ) -> int:
-    """Update the n cells in which a beam may have ended, `best` most likely; return the count."""
-    cells, faces, weights = ends
+    """Update n cells of a lane from `first` on, `best` the likeliest end; return the count."""
     pending, updated_cells, _ = buffers
     lowest, highest = beam.lowest, beam.highest
     behind, cutoff = beam.behind, beam.posterior_cutoff
@@ -125,48 +205,20 @@ def _update_end_cells(
             update = math.floor(math.log(p / (1.0 - p)) * STEPS_PER_NAT + 0.5)
             update = min(max(update, lowest), highest)
         before += weights[k]
-        passing = math.floor(update * min(faces[k + 1] - faces[k], 1.0) + 0.5)
+        step = np.uint64((first + k) * LANES + lane)
+        path = crossed.entries[step + np.uint64(LANES)] - crossed.entries[step]
+        passing = math.floor(update * min(path, 1.0) + 0.5)
         update = passing if update < 0 else update
         if update == 0 and k == best:
             update = -1
-        cell = np.uint64(cells[k])
+        cell = np.uint64(crossed.cells[step])
         current = pending[cell]
-        updated_cells[np.uint64(count)] = cells[k]
+        updated_cells[np.uint64(count)] = cell
         count += (current == 0) & (update != 0)
         pending[cell] = _merge_updates(current, update)
         if before > cutoff and k >= best:
             break
     return count
-
-
-@kernel
-def _update_free_cells(
-    lane: int, n: int, crossed: CrossedCells, buffers: UpdateBuffers, count: int
-) -> int:
-    """Update the n cells that a beam certainly passes; return the count."""
-    cells, _, free_updates = crossed
-    pending, updated_cells, _ = buffers
-    k = np.uint64(lane)
-    for _ in range(n):
-        cell, update = cells[k], np.int64(free_updates[k])
-        index = np.uint64(cell)
-        current = np.int64(pending[index])
-        updated_cells[np.uint64(count)] = cell
-        count += (current == 0) & (update != 0)
-        pending[index] = min(current, update) if current <= 0 else current
-        k += np.uint64(LANES)
-    return count
-
-
-@kernel
-def _copy_end_cells(
-    lane: int, first: int, n: int, crossed: CrossedCells, ends: EndCellFaces
-) -> None:
-    """Copy the n cells of a lane from `first` on, and the n + 1 faces around them."""
-    for k in range(n):
-        ends.cells[k] = crossed.cells[(first + k) * LANES + lane]
-        ends.faces[k] = crossed.entries[(first + k) * LANES + lane]
-    ends.faces[n] = crossed.entries[(first + n) * LANES + lane]
 
 
 @kernel
@@ -178,14 +230,9 @@ def integrate_rays_simd(
     hit_cells: NDArray[np.int64],
 ) -> int:
     """Follow every beam of a 3-D scan with partial surfaces; see `integrate_rays`."""
-    origin, points, covariances, hit = scan
-    lower, resolution, shape = grid
-    n_beams = len(points)
+    origin, lower, resolution, shape = scan.origin, grid.lower, grid.resolution, grid.shape
     lanes, crossed = allocate_lanes(shape)
-    longest = shape[0] + shape[1] + shape[2] + 6
-    ends = EndCellFaces(np.empty(longest, np.int64), np.empty(longest), np.empty(longest))
-    z, sigma = np.empty(LANES), np.empty(LANES)
-    hit_cells[:] = -1
+    windows = allocate_windows(shape)
     limits = _probability_limits(beam)
     start = (
         (origin[0] - lower[0]) / resolution,
@@ -193,35 +240,26 @@ def integrate_rays_simd(
         (origin[2] - lower[2]) / resolution,
     )
     count = 0
-    for first in range(0, n_beams, LANES):
-        n_steps = 0
-        last = min(first + LANES, n_beams)
-        for k in range(first, last):
-            path = (
-                (points[k, 0] - origin[0]) / resolution,
-                (points[k, 1] - origin[1]) / resolution,
-                (points[k, 2] - origin[2]) / resolution,
-            )
-            lane = k - first
-            z[lane], sigma[lane], steps = init_lane(
-                lane, start, path, covariances[k], hit[k], grid, lanes
-            )
-            n_steps = max(n_steps, steps)
+    for first_beam in range(0, len(hit_cells), LANES):
+        load_beams(first_beam, scan, lanes.distances)
+        n_steps = int(init_lanes(start, grid, lanes))
         step_lanes(n_steps, float(beam.lowest), lanes, crossed)
-        for k in range(first, last):
-            lane = k - first
-            n_free = lanes.counts[N_FREE + lane]
-            n = lanes.counts[N_CROSSED + lane] - n_free
-            count = _update_free_cells(lane, n_free, crossed, buffers, count)
-            if not hit[k] or z[lane] == 0.0:
+        _evaluate_faces(_list_faces(lanes, crossed, windows), windows)
+        for k in range(first_beam, min(first_beam + LANES, len(hit_cells))):
+            lane = k - first_beam
+            first = lanes.counts[N_FREE + lane]
+            n = lanes.counts[N_CROSSED + lane] - first
+            count = _update_free_cells(lane, first, crossed, buffers, count)
+            hit_cells[k] = -1
+            n_faces = windows.start[lane + 1] - windows.start[lane]
+            if n_faces == 0:
                 continue
-            # cells in which the beam may have ended; the surface may also lie beyond the grid
-            _copy_end_cells(lane, n_free, n, crossed, ends)
-            ends_outside = int(ends.faces[n] < z[lane])
-            best = _endpoint_posterior(n, z[lane], sigma[lane], ends_outside, ends)
+            best = _endpoint_posterior(windows.start[lane], n, n_faces, windows)
             if best < 0:
-                best = _fallback_posterior(n, z[lane], sigma[lane], ends_outside, ends)
-            count = _update_end_cells(n, best, beam, limits, ends, buffers, count)
+                best = _fallback_posterior(lane, first, n, lanes, crossed, windows.weights)
+            count = _update_end_cells(
+                lane, first, n, best, beam, limits, crossed, windows.weights, buffers, count
+            )
             if best < n:
-                hit_cells[k] = ends.cells[best]
+                hit_cells[k] = crossed.cells[(first + best) * LANES + lane]
     return count

@@ -8,6 +8,7 @@ import pytest
 from coopmap_env.core.elementary import (
     acos,
     atan2,
+    erf,
     exp,
     exp_array,
     log,
@@ -18,6 +19,7 @@ from coopmap_env.core.elementary import (
     sin_cos_array,
     tan,
 )
+from coopmap_env.core.kernels import kernel
 
 RNG = np.random.default_rng(0)
 ANGLES = np.concatenate(
@@ -51,6 +53,22 @@ def test_atan2_errs_by_less_than_two_units_in_all_quadrants():
     for y, x in RNG.normal(size=(300, 2)).tolist():
         exact = np.arctan2(np.longdouble(y), np.longdouble(x))
         assert units_in_the_last_place(atan2(y, x), exact) < 2.0
+
+
+@kernel
+def erf_of_all(x, out):
+    for k in range(len(x)):
+        out[k] = erf(x[k])
+
+
+def test_the_error_function_errs_by_less_than_3e_16():
+    steps = np.arange(-7, 7, 1e-3)
+    x = np.concatenate([steps, 1e-4 * steps, [0.46875, -0.46875, 6.0, 1e-300, 1e300, math.inf]])
+    found = np.empty_like(x)
+    erf_of_all(x, found)
+    exact = np.array([math.erf(value) for value in x.tolist()])
+    np.testing.assert_allclose(found, exact, rtol=5e-16, atol=0)
+    assert (found[abs(x) >= 6] == np.sign(x[abs(x) >= 6])).all()
 
 
 SPECIAL = (0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, 1e308, 5e-324, -5e-324)
