@@ -22,7 +22,7 @@ class MapArrays(NamedTuple):
 
 
 class SurfaceArrays(NamedTuple):
-    """Sums over the points of each cell, from which its surface Gaussian is made.
+    """Sums over the points of cells, a row for each cell, from which its surface Gaussian is made.
 
     The first two have the form of information: the merged point is precision^-1 information_vector.
     With ``surface_fusion="mean"`` each point counts 1, and three more sums give the covariance of
@@ -30,24 +30,24 @@ class SurfaceArrays(NamedTuple):
     """
 
     precision: NDArray[np.float64]
-    """Eq. 4: sums of the points' inverse covariances (n_cells, D, D). Mean: numbers of points
-    (n_cells, 1, 1)."""
+    """Eq. 4: sums of the points' inverse covariances (r, D, D). Mean: numbers of points
+    (r, 1, 1)."""
     information_vector: NDArray[np.float64]
-    """Eq. 4: sums of inverse covariance times deviation (n_cells, D), the deviation being the point
+    """Eq. 4: sums of inverse covariance times deviation (r, D), the deviation being the point
     minus the cell's center. Mean: sums of deviations."""
     noise: NDArray[np.float64]
-    """Mean: sums of the points' covariances (n_cells, D, D)."""
+    """Mean: sums of the points' covariances (r, D, D)."""
     scatter: NDArray[np.float64]
-    """Mean: sums of deviation times deviation, less the points' covariances (n_cells, D, D)."""
+    """Mean: sums of deviation times deviation, less the points' covariances (r, D, D)."""
     shared: NDArray[np.float64]
-    """Mean: sums of the covariances that camera poses give to the points (n_cells, D, D)."""
+    """Mean: sums of the covariances that camera poses give to the points (r, D, D)."""
 
     @classmethod
-    def empty(cls, n_cells: int, dimension: int, averaged: bool) -> SurfaceArrays:
-        """Those of a map without points."""
-        matrices, vectors = (n_cells, dimension, dimension), np.zeros((n_cells, dimension))
+    def empty(cls, n_rows: int, dimension: int, averaged: bool) -> SurfaceArrays:
+        """Rows without points."""
+        matrices, vectors = (n_rows, dimension, dimension), np.zeros((n_rows, dimension))
         if averaged:
-            counts = np.zeros((n_cells, 1, 1))
+            counts = np.zeros((n_rows, 1, 1))
             return cls(counts, vectors, *(np.zeros(matrices) for _ in range(3)))
         return cls.of_eq_4(np.zeros(matrices), vectors)
 
@@ -65,6 +65,29 @@ class SurfaceArrays(NamedTuple):
         return cls(precision, information_vector, none, none, none)
 
 
+class SurfaceIndex(NamedTuple):
+    """Which row of a `SurfaceArrays` belongs to which cell."""
+
+    rows: NDArray[np.int32]
+    """Row of each cell (n_cells,), -1 for none."""
+    cells: NDArray[np.int64]
+    """Cell of each row (r,)."""
+    n_rows: NDArray[np.int64]
+    """Rows in use, (1,)."""
+
+    @classmethod
+    def empty(cls, n_cells: int, n_rows: int) -> SurfaceIndex:
+        """That of cells without rows, and of rows not in use."""
+        rows, cells = np.full(n_cells, -1, dtype=np.int32), np.empty(n_rows, dtype=np.int64)
+        return cls(rows, cells, np.zeros(1, dtype=np.int64))
+
+    @classmethod
+    def of_all(cls, n_cells: int) -> SurfaceIndex:
+        """That of rows which belong to all cells, in their order."""
+        cells = np.arange(n_cells, dtype=np.int64)
+        return cls(cells.astype(np.int32), cells, np.array([n_cells], dtype=np.int64))
+
+
 class MapStorage(NamedTuple):
     """The state of a map: what is kept of its cells."""
 
@@ -73,16 +96,7 @@ class MapStorage(NamedTuple):
     sampled_mask: NDArray[np.uint8]
     """Shape (n_cells,)."""
     surfaces: SurfaceArrays
-    """Of all cells, or of none where no surfaces are kept."""
-
-    @classmethod
-    def empty(cls, n_cells: int, dimension: int, averaged: bool) -> MapStorage:
-        """That of a map without scans."""
-        return cls(
-            np.zeros(n_cells, dtype=np.int32),
-            np.zeros(n_cells, dtype=np.uint8),
-            SurfaceArrays.empty(n_cells, dimension, averaged),
-        )
+    """A row for each cell, or no rows where no surfaces are kept."""
 
 
 class UpdateBuffers(NamedTuple):
@@ -94,7 +108,7 @@ class UpdateBuffers(NamedTuple):
     updated_cells: NDArray[np.int64]
     """Cells of the scan, once each, at the front of (n_cells + 1,)."""
     n_points: NDArray[np.int32]
-    """Points of the scan in each cell (n_cells,); zero between scans."""
+    """Points of the scan in each row of a `SurfaceArrays`, (n_cells,); zero between scans."""
 
     @classmethod
     def empty(cls, n_cells: int) -> UpdateBuffers:

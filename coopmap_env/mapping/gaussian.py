@@ -55,14 +55,14 @@ def merge_gaussians(
 @borrowing_kernel
 def add_observation(
     surfaces: SurfaceArrays,
-    cell: int,
+    row: int,
     C: NDArray[np.float64],
     deviation: NDArray[np.float64],
     floor: float,
 ) -> None:
-    """Merge one observation into a cell's information form: two sums (Eqs. 2 and 4).
+    """Merge one observation into a row's information form: two sums (Eqs. 2 and 4).
 
-    ``precision[cell] += Lambda`` and ``information_vector[cell] += Lambda @ deviation`` with
+    ``precision[row] += Lambda`` and ``information_vector[row] += Lambda @ deviation`` with
     Lambda = (C + floor I)^-1. The deviation is the point minus the cell's center, so that no digits
     cancel far from the origin.
     """
@@ -70,18 +70,18 @@ def add_observation(
     xx, xy, yy = C[0, 0] + floor, C[0, 1], C[1, 1] + floor
     if C.shape[0] == 2:
         scale = 1.0 / (xx * yy - xy * xy)
-        precision[cell, 0, 0] += yy * scale
-        precision[cell, 0, 1] -= xy * scale
-        precision[cell, 1, 0] -= xy * scale
-        precision[cell, 1, 1] += xx * scale
-        vector[cell, 0] += (yy * deviation[0] - xy * deviation[1]) * scale
-        vector[cell, 1] += (xx * deviation[1] - xy * deviation[0]) * scale
+        precision[row, 0, 0] += yy * scale
+        precision[row, 0, 1] -= xy * scale
+        precision[row, 1, 0] -= xy * scale
+        precision[row, 1, 1] += xx * scale
+        vector[row, 0] += (yy * deviation[0] - xy * deviation[1]) * scale
+        vector[row, 1] += (xx * deviation[1] - xy * deviation[0]) * scale
         return
     xz, yz, zz = C[0, 2], C[1, 2], C[2, 2] + floor
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     scale = 1.0 / (xx * a + xy * b + xz * c)
-    P, v = precision[cell], vector[cell]
+    P, v = precision[row], vector[row]
     x, y, z = deviation[0], deviation[1], deviation[2]
     # written out: faster than loops over rows
     a, b, c, d, e, f = a * scale, b * scale, c * scale, d * scale, e * scale, f * scale

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
-from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, UpdateBuffers
+from coopmap_env.mapping.arrays import MapArrays, SurfaceArrays, SurfaceIndex, UpdateBuffers
 from coopmap_env.mapping.beam import MIN_RANGE_SIGMA, BeamParameters
 from coopmap_env.mapping.gaussian import add_observation
 from coopmap_env.mapping.grid import GridGeometry, write_center
@@ -86,6 +86,7 @@ class FusionArrays(NamedTuple):
     buffers: UpdateBuffers
     cells: MapArrays
     surfaces: SurfaceArrays
+    surface_index: SurfaceIndex
     entropy: NDArray[np.float64]
     """Entropy of the clamped log-odds, see `LogOddsRange.entropy`."""
 
@@ -111,45 +112,49 @@ def clear_surfaces(surfaces: SurfaceArrays, sampled_mask: NDArray[np.uint8]) -> 
 
 
 @borrowing_kernel
+def assign_rows(cells: NDArray[np.int64], index: SurfaceIndex, rows: NDArray[np.int64]) -> None:
+    """Write the row of each cell (n_beams,), -1 for none; a cell that has none gets a new one."""
+    for k in range(len(cells)):
+        cell = cells[k]
+        if cell < 0:
+            rows[k] = -1
+            continue
+        row = np.int64(index.rows[cell])
+        if row < 0:
+            row = index.n_rows[0]
+            index.rows[cell], index.cells[row] = row, cell
+            index.n_rows[0] = row + 1
+        rows[k] = row
+
+
+@borrowing_kernel
 def merge_points(
     scan: ScanArrays,
     cells: NDArray[np.int64],
+    rows: NDArray[np.int64],
     grid: GridGeometry,
     surfaces: SurfaceArrays,
     offset: NDArray[np.float64],
 ) -> None:
-    """Add each beam's point to the surface of its cell (n_beams,), -1 for none.
+    """Add each beam's point to the row of its cell (n_beams,), -1 for none.
 
     `offset` (D,) is scratch. A map that keeps no surfaces stays as it is.
     """
-    precision, information_vector, noise, scatter, _ = surfaces
-    if len(precision) == 0:
+    if len(surfaces.precision) == 0:
         return
     points, covariances = scan.points, scan.covariances
-    averaged = len(noise) > 0
-    last = points.shape[1] - 1
-    last_weight = precision.shape[1] - 1
+    averaged = len(surfaces.noise) > 0
     floor = (MIN_RANGE_SIGMA * grid.resolution) ** 2
-    # Cells lie far from each other. Reads do not wait for one another as sums do: after these, what
-    # is added to is near. They are kept, or the compiler would leave them out.
-    offset[0] = 0.0
-    for cell in cells:
-        if cell >= 0:
-            offset[0] += precision[cell, 0, 0] + precision[cell, last_weight, last_weight]
-            offset[0] += information_vector[cell, last]
-            if averaged:
-                offset[0] += noise[cell, 0, 0] + noise[cell, last, last]
-                offset[0] += scatter[cell, 0, 0] + scatter[cell, last, last]
     for beam in range(len(cells)):
-        cell = cells[beam]
-        if cell >= 0:
-            write_center(grid, cell, offset)
+        row = rows[beam]
+        if row >= 0:
+            write_center(grid, cells[beam], offset)
             for m in range(len(offset)):
                 offset[m] = points[beam, m] - offset[m]
             if averaged:
-                add_point(surfaces, cell, covariances[beam], offset, floor)
+                add_point(surfaces, row, covariances[beam], offset, floor)
             else:
-                add_observation(surfaces, cell, covariances[beam], offset, floor)
+                add_observation(surfaces, row, covariances[beam], offset, floor)
 
 
 @kernel
@@ -158,24 +163,27 @@ def integrate_scan(
 ) -> tuple[int, int, float]:
     """Fuse one scan; return how many cells it updated, how many were new, the entropy reduction.
 
-    `scan` is a plain `ScanArrays`, `fusion` a plain `FusionArrays`; `pose_covariance` (6, 6) is
-    that of the scan, 0 if its pose is exact.
+    `scan` is a plain `ScanArrays`, `fusion` a plain `FusionArrays` with rows for all of the scan's
+    points; `pose_covariance` (6, 6) is that of the scan, 0 if its pose is exact.
     """
     rays = ScanArrays(*scan)
-    grid_tuple, beam_tuple, buffer_tuple, cell_tuple, surface_tuple, entropy = fusion
+    grid_tuple, beam_tuple, buffer_tuple, cell_tuple, surface_tuple, index_tuple, entropy = fusion
     grid, beam = GridGeometry(*grid_tuple), BeamParameters(*beam_tuple)
     buffers, cells = UpdateBuffers(*buffer_tuple), MapArrays(*cell_tuple)
-    hit_cells = np.empty(len(rays.points), dtype=np.int64)
-    dimension = len(rays.origin)
+    n_beams, dimension = rays.points.shape
+    hit_cells, rows = np.empty(n_beams, dtype=np.int64), np.empty(n_beams, dtype=np.int64)
     if beam.partial_surface and dimension == 3:
         count = integrate_rays_simd(rays, grid, beam, buffers, hit_cells)
     else:
         scratch = allocate_beam(grid.shape, dimension)
         count = integrate_rays(rays, grid, beam, scratch, buffers, hit_cells)
     surfaces = SurfaceArrays(*surface_tuple)
-    merge_points(rays, hit_cells, grid, surfaces, np.zeros(dimension))
+    assign_rows(hit_cells, SurfaceIndex(*index_tuple), rows)
+    merge_points(rays, hit_cells, rows, grid, surfaces, np.zeros(dimension))
     if len(surfaces.shared) > 0 and dimension == 3 and np.any(pose_covariance != 0.0):
-        add_shared_errors(surfaces, hit_cells, rays.origin, pose_covariance, grid, buffers.n_points)
+        add_shared_errors(
+            surfaces, hit_cells, rows, rays.origin, pose_covariance, grid, buffers.n_points
+        )
     new, reduction = apply_updates(count, beam, buffers, cells, entropy)
     return count, new, reduction
 

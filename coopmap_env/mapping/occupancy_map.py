@@ -11,13 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.kernels import PlainTuple
-from coopmap_env.mapping.arrays import MapArrays, MapStorage, SurfaceArrays, UpdateBuffers
+from coopmap_env.mapping.arrays import (
+    MapArrays,
+    MapStorage,
+    SurfaceArrays,
+    SurfaceIndex,
+    UpdateBuffers,
+)
 from coopmap_env.mapping.beam import BeamModel
 from coopmap_env.mapping.column_changes import ColumnChanges
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.integration import (
     CAMERA_OUTSIDE_GRID,
     FusionArrays,
+    assign_rows,
     clamp_log_odds,
     integrate_scan,
     validate_scan,
@@ -30,6 +37,9 @@ from coopmap_env.sensing import Scan
 
 EXACT_POSE = freeze(np.zeros((6, 6)))
 """Covariance of a camera pose that is known exactly."""
+
+FIRST_ROWS = 1_024
+"""Rows of surfaces in a new map; they double when they are full."""
 
 
 class ScanGain(NamedTuple):
@@ -76,8 +86,10 @@ class OccupancyMap:
         self.model = model or BeamModel()
         self.log_odds_range = log_odds_range or LogOddsRange()
         n, averaged = grid.n_cells, self.model.surface_fusion == "mean"
-        own_storage = storage is None
-        storage = storage or MapStorage.empty(n, grid.dimension, averaged)
+        self._is_alone = storage is None
+        if storage is None:
+            surfaces = SurfaceArrays.empty(FIRST_ROWS, grid.dimension, averaged)
+            storage = MapStorage(np.zeros(n, np.int32), np.zeros(n, np.uint8), surfaces)
         self.log_odds_fixed = storage.log_odds_fixed
         """Log-odds in fixed point, flat; see `log_odds`, and `cells_changed` after writing."""
         self.sampled_mask = storage.sampled_mask
@@ -87,30 +99,42 @@ class OccupancyMap:
         )
         """Occupancy for kernels; its arrays are those of the map."""
         self.surface_sums = storage.surfaces
-        """Sums over the points of each cell; see `surfaces`."""
+        """Sums over the points of each hit cell, in rows; see `surfaces` and `surface_index`."""
+        self.surface_index = (
+            SurfaceIndex.empty(n, FIRST_ROWS) if self._is_alone else SurfaceIndex.of_all(n)
+        )
+        """Rows of `surface_sums` that the cells have."""
         self._buffers = UpdateBuffers.empty(n)
         self._updated_cells = self._buffers.updated_cells
         self._grid = tuple(grid.geometry)
-        self._fusion = FusionArrays(
-            grid.geometry,
+        self._fusion = self._fusion_arrays()
+        self._pooled: PooledMap | None = None
+        self._viewed: ViewedMap | None = None
+        self._changes: ColumnChanges | None = None
+
+    def _fusion_arrays(self) -> PlainTuple:
+        """The arguments of `integrate_scan`, as they are now."""
+        return FusionArrays(
+            self.grid.geometry,
             self.model.parameters,
             self._buffers,
             self.arrays,
             self.surface_sums,
+            self.surface_index,
             self.log_odds_range.entropy,
         ).plain()
-        self._pooled: PooledMap | None = None
-        self._changes: ColumnChanges | None = None
-        self._viewed: ViewedMap | None = None
-        self._is_alone = own_storage
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""
         self.cells_changed()
         known = np.flatnonzero(self.sampled_mask.view(np.bool_))
-        for array in (self.log_odds_fixed, self.sampled_mask, *self.surface_sums):
-            if len(array):
-                array[known] = 0
+        self.log_odds_fixed[known] = self.sampled_mask[known] = 0
+        rows, cells, n_rows = self.surface_index
+        for sums in self.surface_sums:
+            sums[: n_rows[0]] = 0.0
+        if self._is_alone:
+            rows[cells[: n_rows[0]]] = -1
+            n_rows[0] = 0
 
     def integrate(self, scans: Scan | Sequence[Scan]) -> list[ScanGain]:
         """Fuse scans taken at the same time; the map does not depend on their order.
@@ -125,6 +149,7 @@ class OccupancyMap:
         valid_scans = [self._validate(scan) for scan in scans]
         gains, updated_cells = [], []
         for arrays, pose_covariance in valid_scans:
+            self._reserve_rows(len(arrays[1]))
             count, new, reduction = integrate_scan(arrays, pose_covariance, self._fusion)
             gains.append(ScanGain(new, reduction))
             updated_cells.append(self._updated_cells[:count].copy())
@@ -239,7 +264,9 @@ class OccupancyMap:
     @property
     def hit_cells(self) -> NDArray[np.int64]:
         """Flat indices of the cells in which at least one beam ended, ascending."""
-        return np.flatnonzero(self.surface_sums.precision[:, 0, 0]).astype(np.int64)
+        (n_rows,) = self.surface_index.n_rows
+        has_points = self.surface_sums.precision[:n_rows, 0, 0] > 0.0
+        return np.sort(self.surface_index.cells[: len(has_points)][has_points])
 
     def surfaces(
         self,
@@ -256,14 +283,41 @@ class OccupancyMap:
             Their merged covariances, square metres.
         """
         cells = self.hit_cells
-        deviations, covariances = surface_gaussians(self.surface_sums, cells)
+        rows = self.surface_index.rows[cells].astype(np.int64)
+        deviations, covariances = surface_gaussians(self.surface_sums, rows)
         centers = self.grid.center(np.stack(np.unravel_index(cells, self.grid.shape), axis=-1))
         return cells, centers + deviations, covariances
 
     def hit_cell_sums(self) -> tuple[NDArray[np.int64], SurfaceArrays]:
         """The hit cells (k,) and their rows of `surface_sums`."""
         cells = self.hit_cells
-        return cells, SurfaceArrays(*(a[cells] if len(a) else a for a in self.surface_sums))
+        rows = self.surface_index.rows[cells]
+        return cells, SurfaceArrays(*(a[rows] if len(a) else a for a in self.surface_sums))
+
+    def surface_rows(self, cells: ArrayLike) -> NDArray[np.int64]:
+        """Rows of `surface_sums` of different cells (k,); a cell that has none gets an empty one.
+
+        `surface_sums` may be other arrays then.
+        """
+        cells = np.asarray(cells, dtype=np.int64)
+        self._reserve_rows(len(cells))
+        rows = np.empty(len(cells), dtype=np.int64)
+        assign_rows(cells, self.surface_index, rows)
+        return rows
+
+    def _reserve_rows(self, n: int) -> None:
+        """Make room for n new rows of surfaces, or for all cells."""
+        rows, cells, n_rows = self.surface_index
+        needed = min(int(n_rows[0]) + n, self.grid.n_cells)
+        if needed <= len(cells):
+            return
+        added = min(max(needed, 2 * len(cells)), self.grid.n_cells) - len(cells)
+        more = SurfaceArrays.empty(added, self.grid.dimension, self.surface_sums.averaged)
+        pairs = zip(self.surface_sums, more, strict=True)
+        self.surface_sums = SurfaceArrays(*map(np.concatenate, pairs))
+        more_cells = np.empty(added, dtype=np.int64)
+        self.surface_index = SurfaceIndex(rows, np.concatenate([cells, more_cells]), n_rows)
+        self._fusion = self._fusion_arrays()
 
     def set_state(
         self, log_odds_fixed: ArrayLike, sampled: ArrayLike, cells: ArrayLike, sums: SurfaceArrays
@@ -288,9 +342,10 @@ class OccupancyMap:
         cells, sums = check_surfaces(cells, sums, self.surface_sums, sampled)
         self.clear()
         self.log_odds_fixed[:], self.sampled_mask[:] = log_odds_fixed, sampled
+        rows = self.surface_rows(cells)
         for mine, theirs in zip(self.surface_sums, sums, strict=True):
             if len(mine):
-                mine[cells] = theirs
+                mine[rows] = theirs
         self.cells_changed()
 
     def copy(self) -> OccupancyMap:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
 from coopmap_env.mapping.arrays import MapArrays
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.occluders import WORD, ViewedMap, set_occluder
@@ -66,6 +66,19 @@ def pool_mask(mask: NDArray[np.uint8], grid: VoxelGrid) -> NDArray[np.uint8]:
     return out
 
 
+@inlined_kernel
+def _write_block(
+    highest: Index, total: Index, n_sampled: Index, size: Index, block: np.uint64, out: MapArrays
+) -> None:
+    """Write a block by the highest and the total log-odds of its sampled cells."""
+    if highest >= 0:
+        out.sampled_mask[block], out.log_odds_fixed[block] = 1, highest
+    elif 2 * n_sampled >= size:
+        out.sampled_mask[block], out.log_odds_fixed[block] = 1, total // n_sampled
+    else:
+        out.sampled_mask[block] = out.log_odds_fixed[block] = 0
+
+
 @kernel
 def _pool_block(source: MapArrays, i: Index, j: Index, k: Index, out: MapArrays) -> None:
     """Write block (i, j, k)."""
@@ -83,13 +96,60 @@ def _pool_block(source: MapArrays, i: Index, j: Index, k: Index, out: MapArrays)
                 n_sampled += was_sampled
                 total += level * was_sampled
                 highest = max(highest, level * was_sampled + UNSAMPLED * (1 - was_sampled))
-    block = np.uint64((i * my + j) * mz + k)
-    if highest >= 0:
-        out.sampled_mask[block], out.log_odds_fixed[block] = 1, highest
-    elif 2 * n_sampled >= size:
-        out.sampled_mask[block], out.log_odds_fixed[block] = 1, total // n_sampled
-    else:
-        out.sampled_mask[block] = out.log_odds_fixed[block] = 0
+    _write_block(highest, total, n_sampled, size, np.uint64((i * my + j) * mz + k), out)
+
+
+@unchecked_division_kernel
+def _write_blocks_of_cells(
+    cells: NDArray[np.int64],
+    shape: tuple[int, int, int],
+    pooled_shape: tuple[int, int, int],
+    blocks: NDArray[np.int32],
+) -> None:
+    """Write the block of each cell (n,).
+
+    Quotients are truncated products: with 1/2 added they are far enough from integers, and vector
+    registers have no division of integers.
+    """
+    _, ny, nz = shape
+    _, my, mz = pooled_shape
+    per_y, per_z = 1.0 / ny, 1.0 / nz
+    for n in range(len(cells)):
+        cell = np.int32(cells[n])
+        column = np.int32((cell + 0.5) * per_z)
+        row = np.int32((column + 0.5) * per_y)
+        i, j, k = row >> 1, (column - row * ny) >> 1, (cell - column * nz) >> 1
+        blocks[n] = (i * my + j) * mz + k
+
+
+@kernel
+def _keep_first(blocks: NDArray[np.int32], update: int, last_update: NDArray[np.int64]) -> int:
+    """Move the first of equal blocks to the front; return how many different ones there are."""
+    n = 0
+    for block in blocks:
+        index = np.uint64(block)
+        blocks[np.uint64(n)] = block
+        n += last_update[index] != update
+        last_update[index] = update
+    return n
+
+
+@kernel
+def _pool_whole_block(source: MapArrays, i: Index, j: Index, k: Index, out: MapArrays) -> None:
+    """`_pool_block` of a block that does not stick out of the grid: loops of known length."""
+    log_odds_fixed, sampled, (_, ny, nz) = source.log_odds_fixed, source.sampled_mask, source.shape
+    _, my, mz = out.shape
+    highest, total, n_sampled = UNSAMPLED, 0, 0
+    corner = (2 * i * ny + 2 * j) * nz + 2 * k
+    for x in range(2):
+        for y in range(2):
+            for z in range(2):
+                cell = np.uint64(corner + (x * ny + y) * nz + z)
+                was_sampled, level = sampled[cell], log_odds_fixed[cell]
+                n_sampled += was_sampled
+                total += level * was_sampled
+                highest = max(highest, level * was_sampled + UNSAMPLED * (1 - was_sampled))
+    _write_block(highest, total, n_sampled, 8, np.uint64((i * my + j) * mz + k), out)
 
 
 @kernel
@@ -102,19 +162,18 @@ def pool_changed(
 ) -> None:
     """Write the blocks of some cells, once each: `last_update` is the number of that update."""
     out, occluders = viewed
-    ny, nz = np.uint32(source.shape[1]), np.uint32(source.shape[2])
+    blocks = np.empty(len(cells), dtype=np.int32)
+    _write_blocks_of_cells(cells, source.shape, out.shape, blocks)
+    nx, ny, nz = source.shape
     _, my, mz = out.shape
-    last = np.int64(-1)
-    for cell in cells:
-        column = np.uint32(cell) // nz  # 32 bits: half the time of a division
-        i, j, k = column // ny // 2, column % ny // 2, (np.uint32(cell) - column * nz) // 2
-        block = (np.int64(i) * my + np.int64(j)) * mz + np.int64(k)
-        if block != last and last_update[np.uint64(block)] != update:
-            last_update[np.uint64(block)] = update
-            _pool_block(source, np.int64(i), np.int64(j), np.int64(k), out)
-            occludes = out.sampled_mask[block] != 0 and out.log_odds_fixed[block] >= 0
-            set_occluder(occluders, block, occludes)
-        last = block
+    for block in blocks[: _keep_first(blocks, update, last_update)]:
+        i, j, k = block // (my * mz), block // mz % my, block % mz
+        if 2 * i + 2 <= nx and 2 * j + 2 <= ny and 2 * k + 2 <= nz:
+            _pool_whole_block(source, i, j, k, out)
+        else:
+            _pool_block(source, i, j, k, out)
+        occludes = out.sampled_mask[block] != 0 and out.log_odds_fixed[block] >= 0
+        set_occluder(occluders, np.int64(block), occludes)
 
 
 @kernel

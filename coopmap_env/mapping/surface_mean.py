@@ -38,20 +38,20 @@ from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.core.linear_algebra import smallest_eigenvalue
 from coopmap_env.mapping.arrays import SurfaceArrays
 from coopmap_env.mapping.grid import GridGeometry, write_center
-from coopmap_env.sensing import add_pose_term
+from coopmap_env.sensing import pose_term
 
 
 @borrowing_kernel
 def add_point(
     surfaces: SurfaceArrays,
-    cell: int,
+    row: int,
     C: NDArray[np.float64],
     deviation: NDArray[np.float64],
     floor: float,
 ) -> None:
-    """Add a point of covariance C + floor I to a cell; the deviation is from the cell's center."""
+    """Add a point of covariance C + floor I to a row; the deviation is from the cell's center."""
     count, total, noise, scatter, _ = surfaces
-    c = np.uint64(cell)
+    c = np.uint64(row)
     count[c, 0, 0] += 1.0
     if len(deviation) == 3:  # a constant number of turns: the compiler writes them out
         for i in range(3):
@@ -73,6 +73,7 @@ def add_point(
 def add_shared_errors(
     surfaces: SurfaceArrays,
     cells: NDArray[np.int64],
+    rows: NDArray[np.int64],
     origin: NDArray[np.float64],
     pose_covariance: NDArray[np.float64],
     grid: GridGeometry,
@@ -80,47 +81,53 @@ def add_shared_errors(
 ) -> None:
     """Add m S of one 3-D scan to each cell that holds m of its points.
 
-    `cells` are those of the scan's points, -1 for none; `n_points` (n_cells,) is a buffer of zeros.
-    S is taken at the cell's center.
+    `cells` are those of the scan's points and `rows` theirs, -1 for none; `n_points` (n_cells,) is
+    a buffer of zeros. S is taken at the cell's center.
     """
-    W, V, S = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((1, 3, 3))
-    lever = np.zeros(3)
-    for cell in cells:
-        if cell >= 0:
-            n_points[cell] += 1
-    for cell in cells:
-        if cell < 0 or n_points[cell] == 0:
+    center = np.zeros(3)
+    for row in rows:
+        if row >= 0:
+            n_points[row] += 1
+    for k in range(len(rows)):
+        row = rows[k]
+        if row < 0 or n_points[row] == 0:
             continue
-        m = n_points[cell]
-        n_points[cell] = 0
-        write_center(grid, cell, lever)
-        for i in range(3):
-            lever[i] -= origin[i]
-        S[:] = 0.0
-        add_pose_term(pose_covariance, lever, W, V, S, 0)
-        for i in range(3):
-            for j in range(3):
-                surfaces.shared[cell, i, j] += m * S[0, max(i, j), min(i, j)]
+        m = n_points[row]
+        n_points[row] = 0
+        write_center(grid, cells[k], center)
+        S = pose_term(
+            pose_covariance, center[0] - origin[0], center[1] - origin[1], center[2] - origin[2]
+        )
+        shared = surfaces.shared[row]
+        shared[0, 0] += m * S.xx
+        shared[1, 1] += m * S.yy
+        shared[2, 2] += m * S.zz
+        shared[0, 1] += m * S.yx
+        shared[1, 0] += m * S.yx
+        shared[0, 2] += m * S.zx
+        shared[2, 0] += m * S.zx
+        shared[1, 2] += m * S.zy
+        shared[2, 1] += m * S.zy
 
 
 @kernel
 def mean_gaussian(
     surfaces: SurfaceArrays,
-    cell: int,
+    row: int,
     deviation: NDArray[np.float64],
     covariance: NDArray[np.float64],
 ) -> None:
-    """Write the mean of a cell's points, from its center (D,), and its covariance (D, D)."""
-    n = surfaces.precision[cell, 0, 0]
+    """Write the mean of a row's points, from the cell's center (D,), and its covariance (D, D)."""
+    n = surfaces.precision[row, 0, 0]
     D = len(deviation)
     excess = np.empty((D, D))
     for i in range(D):
-        deviation[i] = surfaces.information_vector[cell, i] / n
+        deviation[i] = surfaces.information_vector[row, i] / n
     for i in range(D):
         for j in range(D):
-            errors = surfaces.noise[cell, i, j] + (n - 1.0) * surfaces.shared[cell, i, j]
+            errors = surfaces.noise[row, i, j] + (n - 1.0) * surfaces.shared[row, i, j]
             covariance[i, j] = errors / (n * n)
-            spread = surfaces.scatter[cell, i, j] / n - deviation[i] * deviation[j]
+            spread = surfaces.scatter[row, i, j] / n - deviation[i] * deviation[j]
             excess[i, j] = spread + covariance[i, j]
     if n > D:
         roughness = max(smallest_eigenvalue(excess), 0.0) * n / (n - D)
@@ -131,11 +138,11 @@ def mean_gaussian(
 @kernel
 def mean_gaussians(
     surfaces: PlainTuple,
-    cells: NDArray[np.int64],
+    rows: NDArray[np.int64],
     deviations: NDArray[np.float64],
     covariances: NDArray[np.float64],
 ) -> None:
-    """`mean_gaussian` of cells (k,), into (k, D) and (k, D, D); a plain `SurfaceArrays`."""
+    """`mean_gaussian` of rows (k,), into (k, D) and (k, D, D); a plain `SurfaceArrays`."""
     arrays = SurfaceArrays(*surfaces)
-    for k in range(len(cells)):
-        mean_gaussian(arrays, cells[k], deviations[k], covariances[k])
+    for k in range(len(rows)):
+        mean_gaussian(arrays, rows[k], deviations[k], covariances[k])

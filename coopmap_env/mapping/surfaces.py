@@ -13,15 +13,15 @@ from coopmap_env.mapping.surface_mean import mean_gaussians
 
 
 def surface_gaussians(
-    sums: SurfaceArrays, cells: NDArray[np.int64]
+    sums: SurfaceArrays, rows: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Merged points of cells (k,), from the cells' centers (k, D), and covariances (k, D, D)."""
+    """Merged points of rows (k,), from the cells' centers (k, D), and covariances (k, D, D)."""
     if not sums.averaged:
-        covariances = inverse(sums.precision[cells])
-        return product(covariances, sums.information_vector[cells][..., None])[..., 0], covariances
+        covariances = inverse(sums.precision[rows])
+        return product(covariances, sums.information_vector[rows][..., None])[..., 0], covariances
     D = sums.information_vector.shape[1]
-    deviations, covariances = np.empty((len(cells), D)), np.empty((len(cells), D, D))
-    mean_gaussians(tuple(sums), cells, deviations, covariances)
+    deviations, covariances = np.empty((len(rows), D)), np.empty((len(rows), D, D))
+    mean_gaussians(tuple(sums), rows, deviations, covariances)
     return deviations, covariances
 
 

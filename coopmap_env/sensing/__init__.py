@@ -7,7 +7,7 @@ from coopmap_env.sensing.scan import (
     PointCloud,
     Scan,
     ScanArrays,
-    add_pose_term,
+    pose_term,
     transform_cloud,
 )
 
@@ -21,7 +21,7 @@ __all__ = [
     "RangeNoise",
     "Scan",
     "ScanArrays",
-    "add_pose_term",
+    "pose_term",
     "rotate_covariances",
     "transform_cloud",
 ]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import power
-from coopmap_env.core.kernels import PlainTuple, inlined_kernel, kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.geometry import Pose
 from coopmap_env.sensing.noise import RangeNoise
 
@@ -106,34 +106,45 @@ class Scan:
         return ScanArrays(self.origin, self.points, self.covariances, self.hit)
 
 
-@inlined_kernel
-def add_pose_term(
-    sigma: NDArray[np.float64],
-    q: NDArray[np.float64],
-    W: NDArray[np.float64],
-    V: NDArray[np.float64],
-    covariances: NDArray[np.float64],
-    k: int,
-) -> None:
-    """Add J sigma J^T to the lower triangle of point k's covariance.
+class LowerTriangle(NamedTuple):
+    """That of a symmetric matrix (3, 3)."""
 
-    `q` (3,) leads from the camera to the point; W and V are buffers (3, 3), W with a diagonal of 0.
-    J = [I, -W] with W = [q]x: J S J^T = Stt + Str W + (Str W)^T + W Srr W^T.
+    xx: float
+    yx: float
+    yy: float
+    zx: float
+    zy: float
+    zz: float
+
+
+@kernel
+def pose_term(sigma: NDArray[np.float64], x: float, y: float, z: float) -> LowerTriangle:
+    """J sigma J^T, which the covariance of the camera's pose adds to that of a point.
+
+    (x, y, z) leads from the camera to the point. J = [I, -W] with W = [(x, y, z)]x, so that
+    J sigma J^T = Stt + Str W + (Str W)^T + V W^T with V = W Srr; written out, without the zeros
+    on the diagonal of W.
     """
-    W[0, 1], W[0, 2], W[1, 2] = -q[2], q[1], -q[0]
-    W[1, 0], W[2, 0], W[2, 1] = q[2], -q[1], q[0]
-    for i in range(3):
-        for j in range(3):
-            V[i, j] = 0.0
-            for m in range(3):
-                V[i, j] += W[i, m] * sigma[3 + m, 3 + j]
-    for i in range(3):
-        for j in range(i + 1):
-            pose_term = sigma[i, j]
-            for m in range(3):
-                pose_term += sigma[i, 3 + m] * W[m, j] + sigma[j, 3 + m] * W[m, i]
-                pose_term += V[i, m] * W[j, m]
-            covariances[k, i, j] += pose_term
+    s = sigma
+    v_xy, v_xz = y * s[5, 4] - z * s[4, 4], y * s[5, 5] - z * s[4, 5]
+    v_yx, v_yy, v_yz = (
+        z * s[3, 3] - x * s[5, 3],
+        z * s[3, 4] - x * s[5, 4],
+        z * s[3, 5] - x * s[5, 5],
+    )
+    v_zx, v_zy, v_zz = (
+        x * s[4, 3] - y * s[3, 3],
+        x * s[4, 4] - y * s[3, 4],
+        x * s[4, 5] - y * s[3, 5],
+    )
+    return LowerTriangle(
+        s[0, 0] + 2.0 * (s[0, 4] * z) - v_xy * z - 2.0 * (s[0, 5] * y) + v_xz * y,
+        s[1, 0] - s[0, 3] * z + s[1, 4] * z - v_yy * z + (s[0, 5] * x - s[1, 5] * y) + v_yz * y,
+        s[1, 1] - 2.0 * (s[1, 3] * z) + v_yx * z + 2.0 * (s[1, 5] * x) - v_yz * x,
+        s[2, 0] + s[0, 3] * y + (s[2, 4] * z - s[0, 4] * x) - v_zy * z - s[2, 5] * y + v_zz * y,
+        s[2, 1] + (s[1, 3] * y - s[2, 3] * z) + v_zx * z - s[1, 4] * x + s[2, 5] * x - v_zz * x,
+        s[2, 2] + 2.0 * (s[2, 3] * y) - v_zx * y - 2.0 * (s[2, 4] * x) + v_zy * x,
+    )
 
 
 @kernel
@@ -154,15 +165,14 @@ def transform_points(
     R, t = T_world_camera
     intrinsic, depth_factor, lateral_factor, exponent = noise
     _, points_world, covariances, hit = scan
-    W = np.zeros((3, 3))
-    V = np.zeros((3, 3))
-    q = np.zeros(3)
     pose_is_uncertain = np.any(sigma != 0.0)
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        for i in range(3):
-            q[i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
-            points_world[k, i] = t[i] + q[i]
+        q_x = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
+        q_y = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
+        q_z = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+        points_world[k, 0], points_world[k, 1] = t[0] + q_x, t[1] + q_y
+        points_world[k, 2] = t[2] + q_z
         if not hit[k]:
             covariances[k] = 0.0
             continue
@@ -171,15 +181,19 @@ def transform_points(
         raised = square if exponent == 2.0 else power(math.sqrt(square), exponent)
         depth = (intrinsic * depth_factor * raised) ** 2
         lateral = (intrinsic * lateral_factor * raised) ** 2
-        for i in range(3):
-            for j in range(i + 1):
-                covariances[k, i, j] = (depth - lateral) * R[i, 0] * R[j, 0]
-            covariances[k, i, i] += lateral
+        ahead_x, ahead_y, ahead_z = R[0, 0], R[1, 0], R[2, 0]
+        along = depth - lateral
+        xx, yx = along * ahead_x * ahead_x + lateral, along * ahead_y * ahead_x
+        yy, zx = along * ahead_y * ahead_y + lateral, along * ahead_z * ahead_x
+        zz, zy = along * ahead_z * ahead_z + lateral, along * ahead_z * ahead_y
         if pose_is_uncertain:
-            add_pose_term(sigma, q, W, V, covariances, k)
-        for i in range(3):
-            for j in range(i):
-                covariances[k, j, i] = covariances[k, i, j]
+            term = pose_term(sigma, q_x, q_y, q_z)
+            xx, yx, yy = xx + term.xx, yx + term.yx, yy + term.yy
+            zx, zy, zz = zx + term.zx, zy + term.zy, zz + term.zz
+        C = covariances[k]
+        C[0, 0], C[0, 1], C[0, 2] = xx, yx, zx
+        C[1, 0], C[1, 1], C[1, 2] = yx, yy, zy
+        C[2, 0], C[2, 1], C[2, 2] = zx, zy, zz
 
 
 def transform_cloud(

@@ -13,10 +13,13 @@ from coopmap_env.mapping import (
     BeamModel,
     LogOddsRange,
     OccupancyMap,
+    SurfaceArrays,
     VoxelGrid,
     merge_gaussians,
+    occupancy_map,
     to_log_odds_fixed,
 )
+from coopmap_env.mapping.arrays import MapStorage
 from coopmap_env.sensing import PlanarCamera, RangeNoise, Scan
 from coopmap_env.simulation import PlanarSimulator
 from coopmap_env.simulation.scenes.planar import PlanarWorld
@@ -51,7 +54,8 @@ def state(map_):
         for array in (
             map_.log_odds_fixed,
             map_.sampled_mask,
-            *map_.surface_sums,
+            map_.hit_cells,
+            *map_.hit_cell_sums()[1],
             map_._buffers.pending,
         )
     )
@@ -63,6 +67,33 @@ def random_map(grid, seed=0, n_scans=6, **arguments):
     for _ in range(n_scans):
         map_.integrate(random_scan(rng, grid))
     return map_
+
+
+@pytest.mark.parametrize("fusion", ["eq_4", "mean"])
+def test_rows_of_surfaces_for_hit_cells_alone_hold_what_rows_for_all_cells_hold(
+    fusion, monkeypatch
+):
+    """Whatever the number of rows to begin with, and after the map was cleared."""
+    monkeypatch.setattr(occupancy_map, "FIRST_ROWS", 2)
+    grid, model = VoxelGrid((9, 7, 8), 0.25), BeamModel(surface_fusion=fusion)
+    n = grid.n_cells
+    sums = SurfaceArrays.empty(n, 3, fusion == "mean")
+    storage = MapStorage(np.zeros(n, np.int32), np.zeros(n, np.uint8), sums)
+    own, given = OccupancyMap(grid, model), OccupancyMap(grid, model, storage=storage)
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        for _ in range(4):
+            scan = random_scan(rng, grid, 60)
+            assert own.integrate(scan) == given.integrate(scan)
+        (cells, mine), (given_cells, theirs) = own.hit_cell_sums(), given.hit_cell_sums()
+        assert len(cells) > 2 * 2
+        np.testing.assert_array_equal(cells, given_cells)
+        for one, other in zip(mine, theirs, strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert len(own.surface_sums.precision) < n == len(given.surface_sums.precision)
+        own.clear()
+        given.clear()
+        assert len(own.hit_cells) == len(given.hit_cells) == 0
 
 
 def test_a_new_map_knows_nothing():

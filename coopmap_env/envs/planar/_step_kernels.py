@@ -199,7 +199,8 @@ def _fuse_scan(
             scan, pose_id // n, pose_id % n, constants.fan, scratch.free_beams, grid, beam,
             scratch.beam, updates, scratch.hit_cells,
         )  # fmt: skip
-    merge_points(scan, scratch.hit_cells, grid, surfaces, scratch.beam.offset)
+    cells = scratch.hit_cells  # a row for each cell
+    merge_points(scan, cells, cells, grid, surfaces, scratch.beam.offset)
     new, reduction = apply_updates(count, beam, updates, arrays, constants.entropy)
     return count, new, reduction
 

@@ -36,6 +36,8 @@ class PeakMap(NamedTuple):
     """Probability of each log-odds in fixed point, from the lowest on."""
     surfaces: SurfaceArrays
     """See `OccupancyMap.surface_sums`."""
+    rows: NDArray[np.int32]
+    """Row of each cell in `surfaces` (n_cells,), -1 for none."""
     resolution: float
     """Edge of a cell, metres."""
 
@@ -122,18 +124,14 @@ def select_peaks(
 
     Previous ones come first, in their order, while they are peaks in view; then the best new ones.
     """
-    log_odds, shape, precision = (
-        map_.occupancy.log_odds_fixed,
-        map_.occupancy.shape,
-        map_.surfaces.precision,
-    )
+    log_odds = map_.occupancy.log_odds_fixed
     cells, positions, covariances, radii, scores = selected
     capacity, count = len(cells), 0
     tolerance = limits.occlusion_tolerance
     for cell in previous:
         if count == capacity or log_odds[cell] < limits.min_log_odds:
             continue
-        if precision[cell, 0, 0] <= 0.0 or not _is_peak(log_odds, precision, shape, cell, False):
+        if _trace(map_, cell) <= 0.0 or not _is_peak(map_, cell, False):
             continue
         point = positions[count]
         radius, score = _score_peak(map_, frustum, ball, 0.0, cell, point, covariances[count])
@@ -162,18 +160,15 @@ def _peaks_in_view(
     map_: PeakMap, frustum: Frustum, ball: BallLimits, limits: SelectionLimits
 ) -> tuple[Cells, Array, Array]:
     """Cells of all peaks in view, ascending, hidden or not, their radii and scores."""
-    log_odds, shape, precision = (
-        map_.occupancy.log_odds_fixed,
-        map_.occupancy.shape,
-        map_.surfaces.precision,
+    cells = np.empty(len(map_.rows), dtype=np.int64)
+    n = write_surface_voxels(
+        map_.occupancy, map_.surfaces.precision, map_.rows, frustum, limits.min_log_odds, cells
     )
-    cells = np.empty(log_odds.size, dtype=np.int64)
-    n = write_surface_voxels(map_.occupancy, precision, frustum, limits.min_log_odds, cells)
     radii, scores = np.empty(n), np.empty(n)
     point, covariance = np.empty(3), np.empty((3, 3))
     count = 0
     for cell in cells[:n]:
-        if _is_peak(log_odds, precision, shape, cell, True):
+        if _is_peak(map_, cell, True):
             radius, score = _score_peak(
                 map_, frustum, ball, limits.border_fraction, cell, point, covariance
             )
@@ -225,21 +220,24 @@ def _ball_radius(map_: PeakMap, cell: int, ball: BallLimits) -> float:
 
 
 @kernel
-def _trace(precision: Array, cell: int) -> float:
+def _trace(map_: PeakMap, cell: int) -> float:
     """Trace of the precision of a voxel's surface point, or its number of points; 0 without one."""
-    trace = precision[cell, 0, 0]
+    row, precision = map_.rows[cell], map_.surfaces.precision
+    if row < 0:
+        return 0.0
+    trace = precision[row, 0, 0]
     for axis in range(1, precision.shape[1]):
-        trace += precision[cell, axis, axis]
+        trace += precision[row, axis, axis]
     return trace
 
 
 @kernel
-def _is_peak(levels: Levels, precision: Array, shape: Shape, cell: int, unique: bool) -> bool:
+def _is_peak(map_: PeakMap, cell: int, unique: bool) -> bool:
     """Whether no neighbour of 26 is above; with `unique`, none is equal and known better."""
-    nx, ny, nz = shape
+    levels, _, (nx, ny, nz), _ = map_.occupancy
     i, j, k = cell // (ny * nz), cell // nz % ny, cell % nz
     level = levels[cell]
-    own_trace = _trace(precision, cell)
+    own_trace = _trace(map_, cell)
     for x in range(max(i - 1, 0), min(i + 2, nx)):
         for y in range(max(j - 1, 0), min(j + 2, ny)):
             for z in range(max(k - 1, 0), min(k + 2, nz)):
@@ -247,7 +245,7 @@ def _is_peak(levels: Levels, precision: Array, shape: Shape, cell: int, unique: 
                 if levels[other] > level:
                     return False
                 if unique and levels[other] == level and other != cell:
-                    trace = _trace(precision, other)
+                    trace = _trace(map_, other)
                     if trace > own_trace or (trace == own_trace and other < cell):
                         return False
     return True
@@ -256,17 +254,17 @@ def _is_peak(levels: Levels, precision: Array, shape: Shape, cell: int, unique: 
 @kernel
 def _surface_point(map_: PeakMap, cell: int, point: Array, covariance: Array) -> None:
     """Write the merged surface point of a voxel, in cells, and its covariance."""
-    shape = map_.occupancy.shape
+    shape, row = map_.occupancy.shape, map_.rows[cell]
     averaged = len(map_.surfaces.noise) > 0
     if averaged:
         offset = np.empty(3)
-        mean_gaussian(map_.surfaces, cell, offset, covariance)
+        mean_gaussian(map_.surfaces, row, offset, covariance)
     else:
-        _eq_4_covariance(map_.surfaces.precision[cell], covariance)
+        _eq_4_covariance(map_.surfaces.precision[row], covariance)
     point[0] = cell // (shape[1] * shape[2]) + 0.5
     point[1] = cell // shape[2] % shape[1] + 0.5
     point[2] = cell % shape[2] + 0.5
-    vector = map_.surfaces.information_vector[cell]
+    vector = map_.surfaces.information_vector[row]
     for m in range(3):
         if averaged:
             point[m] += offset[m] / map_.resolution

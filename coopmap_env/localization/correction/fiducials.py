@@ -148,7 +148,9 @@ def select_fiducials(
     if grid.contains(np.floor(position)):
         intrinsics, max_radius = camera.intrinsics, settings.max_radius / scale
         n = select_peaks(
-            PeakMap(map_.arrays, probability, map_.surface_sums, scale),
+            PeakMap(
+                map_.arrays, probability, map_.surface_sums, map_.surface_index.rows, scale
+            ),
             Frustum(
                 T_world_camera.arrays.rotation, position, intrinsics.tan_x, intrinsics.tan_y,
                 camera.near / scale, min(camera.far, settings.max_distance) / scale,

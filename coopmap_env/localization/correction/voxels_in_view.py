@@ -35,9 +35,17 @@ class Frustum(NamedTuple):
 
 @kernel
 def write_surface_voxels(
-    occupancy: MapArrays, precision: Array, frustum: Frustum, min_log_odds: int, cells: Cells
+    occupancy: MapArrays,
+    precision: Array,
+    rows: NDArray[np.int32],
+    frustum: Frustum,
+    min_log_odds: int,
+    cells: Cells,
 ) -> int:
-    """Write the likely voxels with surface points around a frustum, ascending; return how many."""
+    """Write the likely voxels with surface points around a frustum, ascending; return how many.
+
+    `precision` has a row for each cell with points, `rows` (n_cells,) says which, -1 for none.
+    """
     log_odds, _, (nx, ny, nz), _ = occupancy
     position, reach = frustum.position, frustum.far + HALF_DIAGONAL
     planes, low, high = np.empty((4, 3)), position.copy(), position.copy()
@@ -71,7 +79,9 @@ def write_surface_voxels(
             last = min(nz - 1, math.floor(top + position[2] - 0.5))
             column = (i * ny + j) * nz
             for cell in range(column + first, column + last + 1):
-                if log_odds[cell] >= min_log_odds and precision[cell, 0, 0] > 0.0:
+                if log_odds[cell] < min_log_odds or rows[cell] < 0:
+                    continue
+                if precision[rows[cell], 0, 0] > 0.0:
                     cells[count] = cell
                     count += 1
     return count

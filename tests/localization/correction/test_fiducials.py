@@ -33,8 +33,8 @@ def put(map_, index, probability=0.95, offset=(0.0, 0.0, 0.0), sigma=0.02):
     cell = int(GRID.flat_index(index))
     map_.log_odds_fixed[cell], map_.sampled_mask[cell] = to_log_odds_fixed(probability), 1
     P = np.eye(3) / sigma**2
-    sums = map_.surface_sums
-    sums.precision[cell], sums.information_vector[cell] = P, P @ offset
+    (row,), sums = map_.surface_rows([cell]), map_.surface_sums
+    sums.precision[row], sums.information_vector[row] = P, P @ offset
     return cell
 
 
@@ -213,10 +213,11 @@ def random_map(rng, density):
     map_.sampled_mask[hit] = 1
     hit = hit[rng.random(len(hit)) < 0.8]
     A = rng.normal(size=(len(hit), 3, 3))
+    rows = map_.surface_rows(hit)
     sums = map_.surface_sums
-    sums.precision[hit] = (A @ A.transpose(0, 2, 1) + np.eye(3)) * 500
+    sums.precision[rows] = (A @ A.transpose(0, 2, 1) + np.eye(3)) * 500
     offsets = rng.uniform(-0.04, 0.04, (len(hit), 3))
-    sums.information_vector[hit] = np.einsum("nij,nj->ni", sums.precision[hit], offsets)
+    sums.information_vector[rows] = np.einsum("nij,nj->ni", sums.precision[rows], offsets)
     return map_
 
 
