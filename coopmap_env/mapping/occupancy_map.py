@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,19 +101,25 @@ class OccupancyMap:
         """Occupancy for kernels; its arrays are those of the map."""
         self.surface_sums = storage.surfaces
         """Sums over the points of each hit cell, in rows; see `surfaces` and `surface_index`."""
-        self.surface_index = (
-            SurfaceIndex.empty(n, FIRST_ROWS) if self._is_alone else SurfaceIndex.of_all(n)
-        )
-        """Rows of `surface_sums` that the cells have."""
-        self._buffers = UpdateBuffers.empty(n)
-        self._updated_cells = self._buffers.updated_cells
         self._grid = tuple(grid.geometry)
-        self._fusion = self._fusion_arrays()
         self._pooled: PooledMap | None = None
         self._viewed: ViewedMap | None = None
         self._changes: ColumnChanges | None = None
 
-    def _fusion_arrays(self) -> PlainTuple:
+    # A view of one of many worlds has a map that is never fused into: what only that needs is made
+    # when it is first used.
+    @cached_property
+    def surface_index(self) -> SurfaceIndex:
+        """Rows of `surface_sums` that the cells have."""
+        n = self.grid.n_cells
+        return SurfaceIndex.empty(n, FIRST_ROWS) if self._is_alone else SurfaceIndex.of_all(n)
+
+    @cached_property
+    def _buffers(self) -> UpdateBuffers:
+        return UpdateBuffers.empty(self.grid.n_cells)
+
+    @cached_property
+    def _fusion(self) -> PlainTuple:
         """The arguments of `integrate_scan`, as they are now."""
         return FusionArrays(
             self.grid.geometry,
@@ -152,7 +159,7 @@ class OccupancyMap:
             self._reserve_rows(len(arrays[1]))
             count, new, reduction = integrate_scan(arrays, pose_covariance, self._fusion)
             gains.append(ScanGain(new, reduction))
-            updated_cells.append(self._updated_cells[:count].copy())
+            updated_cells.append(self._buffers.updated_cells[:count].copy())
         for cells in updated_cells:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
             if self._changes is not None:
@@ -317,7 +324,7 @@ class OccupancyMap:
         self.surface_sums = SurfaceArrays(*map(np.concatenate, pairs))
         more_cells = np.empty(added, dtype=np.int64)
         self.surface_index = SurfaceIndex(rows, np.concatenate([cells, more_cells]), n_rows)
-        self._fusion = self._fusion_arrays()
+        self.__dict__.pop("_fusion", None)  # it holds the arrays from before
 
     def set_state(
         self, log_odds_fixed: ArrayLike, sampled: ArrayLike, cells: ArrayLike, sums: SurfaceArrays

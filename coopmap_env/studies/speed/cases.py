@@ -126,10 +126,10 @@ def planar_candidates() -> Run:
     return random_episodes(env, episodes=4)
 
 
-def planar_vector(action_mode: str, **options: Any) -> Any:
+def planar_vector(action_mode: str, n_worlds: int = N_WORLDS, **options: Any) -> Any:
     """Worlds of two robots in one call."""
     return planar_v1.vector_env(
-        N_WORLDS, autoreset_mode="Disabled", max_scans=SCANS_EACH, action_mode=action_mode,
+        n_worlds, autoreset_mode="Disabled", max_scans=SCANS_EACH, action_mode=action_mode,
         **options,
     )  # fmt: skip
 

@@ -42,6 +42,9 @@ RATES = {
     "_with_resets_and_sampling": ("step", "reset", "sampling"),  # as PettingZoo's own benchmark
 }
 
+THREAD_WORLDS = (N_WORLDS, 512)
+"""Worlds that one or two threads step: to hand them over takes as long as some tens of worlds."""
+
 RIVALS = {
     "": ("planar_pose", 2),
     "candidates_": ("planar_candidates", 2),
@@ -55,7 +58,11 @@ def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
     """All measurements as JSON values."""
     spread = import_optional("mpe2.simple_spread_v3", "bench").parallel_env()
     log("planar: compiling")
-    vectors = {n: planar_vector("pose", num_threads=n) for n in (1, 2)}
+    vectors = {
+        (n, worlds): planar_vector("pose", worlds, num_threads=n)
+        for n in (1, 2)
+        for worlds in THREAD_WORLDS
+    }
     cases = {
         "planar_pose": Case(CASES["planar_pose"]()),
         "planar_candidates": Case(CASES["planar_candidates"]()),
@@ -63,7 +70,8 @@ def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
         "planar_vector_candidates": Case(CASES["planar_vector_candidates"]()),
         "simple_spread": Case(random_episodes(spread, episodes=8)),
         **{
-            f"threads_{n}": Case(vector_episodes(vectors[n], 1, time.perf_counter)) for n in vectors
+            f"threads_{n}_{worlds}": Case(vector_episodes(vector, 1, time.perf_counter))
+            for (n, worlds), vector in vectors.items()
         },
         **{f"rating_{size}": Case(ratings(size)) for size in (1, 100)},
         **{
@@ -104,9 +112,9 @@ def _step_rates(found: dict[str, Measured], n_spread: int) -> dict[str, Any]:
             figures[f"{prefix}ratio_to_simple_spread{suffix}"] = ratio(
                 spread.total(*kinds), total, scale=n_ours / n_theirs
             )
-    figures["vector_wall_time_of_1_thread_over_2"] = ratio(
-        found["threads_1"].total("step"), found["threads_2"].total("step")
-    )
+    for worlds in THREAD_WORLDS:
+        one, two = (found[f"threads_{n}_{worlds}"].total("step") for n in (1, 2))
+        figures[f"vector_wall_time_of_1_thread_over_2_{worlds}_worlds"] = ratio(one, two)
     return figures
 
 
