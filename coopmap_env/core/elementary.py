@@ -88,11 +88,11 @@ def sin_cos(angle: float) -> tuple[float, float]:
 
 
 @inlined_kernel
-def exp_in_range(x: float) -> float:
-    """The exponential of a number between -708 and 709, without branches or calls.
+def inlined_exp(x: float) -> float:
+    """`exp` of a number between -708 and 709, without branches or calls.
 
     A loop over it, in a kernel without checks of divisions, uses vector registers. So it does over
-    `erf`.
+    `inlined_erf`. Elsewhere, so much code in place of a call makes the code around it slower.
     """
     k = np.rint(x * INVERSE_LN2)
     high, low = x - k * LN2_HIGH, k * LN2_LOW
@@ -117,16 +117,16 @@ def exp(x: float) -> float:
     """The exponential of a number."""
     if not -708.0 < x < 709.0:  # subnormal, infinite or NaN
         return math.exp(x)
-    return exp_in_range(x)
+    return inlined_exp(x)
 
 
 @inlined_kernel
-def erf(x: float) -> float:
-    """The error function of a number, not NaN; errors are below 3e-16.
+def inlined_erf(x: float) -> float:
+    """`erf`, without branches or calls; see `inlined_exp`.
 
     W. J. Cody 1969, "Rational Chebyshev approximations for the error function". Two of its three
     intervals are enough, as what the third one serves, the relative error of 1 - erf, does not
-    matter here. See `exp_in_range`.
+    matter here.
     """
     a = abs(x)
     y = min(a, 6.0)
@@ -176,7 +176,13 @@ def erf(x: float) -> float:
     )  # fmt: skip
     numerator = near_numerator if is_near else far_numerator
     ratio = numerator / (near_denominator if is_near else far_denominator)
-    return x * ratio if is_near else math.copysign(1.0 - exp_in_range(-s) * ratio, x)
+    return x * ratio if is_near else math.copysign(1.0 - inlined_exp(-s) * ratio, x)
+
+
+@kernel
+def erf(x: float) -> float:
+    """The error function of a number, not NaN; errors are below 3e-16."""
+    return inlined_erf(x)
 
 
 @kernel

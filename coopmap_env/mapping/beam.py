@@ -49,7 +49,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.elementary import erf, exp_in_range
+from coopmap_env.core.elementary import erf, inlined_exp
 from coopmap_env.core.kernels import inlined_kernel, kernel
 from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
@@ -188,9 +188,15 @@ def endpoint_posterior(
 
 
 @inlined_kernel
+def inlined_half_power(exponent: float) -> float:
+    """`half_power`; see `inlined_exp`."""
+    return inlined_exp(-LN2 * min(exponent, 1000.0))
+
+
+@kernel
 def half_power(exponent: float) -> float:
-    """``0.5**exponent`` of 0 <= exponent <= 1000; beyond, that of 1000. See `exp_in_range`."""
-    return exp_in_range(-LN2 * min(exponent, 1000.0))
+    """``0.5**exponent`` of 0 <= exponent <= 1000; beyond, that of 1000."""
+    return inlined_half_power(exponent)
 
 
 @kernel

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.elementary import erf
+from coopmap_env.core.elementary import inlined_erf
 from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
 from coopmap_env.mapping._ray_lanes import (
     FREE_UNTIL,
@@ -30,7 +30,7 @@ from coopmap_env.mapping._ray_lanes import (
     step_lanes,
 )
 from coopmap_env.mapping.arrays import UpdateBuffers
-from coopmap_env.mapping.beam import BeamParameters, half_power, partial_endpoint_posterior
+from coopmap_env.mapping.beam import BeamParameters, inlined_half_power, partial_endpoint_posterior
 from coopmap_env.mapping.grid import GridGeometry
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT
 from coopmap_env.sensing import ScanArrays
@@ -135,9 +135,9 @@ def _evaluate_faces(n: int, windows: EndWindows) -> None:
     """Write the error function of the first n deviations, and the prior at the distances."""
     deviations, distances = windows.deviations, windows.distances
     for k in range(n):
-        deviations[k] = erf(deviations[k])
+        deviations[k] = inlined_erf(deviations[k])
     for k in range(n):
-        distances[k] = half_power(distances[k])
+        distances[k] = inlined_half_power(distances[k])
 
 
 @kernel
