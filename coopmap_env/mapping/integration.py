@@ -111,7 +111,7 @@ def clear_surfaces(surfaces: SurfaceArrays, sampled_mask: NDArray[np.uint8]) -> 
                 shared[cell] = 0.0
 
 
-@borrowing_kernel
+@kernel
 def assign_rows(cells: NDArray[np.int64], index: SurfaceIndex, rows: NDArray[np.int64]) -> None:
     """Write the row of each cell (n_beams,), -1 for none; a cell that has none gets a new one."""
     for k in range(len(cells)):
