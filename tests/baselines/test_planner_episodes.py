@@ -73,7 +73,7 @@ def test_a_robot_that_is_walled_in_turns_where_it_stands(name, options):
 @pytest.mark.parametrize("name", ["rating_function", "information_gain", "coverage"])
 @pytest.mark.parametrize("m", [1, 10, 10**6])
 def test_random_m_takes_the_best_of_its_sample(name, m, small_scene):
-    env = PlanarEnv(2, scene=small_scene, max_scans=5)
+    env = PlanarEnv(2, scene=small_scene, max_scans=5 if m < 1000 else 2)  # all poses take long
     policy = coopmap_baselines.make(name, search=m)
     observations, _ = env.reset(seed=2)
     policy.reset(np.random.default_rng(7))

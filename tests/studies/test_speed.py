@@ -260,6 +260,8 @@ def test_the_field_is_measured_too(monkeypatch):
 
     monkeypatch.setattr(field, "SEARCH_SCANS", 4)
     monkeypatch.setattr(field, "WORKER_WORLDS", 2)
+    monkeypatch.setattr(field, "N_SCAN_POSES", 3)
+    monkeypatch.setattr(field, "N_CANDIDATES", 60)
     figures = field.measure_field(1, print)
     assert figures["quartiles_over_rounds"].keys() == {
         "scan_speedup",
