@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import kernel
+from coopmap_env.core.words import lowest_bit
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field.frustum import FrustumGeometry, LinearForm, ground_corners
 from coopmap_env.mapping.occluders import WORD
@@ -21,13 +22,6 @@ TOLERANCE = 1e-9
 """Cells; for rounding errors."""
 BATCH = 64
 """Candidates from which on it pays to sort out those that the frustum does not touch."""
-DE_BRUIJN = np.uint64(0x03F79D71B4CB0A89)
-"""Its products with powers of two differ in their highest six bits."""
-BIT_OF_PRODUCT = np.array(
-    [bit for _, bit in sorted(((int(DE_BRUIJN) << b) % 2**64 >> 58, b) for b in range(WORD))],
-    dtype=np.int64,
-)
-"""The power, by the highest six bits of the product."""
 
 
 class ColumnBox(NamedTuple):
@@ -66,10 +60,8 @@ def list_bits(
     for w in range(np.uint64(first // WORD), np.uint64((end - 1) // WORD) + one):
         word, start = words[w], np.int64(w) * WORD
         while word != 0:
-            rest = word & (word - one)
-            product = (word ^ rest) * DE_BRUIJN
-            cells[np.uint64(n)] = start + BIT_OF_PRODUCT[product >> np.uint64(58)]
-            word = rest
+            cells[np.uint64(n)] = start + lowest_bit(word)
+            word &= word - one
             n += 1
     return n
 
