@@ -26,11 +26,13 @@ class ViewedMap(NamedTuple):
 
 
 @inlined_kernel
-def set_occluder(
-    occluders: NDArray[np.uint64], cell: int | np.integer[Any], occludes: bool
+def update_occluder(
+    arrays: MapArrays, cell: int | np.integer[Any], occluders: NDArray[np.uint64]
 ) -> None:
     """Write the bit of a cell; most bits stay what they are."""
-    word, bit = np.uint64(cell) // np.uint64(WORD), np.uint64(cell) % np.uint64(WORD)
+    index = np.uint64(cell)
+    occludes = arrays.log_odds_fixed[index] >= 0 and arrays.sampled_mask[index] != 0
+    word, bit = index // np.uint64(WORD), index % np.uint64(WORD)
     if (occluders[word] >> bit) & np.uint64(1) != np.uint64(occludes):
         occluders[word] ^= np.uint64(1) << bit
 
@@ -40,10 +42,8 @@ def update_occluders(
     arrays: MapArrays, cells: NDArray[np.int64], occluders: NDArray[np.uint64]
 ) -> None:
     """Write the bits of some cells (flat indices)."""
-    for k in range(len(cells)):
-        cell = np.uint64(cells[k])
-        occludes = arrays.log_odds_fixed[cell] >= 0 and arrays.sampled_mask[cell] != 0
-        set_occluder(occluders, cell, occludes)
+    for cell in cells:
+        update_occluder(arrays, cell, occluders)
 
 
 @kernel
@@ -52,6 +52,5 @@ def find_occluders(arrays: MapArrays) -> NDArray[np.uint64]:
     n = len(arrays.sampled_mask)
     occluders = np.zeros((n + WORD - 1) // WORD, np.uint64)
     for cell in range(n):
-        if arrays.log_odds_fixed[cell] >= 0 and arrays.sampled_mask[cell] != 0:
-            set_occluder(occluders, cell, True)
+        update_occluder(arrays, cell, occluders)
     return occluders

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
 from coopmap_env.mapping.arrays import MapArrays
 from coopmap_env.mapping.grid import VoxelGrid
-from coopmap_env.mapping.occluders import WORD, ViewedMap, set_occluder
+from coopmap_env.mapping.occluders import WORD, ViewedMap, update_occluder
 
 Index = int | np.int64
 UNSAMPLED = -(1 << 30)
@@ -67,36 +67,31 @@ def pool_mask(mask: NDArray[np.uint8], grid: VoxelGrid) -> NDArray[np.uint8]:
 
 
 @inlined_kernel
-def _write_block(
-    highest: Index, total: Index, n_sampled: Index, size: Index, block: np.uint64, out: MapArrays
+def _pool_block(
+    source: MapArrays,
+    block: np.int32,
+    corner: Index,
+    size: tuple[Index, Index, Index],
+    out: MapArrays,
 ) -> None:
-    """Write a block by the highest and the total log-odds of its sampled cells."""
-    if highest >= 0:
-        out.sampled_mask[block], out.log_odds_fixed[block] = 1, highest
-    elif 2 * n_sampled >= size:
-        out.sampled_mask[block], out.log_odds_fixed[block] = 1, total // n_sampled
-    else:
-        out.sampled_mask[block] = out.log_odds_fixed[block] = 0
-
-
-@kernel
-def _pool_block(source: MapArrays, i: Index, j: Index, k: Index, out: MapArrays) -> None:
-    """Write block (i, j, k)."""
-    log_odds_fixed, sampled, (nx, ny, nz) = source.log_odds_fixed, source.sampled_mask, source.shape
-    _, my, mz = out.shape
+    """Write a block of cells from a corner (flat index) on."""
+    log_odds_fixed, sampled, (_, ny, nz) = source.log_odds_fixed, source.sampled_mask, source.shape
     highest, total, n_sampled = UNSAMPLED, 0, 0
-    end_x, end_y, end_z = min(2 * i + 2, nx), min(2 * j + 2, ny), min(2 * k + 2, nz)
-    size = (end_x - 2 * i) * (end_y - 2 * j) * (end_z - 2 * k)
-    for x in range(2 * i, end_x):
-        for y in range(2 * j, end_y):
-            column = (x * ny + y) * nz
-            for z in range(2 * k, end_z):
-                cell = np.uint64(column + z)
+    for x in range(size[0]):
+        for y in range(size[1]):
+            for z in range(size[2]):
+                cell = np.uint64(corner + (x * ny + y) * nz + z)
                 was_sampled, level = sampled[cell], log_odds_fixed[cell]
                 n_sampled += was_sampled
                 total += level * was_sampled
                 highest = max(highest, level * was_sampled + UNSAMPLED * (1 - was_sampled))
-    _write_block(highest, total, n_sampled, size, np.uint64((i * my + j) * mz + k), out)
+    at = np.uint64(block)
+    if highest >= 0:
+        out.sampled_mask[at], out.log_odds_fixed[at] = 1, highest
+    elif 2 * n_sampled >= size[0] * size[1] * size[2]:
+        out.sampled_mask[at], out.log_odds_fixed[at] = 1, total // n_sampled
+    else:
+        out.sampled_mask[at] = out.log_odds_fixed[at] = 0
 
 
 @unchecked_division_kernel
@@ -135,24 +130,6 @@ def _keep_first(blocks: NDArray[np.int32], update: int, last_update: NDArray[np.
 
 
 @kernel
-def _pool_whole_block(source: MapArrays, i: Index, j: Index, k: Index, out: MapArrays) -> None:
-    """`_pool_block` of a block that does not stick out of the grid: loops of known length."""
-    log_odds_fixed, sampled, (_, ny, nz) = source.log_odds_fixed, source.sampled_mask, source.shape
-    _, my, mz = out.shape
-    highest, total, n_sampled = UNSAMPLED, 0, 0
-    corner = (2 * i * ny + 2 * j) * nz + 2 * k
-    for x in range(2):
-        for y in range(2):
-            for z in range(2):
-                cell = np.uint64(corner + (x * ny + y) * nz + z)
-                was_sampled, level = sampled[cell], log_odds_fixed[cell]
-                n_sampled += was_sampled
-                total += level * was_sampled
-                highest = max(highest, level * was_sampled + UNSAMPLED * (1 - was_sampled))
-    _write_block(highest, total, n_sampled, 8, np.uint64((i * my + j) * mz + k), out)
-
-
-@kernel
 def pool_changed(
     source: MapArrays,
     cells: NDArray[np.int64],
@@ -168,12 +145,13 @@ def pool_changed(
     _, my, mz = out.shape
     for block in blocks[: _keep_first(blocks, update, last_update)]:
         i, j, k = block // (my * mz), block // mz % my, block % mz
-        if 2 * i + 2 <= nx and 2 * j + 2 <= ny and 2 * k + 2 <= nz:
-            _pool_whole_block(source, i, j, k, out)
+        corner = (2 * i * ny + 2 * j) * nz + 2 * k
+        size = min(nx - 2 * i, 2), min(ny - 2 * j, 2), min(nz - 2 * k, 2)
+        if size == (2, 2, 2):  # loops of a known length
+            _pool_block(source, block, corner, (2, 2, 2), out)
         else:
-            _pool_block(source, i, j, k, out)
-        occludes = out.sampled_mask[block] != 0 and out.log_odds_fixed[block] >= 0
-        set_occluder(occluders, np.int64(block), occludes)
+            _pool_block(source, block, corner, size, out)
+        update_occluder(out, block, occluders)
 
 
 @kernel
