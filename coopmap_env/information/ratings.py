@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.elementary import power_array
+from coopmap_env.core.elementary import power
+from coopmap_env.core.kernels import kernel
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Spheres, wrap_angle
 from coopmap_env.information.settings import RatingSettings
@@ -64,9 +65,29 @@ class Ratings:
         constants: RatingSettings,
     ) -> Ratings:
         """Eq. 9: RF = (NI - K d**n) (1 - P)."""
-        cost = constants.K * power_array(distance, constants.exponent)
-        rating = (new_information - cost) * (1.0 - occupancy)
-        return cls(new_information, distance, cost, occupancy, rating)
+        out = np.empty((3, len(distance)))
+        out[1] = occupancy
+        cost_law = float(constants.K), float(constants.exponent)
+        write_ratings(cost_law, new_information, distance, out)
+        return cls(new_information, distance, *out)
+
+
+@kernel
+def write_ratings(
+    cost_law: tuple[float, float],
+    ni: NDArray[np.float64],
+    d: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Eq. 9: write K d**n and RF of k poses to the first and the last row of `out` (3, k).
+
+    P is in the row between, `cost_law` is K and n.
+    """
+    K, exponent = cost_law
+    cost, p, rating = out[0], out[1], out[2]
+    for k in range(len(d)):
+        cost[k] = K * power(d[k], exponent)
+        rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])
 
 
 def joint_distance(q: ArrayLike, current: ArrayLike, alpha: ArrayLike) -> NDArray[np.float64]:

@@ -86,6 +86,8 @@ N_POSE_AND_RATING_FEATURES = 11
 class ShownCrop(NamedTuple):
     """The crop of the map that a robot was shown last."""
 
+    base: Pose
+    """Of the robot."""
     crop: Crop
     changes: ColumnChanges
     """Those of the map."""
@@ -137,7 +139,6 @@ class FieldObserver:
             len(self._n_joints) * (2 * height * side**2 + features),
             "an observation of all robots (n_robots, crop_cells, n_candidates)",
         )
-        self._crops: dict[int, tuple[Pose, Crop]] = {}
         self._shown: dict[int, ShownCrop] = {}
         self._max_information = log(settings.rating.n_gray_bins)
 
@@ -181,7 +182,8 @@ class FieldObserver:
         positions in diagonals of the world; zeros for a robot that is not located.
         """
         origin = Pose(np.zeros(3), np.eye(3))
-        crop = self._new_map_crop(belief.map, Crop.around(self._grid, origin, *self._crop_size))
+        crop, cells = self._new_crop(origin)
+        self._write_crop(belief.map, crop, -1, cells)
         robots = range(len(self._n_joints))
         joints = [belief.joint_spaces[robot].normalize(belief.joints[robot]) for robot in robots]
         cameras = [
@@ -190,7 +192,9 @@ class FieldObserver:
             else np.zeros(N_CAMERA_VALUES, dtype=np.float32)
             for robot in robots
         ]
-        return np.concatenate([crop.ravel() / np.float32(255), *joints, *cameras], dtype=np.float32)
+        return np.concatenate(
+            [cells.ravel() / np.float32(255), *joints, *cameras], dtype=np.float32
+        )
 
     def _observe(self, belief: FieldBelief, robot: int) -> Observation:
         base = belief.vehicles[robot].T_world_base
@@ -228,35 +232,31 @@ class FieldObserver:
             )
         return observation
 
-    def _crop(self, robot: int, base: Pose) -> Crop:
-        """The crop around a base, which is computed once: vehicles do not drive."""
-        at, crop = self._crops.get(robot, (None, None))
-        if crop is None or at is not base:
-            crop = Crop.around(self._grid, base, *self._crop_size)
-            self._crops[robot] = base, crop
-        return crop
-
     def _map_crop(self, map_: OccupancyMap, robot: int, base: Pose) -> NDArray[np.uint8]:
-        """The crop of a robot: that which it was shown last, where the map has changed since."""
-        crop, changes = self._crop(robot, base), map_.changes
-        shown = self._shown.get(robot)
-        if shown is None or shown.changes is not changes or shown.crop is not crop:
-            cells = self._new_map_crop(map_, crop)
-        else:
-            cells = shown.cells.copy()
-            self._write_crop(map_, crop, CropUpdate(changes.last_change, shown.n_changes), cells)
-        self._shown[robot] = ShownCrop(crop, changes, changes.count, cells.copy())
-        return cells
+        """The crop of a robot: what it was shown last, written again where the map has changed.
 
-    def _new_map_crop(self, map_: OccupancyMap, crop: Crop) -> NDArray[np.uint8]:
+        Which voxels it shows is computed once for each base: vehicles do not drive.
+        """
+        changes, shown = map_.changes, self._shown.get(robot)
+        if shown is None or shown.base is not base:
+            (crop, cells), since = self._new_crop(base), -1
+        else:
+            crop, cells = shown.crop, shown.cells
+            since = shown.n_changes if shown.changes is changes else -1
+        self._write_crop(map_, crop, since, cells)
+        self._shown[robot] = ShownCrop(base, crop, changes, changes.count, cells)
+        return cells.copy()
+
+    def _new_crop(self, base: Pose) -> tuple[Crop, NDArray[np.uint8]]:
+        """The crop around a base, and memory for its cells."""
         side, height = self._settings.crop_cells
-        cells = np.empty((2 * height, side, side), dtype=np.uint8)
-        self._write_crop(map_, crop, CropUpdate(map_.changes.last_change, -1), cells)
-        return cells
+        crop = Crop.around(self._grid, base, *self._crop_size)
+        return crop, np.empty((2 * height, side, side), dtype=np.uint8)
 
     def _write_crop(
-        self, map_: OccupancyMap, crop: Crop, update: CropUpdate, cells: NDArray[np.uint8]
+        self, map_: OccupancyMap, crop: Crop, since: int, cells: NDArray[np.uint8]
     ) -> None:
+        update = CropUpdate(map_.changes.last_change, since)
         pooling = self._settings.crop_pooling
         write_crop(map_.arrays, crop, pooling, self._byte_of_log_odds, update, cells)
 

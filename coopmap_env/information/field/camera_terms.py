@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.information.ratings import write_ratings
 
 
 @kernel
@@ -43,9 +43,5 @@ def rate_cameras(
 
     `cost_law` is K and n; see `write_occupancy`.
     """
-    K, exponent = cost_law
-    cost, p, rating = out[0], out[1], out[2]
-    write_occupancy(map_tuple, points, p)
-    for k in range(len(d)):
-        cost[k] = K * power(d[k], exponent)
-        rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])
+    write_occupancy(map_tuple, points, out[1])
+    write_ratings(cost_law, ni, d, out)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
 from coopmap_env.information.gray_levels import GrayLevelTable
 from coopmap_env.information.planar.cell_codes import CodeTable
@@ -16,7 +15,13 @@ from coopmap_env.information.planar.view_calls import (
     evaluate_team,
     find_visible_cells,
 )
-from coopmap_env.information.ratings import WHOLE_VIEW, Ratings, ReservedMask, ViewContext
+from coopmap_env.information.ratings import (
+    WHOLE_VIEW,
+    Ratings,
+    ReservedMask,
+    ViewContext,
+    write_ratings,
+)
 from coopmap_env.information.settings import PlanarRatingSettings
 from coopmap_env.mapping import LogOddsRange, OccupancyMap
 from coopmap_env.robots import PoseLattice
@@ -245,9 +250,6 @@ def rate_poses(
 
     `probability` is the table of the map's log-odds, `cost_law` is K and n.
     """
-    K, exponent = cost_law
-    cost, p, rating = out[0], out[1], out[2]
     for k in range(len(d)):
-        p[k] = probability[log_odds_fixed[ids[k] // n_headings] + clamp]
-        cost[k] = K * power(d[k], exponent)
-        rating[k] = (ni[k] - cost[k]) * (1.0 - p[k])
+        out[1, k] = probability[log_odds_fixed[ids[k] // n_headings] + clamp]
+    write_ratings(cost_law, ni, d, out)
