@@ -94,8 +94,7 @@ class Vehicle:
         self, joints: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """`camera_poses` from `_camera_joints` (k, m)."""
-        R, t = np.empty((len(joints), 1, 3, 3)), np.empty((len(joints), 1, 3))
-        mounted_frame_poses(self._mounted_camera, joints, R, t)
+        R, t = mounted_frame_poses(self._mounted_camera, joints)
         return R[:, 0], t[:, 0]
 
     @cached_property

@@ -196,12 +196,10 @@ class FieldSimulator:
         self._cameras: list[Pose] = []
         rotations, translations = [], []
         for frames, q in zip(self._frames, self._bullet.q, strict=True):
-            n = len(frames[1])
-            R, t = np.empty((1, n, 3, 3)), np.empty((1, n, 3))
-            mounted_frame_poses(frames, q[None], R, t)
-            self._cameras.append(Pose(t[0, -1], R[0, -1]))
-            rotations.append(R[0, :-1])
-            translations.append(t[0, :-1])
+            (R,), (t,) = mounted_frame_poses(frames, q[None])
+            self._cameras.append(Pose(t[-1], R[-1]))
+            rotations.append(R[:-1])
+            translations.append(t[:-1])
         self._body_rotations = np.concatenate(rotations)
         self._body_translations = np.concatenate(translations)
 

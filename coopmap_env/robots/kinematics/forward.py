@@ -149,13 +149,14 @@ class MountedFrames(NamedTuple):
 
 @kernel
 def mounted_frame_poses(
-    frames: PlainTuple, q: NDArray[np.float64], R: NDArray[np.float64], t: NDArray[np.float64]
-) -> None:
-    """Write poses of frames in the world, for a batch q (k, n): R (k, f, 3, 3), t (k, f, 3).
+    frames: PlainTuple, q: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses of frames in the world, for a batch q (k, n): R (k, f, 3, 3), t (k, f, 3).
 
     `frames` is a plain `MountedFrames` with a plain tree.
     """
     tree, body, rotation, translation, base_rotation, base_translation = frames
+    R, t = np.empty((len(q), len(body), 3, 3)), np.empty((len(q), len(body), 3))
     frame_poses(KinematicTree(*tree), q, body, rotation, translation, R, t)
     in_base = np.empty((3, 3))
     for k in range(len(q)):
@@ -166,6 +167,7 @@ def mounted_frame_poses(
             for i in range(3):
                 row = base_rotation[i]
                 t[k, f, i] = row[0] * x + row[1] * y + row[2] * z + base_translation[i]
+    return R, t
 
 
 @kernel
