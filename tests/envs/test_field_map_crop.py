@@ -77,6 +77,10 @@ def test_only_columns_that_have_changed_are_written():
     np.testing.assert_array_equal(out[:, written], wanted[:, written])
 
 
+def random_actions(env, rng):
+    return {agent: rng.uniform(-1, 1, 5).astype(np.float32) for agent in env.agents}
+
+
 @pytest.mark.parametrize("initialization", ["located", "search"])
 def test_observed_maps_are_those_of_an_observer_that_sees_them_first(initialization):
     """In two episodes, over scans, and where the map is cleared, marked, or set as a whole."""
@@ -94,8 +98,7 @@ def test_observed_maps_are_those_of_an_observer_that_sees_them_first(initializat
     for seed in (0, 1):
         check(env.reset(seed=seed)[0])
         while env.agents:
-            actions = {agent: env.action_space(agent).sample() for agent in env.agents}
-            check(env.step(actions)[0])
+            check(env.step(random_actions(env, rng))[0])
     belief = env.belief()
     map_ = belief.planning_map(0)
     kept = map_.copy()
@@ -111,13 +114,13 @@ def test_observed_maps_are_those_of_an_observer_that_sees_them_first(initializat
 
 def test_an_observation_is_not_changed_by_the_next_one():
     pytest.importorskip("pybullet")
-    env = FieldEnv(max_scans=2)
+    env, rng = FieldEnv(max_scans=2), np.random.default_rng(0)
     before = env.reset(seed=0)[0]["robot_0"]["map"]
     kept = before.copy()
-    env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+    env.step(random_actions(env, rng))
     np.testing.assert_array_equal(before, kept)
     before[:] = 0  # and a user may write to it
-    after = env.step({agent: env.action_space(agent).sample() for agent in env.agents})[0]
+    after = env.step(random_actions(env, rng))[0]
     assert after["robot_0"]["map"].any()
 
 
