@@ -5,7 +5,7 @@
     python -m coopmap_env.studies.engine_comparison OUT --seeds 0 1 2
 
 trains planar candidates by coverage with each engine (about 5 minutes a seed on an idle core) and
-measures both engines' agent-steps per second of CPU time, in turns in one process. OUT/summary.json
+measures agent-steps per second of CPU time, in turns in one process. OUT/summary.json
 has the scores on validation worlds, of the best and of the last network, and the speeds. A training
 that was interrupted goes on.
 """
@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from typing import Any
 from coopmap_agents.config import EngineName, EnvConfig, PPOSettings, TrainingConfig
 from coopmap_agents.ppo import PPOTrainer
 from coopmap_agents.sb3 import SB3Trainer
+from coopmap_agents.trainer import Trainer
 from coopmap_agents.training import run_training
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log
@@ -38,28 +40,33 @@ VALIDATION_EPISODES = 100
 SCORES = ("coverage_auc", "coverage", "reward")
 
 
-def measure_speed(repetitions: int = 3, rollouts: int = 2) -> dict[EngineName, float]:
+def measure_speed(repetitions: int = 3, rollouts: int = 2) -> dict[str, float]:
     """Agent-steps per second of this process's CPU time, the most of some segments of each.
 
-    The engines take turns, so that a busy machine slows both.
+    Each engine has its own settings, and Stable-Baselines3 those of the other one too. All take
+    turns, so that a busy machine slows all.
     """
-    seconds: dict[EngineName, list[float]] = {engine: [] for engine in SETTINGS}
-    steps = {
-        engine: rollouts * 2 * own.n_envs * own.rollout_steps for engine, own in SETTINGS.items()
+    cases: dict[str, tuple[Callable[..., Trainer], PPOSettings]] = {
+        "sb3": (SB3Trainer, SETTINGS["sb3"]),
+        "ppo": (PPOTrainer, SETTINGS["ppo"]),
+        "sb3 with the settings of ppo": (SB3Trainer, SETTINGS["ppo"]),
     }
+    steps = {
+        name: rollouts * 2 * own.n_envs * own.rollout_steps for name, (_, own) in cases.items()
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in cases}
     with ExitStack() as stack:
-        trainers: dict[EngineName, Any] = {}
-        for engine, settings in SETTINGS.items():
-            sized = replace(settings, segment_steps=steps[engine], total_steps=1 << 40)
-            trainer = PPOTrainer if engine == "ppo" else SB3Trainer
-            trainers[engine] = stack.enter_context(closing(trainer(ENV, sized, seed=0)))
+        trainers: dict[str, Trainer] = {}
+        for name, (trainer, settings) in cases.items():
+            sized = replace(settings, segment_steps=steps[name], total_steps=1 << 40)
+            trainers[name] = stack.enter_context(closing(trainer(ENV, sized, seed=0)))
         for segment in range(repetitions + 1):
-            for engine, trainer in trainers.items():
+            for name, running in trainers.items():
                 start = time.process_time()
-                trainer.learn(segment)
-                seconds[engine].append(time.process_time() - start)
+                running.learn(segment)
+                seconds[name].append(time.process_time() - start)
     # the first segment loads kernels
-    return {engine: steps[engine] / min(seconds[engine][1:]) for engine in SETTINGS}
+    return {name: steps[name] / min(seconds[name][1:]) for name in cases}
 
 
 def train_engine(engine: EngineName, seed: int, out: Path, total_steps: int) -> dict[str, Any]:
@@ -89,7 +96,7 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     summary: dict[str, Any] = {
         "agent_steps_per_cpu_second": {
-            engine: significant(speed) for engine, speed in measure_speed().items()
+            name: significant(speed) for name, speed in measure_speed().items()
         }
     }
     for engine in () if options.only_speed else SETTINGS:
