@@ -21,7 +21,9 @@ from coopmap_env.core.words import high_product
 
 STATE_WORDS = 3
 """Words of the state of a stream."""
-_BLOCKS_TAKEN = 2
+KEY_WORDS = 2
+"""The first of them, which a seed sequence generates; the rest begins at 0."""
+_BLOCKS_TAKEN = KEY_WORDS
 _ROUNDS = 10
 _MULTIPLIERS = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _KEY_STEPS = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
@@ -37,14 +39,7 @@ Words = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 def stream_state(seed: np.random.SeedSequence) -> NDArray[np.uint64]:
     """State (3,) of a new stream; its words are those of ``numpy.random.Philox(seed)``."""
-    return stream_states(seed, 1)[0]
-
-
-def stream_states(seed: np.random.SeedSequence, n: int) -> NDArray[np.uint64]:
-    """States (n, 3) of new streams; the first is that of `stream_state`."""
-    states = np.zeros((n, STATE_WORDS), dtype=np.uint64)
-    states[:, :_BLOCKS_TAKEN] = seed.generate_state(2 * n, np.uint64).reshape(n, -1)
-    return states
+    return np.array([*seed.generate_state(KEY_WORDS, np.uint64), 0], dtype=np.uint64)
 
 
 def draw_stream(rng: np.random.Generator) -> NDArray[np.uint64]:

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from coopmap_env.core.seed_sequences import seed_states
 from coopmap_env.envs.belief import Belief, Observation
 from coopmap_env.envs.rewards import REWARD_TERMS, StepOutcome
 from coopmap_env.simulation.scenes import world_seed_words
@@ -32,6 +34,10 @@ STEP_INFO_TYPES: dict[str, Any] = {
 """The same after a step; `outcome_info` fills it in."""
 
 
+SCENE, START, NOISE, CANDIDATES, SEEDS, VEHICLES, STREAMS = range(7)
+"""Numbers of the seeds of an episode."""
+
+
 class EpisodeSeeds:
     """The seeds of an episode, one for each purpose: children of the world's, made when asked for.
 
@@ -50,6 +56,14 @@ class EpisodeSeeds:
     def __init__(self, split: str, seed: int) -> None:
         self._words = world_seed_words(split, seed)
 
+    @staticmethod
+    def states(episodes: Sequence[EpisodeSeeds], number: int, n: int) -> NDArray[np.uint64]:
+        """What the seed of a number generates, for each episode of one split: (k, n) words."""
+        if not episodes:
+            return np.empty((0, n), dtype=np.uint64)
+        key = (*episodes[0]._words["spawn_key"], number)
+        return seed_states([seeds.index for seeds in episodes], key, n)
+
     @property
     def index(self) -> int:
         """Index of the world in its split."""
@@ -63,37 +77,37 @@ class EpisodeSeeds:
     @property
     def scene(self) -> np.random.SeedSequence:
         """Draws the world."""
-        return self._child(0)
+        return self._child(SCENE)
 
     @property
     def start(self) -> np.random.SeedSequence:
         """Draws the start of a field team."""
-        return self._child(1)
+        return self._child(START)
 
     @property
     def noise(self) -> np.random.SeedSequence:
         """Draws the noise of field scans."""
-        return self._child(2)
+        return self._child(NOISE)
 
     @property
     def candidates(self) -> np.random.SeedSequence:
         """Draws the candidates of a field team."""
-        return self._child(3)
+        return self._child(CANDIDATES)
 
     @property
     def seeds(self) -> np.random.SeedSequence:
         """Draws the seeds of later episodes for which none is given."""
-        return self._child(4)
+        return self._child(SEEDS)
 
     @property
     def vehicles(self) -> np.random.SeedSequence:
         """Draws how true vehicles differ from their descriptions."""
-        return self._child(5)
+        return self._child(VEHICLES)
 
     @property
     def streams(self) -> np.random.SeedSequence:
         """Keys of the streams from which the kernels of planar worlds draw."""
-        return self._child(6)
+        return self._child(STREAMS)
 
 
 class SeedDraws:
@@ -103,7 +117,8 @@ class SeedDraws:
     """
 
     def __init__(self) -> None:
-        self._rng = np.random.default_rng()
+        self._followed: EpisodeSeeds | None = None
+        self._rng: np.random.Generator | None = None  # made when first needed
 
     def seeds_of(self, split: str, seed: int | None) -> EpisodeSeeds:
         """Those of the next episode, by the seed that was given for it; `follow` it once it began.
@@ -113,13 +128,16 @@ class SeedDraws:
         ValueError
             If the seed is not an integer of at least 0.
         """
-        if seed is None:
-            return EpisodeSeeds(split, int(self._rng.integers(2**31)))
-        return EpisodeSeeds(split, seed)
+        if seed is not None:
+            return EpisodeSeeds(split, seed)
+        if self._rng is None:
+            followed = self._followed
+            self._rng = np.random.default_rng(None if followed is None else followed.seeds)
+        return EpisodeSeeds(split, int(self._rng.integers(2**31)))
 
     def follow(self, seeds: EpisodeSeeds) -> None:
         """Draw from these, which were given, from now on."""
-        self._rng = np.random.default_rng(seeds.seeds)
+        self._followed, self._rng = seeds, None
 
 
 class TeamStep(NamedTuple, Generic[BeliefT]):

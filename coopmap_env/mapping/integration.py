@@ -96,19 +96,16 @@ class FusionArrays(NamedTuple):
 
 
 @borrowing_kernel
-def clear_surfaces(surfaces: SurfaceArrays, sampled_mask: NDArray[np.uint8]) -> None:
-    """Forget the surfaces of all cells that were sampled (n_cells,); others have none."""
+def clear_surfaces(surfaces: SurfaceArrays, first: int, stop: int) -> None:
+    """Forget the surfaces of the cells from the first up to the stop."""
     precision, information_vector, noise, scatter, shared = surfaces
-    if len(precision) == 0:
-        return
-    for cell in range(len(sampled_mask)):
-        if sampled_mask[cell]:
-            precision[cell] = 0.0
-            information_vector[cell] = 0.0
-            if len(noise) > 0:
-                noise[cell] = 0.0
-                scatter[cell] = 0.0
-                shared[cell] = 0.0
+    if len(precision) > 0:
+        precision[first:stop] = 0.0
+        information_vector[first:stop] = 0.0
+    if len(noise) > 0:
+        noise[first:stop] = 0.0
+        scatter[first:stop] = 0.0
+        shared[first:stop] = 0.0
 
 
 @kernel

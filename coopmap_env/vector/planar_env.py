@@ -13,10 +13,10 @@ from coopmap_env.core.arguments import check_count
 from coopmap_env.envs import REWARD_TERMS
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.planar.actions import MASKED, rejected_reason
-from coopmap_env.envs.planar.env import PlanarWorldView, make_world
+from coopmap_env.envs.planar.env import PlanarWorldView
 from coopmap_env.envs.planar.observations import ObservationArrays, TeamObservations
 from coopmap_env.envs.planar.worlds import PlanarWorlds
-from coopmap_env.envs.step_data import SeedDraws
+from coopmap_env.envs.step_data import EpisodeSeeds, SeedDraws
 from coopmap_env.robots.planar.reachable_regions import INFEASIBILITY_REASONS
 from coopmap_env.vector.rows import RowName
 from coopmap_env.vector.step_arrays import StepArrays
@@ -73,7 +73,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
             autoreset_mode=autoreset_mode,
             double_buffer=double_buffer,
         )
-        self._worlds = PlanarWorlds(env.task, n_envs, keep_surfaces, num_threads)
+        self._worlds = PlanarWorlds(env.task, env.scene, n_envs, keep_surfaces, num_threads)
         self._observations = [self._team_observations(arrays) for arrays in self._buffers]
         self._world_views = [PlanarWorldView(env, self._worlds, e) for e in range(n_envs)]
         self._seed_draws = [SeedDraws() for _ in range(n_envs)]
@@ -104,8 +104,8 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
     ) -> None:
         if reset:
             worlds = np.array(reset)
-            self._set_up(reset, seeds)
-            self._worlds.start(worlds)
+            own = self._draw_worlds(reset, seeds)
+            self._worlds.start(worlds, own)
             self._worlds.observe(worlds, self._observations[buffer])
             self._write_common_infos(buffer, worlds)
         if stepped:
@@ -114,18 +114,19 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
             self._worlds.step(worlds, self._poses, self._choices, self._observations[buffer])
             self._write_results(buffer, worlds, n_offered)
 
-    def _set_up(self, worlds: Sequence[int], seeds: Sequence[int | None]) -> None:
-        """Make new true worlds, by the seeds of a single environment; all of them or none."""
-        env, made = self._env, []
-        for world, seed in zip(worlds, seeds, strict=True):
-            with naming_world(world):
-                own = self._seed_draws[world].seeds_of(env.split, seed)
-                rng = np.random.default_rng(own.scene)
-                made.append((own, make_world(env.scene, env.task.grid, rng)))
-        for world, seed, (own, truth) in zip(worlds, seeds, made, strict=True):
-            self._worlds.set_up(world, truth, own)
+    def _draw_worlds(
+        self, worlds: Sequence[int], seeds: Sequence[int | None]
+    ) -> list[EpisodeSeeds]:
+        """Draw true worlds by the seeds of a single environment, which are returned."""
+        draws = [self._seed_draws[world] for world in worlds]
+        own = [
+            draw.seeds_of(self._env.split, seed) for draw, seed in zip(draws, seeds, strict=True)
+        ]
+        self._worlds.truths.draw(worlds, own, naming_world)
+        for draw, seed, mine in zip(draws, seeds, own, strict=True):
             if seed is not None:
-                self._seed_draws[world].follow(own)
+                draw.follow(mine)
+        return own
 
     def _write_common_infos(self, buffer: int, worlds: NDArray[np.int64]) -> None:
         arrays, ours, at = self._buffers[buffer], self._worlds.arrays, self._at(worlds)

@@ -49,12 +49,14 @@ from coopmap_env.robots.planar.reachable_regions import (
     OUTSIDE_WORLD,
     RegionArrays,
     feasibility,
-    find_regions,
+    label_regions,
     update_regions,
 )
 from coopmap_env.sensing import ScanArrays
 from coopmap_env.simulation.planar_scans import scan_from_lattice
 
+BLOCK = 64
+"""Cells that are cleared together."""
 STAYS = -1
 """Target of a robot whose action is rejected."""
 
@@ -404,6 +406,26 @@ def step_worlds(
 
 
 @borrowing_kernel
+def _empty_map(worlds: WorldArrays, e: int) -> None:
+    """Forget all cells that were sampled; there is nothing to forget of others.
+
+    Most blocks of cells hold none, and it is much faster to read one array than to write them all.
+    """
+    sampled, surfaces = worlds.sampled_mask[e], surfaces_of(worlds, e)
+    for first in range(0, len(sampled), BLOCK):
+        stop, any_sampled = min(first + BLOCK, len(sampled)), np.uint8(0)
+        for is_sampled in sampled[first:stop]:
+            any_sampled = np.uint8(any_sampled | is_sampled)
+        if any_sampled:
+            worlds.log_odds_fixed[e, first:stop] = 0
+            worlds.codes[e, first:stop] = UNKNOWN
+            worlds.labels[e, first:stop] = 0
+            clear_surfaces(surfaces, first, stop)
+            sampled[first:stop] = 0
+    worlds.n_labels[e] = worlds.n_observed[e] = worlds.n_scans[e] = 0
+
+
+@borrowing_kernel
 def _start_world(
     worlds: WorldArrays, e: int, constants: StepConstants, scratch: StepScratch
 ) -> None:
@@ -411,9 +433,7 @@ def _start_world(
     nx, ny, _ = constants.grid.shape
     log_odds, sampled, codes = worlds.log_odds_fixed[e], worlds.sampled_mask[e], worlds.codes[e]
     occupied, pose_ids = worlds.occupied[e].reshape(nx, ny), worlds.pose_ids[e]
-    clear_surfaces(surfaces_of(worlds, e), sampled)
-    log_odds[:], sampled[:], codes[:] = 0, 0, UNKNOWN
-    worlds.n_observed[e] = worlds.n_scans[e] = 0
+    _empty_map(worlds, e)
     start = constants.start
     sample_start_poses(occupied, start, worlds.start_streams[e], scratch.start, pose_ids)
     for robot in range(len(pose_ids)):
@@ -424,6 +444,8 @@ def _start_world(
             worlds.n_observed[e] += 1 - sampled[cell]
             log_odds[cell], sampled[cell] = -constants.clamp, 1
             codes[cell] = constants.code_of_log_odds[0]
+    arrays, regions = map_of(worlds, e, constants), regions_of(worlds, e, scratch)
+    label_regions(arrays, pose_ids, start.n_headings, regions)
 
 
 @kernel
@@ -451,14 +473,11 @@ def observe_worlds(
     observations_tuple: PlainTuple,
     scratch_tuple: PlainTuple,
 ) -> None:
-    """Find the regions that the teams of some worlds reach, offer candidates and observe.
+    """Offer candidates to the teams of some worlds that started, and observe.
 
     The tuples are plain, as of `step_worlds`.
     """
     worlds, constants = name_worlds(worlds_tuple), name_constants(constants_tuple)
     observations, scratch = name_observations(observations_tuple), name_scratch(scratch_tuple)
-    n = constants.sampling.lattice.n_headings
     for e in which:
-        arrays, regions = map_of(worlds, e, constants), regions_of(worlds, e, scratch)
-        find_regions(arrays, worlds.pose_ids[e], n, regions)
         _observe(worlds, e, constants, observations, scratch)

@@ -76,12 +76,13 @@ class WorldArrays(NamedTuple):
 
     @classmethod
     def empty(
-        cls, n_worlds: int, n_robots: int, n_cells: int, m: int, surfaces: SurfaceArrays
+        cls, occupied: NDArray[np.bool_], n_robots: int, m: int, surfaces: SurfaceArrays
     ) -> WorldArrays:
-        """Worlds without anything; m is 0 in "pose" mode."""
-        cells, team = (n_worlds, n_cells), (n_worlds, n_robots)
+        """Worlds of these truths (E, n) with empty maps; m is 0 in "pose" mode."""
+        n_worlds, team = len(occupied), (len(occupied), n_robots)
+        cells = occupied.shape
         return cls(
-            np.zeros(cells, dtype=np.bool_),
+            occupied,
             np.zeros(cells, dtype=np.int32),
             np.zeros(cells, dtype=np.uint8),
             np.zeros(cells, dtype=np.uint8),

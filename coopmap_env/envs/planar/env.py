@@ -8,7 +8,6 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from coopmap_env.core.files import brief
 from coopmap_env.envs.actions import CandidateMode
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
@@ -25,7 +24,7 @@ from coopmap_env.envs.team import TeamEnv
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.rendering import render_team
 from coopmap_env.sensing import Scan
-from coopmap_env.simulation.scenes.planar import PlanarScene, PlanarWorld, make_planar_scene
+from coopmap_env.simulation.scenes.planar import PlanarWorld, make_planar_scene
 
 ONE_WORLD = np.zeros(1, dtype=np.int64)
 NO_POSES = np.empty((1, 0, 3))
@@ -71,7 +70,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         self._attach(self._make_worlds(), 0)
 
     def _make_worlds(self) -> PlanarWorlds:
-        return PlanarWorlds(self.task, 1, keep_surfaces=True)
+        return PlanarWorlds(self.task, self.scene, 1, keep_surfaces=True)
 
     def _attach(self, worlds: PlanarWorlds, index: int) -> None:
         """Be the environment of one of these worlds."""
@@ -79,10 +78,9 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         self._map, self._regions = worlds.map(index), worlds.regions(index)
 
     def _start(self, seeds: EpisodeSeeds) -> tuple[PlanarBelief, list[Observation]]:
-        world = make_world(self.scene, self._map.grid, np.random.default_rng(seeds.scene))
-        self._worlds.set_up(0, world, seeds)
+        self._worlds.truths.draw([0], [seeds])
         observations = self._worlds.empty_observations()
-        self._worlds.start(ONE_WORLD)
+        self._worlds.start(ONE_WORLD, [seeds])
         self._worlds.observe(ONE_WORLD, observations)
         return self._current_belief(), self._observations_of_robots(observations)
 
@@ -142,7 +140,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
     def truth(self) -> PlanarWorld:
         """The true world, for scoring and rendering only; policies get `belief`."""
         self._require_reset()
-        return self._worlds.truth(self._index)
+        return self._worlds.truths.world(self._index)
 
     def _render_frame(self) -> NDArray[np.uint8]:
         belief = self.belief()
@@ -158,20 +156,6 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
             f"observed {map_.observed_fraction:.1%}",
         )
-
-
-def make_world(scene: PlanarScene, declared: VoxelGrid, rng: np.random.Generator) -> PlanarWorld:
-    """A world of a scene, which must be as the scene declares."""
-    world = scene.world(rng)
-    if not isinstance(world, PlanarWorld):
-        raise ValueError(f"scene {scene.name!r} must make a PlanarWorld, not {brief(world)}")
-    for name in ("shape", "resolution", "origin"):
-        actual, expected = getattr(world, name), getattr(declared, name)
-        if actual != expected:
-            raise ValueError(
-                f"scene {scene.name!r} made a world of {name} {actual}, not {expected}"
-            )
-    return world
 
 
 class PlanarWorldView(PlanarEnv):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.random_streams import stream_states
+from coopmap_env.core.random_streams import KEY_WORDS
 from coopmap_env.envs.planar._observation_kernels import TeamObservations
 from coopmap_env.envs.planar._starts import StartSettings
 from coopmap_env.envs.planar._step_kernels import observe_worlds, start_worlds, step_worlds
@@ -22,8 +22,9 @@ from coopmap_env.envs.planar._world_arrays import (
 )
 from coopmap_env.envs.planar.observations import observation_tables
 from coopmap_env.envs.planar.task import PlanarTask
+from coopmap_env.envs.planar.true_worlds import TrueWorlds
 from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome
-from coopmap_env.envs.step_data import EpisodeSeeds
+from coopmap_env.envs.step_data import STREAMS, EpisodeSeeds
 from coopmap_env.information import PlanarRatingFunction
 from coopmap_env.information.planar.view_arrays import ViewTables
 from coopmap_env.mapping import OccupancyMap, ScanGain, SurfaceArrays
@@ -33,7 +34,7 @@ from coopmap_env.robots.planar.feasible_poses import PoseSampling, check_reach
 from coopmap_env.robots.planar.reachable_regions import RegionArrays
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation.planar import camera_arrays
-from coopmap_env.simulation.scenes.planar import PlanarWorld
+from coopmap_env.simulation.scenes.planar import PlanarScene
 
 
 class PlanarWorlds:
@@ -42,6 +43,8 @@ class PlanarWorlds:
     Parameters
     ----------
     task : PlanarTask
+    scene : PlanarScene
+        Makes the true worlds.
     n_worlds : int
         E.
     keep_surfaces : bool
@@ -52,7 +55,12 @@ class PlanarWorlds:
     """
 
     def __init__(
-        self, task: PlanarTask, n_worlds: int, keep_surfaces: bool, n_threads: int = 1
+        self,
+        task: PlanarTask,
+        scene: PlanarScene,
+        n_worlds: int,
+        keep_surfaces: bool,
+        n_threads: int = 1,
     ) -> None:
         s, grid, n, m = task.settings, task.grid, task.n_robots, task.n_candidates
         self.task = task
@@ -64,10 +72,10 @@ class PlanarWorlds:
         surfaces = SurfaceArrays.empty(
             n_worlds * grid.n_cells if keep_surfaces else 0, 2, s.beam.surface_fusion == "mean"
         )
+        self.truths = TrueWorlds(scene, grid, n_worlds)
         self.arrays = WorldArrays.empty(
-            n_worlds,
+            self.truths.occupied,
             n,
-            grid.n_cells,
             m,
             SurfaceArrays(*(a.reshape(n_worlds, -1, *a.shape[1:]) for a in surfaces)),
         )
@@ -77,30 +85,20 @@ class PlanarWorlds:
         self._plain_arrays, self._plain_constants = plain(self.arrays), plain(self.constants)
         self._plain_results, self._plain_scratch = plain(self.results), list(map(plain, scratch))
         self._pool = ThreadPoolExecutor(n_threads) if n_threads > 1 else None
-        self._truths: list[PlanarWorld | None] = [None] * n_worlds
         self._has_started = np.zeros(n_worlds, dtype=bool)
 
     def has_reset(self, e: int) -> bool:
         """Whether an episode has started in a world."""
         return bool(self._has_started[e])
 
-    def truth(self, e: int) -> PlanarWorld:
-        """The true world, after its first reset."""
-        world = self._truths[e]
-        assert world is not None
-        return world
-
-    def set_up(self, e: int, world: PlanarWorld, seeds: EpisodeSeeds) -> None:
-        """Set the truth of a world and its random numbers, for `start`."""
+    def start(self, worlds: NDArray[np.int64], seeds: Sequence[EpisodeSeeds]) -> None:
+        """Start an episode in some worlds whose truths were drawn; see `start_worlds`."""
         arrays = self.arrays
-        self._truths[e] = world
-        arrays.occupied[e] = world.occupied.ravel()
         streams = arrays.start_streams, arrays.noise_streams, arrays.candidate_streams
-        for stream, state in zip(streams, stream_states(seeds.streams, 3), strict=True):
-            stream[e] = state
-
-    def start(self, worlds: NDArray[np.int64]) -> None:
-        """Start an episode in some worlds that were set up; see `start_worlds`."""
+        keys = EpisodeSeeds.states(seeds, STREAMS, KEY_WORDS * len(streams))
+        for k, stream in enumerate(streams):
+            stream[worlds, :KEY_WORDS] = keys[:, KEY_WORDS * k : KEY_WORDS * (k + 1)]
+            stream[worlds, KEY_WORDS:] = 0
         self._run(start_worlds, worlds, (self._plain_arrays, self._plain_constants))
         self._has_started[worlds] = True
 
@@ -145,7 +143,7 @@ class PlanarWorlds:
         """Room for the observations of all worlds."""
         side = self.task.settings.crop_cells
         return TeamObservations.empty(
-            len(self._truths), self.task.n_robots, side, self.task.n_candidates
+            len(self._has_started), self.task.n_robots, side, self.task.n_candidates
         )
 
     def map(self, e: int) -> OccupancyMap:

@@ -140,6 +140,14 @@ def find_regions(
     """Search all regions that the robots at these pose ids (n_robots,) reach."""
     regions.labels[:] = 0
     regions.n_labels[0] = 0
+    label_regions(arrays, poses, n_headings, regions)
+
+
+@borrowing_kernel
+def label_regions(
+    arrays: MapArrays, poses: NDArray[np.int64], n_headings: int, regions: RegionArrays
+) -> None:
+    """`find_regions` where no cell has a label yet."""
     for robot in range(len(poses)):
         _find_access(arrays, regions, robot, poses[robot] // n_headings)
 

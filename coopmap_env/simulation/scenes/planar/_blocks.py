@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import exp, sin_cos
 from coopmap_env.core.kernels import kernel, unchecked_division_kernel
+from coopmap_env.core.pcg64 import fill_quarters, fill_uniform, seed_generator
 
 MAX_EDGES = 6
 _MIN_EDGES = 3
@@ -28,10 +29,13 @@ gap stays well under half a turn, which keeps the block bounded and not too thin
 
 
 class BlockDraws(NamedTuple):
-    """Random numbers of n blocks; uniform in [0, 1) but for the numbers of edges."""
+    """Random numbers of n blocks; uniform in [0, 1) but for the numbers of edges.
+
+    They are drawn in this order, those of all blocks at once.
+    """
 
     centers: NDArray[np.float64]
-    """Shape (n, 2)."""
+    """Shape (n, 2), as fractions of the world's sides."""
     sizes: NDArray[np.float64]
     """Shape (n, 2)."""
     kinds: NDArray[np.float64]
@@ -46,25 +50,34 @@ class BlockDraws(NamedTuple):
     """Shape (n, MAX_EDGES)."""
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, n: int) -> BlockDraws:
-        """Draw those of n blocks."""
-        places, n_edges = rng.random(5 * n), rng.integers(_MIN_EDGES, MAX_EDGES + 1, size=n)
-        edges = rng.random((2 * MAX_EDGES + 1) * n)
-        after_jitters = MAX_EDGES * n
+    def empty(cls, n: int) -> BlockDraws:
+        """Room for those of n blocks, an even number."""
         return cls(
-            places[: 2 * n].reshape(n, 2),
-            places[2 * n : 4 * n].reshape(n, 2),
-            places[4 * n :],
-            n_edges,
-            edges[:after_jitters].reshape(n, MAX_EDGES),
-            edges[after_jitters : after_jitters + n],
-            edges[after_jitters + n :].reshape(n, MAX_EDGES),
+            np.empty((n, 2)),
+            np.empty((n, 2)),
+            np.empty(n),
+            np.empty(n, dtype=np.int64),
+            np.empty((n, MAX_EDGES)),
+            np.empty(n),
+            np.empty((n, MAX_EDGES)),
         )
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Draw the numbers of all blocks anew."""
+        rng.random(out=self.centers)
+        rng.random(out=self.sizes)
+        rng.random(out=self.kinds)
+        self.n_edges[:] = rng.integers(_MIN_EDGES, MAX_EDGES + 1, size=len(self.n_edges))
+        rng.random(out=self.jitters)
+        rng.random(out=self.headings)
+        rng.random(out=self.cuts)
 
 
 class BlockLaw(NamedTuple):
     """How blocks are distributed."""
 
+    shape: tuple[int, int]
+    """Cells of the world along x and y; centers are uniform in it."""
     shortest_half_side: float
     """Cells."""
     log_ratio: float
@@ -75,47 +88,126 @@ class BlockLaw(NamedTuple):
 
 
 @kernel
-def shape_blocks(
-    draws: BlockDraws, law: BlockLaw, slopes: NDArray[np.float64], reaches: NDArray[np.float64]
-) -> None:
-    """Write the slopes (n, MAX_EDGES, 2) of the edges of blocks, and how far they reach (n,).
+def _draw_blocks(state: NDArray[np.uint64], draws: BlockDraws) -> None:
+    """`BlockDraws.draw` from the state of a generator."""
+    fill_uniform(state, draws.centers.reshape(-1))
+    fill_uniform(state, draws.sizes.reshape(-1))
+    fill_uniform(state, draws.kinds)
+    fill_quarters(state, draws.n_edges)
+    for block in range(len(draws.n_edges)):
+        draws.n_edges[block] += _MIN_EDGES
+    fill_uniform(state, draws.jitters.reshape(-1))
+    fill_uniform(state, draws.headings)
+    fill_uniform(state, draws.cuts.reshape(-1))
 
-    Slopes of zero stand for no edge. Reaches are in cells.
+
+@kernel
+def write_worlds(
+    which: NDArray[np.int64],
+    seeds: NDArray[np.uint64],
+    n_occupied: int,
+    law: BlockLaw,
+    draws: BlockDraws,
+    occupied: NDArray[np.bool_],
+) -> None:
+    """Write some of the worlds (E, nx * ny), each from the seed words (4,) of a generator.
+
+    They are those that a numpy Generator of these seeds gives by `BlockDraws.draw` and
+    `scatter_blocks`, from an empty world on until `n_occupied` cells are occupied. `draws` is
+    scratch.
+    """
+    nx, ny = law.shape
+    state = np.empty(4, dtype=np.uint64)
+    for row in range(len(which)):
+        world = occupied[which[row]].reshape(nx, ny)
+        world[:] = False
+        seed_generator(seeds[row], state)
+        n_missing = n_occupied
+        while n_missing > 0:
+            _draw_blocks(state, draws)
+            n_missing = scatter_blocks(world, n_missing, draws, law)
+
+
+@kernel
+def scatter_blocks(
+    occupied: NDArray[np.bool_], n_missing: int, draws: BlockDraws, law: BlockLaw
+) -> int:
+    """Occupy the cells of blocks until `n_missing` more are; return how many are still missing.
+
+    What is missing is above 0 if the blocks were too few.
+    """
+    nx, ny = law.shape
+    slopes = np.empty((MAX_EDGES, 2))
+    buffers = allocate_rows(nx)
+    for block in range(len(draws.kinds)):
+        if n_missing == 0:
+            break
+        reach = shape_block(block, draws, law, slopes)
+        center = draws.centers[block, 0] * nx, draws.centers[block, 1] * ny
+        n_missing -= occupy_block(occupied, n_missing, center, reach, slopes, buffers)
+    return n_missing
+
+
+@kernel
+def shape_block(block: int, draws: BlockDraws, law: BlockLaw, slopes: NDArray[np.float64]) -> float:
+    """Write the slopes (MAX_EDGES, 2) of a block's edges; return how far it reaches, in cells.
+
+    Slopes of zero stand for no edge.
     """
     nearest, furthest = _EDGE_DISTANCES
-    for block in range(len(reaches)):
-        half_0 = law.shortest_half_side * exp(law.log_ratio * draws.sizes[block, 0])
-        half_1 = law.shortest_half_side * exp(law.log_ratio * draws.sizes[block, 1])
-        is_polygon = draws.kinds[block] < law.polygon_fraction
-        n_edges = draws.n_edges[block] if is_polygon else 4
-        slopes[block] = 0.0
-        for edge in range(n_edges):
-            jitter, distance = 0.0, half_1 if edge % 2 else half_0
-            if is_polygon:
-                jitter = _JITTER * draws.jitters[block, edge]
-                cut = nearest + (furthest - nearest) * draws.cuts[block, edge]
-                distance = (half_0 + half_1) / 2.0 * cut
-            turns = draws.headings[block] + (edge + jitter) / n_edges
-            sine, cosine = sin_cos(2.0 * math.pi * turns)
-            slopes[block, edge, 0] = cosine / distance
-            slopes[block, edge, 1] = sine / distance
-        # Within half a gap of an edge's normal the block ends at distance / cos(half gap).
-        widest_gap = 2.0 * math.pi * (1.0 + _JITTER) / n_edges
-        reaches[block] = max(half_0, half_1) / sin_cos(widest_gap / 2.0)[1]
+    half_0 = law.shortest_half_side * exp(law.log_ratio * draws.sizes[block, 0])
+    half_1 = law.shortest_half_side * exp(law.log_ratio * draws.sizes[block, 1])
+    is_polygon = draws.kinds[block] < law.polygon_fraction
+    n_edges = draws.n_edges[block] if is_polygon else 4
+    slopes[:] = 0.0
+    for edge in range(n_edges):
+        jitter, distance = 0.0, half_1 if edge % 2 else half_0
+        if is_polygon:
+            jitter = _JITTER * draws.jitters[block, edge]
+            cut = nearest + (furthest - nearest) * draws.cuts[block, edge]
+            distance = (half_0 + half_1) / 2.0 * cut
+        turns = draws.headings[block] + (edge + jitter) / n_edges
+        sine, cosine = sin_cos(2.0 * math.pi * turns)
+        slopes[edge, 0] = cosine / distance
+        slopes[edge, 1] = sine / distance
+    # Within half a gap of an edge's normal the block ends at distance / cos(half gap).
+    widest_gap = 2.0 * math.pi * (1.0 + _JITTER) / n_edges
+    return max(half_0, half_1) / sin_cos(widest_gap / 2.0)[1]
 
 
-@unchecked_division_kernel
-def scatter_blocks(
+class BlockRows(NamedTuple):
+    """Scratch: where a block's cells lie in each row of a world of nx rows."""
+
+    low: NDArray[np.float64]
+    """Lowest y that the block holds, from its center (nx,)."""
+    high: NDArray[np.float64]
+    """Highest y (nx,)."""
+    starts: NDArray[np.int64]
+    """First cell along y (nx,)."""
+    stops: NDArray[np.int64]
+    """Cell after the last one (nx,)."""
+
+
+@kernel
+def allocate_rows(nx: int) -> BlockRows:
+    """Scratch of `occupy_block`."""
+    cells = np.empty((2, nx), dtype=np.int64)
+    return BlockRows(np.empty(nx), np.empty(nx), cells[0], cells[1])
+
+
+@kernel
+def occupy_block(
     occupied: NDArray[np.bool_],
     n_missing: int,
-    centers: NDArray[np.float64],
-    reaches: NDArray[np.float64],
+    center: tuple[float, float],
+    reach: float,
     slopes: NDArray[np.float64],
+    rows: BlockRows,
 ) -> int:
-    """Occupy the cells of one block after the other until `n_missing` more cells are occupied.
+    """Occupy the cells of a block, `n_missing` at most; return how many were not yet.
 
-    The block that would overshoot is shrunk about its center until it adds just the cells that
-    are missing; of cells on the same edge the first in C order are taken.
+    A block with more is shrunk about its center until it adds just the cells that are missing; of
+    cells on the same edge the first in C order are taken.
 
     Parameters
     ----------
@@ -123,59 +215,95 @@ def scatter_blocks(
         Changed in place.
     n_missing : int
         Number of cells to occupy.
-    centers : (n, 2) float array
+    center : (float, float)
         In cells from the lower corner of the world.
-    reaches : (n,) float array
-        No cell of a block lies further than this from its center along x or y.
-    slopes : (n, k, 2) float array
+    reach : float
+        No cell of the block lies further than this from its center along x or y.
+    slopes : (k, 2) float array
         n_k / d_k of the edges; zeros stand for no edge.
+    rows : BlockRows
+        Scratch.
 
     Returns
     -------
     int
-        Number of cells that are still missing: above 0 if the blocks were too few.
+        Number of cells that are occupied now and were not.
     """
     nx, ny = occupied.shape
-    flat = occupied.ravel()
-    cells = np.empty(nx * ny, np.int32)
-    for block in range(len(centers)):
-        if n_missing == 0:
-            break
-        cx, cy, reach = centers[block, 0], centers[block, 1], reaches[block]
-        n = 0
-        for x in range(max(int(cx - reach), 0), min(int(cx + reach) + 1, nx)):
-            low, high = chord(slopes[block], x + 0.5 - cx, reach)
-            first, last = math.ceil(cy + low - 0.5), math.floor(cy + high - 0.5)
-            for y in range(np.uint64(max(first, 0)), np.uint64(max(min(last + 1, ny), 0))):
-                cell = np.uint64(x * ny) + y
-                cells[np.uint64(n)] = cell
-                n += not flat[cell]
-        new = cells[:n]
-        if n > n_missing:
-            gauges = np.empty(n)
-            for k in range(n):
-                x, y = divmod(new[k], ny)
-                gauges[k] = gauge(slopes[block], x + 0.5 - cx, y + 0.5 - cy)
-            new = new[np.argsort(gauges, kind="mergesort")[:n_missing]]
-        for cell in new:
+    cx, cy = center
+    first, last = max(int(cx - reach), 0), min(int(cx + reach), nx - 1)
+    write_chords(slopes, first, last, cx, reach, rows)
+    n_cells = 0
+    for x in range(first, last + 1):
+        start = max(math.ceil(cy + rows.low[x] - 0.5), 0)
+        stop = max(min(math.floor(cy + rows.high[x] - 0.5) + 1, ny), start)
+        rows.starts[x], rows.stops[x] = start, stop
+        n_cells += stop - start
+    if n_cells > n_missing:
+        n_free = 0
+        for x in range(first, last + 1):
+            for y in range(rows.starts[x], rows.stops[x]):
+                n_free += not occupied[x, y]
+        if n_free > n_missing:
+            _shrink_block(occupied, n_missing, center, slopes, rows, first, last, n_free)
+            return n_missing
+    n_new, flat = 0, occupied.reshape(-1)
+    for x in range(first, last + 1):
+        for cell in range(np.uint64(x * ny + rows.starts[x]), np.uint64(x * ny + rows.stops[x])):
+            n_new += not flat[cell]
             flat[cell] = True
-        n_missing -= len(new)
-    return n_missing
+    return n_new
+
+
+@kernel
+def _shrink_block(
+    occupied: NDArray[np.bool_],
+    n_missing: int,
+    center: tuple[float, float],
+    slopes: NDArray[np.float64],
+    rows: BlockRows,
+    first: int,
+    last: int,
+    n_free: int,
+) -> None:
+    """Occupy those `n_missing` of the block's free cells that have the lowest gauges."""
+    cx, cy = center
+    cells, gauges = np.empty((n_free, 2), dtype=np.int64), np.empty(n_free)
+    k = 0
+    for x in range(first, last + 1):
+        for y in range(rows.starts[x], rows.stops[x]):
+            if not occupied[x, y]:
+                cells[k, 0], cells[k, 1] = x, y
+                gauges[k] = gauge(slopes, x + 0.5 - cx, y + 0.5 - cy)
+                k += 1
+    for k in np.argsort(gauges, kind="mergesort")[:n_missing]:
+        occupied[cells[k, 0], cells[k, 1]] = True
 
 
 @unchecked_division_kernel
-def chord(slopes: NDArray[np.float64], x: float, reach: float) -> tuple[float, float]:
-    """Lowest and highest y of the block at x cells from its center; empty if lowest > highest."""
-    low, high = -reach, reach
+def write_chords(
+    slopes: NDArray[np.float64], first: int, last: int, cx: float, reach: float, rows: BlockRows
+) -> None:
+    """Write the lowest and highest y of a block in some rows; it has none where lowest > highest.
+
+    Edge by edge: so the compiler divides for some rows at once.
+    """
+    low, high = rows.low[first : last + 1], rows.high[first : last + 1]
+    low[:], high[:] = -reach, reach
     for edge in range(len(slopes)):
-        rest, slope = 1.0 - slopes[edge, 0] * x, slopes[edge, 1]
-        if slope > 0.0:
-            high = min(high, rest / slope)
-        elif slope < 0.0:
-            low = max(low, rest / slope)
-        elif rest < 0.0:
-            low = math.inf
-    return (low, high) if low <= high else (1.0, -1.0)
+        along_x, along_y = slopes[edge, 0], slopes[edge, 1]
+        if along_y > 0.0:
+            for k in range(len(high)):
+                end = (1.0 - along_x * (first + k + 0.5 - cx)) / along_y
+                high[k] = end if end < high[k] else high[k]
+        elif along_y < 0.0:
+            for k in range(len(low)):
+                end = (1.0 - along_x * (first + k + 0.5 - cx)) / along_y
+                low[k] = end if end > low[k] else low[k]
+        elif along_x != 0.0:
+            for k in range(len(low)):
+                if along_x * (first + k + 0.5 - cx) > 1.0:
+                    low[k], high[k] = reach, -reach - 1.0
 
 
 @kernel

@@ -5,6 +5,7 @@ they occupy the requested fraction of the cells. Blocks may overlap (which makes
 not convex) and may reach beyond the border of the world. No wall surrounds it.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -15,11 +16,10 @@ from coopmap_env.core.elementary import log
 from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import Bounds, Positive, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar._blocks import (
-    MAX_EDGES,
     BlockDraws,
     BlockLaw,
     scatter_blocks,
-    shape_blocks,
+    write_worlds,
 )
 from coopmap_env.simulation.scenes.planar.world import CellSide, CellsPerSide, PlanarWorld
 
@@ -71,21 +71,39 @@ class Obstacles(Settings):
         are exactly the missing ones, so the fraction is exact and no shape is cut.
         """
         occupied = np.zeros(self.shape, dtype=np.bool_)
-        n_missing = round(self.occupied_fraction * occupied.size)
+        draws, n_missing = BlockDraws.empty(_BATCH), self._n_occupied
         while n_missing > 0:
-            n_missing = scatter_blocks(occupied, n_missing, *self._random_blocks(rng, _BATCH))
+            draws.draw(rng)
+            n_missing = scatter_blocks(occupied, n_missing, draws, self._block_law)
         return PlanarWorld(occupied, self.resolution, self.origin, self.name)
 
-    def _random_blocks(
-        self, rng: np.random.Generator, n: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Draw what `scatter_blocks` needs of n blocks."""
-        draws = BlockDraws.draw(rng, n)
-        law = BlockLaw(
+    def write_worlds(
+        self, which: NDArray[np.int64], seeds: NDArray[np.uint64], occupied: NDArray[np.bool_]
+    ) -> None:
+        """Write the cells of many worlds, in a tenth of the time that `world` takes for each.
+
+        Parameters
+        ----------
+        which : (k,) int array
+            Rows to write.
+        seeds : (k, 4) uint64 array
+            What the seed sequence of each world's Generator generates.
+        occupied : (E, nx * ny) bool array
+            Row ``which[i]`` becomes the world of ``world(default_rng(sequence))``, where the
+            ``sequence.generate_state(4, numpy.uint64)`` is ``seeds[i]``.
+        """
+        draws = BlockDraws.empty(_BATCH)
+        write_worlds(which, seeds, self._n_occupied, self._block_law, draws, occupied)
+
+    @property
+    def _n_occupied(self) -> int:
+        return round(self.occupied_fraction * math.prod(self.shape))
+
+    @property
+    def _block_law(self) -> BlockLaw:
+        return BlockLaw(
+            self.shape,
             0.5 * self.side_min / self.resolution,
             log(self.side_max / self.side_min),
             float(self.polygon_fraction),
         )
-        slopes, reaches = np.empty((n, MAX_EDGES, 2)), np.empty(n)
-        shape_blocks(draws, law, slopes, reaches)
-        return draws.centers * self.shape, reaches, slopes

@@ -7,6 +7,7 @@ from scipy import ndimage
 
 from coopmap_env.simulation.scenes import SPLITS, world_seed
 from coopmap_env.simulation.scenes.planar import Obstacles, largest_free_region
+from coopmap_env.simulation.scenes.planar._blocks import MAX_EDGES, BlockDraws, shape_block
 
 GOLDEN = {"train": "4d9736c9b5a83c61", "validation": "a7b0eaed2ab289e6", "test": "600d87ddf41d96e2"}
 """SHA-256 of the first world of each split: changing one changes every published result."""
@@ -60,8 +61,10 @@ def test_obstacles_are_as_likely_in_each_quarter_of_the_world():
 
 def random_blocks(scene, n):
     """Normals (k, 2) and distances (k,) of the edges of n blocks in cells, and their reaches."""
-    _, reaches, all_slopes = scene._random_blocks(np.random.default_rng(0), n)
-    for slopes, reach in zip(all_slopes, reaches, strict=True):
+    draws, slopes = BlockDraws.empty(n), np.empty((MAX_EDGES, 2))
+    draws.draw(np.random.default_rng(0))
+    for block in range(n):
+        reach = shape_block(block, draws, scene._block_law, slopes)
         steepness = np.hypot(*slopes.T)
         is_edge = steepness > 0.0
         assert (np.diff(is_edge.astype(int)) <= 0).all()  # those that are missing come last
