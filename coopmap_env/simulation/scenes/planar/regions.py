@@ -7,7 +7,14 @@ fewer runs than cells.
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel, kernel
+from coopmap_env.core.words import lowest_bit
+
+_WORD, _BYTES = 64, 8
+"""Bits and bytes of a word."""
+_ONE = np.uint64(1)
+_PACK, _PACK_SHIFT = np.uint64(0x0102040810204080), np.uint64(56)
+"""This times a word whose bytes are 0 or 1 has them as the bits of its upper byte, in order."""
 
 
 def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -50,39 +57,70 @@ def find_largest_free_region(
     """
     nx, ny = occupied.shape
     rows, starts, stops, parents, sizes = runs[0], runs[1], runs[2], runs[3], runs[4]
+    row_words = np.empty(_BYTES * (ny // _WORD + 1), dtype=np.uint64)
+    row_bytes = row_words.view(np.uint8)
+    row_bytes[:] = 1  # the bytes after a row stay occupied
     n = 0
     above = 0  # first run of the row before that may touch the next one of this row
     for x in range(nx):
-        first = n
-        y = 0
-        while y < ny:
-            if occupied[x, y]:
-                y += 1
-                continue
-            start = y
-            while y < ny and not occupied[x, y]:
-                y += 1
-            rows[n], starts[n], stops[n], parents[n], sizes[n] = x, start, y, n, 0
-            while above < first and stops[above] <= start:
+        for y in range(np.uint64(ny)):
+            row_bytes[y] = occupied[x, y]
+        first, n = n, _list_runs(row_words, x, n, rows, starts, stops)
+        for run in range(first, n):
+            parents[run], sizes[run] = run, 0
+            while above < first and stops[above] <= starts[run]:
                 above += 1
             touching = above
-            while touching < first and starts[touching] < y:
-                union(parents, touching, n)
+            while touching < first and starts[touching] < stops[run]:
+                union(parents, touching, run)
                 touching += 1
-            n += 1
         above = first
     largest, n_kept = 0, 0
     for k in range(n):
-        root = find_root(parents, k)
+        parents[k] = root = find_root(parents, k)
         sizes[root] += stops[k] - starts[k]
     for k in range(n):
         if sizes[k] > sizes[largest]:
             largest = k
     for k in range(n):
-        if find_root(parents, k) == largest:
+        if parents[k] == largest:
             rows[n_kept], starts[n_kept], stops[n_kept] = rows[k], starts[k], stops[k]
             n_kept += 1
     return n_kept, int(sizes[largest]) if n > 0 else 0
+
+
+@borrowing_kernel
+def _list_runs(
+    row_words: NDArray[np.uint64],
+    x: int,
+    n: int,
+    rows: NDArray[np.int32],
+    starts: NDArray[np.int32],
+    stops: NDArray[np.int32],
+) -> int:
+    """Append the runs of a row to the first n; return how many there are then.
+
+    The row has a byte for each cell, 1 if it is occupied; the last one is. Its cells are looked at
+    64 at a time: a run starts or stops where a bit differs from the one before.
+    """
+    before, is_inside = _ONE, False
+    for w in range(np.uint64(len(row_words) // _BYTES)):
+        bits = np.uint64(0)
+        for byte in range(np.uint64(_BYTES)):
+            packed = (row_words[np.uint64(_BYTES) * w + byte] * _PACK) >> _PACK_SHIFT
+            bits |= packed << (np.uint64(_BYTES) * byte)
+        changes = bits ^ ((bits << _ONE) | before)
+        before = bits >> np.uint64(_WORD - 1)
+        while changes != 0:
+            y = _WORD * np.int64(w) + lowest_bit(changes)
+            changes &= changes - _ONE
+            if is_inside:
+                stops[n] = y
+                n += 1
+            else:
+                rows[n], starts[n] = x, y
+            is_inside = not is_inside
+    return n
 
 
 @kernel
