@@ -12,7 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
+from coopmap_env.core.kernels import (
+    borrowing_kernel,
+    inlined_kernel,
+    kernel,
+    unchecked_division_kernel,
+)
 from coopmap_env.geometry.traversal import BORDER_FACTOR
 from coopmap_env.mapping.beam import MAX_PATH_IN_CELL, MIN_RANGE_SIGMA, RANGE_WINDOW
 from coopmap_env.mapping.grid import GridGeometry
@@ -89,7 +94,7 @@ def allocate_lanes(shape: tuple[int, int, int]) -> tuple[Lanes, CrossedCells]:
     return lanes, CrossedCells(np.empty(n, np.int32), np.empty(n), np.empty(n, np.int32))
 
 
-@kernel
+@borrowing_kernel
 def load_beams(first: int, scan: ScanArrays, distances: NDArray[np.float64]) -> None:
     """Copy the beams from `first` on into the lanes; a lane without a beam gets one of length 0."""
     origin, points, covariances, hit = scan
@@ -196,7 +201,7 @@ def init_lanes(start: tuple[float, float, float], grid: GridGeometry, lanes: Lan
     return longest
 
 
-@kernel
+@borrowing_kernel
 def step_lanes(n: int, lowest: float, lanes: Lanes, crossed: CrossedCells) -> None:
     """Step all rays n times; list the cells that they cross, and count them."""
     distances, strides, counts = lanes

@@ -13,7 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import inlined_erf
-from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
+from coopmap_env.core.kernels import (
+    borrowing_kernel,
+    inlined_kernel,
+    kernel,
+    unchecked_division_kernel,
+)
 from coopmap_env.mapping._ray_lanes import (
     FREE_UNTIL,
     IS_HIT,
@@ -65,14 +70,14 @@ def _merge_updates(one: int, other: int) -> int:
     return high if high > 0 else low
 
 
-@kernel
+@borrowing_kernel
 def _probability_limits(beam: BeamParameters) -> tuple[float, float]:
     """Probabilities beyond which an update is outside of its bounds: no logarithm is infinite."""
     least = 1.0 / (1.0 + math.exp((1.0 - beam.lowest) / STEPS_PER_NAT))
     return least, 1.0 / (1.0 + math.exp((-1.0 - beam.highest) / STEPS_PER_NAT))
 
 
-@kernel
+@borrowing_kernel
 def _update_free_cells(
     lane: int, n: int, crossed: CrossedCells, buffers: UpdateBuffers, count: int
 ) -> int:
@@ -89,7 +94,7 @@ def _update_free_cells(
     return count
 
 
-@kernel
+@borrowing_kernel
 def _window_start(lane: int, n_free: int, lanes: Lanes, crossed: CrossedCells) -> float:
     """Distance at which a beam enters the first cell in which it may have ended.
 
@@ -101,7 +106,7 @@ def _window_start(lane: int, n_free: int, lanes: Lanes, crossed: CrossedCells) -
     return crossed.entries[k * LANES + lane]
 
 
-@kernel
+@borrowing_kernel
 def _list_faces(lanes: Lanes, crossed: CrossedCells, windows: EndWindows) -> int:
     """List the faces of the cells in which the hits of all lanes may have ended; how many.
 
@@ -140,7 +145,7 @@ def _evaluate_faces(n: int, windows: EndWindows) -> None:
         distances[k] = inlined_half_power(distances[k])
 
 
-@kernel
+@borrowing_kernel
 def _endpoint_posterior(first: int, n: int, n_faces: int, windows: EndWindows) -> int:
     """`partial_endpoint_posterior` of n cells whose faces are listed from `first` on.
 
@@ -179,7 +184,7 @@ def _fallback_posterior(
     return partial_endpoint_posterior(entries, exits, n_candidates, z, sigma, weights)
 
 
-@kernel
+@borrowing_kernel
 def _update_end_cells(
     lane: int,
     first: int,
@@ -230,9 +235,23 @@ def integrate_rays_simd(
     hit_cells: NDArray[np.int64],
 ) -> int:
     """Follow every beam of a 3-D scan with partial surfaces; see `integrate_rays`."""
-    origin, lower, resolution, shape = scan.origin, grid.lower, grid.resolution, grid.shape
-    lanes, crossed = allocate_lanes(shape)
-    windows = allocate_windows(shape)
+    lanes, crossed = allocate_lanes(grid.shape)
+    windows = allocate_windows(grid.shape)
+    return _integrate_rays(scan, grid, beam, lanes, crossed, windows, buffers, hit_cells)
+
+
+@borrowing_kernel
+def _integrate_rays(
+    scan: ScanArrays,
+    grid: GridGeometry,
+    beam: BeamParameters,
+    lanes: Lanes,
+    crossed: CrossedCells,
+    windows: EndWindows,
+    buffers: UpdateBuffers,
+    hit_cells: NDArray[np.int64],
+) -> int:
+    origin, lower, resolution = scan.origin, grid.lower, grid.resolution
     limits = _probability_limits(beam)
     start = (
         (origin[0] - lower[0]) / resolution,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.mapping.arrays import MapArrays
 
 WORD = 64
@@ -42,6 +42,13 @@ def update_occluders(
     arrays: MapArrays, cells: NDArray[np.int64], occluders: NDArray[np.uint64]
 ) -> None:
     """Write the bits of some cells (flat indices)."""
+    _update_occluders(arrays, cells, occluders)
+
+
+@borrowing_kernel
+def _update_occluders(
+    arrays: MapArrays, cells: NDArray[np.int64], occluders: NDArray[np.uint64]
+) -> None:
     for cell in cells:
         update_occluder(arrays, cell, occluders)
 
@@ -51,6 +58,11 @@ def find_occluders(arrays: MapArrays) -> NDArray[np.uint64]:
     """Bits of all cells of a map."""
     n = len(arrays.sampled_mask)
     occluders = np.zeros((n + WORD - 1) // WORD, np.uint64)
-    for cell in range(n):
-        update_occluder(arrays, cell, occluders)
+    _find_occluders(arrays, occluders)
     return occluders
+
+
+@borrowing_kernel
+def _find_occluders(arrays: MapArrays, occluders: NDArray[np.uint64]) -> None:
+    for cell in range(len(arrays.sampled_mask)):
+        update_occluder(arrays, cell, occluders)

@@ -14,7 +14,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
+from coopmap_env.core.kernels import (
+    borrowing_kernel,
+    inlined_kernel,
+    kernel,
+    unchecked_division_kernel,
+)
 from coopmap_env.mapping.arrays import MapArrays
 from coopmap_env.mapping.grid import VoxelGrid
 from coopmap_env.mapping.occluders import WORD, ViewedMap, update_occluder
@@ -138,12 +143,18 @@ def pool_changed(
     viewed: ViewedMap,
 ) -> None:
     """Write the blocks of some cells, once each: `last_update` is the number of that update."""
-    out, occluders = viewed
     blocks = np.empty(len(cells), dtype=np.int32)
-    _write_blocks_of_cells(cells, source.shape, out.shape, blocks)
+    _write_blocks_of_cells(cells, source.shape, viewed.arrays.shape, blocks)
+    _pool_blocks(source, blocks[: _keep_first(blocks, update, last_update)], viewed)
+
+
+@borrowing_kernel
+def _pool_blocks(source: MapArrays, blocks: NDArray[np.int32], viewed: ViewedMap) -> None:
+    """Write some blocks (flat indices)."""
+    out, occluders = viewed
     nx, ny, nz = source.shape
     _, my, mz = out.shape
-    for block in blocks[: _keep_first(blocks, update, last_update)]:
+    for block in blocks:
         i, j, k = block // (my * mz), block // mz % my, block % mz
         corner = (2 * i * ny + 2 * j) * nz + 2 * k
         size = min(nx - 2 * i, 2), min(ny - 2 * j, 2), min(nz - 2 * k, 2)

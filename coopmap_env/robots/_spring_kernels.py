@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import sin_cos
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.robots.kinematics.forward import (
     BodyPoses,
     KinematicTree,
@@ -88,7 +88,7 @@ class EnergyDerivatives(NamedTuple):
     pitch_pitch: float
 
 
-@kernel
+@borrowing_kernel
 def energy_derivatives(
     r: float, p: float, u: NDArray[np.float64], springs: Springs
 ) -> EnergyDerivatives:
@@ -109,7 +109,7 @@ def energy_derivatives(
     )
 
 
-@kernel
+@borrowing_kernel
 def solve_roll_pitch(u: NDArray[np.float64], springs: Springs) -> tuple[float, float]:
     """Where the gradient of V vanishes, by Newton's method from the unloaded attitude."""
     r = p = 0.0

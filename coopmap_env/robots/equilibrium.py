@@ -20,7 +20,7 @@ from coopmap_env.robots._spring_kernels import (
     solve_equilibrium,
 )
 from coopmap_env.robots.kinematics.chain import Chain
-from coopmap_env.robots.kinematics.forward import KinematicTree, allocate_body_poses, body_poses
+from coopmap_env.robots.kinematics.forward import KinematicTree, allocate_body_poses, frame_poses
 from coopmap_env.robots.mount import Mount
 
 GRAVITY = 9.81
@@ -141,9 +141,10 @@ def _preloaded_springs(
 
 def _pivot(name: str, tree: KinematicTree) -> NDArray[np.float64]:
     """Point about which the body rolls and pitches."""
-    work = allocate_body_poses(tree)
-    R, t = work[0], work[1]
-    body_poses(tree, np.zeros(tree.variable.max() + 1), work)
+    bodies, q = np.arange(N_SUSPENSION + 1), np.zeros((1, tree.variable.max() + 1))
+    turned, moved = np.tile(np.eye(3), (len(bodies), 1, 1)), np.zeros((len(bodies), 3))
+    R, t = np.empty((len(bodies), 3, 3)), np.empty((len(bodies), 3))
+    frame_poses(tree, q, bodies, turned, moved, R[None], t[None])
     axes = [product(R[b], tree.axis[b]) for b in range(1, N_SUSPENSION + 1)]
     in_a_row = (tree.parent[1:4] == [0, 1, 2]).all() and (tree.variable[1:4] == [0, 1, 2]).all()
     if not (in_a_row and np.allclose(axes, np.eye(3)[[2, 0, 1]]) and np.allclose(t[2], t[3])):

@@ -201,7 +201,7 @@ def test_spheres_that_no_joint_moves_have_no_speed(any_mount):
     assert not work.speeds[:n_static].any()
     assert not work.travel[:n_static].any()
     home = vehicle.home
-    write_travel(robot, home, home + 0.1, 2, vehicle.spheres(home).centers, work.poses, work.travel)
+    write_travel(robot, home, home + 0.1, 2, vehicle.spheres(home).centers, work)
     assert not work.travel[:n_static].any()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import atan2, sin_cos
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import MapArrays, VoxelGrid
 
@@ -72,7 +72,7 @@ class CropScale(NamedTuple):
     """255 times the sampled fraction, rounded down, of each number of sampled voxels."""
 
 
-@kernel
+@borrowing_kernel
 def _write_column(
     buffers: ColumnBuffers, scale: CropScale, out: NDArray[np.uint8], i: int, j: int
 ) -> None:
@@ -127,16 +127,27 @@ def write_crop(
     `byte_of_log_odds` holds 255 P of each log-odds value. A column is read in the order of memory,
     which is faster than going from cell to cell.
     """
-    last_change, since = update
-    columns = crop.columns
-    side, _, k = columns.shape
-    n, n_layers = out.shape[0] // 2 * pooling, crop.n_layers
+    n, k = out.shape[0] // 2 * pooling, crop.columns.shape[2]
     highest = np.empty(n, np.int32)
     counts = np.empty(n, np.int32)
-    lowest = np.int32(-arrays.clamp)
     fractions = (255 * np.arange(k * pooling + 1) // (k * pooling)).astype(np.uint8)
     scale = CropScale(pooling, arrays.clamp, byte_of_log_odds, fractions)
-    buffers = ColumnBuffers(highest, counts)
+    _write_columns(arrays, crop, update, ColumnBuffers(highest, counts), scale, out)
+
+
+@borrowing_kernel
+def _write_columns(
+    arrays: MapArrays,
+    crop: Crop,
+    update: CropUpdate,
+    buffers: ColumnBuffers,
+    scale: CropScale,
+    out: NDArray[np.uint8],
+) -> None:
+    last_change, since = update
+    columns, n_layers, (highest, counts) = crop.columns, crop.n_layers, buffers
+    side, _, k = columns.shape
+    lowest = np.int32(-arrays.clamp)
     for i in range(side):
         for j in range(side):
             newest = np.int64(-1)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, unchecked_division_kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field._near_occluders import (
     BATCH,
@@ -69,7 +69,7 @@ class SphereArrays(NamedTuple):
     radii: NDArray[np.float64]
 
 
-@kernel
+@borrowing_kernel
 def is_outside(shape: tuple[int, int, int], position: NDArray[np.float64]) -> bool:
     """Whether a position is in no cell of the grid; such a camera sees nothing."""
     inside = 0
@@ -166,7 +166,7 @@ def add_voxels(
             v_pixel = first_v if column_ends else v_pixel
 
 
-@kernel
+@borrowing_kernel
 def _pixel_span(
     center: float, radius: float, depth: float, tangent: float, n: int
 ) -> tuple[int, int]:
@@ -181,7 +181,7 @@ def _pixel_span(
     return int(first), int(last)
 
 
-@kernel
+@borrowing_kernel
 def add_spheres(
     pose: RigidTransform,
     frustum: FrustumGeometry,
@@ -217,7 +217,7 @@ def add_spheres(
                     distances[p] = min(distances[p], along - math.sqrt(inside))
 
 
-@kernel
+@borrowing_kernel
 def _add_near_voxels(
     viewed: ViewedMap,
     pose: RigidTransform,
@@ -244,7 +244,7 @@ def _add_near_voxels(
             n = 0
 
 
-@kernel
+@borrowing_kernel
 def depth_limits(
     viewed: ViewedMap,
     pose: RigidTransform,

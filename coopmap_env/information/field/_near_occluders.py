@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel, kernel
 from coopmap_env.core.words import lowest_bit
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field.frustum import FrustumGeometry, LinearForm, ground_corners
@@ -48,7 +48,7 @@ def touched_columns(
     )
 
 
-@kernel
+@borrowing_kernel
 def list_bits(
     words: NDArray[np.uint64], first: int, end: int, cells: NDArray[np.int32], n: int
 ) -> int:
@@ -66,7 +66,7 @@ def list_bits(
     return n
 
 
-@kernel
+@borrowing_kernel
 def keep_touched(
     cells: NDArray[np.int32],
     n: int,
@@ -110,7 +110,7 @@ def keep_touched(
     return n_kept
 
 
-@kernel
+@borrowing_kernel
 def _half_width(x: float, y: float, z: float) -> float:
     """Half the range of a linear form over a cube."""
     return 0.5 * (abs(x) + abs(y) + abs(z)) + TOLERANCE

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field.frustum import (
     FrustumGeometry,
@@ -70,7 +70,7 @@ def _hull_segments(xs: NDArray[np.float64], ys: NDArray[np.float64]) -> NDArray[
     return segments
 
 
-@kernel
+@borrowing_kernel
 def _hull_interval(x: float, segments: NDArray[np.float64]) -> tuple[float, float]:
     """Lowest and highest y at which the line of this x meets the hull of the points."""
     low, high = math.inf, -math.inf
@@ -87,7 +87,7 @@ def _side_plane(x: float, y: float, z: float) -> tuple[float, float, float, floa
     return x, y, z, 1.0 / (z if abs(z) > MIN_SLOPE else MIN_SLOPE)
 
 
-@kernel
+@borrowing_kernel
 def _side_planes(rows: NDArray[np.float64], frustum: FrustumGeometry) -> tuple[Plane, ...]:
     """The four side planes: U >= 0, U <= w X, V >= 0, V <= h X."""
     x, u, v = rows[0], rows[1], rows[2]
@@ -113,7 +113,7 @@ def _cut(
     return max(bottom, height if is_floor else bottom), min(top, top if is_floor else height)
 
 
-@kernel
+@borrowing_kernel
 def _column_spans(
     column: tuple[float, float, float],
     n: int,
@@ -173,15 +173,29 @@ def frustum_runs(
     runs: FrustumRuns,
 ) -> int:
     """Write the runs of a frustum; return how many there are. `rows` are `projection_rows`."""
+    xs, ys = ground_corners(pose, frustum)
+    segments, spans = _hull_segments(xs, ys), np.empty((2, shape[1]))
+    return _write_runs(shape, pose, rows, frustum, (xs.min(), xs.max()), segments, spans, runs)
+
+
+@borrowing_kernel
+def _write_runs(
+    shape: tuple[int, int, int],
+    pose: RigidTransform,
+    rows: NDArray[np.float64],
+    frustum: FrustumGeometry,
+    x_range: tuple[float, float],
+    segments: NDArray[np.float64],
+    spans: NDArray[np.float64],
+    runs: FrustumRuns,
+) -> int:
     nx, ny, nz = shape
     near, far = frustum.near, frustum.far
     px, py, pz = pose.translation[0], pose.translation[1], pose.translation[2]
     planes, forms = _side_planes(rows, frustum), linear_forms(rows)
-    xs, ys = ground_corners(pose, frustum)
-    segments, spans = _hull_segments(xs, ys), np.empty((2, ny))
     count = 0
-    first_x = max(0, math.ceil(max(xs.min(), px - far) - 0.5))
-    last_x = min(nx - 1, math.floor(min(xs.max(), px + far) - 0.5))
+    first_x = max(0, math.ceil(max(x_range[0], px - far) - 0.5))
+    last_x = min(nx - 1, math.floor(min(x_range[1], px + far) - 0.5))
     dz = 0.5 - pz
     for i in range(first_x, last_x + 1):
         dx = i + 0.5 - px

@@ -16,7 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel, unchecked_division_kernel
+from coopmap_env.core.kernels import (
+    borrowing_kernel,
+    inlined_kernel,
+    kernel,
+    unchecked_division_kernel,
+)
 from coopmap_env.geometry import RigidTransform
 from coopmap_env.information.field._depth_buffer import (
     CameraArrays,
@@ -137,7 +142,7 @@ def _count_voxels(
             half_height += 2.0
 
 
-@kernel
+@borrowing_kernel
 def _new_information(
     counts: NDArray[np.int64], gray: GrayBins, bins: NDArray[np.int64]
 ) -> tuple[float, int]:

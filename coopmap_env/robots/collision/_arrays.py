@@ -95,5 +95,9 @@ class MotionBuffers(NamedTuple):
     moves."""
     travel: NDArray[np.float64]
     """Metres that each center may move in a segment (s,)."""
+    turns: NDArray[np.float64]
+    """Radians or metres of the joint of each body in a segment (b,)."""
+    axes: NDArray[np.float64]
+    """World directions of the joints' axes (b, 3)."""
     q: NDArray[np.float64]
     """Joints of a waypoint (n,)."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.robots.collision._arrays import (
     CollisionObstacles,
     Contact,
@@ -31,7 +31,7 @@ def base_poses(robot: Robot) -> BodyPoses:
     return poses
 
 
-@kernel
+@borrowing_kernel
 def sphere_positions(
     robot: Robot, q: NDArray[np.float64], poses: BodyPoses, first: int, out: NDArray[np.float64]
 ) -> None:
@@ -89,7 +89,7 @@ def nearest_teammate(
     return -1, nearest
 
 
-@kernel
+@borrowing_kernel
 def self_contact(
     spheres: RobotSpheres,
     at: NDArray[np.float64],
@@ -121,7 +121,7 @@ def self_contact(
     return -1, 0, n_ahead
 
 
-@kernel
+@borrowing_kernel
 def pose_contact(
     spheres: RobotSpheres,
     at: NDArray[np.float64],
@@ -156,7 +156,7 @@ def pose_contact(
     return Contact(NO_CONTACT if i < 0 else SELF_CONTACT, i, j), n_ahead
 
 
-@kernel
+@borrowing_kernel
 def mark_initial_contacts(
     spheres: RobotSpheres,
     start: NDArray[np.float64],
@@ -171,7 +171,7 @@ def mark_initial_contacts(
         touching[s] = room < 0.0 or mate >= 0
 
 
-@kernel
+@borrowing_kernel
 def ignore_unmoved_contacts(
     spheres: RobotSpheres,
     start: NDArray[np.float64],

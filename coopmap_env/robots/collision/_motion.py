@@ -8,11 +8,12 @@ not computed: how far each sphere is from a contact says how many these are.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel, kernel
 from coopmap_env.robots.collision._arrays import (
     CollisionObstacles,
     Contact,
@@ -29,7 +30,6 @@ from coopmap_env.robots.collision._contact import (
     sphere_positions,
     squared_distance,
 )
-from coopmap_env.robots.kinematics.forward import BodyPoses
 
 MAX_SEGMENT = 0.25
 """Radians or metres: within a segment of this length paths of points are nearly straight."""
@@ -40,16 +40,31 @@ ARC_FACTOR = 1.15
 @kernel
 def allocate_motion(robot: Robot, n_joints: int) -> MotionBuffers:
     """Scratch for the motions of a robot."""
-    n = len(robot.spheres.radii)
+    n, n_bodies = len(robot.spheres.radii), len(robot.tree.parent)
     return MotionBuffers(
         base_poses(robot),
         np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)),
         np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_),
-        np.zeros(n), np.zeros(n), np.empty(n_joints),
+        np.zeros(n), np.zeros(n), np.empty(n_bodies), np.empty((n_bodies, 3)), np.empty(n_joints),
     )  # fmt: skip
 
 
-@kernel
+@borrowing_kernel
+def _copy_values(source: NDArray[Any], out: NDArray[Any]) -> None:
+    """Write the values of an array (n,) to `out`."""
+    for n in range(len(source)):
+        out[n] = source[n]
+
+
+@borrowing_kernel
+def _copy_points(source: NDArray[np.float64], first: int, out: NDArray[np.float64]) -> None:
+    """Write the points (n, 3) from the first on to `out`."""
+    for n in range(first, len(source)):
+        for i in range(3):
+            out[n, i] = source[n, i]
+
+
+@borrowing_kernel
 def count_segments(q0: NDArray[np.float64], q1: NDArray[np.float64]) -> int:
     """Number of segments of a motion."""
     largest = 0.0
@@ -58,7 +73,7 @@ def count_segments(q0: NDArray[np.float64], q1: NDArray[np.float64]) -> int:
     return math.ceil(largest / MAX_SEGMENT)
 
 
-@kernel
+@borrowing_kernel
 def count_waypoints(
     n_static: int, begin: NDArray[np.float64], end: NDArray[np.float64], step: float
 ) -> int:
@@ -69,25 +84,23 @@ def count_waypoints(
     return int(ARC_FACTOR * math.sqrt(farthest) / step) + 1
 
 
-@kernel
+@borrowing_kernel
 def write_travel(
     robot: Robot,
     q0: NDArray[np.float64],
     q1: NDArray[np.float64],
     n_segments: int,
     centers: NDArray[np.float64],
-    poses: BodyPoses,
-    out: NDArray[np.float64],
+    work: MotionBuffers,
 ) -> None:
     """Write how far the centers (s, 3) of a pose move in a segment at its present speeds, at most.
 
-    Each center turns about the joints that carry it; their motions add up.
+    The pose is that of `work.poses`; how far they move is written to `work.travel`. Each center
+    turns about the joints that carry it; their motions add up.
     """
     tree, spheres = robot.tree, robot.spheres
-    R, t = poses.rotations, poses.translations
-    n_bodies = len(tree.parent)
-    turns, axes = np.empty(n_bodies), np.empty((n_bodies, 3))
-    for body in range(1, n_bodies):
+    R, t, turns, axes = work.poses.rotations, work.poses.translations, work.turns, work.axes
+    for body in range(1, len(tree.parent)):
         b = np.uint64(body)
         n = np.uint64(tree.variable[b])
         turns[b] = abs(tree.multiplier[b] * (q1[n] - q0[n])) / n_segments
@@ -109,10 +122,10 @@ def write_travel(
                 lever = math.sqrt(cx * cx + cy * cy + cz * cz)
             travel += turns[b] * lever
             body = tree.parent[b]
-        out[s] = travel
+        work.travel[s] = travel
 
 
-@kernel
+@borrowing_kernel
 def _interpolate(
     q0: NDArray[np.float64], q1: NDArray[np.float64], along: float, q: NDArray[np.float64]
 ) -> None:
@@ -121,7 +134,7 @@ def _interpolate(
         q[n] = q0[n] + (q1[n] - q0[n]) * along
 
 
-@kernel
+@borrowing_kernel
 def _first_contact_on_path(
     robot: Robot,
     obstacles: CollisionObstacles,
@@ -139,15 +152,15 @@ def _first_contact_on_path(
     if n_segments == 0:
         return Contact(NO_CONTACT, -1, 0), 0.0
     sphere_positions(robot, q0, work.poses, n_static, at)
-    write_travel(robot, q0, q1, n_segments, at, work.poses, work.travel)
+    write_travel(robot, q0, q1, n_segments, at, work)
     count, fraction = 1, 0.0
     for segment in range(n_segments):
         _interpolate(q0, q1, (segment + 1.0) / n_segments, work.q)
         sphere_positions(robot, work.q, work.poses, n_static, end)
         before = (segment - 1 + (count - 1) / count) / n_segments
         count = count_waypoints(n_static, at, end, step)
-        work.speeds[:] = work.travel
-        write_travel(robot, q0, q1, n_segments, end, work.poses, work.travel)
+        _copy_values(work.travel, work.speeds)
+        write_travel(robot, q0, q1, n_segments, end, work)
         for s in range(n_static, len(end)):
             travel = max(max(work.speeds[s], work.travel[s]), 1e-9)
             work.speeds[s] = ARC_FACTOR * travel / count
@@ -164,24 +177,24 @@ def _first_contact_on_path(
             if contact.kind != NO_CONTACT:
                 return contact, before
             w += 1 + int(n_ahead)
-        at[n_static:] = end[n_static:]
+        _copy_points(end, n_static, at)
         fraction = (segment + (count - 1) / count) / n_segments
     return Contact(NO_CONTACT, -1, 0), fraction
 
 
-@kernel
+@borrowing_kernel
 def _prepare(
     robot: Robot, obstacles: CollisionObstacles, q0: NDArray[np.float64], work: MotionBuffers
 ) -> None:
     """Fill what all motions from q0 (n,) have in common."""
     sphere_positions(robot, q0, work.poses, 0, work.start)
-    work.goal[:] = work.start  # those that no joint moves stay there
-    work.at[:] = work.start
+    _copy_points(work.start, 0, work.goal)  # those that no joint moves stay there
+    _copy_points(work.start, 0, work.at)
     work.speeds[robot.spheres.n_static :] = 1.0
     mark_initial_contacts(robot.spheres, work.start, obstacles, work.touching)
 
 
-@kernel
+@borrowing_kernel
 def _motion_contact(
     robot: Robot,
     obstacles: CollisionObstacles,
@@ -203,7 +216,7 @@ def _motion_contact(
     )
     if at_goal.kind != NO_CONTACT and goal_first:
         return MotionContact(at_goal, 0.0, True)
-    work.ignored[:] = work.touching
+    _copy_values(work.touching, work.ignored)
     contact, fraction = _first_contact_on_path(robot, obstacles, q0, q1, step, work)
     if contact.kind != NO_CONTACT:
         return MotionContact(contact, fraction, False)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap
 from coopmap_env.robots.collision.voxel_states import box_around
 
@@ -132,7 +132,7 @@ def free_distance(blocked: BlockedVoxels, x: float, y: float, z: float) -> float
     return float(count) - 1.0
 
 
-@kernel
+@borrowing_kernel
 def is_sphere_blocked(blocked: BlockedVoxels, x: float, y: float, z: float, radius: float) -> bool:
     """Whether a sphere touches a blocked voxel; all in voxels from the lower corner of the box."""
     words = blocked.words

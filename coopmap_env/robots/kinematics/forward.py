@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import sin_cos
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.core.linear_algebra import product
 
 
@@ -58,7 +58,7 @@ def rodrigues_terms(
     return constant, turns * (rotation - product(rotation, along)), turns * product(rotation, cross)
 
 
-@kernel
+@borrowing_kernel
 def matmul_3x3(A: NDArray[np.float64], B: NDArray[np.float64], out: NDArray[np.float64]) -> None:
     """The product A @ B of (3, 3) matrices, written to `out`, which must be neither of them."""
     for i in range(3):
@@ -85,7 +85,7 @@ def allocate_body_poses(tree: KinematicTree) -> BodyPoses:
     return BodyPoses(R, t)
 
 
-@kernel
+@borrowing_kernel
 def body_poses(tree: KinematicTree, q: NDArray[np.float64], poses: BodyPoses) -> None:
     """Write the poses of all bodies at one q (n,), from body 1 on; that of the root is given."""
     R, t = poses.rotations, poses.translations

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.geometry import RigidTransform, Spheres
 from coopmap_env.robots import BodyPoses, KinematicTree, allocate_body_poses, body_poses
 
@@ -55,7 +55,7 @@ class OwnBoxes(NamedTuple):
     """Shape (s, o): boxes with which each sphere of the mount can collide; not adjacent links."""
 
 
-@kernel
+@borrowing_kernel
 def squared_distance_to_box(
     x: float, y: float, z: float, lower: NDArray[np.float64], upper: NDArray[np.float64]
 ) -> float:
@@ -87,7 +87,7 @@ def sphere_centers(
             out[s, i] = t[b, i] + R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z
 
 
-@kernel
+@borrowing_kernel
 def squared_distance_to_own_body(
     center: NDArray[np.float64],
     sphere: int,
@@ -112,6 +112,15 @@ def squared_distance_to_own_body(
     return best
 
 
+@borrowing_kernel
+def path_length(centers: NDArray[np.float64], k: int, s: int) -> float:
+    """How far a sphere goes in a segment, in a straight line; `centers` (k, n, 3) are of all."""
+    x = centers[k + 1, s, 0] - centers[k, s, 0]
+    y = centers[k + 1, s, 1] - centers[k, s, 1]
+    z = centers[k + 1, s, 2] - centers[k, s, 2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
 @kernel
 def measure_gaps(
     centers: NDArray[np.float64],
@@ -130,12 +139,15 @@ def measure_gaps(
     lower, upper = np.empty(3), np.empty(3)
     reach = 0.0
     for k in range(n - 1):
-        reach = max(reach, np.sqrt(((centers[k + 1, s] - centers[k, s]) ** 2).sum()))
+        reach = max(reach, path_length(centers, k, s))
     reach = ARC_FACTOR * reach + radius + CONTACT_MARGIN
     for i in range(3):
         lower[i], upper[i] = centers[:, s, i].min() - reach, centers[:, s, i].max() + reach
     for b in range(len(boxes)):
-        if (boxes[b, 0] < upper).all() and (boxes[b, 1] > lower).all():
+        overlaps = True
+        for i in range(3):
+            overlaps &= boxes[b, 0, i] < upper[i] and boxes[b, 1, i] > lower[i]
+        if overlaps:
             for k in range(n):
                 p = centers[k, s]
                 d = squared_distance_to_box(p[0], p[1], p[2], boxes[b, 0], boxes[b, 1])
@@ -202,7 +214,7 @@ def mark_swept_collisions(
         may_collide[k] = False
         travel[k] = 0.0
         for s in range(n_spheres):
-            chord = np.sqrt(((centers[k + 1, s] - centers[k, s]) ** 2).sum())
+            chord = path_length(centers, k, s)
             travel[k] = max(travel[k], chord)
             needed = ARC_FACTOR * chord + arm.radii[s] + CONTACT_MARGIN
             if gaps[k, s] < needed or gaps[k + 1, s] < needed:
