@@ -109,7 +109,7 @@ def rotvec_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
     """Rotation vector (3,) of a rotation (3, 3), of length 0 to pi."""
     R = np.asarray(R, dtype=np.float64)
     # through the quaternion, which is well conditioned at every angle (Shepperd 1978)
-    diagonal = np.array([R[0, 0], R[1, 1], R[2, 2], np.trace(R)])
+    diagonal = np.array([R[0, 0], R[1, 1], R[2, 2], R[0, 0] + R[1, 1] + R[2, 2]])
     i = int(diagonal.argmax())
     q = np.empty(4)
     if i == 3:

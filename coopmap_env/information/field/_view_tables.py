@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.core.limits import check_bytes
+from coopmap_env.core.linear_algebra import are_finite
 from coopmap_env.geometry import Spheres
 from coopmap_env.information.field._depth_buffer import CameraArrays, SphereArrays
 from coopmap_env.information.field.frustum import MAX_PIXEL_ANGLE, Frustum
@@ -223,13 +224,4 @@ def write_cell_units(
         for axis in range(3):
             out[p, axis] = (points[p, axis] - lower[axis]) / resolution
             finite &= math.isfinite(out[p, axis])
-    return finite
-
-
-@kernel
-def are_finite(values: NDArray[np.float64]) -> bool:
-    """Whether all values (n,) are finite."""
-    finite = True
-    for k in range(len(values)):
-        finite &= math.isfinite(values[k])
     return finite

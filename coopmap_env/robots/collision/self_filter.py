@@ -74,8 +74,8 @@ def filter_robot_points(
     uncertainty = PointUncertainty(
         float(noise.intrinsic * noise.depth),
         float(noise.exponent),
-        float(np.trace(covariance[:3, :3])),
-        float(np.trace(covariance[3:, 3:])),
+        sum(covariance.diagonal()[:3].tolist()),
+        sum(covariance.diagonal()[3:].tolist()),
     )
     filter_points_in_spheres(points, hit, local, np.ascontiguousarray(wide), uncertainty)
     return PointCloud(points, hit)

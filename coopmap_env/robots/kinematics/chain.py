@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import PlainTuple
-from coopmap_env.core.linear_algebra import product
+from coopmap_env.core.linear_algebra import are_finite, product
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics.forward import (
     KinematicTree,
@@ -152,7 +152,7 @@ class Chain:
                 f"joint values of shape {q.shape}, expected ({self.n_joints},) or "
                 f"(k, {self.n_joints}) for {list(self.joint_names)}"
             )
-        if not np.isfinite(q).all():
+        if not are_finite(q.reshape(-1)):
             bad = int(np.argwhere(~np.isfinite(q))[0, -1])
             raise ValueError(f"joint {self.joint_names[bad]!r} has a value that is not finite: {q}")
         return q
