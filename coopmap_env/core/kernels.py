@@ -26,16 +26,23 @@ PlainTuple = tuple[Any, ...]
 """A named tuple that was made plain at the call."""
 
 
-_BORROWING: dict[str, Any] = {"nogil": True, "_nrt": False}
-try:  # no public option
-    njit(**_BORROWING)(lambda: None)
-except (KeyError, TypeError):
-    del _BORROWING["_nrt"]
+def _options(counts_references: bool = True, error_model: str = "python") -> dict[str, Any]:
+    """All options; numba takes those that are not given from the kernel that calls first."""
+    options = {"nogil": True, "error_model": error_model, "_nrt": counts_references}
+    try:  # the last one is not public
+        njit(**options)(lambda: None)
+    except (KeyError, TypeError):
+        del options["_nrt"]
+    return options
+
+
+_COUNTING, _BORROWING = _options(), _options(counts_references=False)
+_UNCHECKED = _options(error_model="numpy")
 
 
 def kernel(function: Function) -> Function:
     """Compile a function when it is first called; to a type checker it stays what it was."""
-    return _cached(njit(nogil=True)(function))
+    return _cached(njit(**_COUNTING)(function))
 
 
 def borrowing_kernel(function: Function) -> Function:
@@ -50,13 +57,17 @@ def borrowing_kernel(function: Function) -> Function:
 
 
 def inlined_kernel(function: Function) -> Function:
-    """Compile a kernel into its callers, where a call would take longer than what it does."""
+    """Compile a kernel into its callers, where a call would take longer than what it does.
+
+    In a loop of a kernel that counts references, those to its arrays are counted in each turn: let
+    a borrowing kernel have the loop.
+    """
     return _cached(njit(nogil=True, inline="always")(function))
 
 
 def unchecked_division_kernel(function: Function) -> Function:
     """Compile a kernel in which 1 / 0 is infinite, as in numpy, instead of an error."""
-    return _cached(njit(nogil=True, error_model="numpy")(function))
+    return _cached(njit(**_UNCHECKED)(function))
 
 
 def _cached(dispatcher: Any) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import log, sin_cos
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.core.words import high_product
 
 STATE_WORDS = 3
@@ -47,7 +47,7 @@ def draw_stream(rng: np.random.Generator) -> NDArray[np.uint64]:
     return np.array([*rng.integers(2**64, size=2, dtype=np.uint64), 0], dtype=np.uint64)
 
 
-@kernel
+@borrowing_kernel
 def random_block(stream: NDArray[np.uint64], number: int) -> Words:
     """The four words of a block of a stream: the `number`-th of those that were not taken yet."""
     key0, key1 = stream[0], stream[1]
@@ -78,7 +78,7 @@ def uniform_index(word: np.uint64, n: int) -> int:
     return int(((word >> _HALF_SHIFT) * np.uint64(n)) >> _HALF_SHIFT)
 
 
-@kernel
+@borrowing_kernel
 def draw_index(stream: NDArray[np.uint64], n: int) -> int:
     """A number in 0 ... n - 1, from a block of its own; see `uniform_index`."""
     index = uniform_index(random_block(stream, 0)[0], n)

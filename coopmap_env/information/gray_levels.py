@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel
 from coopmap_env.information.entropy import entropy_terms
 from coopmap_env.information.settings import Interpretation, RatingSettings
 from coopmap_env.mapping import LogOddsRange
@@ -68,7 +68,7 @@ class GrayBins(NamedTuple):
     """Whether voxels of N that a view does not count are empty; see `RatingSettings.hidden`."""
 
 
-@kernel
+@borrowing_kernel
 def histogram_entropy(counts: NDArray[np.int64], gray: GrayBins) -> float:
     """NI, nats, of the numbers of voxels (n_bins,) with each gray level in a view: Eqs. 6 and 7.
 

@@ -50,7 +50,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import erf, inlined_exp
-from coopmap_env.core.kernels import inlined_kernel, kernel
+from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.mapping.log_odds import STEPS_PER_NAT, to_log_odds_fixed
 
@@ -137,7 +137,7 @@ class BeamModel(Settings):
         )
 
 
-@kernel
+@borrowing_kernel
 def endpoint_posterior(
     entries: NDArray[np.float64],
     exits: NDArray[np.float64],
@@ -199,7 +199,7 @@ def half_power(exponent: float) -> float:
     return inlined_half_power(exponent)
 
 
-@kernel
+@borrowing_kernel
 def partial_endpoint_posterior(
     entries: NDArray[np.float64],
     exits: NDArray[np.float64],
@@ -267,6 +267,23 @@ def weight_by_path_length(update: int, path_length: float) -> int:
     return math.floor(update * min(path_length, 1.0) + 0.5)
 
 
+@kernel
+def _write_posterior(
+    entries: NDArray[np.float64],
+    exits: NDArray[np.float64],
+    z: float,
+    sigma: float,
+    beam: BeamParameters,
+    weights: NDArray[np.float64],
+) -> None:
+    """Write the posterior (n,) of a beam's end, by the model of surfaces that is set."""
+    n, at_entry = len(entries), beam.surface_at_entry
+    if beam.partial_surface:
+        partial_endpoint_posterior(entries, exits, n, z, sigma, weights)
+    else:
+        endpoint_posterior(entries, exits, n, z, sigma, at_entry, weights)
+
+
 def beam_occupancy(
     entries: ArrayLike, exits: ArrayLike, z: float, sigma: float, model: BeamModel
 ) -> NDArray[np.float64]:
@@ -291,9 +308,6 @@ def beam_occupancy(
     if not sigma > 0:
         raise ValueError(f"sigma must be > 0, got {sigma}")
     weights = np.empty(len(entries))
-    if model.partial_surface:
-        partial_endpoint_posterior(entries, exits, len(entries), z, sigma, weights)
-    else:
-        endpoint_posterior(entries, exits, len(entries), z, sigma, model.surface_at_entry, weights)
+    _write_posterior(entries, exits, float(z), float(sigma), model.parameters, weights)
     before = np.concatenate([[0.0], np.cumsum(weights)[:-1]])
     return weights + model.behind * before

@@ -172,16 +172,26 @@ def _endpoint_posterior(first: int, n: int, n_faces: int, windows: EndWindows) -
     return best
 
 
-@kernel
+@borrowing_kernel
 def _fallback_posterior(
-    lane: int, first: int, n: int, lanes: Lanes, crossed: CrossedCells, weights: NDArray[np.float64]
+    lane: int, first: int, n: int, lanes: Lanes, crossed: CrossedCells, windows: EndWindows
 ) -> int:
-    """The result of `partial_endpoint_posterior` when no cell explains the length."""
+    """The result of `partial_endpoint_posterior` when no cell explains the length.
+
+    What the windows hold of the lane's faces is overwritten.
+    """
     z, sigma = lanes.distances[LENGTH + lane], lanes.distances[SIGMA + lane]
-    faces = crossed.entries[first * LANES + lane :: LANES]
-    entries, exits = np.append(faces[:n], z), np.append(faces[1 : n + 1], z + 1.0)
-    n_candidates = n + int(faces[n] < z)
-    return partial_endpoint_posterior(entries, exits, n_candidates, z, sigma, weights)
+    begin = windows.start[lane]
+    entries = windows.deviations[begin : begin + n + 1]
+    exits = windows.distances[begin : begin + n + 1]
+    for k in range(n):
+        entries[k] = crossed.entries[(first + k) * LANES + lane]
+        exits[k] = crossed.entries[(first + k + 1) * LANES + lane]
+    reached = crossed.entries[(first + n) * LANES + lane]
+    entries[n], exits[n] = z, z + 1.0
+    return partial_endpoint_posterior(
+        entries, exits, n + int(reached < z), z, sigma, windows.weights
+    )
 
 
 @borrowing_kernel
@@ -275,7 +285,7 @@ def _integrate_rays(
                 continue
             best = _endpoint_posterior(windows.start[lane], n, n_faces, windows)
             if best < 0:
-                best = _fallback_posterior(lane, first, n, lanes, crossed, windows.weights)
+                best = _fallback_posterior(lane, first, n, lanes, crossed, windows)
             count = _update_end_cells(
                 lane, first, n, best, beam, limits, crossed, windows.weights, buffers, count
             )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel
 from coopmap_env.information.planar.cell_codes import EMPTY
 
 EIGHT_ONES = np.uint64(0x0101010101010101)
@@ -20,7 +20,7 @@ ONE, SEVEN, EIGHT = np.uint64(1), np.uint64(7), np.uint64(8)
 WORD_SHIFT, LAST_BYTE_SHIFT = np.uint64(3), np.uint64(56)
 
 
-@kernel
+@borrowing_kernel
 def copy_inner_codes(
     map_codes: NDArray[np.uint8],
     cell: int,
@@ -34,7 +34,7 @@ def copy_inner_codes(
         codes[k] = map_codes[np.uint64(cell + flat_offsets[first + k])]
 
 
-@kernel
+@borrowing_kernel
 def copy_border_codes(
     map_codes: NDArray[np.uint8],
     nx: int,
@@ -58,7 +58,7 @@ def copy_border_codes(
         codes[k] = code if is_inside else uncounted
 
 
-@kernel
+@borrowing_kernel
 def find_special_cells(
     words: NDArray[np.uint64],
     codes: NDArray[np.uint8],
@@ -83,7 +83,7 @@ def find_special_cells(
     return n
 
 
-@kernel
+@borrowing_kernel
 def count_special_cells(
     special: NDArray[np.int64],
     n_special: np.uint64,
@@ -126,7 +126,7 @@ def count_special_cells(
     return e, n_binned, lowest, highest
 
 
-@kernel
+@borrowing_kernel
 def find_visible_entries(
     first: np.uint64,
     n: np.uint64,
@@ -149,7 +149,7 @@ def find_visible_entries(
                 visible[k] |= np.uint8(beams[w, first + k] & left != 0)
 
 
-@kernel
+@borrowing_kernel
 def sum_unknown_cells(
     words: NDArray[np.uint64],
     visible_words: NDArray[np.uint64],
@@ -167,7 +167,7 @@ def sum_unknown_cells(
     return np.int64(total)
 
 
-@kernel
+@borrowing_kernel
 def count_visible_entries(visible_words: NDArray[np.uint64], n: np.uint64) -> np.int64:
     """Number of visible entries among the n of a view."""
     n_words = (n + SEVEN) >> WORD_SHIFT
@@ -177,7 +177,7 @@ def count_visible_entries(visible_words: NDArray[np.uint64], n: np.uint64) -> np
     return np.int64(count - (n_words * EIGHT - n))
 
 
-@kernel
+@borrowing_kernel
 def histogram_entropy(
     n_in_bin_0: np.int64,
     lowest: np.int64,

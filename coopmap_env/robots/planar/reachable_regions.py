@@ -73,7 +73,7 @@ def neighbor(cell: int, side: int, shape: tuple[int, int, int]) -> int:
     return cell + 1 if cell % ny + 1 < ny else -1
 
 
-@kernel
+@borrowing_kernel
 def is_reachable(regions: RegionArrays, robot: int, start: int, cell: int) -> bool:
     """Whether a robot that stands in the cell `start` reaches a cell."""
     label = regions.labels[np.uint64(cell)]
@@ -180,7 +180,7 @@ def _extend_regions(
     return True
 
 
-@kernel
+@borrowing_kernel
 def update_regions(
     arrays: MapArrays,
     changed_cells: NDArray[np.int64],

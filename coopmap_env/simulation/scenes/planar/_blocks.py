@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import exp, sin_cos
-from coopmap_env.core.kernels import kernel, unchecked_division_kernel
+from coopmap_env.core.kernels import borrowing_kernel, kernel, unchecked_division_kernel
 from coopmap_env.core.pcg64 import fill_quarters, fill_uniform, seed_generator
 
 MAX_EDGES = 6
@@ -87,7 +87,7 @@ class BlockLaw(NamedTuple):
     """Chance of a polygon; other blocks are rectangles."""
 
 
-@kernel
+@borrowing_kernel
 def _draw_blocks(state: NDArray[np.uint64], draws: BlockDraws) -> None:
     """`BlockDraws.draw` from the state of a generator."""
     fill_uniform(state, draws.centers.reshape(-1))
@@ -148,7 +148,7 @@ def scatter_blocks(
     return n_missing
 
 
-@kernel
+@borrowing_kernel
 def shape_block(block: int, draws: BlockDraws, law: BlockLaw, slopes: NDArray[np.float64]) -> float:
     """Write the slopes (MAX_EDGES, 2) of a block's edges; return how far it reaches, in cells.
 
@@ -229,9 +229,33 @@ def occupy_block(
     int
         Number of cells that are occupied now and were not.
     """
-    nx, ny = occupied.shape
-    cx, cy = center
-    first, last = max(int(cx - reach), 0), min(int(cx + reach), nx - 1)
+    n_free = _occupy_whole(occupied, n_missing, center, reach, slopes, rows)
+    if n_free > n_missing:
+        _shrink_block(occupied, n_missing, center, reach, slopes, rows, n_free)
+    return min(n_free, n_missing)
+
+
+@borrowing_kernel
+def _rows_in_reach(occupied: NDArray[np.bool_], cx: float, reach: float) -> tuple[int, int]:
+    """First and last row that a block may reach."""
+    return max(int(cx - reach), 0), min(int(cx + reach), len(occupied) - 1)
+
+
+@borrowing_kernel
+def _occupy_whole(
+    occupied: NDArray[np.bool_],
+    n_missing: int,
+    center: tuple[float, float],
+    reach: float,
+    slopes: NDArray[np.float64],
+    rows: BlockRows,
+) -> int:
+    """`occupy_block` where `n_missing` allow for it; else nothing is changed but the rows.
+
+    Returns how many of the block's cells were not occupied.
+    """
+    ny, (cx, cy) = occupied.shape[1], center
+    first, last = _rows_in_reach(occupied, cx, reach)
     write_chords(slopes, first, last, cx, reach, rows)
     n_cells = 0
     for x in range(first, last + 1):
@@ -245,14 +269,13 @@ def occupy_block(
             for y in range(rows.starts[x], rows.stops[x]):
                 n_free += not occupied[x, y]
         if n_free > n_missing:
-            _shrink_block(occupied, n_missing, center, slopes, rows, first, last, n_free)
-            return n_missing
-    n_new, flat = 0, occupied.reshape(-1)
+            return n_free
+    n_free, flat = 0, occupied.reshape(-1)
     for x in range(first, last + 1):
         for cell in range(np.uint64(x * ny + rows.starts[x]), np.uint64(x * ny + rows.stops[x])):
-            n_new += not flat[cell]
+            n_free += not flat[cell]
             flat[cell] = True
-    return n_new
+    return n_free
 
 
 @kernel
@@ -260,14 +283,14 @@ def _shrink_block(
     occupied: NDArray[np.bool_],
     n_missing: int,
     center: tuple[float, float],
+    reach: float,
     slopes: NDArray[np.float64],
     rows: BlockRows,
-    first: int,
-    last: int,
     n_free: int,
 ) -> None:
     """Occupy those `n_missing` of the block's free cells that have the lowest gauges."""
     cx, cy = center
+    first, last = _rows_in_reach(occupied, cx, reach)
     cells, gauges = np.empty((n_free, 2), dtype=np.int64), np.empty(n_free)
     k = 0
     for x in range(first, last + 1):
@@ -306,7 +329,7 @@ def write_chords(
                     low[k], high[k] = reach, -reach - 1.0
 
 
-@kernel
+@borrowing_kernel
 def gauge(slopes: NDArray[np.float64], x: float, y: float) -> float:
     """Gauge at (x, y) cells from the center of the block whose edges have these slopes (k, 2)."""
     largest = 0.0

@@ -123,7 +123,7 @@ def _list_runs(
     return n
 
 
-@kernel
+@borrowing_kernel
 def find_root(parents: NDArray[np.int32], k: int) -> int:
     """First run of the region of run `k`; shortens the path to it."""
     while parents[k] != k:
@@ -132,7 +132,7 @@ def find_root(parents: NDArray[np.int32], k: int) -> int:
     return k
 
 
-@kernel
+@borrowing_kernel
 def union(parents: NDArray[np.int32], a: int, b: int) -> None:
     """Join the regions of runs `a` and `b`: the first run stays the root."""
     a, b = find_root(parents, a), find_root(parents, b)
