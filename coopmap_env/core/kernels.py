@@ -28,7 +28,7 @@ PlainTuple = tuple[Any, ...]
 
 def _options(counts_references: bool = True, error_model: str = "python") -> dict[str, Any]:
     """All options; numba takes those that are not given from the kernel that calls first."""
-    options = {"nogil": True, "error_model": error_model, "_nrt": counts_references}
+    options: dict[str, Any] = {"nogil": True, "error_model": error_model, "_nrt": counts_references}
     try:  # the last one is not public
         njit(**options)(lambda: None)
     except (KeyError, TypeError):
