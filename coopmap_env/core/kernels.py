@@ -1,7 +1,8 @@
 """The decorator of all compiled kernels: kept on disk, without the interpreter's lock.
 
 Kernels take arrays and named tuples of arrays, allocate little, draw random numbers from counted
-streams alone (`random_streams`) and raise nothing: the function that calls them validates.
+streams (`random_streams`) or as numpy would (`pcg64`), and raise nothing: the function that calls
+them validates.
 
 In the busiest loops, indices are unsigned (``np.uint64(i)``): for a signed one, the compiler adds
 the test for negative indices, which Python counts from the end.
@@ -17,6 +18,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.core.cpu import CPUTargetOptions
 
 from coopmap_env.core.kernel_cache import attach_cache
 
@@ -28,11 +30,9 @@ PlainTuple = tuple[Any, ...]
 
 def _options(counts_references: bool = True, error_model: str = "python") -> dict[str, Any]:
     """All options; numba takes those that are not given from the kernel that calls first."""
-    options: dict[str, Any] = {"nogil": True, "error_model": error_model, "_nrt": counts_references}
-    try:  # the last one is not public
-        njit(**options)(lambda: None)
-    except (KeyError, TypeError):
-        del options["_nrt"]
+    options: dict[str, Any] = {"nogil": True, "error_model": error_model}
+    if hasattr(CPUTargetOptions, "_nrt"):  # not public
+        options["_nrt"] = counts_references
     return options
 
 

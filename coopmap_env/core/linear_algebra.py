@@ -11,6 +11,7 @@ some tens of rows; a number of rows that only counts points, (k, 3) times (3, 3)
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,16 +86,24 @@ def _product(A: Array, B: Array, out: Array) -> None:
 
 @kernel
 def are_finite(values: Array) -> bool:
-    """Whether all values (n,) are finite; numpy takes ten times as long for a few."""
+    """Whether all values (n,) are finite; numpy takes ten times as long for so few numbers."""
     finite = True
     for k in range(len(values)):
         finite &= math.isfinite(values[k])
     return finite
 
 
+def total(values: Iterable[float]) -> float:
+    """The sum, rounded after each value; from Python 3.12 on, `sum` makes up for the rounding."""
+    result = 0.0
+    for value in values:
+        result += value
+    return result
+
+
 def length(v: ArrayLike) -> float:
     """Euclidean length of a vector (n,)."""
-    return math.sqrt(sum([x * x for x in np.asarray(v, dtype=np.float64).tolist()]))
+    return math.sqrt(total([x * x for x in np.asarray(v, dtype=np.float64).tolist()]))
 
 
 def solve(A: ArrayLike, B: ArrayLike) -> Array:
@@ -178,7 +187,7 @@ def cholesky(A: ArrayLike) -> Array:
     L = np.zeros_like(a)
     for i in range(len(a)):
         for j in range(i + 1):
-            rest = float(a[i, j]) - sum((L[i, :j] * L[j, :j]).tolist())
+            rest = float(a[i, j]) - total((L[i, :j] * L[j, :j]).tolist())
             if i > j:
                 L[i, j] = rest / L[j, j]
             elif rest > 0.0:

@@ -65,7 +65,10 @@ def fill_uniform(state: NDArray[np.uint64], out: NDArray[np.float64]) -> None:
 
 @borrowing_kernel
 def fill_quarters(state: NDArray[np.uint64], out: NDArray[np.int64]) -> None:
-    """``Generator.integers(4, size=n)`` for an even n: of each half word the two upper bits."""
+    """``Generator.integers(4, size=n)`` for an even n.
+
+    Each half of a word gives its two upper bits; the lower half comes first.
+    """
     for k in range(0, len(out), 2):
         word = next_word(state)
         out[k] = (word >> _QUARTER_SHIFTS[0]) & np.uint64(3)

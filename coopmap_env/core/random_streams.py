@@ -23,7 +23,7 @@ STATE_WORDS = 3
 """Words of the state of a stream."""
 KEY_WORDS = 2
 """The first of them, which a seed sequence generates; the rest begins at 0."""
-_BLOCKS_TAKEN = KEY_WORDS
+_BLOCKS_TAKEN = KEY_WORDS  # its index: it follows the key
 _ROUNDS = 10
 _MULTIPLIERS = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _KEY_STEPS = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)

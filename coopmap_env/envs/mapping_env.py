@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.actions import CandidateMode, action_of_each
 from coopmap_env.envs.arguments import MappingArguments
 from coopmap_env.envs.belief import ActionMode, Observation, Observer
@@ -238,7 +239,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     def _assign_rewards(self, terms: Sequence[dict[str, float]]) -> dict[str, float]:
         rewards = [term[self._reward_term] for term in terms]
         if self._shares_reward:
-            rewards = [sum(rewards) / len(rewards)] * len(rewards)
+            rewards = [total(rewards) / len(rewards)] * len(rewards)
         return dict(zip(self.agents, rewards, strict=True))
 
     def _step_infos(self, step: TeamStep[BeliefT]) -> Infos:

@@ -58,7 +58,7 @@ class EpisodeSeeds:
 
     @staticmethod
     def states(episodes: Sequence[EpisodeSeeds], number: int, n: int) -> NDArray[np.uint64]:
-        """What the seed of a number generates, for each episode of one split: (k, n) words."""
+        """Words (k, n) that the seed of this number generates in each of k episodes of a split."""
         if not episodes:
             return np.empty((0, n), dtype=np.uint64)
         key = (*episodes[0]._words["spawn_key"], number)

@@ -11,6 +11,7 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 
 from coopmap_env.core.files import brief
+from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.actions import InvalidActionError, to_number_array
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
@@ -72,7 +73,7 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         truncated = truncations[agents[0]]
         return (
             self._concatenate(observations),
-            float(sum(rewards.values())),
+            total(rewards.values()),
             False,
             truncated,
             {"robots": infos},

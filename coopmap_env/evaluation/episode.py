@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation.metrics import (
@@ -199,8 +200,8 @@ class EpisodeRecorder:
         self._planning_s += step.decision_s
         self._n_decisions += len(step.actions)
         infos = step.infos.values()
-        self._reward += sum(step.rewards.values())
-        self._motion_distance += sum(info["distance"] for info in infos)
+        self._reward += total(step.rewards.values())
+        self._motion_distance += total(info["distance"] for info in infos)
         self._n_rejected_actions += sum(bool(info["rejected_reason"]) for info in infos)
         self._n_collisions += sum(info["collided"] for info in infos)
         self._add_map()

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import atan2, sin_cos
 from coopmap_env.core.kernels import kernel
-from coopmap_env.core.linear_algebra import length, product
+from coopmap_env.core.linear_algebra import length, product, total
 from coopmap_env.geometry.transforms import Pose
 
 SMALL_ANGLE = 1e-8
@@ -139,7 +139,7 @@ def nearest_rotation(M: ArrayLike) -> NDArray[np.float64]:
     singular_values = np.sqrt(np.square(columns).sum(axis=0))
     i, j = np.argsort(-singular_values, kind="stable")[:2]
     u_1 = _direction(columns[:, i], Z_AXIS)
-    u_2 = columns[:, j] - u_1 * sum((u_1 * columns[:, j]).tolist())
+    u_2 = columns[:, j] - u_1 * total((u_1 * columns[:, j]).tolist())
     u_2 = _direction(u_2, np.cross(u_1, np.eye(3)[int(np.abs(u_1).argmin())]))
     U = np.stack([u_1, u_2, np.cross(u_1, u_2)])
     W = np.stack([V[:, i], V[:, j], np.cross(V[:, i], V[:, j])])

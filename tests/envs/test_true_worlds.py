@@ -80,6 +80,31 @@ def test_no_world_changes_if_one_cannot_be_made():
     assert truths.world(1).name == "number 2"
 
 
+def test_each_world_needs_a_seed():
+    truths = worlds_of(SMALL, 2)
+    truths.draw([], [])
+    with pytest.raises(ValueError, match="2 worlds need as many seeds, got 1"):
+        truths.draw([0, 1], [EpisodeSeeds("train", 0)])
+
+
+def test_a_map_that_was_cleared_by_hand_leaves_nothing_behind():
+    def episode(env):
+        env.reset(seed=2)
+        for k, agent in enumerate(env.agents):
+            env.action_space(agent).seed(k)
+        steps = [
+            env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+            for _ in range(4)
+        ]
+        return [(step[1], step[4]) for step in steps]
+
+    env, other = (planar_v1.parallel_env(scene=SMALL) for _ in range(2))
+    expected = episode(other)
+    assert episode(env) == expected
+    env.belief().map.clear()
+    assert episode(env) == expected
+
+
 @pytest.mark.parametrize("action_mode", ["pose", "candidates"])
 @pytest.mark.parametrize("keep_surfaces", [False, True])
 def test_a_world_that_starts_again_is_like_a_new_one(action_mode, keep_surfaces):

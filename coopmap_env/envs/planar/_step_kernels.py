@@ -55,8 +55,8 @@ from coopmap_env.robots.planar.reachable_regions import (
 from coopmap_env.sensing import ScanArrays
 from coopmap_env.simulation.planar_scans import scan_from_lattice
 
-BLOCK = 64
-"""Cells that are cleared together."""
+CLEARED_TOGETHER = 64
+"""Cells."""
 STAYS = -1
 """Target of a robot whose action is rejected."""
 
@@ -407,18 +407,19 @@ def step_worlds(
 
 @borrowing_kernel
 def _empty_map(worlds: WorldArrays, e: int) -> None:
-    """Forget all cells that were sampled; there is nothing to forget of others.
+    """Forget all cells that are sampled, or were before the map was cleared by hand.
 
-    Most blocks of cells hold none, and it is much faster to read one array than to write them all.
+    There is nothing to forget of others. Most groups of cells hold none, and it is much faster to
+    read two small arrays than to write all.
     """
-    sampled, surfaces = worlds.sampled_mask[e], surfaces_of(worlds, e)
-    for first in range(0, len(sampled), BLOCK):
-        stop, any_sampled = min(first + BLOCK, len(sampled)), np.uint8(0)
-        for is_sampled in sampled[first:stop]:
-            any_sampled = np.uint8(any_sampled | is_sampled)
-        if any_sampled:
+    sampled, codes, surfaces = worlds.sampled_mask[e], worlds.codes[e], surfaces_of(worlds, e)
+    for first in range(0, len(sampled), CLEARED_TOGETHER):
+        stop, anything = min(first + CLEARED_TOGETHER, len(sampled)), np.uint8(0)
+        for cell in range(np.uint64(first), np.uint64(stop)):
+            anything = np.uint8(anything | sampled[cell] | codes[cell])
+        if anything:
             worlds.log_odds_fixed[e, first:stop] = 0
-            worlds.codes[e, first:stop] = UNKNOWN
+            codes[first:stop] = UNKNOWN
             worlds.labels[e, first:stop] = 0
             clear_surfaces(surfaces, first, stop)
             sampled[first:stop] = 0

@@ -53,12 +53,15 @@ class TrueWorlds:
         Raises
         ------
         ValueError
-            If the scene makes a world of another shape, resolution or origin than it declares.
+            If the scene makes a world of another shape, resolution or origin than it declares, or
+            there is not one seed for each world.
         """
+        if len(which) != len(seeds):
+            raise ValueError(f"{len(which)} worlds need as many seeds, got {len(seeds)}")
         made: list[PlanarWorld | None] = [None] * len(which)
         if type(self._scene) is Obstacles:  # one derived from it may make other worlds
             states = EpisodeSeeds.states(seeds, SCENE, SEED_WORDS)
-            self._scene.write_worlds(np.array(which), states, self.occupied)
+            self._scene.write_worlds(np.array(which, dtype=np.int64), states, self.occupied)
         else:
             for k, (number, own) in enumerate(zip(which, seeds, strict=True)):
                 with context(number):

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import power
 from coopmap_env.core.kernels import kernel
+from coopmap_env.core.linear_algebra import total
 from coopmap_env.geometry import Pose
 from coopmap_env.sensing import PointCloud, RangeNoise
 
@@ -74,8 +75,8 @@ def filter_robot_points(
     uncertainty = PointUncertainty(
         float(noise.intrinsic * noise.depth),
         float(noise.exponent),
-        sum(covariance.diagonal()[:3].tolist()),
-        sum(covariance.diagonal()[3:].tolist()),
+        total(covariance.diagonal()[:3].tolist()),
+        total(covariance.diagonal()[3:].tolist()),
     )
     filter_points_in_spheres(points, hit, local, np.ascontiguousarray(wide), uncertainty)
     return PointCloud(points, hit)

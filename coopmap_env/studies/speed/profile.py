@@ -1,9 +1,10 @@
 """Where the time of a step goes: ``python -m coopmap_env.studies.speed.profile CASE``.
 
-A sampling profile: the line that runs is looked at every few milliseconds of processor time. It
-costs nothing between two looks, so that small functions do not look larger than they are, as they
-do where each call is timed. A kernel runs in the line that calls it. Lines of libraries count for
-the line of the project that calls them.
+A sampling profile: every few milliseconds of processor time it is looked which line runs, and the
+time since the last look counts for that line. It costs nothing in between, so that small functions
+do not look larger than they are, as they do where each call is timed. While a kernel runs nobody
+looks: all of its time counts, at its end, for the line that called it. Lines of libraries count
+for the line of the project that calls them.
 
 What a step takes is its mean, disturbed by what else runs; the shares hold on a busy machine.
 """
@@ -14,12 +15,13 @@ import argparse
 import linecache
 import signal
 import sys
-from collections import Counter
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import coopmap_env
 from coopmap_env.core.progress import log
@@ -49,20 +51,40 @@ class Line(NamedTuple):
         return linecache.getline(self.path, self.number).strip()
 
 
+@dataclass
+class Samples:
+    """Processor time of the lines of a step."""
+
+    seconds: dict[Line, float] = field(default_factory=dict)
+    n_looks: int = 0
+
+    def of(self, key: Callable[[Line], Any], n: int) -> list[tuple[Any, float]]:
+        """The n largest groups of lines with an equal key: the key and the share of all time."""
+        total, groups = sum(self.seconds.values()), dict[Any, float]()
+        for line, seconds in self.seconds.items():
+            groups[key(line)] = groups.get(key(line), 0.0) + seconds / total
+        return sorted(groups.items(), key=lambda group: -group[1])[:n]
+
+
 @contextmanager
-def sampled_lines(period: float = PERIOD_S) -> Iterator[Counter[Line]]:
-    """Count how often each line of a step was found running, until the block ends."""
-    counts: Counter[Line] = Counter()
+def sampled_lines(
+    period: float = PERIOD_S, clock: Callable[[], float] = time.process_time
+) -> Iterator[Samples]:
+    """Measure the lines of steps until the block ends."""
+    samples, last = Samples(), clock()
 
     def look(_: int, frame: FrameType | None) -> None:
-        inner = innermost_line(frame)
+        nonlocal last
+        now, inner = clock(), innermost_line(frame)
         if inner is not None:
-            counts[inner] += 1
+            samples.seconds[inner] = samples.seconds.get(inner, 0.0) + now - last
+            samples.n_looks += 1
+        last = now
 
     before = signal.signal(signal.SIGPROF, look)
     signal.setitimer(signal.ITIMER_PROF, period, period)
     try:
-        yield counts
+        yield samples
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
@@ -80,33 +102,29 @@ def innermost_line(frame: FrameType | None) -> Line | None:
     return inner if in_step else None
 
 
-def table(counts: Counter[Line], step_ms: float, n_lines: int) -> str:
+def table(samples: Samples, step_ms: float, n_lines: int) -> str:
     """The modules in which most of a step's time goes, and the lines, as text."""
-    total = counts.total()
-    if total == 0:
+    if samples.n_looks == 0:
         sys.exit("the steps were over before the first look: ask for more runs by --runs")
-    modules: Counter[str] = Counter()
-    for line, count in counts.items():
-        modules[line.module] += count
-    rows = [f"{total:,} looks; {step_ms:.3f} ms a step", "", "      ms  share"]
-    for name, count in modules.most_common(n_lines):
-        rows.append(f"{step_ms * count / total:8.3f} {count / total:6.1%}  {name}")
+    rows = [f"{samples.n_looks:,} looks; {step_ms:.3f} ms a step", "", "      ms  share"]
+    for module, share in samples.of(lambda line: line.module, n_lines):
+        rows.append(f"{step_ms * share:8.3f} {share:6.1%}  {module}")
     rows += ["", "      ms  share"]
-    for line, count in counts.most_common(n_lines):
+    for line, share in samples.of(lambda line: line, n_lines):
         place = f"{line.module}:{line.number}"
-        rows.append(f"{step_ms * count / total:8.3f} {count / total:6.1%}  {place}  {line.text}")
+        rows.append(f"{step_ms * share:8.3f} {share:6.1%}  {place}  {line.text}")
     return "\n".join(rows)
 
 
-def profile(run: Run, n_runs: int) -> tuple[Counter[Line], float]:
+def profile(run: Run, n_runs: int) -> tuple[Samples, float]:
     """Samples of the steps of some runs, after one that compiles; and ms of a step."""
     run()
     seconds = []
-    with sampled_lines() as counts:
+    with sampled_lines() as samples:
         for k in range(n_runs):
             log(f"run {k + 1} of {n_runs}")
             seconds += run()["step"]
-    return counts, 1e3 * sum(seconds) / len(seconds)
+    return samples, 1e3 * sum(seconds) / len(seconds)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -119,6 +137,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, default=20, help="of the case")
     parser.add_argument("--lines", type=int, default=25, help="in each table")
     options = parser.parse_args(arguments)
+    if options.runs < 1:
+        parser.error(f"--runs must be at least 1, got {options.runs}")
     if not hasattr(signal, "setitimer"):
         sys.exit("this system has no timer of processor time")
     print(table(*profile(CASES[options.case](), options.runs), options.lines))

@@ -52,6 +52,8 @@ class BlockDraws(NamedTuple):
     @classmethod
     def empty(cls, n: int) -> BlockDraws:
         """Room for those of n blocks, an even number."""
+        if n % 2:
+            raise ValueError(f"blocks are drawn in even numbers, not {n}")
         return cls(
             np.empty((n, 2)),
             np.empty((n, 2)),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import log
 from coopmap_env.core.limits import check_cells
-from coopmap_env.core.settings import Bounds, Positive, Settings, UnitInterval
+from coopmap_env.core.settings import Bounds, Settings, UnitInterval
 from coopmap_env.simulation.scenes.planar._blocks import (
     BlockDraws,
     BlockLaw,
@@ -25,6 +25,8 @@ from coopmap_env.simulation.scenes.planar.world import CellSide, CellsPerSide, P
 
 MAX_OCCUPIED_FRACTION = 0.5
 """Above this fraction the free space falls apart into pockets, and a robot sees one of them."""
+
+BlockSide = Annotated[float, Bounds(above=0, largest=1e12)]
 
 _BATCH = 128
 """Blocks drawn at once: twice what a world of the default settings takes."""
@@ -43,9 +45,9 @@ class Obstacles(Settings):
     occupied_fraction: Annotated[float, Bounds(at_least=0, at_most=MAX_OCCUPIED_FRACTION)] = 0.12
     """Fraction of all cells that are occupied, exact to the cell: enough to hide what lies behind,
     little enough to leave passages. The paper does not state its own."""
-    side_min: Positive = 4.0
+    side_min: BlockSide = 4.0
     """Shortest side of a block in metres: a few cells, so that its orientation shows."""
-    side_max: Positive = 20.0
+    side_max: BlockSide = 20.0
     """Longest side of a block in metres: about a depth of field, so that going around pays."""
     polygon_fraction: UnitInterval = 0.4
     """Chance that a block is a convex polygon of 3 to 6 edges; otherwise it is a rectangle."""

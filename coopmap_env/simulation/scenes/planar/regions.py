@@ -14,7 +14,7 @@ _WORD, _BYTES = 64, 8
 """Bits and bytes of a word."""
 _ONE = np.uint64(1)
 _PACK, _PACK_SHIFT = np.uint64(0x0102040810204080), np.uint64(56)
-"""This times a word whose bytes are 0 or 1 has them as the bits of its upper byte, in order."""
+"""Multiplying by it gathers the lowest bits of a word's eight bytes in its upper byte, in order."""
 
 
 def largest_free_region(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:

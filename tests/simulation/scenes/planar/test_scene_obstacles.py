@@ -144,6 +144,7 @@ def test_the_first_world_of_each_split_is_frozen(split):
         ({"side_min": 30.0}, "1.0, 30.0, 20.0"),
         ({"side_min": 0.5}, "1.0, 0.5, 20.0"),
         ({"side_max": float("inf")}, "inf"),
+        ({"side_max": 1e20}, r"Obstacles.side_max must be .* to 1e\+12, got 1e\+20"),
         ({"polygon_fraction": 1.5}, "Obstacles.polygon_fraction must be .* <= 1, got 1.5"),
     ],
 )
