@@ -6,6 +6,7 @@ import numpy as np
 
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.information.planar.cell_codes import write_codes
+from coopmap_env.robots.planar.reachable_regions import find_regions
 from coopmap_env.sensing import RangeNoise
 from coopmap_env.simulation.scenes.planar import PlanarWorld, RecordedMap
 
@@ -71,5 +72,7 @@ def observe_again(worlds):
     codes = worlds.constants.code_of_log_odds
     write_codes(arrays.log_odds_fixed[0], arrays.sampled_mask[0], codes, arrays.codes[0])
     arrays.n_observed[0] = np.count_nonzero(arrays.sampled_mask[0])
+    n_headings = worlds.lattice.n_headings
+    find_regions(worlds.map(0).arrays, arrays.pose_ids[0], n_headings, worlds.regions(0))
     worlds.observe(np.zeros(1, dtype=np.int64), observations)
     return observations
