@@ -44,7 +44,7 @@ def stream_state(seed: np.random.SeedSequence) -> NDArray[np.uint64]:
 
 def draw_stream(rng: np.random.Generator) -> NDArray[np.uint64]:
     """State (3,) of a new stream whose key is drawn from a Generator."""
-    return np.array([*rng.integers(2**64, size=2, dtype=np.uint64), 0], dtype=np.uint64)
+    return np.array([*rng.integers(2**64, size=KEY_WORDS, dtype=np.uint64), 0], dtype=np.uint64)
 
 
 @borrowing_kernel

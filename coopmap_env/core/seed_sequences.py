@@ -53,14 +53,18 @@ def seed_states(
 
 
 @borrowing_kernel
-def _hashed(value: np.uint32, factor: np.uint32) -> np.uint32:
-    """A word after the exclusive or with the hash's constant, times the next constant."""
-    value = np.uint32(value * factor)
-    return np.uint32(value ^ (value >> _HALF))
+def _hash_word(
+    word: np.uint32, constant: np.uint32, factor: np.uint32
+) -> tuple[np.uint32, np.uint32]:
+    """The hash of a word, and the constant for the next one: the product with the factor."""
+    value, constant = np.uint32(word ^ constant), np.uint32(constant * factor)
+    value = np.uint32(value * constant)
+    return np.uint32(value ^ (value >> _HALF)), constant
 
 
 @borrowing_kernel
-def _mixed(x: np.uint32, y: np.uint32) -> np.uint32:
+def _mix_into(x: np.uint32, y: np.uint32) -> np.uint32:
+    """Mix the hash of a word into one of the pool."""
     value = np.uint32(np.uint32(_MIX_LEFT * x) - np.uint32(_MIX_RIGHT * y))
     return np.uint32(value ^ (value >> _HALF))
 
@@ -83,27 +87,23 @@ def write_states(
         n_own = ends[row] - first
         constant = _HASH_START
         for k in range(_POOL_WORDS):
-            value = np.uint32(words[first + k] ^ constant)
-            constant = np.uint32(constant * _HASH_FACTOR)
-            pool[k] = _hashed(value, constant)
+            pool[k], constant = _hash_word(words[first + k], constant, _HASH_FACTOR)
         for k in range(_POOL_WORDS):
             for other in range(_POOL_WORDS):
                 if k != other:
-                    value = np.uint32(pool[k] ^ constant)
-                    constant = np.uint32(constant * _HASH_FACTOR)
-                    pool[other] = _mixed(pool[other], _hashed(value, constant))
+                    hashed, constant = _hash_word(pool[k], constant, _HASH_FACTOR)
+                    pool[other] = _mix_into(pool[other], hashed)
         for k in range(_POOL_WORDS, n_own + len(spawn_key)):
             word = words[first + k] if k < n_own else spawn_key[k - n_own]
             for other in range(_POOL_WORDS):
-                value = np.uint32(word ^ constant)
-                constant = np.uint32(constant * _HASH_FACTOR)
-                pool[other] = _mixed(pool[other], _hashed(value, constant))
+                hashed, constant = _hash_word(word, constant, _HASH_FACTOR)
+                pool[other] = _mix_into(pool[other], hashed)
         constant = _SPREAD_START
         for k in range(states.shape[1]):
             halves = np.uint64(0)
             for half in range(2):
-                value = np.uint32(pool[(2 * k + half) % _POOL_WORDS] ^ constant)
-                constant = np.uint32(constant * _SPREAD_FACTOR)
-                halves |= np.uint64(_hashed(value, constant)) << np.uint64(32 * half)
+                word = pool[(2 * k + half) % _POOL_WORDS]
+                hashed, constant = _hash_word(word, constant, _SPREAD_FACTOR)
+                halves |= np.uint64(hashed) << np.uint64(32 * half)
             states[row, k] = halves
         first = ends[row]

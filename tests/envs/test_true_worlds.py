@@ -127,7 +127,7 @@ def test_a_world_that_starts_again_is_like_a_new_one(action_mode, keep_surfaces)
         worlds.start(both, later)
     for field, ours, theirs in zip(used.arrays._fields, used.arrays, new.arrays, strict=True):
         if field in ("candidates", "n_candidates"):
-            continue  # offered anew before they are read
+            continue  # offered again before they are read
         for own, other in zip(
             ours if isinstance(ours, tuple) else [ours],
             theirs if isinstance(theirs, tuple) else [theirs],

@@ -40,7 +40,7 @@ class TrueWorlds:
         seeds: Sequence[EpisodeSeeds],
         context: Callable[[int], AbstractContextManager[Any]] = nullcontext,
     ) -> None:
-        """Draw some worlds anew; all of them or, after an error, none.
+        """Replace some worlds by new ones; all of them or, after an error, none.
 
         Parameters
         ----------

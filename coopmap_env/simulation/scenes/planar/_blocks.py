@@ -65,7 +65,7 @@ class BlockDraws(NamedTuple):
         )
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw the numbers of all blocks anew."""
+        """Draw new numbers for all blocks."""
         rng.random(out=self.centers)
         rng.random(out=self.sizes)
         rng.random(out=self.kinds)
