@@ -37,7 +37,7 @@ def product(A: ArrayLike, B: ArrayLike) -> Array:
     right = b if b.ndim > 1 else b[:, None]
     if a.ndim == right.ndim == 2 and a.shape[1] == len(right):
         single = np.empty((len(a), right.shape[1]))
-        _multiply(a, right, single)
+        multiply(a, right, single)
         return single if b.ndim > 1 else single.ravel()
     left = a if a.ndim > 1 else a[None, :]
     stack = left.shape[:-2] or right.shape[:-2]
@@ -59,8 +59,8 @@ def product(A: ArrayLike, B: ArrayLike) -> Array:
 
 
 @kernel
-def _multiply(a: Array, b: Array, out: Array) -> None:
-    """The product of a (m, n) and b (n, p), written to out (m, p)."""
+def multiply(a: Array, b: Array, out: Array) -> None:
+    """Write the product of a (m, n) and b (n, p) to out (m, p); for kernels."""
     m, n = a.shape
     p = b.shape[1]
     if n == 3:
@@ -81,7 +81,7 @@ def _multiply(a: Array, b: Array, out: Array) -> None:
 def _product(A: Array, B: Array, out: Array) -> None:
     """Products of A (k or 1, m, n) and B (k or 1, n, p), written to out (k, m, p)."""
     for k in range(len(out)):
-        _multiply(A[k if len(A) > 1 else 0], B[k if len(B) > 1 else 0], out[k])
+        multiply(A[k if len(A) > 1 else 0], B[k if len(B) > 1 else 0], out[k])
 
 
 @kernel

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import atan2, sin_cos
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.core.linear_algebra import length, product, total
 from coopmap_env.geometry.transforms import Pose
 
@@ -107,24 +107,33 @@ def rotation_from_rotvec(w: ArrayLike) -> NDArray[np.float64]:
 
 def rotvec_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
     """Rotation vector (3,) of a rotation (3, 3), of length 0 to pi."""
-    R = np.asarray(R, dtype=np.float64)
+    out = np.empty(3)
+    write_rotvec(np.ascontiguousarray(R, dtype=np.float64), out)
+    return out
+
+
+@kernel
+def write_rotvec(R: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """Write `rotvec_from_rotation` to `out` (3,)."""
     # through the quaternion, which is well conditioned at every angle (Shepperd 1978)
-    diagonal = np.array([R[0, 0], R[1, 1], R[2, 2], R[0, 0] + R[1, 1] + R[2, 2]])
-    i = int(diagonal.argmax())
-    q = np.empty(4)
-    if i == 3:
-        q[:3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-        q[3] = 1.0 + diagonal[3]
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    i = 0
+    for axis in range(1, 3):
+        if R[axis, axis] > R[i, i]:
+            i = axis
+    if trace > R[i, i]:
+        x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+        w = 1.0 + trace
     else:
         j, k = (i + 1) % 3, (i + 2) % 3
-        q[i] = 1.0 + diagonal[i] - diagonal[j] - diagonal[k]
-        q[j], q[k] = R[j, i] + R[i, j], R[k, i] + R[i, k]
-        q[3] = R[k, j] - R[j, k]
-    q *= math.copysign(1.0, q[3])
-    sine = length(q[:3])
-    if sine == 0.0:
-        return np.zeros(3)
-    return q[:3] * (2.0 * atan2(sine, float(q[3])) / sine)
+        out[i] = 1.0 + R[i, i] - R[j, j] - R[k, k]
+        out[j], out[k] = R[j, i] + R[i, j], R[k, i] + R[i, k]
+        x, y, z = out[0], out[1], out[2]
+        w = R[k, j] - R[j, k]
+    sign = math.copysign(1.0, w)
+    sine = math.sqrt(x * x + y * y + z * z)
+    factor = 0.0 if sine == 0.0 else 2.0 * atan2(sine, sign * w) / sine
+    out[0], out[1], out[2] = sign * x * factor, sign * y * factor, sign * z * factor
 
 
 def nearest_rotation(M: ArrayLike) -> NDArray[np.float64]:
@@ -191,9 +200,22 @@ def apply_displacement(pose: Pose, displacement: ArrayLike) -> Pose:
 
 def displacement_between(pose: Pose, other: Pose) -> NDArray[np.float64]:
     """Displacement (6,) from `pose` to `other`: the inverse of `apply_displacement`."""
-    return np.concatenate(
-        [
-            other.translation - pose.translation,
-            rotvec_from_rotation(product(other.rotation, pose.rotation.T)),
-        ]
-    )
+    out = np.empty(6)
+    write_displacement(tuple(pose.arrays), tuple(other.arrays), out)
+    return out
+
+
+@kernel
+def write_displacement(
+    plain_pose: PlainTuple, plain_other: PlainTuple, out: NDArray[np.float64]
+) -> None:
+    """Write `displacement_between` plain `RigidTransform` to `out` (6,)."""
+    (rotation, translation), (other_rotation, other_translation) = plain_pose, plain_other
+    between = np.empty((3, 3))
+    for i in range(3):
+        out[i] = other_translation[i] - translation[i]
+        a = other_rotation[i]
+        for j in range(3):
+            b = rotation[j]
+            between[i, j] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    write_rotvec(between, out[3:])

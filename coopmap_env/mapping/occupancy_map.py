@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.kernels import PlainTuple
+from coopmap_env.core.linear_algebra import are_finite
 from coopmap_env.mapping.arrays import (
     MapArrays,
     MapStorage,
@@ -105,6 +106,7 @@ class OccupancyMap:
         self._pooled: PooledMap | None = None
         self._viewed: ViewedMap | None = None
         self._changes: ColumnChanges | None = None
+        self._n_sampled: int | None = None
 
     # A view of one of many worlds has a map that is never fused into: what only that needs is made
     # when it is first used.
@@ -168,6 +170,8 @@ class OccupancyMap:
                 update_occluders(self.arrays, cells, self._viewed.occluders)
         if self._pooled is not None and updated_cells:
             self._pooled.update(np.concatenate(updated_cells))
+        if self._n_sampled is not None:
+            self._n_sampled += sum(gain.new_cells for gain in gains)
         return gains
 
     def _validate(self, scan: Scan) -> tuple[PlainTuple, NDArray[np.float64]]:
@@ -186,7 +190,7 @@ class OccupancyMap:
             )
         if scan.pose_covariance is None:
             return arrays, EXACT_POSE
-        if not np.isfinite(scan.pose_covariance).all():
+        if not are_finite(np.ravel(scan.pose_covariance)):
             raise ValueError(f"pose_covariance must be finite, got {scan.pose_covariance.tolist()}")
         return arrays, scan.pose_covariance
 
@@ -225,7 +229,7 @@ class OccupancyMap:
 
     def cells_changed(self) -> None:
         """Tell the map that any of its cells may have changed: after writing to its arrays."""
-        self._pooled = self._viewed = None
+        self._pooled = self._viewed = self._n_sampled = None
         if self._changes is not None:
             self._changes.add_all()
 
@@ -266,7 +270,9 @@ class OccupancyMap:
     @property
     def observed_fraction(self) -> float:
         """Fraction of the grid's cells that are sampled."""
-        return int(np.count_nonzero(self.sampled_mask.view(np.bool_))) / self.grid.n_cells
+        if self._n_sampled is None or not self._is_alone:
+            self._n_sampled = int(np.count_nonzero(self.sampled_mask.view(np.bool_)))
+        return self._n_sampled / self.grid.n_cells
 
     @property
     def hit_cells(self) -> NDArray[np.int64]:

@@ -16,7 +16,6 @@ from coopmap_env.robots._spring_kernels import (
     MassModel,
     Springs,
     center_of_mass_offset,
-    load_response,
     solve_equilibrium,
 )
 from coopmap_env.robots.kinematics.chain import Chain
@@ -28,6 +27,8 @@ GRAVITY = 9.81
 GRAVITY_VECTOR = (0.0, 0.0, -GRAVITY)
 N_SUSPENSION = 3
 """Heave, roll and pitch come first among the joints of a chain on its suspension."""
+PlainEquilibrium = tuple[PlainTuple, PlainTuple, NDArray[np.float64]]
+"""A plain `MassModel` with a plain tree, plain `Springs`, and `Equilibrium.compliance`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,22 +93,23 @@ class Equilibrium:
         return replace(self, springs=springs, compliance=compliance)
 
     @cached_property
-    def _plain_model(self) -> PlainTuple:
-        return tuple(self.model.tree), *self.model[1:]
+    def plain(self) -> PlainEquilibrium:
+        """The equilibrium as kernels take it."""
+        model = (tuple(self.model.tree), *self.model[1:])
+        return model, tuple(self.springs), self.compliance
+
+    @staticmethod
+    def plain_without_springs(tree: KinematicTree) -> PlainEquilibrium:
+        """Nothing, in the types of `plain`: kernels are not compiled once more for it."""
+        masses = freeze((np.zeros(0), np.zeros((0, 3)), np.zeros(3)))
+        return (tuple(tree), *masses), (np.zeros(3), np.zeros(3), np.zeros(3)), np.ones(2)
 
     def rest_configurations(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joints (k, n) of the mount with the deflections before them: (k, 3 + n)."""
         q = np.empty((len(joints), N_SUSPENSION + joints.shape[1]))
         q[:, N_SUSPENSION:] = joints
-        solve_equilibrium(self._plain_model, tuple(self.springs), q)
+        solve_equilibrium(*self.plain[:2], q)
         return q
-
-    def jacobian(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Derivatives (2, 2 + n) of roll and pitch at rest q (3 + n,) by compliances and joints."""
-        out = np.empty((2, len(q) - 1))
-        load_response(self._plain_model, tuple(self.springs), q, out)
-        out[:, :2] /= self.compliance
-        return out
 
 
 @lru_cache(maxsize=32)

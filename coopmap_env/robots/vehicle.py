@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -10,14 +11,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import PlainTuple
-from coopmap_env.core.linear_algebra import length, product
-from coopmap_env.geometry import Pose, Spheres, skew
+from coopmap_env.core.linear_algebra import length, product, total
+from coopmap_env.geometry import Pose, Spheres
+from coopmap_env.robots._camera_kernels import (
+    CameraJacobians,
+    CameraModel,
+    CameraUncertainty,
+    add_per_scan_covariance,
+    camera_deflection,
+    camera_jacobians,
+    camera_joints,
+    estimate_camera,
+    write_base_jacobian,
+)
 from coopmap_env.robots.equilibrium import GRAVITY_VECTOR, Equilibrium
 from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.collision_spheres import CollisionSpheres
-from coopmap_env.robots.kinematics.forward import mounted_frame_poses
+from coopmap_env.robots.kinematics.forward import mounted_frame_poses, mounted_point_positions
 from coopmap_env.robots.mount import Mount
 from coopmap_env.robots.mount_library import make_mount
+from coopmap_env.robots.suspension import SUSPENSION_JOINTS
 
 
 class PoseEstimate(NamedTuple):
@@ -27,6 +40,11 @@ class PoseEstimate(NamedTuple):
     """T_world_camera."""
     covariance: NDArray[np.float64]
     """Shape (6, 6) of [translation, rotation vector] in the world frame, metres and radians."""
+
+    @property
+    def position_std(self) -> float:
+        """Standard deviation of the position, of the variances along all axes together, metres."""
+        return math.sqrt(total(self.covariance.diagonal()[:3].tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,25 +105,9 @@ class Vehicle:
     def camera_poses(self, q: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """T_world_camera: R (k, 3, 3), t (k, 3); without k for a single q (n,)."""
         joints = self.chain.as_joint_values(q)
-        R, t = self._camera_poses(np.atleast_2d(self._camera_joints(joints)))
-        return (R, t) if joints.ndim == 2 else (R[0], t[0])
-
-    def _camera_poses(
-        self, joints: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """`camera_poses` from `_camera_joints` (k, m)."""
-        R, t = mounted_frame_poses(self._mounted_camera, joints)
-        return R[:, 0], t[:, 0]
-
-    @cached_property
-    def _mounted_camera(self) -> PlainTuple:
-        """The camera's frame on the chain that `_camera_joints` belong to."""
-        chain = self.chain if self.equilibrium is None else self._suspended_chain
-        return chain.mounted(self.T_world_base, *chain.camera_frame)
-
-    def _camera_joints(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joints (n,) or (k, n), after the deflections if these are predicted."""
-        return joints if self.equilibrium is None else self._suspended_joints(joints)
+        on_chain = camera_joints(self._camera_model, np.atleast_2d(joints))
+        R, t = mounted_frame_poses(self._camera_model[0], on_chain)
+        return (R[:, 0], t[:, 0]) if joints.ndim == 2 else (R[0, 0], t[0, 0])
 
     def camera_pose(self, q: ArrayLike) -> Pose:
         """T_world_camera at a single q (n,)."""
@@ -118,8 +120,19 @@ class Vehicle:
         return product(self.T_world_base.rotation, R), self.T_world_base.transform(t)
 
     def spheres(self, q: ArrayLike) -> Spheres:
-        """Centers (k, s, 3) in the world frame and radii (s,) of the spheres that cover it."""
-        return Spheres(self.T_world_base.transform(self.body.centers(q)), self.body.radii)
+        """Centers (k, s, 3) in the world frame and radii (s,) of the spheres that cover it.
+
+        Without k for a single q (n,).
+        """
+        joints = self.chain.as_joint_values(q)
+        centers = mounted_point_positions(self._mounted_spheres, np.atleast_2d(joints))
+        return Spheres(centers if joints.ndim == 2 else centers[0], self.body.radii)
+
+    @cached_property
+    def _mounted_spheres(self) -> PlainTuple:
+        """The centers of the spheres as plain `MountedPoints`."""
+        tree, body, base = self.chain.tree, self.body, self.T_world_base.arrays
+        return (tuple(tree), body.sphere_body_index, body.local_centers, *base)
 
     @cached_property
     def workspace_sphere(self) -> tuple[NDArray[np.float64], float]:
@@ -144,24 +157,57 @@ class Vehicle:
         )
 
     @cached_property
-    def _suspended_chain(self) -> Chain:
-        """The chain with the suspension's joints first."""
-        return self.mount.chain(with_suspension=True)
+    def _camera_model(self) -> PlainTuple:
+        """A plain `CameraModel`."""
+        is_suspended, equilibrium = self.mount.suspension is not None, self.equilibrium
+        chain = self.mount.chain(with_suspension=True) if is_suspended else self.chain
+        springs = (
+            Equilibrium.plain_without_springs(chain.tree)
+            if equilibrium is None
+            else equilibrium.plain
+        )
+        return tuple(
+            CameraModel(
+                chain.mounted(self.T_world_base, *chain.camera_frame),
+                *springs,
+                len(SUSPENSION_JOINTS) if is_suspended else 0,
+                equilibrium is not None,
+            )
+        )
 
-    def _suspended_joints(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joints (n,) or (k, n) with heave, roll and pitch before them, as predicted."""
-        if self.equilibrium is None:
-            return np.concatenate([np.zeros((*joints.shape[:-1], 3)), joints], axis=-1)
-        full = self.equilibrium.rest_configurations(np.atleast_2d(joints))
-        return full if joints.ndim == 2 else full[0]
+    @cached_property
+    def _camera_uncertainty(self) -> PlainTuple:
+        """A plain `CameraUncertainty`."""
+        mount, covariance = self.mount, self.base_covariance
+        body: tuple[float, ...] = ()
+        if mount.suspension is not None:
+            is_predicted = self.equilibrium is not None
+            body = mount.suspension.predicted_std if is_predicted else mount.suspension.std
+        return tuple(
+            CameraUncertainty(
+                np.concatenate([np.square(body), np.square(mount.encoder_noise)]),
+                np.square(mount.calibration_error),
+                self.compliance_std,
+                np.empty((0, 0)) if covariance is None else np.ascontiguousarray(covariance),
+            )
+        )
+
+    def _one_pose(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Joint values (n,) of one pose.
+
+        Raises
+        ------
+        ValueError
+            If they are another number, or not finite.
+        """
+        joints = self.chain.as_joint_values(q)
+        if joints.ndim != 1:
+            raise ValueError(f"one pose is needed, got joint values of shape {joints.shape}")
+        return joints
 
     def camera_deflection(self, q: ArrayLike) -> float:
         """Metres by which the suspension is predicted to move the camera at q (n,)."""
-        if self.equilibrium is None:
-            return 0.0
-        joints = self.chain.as_joint_values(q)
-        rest = self.chain.camera_poses(joints)[1]
-        return length(self._suspended_chain.camera_poses(self._suspended_joints(joints))[1] - rest)
+        return camera_deflection(self._camera_model, self._one_pose(q))
 
     def with_base_pose(
         self, T_world_base: Pose, covariance: NDArray[np.float64] | None = None
@@ -193,25 +239,10 @@ class Vehicle:
         q : array_like, shape (n,)
             Encoder readings.
         """
-        q = self.chain.as_joint_values(q)
-        joints = self._camera_joints(q)
-        R, t = self._camera_poses(joints[None])
-        pose = Pose(t[0], R[0])
-        full = None
-        if self.mount.suspension is not None:
-            is_suspended = self.equilibrium is not None
-            full = self._suspended_jacobian(joints if is_suspended else self._suspended_joints(q))
-        predicted = None if self.equilibrium is None else full
-        J = self.joint_jacobian(q) if predicted is None else predicted[:, 5:]
-        persistent_covariance = product(J * np.square(self.mount.calibration_error), J.T)
-        if predicted is not None:
-            C = predicted[:, 3:5] * self.compliance_std
-            persistent_covariance += product(C, C.T)
-        if self.base_covariance is not None:
-            B = self.base_jacobian(pose)
-            persistent_covariance += product(product(B, self.base_covariance), B.T)
-        per_scan = self._per_scan_covariance(J if full is None else full)
-        return PoseEstimate(pose, per_scan + persistent_covariance)
+        R, t, covariance = estimate_camera(
+            self._camera_model, self._camera_uncertainty, self._one_pose(q)
+        )
+        return PoseEstimate(Pose(t, R), covariance)
 
     def per_scan_covariance(self, q: ArrayLike) -> NDArray[np.float64]:
         """Covariance (6, 6) of the camera's pose by errors that are independent in each scan.
@@ -219,26 +250,16 @@ class Vehicle:
         J S J^T with the camera's Jacobian J, world frame. S has the variances of the encoders'
         noise, and those assumed for heave, roll and pitch of the body.
         """
-        q = self.chain.as_joint_values(q)
-        has_suspension = self.mount.suspension is not None
-        return self._per_scan_covariance(
-            self._jacobian(q) if has_suspension else self.joint_jacobian(q)
-        )
-
-    def _per_scan_covariance(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
-        """`per_scan_covariance` from `_jacobian`, or `joint_jacobian` without a suspension."""
-        if self.equilibrium is not None:
-            J = np.concatenate([J[:, :3], J[:, 5:]], axis=1)  # compliances persist
-        return product(J * self._per_scan_variances, J.T)
+        covariance = np.zeros((6, 6))
+        add_per_scan_covariance(self._camera_uncertainty, self._jacobians(q), covariance)
+        return covariance
 
     def joint_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Jacobian (6, n) of the camera [translation; rotation vector] with respect to its joints.
 
         World frame. A joint that moves changes the load of the springs, if that is predicted.
         """
-        if self.equilibrium is None:
-            return self._rotated_to_world(self.chain.jacobian(q))
-        return self._jacobian(q)[:, 5:]
+        return self._jacobians(q).by_joints[:, -self.chain.n_joints :]
 
     def compliance_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
         """Jacobian (6, 2) of the camera with respect to `Equilibrium.compliance`, world frame.
@@ -250,7 +271,12 @@ class Vehicle:
         """
         if self.equilibrium is None:
             raise ValueError("the vehicle does not predict its deflection")
-        return self._jacobian(q)[:, 3:5]
+        return self._jacobians(q).by_compliance
+
+    def _jacobians(self, q: ArrayLike) -> CameraJacobians:
+        """Derivatives of the camera's pose at q (n,)."""
+        joints = camera_joints(self._camera_model, self._one_pose(q)[None])[0]
+        return camera_jacobians(self._camera_model, joints)
 
     @property
     def compliance_std(self) -> float:
@@ -260,38 +286,8 @@ class Vehicle:
     def base_jacobian(self, camera: Pose) -> NDArray[np.float64]:
         """Jacobian (6, 6) of T_world_camera with respect to T_world_base, as displacements."""
         J = np.eye(6)
-        J[:3, 3:] = -skew(camera.translation - self.T_world_base.translation)
+        write_base_jacobian(camera.translation, self.T_world_base.translation, J)
         return J
-
-    def _jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Jacobian (6, m) of the camera, world frame.
-
-        By heave, roll and pitch, by the two compliances if the deflection is predicted, by the
-        joints.
-        """
-        return self._suspended_jacobian(self._suspended_joints(self.chain.as_joint_values(q)))
-
-    def _suspended_jacobian(self, full: NDArray[np.float64]) -> NDArray[np.float64]:
-        """`_jacobian` at joints (3 + n,) with the deflections before them."""
-        J = self._rotated_to_world(self._suspended_chain.jacobian(full))
-        if self.equilibrium is None:
-            return J
-        by_load = product(J[:, 1:3], self.equilibrium.jacobian(full))
-        return np.concatenate([J[:, :3], by_load[:, :2], J[:, 3:] + by_load[:, 2:]], axis=1)
-
-    def _rotated_to_world(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Both halves of a Jacobian (6, k), translation and rotation vector, in the world frame."""
-        return product(self.T_world_base.rotation, J.reshape(2, 3, -1)).reshape(6, -1)
-
-    @cached_property
-    def _per_scan_variances(self) -> NDArray[np.float64]:
-        """Joint variances of `_suspended_chain`, or of the chain if there is no suspension."""
-        mount = self.mount
-        body: tuple[float, ...] = ()
-        if mount.suspension is not None:
-            predicted = self.equilibrium is not None
-            body = mount.suspension.predicted_std if predicted else mount.suspension.std
-        return np.concatenate([np.square(body), np.square(mount.encoder_noise)])
 
 
 def _gravity(T_world_base: Pose) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +35,11 @@ class JointSpace:
             limit = np.asarray(getattr(self, name), dtype=np.float64)
             object.__setattr__(self, name, np.where(np.isfinite(limit), limit, whole))
 
+    @cached_property
+    def _half(self) -> NDArray[np.float64]:
+        """Half the range of each joint (n,)."""
+        return 0.5 * (self.upper - self.lower)
+
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -41,14 +47,12 @@ class JointSpace:
 
     def denormalize(self, action: ArrayLike) -> NDArray[np.float64]:
         """Joints (..., n) of normalized values in [-1, 1]."""
-        half = 0.5 * (self.upper - self.lower)
-        return self.lower + half * (np.asarray(action, dtype=np.float64) + 1.0)
+        return self.lower + self._half * (np.asarray(action, dtype=np.float64) + 1.0)
 
     def normalize(self, q: ArrayLike) -> NDArray[np.float32]:
         """Normalized values (..., n) in [-1, 1] of joints, clipped at the limits."""
-        half = 0.5 * (self.upper - self.lower)
-        values = (np.asarray(q, dtype=np.float64) - self.lower) / half - 1.0
-        return np.clip(values, -1.0, 1.0).astype(np.float32)
+        values = (np.asarray(q, dtype=np.float64) - self.lower) / self._half - 1.0
+        return np.minimum(np.maximum(values, -1.0), 1.0).astype(np.float32)
 
     def sample(self, k: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Joints (k, n), uniformly at random inside the limits."""

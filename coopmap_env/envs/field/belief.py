@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -199,7 +198,7 @@ class FieldBelief(Belief):
             vehicle.camera_estimate(q) for vehicle, q in zip(self.vehicles, poses, strict=True)
         )
         bounds = [
-            3.0 * math.sqrt(np.trace(estimate.covariance[:3, :3])) + vehicle.camera_deflection(q)
+            3.0 * estimate.position_std + vehicle.camera_deflection(q)
             for vehicle, q, estimate in zip(self.vehicles, poses, estimates, strict=True)
         ]
         team = replace(self.team, joints=tuple(poses))

@@ -65,6 +65,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import log
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.core.limits import check_bytes
 from coopmap_env.core.linear_algebra import length, product
 from coopmap_env.envs.belief import Observation
@@ -285,8 +286,21 @@ class FieldObserver:
 
 def camera_vector(camera: Pose, base: Pose, scale: float) -> NDArray[np.float32]:
     """Position in `scale` metres, optical axis and upper edge of a camera in a base frame."""
-    rows = np.empty((3, 3))
-    rows[0] = (camera.translation - base.translation) / scale
-    rows[1], rows[2] = camera.rotation[:, 0], camera.rotation[:, 2]
-    vector = product(rows, base.rotation).ravel()
-    return np.minimum(np.maximum(vector, -1.0), 1.0).astype(np.float32)
+    out = np.empty(N_CAMERA_VALUES, dtype=np.float32)
+    _write_camera_vector(tuple(camera.arrays), tuple(base.arrays), scale, out)
+    return out
+
+
+@kernel
+def _write_camera_vector(
+    plain_camera: PlainTuple, plain_base: PlainTuple, scale: float, out: NDArray[np.float32]
+) -> None:
+    """`camera_vector` of plain `RigidTransform`."""
+    (camera, position), (base, origin) = plain_camera, plain_base
+    for row in range(3):
+        for i in range(3):
+            value = 0.0
+            for k in range(3):
+                offset = (position[k] - origin[k]) / scale
+                value += (offset if row == 0 else camera[k, 2 * (row - 1)]) * base[k, i]
+            out[3 * row + i] = min(max(value, -1.0), 1.0)

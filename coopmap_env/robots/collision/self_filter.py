@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import power
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.core.linear_algebra import total
 from coopmap_env.geometry import Pose
 from coopmap_env.sensing import PointCloud, RangeNoise
@@ -69,7 +69,6 @@ def filter_robot_points(
         raise ValueError(
             f"spheres need centers (s, 3) and radii (s,), got {at.shape}, {wide.shape}"
         )
-    local = np.ascontiguousarray(T_world_camera.inverse().transform(at))
     points, hit = cloud.points.copy(), cloud.hit.copy()
     covariance = np.zeros((6, 6)) if pose_covariance is None else pose_covariance
     uncertainty = PointUncertainty(
@@ -78,8 +77,28 @@ def filter_robot_points(
         total(covariance.diagonal()[:3].tolist()),
         total(covariance.diagonal()[3:].tolist()),
     )
-    filter_points_in_spheres(points, hit, local, np.ascontiguousarray(wide), uncertainty)
+    filter_points_in_spheres(
+        points,
+        hit,
+        tuple(T_world_camera.arrays),
+        np.ascontiguousarray(at),
+        np.ascontiguousarray(wide),
+        tuple(uncertainty),
+    )
     return PointCloud(points, hit)
+
+
+@borrowing_kernel
+def _to_camera_frame(
+    plain_camera: PlainTuple, points: NDArray[np.float64], out: NDArray[np.float64]
+) -> None:
+    """Write points (s, 3) of the world in the frame of a camera, a plain `RigidTransform`."""
+    R, t = plain_camera
+    for i in range(3):
+        origin = -(t[0] * R[0, i] + t[1] * R[1, i] + t[2] * R[2, i])
+        for s in range(len(points)):
+            x, y, z = points[s, 0], points[s, 1], points[s, 2]
+            out[s, i] = x * R[0, i] + y * R[1, i] + z * R[2, i] + origin
 
 
 @kernel
@@ -133,11 +152,15 @@ def _spheres_in_view(
 def filter_points_in_spheres(
     points: NDArray[np.float64],
     hit: NDArray[np.bool_],
-    centers: NDArray[np.float64],
+    plain_camera: PlainTuple,
+    world_centers: NDArray[np.float64],
     radii: NDArray[np.float64],
-    uncertainty: PointUncertainty,
+    plain_uncertainty: PlainTuple,
 ) -> None:
-    """`filter_robot_points` in the camera frame, in place."""
+    """`filter_robot_points` in place, with a plain `RigidTransform` and `PointUncertainty`."""
+    uncertainty = PointUncertainty(*plain_uncertainty)
+    centers = np.empty(world_centers.shape)
+    _to_camera_frame(plain_camera, world_centers, centers)
     kept = np.empty(len(radii), np.int64)
     n_kept = _spheres_in_view(points, hit, centers, radii, uncertainty, kept)
     if n_kept == 0:

@@ -190,6 +190,35 @@ def point_positions(
                 out[k, s, i] = tb[b, i] + Rb[b, i, 0] * x + Rb[b, i, 1] * y + Rb[b, i, 2] * z
 
 
+class MountedPoints(NamedTuple):
+    """Points fixed to the bodies of a tree whose root stands at a base in the world."""
+
+    tree: KinematicTree
+    body: NDArray[np.int64]
+    """Shape (s,): the body of each point."""
+    points: NDArray[np.float64]
+    """Shape (s, 3): in their bodies."""
+    base_rotation: NDArray[np.float64]
+    base_translation: NDArray[np.float64]
+
+
+@kernel
+def mounted_point_positions(points: PlainTuple, q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions (k, s, 3) in the world of points fixed to bodies, for a batch q (k, n).
+
+    `points` are plain `MountedPoints` with a plain tree.
+    """
+    tree, body, local, R, base = points
+    out = np.empty((len(q), len(body), 3))
+    point_positions(KinematicTree(*tree), q, body, local, out)
+    for k in range(len(q)):
+        for s in range(len(body)):
+            x, y, z = out[k, s, 0], out[k, s, 1], out[k, s, 2]
+            for i in range(3):
+                out[k, s, i] = x * R[i, 0] + y * R[i, 1] + z * R[i, 2] + base[i]
+    return out
+
+
 @kernel
 def frame_jacobian(
     tree: KinematicTree,
