@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from coopmap_env.core.elementary import log
 from coopmap_env.core.kernels import kernel
 from coopmap_env.mapping import ScanGain
@@ -76,8 +79,8 @@ def coverage(outcome: StepOutcome, scale: RewardScale) -> float:
 
 
 RewardName = Literal["rating", "information", "coverage"]
-"""The choices of the argument `reward`; a new term is named here and in `REWARD_TERMS`, from which
-`reward_terms` takes it. The tests compare the two, and the commands offer it by themselves."""
+"""The choices of the argument `reward`; a new term is named here and in `REWARD_TERMS`, and written
+by `write_reward_terms`. The tests compare the three, and the commands offer it by themselves."""
 REWARD_TERMS: dict[RewardName, Callable[[StepOutcome, RewardScale], float]] = {
     "rating": rating,
     "information": information,
@@ -85,6 +88,16 @@ REWARD_TERMS: dict[RewardName, Callable[[StepOutcome, RewardScale], float]] = {
 }
 
 
+@kernel
+def write_reward_terms(outcome: StepOutcome, scale: RewardScale, out: NDArray[np.float64]) -> None:
+    """Write every term (terms,), in the order of `REWARD_TERMS`."""
+    out[0] = rating(outcome, scale)
+    out[1] = information(outcome, scale)
+    out[2] = coverage(outcome, scale)
+
+
 def reward_terms(outcome: StepOutcome, scale: RewardScale) -> dict[str, float]:
     """Every term by its name."""
-    return {name: term(outcome, scale) for name, term in REWARD_TERMS.items()}
+    out = np.empty(len(REWARD_TERMS))
+    write_reward_terms(outcome, scale, out)
+    return dict(zip(REWARD_TERMS, out.tolist(), strict=True))

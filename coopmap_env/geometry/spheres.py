@@ -22,8 +22,10 @@ NO_SPHERES = Spheres(np.zeros((0, 3)), np.zeros(0))
 
 
 def join_spheres(parts: Sequence[Spheres]) -> Spheres:
-    """All spheres of `parts`, in their order."""
+    """All spheres of `parts`, in their order; those of a single part are not copied."""
+    if len(parts) < 2:
+        return parts[0] if parts else NO_SPHERES
     return Spheres(
-        np.concatenate([NO_SPHERES.centers, *(part.centers for part in parts)]),
-        np.concatenate([NO_SPHERES.radii, *(part.radii for part in parts)]),
+        np.concatenate([part.centers for part in parts]),
+        np.concatenate([part.radii for part in parts]),
     )

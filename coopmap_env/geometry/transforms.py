@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.kernels import kernel
-from coopmap_env.core.linear_algebra import product
+from coopmap_env.core.linear_algebra import are_finite, product
 
 TWO_PI = 2.0 * math.pi
 
@@ -51,10 +51,9 @@ class Pose:
         R = np.asarray(self.rotation, dtype=np.float64)
         if t.ndim != 1 or R.shape != (t.size, t.size):
             raise ValueError(f"translation {t.shape} and rotation {R.shape} do not fit together")
-        rows = R.tolist()
-        if not math.isfinite(sum(t.tolist()) + sum(map(sum, rows))):
+        if not (are_finite(t) and are_finite(R.ravel())):
             raise ValueError(f"pose has a value that is not finite: {t}, {R}")
-        if not _is_proper_rotation(rows):
+        if t.size not in (2, 3) or not _is_proper_rotation(np.ascontiguousarray(R)):
             raise ValueError(f"rotation is not a proper rotation matrix: {R}")
         object.__setattr__(self, "translation", t)
         object.__setattr__(self, "rotation", R)
@@ -84,26 +83,25 @@ class Pose:
         return Pose(self.transform(other.translation), product(self.rotation, other.rotation))
 
 
-def _is_proper_rotation(rows: list[list[float]]) -> bool:
-    """Whether a 2 x 2 or 3 x 3 matrix is orthonormal and right-handed, to within 1e-5.
-
-    In plain Python: poses are made at every step, and numpy takes ten times as long for so few
-    numbers.
-    """
-    products: tuple[float, ...]
-    if len(rows) == 2:
-        (a, b), (c, d) = rows
-        products = (a * a + b * b - 1, a * c + b * d, c * c + d * d - 1, a * d - b * c - 1)
-    elif len(rows) == 3:
-        (a, b, c), (d, e, f), (g, h, i) = rows
-        products = (
-            a * a + b * b + c * c - 1, d * d + e * e + f * f - 1, g * g + h * h + i * i - 1,
-            a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i,
-            a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) - 1,
-        )  # fmt: skip
+@kernel
+def _is_proper_rotation(R: NDArray[np.float64]) -> bool:
+    """Whether a 2 x 2 or 3 x 3 matrix is orthonormal and right-handed, to within 1e-5."""
+    n = len(R)
+    error = 0.0
+    for i in range(n):
+        for j in range(i + 1):
+            dot = 0.0
+            for k in range(n):
+                dot += R[i, k] * R[j, k]
+            error = max(error, abs(dot - (1.0 if i == j else 0.0)))
+    determinant = 0.0
+    if n == 2:
+        determinant = R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0]
     else:
-        return False
-    return max(map(abs, products)) < 1e-5
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            determinant += R[0, i] * (R[1, j] * R[2, k] - R[1, k] * R[2, j])
+    return max(error, abs(determinant - 1.0)) < 1e-5
 
 
 def wrap_angle(angle: ArrayLike) -> NDArray[np.float64]:

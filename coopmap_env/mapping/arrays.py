@@ -105,7 +105,7 @@ class UpdateBuffers(NamedTuple):
     pending: NDArray[np.int32]
     """Update of each cell in fixed point (n_cells,); zero between scans, never zero for the cells
     of a scan."""
-    updated_cells: NDArray[np.int64]
+    updated_cells: NDArray[np.int32]
     """Cells of the scan, once each, at the front of (n_cells + 1,)."""
     n_points: NDArray[np.int32]
     """Points of the scan in each row of a `SurfaceArrays`, (n_cells,); zero between scans."""
@@ -115,6 +115,6 @@ class UpdateBuffers(NamedTuple):
         """Those between two scans."""
         return cls(
             np.zeros(n_cells, dtype=np.int32),
-            np.empty(n_cells + 1, dtype=np.int64),
+            np.empty(n_cells + 1, dtype=np.int32),
             np.zeros(n_cells, dtype=np.int32),
         )

@@ -28,7 +28,7 @@ class ColumnChanges:
         self.last_change = np.zeros(nx * ny, dtype=np.int64)
         """Number of the last change of each column (nx ny,), counted from 1; 0 if there is none."""
 
-    def add(self, cells: NDArray[np.int64]) -> None:
+    def add(self, cells: NDArray[np.int32]) -> None:
         """Count a change of some cells (flat indices)."""
         self.count += 1
         mark_columns(cells, self._nz, self.count, self.last_change)
@@ -41,7 +41,7 @@ class ColumnChanges:
 
 @kernel
 def mark_columns(
-    cells: NDArray[np.int64], nz: int, count: int, last_change: NDArray[np.int64]
+    cells: NDArray[np.int32], nz: int, count: int, last_change: NDArray[np.int64]
 ) -> None:
     """Write the number of a change to the columns of some cells."""
     height = np.uint32(nz)

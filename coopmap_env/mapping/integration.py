@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,8 +186,8 @@ def integrate_scan(
 
 
 @kernel
-def clamp_log_odds(log_odds_fixed: NDArray[np.int32], cells: NDArray[np.int64], clamp: int) -> None:
-    """Clamp the log-odds of some cells."""
+def clamp_log_odds(log_odds_fixed: NDArray[np.int32], cells: NDArray[Any], clamp: int) -> None:
+    """Clamp the log-odds of some cells (integers)."""
     for k in range(len(cells)):
         cell = np.uint64(cells[k])
         log_odds_fixed[cell] = min(max(log_odds_fixed[cell], -clamp), clamp)

@@ -39,7 +39,7 @@ def update_occluder(
 
 @kernel
 def update_occluders(
-    arrays: MapArrays, cells: NDArray[np.int64], occluders: NDArray[np.uint64]
+    arrays: MapArrays, cells: NDArray[np.int32], occluders: NDArray[np.uint64]
 ) -> None:
     """Write the bits of some cells (flat indices)."""
     _update_occluders(arrays, cells, occluders)
@@ -47,7 +47,7 @@ def update_occluders(
 
 @borrowing_kernel
 def _update_occluders(
-    arrays: MapArrays, cells: NDArray[np.int64], occluders: NDArray[np.uint64]
+    arrays: MapArrays, cells: NDArray[np.int32], occluders: NDArray[np.uint64]
 ) -> None:
     for cell in cells:
         update_occluder(arrays, cell, occluders)

@@ -55,9 +55,9 @@ class PooledMap:
         """The same with the blocks that occlude a view."""
         self._last_update = np.zeros(n, dtype=np.int64)
         self._n_updates = 0
-        self.update(np.flatnonzero(source.sampled_mask.view(np.bool_)))
+        self.update(np.flatnonzero(source.sampled_mask.view(np.bool_)).astype(np.int32))
 
-    def update(self, cells: NDArray[np.int64]) -> None:
+    def update(self, cells: NDArray[np.int32]) -> None:
         """Recompute the blocks of those cells (flat indices) that have changed."""
         self._n_updates += 1
         pool_changed(self._source, cells, self._n_updates, self._last_update, self.viewed)
@@ -101,7 +101,7 @@ def _pool_block(
 
 @unchecked_division_kernel
 def _write_blocks_of_cells(
-    cells: NDArray[np.int64],
+    cells: NDArray[np.int32],
     shape: tuple[int, int, int],
     pooled_shape: tuple[int, int, int],
     blocks: NDArray[np.int32],
@@ -137,7 +137,7 @@ def _keep_first(blocks: NDArray[np.int32], update: int, last_update: NDArray[np.
 @kernel
 def pool_changed(
     source: MapArrays,
-    cells: NDArray[np.int64],
+    cells: NDArray[np.int32],
     update: int,
     last_update: NDArray[np.int64],
     viewed: ViewedMap,

@@ -10,7 +10,9 @@ from plain.views import new_information, visible_cells
 import coopmap_baselines
 from coopmap_env.envs import REWARD_TERMS
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
+from coopmap_env.envs.rewards import RewardScale, StepOutcome, reward_terms
 from coopmap_env.information import PlanarRatingSettings, ViewContext
+from coopmap_env.mapping import ScanGain
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
 
@@ -174,6 +176,16 @@ def test_back_to_back_robots_are_paid_as_if_alone():
     alone = belief.rating_function.new_information(belief.map, belief.pose_ids)
     *_, infos = env.step({agent: np.zeros(3) for agent in env.agents})
     np.testing.assert_array_equal([i["new_information"] for i in infos.values()], alone)
+
+
+def test_all_terms_at_once_are_the_single_ones():
+    rng = np.random.default_rng(5)
+    scale = RewardScale(full_view_entropy=300.0, max_information=2.5, n_cells=40_000)
+    for _ in range(20):
+        gain = ScanGain(int(rng.integers(400)), float(rng.normal(50.0, 30.0)))
+        outcome = StepOutcome(*rng.uniform(0.0, 3.0, 4).tolist(), gain, float(rng.uniform()))
+        single = {name: term(outcome, scale) for name, term in REWARD_TERMS.items()}
+        assert reward_terms(outcome, scale) == single
 
 
 @pytest.mark.parametrize("reward", REWARD_TERMS)

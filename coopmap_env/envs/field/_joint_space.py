@@ -13,6 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import unchecked_division_kernel
+
 
 @dataclass(frozen=True, eq=False)
 class JointSpace:
@@ -51,8 +53,10 @@ class JointSpace:
 
     def normalize(self, q: ArrayLike) -> NDArray[np.float32]:
         """Normalized values (..., n) in [-1, 1] of joints, clipped at the limits."""
-        values = (np.asarray(q, dtype=np.float64) - self.lower) / self._half - 1.0
-        return np.minimum(np.maximum(values, -1.0), 1.0).astype(np.float32)
+        joints = np.ascontiguousarray(q, dtype=np.float64)
+        out = np.empty(joints.shape, dtype=np.float32)
+        _normalize(joints.reshape(-1), self.lower, self._half, out.reshape(-1))
+        return out
 
     def sample(self, k: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Joints (k, n), uniformly at random inside the limits."""
@@ -75,3 +79,16 @@ class JointSpace:
         fraction = (self.normalize(q).astype(np.float64) + 1.0) / 2.0
         parts = np.minimum((fraction * self.grid_steps).astype(np.int64), self.grid_steps - 1)
         return np.asarray(parts @ self.grid_steps ** np.arange(self.n)[::-1])
+
+
+@unchecked_division_kernel
+def _normalize(
+    q: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    half: NDArray[np.float64],
+    out: NDArray[np.float32],
+) -> None:
+    """Write the normalized values (k n,) of joints (k n,); limits are (n,)."""
+    for i in range(len(q)):
+        joint = i % len(lower)
+        out[i] = min(max((q[i] - lower[joint]) / half[joint] - 1.0, -1.0), 1.0)

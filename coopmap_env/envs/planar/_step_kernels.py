@@ -29,7 +29,7 @@ from coopmap_env.envs.planar._world_arrays import (
     name_worlds,
 )
 from coopmap_env.envs.planar.actions import MASKED, requested_pose
-from coopmap_env.envs.rewards import StepOutcome, coverage, information, rating
+from coopmap_env.envs.rewards import StepOutcome, write_reward_terms
 from coopmap_env.information.planar.cell_codes import UNKNOWN, update_codes
 from coopmap_env.information.planar.rating import lattice_distances, rate_poses
 from coopmap_env.information.planar.views import evaluate_views, sequential_new_information
@@ -264,9 +264,7 @@ def _write_rewards(e: int, constants: StepConstants, results: StepResults) -> No
             0.0,
         )
         terms = results.reward_terms[e, robot]
-        terms[0] = rating(outcome, scale)
-        terms[1] = information(outcome, scale)
-        terms[2] = coverage(outcome, scale)
+        write_reward_terms(outcome, scale, terms)
         results.rewards[e, robot] = terms[constants.reward_term]
         total += results.rewards[e, robot]
     if constants.is_reward_shared:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coopmap_env.core.kernels import PlainTuple
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.core.linear_algebra import are_finite, product
 from coopmap_env.geometry import Pose
 from coopmap_env.robots.kinematics.forward import (
@@ -26,6 +26,8 @@ from coopmap_env.robots.kinematics.urdf_xml import UrdfError
 
 MAX_LINKS = 128
 """Links of a mount: PyBullet gives the poses of no more."""
+LIMIT_TOLERANCE = 1e-9
+"""Radians or metres by which joints may be outside of their limits, by rounding."""
 IDENTITY_POSE = Pose(np.zeros(3), np.eye(3))
 
 
@@ -166,9 +168,9 @@ class Chain:
             Naming the joint, its value and its limits.
         """
         q = self.as_joint_values(q)
-        outside = (q < self.lower - 1e-9) | (q > self.upper + 1e-9)
-        if outside.any():
-            at = tuple(np.argwhere(outside)[0])
+        outside = _first_outside(q.reshape(-1), self.lower, self.upper)
+        if outside >= 0:
+            at = np.unravel_index(outside, q.shape)
             raise ValueError(
                 f"joint {self.joint_names[at[-1]]!r} at {q[at]:.6g} is outside of its limits "
                 f"[{self.lower[at[-1]]:.6g}, {self.upper[at[-1]]:.6g}]"
@@ -234,6 +236,18 @@ class Chain:
         R, t = np.empty((len(batch), len(body), 3, 3)), np.empty((len(batch), len(body), 3))
         frame_poses(self.tree, batch, body, rotation, translation, R, t)
         return (R, t) if q.ndim == 2 else (R[0], t[0])
+
+
+@kernel
+def _first_outside(
+    q: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> int:
+    """The first of joint values (k n,) that is outside of the limits (n,); -1 if none is."""
+    for i in range(len(q)):
+        joint = i % len(lower)
+        if q[i] < lower[joint] - LIMIT_TOLERANCE or q[i] > upper[joint] + LIMIT_TOLERANCE:
+            return i
+    return -1
 
 
 def check_link_count(count: int, urdf: str | Path) -> None:
