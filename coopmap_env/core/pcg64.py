@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import borrowing_kernel
+from coopmap_env.core.random_streams import uniform_number
 from coopmap_env.core.words import high_product
 
 SEED_WORDS = 4
@@ -21,8 +22,6 @@ _FACTOR_HIGH, _FACTOR_LOW = np.uint64(0x2360ED051FC65DA4), np.uint64(0x4385DF649
 _ONE = np.uint64(1)
 _LAST = np.uint64(63)
 _ROTATION_SHIFT = np.uint64(58)
-_FRACTION_SHIFT = np.uint64(11)
-_FRACTION = 2.0**-53
 _QUARTER_SHIFTS = np.uint64(30), np.uint64(62)
 
 
@@ -60,7 +59,7 @@ def next_word(state: NDArray[np.uint64]) -> np.uint64:
 def fill_uniform(state: NDArray[np.uint64], out: NDArray[np.float64]) -> None:
     """``Generator.random(n)``: numbers in [0, 1)."""
     for k in range(len(out)):
-        out[k] = float(next_word(state) >> _FRACTION_SHIFT) * _FRACTION
+        out[k] = uniform_number(next_word(state))
 
 
 @borrowing_kernel

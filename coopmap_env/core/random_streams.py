@@ -78,6 +78,12 @@ def uniform_index(word: np.uint64, n: int) -> int:
     return int(((word >> _HALF_SHIFT) * np.uint64(n)) >> _HALF_SHIFT)
 
 
+@inlined_kernel
+def uniform_number(word: np.uint64) -> float:
+    """A number in [0, 1) from the upper 53 bits of a word."""
+    return float(word >> _FRACTION_SHIFT) * _FRACTION
+
+
 @borrowing_kernel
 def draw_index(stream: NDArray[np.uint64], n: int) -> int:
     """A number in 0 ... n - 1, from a block of its own; see `uniform_index`."""
@@ -89,7 +95,7 @@ def draw_index(stream: NDArray[np.uint64], n: int) -> int:
 @kernel
 def normal_pair(first: np.uint64, second: np.uint64) -> tuple[float, float]:
     """Two independent standard normal numbers from two words, by the method of Box & Muller."""
-    u = 1.0 - float(first >> _FRACTION_SHIFT) * _FRACTION  # in (0, 1]: its logarithm is finite
-    sine, cosine = sin_cos(2.0 * math.pi * (float(second >> _FRACTION_SHIFT) * _FRACTION))
+    u = 1.0 - uniform_number(first)  # in (0, 1]: its logarithm is finite
+    sine, cosine = sin_cos(2.0 * math.pi * uniform_number(second))
     length = math.sqrt(-2.0 * log(u))
     return length * cosine, length * sine

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import cProfile
-import pstats
 import subprocess
 import sys
 from collections.abc import Mapping
 from typing import Any
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.envs import MappingEnv
 from coopmap_env.studies.common.records import significant
 from coopmap_env.studies.speed.measure import Ratio
 
@@ -58,25 +55,3 @@ def resident_memory_mb(env_name: str, episodes: int) -> float:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return float(done.stdout.split()[-1])
-
-
-def step_profile(env: MappingEnv[Any], steps: int = 400) -> dict[str, float]:
-    """Microseconds of a team step by function: own time, the ten largest."""
-    env.reset(seed=0)
-    for k, agent in enumerate(env.possible_agents):
-        env.action_space(agent).seed(k)
-    profile = cProfile.Profile()
-    for _ in range(steps):
-        if not env.agents:
-            env.reset()
-        actions = {agent: env.action_space(agent).sample() for agent in env.agents}
-        profile.enable()
-        env.step(actions)
-        profile.disable()
-    stats: Any = pstats.Stats(profile)
-    own = {
-        f"{path.rsplit('/', 1)[-1]}:{name}": 1e6 * values[2] / steps
-        for (path, _, name), values in stats.stats.items()
-    }
-    top = sorted(own, key=own.__getitem__, reverse=True)[:10]
-    return {name: round(own[name], 2) for name in top}

@@ -34,7 +34,7 @@ from coopmap_env.studies.speed.cases import (
     random_episodes,
     vector_episodes,
 )
-from coopmap_env.studies.speed.common import figures_of, resident_memory_mb, step_profile
+from coopmap_env.studies.speed.common import figures_of, resident_memory_mb
 from coopmap_env.studies.speed.measure import Case, measure, ratio
 
 N_SCAN_POSES = 20
@@ -99,9 +99,6 @@ def measure_field(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
         figures[f"{kind}_ms"] = float(np.median(shortest))
         figures[f"{kind}_max_ms"] = float(shortest.max())
     figures["resident_memory_mb"] = resident_memory_mb("field", episodes=3)
-    env = FieldEnv()
-    figures["step_profile_us"] = step_profile(env, steps=32)
-    env.close()
     stepped.close()
     for vector in vectors.values():
         vector.close()

@@ -26,7 +26,7 @@ from coopmap_env.studies.speed.cases import (
     random_episodes,
     vector_episodes,
 )
-from coopmap_env.studies.speed.common import figures_of, resident_memory_mb, step_profile
+from coopmap_env.studies.speed.common import figures_of, resident_memory_mb
 from coopmap_env.studies.speed.measure import Case, Measured, measure, ratio
 
 WHOLE_WORLD = replace(PlanarSettings(), reach=300.0)
@@ -93,7 +93,6 @@ def measure_planar(rounds: int, log: Callable[[str], None]) -> dict[str, Any]:
         total = found[f"rating_{size}"].total("rating").seconds
         figures[f"rating_us_per_pose_batch_{size}"] = 1e6 * total / N_RATED_POSES
     figures["resident_memory_mb"] = resident_memory_mb("planar", episodes=5)
-    figures["step_profile_us"] = step_profile(PlanarEnv(max_scans=SCANS_EACH))
     return figures_of(figures)
 
 
