@@ -25,7 +25,12 @@ from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose, RigidTransform
 from coopmap_env.robots import Chain, Mount, mounted_frame_poses
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.depth import DepthRenderer, TracedMesh, simulate_point_cloud
+from coopmap_env.simulation.depth import (
+    CameraRays,
+    DepthRenderer,
+    TracedMesh,
+    simulate_point_cloud,
+)
 from coopmap_env.simulation.physics import (
     BulletWorld,
     SteppingSettings,
@@ -96,7 +101,9 @@ class FieldSimulator:
         self._encoder_errors = [offset.copy() for offset in self._encoder_offsets]
         self._encoder_noise = [np.array(mount.encoder_noise) for mount in mounts]
         self._bullet = BulletWorld(world.solids, mounts, world.base_poses, self.stepping.time_step)
-        self._renderer, self._hidden_bodies = _renderer(world, self._chains)
+        self._renderer, hidden = _renderer(world, self._chains)
+        self._visible_bodies = [self._renderer.visible_bodies(bodies) for bodies in hidden]
+        self._camera_rays = CameraRays.from_directions(camera.directions)
         self._frames = [
             _rendered_frames(chain, base)
             for chain, base in zip(self._chains, world.base_poses, strict=True)
@@ -146,11 +153,10 @@ class FieldSimulator:
 
     def scan(self, robot: int, rng: np.random.Generator) -> PointCloud:
         """What a robot's camera measures of the world and of all vehicles, in its own frame."""
-        pose = self.true_camera_pose(robot)
-        distances = self._renderer.distances(
-            pose.rotation, pose.translation, self.camera.directions,
-            *self._body_poses, self._hidden_bodies[robot],
-        )  # fmt: skip
+        pose = self._cameras[robot]
+        distances = self._renderer.trace(
+            self._camera_rays, pose.arrays, self._body_poses, self._visible_bodies[robot]
+        )
         return simulate_point_cloud(distances, self.camera, self.noise, rng)
 
     def true_camera_pose(self, robot: int) -> Pose:
