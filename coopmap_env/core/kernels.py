@@ -28,6 +28,11 @@ PlainTuple = tuple[Any, ...]
 """A named tuple that was made plain at the call."""
 
 
+def make_plain(value: Any) -> Any:
+    """A named tuple as a plain one, with all that are in it."""
+    return tuple(map(make_plain, value)) if isinstance(value, tuple) else value
+
+
 def _options(counts_references: bool = True, error_model: str = "python") -> dict[str, Any]:
     """All options; numba takes those that are not given from the kernel that calls first."""
     options: dict[str, Any] = {"nogil": True, "error_model": error_model}

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import power
-from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
+from coopmap_env.core.linear_algebra import are_finite
 from coopmap_env.geometry import Pose
 from coopmap_env.sensing.noise import RangeNoise
 
@@ -147,6 +148,16 @@ def pose_term(sigma: NDArray[np.float64], x: float, y: float, z: float) -> Lower
     )
 
 
+@borrowing_kernel
+def largest_entry(sigma: NDArray[np.float64]) -> float:
+    """The largest absolute value of a matrix."""
+    largest = 0.0
+    for i in range(sigma.shape[0]):
+        for j in range(sigma.shape[1]):
+            largest = max(largest, abs(sigma[i, j]))
+    return largest
+
+
 @kernel
 def transform_points(
     points: NDArray[np.float64],
@@ -164,8 +175,8 @@ def transform_points(
     """
     R, t = T_world_camera
     intrinsic, depth_factor, lateral_factor, exponent = noise
-    _, points_world, covariances, hit = scan
-    pose_is_uncertain = np.any(sigma != 0.0)
+    _, points_world, C, hit = scan
+    pose_is_uncertain = largest_entry(sigma) > 0.0
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
         q_x = R[0, 0] * x + R[0, 1] * y + R[0, 2] * z
@@ -174,7 +185,8 @@ def transform_points(
         points_world[k, 0], points_world[k, 1] = t[0] + q_x, t[1] + q_y
         points_world[k, 2] = t[2] + q_z
         if not hit[k]:
-            covariances[k] = 0.0
+            for i in range(3):
+                C[k, i, 0], C[k, i, 1], C[k, i, 2] = 0.0, 0.0, 0.0
             continue
         # Eq. 1; both lateral axes are alike, so Eq. 3 needs the optical axis in the world only
         square = x * x + y * y + z * z
@@ -190,10 +202,9 @@ def transform_points(
             term = pose_term(sigma, q_x, q_y, q_z)
             xx, yx, yy = xx + term.xx, yx + term.yx, yy + term.yy
             zx, zy, zz = zx + term.zx, zy + term.zy, zz + term.zz
-        C = covariances[k]
-        C[0, 0], C[0, 1], C[0, 2] = xx, yx, zx
-        C[1, 0], C[1, 1], C[1, 2] = yx, yy, zy
-        C[2, 0], C[2, 1], C[2, 2] = zx, zy, zz
+        C[k, 0, 0], C[k, 0, 1], C[k, 0, 2] = xx, yx, zx
+        C[k, 1, 0], C[k, 1, 1], C[k, 1, 2] = yx, yy, zy
+        C[k, 2, 0], C[k, 2, 1], C[k, 2, 2] = zx, zy, zz
 
 
 def transform_cloud(
@@ -258,7 +269,7 @@ def _validate_pose_covariance(pose_covariance: ArrayLike | None) -> NDArray[np.f
     if pose_covariance is None:
         return np.zeros((6, 6))
     sigma = np.array(pose_covariance, dtype=np.float64, order="C")
-    if sigma.shape != (6, 6) or not math.isfinite(sigma.sum()):
+    if sigma.shape != (6, 6) or not are_finite(sigma.ravel()):
         raise ValueError(f"pose_covariance must be finite and (6, 6), got {sigma.shape}: {sigma}")
     if not is_covariance(sigma):
         raise ValueError(
@@ -275,7 +286,7 @@ def is_covariance(sigma: NDArray[np.float64]) -> bool:
     eigenvalues take ten times as long, and this runs at every scan.
     """
     n = len(sigma)
-    rounding = 1e-9 * np.abs(sigma).max()
+    rounding = 1e-9 * largest_entry(sigma)
     if rounding == 0.0:
         return True
     L = np.zeros((n, n))

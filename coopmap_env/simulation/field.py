@@ -22,10 +22,15 @@ from coopmap_env.core.arguments import check_choice
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.kernels import PlainTuple
 from coopmap_env.core.linear_algebra import product
-from coopmap_env.geometry import Pose
+from coopmap_env.geometry import Pose, RigidTransform
 from coopmap_env.robots import Chain, Mount, mounted_frame_poses
 from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
-from coopmap_env.simulation.depth import DepthRenderer, TracedMesh, simulate_point_cloud
+from coopmap_env.simulation.depth import (
+    CameraRays,
+    DepthRenderer,
+    TracedMesh,
+    simulate_point_cloud,
+)
 from coopmap_env.simulation.physics import (
     BulletWorld,
     SteppingSettings,
@@ -94,12 +99,17 @@ class FieldSimulator:
             for mount in mounts
         ]
         self._encoder_errors = [offset.copy() for offset in self._encoder_offsets]
+        self._encoder_noise = [np.array(mount.encoder_noise) for mount in mounts]
         self._bullet = BulletWorld(world.solids, mounts, world.base_poses, self.stepping.time_step)
-        self._renderer, self._hidden_bodies = _renderer(world, self._chains)
+        self._renderer, hidden = _renderer(world, self._chains)
+        self._visible_bodies = [self._renderer.visible_bodies(bodies) for bodies in hidden]
+        self._camera_rays = CameraRays.from_directions(camera.directions)
         self._frames = [
             _rendered_frames(chain, base)
             for chain, base in zip(self._chains, world.base_poses, strict=True)
         ]
+        n_bodies = len(self._renderer.bodies)
+        self._body_poses = RigidTransform(np.empty((n_bodies, 3, 3)), np.empty((n_bodies, 3)))
         for robot, mount in enumerate(mounts):
             joints = self._clip_to_limits(
                 robot, np.array(mount.home) - self._encoder_offsets[robot]
@@ -129,7 +139,7 @@ class FieldSimulator:
         draws = [rng.standard_normal(len(offset)) for offset in self._encoder_offsets]
         for robot, target in enumerate(targets):
             if target is not None:  # the reading of a mount that stays is the same
-                noise = np.array(self.mounts[robot].encoder_noise) * draws[robot]
+                noise = self._encoder_noise[robot] * draws[robot]
                 self._encoder_errors[robot] = self._encoder_offsets[robot] + noise
         goals = [self._true_goal(robot, target) for robot, target in enumerate(targets)]
         collisions = self._execute(goals)
@@ -143,11 +153,10 @@ class FieldSimulator:
 
     def scan(self, robot: int, rng: np.random.Generator) -> PointCloud:
         """What a robot's camera measures of the world and of all vehicles, in its own frame."""
-        pose = self.true_camera_pose(robot)
-        distances = self._renderer.distances(
-            pose.rotation, pose.translation, self.camera.directions,
-            self._body_rotations, self._body_translations, self._hidden_bodies[robot],
-        )  # fmt: skip
+        pose = self._cameras[robot]
+        distances = self._renderer.trace(
+            self._camera_rays, pose.arrays, self._body_poses, self._visible_bodies[robot]
+        )
         return simulate_point_cloud(distances, self.camera, self.noise, rng)
 
     def true_camera_pose(self, robot: int) -> Pose:
@@ -177,7 +186,7 @@ class FieldSimulator:
 
     def _clip_to_limits(self, robot: int, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         chain = self._believed_chains[robot]
-        return np.clip(joints, chain.lower, chain.upper)
+        return np.minimum(np.maximum(joints, chain.lower), chain.upper)
 
     def _execute(self, goals: Sequence[NDArray[np.float64] | None]) -> list[str]:
         """Move to true joints; what each mount touched."""
@@ -194,14 +203,13 @@ class FieldSimulator:
     def _update_poses(self) -> None:
         """Compute the poses of all cameras and rigid bodies."""
         self._cameras: list[Pose] = []
-        rotations, translations = [], []
+        n = 0
         for frames, q in zip(self._frames, self._bullet.q, strict=True):
             (R,), (t,) = mounted_frame_poses(frames, q[None])
+            end = n + len(t) - 1
+            self._body_poses.rotation[n:end], self._body_poses.translation[n:end] = R[:-1], t[:-1]
             self._cameras.append(Pose(t[-1], R[-1]))
-            rotations.append(R[:-1])
-            translations.append(t[:-1])
-        self._body_rotations = np.concatenate(rotations)
-        self._body_translations = np.concatenate(translations)
+            n = end
 
 
 def _rendered_frames(chain: Chain, base: Pose) -> PlainTuple:

@@ -85,10 +85,11 @@ def test_links_are_where_the_kinematics_say(name, opened):
     where = base_pose(1.3, -0.4, 2.1)
     world = opened(flat_world(bases=[base_pose(0, 0), where]), [mount, mount])
     rng = np.random.default_rng(1)
-    vehicle, k = world.vehicles[1], {"physicsClientId": world.client.id}
+    vehicle = world.vehicles[1]
     for _ in range(3):
         q = np.append([0.01, 0.02, -0.03], rng.uniform(chain.lower[3:], chain.upper[3:]))
         world.set_configuration(1, q)
+        k = {"physicsClientId": world.client.id}
         R, t = chain.link_poses(q)
         for j, link in enumerate(vehicle.joint_map.link_names[1:]):
             i = chain.link_names.index(link)

@@ -290,6 +290,34 @@ def test_the_fast_test_changes_nothing_but_time(mast):
     assert contacts > 5
 
 
+class EagerWorld(BulletWorld):
+    """The engine gets to know every configuration, also those that nothing asks it about."""
+
+    def set_configuration(self, robot, q):
+        super().set_configuration(robot, q)
+        assert self.client is self.client
+
+
+def test_when_the_engine_gets_to_know_a_configuration_does_not_matter(mast):
+    bases = [base_pose(-0.7, 0.0), base_pose(0.7, 0.0, 2.0)]
+    world = cluttered_world(5, bases, n=80, nearest=0.7)
+    late, eager = (
+        make(world.solids, [mast] * 2, world.base_poses) for make in (BulletWorld, EagerWorld)
+    )
+    chain = mast.chain()
+    kinds = {"free": 0, "touched": 0}
+    for goals in np.random.default_rng(6).uniform(chain.lower, chain.upper, (40, 2, 5)):
+        one, other = (
+            [move_kinematically(physics, robot, q) for robot, q in enumerate(goals)]
+            for physics in (late, eager)
+        )
+        assert one == other
+        assert [q.tolist() for q in late.q] == [q.tolist() for q in eager.q]
+        for obstacle in one:
+            kinds["touched" if obstacle else "free"] += 1
+    assert min(kinds.values()) > 10
+
+
 def test_a_mount_that_begins_in_contact_may_leave_but_not_go_deeper(mast):
     physics = physics_of(flat_world(crate("crate", 1.0, 0.0, 1.65, 0.4)), mast)
     physics.set_configuration(0, physics.rest_configurations(0, OUT[None])[0])

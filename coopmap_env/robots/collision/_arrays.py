@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.robots.collision.blocked_voxels import BlockedVoxels
 from coopmap_env.robots.kinematics.collision_spheres import PartnerRanges
 from coopmap_env.robots.kinematics.forward import BodyPoses, KinematicTree
@@ -52,6 +53,35 @@ class CollisionObstacles(NamedTuple):
     margin: float
     """Metres between a sphere and a blocked voxel."""
     team: TeamSpheres
+
+
+@kernel
+def name_robot(plain: PlainTuple) -> Robot:
+    """The `Robot` of plain tuples."""
+    tree, rotation, translation, spheres = plain
+    body_index, centers, radii, n_static, partners, ranges, static_center, static_radius = spheres
+    return Robot(
+        KinematicTree(*tree),
+        rotation,
+        translation,
+        RobotSpheres(
+            body_index,
+            centers,
+            radii,
+            n_static,
+            partners,
+            PartnerRanges(*ranges),
+            static_center,
+            static_radius,
+        ),
+    )
+
+
+@kernel
+def name_obstacles(plain: PlainTuple) -> CollisionObstacles:
+    """The `CollisionObstacles` of plain tuples."""
+    blocked, margin, team = plain
+    return CollisionObstacles(BlockedVoxels(*blocked), margin, TeamSpheres(*team))
 
 
 class Contact(NamedTuple):

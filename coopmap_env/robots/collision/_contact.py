@@ -7,13 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.robots.collision._arrays import (
     CollisionObstacles,
     Contact,
     Robot,
     RobotSpheres,
     TeamSpheres,
+    name_obstacles,
+    name_robot,
 )
 from coopmap_env.robots.collision.blocked_voxels import free_distance, is_sphere_blocked
 from coopmap_env.robots.kinematics.forward import BodyPoses, body_poses
@@ -187,9 +189,16 @@ def ignore_unmoved_contacts(
 
 @kernel
 def are_poses_free(
-    robot: Robot, obstacles: CollisionObstacles, q: NDArray[np.float64], out: NDArray[np.bool_]
+    plain_robot: PlainTuple,
+    plain_obstacles: PlainTuple,
+    q: NDArray[np.float64],
+    out: NDArray[np.bool_],
 ) -> None:
-    """Write whether poses q (k, n) are free, wherever the robot comes from, to `out` (k,)."""
+    """Write whether poses q (k, n) are free, wherever the robot comes from, to `out` (k,).
+
+    Robot and obstacles are plain tuples.
+    """
+    robot, obstacles = name_robot(plain_robot), name_obstacles(plain_obstacles)
     spheres, poses = robot.spheres, base_poses(robot)
     n_spheres = len(spheres.radii)
     at, speeds = np.empty((n_spheres, 3)), np.ones(n_spheres)

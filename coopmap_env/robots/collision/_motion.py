@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import borrowing_kernel, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.robots.collision._arrays import (
     CollisionObstacles,
     Contact,
     MotionBuffers,
     MotionContact,
     Robot,
+    name_obstacles,
+    name_robot,
 )
 from coopmap_env.robots.collision._contact import (
     NO_CONTACT,
@@ -227,15 +229,19 @@ def _motion_contact(
 
 @kernel
 def first_contact(
-    robot: Robot,
-    obstacles: CollisionObstacles,
+    plain_robot: PlainTuple,
+    plain_obstacles: PlainTuple,
     q0: NDArray[np.float64],
     q1: NDArray[np.float64],
     step: float,
     goal_first: bool,
     position: NDArray[np.float64],
 ) -> MotionContact:
-    """The first contact on one motion; `position` (3,) receives the center of its sphere."""
+    """The first contact on one motion; `position` (3,) receives the center of its sphere.
+
+    Robot and obstacles are plain tuples here and in `are_motions_free`.
+    """
+    robot, obstacles = name_robot(plain_robot), name_obstacles(plain_obstacles)
     work = allocate_motion(robot, len(q0))
     _prepare(robot, obstacles, q0, work)
     found = _motion_contact(robot, obstacles, q0, q1, step, goal_first, work)
@@ -247,8 +253,8 @@ def first_contact(
 
 @kernel
 def are_motions_free(
-    robot: Robot,
-    obstacles: CollisionObstacles,
+    plain_robot: PlainTuple,
+    plain_obstacles: PlainTuple,
     q0: NDArray[np.float64],
     q1: NDArray[np.float64],
     step: float,
@@ -259,6 +265,7 @@ def are_motions_free(
 
     Motions after those count as not free.
     """
+    robot, obstacles = name_robot(plain_robot), name_obstacles(plain_obstacles)
     work = allocate_motion(robot, len(q0))
     _prepare(robot, obstacles, q0, work)
     n_found = 0

@@ -9,13 +9,16 @@ outside of bounds its distance from all that is blocked, in one cache line.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import borrowing_kernel, inlined_kernel, kernel
-from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap
+from coopmap_env.core.caches import freeze
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, inlined_kernel, kernel
+from coopmap_env.mapping import FREE_LOG_ODDS_FIXED, MapArrays, OccupancyMap, VoxelGrid
 from coopmap_env.robots.collision.voxel_states import box_around
 
 N_LEVELS = 8
@@ -38,7 +41,7 @@ class BlockedVoxels(NamedTuple):
     """Voxels per metre."""
 
     @classmethod
-    def from_map(cls, map_: OccupancyMap, center: ArrayLike, reach: float) -> BlockedVoxels:
+    def from_map(cls, map_: OccupancyMap, center: Iterable[float], reach: float) -> BlockedVoxels:
         """Blocked voxels of a map in the box that extends `reach` metres around a point.
 
         Raises
@@ -47,12 +50,9 @@ class BlockedVoxels(NamedTuple):
             If the map is not 3-D, or a value of the box is out of its range.
         """
         grid = map_.grid
-        first, shape = box_around(grid, center, reach)
-        nx, ny, nz = shape.tolist()
-        n_words = -(-nz // WORD)
-        words = np.full((nx, ny, n_words, N_LEVELS), ALL_BITS)
-        write_blocked_words(map_.arrays, first, nz, words)
-        lower = np.array(grid.origin) + first * grid.resolution
+        first, (nx, ny, nz), lower = _voxel_box(grid, tuple(map(float, center)), reach)
+        words = np.empty((nx, ny, -(-nz // WORD), N_LEVELS), dtype=np.uint64)
+        write_blocked_words(tuple(map_.arrays), first, nz, words)
         return cls(words, nz, lower, 1.0 / grid.resolution)
 
     def find_distances(self) -> None:
@@ -60,11 +60,31 @@ class BlockedVoxels(NamedTuple):
         dilate_words(self.words)
 
 
+@lru_cache(maxsize=256)
+def _voxel_box(
+    grid: VoxelGrid, center: tuple[float, ...], reach: float
+) -> tuple[NDArray[np.int64], tuple[int, int, int], NDArray[np.float64]]:
+    """First index (3,), shape and lower corner (3,) of a box: a robot asks for the same one often.
+
+    Raises
+    ------
+    ValueError
+        As `box_around` does.
+    """
+    first, shape = box_around(grid, center, reach)
+    nx, ny, nz = shape.tolist()
+    return freeze((first, (nx, ny, nz), np.array(grid.origin) + first * grid.resolution))
+
+
 @kernel
 def write_blocked_words(
-    arrays: MapArrays, first: NDArray[np.int64], nz: int, words: NDArray[np.uint64]
+    map_arrays: PlainTuple, first: NDArray[np.int64], nz: int, words: NDArray[np.uint64]
 ) -> None:
-    """Write the words of level 0, of a box with the lowest index `first` (3,), maybe outside."""
+    """Write the words of a box with the lowest index `first` (3,), maybe outside, at level 0.
+
+    Those of the dilations are all 1. The map's are plain `MapArrays`.
+    """
+    arrays = MapArrays(*map_arrays)
     log_odds_fixed, sampled, (mx, my, mz) = arrays.log_odds_fixed, arrays.sampled_mask, arrays.shape
     for i in range(words.shape[0]):
         x = first[0] + i
@@ -82,6 +102,8 @@ def write_blocked_words(
                         free = sampled[cell] & np.uint8(log_odds_fixed[cell] < FREE_LOG_ODDS_FIXED)
                         bits ^= np.uint64(free) << np.uint64(k - w * WORD)
                 words[i, j, w, 0] = bits
+                for level in range(1, N_LEVELS):
+                    words[i, j, w, level] = ALL_BITS
 
 
 @kernel

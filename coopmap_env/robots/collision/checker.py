@@ -6,22 +6,20 @@ links and the poses of its teammates.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.kernels import PlainTuple, kernel, make_plain
 from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots.collision import _motion
-from coopmap_env.robots.collision._arrays import (
-    CollisionObstacles,
-    Robot,
-    RobotSpheres,
-    TeamSpheres,
-)
+from coopmap_env.robots.collision._arrays import Robot, RobotSpheres
 from coopmap_env.robots.collision._contact import (
     MAP_CONTACT,
     NO_CONTACT,
@@ -102,20 +100,18 @@ class CollisionChecker:
     ) -> None:
         self.vehicle = vehicle
         self.settings = settings or CollisionSettings()
-        center, reach = vehicle.workspace_sphere
-        largest_radius = float(vehicle.body.radii[vehicle.body.n_static_spheres :].max(initial=0.0))
-        largest_radius += self.settings.margin
         self._map = map_
         self._has_distances = False
+        margin, team_margin = float(self.settings.margin), float(self.settings.team_margin)
+        mount = _reaching_mount(vehicle)
+        self._robot = mount.robot
+        self._blocked = BlockedVoxels.from_map(
+            map_, mount.center, mount.reach + (mount.largest_radius + margin)
+        )
         self._teammate_index, centers, radii = _reachable_teammate_spheres(
-            team, center, reach, self.settings
+            team, mount.center, mount.reach, team_margin
         )
-        self._robot = robot_arrays(vehicle)
-        self._obstacles = CollisionObstacles(
-            BlockedVoxels.from_map(map_, center, reach + largest_radius),
-            float(self.settings.margin),
-            TeamSpheres(centers, radii, float(self.settings.team_margin)),
-        )
+        self._obstacles = (tuple(self._blocked), margin, (centers, radii, team_margin))
 
     def are_poses_free(self, q: ArrayLike) -> NDArray[np.bool_]:
         """Whether poses (k, n) touch nothing, whatever the path."""
@@ -133,7 +129,7 @@ class CollisionChecker:
         """
         q0, q1 = self._motion(start, goals)
         if not self._has_distances and len(q1) >= _MIN_MOTIONS_FOR_DISTANCES:
-            self._obstacles.blocked.find_distances()
+            self._blocked.find_distances()
             self._has_distances = True
         out = np.empty(len(q1), dtype=np.bool_)
         n = len(q1) if n_wanted is None else n_wanted
@@ -193,6 +189,34 @@ class CollisionChecker:
         return q0, q1
 
 
+class _ReachingMount(NamedTuple):
+    """What all checkers of a vehicle have in common."""
+
+    robot: PlainTuple
+    """A plain `Robot`."""
+    center: tuple[float, float, float]
+    """Of `Vehicle.workspace_sphere`."""
+    reach: float
+    largest_radius: float
+    """Metres, of the spheres that a joint moves."""
+
+
+_MOUNTS: WeakKeyDictionary[Vehicle, _ReachingMount] = WeakKeyDictionary()
+
+
+def _reaching_mount(vehicle: Vehicle) -> _ReachingMount:
+    """Made once for each vehicle, which is checked at every step."""
+    found = _MOUNTS.get(vehicle)
+    if found is None:
+        robot, (center, reach) = robot_arrays(vehicle), vehicle.workspace_sphere
+        moving = robot.spheres.radii[robot.spheres.n_static :]
+        x, y, z = center.tolist()
+        found = _MOUNTS[vehicle] = _ReachingMount(
+            make_plain(robot), (x, y, z), reach, float(moving.max(initial=0.0))
+        )
+    return found
+
+
 def robot_arrays(vehicle: Vehicle) -> Robot:
     """A vehicle as kernels take it."""
     body, base = vehicle.body, vehicle.T_world_base
@@ -212,21 +236,46 @@ def robot_arrays(vehicle: Vehicle) -> Robot:
 
 def _reachable_teammate_spheres(
     team: Sequence[tuple[ArrayLike, ArrayLike]],
-    center: NDArray[np.float64],
+    center: tuple[float, float, float],
     reach: float,
-    settings: CollisionSettings,
+    margin: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Spheres of teammates that the mount can reach: teammate index, centers, radii."""
-    index, centers, radii = [np.zeros(0, np.int64)], [np.zeros((0, 3))], [np.zeros(0)]
-    for number, (at, wide) in enumerate(team):
-        at, wide = np.asarray(at, dtype=np.float64), np.asarray(wide, dtype=np.float64)
+    spheres = [
+        (np.ascontiguousarray(at, dtype=np.float64), np.ascontiguousarray(wide, dtype=np.float64))
+        for at, wide in team
+    ]
+    n = sum(wide.size for _, wide in spheres)
+    index, centers, radii = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty(n)
+    count = 0
+    for number, (at, wide) in enumerate(spheres):
         if at.ndim != 2 or at.shape[1] != 3 or wide.shape != (len(at),):
             raise ValueError(
                 f"teammate {number} needs centers (s, 3) and radii (s,), got {at.shape} and "
                 f"{wide.shape}"
             )
-        near = np.linalg.norm(at - center, axis=1) < reach + wide + settings.team_margin
-        index.append(np.full(np.count_nonzero(near), number))
-        centers.append(at[near])
-        radii.append(wide[near])
-    return np.concatenate(index), np.concatenate(centers), np.concatenate(radii)
+        before = count
+        count += _copy_reachable(at, wide, center, reach, margin, centers[count:], radii[count:])
+        index[before:count] = number
+    return index[:count], centers[:count], radii[:count]
+
+
+@kernel
+def _copy_reachable(
+    at: NDArray[np.float64],
+    wide: NDArray[np.float64],
+    center: tuple[float, float, float],
+    reach: float,
+    margin: float,
+    centers: NDArray[np.float64],
+    radii: NDArray[np.float64],
+) -> int:
+    """Copy the spheres (s, 3), (s,) that come within `reach` + `margin` of a point; how many."""
+    count = 0
+    for s in range(len(at)):
+        dx, dy, dz = at[s, 0] - center[0], at[s, 1] - center[1], at[s, 2] - center[2]
+        if math.sqrt(dx * dx + dy * dy + dz * dz) < reach + wide[s] + margin:
+            centers[count, 0], centers[count, 1], centers[count, 2] = at[s, 0], at[s, 1], at[s, 2]
+            radii[count] = wide[s]
+            count += 1
+    return count

@@ -1,6 +1,6 @@
 """Depth images of the truth: rays through triangles, by Embree."""
 
-from coopmap_env.simulation.depth.renderer import DepthRenderer, simulate_point_cloud
+from coopmap_env.simulation.depth.renderer import CameraRays, DepthRenderer, simulate_point_cloud
 from coopmap_env.simulation.depth.traced_mesh import TracedMesh
 
-__all__ = ["DepthRenderer", "TracedMesh", "simulate_point_cloud"]
+__all__ = ["CameraRays", "DepthRenderer", "TracedMesh", "simulate_point_cloud"]

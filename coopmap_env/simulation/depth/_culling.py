@@ -80,17 +80,27 @@ def bounding_cone(directions: NDArray[np.float64], axis: NDArray[np.float64]) ->
 @kernel
 def rotate_rays(
     directions: NDArray[np.float64],
-    R: NDArray[np.float64],
-    origin: NDArray[np.float64],
+    camera_pose: PlainTuple,
+    center: NDArray[np.float64],
     origins: NDArray[np.float32],
     rotated: NDArray[np.float32],
+    lengths: NDArray[np.float32],
 ) -> None:
-    """Fill the first n rays: directions (n, 3) rotated by R, all from `origin` (3,)."""
+    """Fill the first n rays: directions (n, 3) of a camera, relative to `center` (3,), endless.
+
+    The pose is a plain `RigidTransform`.
+    """
+    R, t = camera_pose
+    xx, xy, xz, yx, yy, yz = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
+    zx, zy, zz = R[2, 0], R[2, 1], R[2, 2]
+    ox, oy, oz = t[0] - center[0], t[1] - center[1], t[2] - center[2]
     for k in range(len(directions)):
         x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
-        for i in range(3):
-            origins[k, i] = origin[i]
-            rotated[k, i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+        origins[k, 0], origins[k, 1], origins[k, 2] = ox, oy, oz
+        rotated[k, 0] = xx * x + xy * y + xz * z
+        rotated[k, 1] = yx * x + yy * y + yz * z
+        rotated[k, 2] = zx * x + zy * y + zz * z
+        lengths[k] = math.inf
 
 
 @kernel

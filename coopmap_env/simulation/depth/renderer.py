@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +16,7 @@ from coopmap_env.sensing import DepthCamera, PointCloud, RangeNoise
 from coopmap_env.simulation.depth._culling import (
     BodyBoxes,
     Rays,
+    ViewCone,
     bounding_cone,
     cull_rays,
     nearest_hits,
@@ -25,6 +28,33 @@ MAX_RELATIVE_ERROR = 0.5
 """Fraction of the depth: no error of a measurement is larger, so that a hit stays in front of the
 camera whatever the noise. The default noise would need 40 standard deviations to get there."""
 NO_ROTATIONS, NO_TRANSLATIONS = np.empty((0, 3, 3)), np.empty((0, 3))
+
+
+class CameraRays(NamedTuple):
+    """The rays of a camera; see `from_directions`."""
+
+    directions: NDArray[np.float64]
+    """Shape (n, 3), of length 1, camera frame."""
+    cone: ViewCone
+    """Around them."""
+
+    @classmethod
+    def from_directions(cls, directions: ArrayLike) -> CameraRays:
+        """Rays along unit vectors (n, 3) of the camera frame.
+
+        Raises
+        ------
+        ValueError
+            If the shape is another one, or a direction is not of length 1.
+        """
+        unit = np.ascontiguousarray(directions, dtype=np.float64)
+        if unit.ndim != 2 or unit.shape[1] != 3:
+            raise ValueError(f"directions must be (n, 3), got {unit.shape}")
+        axis = np.empty(3)
+        angle = bounding_cone(unit, axis)
+        if math.isnan(angle):
+            raise ValueError("directions must be unit vectors: one is not of length 1")
+        return cls(unit, ViewCone(axis, angle))
 
 
 class DepthRenderer:
@@ -94,51 +124,58 @@ class DepthRenderer:
             _check_array("body_rotations", body_rotations, (n_bodies, 3, 3)),
             _check_array("body_translations", body_translations, (n_bodies, 3)),
         )
-        pixel_rays = np.ascontiguousarray(directions, dtype=np.float64)
-        if pixel_rays.ndim != 2 or pixel_rays.shape[1] != 3:
-            raise ValueError(f"directions must be (n, 3), got {pixel_rays.shape}")
+        rays = CameraRays.from_directions(directions)
+        return self.trace(rays, T_world_camera, T_world_bodies, self.visible_bodies(hidden))
+
+    def visible_bodies(self, hidden: Collection[int]) -> NDArray[np.bool_]:
+        """Which bodies (b,) a camera sees: all but those that are hidden from it.
+
+        Raises
+        ------
+        ValueError
+            If there is no such body.
+        """
+        n_bodies = len(self.bodies)
         visible = np.ones(n_bodies, dtype=np.bool_)
         for body in hidden:
             if not 0 <= body < n_bodies:
                 raise ValueError(f"hidden names body {body}, and there are {n_bodies}")
             visible[body] = False
-        return self._trace(pixel_rays, T_world_camera, T_world_bodies, visible)
+        return visible
 
-    def _trace(
+    def trace(
         self,
-        directions: NDArray[np.float64],
+        camera_rays: CameraRays,
         T_world_camera: RigidTransform,
         T_world_bodies: RigidTransform,
         visible: NDArray[np.bool_],
     ) -> NDArray[np.float64]:
+        """As `distances`, of contiguous arrays that are known to be as described there."""
+        directions, cone = camera_rays
         n, n_bodies = len(directions), len(self.bodies)
-        axis = np.empty(3)
-        angle = bounding_cone(directions, axis)
-        if np.isnan(angle):
-            raise ValueError("directions must be unit vectors: one is not of length 1")
         if len(self._rays.lengths) < n * (n_bodies + 1):
             self._rays = _allocate_rays(n * (n_bodies + 1))
-        rays = self._rays
-        rays.lengths[:n] = np.inf
-        origin = T_world_camera.translation - self.scene.center
-        rotate_rays(directions, T_world_camera.rotation, origin, rays.origins, rays.directions)
-        self.scene.intersect(rays.origins[:n], rays.directions[:n], rays.lengths[:n])
+        origins, rotated, lengths, pixels = self._rays
+        camera_pose = tuple(T_world_camera)
+        rotate_rays(directions, camera_pose, self.scene.center, origins, rotated, lengths)
+        self.scene.intersect(origins[:n], rotated[:n], lengths[:n])
         starts = np.empty(n_bodies + 1, dtype=np.int64)
         cull_rays(
             directions,
-            (axis, angle),
-            tuple(T_world_camera),
+            tuple(cone),
+            camera_pose,
             tuple(T_world_bodies),
             tuple(self._boxes),
             visible,
             starts,
-            tuple(rays),
+            tuple(self._rays),
         )
         ends = starts.tolist()
         for mesh, i, j in zip(self.bodies, ends[:-1], ends[1:], strict=True):
-            mesh.intersect(rays.origins[i:j], rays.directions[i:j], rays.lengths[i:j])
+            if i < j:  # few bodies are in view
+                mesh.intersect(origins[i:j], rotated[i:j], lengths[i:j])
         out = np.empty(n)
-        nearest_hits(ends[-1], rays.lengths, rays.pixels, out)
+        nearest_hits(ends[-1], lengths, pixels, out)
         return out
 
 
@@ -182,14 +219,17 @@ def add_range_noise(
     draws: NDArray[np.float32],
     points: NDArray[np.float64],
     hit: NDArray[np.bool_],
-) -> None:
+) -> bool:
     """Fill the points (n, 3) of a cloud and `hit` (n,): Eq. 1 at the true distances (n,).
 
-    `draws` (n, 3) are standard normal numbers; `noise` is a plain `NoiseParameters`.
+    `draws` (n, 3) are standard normal numbers; `noise` is a plain `NoiseParameters`. Returns
+    whether all distances are >= 0.
     """
+    valid = True
     intrinsic, depth_factor, lateral_factor, exponent = noise
     for k in range(len(distances)):
         d = distances[k]
+        valid &= d >= 0.0
         hit[k] = near <= d <= far
         if not hit[k]:
             end = far if d > far else 0.0
@@ -201,6 +241,7 @@ def add_range_noise(
         for i in range(3):
             error = scale * (lateral_factor if i else depth_factor) * draws[k, i]
             points[k, i] = d * directions[k, i] + min(max(error, -largest), largest)
+    return valid
 
 
 def simulate_point_cloud(
@@ -240,11 +281,8 @@ def simulate_point_cloud(
         raise ValueError(
             f"a camera of {n} pixels needs distances ({n},), got {true_distances.shape}"
         )
-    if not (true_distances >= 0).all():
-        wrong = true_distances[~(true_distances >= 0)][0]
-        raise ValueError(f"distances must be >= 0, got {wrong}")
     points, hit = np.empty((n, 3)), np.empty(n, dtype=np.bool_)
-    add_range_noise(
+    valid = add_range_noise(
         true_distances,
         camera.directions,
         float(camera.near),
@@ -254,4 +292,7 @@ def simulate_point_cloud(
         points,
         hit,
     )
+    if not valid:
+        wrong = true_distances[~(true_distances >= 0)][0]
+        raise ValueError(f"distances must be >= 0, got {wrong}")
     return PointCloud(points, hit)

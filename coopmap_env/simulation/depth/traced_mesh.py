@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -80,26 +79,26 @@ def cut_rays(
     runs on: in the last bit, they disagree. Which triangle is hit, they agree about, but for rays
     within about 1e-7 of an edge.
     """
-    d, e, f, to_plane = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(len(ids)):
         if ids[k] < 0:
             continue
-        triangle = corners[ids[k]]
-        nearest, farthest = math.inf, -math.inf
-        for i in range(3):
-            d[i] = directions[k, i]
-            e[i], f[i] = triangle[1, i] - triangle[0, i], triangle[2, i] - triangle[0, i]
-            to_plane[i] = triangle[0, i] - origins[k, i]
-        for corner in range(3):
-            along = 0.0
-            for i in range(3):
-                along += d[i] * (triangle[corner, i] - origins[k, i])
-            nearest, farthest = min(nearest, along), max(farthest, along)
-        nx, ny, nz = e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]
-        slope = nx * d[0] + ny * d[1] + nz * d[2]
+        n = np.uint64(ids[k])
+        dx, dy, dz = float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2])
+        ox, oy, oz = float(origins[k, 0]), float(origins[k, 1]), float(origins[k, 2])
+        ax, ay, az = corners[n, 0, 0], corners[n, 0, 1], corners[n, 0, 2]
+        bx, by, bz = corners[n, 1, 0], corners[n, 1, 1], corners[n, 1, 2]
+        cx, cy, cz = corners[n, 2, 0], corners[n, 2, 1], corners[n, 2, 2]
+        to_a = dx * (ax - ox) + dy * (ay - oy) + dz * (az - oz)
+        to_b = dx * (bx - ox) + dy * (by - oy) + dz * (bz - oz)
+        to_c = dx * (cx - ox) + dy * (cy - oy) + dz * (cz - oz)
+        nearest, farthest = min(to_a, to_b, to_c), max(to_a, to_b, to_c)
+        ex, ey, ez = bx - ax, by - ay, bz - az
+        fx, fy, fz = cx - ax, cy - ay, cz - az
+        nx, ny, nz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
+        slope = nx * dx + ny * dy + nz * dz
         distance = nearest
         if slope != 0.0:
-            distance = (nx * to_plane[0] + ny * to_plane[1] + nz * to_plane[2]) / slope
+            distance = (nx * (ax - ox) + ny * (ay - oy) + nz * (az - oz)) / slope
         # a ray along a triangle meets it nowhere in particular: stay between its corners
         distance = max(min(max(distance, nearest), farthest), 0.0)
         lengths[k] = min(lengths[k], distance)

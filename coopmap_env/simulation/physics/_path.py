@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import kernel
 from coopmap_env.geometry import NO_SPHERES, Spheres, join_spheres
 from coopmap_env.simulation.physics.world import BulletWorld
 
@@ -21,17 +22,32 @@ SPHERE_SPACING = 0.8
 """Metres of a path, at most, between the configurations that represent it to other vehicles."""
 
 
-def coarse_fractions(start: NDArray[np.float64], goal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fractions (k,) of the path between joints (n,), for the fast test."""
-    n = max(1, math.ceil(np.abs(goal - start).max() / COARSE_STEP))
-    return np.linspace(0.0, 1.0, n + 1)
+@kernel
+def coarse_path(
+    start: NDArray[np.float64], goal: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Fractions (k,) of the path between joints (n,), for the fast test, and the joints there."""
+    farthest = 0.0
+    for i in range(len(start)):
+        farthest = max(farthest, abs(goal[i] - start[i]))
+    n = max(1, math.ceil(farthest / COARSE_STEP))
+    fractions, part = np.empty(n + 1), 1.0 / n
+    for k in range(n):
+        fractions[k] = k * part
+    fractions[n] = 1.0
+    return fractions, interpolate(start, goal, fractions)
 
 
+@kernel
 def interpolate(
     start: NDArray[np.float64], goal: NDArray[np.float64], fractions: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Joints (k, n) at fractions (k,) of the path between joints (n,)."""
-    return start + fractions[:, None] * (goal - start)
+    joints = np.empty((len(fractions), len(start)))
+    for k in range(len(fractions)):
+        for i in range(len(start)):
+            joints[k, i] = start[i] + fractions[k] * (goal[i] - start[i])
+    return joints
 
 
 @dataclass(frozen=True)
@@ -52,8 +68,7 @@ class StraightPath:
     def to_goal(cls, world: BulletWorld, robot: int, goal: NDArray[np.float64]) -> StraightPath:
         """From the current configuration of a vehicle to joints (n,)."""
         start = world.q[robot][-len(goal) :]
-        joints = interpolate(start, goal, coarse_fractions(start, goal))
-        q = world.rest_configurations(robot, joints)
+        q = world.rest_configurations(robot, coarse_path(start, goal)[1])
         may_collide, travel = world.swept_collisions(robot, q, NO_SPHERES, FREE_CLEARANCE)
         return cls(robot, q, goal, bool(may_collide.any()), travel)
 

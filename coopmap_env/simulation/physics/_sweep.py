@@ -121,36 +121,40 @@ def path_length(centers: NDArray[np.float64], k: int, s: int) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@kernel
+@borrowing_kernel
 def measure_gaps(
     centers: NDArray[np.float64],
     s: int,
     radius: float,
     obstacles: SweepObstacles,
+    bounds: NDArray[np.float64],
     gaps: NDArray[np.float64],
 ) -> None:
     """Lower the gaps (k, s) of one sphere to what is near to its whole path.
 
-    `centers` (k, n, 3) are those of all spheres. The gaps hold squared distances to the own body
-    and become distances to the nearest of all.
+    `centers` (k, n, 3) are those of all spheres; `bounds` (2, 3) is overwritten. The gaps hold
+    squared distances to the own body and become distances to the nearest of all.
     """
     n = len(centers)
     boxes, spheres = obstacles
-    lower, upper = np.empty(3), np.empty(3)
+    lower, upper = bounds[0], bounds[1]
     reach = 0.0
     for k in range(n - 1):
         reach = max(reach, path_length(centers, k, s))
     reach = ARC_FACTOR * reach + radius + CONTACT_MARGIN
     for i in range(3):
-        lower[i], upper[i] = centers[:, s, i].min() - reach, centers[:, s, i].max() + reach
+        lowest = highest = centers[0, s, i]
+        for k in range(1, n):
+            lowest, highest = min(lowest, centers[k, s, i]), max(highest, centers[k, s, i])
+        lower[i], upper[i] = lowest - reach, highest + reach
     for b in range(len(boxes)):
         overlaps = True
         for i in range(3):
             overlaps &= boxes[b, 0, i] < upper[i] and boxes[b, 1, i] > lower[i]
         if overlaps:
             for k in range(n):
-                p = centers[k, s]
-                d = squared_distance_to_box(p[0], p[1], p[2], boxes[b, 0], boxes[b, 1])
+                x, y, z = centers[k, s, 0], centers[k, s, 1], centers[k, s, 2]
+                d = squared_distance_to_box(x, y, z, boxes[b, 0], boxes[b, 1])
                 gaps[k, s] = min(gaps[k, s], d)
     for k in range(n):
         gaps[k, s] = math.sqrt(gaps[k, s])
@@ -203,13 +207,13 @@ def mark_swept_collisions(
     n, n_spheres = len(q), len(arm.bodies)
     work = allocate_body_poses(tree)
     centers = np.empty((n, n_spheres, 3))
-    gaps = np.full((n, n_spheres), math.inf)
+    gaps, bounds = np.empty((n, n_spheres)), np.empty((2, 3))
     for k in range(n):
         sphere_centers(tree, T_world_base, q[k], arm, work, centers[k])
         for s in range(n_spheres):
             gaps[k, s] = squared_distance_to_own_body(centers[k, s], s, own, work[0], work[1])
     for s in range(n_spheres):
-        measure_gaps(centers, s, arm.radii[s], obstacles, gaps)
+        measure_gaps(centers, s, arm.radii[s], obstacles, bounds, gaps)
     for k in range(n - 1):
         may_collide[k] = False
         travel[k] = 0.0

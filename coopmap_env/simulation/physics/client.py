@@ -42,9 +42,13 @@ class BulletClient:
         RuntimeError
             If it is closed.
         """
+        self.check_open()
+        return int(self._id)
+
+    def check_open(self) -> None:
+        """Raise RuntimeError if the client is closed."""
         if not self._closed.alive:
             raise RuntimeError("this physics world is closed; make another one")
-        return int(self._id)
 
     def close(self) -> None:
         """Disconnect; doing so twice does no harm."""

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.simulation.physics._path import coarse_fractions, interpolate
+from coopmap_env.simulation.physics._path import coarse_path, interpolate
 from coopmap_env.simulation.physics.world import BulletWorld
 
 WAYPOINT_SPACING = 0.03
@@ -30,8 +30,8 @@ def move_kinematically(world: BulletWorld, robot: int, goal: NDArray[np.float64]
         What it touched; empty if nothing.
     """
     start = world.q[robot][-len(goal) :]
-    fractions = coarse_fractions(start, goal)
-    q = world.rest_configurations(robot, interpolate(start, goal, fractions))
+    fractions, joints = coarse_path(start, goal)
+    q = world.rest_configurations(robot, joints)
     may_collide, travel = world.swept_collisions(robot, q)
     if may_collide.any():
         fractions = _fine_fractions(fractions, may_collide, travel)

@@ -97,7 +97,8 @@ class BulletWorld:
                 f"at most {MAX_VEHICLES} vehicles"
             )
         joint_maps = [JointMap.from_mount(mount) for mount in mounts]
-        self.client = BulletClient()
+        self._client = BulletClient()
+        self._unplaced: set[int] = set()
         self.time_step = math.nan
         self.names: dict[int, str] = {}
         """Name of each body, by PyBullet's number."""
@@ -126,22 +127,40 @@ class BulletWorld:
         for robot, vehicle in enumerate(self.vehicles):
             self.set_configuration(robot, vehicle.home)
 
+    @property
+    def client(self) -> BulletClient:
+        """The physics engine, with all vehicles where they were set."""
+        if self._unplaced:
+            for robot in sorted(self._unplaced):
+                self._place(robot)
+            self._unplaced.clear()
+        return self._client
+
     def close(self) -> None:
         """Release the physics; doing so twice does no harm."""
-        self.client.close()
+        self._client.close()
 
     def set_configuration(self, robot: int, q: NDArray[np.float64]) -> None:
-        """Set a vehicle's joints to q (m,), at rest."""
+        """Set a vehicle's joints to q (m,), at rest.
+
+        The physics engine gets to know it when it is asked next: most motions pass nothing.
+        """
+        self._client.check_open()
+        vehicle = self.vehicles[robot]
+        self.q[robot] = q
+        self._spheres[robot] = vehicle.state = vehicle.joint_loads = None
+        self._unplaced.add(robot)
+
+    def _place(self, robot: int) -> None:
+        """Tell the physics engine a vehicle's configuration."""
         vehicle, joint_map = self.vehicles[robot], self.vehicles[robot].joint_map
-        values = product(joint_map.joint_matrix, q) + joint_map.joint_offsets
-        self.client.p.resetJointStatesMultiDof(
+        values = product(joint_map.joint_matrix, self.q[robot]) + joint_map.joint_offsets
+        self._client.p.resetJointStatesMultiDof(
             vehicle.number,
             joint_map.joints,
             values[:, None].tolist(),
-            physicsClientId=self.client.id,
+            physicsClientId=self._client.id,
         )
-        self.q[robot] = q
-        self._spheres[robot] = vehicle.state = vehicle.joint_loads = None
 
     def velocity(self, robot: int) -> NDArray[np.float64]:
         """Velocity (m,) of q after a `step`; updates `q` as well."""
