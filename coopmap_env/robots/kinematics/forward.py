@@ -161,7 +161,9 @@ def mounted_frame_poses(
     in_base = np.empty((3, 3))
     for k in range(len(q)):
         for f in range(len(body)):
-            in_base[:] = R[k, f]
+            for i in range(3):
+                for j in range(3):
+                    in_base[i, j] = R[k, f, i, j]
             matmul_3x3(base_rotation, in_base, R[k, f])
             x, y, z = t[k, f, 0], t[k, f, 1], t[k, f, 2]
             for i in range(3):
