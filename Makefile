@@ -19,6 +19,9 @@ field-candidates := --engine sb3 --env field --ppo.initial-policy rating --ppo.t
 	--ppo.segment-steps 4096 --ppo.n-envs 4 --ppo.batch-size 128 --validation-episodes 12
 POLICIES := planar-candidates planar-candidates-rating planar-pose field-candidates
 
+# Where this is set, every program that tests start would compile all modules again.
+export PYTHONDONTWRITEBYTECODE :=
+
 # Answers a line with the name of a case by its times.
 CASES := $(BIN)/python -P -m coopmap_env.studies.speed.cases > /dev/null
 

@@ -221,5 +221,8 @@ cli.main([])
     assert process.wait() == 1
 
 
-def test_unknown_options_are_rejected(tmp_path):
-    assert run("evaluate", "--colour", "red", "--out", tmp_path).returncode != 0
+def test_unknown_options_are_rejected(tmp_path, capsys):
+    with pytest.raises(SystemExit) as raised:
+        main(["evaluate", "--colour", "red", "--out", str(tmp_path)])
+    assert raised.value.code == 2
+    assert "--colour" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Commands that are killed at any access to a file, and started again, end as undisturbed ones."""
 
 import json
+import os
 import subprocess
 import sys
 import zlib
@@ -31,6 +32,7 @@ def play():
     server = subprocess.Popen(
         [sys.executable, "-m", "plain.kill_server"],
         cwd=TESTS, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(TESTS), *filter(None, sys.path)])},
     )  # fmt: skip
 
     def request(command, out, event=0):

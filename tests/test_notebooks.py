@@ -21,6 +21,7 @@ SHORTER = {
         "np.zeros((1000, 64))": "np.zeros((50, 64))",
         "sequence in range(1000)": "sequence in range(50)",
         "seeds=range(20)": "seeds=range(2)",
+        "run_killian()": "run_killian(stride=6)",
     },
     "03_rating_function": {
         "policy, range(40)": "policy, range(2)",

@@ -1,6 +1,7 @@
 """Each public name has one import path; modules with an underscore stay inside of their package."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -16,11 +17,13 @@ def module_name(path):
     return ".".join([FOLDERS[top], *rest]).removesuffix(".__init__")
 
 
-TREES = {
-    module_name(path): ast.parse(path.read_text(encoding="utf-8"))
-    for folder in FOLDERS
-    for path in sorted((ROOT / folder).rglob("*.py"))
-}
+@cache  # not read by every process that only collects tests
+def trees():
+    return {
+        module_name(path): ast.parse(path.read_text(encoding="utf-8"))
+        for folder in FOLDERS
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    }
 
 
 def exported(tree):
@@ -30,16 +33,18 @@ def exported(tree):
     return []
 
 
-# `planar_v1` and `field_v1` are pages that gather what users of one environment need.
-EXPORTS = {module: exported(tree) for module, tree in TREES.items() if not module.endswith("_v1")}
-PACKAGE_OF = {name: module for module, names in EXPORTS.items() for name in names}
+def all_exports():
+    """`planar_v1` and `field_v1` are pages that gather what users of one environment need."""
+    return {
+        module: exported(tree) for module, tree in trees().items() if not module.endswith("_v1")
+    }
 
 
 def imports():
     """Importing module, imported module and name of every import of ours."""
-    for module, tree in TREES.items():
+    for module, tree in trees().items():
         for node in ast.walk(tree):
-            if isinstance(node, ast.ImportFrom) and node.module in TREES:
+            if isinstance(node, ast.ImportFrom) and node.module in trees():
                 for alias in node.names:
                     yield module, node.module, alias.name
 
@@ -51,13 +56,15 @@ def room(module):
 
 
 def test_no_name_is_exported_by_two_packages():
-    names = [name for exports in EXPORTS.values() for name in exports]
+    names = [name for exports in all_exports().values() for name in exports]
     assert sorted(name for name in set(names) if names.count(name) > 1) == []
 
 
 def test_other_rooms_import_public_names_from_the_package_that_exports_them():
+    package_of = {name: module for module, names in all_exports().items() for name in names}
+
     def bypasses(importer, module, name):
-        package = PACKAGE_OF.get(name, "")
+        package = package_of.get(name, "")
         inside = package and module.startswith(f"{package}.")
         return inside and package != "coopmap_env" and room(importer) != room(module)
 
@@ -66,7 +73,7 @@ def test_other_rooms_import_public_names_from_the_package_that_exports_them():
 
 def test_underscored_modules_stay_inside_of_their_package():
     def escapes(importer, module, name):
-        target = f"{module}.{name}" if f"{module}.{name}" in TREES else module
+        target = f"{module}.{name}" if f"{module}.{name}" in trees() else module
         package, _, last = target.rpartition(".")
         return last.startswith("_") and not f"{importer}.".startswith(f"{package}.")
 

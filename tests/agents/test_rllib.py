@@ -40,9 +40,10 @@ CONSTANT_REWARD = PPOSettings(
 
 
 @pytest.fixture(scope="module", autouse=True)
-def ray():
+def ray(tmp_path_factory):
     """Two processors for the workers of this file."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("ray"))  # workers import from here too: no sources
         for folder in Path(__file__).parents[:2]:  # workers import this file and its toys
             patch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
         with ray_session(workers=2) as started:

@@ -11,7 +11,6 @@ import coopmap_env
 from coopmap_env import planar_v1
 
 PACKAGE = Path(coopmap_env.__file__).parent
-TREES = {path: ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")}
 
 
 def decorators(function):
@@ -23,15 +22,16 @@ def functions(tree):
 
 
 def test_only_kernels_call_kernels_that_do_not_count_references():
+    trees = {path: ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")}
     borrowing = {
         function.name
-        for tree in TREES.values()
+        for tree in trees.values()
         for function in functions(tree)
         if "borrowing_kernel" in decorators(function)
     }
     assert len(borrowing) > 20
     found = []
-    for path, tree in TREES.items():
+    for path, tree in trees.items():
         imported = {
             alias.asname or alias.name
             for node in ast.walk(tree)

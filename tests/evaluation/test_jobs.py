@@ -27,9 +27,10 @@ JOBS = [{"n": n} for n in range(5)]
 
 
 @pytest.fixture(scope="module")
-def ray():
+def ray(tmp_path_factory):
     """Two workers of Ray; what runs jobs in it finds it connected and leaves it so."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("ray"))  # workers import from here too: no sources
         patch.setenv("PYTHONPATH", str(Path(__file__).parent))  # workers import the jobs from here
         with ray_session(workers=2) as started:
             yield started

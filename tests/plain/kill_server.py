@@ -9,6 +9,7 @@ answer has the exit status (negative: a signal), the number of events, and wheth
 process that it started was still there a minute later.
 """
 
+import importlib
 import json
 import os
 import select
@@ -18,6 +19,13 @@ import traceback
 
 GUARD_SECONDS = 60
 EVENTS = ("open", "os.rename", "os.remove", "os.mkdir")
+TRAINING = ("coopmap_agents.training", "torch.utils.tensorboard")
+IMPORTED_LATE = {
+    "localization": ("trimesh", "embreex", "PIL.Image"),
+    "train": TRAINING,
+    "train with sb3": TRAINING,
+}
+"""Modules that take seconds to import, and which commands import when they need them."""
 
 
 def main():
@@ -29,6 +37,8 @@ def main():
 
 
 def serve(request, commands):
+    for module in IMPORTED_LATE.get(request["command"], ()):
+        importlib.import_module(module)
     alive, its_end = os.pipe()
     process = os.fork()
     if process == 0:
