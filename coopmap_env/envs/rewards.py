@@ -98,6 +98,6 @@ def write_reward_terms(outcome: StepOutcome, scale: RewardScale, out: NDArray[np
 
 def reward_terms(outcome: StepOutcome, scale: RewardScale) -> dict[str, float]:
     """Every term by its name."""
-    out = np.empty(len(REWARD_TERMS))
+    out = np.full(len(REWARD_TERMS), np.nan)
     write_reward_terms(outcome, scale, out)
     return dict(zip(REWARD_TERMS, out.tolist(), strict=True))

@@ -106,9 +106,17 @@ def rotation_from_rotvec(w: ArrayLike) -> NDArray[np.float64]:
 
 
 def rotvec_from_rotation(R: ArrayLike) -> NDArray[np.float64]:
-    """Rotation vector (3,) of a rotation (3, 3), of length 0 to pi."""
-    out = np.empty(3)
-    write_rotvec(np.ascontiguousarray(R, dtype=np.float64), out)
+    """Rotation vector (3,) of a rotation (3, 3), of length 0 to pi.
+
+    Raises
+    ------
+    ValueError
+        If the shape is another one.
+    """
+    rotation, out = np.ascontiguousarray(R, dtype=np.float64), np.empty(3)
+    if rotation.shape != (3, 3):
+        raise ValueError(f"a rotation must be (3, 3), got {rotation.shape}")
+    write_rotvec(rotation, out)
     return out
 
 
@@ -199,9 +207,15 @@ def apply_displacement(pose: Pose, displacement: ArrayLike) -> Pose:
 
 
 def displacement_between(pose: Pose, other: Pose) -> NDArray[np.float64]:
-    """Displacement (6,) from `pose` to `other`: the inverse of `apply_displacement`."""
+    """Displacement (6,) from `pose` to `other`: the inverse of `apply_displacement`.
+
+    Raises
+    ------
+    ValueError
+        If one of the poses is planar.
+    """
     out = np.empty(6)
-    write_displacement(tuple(pose.arrays), tuple(other.arrays), out)
+    write_displacement(tuple(pose.spatial_arrays), tuple(other.spatial_arrays), out)
     return out
 
 

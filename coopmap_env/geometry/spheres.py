@@ -22,9 +22,9 @@ NO_SPHERES = Spheres(np.zeros((0, 3)), np.zeros(0))
 
 
 def join_spheres(parts: Sequence[Spheres]) -> Spheres:
-    """All spheres of `parts`, in their order; those of a single part are not copied."""
-    if len(parts) < 2:
-        return parts[0] if parts else NO_SPHERES
+    """All spheres of `parts`, in their order, as new arrays."""
+    if not parts:
+        return NO_SPHERES
     return Spheres(
         np.concatenate([part.centers for part in parts]),
         np.concatenate([part.radii for part in parts]),

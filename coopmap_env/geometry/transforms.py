@@ -71,6 +71,19 @@ class Pose:
             np.ascontiguousarray(self.rotation), np.ascontiguousarray(self.translation)
         )
 
+    @property
+    def spatial_arrays(self) -> RigidTransform:
+        """`arrays` of a pose in space, for kernels that read three axes.
+
+        Raises
+        ------
+        ValueError
+            If the pose is planar.
+        """
+        if self.translation.size != 3:
+            raise ValueError(f"a pose of three axes is needed, got {self}")
+        return self.arrays
+
     def transform(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points (..., D) of the camera frame, in the world frame."""
         return product(points, self.rotation.T) + self.translation

@@ -95,7 +95,7 @@ class OccupancyMap:
         self.log_odds_fixed = storage.log_odds_fixed
         """Log-odds in fixed point, flat; see `log_odds`, and `cells_changed` after writing."""
         self.sampled_mask = storage.sampled_mask
-        """1 where the cell is sampled, flat; see `sampled`."""
+        """1 where the cell is sampled, flat; see `sampled`, and `cells_changed` after writing."""
         self.arrays = MapArrays(
             self.log_odds_fixed, self.sampled_mask, grid.shape_3d, self.log_odds_range.clamp
         )
@@ -161,6 +161,8 @@ class OccupancyMap:
             self._reserve_rows(len(arrays[1]))
             count, new, reduction = integrate_scan(arrays, pose_covariance, self._fusion)
             gains.append(ScanGain(new, reduction))
+            if self._n_sampled is not None:
+                self._n_sampled += new
             updated_cells.append(self._buffers.updated_cells[:count].copy())
         for cells in updated_cells:
             clamp_log_odds(self.log_odds_fixed, cells, self.log_odds_range.clamp)
@@ -170,8 +172,6 @@ class OccupancyMap:
                 update_occluders(self.arrays, cells, self._viewed.occluders)
         if self._pooled is not None and updated_cells:
             self._pooled.update(np.concatenate(updated_cells))
-        if self._n_sampled is not None:
-            self._n_sampled += sum(gain.new_cells for gain in gains)
         return gains
 
     def _validate(self, scan: Scan) -> tuple[PlainTuple, NDArray[np.float64]]:

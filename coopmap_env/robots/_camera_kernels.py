@@ -82,11 +82,12 @@ def camera_joints(model: PlainTuple, q: Array) -> Array:
 @kernel
 def camera_deflection(model: PlainTuple, q: Array) -> float:
     """Metres from where the camera would be on a suspension at rest, at joints q (n,)."""
-    tree, body, rotation, translation = model[0][:4]
-    joints = np.empty((2, model[4] + len(q)))
+    frame, _, _, _, n_suspension, _ = model
+    tree, body, rotation, translation, _, _ = frame
+    joints = np.empty((2, n_suspension + len(q)))
     joints[0] = camera_joints(model, q.reshape(1, -1))[0]
     joints[1] = joints[0]
-    joints[1, : model[4]] = 0.0
+    joints[1, :n_suspension] = 0.0
     R, t = np.empty((2, 1, 3, 3)), np.empty((2, 1, 3))
     frame_poses(KinematicTree(*tree), joints, body, rotation, translation, R, t)
     square = 0.0
@@ -128,8 +129,9 @@ def estimate_camera(
 
     See `Vehicle.camera_estimate`.
     """
+    frame, _, _, _, _, _ = model
     joints = camera_joints(model, q.reshape(1, -1))
-    R, t = mounted_frame_poses(model[0], joints)
+    R, t = mounted_frame_poses(frame, joints)
     jacobians = camera_jacobians(model, joints[0])
     covariance = np.zeros((6, 6))
     add_persistent_covariance(model, uncertainty, jacobians, t[0, 0], covariance)
@@ -146,14 +148,16 @@ def add_persistent_covariance(
     out: Array,
 ) -> None:
     """Add the covariance (6, 6) by errors that persist from scan to scan."""
+    frame, _, _, _, n_suspension, predicts_deflection = model
     _, calibration, compliance_std, base = uncertainty
-    J, C = jacobians.by_joints[:, model[4] :], jacobians.by_compliance * compliance_std
+    J, C = jacobians.by_joints[:, n_suspension:], jacobians.by_compliance * compliance_std
     _add_product(J * calibration, J, out)
-    if model[5]:
+    if predicts_deflection:
         _add_product(C, C, out)
     if len(base):
+        _, _, _, _, _, base_position = frame
         B, BS = np.eye(6), np.empty((6, 6))
-        write_base_jacobian(position, model[0][5], B)
+        write_base_jacobian(position, base_position, B)
         multiply(B, base, BS)
         _add_product(BS, B, out)
 
@@ -163,8 +167,8 @@ def add_per_scan_covariance(
     uncertainty: PlainTuple, jacobians: CameraJacobians, out: Array
 ) -> None:
     """Add the covariance (6, 6) by errors that are independent in each scan."""
-    J = jacobians.by_joints
-    _add_product(J * uncertainty[0], J, out)
+    J, (per_scan, _, _, _) = jacobians.by_joints, uncertainty
+    _add_product(J * per_scan, J, out)
 
 
 @kernel

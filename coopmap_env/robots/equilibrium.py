@@ -87,7 +87,7 @@ class Equilibrium:
             raise ValueError(
                 f"compliance must be two finite numbers above 0, got {compliance.tolist()}"
             )
-        stiffness = self.springs.stiffness.copy()
+        compliance, stiffness = np.array(compliance, np.float64), self.springs.stiffness.copy()
         stiffness[1:] *= self.compliance / compliance
         springs = self.springs._replace(stiffness=stiffness)
         return replace(self, springs=springs, compliance=compliance)

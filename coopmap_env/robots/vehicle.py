@@ -55,6 +55,12 @@ class Vehicle:
     predicts how far the body leans under the mount's weight (`equilibrium`; in the field
     environment ``motion_correction="kinematic"``), or assumes it at rest as at home ("encoders").
     Links and spheres are always where they are with the suspension at rest.
+
+    Raises
+    ------
+    ValueError
+        If the base pose is planar, its covariance has another shape, or a mount without suspension
+        has an equilibrium.
     """
 
     mount: Mount
@@ -96,6 +102,10 @@ class Vehicle:
     def __post_init__(self) -> None:
         if self.T_world_base.translation.shape != (3,):
             raise ValueError(f"a vehicle needs a 3-D base pose, got {self.T_world_base}")
+        if self.equilibrium is not None and self.mount.suspension is None:
+            raise ValueError(f"the mount {self.mount.name!r} has no suspension to be predicted")
+        if self.base_covariance is not None and np.shape(self.base_covariance) != (6, 6):
+            raise ValueError(f"base_covariance must be (6, 6), got {self.base_covariance}")
 
     @property
     def home(self) -> NDArray[np.float64]:
@@ -188,7 +198,7 @@ class Vehicle:
                 np.concatenate([np.square(body), np.square(mount.encoder_noise)]),
                 np.square(mount.calibration_error),
                 self.compliance_std,
-                np.empty((0, 0)) if covariance is None else np.ascontiguousarray(covariance),
+                np.array(np.empty((0, 0)) if covariance is None else covariance, np.float64),
             )
         )
 
@@ -286,7 +296,8 @@ class Vehicle:
     def base_jacobian(self, camera: Pose) -> NDArray[np.float64]:
         """Jacobian (6, 6) of T_world_camera with respect to T_world_base, as displacements."""
         J = np.eye(6)
-        write_base_jacobian(camera.translation, self.T_world_base.translation, J)
+        position = camera.spatial_arrays.translation
+        write_base_jacobian(position, self.T_world_base.arrays.translation, J)
         return J
 
 

@@ -57,3 +57,9 @@ def test_the_grid_counts_the_last_joint_fastest_from_the_middles_of_equal_parts(
 def test_grid_indices_follow_the_order_of_the_grid_and_include_the_limits():
     np.testing.assert_array_equal(space().grid_index(space().grid()), np.arange(100))
     np.testing.assert_array_equal(space().grid_index([[-1.0, 0.0], [1.0, 4.0]]), [0, 99])
+
+
+@pytest.mark.parametrize("q", [0.5, [0.5], [0.1, 0.2, 0.3], [[0.1], [0.2]]])
+def test_another_number_of_joints_is_refused(q):
+    with pytest.raises(ValueError, match=r"joints must be \(\.\.\., 2\)"):
+        space().normalize(q)

@@ -106,3 +106,16 @@ def test_random_rotations_favour_no_direction():
     assert np.linalg.det(drawn[0]) == pytest.approx(1.0)
     # each entry has mean 0 and variance 1/3: four standard errors are 0.037
     np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=0.037)
+
+
+def test_planar_poses_have_no_displacement_in_space():
+    flat, spatial = Pose.planar(0.0, 0.0, 0.3), Pose(np.zeros(3), np.eye(3))
+    for pair in ((flat, flat), (flat, spatial), (spatial, flat)):
+        with pytest.raises(ValueError, match="a pose of three axes"):
+            displacement_between(*pair)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (0, 0), (3, 1), (5, 3, 3), (3,)])
+def test_a_rotation_of_another_shape_has_no_rotation_vector(shape):
+    with pytest.raises(ValueError, match=r"must be \(3, 3\)"):
+        rotvec_from_rotation(np.zeros(shape))

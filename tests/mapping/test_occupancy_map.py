@@ -329,6 +329,25 @@ def test_probabilities_stay_inside_the_clamp_and_one_half_where_not_sampled(grid
     assert map_.observed_fraction == map_.sampled.mean()
 
 
+def test_the_observed_fraction_follows_every_change_of_the_map():
+    map_ = OccupancyMap(VoxelGrid((6, 5)))
+    assert map_.observed_fraction == 0.0
+    map_.mark_free([3, 4])
+    assert map_.observed_fraction == 2 / 30
+    map_.mark_occupied([4, 5])
+    assert map_.observed_fraction == 3 / 30
+    hit, covariances = np.array([True]), np.full((1, 2, 2), 0.01)
+    for end in ([3.5, 0.5], [3.5, 2.5]):
+        scan = Scan(np.array([0.5, 0.5]), np.array([end]), covariances, hit)
+        map_.integrate([scan, scan])
+        assert map_.observed_fraction == map_.sampled.mean()
+    map_.sampled_mask[-1] = 1
+    map_.cells_changed()
+    assert map_.observed_fraction == map_.sampled.mean()
+    map_.clear()
+    assert map_.observed_fraction == 0.0
+
+
 def test_a_cell_may_be_sampled_and_still_be_at_one_half():
     """Eq. 8 asks whether a voxel was ever sampled, which p alone does not tell."""
     map_ = OccupancyMap(VoxelGrid((12, 1)), BeamModel(free=0.1, occupied=0.9))

@@ -225,6 +225,27 @@ def test_a_vehicle_stands_in_space():
         Vehicle.from_mount("mast", Pose.planar(0, 0, 0))
 
 
+@pytest.mark.parametrize("covariance", [np.eye(3), np.ones(6), np.ones((6, 5))])
+def test_the_covariance_of_a_base_is_6_by_6(vehicle, covariance):
+    with pytest.raises(ValueError, match=r"base_covariance must be \(6, 6\)"):
+        vehicle.with_base_pose(vehicle.T_world_base, covariance)
+
+
+def test_a_deflection_needs_a_suspension(mast, somewhere):
+    predicting = Vehicle.from_mount(mast, somewhere, predicts_deflection=True)
+    with pytest.raises(ValueError, match="'mast' has no suspension"):
+        dataclasses.replace(predicting, mount=dataclasses.replace(mast, suspension=None))
+
+
+def test_cameras_stand_in_space(vehicle):
+    with pytest.raises(ValueError, match="a pose of three axes"):
+        vehicle.base_jacobian(Pose.planar(0, 0, 0))
+    with pytest.raises(ValueError, match="a pose of three axes"):
+        filter_robot_points(
+            cloud_of([[1, 0, 0]], [True]), Pose.planar(0, 0, 0), np.zeros((1, 3)), [0.1], EXACT
+        )
+
+
 EXACT = RangeNoise(intrinsic=0.0)
 
 

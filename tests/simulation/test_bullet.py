@@ -174,6 +174,29 @@ def test_a_closed_world_says_so(mast):
             use()
 
 
+@pytest.mark.parametrize(
+    "q", [np.zeros(2), np.zeros((1, 8)), np.full(8, np.nan), [0.0] * 7 + [np.inf]]
+)
+def test_a_configuration_that_is_none_changes_nothing(mast, opened, q):
+    world = opened(flat_world(bases=[base_pose(-2, 0), base_pose(2, 0)]), [mast] * 2)
+    before = [own.copy() for own in world.q]
+    with pytest.raises(ValueError, match="configuration of robot 1 must be 8 finite values"):
+        world.set_configuration(1, q)
+    for own, then in zip(world.q, before, strict=True):
+        np.testing.assert_array_equal(own, then)
+    world.find_contacts()
+    assert [contact.obstacle for contact in world.contacts()] == ["", ""]
+
+
+def test_a_configuration_is_that_of_the_call(mast, opened):
+    world = opened(flat_world(), [mast])
+    q = world.q[0].copy()
+    world.set_configuration(0, q)
+    q[4] += 0.5
+    world.velocity(0)
+    assert world.q[0][4] == pytest.approx(q[4] - 0.5)
+
+
 def test_a_hundred_worlds_leave_nothing_behind(mast):
     """Clients are closed, also when forgotten, and memory does not grow; PyBullet has 1024."""
 

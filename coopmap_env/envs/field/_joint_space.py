@@ -52,8 +52,16 @@ class JointSpace:
         return self.lower + self._half * (np.asarray(action, dtype=np.float64) + 1.0)
 
     def normalize(self, q: ArrayLike) -> NDArray[np.float32]:
-        """Normalized values (..., n) in [-1, 1] of joints, clipped at the limits."""
+        """Normalized values (..., n) in [-1, 1] of joints, clipped at the limits.
+
+        Raises
+        ------
+        ValueError
+            If there are not n joints.
+        """
         joints = np.ascontiguousarray(q, dtype=np.float64)
+        if joints.shape[-1:] != self.lower.shape:
+            raise ValueError(f"joints must be (..., {self.n}), got {joints.shape}")
         out = np.empty(joints.shape, dtype=np.float32)
         _normalize(joints.reshape(-1), self.lower, self._half, out.reshape(-1))
         return out

@@ -287,7 +287,7 @@ class FieldObserver:
 def camera_vector(camera: Pose, base: Pose, scale: float) -> NDArray[np.float32]:
     """Position in `scale` metres, optical axis and upper edge of a camera in a base frame."""
     out = np.empty(N_CAMERA_VALUES, dtype=np.float32)
-    _write_camera_vector(tuple(camera.arrays), tuple(base.arrays), scale, out)
+    _write_camera_vector(tuple(camera.spatial_arrays), tuple(base.spatial_arrays), scale, out)
     return out
 
 

@@ -62,7 +62,7 @@ def filter_robot_points(
     Raises
     ------
     ValueError
-        If the spheres' shapes disagree.
+        If the spheres' shapes disagree, or the pose is planar.
     """
     at, wide = np.asarray(centers, dtype=np.float64), np.asarray(radii, dtype=np.float64)
     if at.ndim != 2 or at.shape[1] != 3 or wide.shape != (len(at),):
@@ -80,7 +80,7 @@ def filter_robot_points(
     filter_points_in_spheres(
         points,
         hit,
-        tuple(T_world_camera.arrays),
+        tuple(T_world_camera.spatial_arrays),
         np.ascontiguousarray(at),
         np.ascontiguousarray(wide),
         tuple(uncertainty),

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.linear_algebra import product
+from coopmap_env.core.linear_algebra import are_finite, product
 from coopmap_env.geometry import Pose, Spheres, join_spheres
 from coopmap_env.robots import GRAVITY, Mount
 from coopmap_env.simulation.physics._joint_map import JointMap
@@ -144,9 +144,19 @@ class BulletWorld:
         """Set a vehicle's joints to q (m,), at rest.
 
         The physics engine gets to know it when it is asked next: most motions pass nothing.
+
+        Raises
+        ------
+        ValueError
+            If there are not m values, or one is not finite.
         """
         self._client.check_open()
-        vehicle = self.vehicles[robot]
+        vehicle, q = self.vehicles[robot], np.array(q, dtype=np.float64)
+        if q.shape != vehicle.home.shape or not are_finite(q):
+            raise ValueError(
+                f"the configuration of robot {robot} must be {len(vehicle.home)} finite values, "
+                f"got {q}"
+            )
         self.q[robot] = q
         self._spheres[robot] = vehicle.state = vehicle.joint_loads = None
         self._unplaced.add(robot)
@@ -235,8 +245,8 @@ class BulletWorld:
     def set_time_step(self, time_step: float) -> None:
         """Set the length of the steps from now on, seconds."""
         if time_step != self.time_step:
-            self.time_step = time_step
             self.client.p.setTimeStep(time_step, physicsClientId=self.client.id)
+            self.time_step = time_step
             for vehicle in self.vehicles:
                 vehicle.discretize_springs(time_step)
 

@@ -53,5 +53,7 @@ def resident_memory_mb(env_name: str, episodes: int) -> float:
         "    while env.agents: env.step({a: env.action_space(a).sample() for a in env.agents})\n"
         "print(psutil.Process().memory_info().rss / 2**20)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True
+    )
     return float(done.stdout.split()[-1])

@@ -35,13 +35,12 @@ are less than 1 cm large."""
 _RANDOM_SCALE = 0.015
 """The scale in the description of each random object."""
 _MAX_FACES = 500
-_UPRIGHT = rotation_about_axis([1.0, 0.0, 0.0], np.pi / 2)
 _NAMED_ASSET_FILES = {
-    "duck": ("duck_vhacd.obj", 0.26, _UPRIGHT),
-    "teddy": ("teddy2_VHACD_CHs.obj", 0.5, _UPRIGHT),
-    "bunny": ("bunny.obj", 0.2, np.eye(3)),
+    "duck": ("duck_vhacd.obj", 0.26, np.pi / 2),
+    "teddy": ("teddy2_VHACD_CHs.obj", 0.5, np.pi / 2),
+    "bunny": ("bunny.obj", 0.2, 0.0),
 }
-"""File, scale and rotation that puts it upright: each about 0.4 m tall, several voxels."""
+"""File, scale and angle about x that puts it upright: each about 0.4 m tall, several voxels."""
 NAMED_ASSETS = tuple(_NAMED_ASSET_FILES)
 
 
@@ -87,7 +86,8 @@ def load_random_asset(number: int, object_scale: float) -> PyBulletAsset:
 @lru_cache
 def load_asset(name: str) -> PyBulletAsset:
     """Read one of `NAMED_ASSETS`."""
-    file, scale, upright = _NAMED_ASSET_FILES[name]
+    file, scale, angle = _NAMED_ASSET_FILES[name]
+    upright = rotation_about_axis([1.0, 0.0, 0.0], angle)
     return freeze(_read_asset(data_folder() / file, scale, upright))
 
 
