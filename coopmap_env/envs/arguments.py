@@ -50,6 +50,9 @@ class MappingArguments(TaskArguments):
     """Frozen split from which seeds draw their worlds."""
     render_mode: Literal["rgb_array", "human"] | None = None
     """Whether `render` returns an image, or shows it in a window."""
+    report_shown: bool = False
+    """Whether `infos` have ``shown_fraction``, for scoring: the cells that beams without noise have
+    crossed up to the first true surface, and those known at the start, as a fraction of all."""
 
 
 def takes_arguments(

@@ -39,9 +39,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
-    reset_info_types: ClassVar[dict[str, Any]] = RESET_INFO_TYPES
-    step_info_types: ClassVar[dict[str, Any]] = STEP_INFO_TYPES
-    """Types of the entries of infos, by which vector environments make arrays of them."""
+    _own_info_types: ClassVar[dict[str, Any]] = {}
+    """Types of the entries of infos that only this kind of world has after a step."""
     _belief: BeliefT
 
     def __init__(self, arguments: MappingArguments) -> None:
@@ -54,6 +53,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             CandidateMode(arguments.n_candidates) if arguments.action_mode == "candidates" else None
         )
         self._reward_term = arguments.reward
+        self.reports_shown = arguments.report_shown
         self._shares_reward = arguments.team_reward == "shared"
         self._window: HumanWindow | None = None
         self._seed_draws = SeedDraws()
@@ -74,6 +74,16 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self.observation_spaces = {agent: observer.space(robot) for robot, agent in agents}
         self.state_space = observer.state_space()
 
+    @property
+    def reset_info_types(self) -> dict[str, Any]:
+        """Types of the entries of infos after a reset; vector environments make arrays of them."""
+        return {**RESET_INFO_TYPES, **({"shown_fraction": float} if self.reports_shown else {})}
+
+    @property
+    def step_info_types(self) -> dict[str, Any]:
+        """The same after a step."""
+        return {**self.reset_info_types, **STEP_INFO_TYPES, **self._own_info_types}
+
     @abstractmethod
     def _start(self, seeds: EpisodeSeeds) -> tuple[BeliefT, list[Observation]]:
         """Make a new world, put the team into it, and observe."""
@@ -92,6 +102,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     @abstractmethod
     def last_scans(self) -> list[Scan]:
         """Scans of the last step, as they were fused."""
+
+    @abstractmethod
+    def _shown_mask(self) -> NDArray[np.bool_]:
+        """Mask (n_cells,) of what is shown or known, where it is reported."""
 
     @abstractmethod
     def _render_frame(self) -> NDArray[np.uint8]:
@@ -204,6 +218,23 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     def truth(self) -> Any:
         """The true world, for scoring and rendering only; policies get `belief`."""
 
+    @property
+    def shown_mask(self) -> NDArray[np.bool_]:
+        """Cells, shape of the grid, that the scans truly show or that were known, for scoring only.
+
+        Those that beams without noise cross up to the first true surface, that of the surface
+        included; see the argument `report_shown`.
+
+        Raises
+        ------
+        RuntimeError
+            Before the first reset, and without ``report_shown=True``.
+        """
+        self._require_reset()
+        if not self.reports_shown:
+            raise RuntimeError("what scans show is not kept: make it with report_shown=True")
+        return self._shown_mask().reshape(self.belief().map.grid.shape)
+
     def render(self) -> NDArray[np.uint8] | None:
         """Truth, team map and cameras as an (H, W, 3) image, or in a window."""
         if self.render_mode is None:
@@ -253,4 +284,11 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         return {
             "n_scans": self._scans_done,
             "observed_fraction": self._belief.map.observed_fraction,
+            **self._shown_info(),
         }
+
+    def _shown_info(self) -> dict[str, float]:
+        """What infos say of the cells that scans have shown."""
+        if not self.reports_shown:
+            return {}
+        return {"shown_fraction": float(np.mean(self._shown_mask()))}

@@ -45,8 +45,11 @@ class Evaluation:
             "coverage": np.array([episode.coverage_curve for episode in self.episodes]),
             "entropy": np.array([episode.entropy_curve for episode in self.episodes]),
         }
-        traces = [episode.surface.coverage_curve for episode in self.episodes if episode.surface]
-        return {**curves, "surface_coverage": np.array(traces)} if traces else curves
+        optional = {
+            "surface_coverage": [e.surface.coverage_curve for e in self.episodes if e.surface],
+            "shown": [e.shown_curve for e in self.episodes if e.shown_curve is not None],
+        }
+        return {**curves, **{name: np.array(own) for name, own in optional.items() if own}}
 
 
 def evaluate(env: MappingEnv[Any], policy: Policy, seeds: Iterable[int]) -> Evaluation:

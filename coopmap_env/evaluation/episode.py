@@ -86,6 +86,9 @@ _SCORES_AT_END = tuple(
 )
 SURFACE_SCORES = ("surface_coverage", "surface_coverage_auc", *_SCORES_AT_END)
 """Columns that only environments with a true surface have."""
+SHOWN_SCORES = ("shown", "shown_auc")
+"""Columns that only environments have which report what scans truly show: at the end, and the area
+under its curve, divided by the number of scans."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,9 @@ class Episode:
     with the same seed."""
     surface: SurfaceResult | None = None
     """In environments with a true surface."""
+    shown_curve: list[float] | None = None
+    """Fraction of the world's cells that scans truly showed or that were known, in environments
+    with ``report_shown=True``."""
 
     @property
     def coverage(self) -> float:
@@ -156,7 +162,15 @@ class Episode:
             "n_collisions": self.n_collisions,
             "planning_time_ms": self.planning_time_ms,
             **(self.surface.row() if self.surface else {}),
+            **self._shown_row(),
         }
+
+    def _shown_row(self) -> dict[str, float]:
+        """Scores of what was truly shown, where it is known."""
+        curve = self.shown_curve
+        if curve is None:
+            return {}
+        return dict(zip(SHOWN_SCORES, (curve[-1], _normalized_auc(curve)), strict=True))
 
 
 class EpisodeRecorder:
@@ -191,6 +205,7 @@ class EpisodeRecorder:
         self._coverage: list[float] = []
         self._entropy: list[float] = []
         self._surface_coverage: list[float] = []
+        self._shown: list[float] = []
         self._reward = self._motion_distance = self._planning_s = 0.0
         self._n_rejected_actions = self._n_collisions = self._n_decisions = 0
         self._add_map()
@@ -212,6 +227,8 @@ class EpisodeRecorder:
         self._entropy.append(map_.entropy)
         if self._evaluator:
             self._surface_coverage.append(self._evaluator.coverage(map_))
+        if self._env.reports_shown:
+            self._shown.append(float(self._env.shown_mask.mean()))
 
     def episode(self) -> Episode:
         """The measurements; called after the last step."""
@@ -235,6 +252,7 @@ class EpisodeRecorder:
             n_collisions=self._n_collisions,
             planning_time_ms=1e3 * self._planning_s / max(self._n_decisions, 1),
             surface=self._surface_result(map_, probability[occupied & observed]),
+            shown_curve=self._shown or None,
         )
 
     def _surface_result(

@@ -69,7 +69,8 @@ def _env(arguments: str) -> tuple[MappingEnv[Any], EvaluatorFor]:
     An evaluator refers to its environment: they are remembered together.
     """
     values = json.loads(arguments)
-    env = make_env(values["env_name"], values["env_kwargs"], values["settings"])
+    arguments_and_scores = {**values["env_kwargs"], "report_shown": True}
+    env = make_env(values["env_name"], arguments_and_scores, values["settings"])
     return env, lru_cache(maxsize=N_EVALUATORS)(partial(make_surface_evaluator, env))
 
 

@@ -28,6 +28,8 @@ def is_episode(result: Any, n_scans: int | None = None, with_surface: bool | Non
     if with_surface not in (None, surface is not None):
         return False
     fractions = [result["coverage_curve"], *([surface["coverage_curve"]] if surface else [])]
+    if result.get("shown_curve") is not None:
+        fractions.append(result["shown_curve"])
     curves = [result["entropy_curve"], *fractions]
     n_values = len(curves[0]) if n_scans is None else n_scans + 1
     if n_values < 2 or any(len(curve) != n_values for curve in curves):

@@ -38,6 +38,7 @@ from coopmap_env.simulation.physics import (
     move_stepped,
 )
 from coopmap_env.simulation.scenes.field import FieldWorld
+from coopmap_env.simulation.shown_cells import mark_depth_image
 from coopmap_env.simulation.simulator import MoveResult
 
 Physics = Literal["kinematic", "stepped"]
@@ -103,6 +104,7 @@ class FieldSimulator:
         self._bullet = BulletWorld(world.solids, mounts, world.base_poses, self.stepping.time_step)
         self._renderer, hidden = _renderer(world, self._chains)
         self._visible_bodies = [self._renderer.visible_bodies(bodies) for bodies in hidden]
+        self._shown: NDArray[np.uint8] | None = None
         self._camera_rays = CameraRays.from_directions(camera.directions)
         self._frames = [
             _rendered_frames(chain, base)
@@ -157,7 +159,35 @@ class FieldSimulator:
         distances = self._renderer.trace(
             self._camera_rays, pose.arrays, self._body_poses, self._visible_bodies[robot]
         )
+        if self._shown is not None:
+            mark_depth_image(
+                tuple(self.world.grid.geometry),
+                tuple(pose.arrays),
+                self.camera.directions,
+                distances,
+                float(self.camera.near),
+                float(self.camera.far),
+                self._shown,
+            )
         return simulate_point_cloud(distances, self.camera, self.noise, rng)
+
+    def keep_shown(self, known: NDArray[np.int64]) -> None:
+        """Keep which voxels scans show from now on, beside those (k,) that are known, by index."""
+        self._shown = np.zeros(self.world.grid.n_cells, dtype=np.uint8)
+        self._shown[known] = 1
+
+    @property
+    def shown_mask(self) -> NDArray[np.bool_]:
+        """The voxels (n_voxels,) that scans have shown or that were known, since `keep_shown`.
+
+        Raises
+        ------
+        RuntimeError
+            If that was not called.
+        """
+        if self._shown is None:
+            raise RuntimeError("what scans show is not kept: call keep_shown first")
+        return self._shown.astype(np.bool_)
 
     def true_camera_pose(self, robot: int) -> Pose:
         """True T_world_camera: for scores, and for robots that are given their pose."""

@@ -133,6 +133,8 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         n_cells = self._env.task.grid.n_cells
         arrays.infos["n_scans"][at] = ours.n_scans[at, None]
         arrays.infos["observed_fraction"][at] = ours.n_observed[at, None] / n_cells
+        if self._worlds.shown is not None:
+            arrays.infos["shown_fraction"][at] = self._worlds.shown.counts[at, None] / n_cells
         if "state" in arrays.observations:
             for world in worlds.tolist():
                 state = self.world(world).state()

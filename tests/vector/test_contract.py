@@ -28,11 +28,13 @@ PLANAR = {
     ),
     "n_candidates": 300,  # more than a start offers: some are masked
     "max_scans": 3,
+    "report_shown": True,
 }
 FIELD = {
     "settings": field_v1.FieldSettings(crop_cells=(8, 4)),
     "n_candidates": 3,
     "max_scans": 2,
+    "report_shown": True,
 }
 N_WORLDS, N_STEPS = 3, 6
 

@@ -45,7 +45,7 @@ from coopmap_env.envs.field.transition import (
 from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.rewards import RewardScale, reward_terms
-from coopmap_env.envs.step_data import STEP_INFO_TYPES, EpisodeSeeds, TeamStep
+from coopmap_env.envs.step_data import EpisodeSeeds, TeamStep
 from coopmap_env.envs.team import TeamEnv
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
@@ -79,8 +79,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         "render_fps": 2,
         "is_parallelizable": True,
     }
-    step_info_types: ClassVar[dict[str, Any]] = {
-        **STEP_INFO_TYPES,
+    _own_info_types: ClassVar[dict[str, Any]] = {
         "collided_with": str,
         "located": bool,
         "localization_failure": str,
@@ -214,6 +213,9 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             draw_true_mount(mount, s.max_stiffness_error, rngs.vehicles) for mount in self.mounts
         ]
         simulator = FieldSimulator(world, mounts, s.camera, s.noise, s.physics, rngs.start)
+        if self.reports_shown:
+            known = initial_free_voxels(world.grid, world.base_poses, s.initial_free_radius)
+            simulator.keep_shown(known)
         self._close_simulator()
         self._simulator = simulator
         self._map.clear()
@@ -303,6 +305,9 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         """The true world, for scoring and rendering only; policies get `belief`."""
         self._require_reset()
         return self._require_simulator().world
+
+    def _shown_mask(self) -> NDArray[np.bool_]:
+        return self._require_simulator().shown_mask
 
     def _render_frame(self) -> NDArray[np.uint8]:
         belief, world = self._belief, self.truth

@@ -134,7 +134,16 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
 
     def _common_info(self) -> dict[str, Any]:
         observed = int(self._worlds.arrays.n_observed[self._index]) / self._map.grid.n_cells
-        return {"n_scans": self._scans_done, "observed_fraction": observed}
+        return {
+            "n_scans": self._scans_done,
+            "observed_fraction": observed,
+            **self._shown_info(),
+        }
+
+    def _shown_mask(self) -> NDArray[np.bool_]:
+        shown = self._worlds.shown
+        assert shown is not None
+        return shown.mask[self._index].astype(np.bool_)
 
     @property
     def truth(self) -> PlanarWorld:

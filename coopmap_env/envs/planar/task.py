@@ -19,3 +19,4 @@ class PlanarTask(NamedTuple):
     """m; 0 in "pose" mode."""
     reward: RewardName
     is_reward_shared: bool
+    report_shown: bool = False

@@ -21,6 +21,7 @@ from coopmap_env.envs.planar._world_arrays import (
     plain,
 )
 from coopmap_env.envs.planar.observations import observation_tables
+from coopmap_env.envs.planar.shown_cells import ShownCells
 from coopmap_env.envs.planar.task import PlanarTask
 from coopmap_env.envs.planar.true_worlds import TrueWorlds
 from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome
@@ -79,6 +80,8 @@ class PlanarWorlds:
             m,
             SurfaceArrays(*(a.reshape(n_worlds, -1, *a.shape[1:]) for a in surfaces)),
         )
+        self.shown = ShownCells(self.arrays, self.constants) if task.report_shown else None
+        """For scoring only."""
         self.results = StepResults.empty(n_worlds, n, s.camera.n_beams)
         scratch = [StepScratch.empty(self.constants, n, m) for _ in range(n_threads)]
         self._queue = scratch[0].queue
@@ -101,6 +104,8 @@ class PlanarWorlds:
             stream[worlds, KEY_WORDS:] = 0
         self._run(start_worlds, worlds, (self._plain_arrays, self._plain_constants))
         self._has_started[worlds] = True
+        if self.shown is not None:
+            self.shown.start(worlds)
 
     def observe(self, worlds: NDArray[np.int64], observations: TeamObservations) -> None:
         """Write the first observations of some worlds; see `observe_worlds`."""
@@ -117,6 +122,8 @@ class PlanarWorlds:
         """Step some worlds with valid actions of all; see `step_worlds`."""
         parts = (self._plain_arrays, self._plain_constants, self._plain_results)
         self._run(step_worlds, worlds, (actions, choices, *parts, plain(observations)))
+        if self.shown is not None:
+            self.shown.add_scans(worlds)
 
     def _run(
         self, kernel: Callable[..., None], worlds: NDArray[np.int64], arguments: tuple[Any, ...]

@@ -1,0 +1,121 @@
+"""Which cells scans truly show: those that beams without noise cross, up to the first surface.
+
+The cell of the surface is included. What is shown depends on the true world and the poses of the
+cameras alone, so that what any policy can show has a bound; noise lets maps have cells behind
+surfaces, too. Only the simulation knows it: it is for scoring, and no part of a belief.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
+from coopmap_env.geometry import start_ray, step_ray
+from coopmap_env.sensing.beam_fan import FanArrays
+
+SURFACE_DEPTH = 1e-6
+"""Cells that a beam goes into the surface that it meets: one in the face of a voxel counts for the
+voxel behind it."""
+
+
+@borrowing_kernel
+def mark_planar_view(
+    occupied: NDArray[np.bool_],
+    shape: tuple[int, int],
+    cell: int,
+    heading: int,
+    fan: FanArrays,
+    alive: NDArray[np.uint64],
+    mask: NDArray[np.uint8],
+) -> int:
+    """Mark the cells that a scan from the center of a flat cell shows; return how many are new.
+
+    `occupied` and `mask` (n_cells,) are flat; `alive` (words,) is scratch.
+    """
+    (nx, ny), count = shape, 0
+    ix, iy = cell // ny, cell % ny
+    for word in range(len(alive)):
+        alive[word] = fan.all_beams[word]
+    for entry in range(fan.start[heading], fan.start[heading + 1]):
+        k = np.uint64(entry)
+        i, j = ix + fan.offsets[k, 0], iy + fan.offsets[k, 1]
+        if i < 0 or i >= nx or j < 0 or j >= ny:
+            continue
+        crossed, is_seen = np.uint64(i * ny + j), False
+        for word in range(len(alive)):
+            crossing = alive[word] & fan.beams[word, k]
+            is_seen |= crossing != 0
+            if occupied[crossed]:
+                alive[word] &= ~crossing
+        if is_seen:
+            count += 1 - mask[crossed]
+            mask[crossed] = 1
+    return count
+
+
+@kernel
+def mark_planar_scans(
+    which: NDArray[np.int64],
+    occupied: NDArray[np.bool_],
+    shape: tuple[int, int],
+    pose_ids: NDArray[np.int64],
+    plain_fan: PlainTuple,
+    mask: NDArray[np.uint8],
+    counts: NDArray[np.int64],
+) -> None:
+    """Mark what the scans of some worlds show, given by their numbers, in `mask` (E, n_cells).
+
+    The robots are at `pose_ids` (E, N) in the true worlds `occupied` (E, n_cells); the new cells
+    are added to `counts` (E,).
+    """
+    fan = FanArrays(*plain_fan)
+    n_headings, alive = len(fan.start) - 1, np.empty(len(fan.all_beams), np.uint64)
+    for e in which:
+        for pose_id in pose_ids[e]:
+            counts[e] += mark_planar_view(
+                occupied[e], shape, pose_id // n_headings, pose_id % n_headings, fan, alive, mask[e]
+            )
+
+
+@kernel
+def mark_depth_image(
+    grid: PlainTuple,
+    plain_camera: PlainTuple,
+    directions: NDArray[np.float64],
+    distances: NDArray[np.float64],
+    near: float,
+    far: float,
+    mask: NDArray[np.uint8],
+) -> None:
+    """Mark the voxels that a depth image shows in `mask` (n_voxels,).
+
+    `distances` (n,) are the true ones along the rays (n, 3) of the camera, metres; a surface nearer
+    than `near` hides what its ray would show, and one beyond `far` is not seen. `grid` is a plain
+    `GridGeometry`, `plain_camera` a plain `RigidTransform`.
+    """
+    lower, resolution, shape = grid
+    R, t = plain_camera
+    start = (
+        (t[0] - lower[0]) / resolution,
+        (t[1] - lower[1]) / resolution,
+        (t[2] - lower[2]) / resolution,
+    )
+    for k in range(len(distances)):
+        distance = distances[k]
+        if distance < near:
+            continue
+        x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
+        direction = (
+            R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+            R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+            R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+        )
+        length = far / resolution
+        if distance <= far:
+            length = distance / resolution + SURFACE_DEPTH
+        ray, position = start_ray(start, direction, shape)
+        end = min(length, ray.end)
+        while position.distance < end:
+            mask[position.cell] = 1
+            position = step_ray(ray, position)

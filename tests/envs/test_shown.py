@@ -1,0 +1,119 @@
+"""What the environments report of the cells that scans truly show: for scoring, never a belief."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from plain.planar_worlds import NO_NOISE
+from plain.rollouts import random_actions
+from plain.small_worlds import SETTINGS, small_world
+
+from coopmap_env import field_v1
+from coopmap_env.evaluation import evaluate
+from coopmap_env.evaluation.policy import make_policy
+
+FIELD = {"settings": field_v1.FieldSettings(crop_cells=(8, 4)), "max_scans": 3}
+
+
+def planar(**arguments):
+    return small_world(**{"report_shown": True, **arguments})
+
+
+def field(**arguments):
+    pytest.importorskip("pybullet")
+    pytest.importorskip("embreex")
+    return field_v1.parallel_env(**{"report_shown": True, **FIELD, **arguments})
+
+
+BOTH = pytest.mark.parametrize("make", [planar, field])
+
+
+@BOTH
+def test_infos_say_how_much_is_shown_and_the_mask_which_cells(make):
+    env = make()
+    _, infos = env.reset(seed=3)
+    rng, before = np.random.default_rng(0), env.shown_mask
+    assert (before == env.belief().map.sampled).all()  # what is known at the start
+    assert {info["shown_fraction"] for info in infos.values()} == {before.mean()}
+    while env.agents:
+        *_, infos = env.step(random_actions(env, rng))
+        mask = env.shown_mask
+        assert mask.shape == env.belief().map.grid.shape
+        assert mask.dtype == bool
+        assert (mask >= before).all()
+        assert {info["shown_fraction"] for info in infos.values()} == {mask.mean()}
+        before = mask
+    assert before.mean() > infos["robot_0"]["observed_fraction"] * 0.8
+    env.close()
+
+
+@BOTH
+def test_it_changes_nothing_else(make):
+    silent, telling = make(report_shown=False), make()
+    rng = np.random.default_rng(1)
+    first, second = silent.reset(seed=5), telling.reset(seed=5)
+    while silent.agents:
+        for one, other in zip(first, second, strict=True):
+            for agent in other if isinstance(other, dict) else ():
+                if isinstance(other[agent], dict):
+                    assert set(other[agent]) - set(one[agent]) <= {"shown_fraction"}
+        np.testing.assert_array_equal(
+            silent.belief().map.log_odds_fixed, telling.belief().map.log_odds_fixed
+        )
+        assert "shown_fraction" not in first[-1]["robot_0"]
+        actions = random_actions(silent, rng)
+        first, second = silent.step(actions), telling.step(actions)
+        for agent, observation in first[0].items():
+            for key, value in observation.items():
+                np.testing.assert_array_equal(value, second[0][agent][key])
+        assert first[1] == second[1]
+    names = {part.name for part in fields(telling.belief())}
+    assert not any("shown" in name for name in names)
+    silent.close()
+    telling.close()
+
+
+def test_without_noise_the_map_has_all_that_is_shown():
+    env = planar(settings=replace(SETTINGS, noise=NO_NOISE), max_scans=12)
+    for seed in range(5):
+        env.reset(seed=seed)
+        rng = np.random.default_rng(seed)
+        while env.agents:
+            env.step(random_actions(env, rng))
+        assert (env.belief().map.sampled >= env.shown_mask).all()
+
+
+@BOTH
+def test_an_environment_that_does_not_report_says_how_to_make_one_that_does(make):
+    env = make(report_shown=False)
+    with pytest.raises(RuntimeError, match="reset"):
+        _ = env.shown_mask
+    env.reset(seed=0)
+    with pytest.raises(RuntimeError, match="report_shown=True"):
+        _ = env.shown_mask
+    env.close()
+
+
+def test_it_begins_again_with_each_episode():
+    env = planar()
+    env.reset(seed=1)
+    env.step(random_actions(env, np.random.default_rng(0)))
+    env.reset(seed=1)
+    assert (env.shown_mask == env.belief().map.sampled).all()
+
+
+@BOTH
+def test_evaluations_have_its_curve_and_its_scores(make):
+    random = make_policy("random")
+    told = evaluate(make(), random, [0, 1])
+    curve = told.curves["shown"]
+    assert curve.shape == told.curves["coverage"].shape
+    assert (np.diff(curve, axis=1) >= 0).all()
+    np.testing.assert_array_equal(told.table["shown"], curve[:, -1])
+    np.testing.assert_allclose(
+        told.table["shown_auc"], np.trapezoid(curve, axis=1) / (curve.shape[1] - 1)
+    )
+    untold = evaluate(make(report_shown=False), random, [0, 1])
+    assert "shown" not in untold.table
+    assert "shown" not in untold.curves
+    np.testing.assert_array_equal(untold.table["coverage"], told.table["coverage"])
