@@ -77,10 +77,13 @@ key                       content
 ``camera_angle_error``    radians, likewise
 ``base_error``            metres, of the base; None until it is located; for scoring only
 ``base_angle_error``      radians, likewise
+``shown_fraction``        only with ``report_shown=True``: voxels that were truly shown or known at
+                          the start, as a fraction of the grid; for scoring only
 ``action_mask``           int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 ========================  ==========================================================================
 
-After a reset there are only ``n_scans``, ``observed_fraction`` and ``action_mask``.
+After a reset there are only ``n_scans``, ``observed_fraction``, ``shown_fraction`` and
+``action_mask``.
 
 Version history
 ---------------

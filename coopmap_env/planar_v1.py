@@ -40,10 +40,13 @@ key                    content
 ``n_scans``            scans of each robot so far
 ``observed_fraction``  observed cells of the team map, as a fraction of all cells of the world; the
                        insides of obstacles count too, so that it does not reach 1
+``shown_fraction``     only with ``report_shown=True``: cells that were truly shown or known at the
+                       start, as a fraction of all; for scoring only
 ``action_mask``        int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 =====================  =============================================================================
 
-After a reset there are only ``n_scans``, ``observed_fraction`` and ``action_mask``.
+After a reset there are only ``n_scans``, ``observed_fraction``, ``shown_fraction`` and
+``action_mask``.
 
 Version history
 ---------------
