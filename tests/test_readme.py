@@ -1,6 +1,6 @@
 """Every block of the README runs: Python as it stands, commands through the command line.
 
-The Python blocks of docs/vector_environments.md run too.
+The Python blocks of the other pages run too.
 """
 
 import re
@@ -17,12 +17,18 @@ from coopmap_env.cli import main, parse_command
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGE = (ROOT / "docs" / "vector_environments.md").read_text(encoding="utf-8")
+PAGES = {
+    name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("vector_environments", "bounds")
+}
 FENCE = re.compile(r"(<!-- slow -->\n)?```(python|bash)\n(.*?)```", re.DOTALL)
 BLOCKS = FENCE.findall(TEXT)
 PYTHON = [
     pytest.param(code, id=f"{page}{k}", marks=[pytest.mark.slow] if slow else [])
-    for page, blocks in (("block", BLOCKS), ("vector", FENCE.findall(PAGE)))
+    for page, blocks in (
+        ("block", BLOCKS),
+        *((name, FENCE.findall(text)) for name, text in PAGES.items()),
+    )
     for k, (slow, language, code) in enumerate(blocks)
     if language == "python"
 ]
@@ -103,6 +109,7 @@ def test_extras_named_in_the_readme_exist():
 def test_pictures_and_linked_files_exist():
     paths = [path for path in re.findall(r"\]\((.*?)\)", TEXT) if not path.startswith("http")]
     assert len(paths) > 10
-    paths += [f"docs/{path}" for path in re.findall(r"\]\((.*?)\)", PAGE)]
+    for text in PAGES.values():
+        paths += [f"docs/{path}" for path in re.findall(r"\]\((.*?)\)", text)]
     for path in paths:
         assert (ROOT / path).exists(), path

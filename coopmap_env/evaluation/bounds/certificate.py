@@ -1,0 +1,114 @@
+"""Certificates: weights of cells from which an upper bound follows, whatever they are.
+
+Let a team take n scans. A cell c that was not known is shown if at least one of them views it. For
+any weight w_c between 0 and 1,
+
+    [c is shown] <= (1 - w_c) + w_c * (number of scans that view c),
+
+as both sides say: without a view 0 <= 1 - w_c, with k views 1 <= 1 + (k - 1) w_c. Summed over the
+cells, with V(p) the cells that a scan from p views and P(r, s) the poses at which robot r can be
+when it takes its scan s,
+
+    shown <= known + sum_c (1 - w_c) + sum_r sum_s max over p in P(r, s) of sum_{c in V(p)} w_c.
+
+It holds for each sequence of scans by itself, so also for policies that react to what they see, and
+with any noise: V and P do not depend on measurements. Weights are whole numbers of parts of
+`SCALE`, so that sums are exact, and bounds are whole numbers of cells.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+SCALE = 4_096
+"""Parts of a weight of 1."""
+
+
+class ViewScores(NamedTuple):
+    """The best view from each place where a camera can be, for some weights."""
+
+    scores: NDArray[np.int64]
+    """Sum of the weights of the cells in view (k,), in parts of `SCALE`."""
+    poses: NDArray[np.int64]
+    """The pose that has it (k,)."""
+
+
+class PoseSets(NamedTuple):
+    """Cells in view of some poses: those of pose k are cells[start[k] : start[k + 1]]."""
+
+    start: NDArray[np.int64]
+    cells: NDArray[np.int32]
+
+
+class Views(Protocol):
+    """What cameras view in a world, and when they can be where."""
+
+    known: NDArray[np.bool_]
+    """Cells (n_cells,) that are known before the first scan."""
+    earliest: NDArray[np.int64]
+    """First scan (n_robots, k), from 1 on, that each robot can take at each of k places."""
+
+    blocks: NDArray[np.int64]
+    """Shape (k,): places with the same number are near to each other."""
+
+    def best(
+        self, weights: NDArray[np.int64], places: NDArray[np.int64] | None = None
+    ) -> ViewScores:
+        """The best view at all places or at some (m,); weights (n_cells,) are 0 at known cells."""
+
+    def pose_sets(self, poses: NDArray[np.int64]) -> PoseSets:
+        """Cells in view of some poses."""
+
+    def place_of(self, poses: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The place (m,) of each of some poses (m,)."""
+
+
+def best_by_scan(
+    scores: NDArray[np.int64], earliest: NDArray[np.int64], n_scans: int
+) -> NDArray[np.int64]:
+    """Highest score that each robot can have at each scan, (n_robots, n_scans); 0 if none."""
+    best = np.zeros((len(earliest), n_scans), dtype=np.int64)
+    for row, own in zip(best, earliest, strict=True):
+        possible = own <= n_scans
+        np.maximum.at(row, own[possible] - 1, scores[possible])
+    return np.maximum.accumulate(best, axis=1)
+
+
+class Certificate(NamedTuple):
+    """Weights of the cells in a world; see the module."""
+
+    weights: NDArray[np.uint16]
+    """Shape (n_cells,), parts of `SCALE`; those of known cells do not count."""
+
+    @classmethod
+    def trivial(cls, n_cells: int) -> Certificate:
+        """Each scan shows as much as the largest view, as if no cell was ever shown twice."""
+        return cls(np.full(n_cells, SCALE, dtype=np.uint16))
+
+    def bounds(self, views: Views, n_scans: int) -> NDArray[np.int64]:
+        """Most cells that can be shown before the first scan and after each (n_scans + 1,).
+
+        Raises
+        ------
+        ValueError
+            If there is not one weight for each cell, or one is above `SCALE`.
+        """
+        return self.evaluate(views, n_scans)[0]
+
+    def evaluate(self, views: Views, n_scans: int) -> tuple[NDArray[np.int64], ViewScores]:
+        """`bounds`, and the best views by these weights."""
+        known = views.known
+        if self.weights.shape != known.shape or self.weights.max(initial=0) > SCALE:
+            raise ValueError(
+                f"a certificate needs {len(known)} weights up to {SCALE}, got "
+                f"{self.weights.shape} up to {self.weights.max(initial=0)}"
+            )
+        weights = np.where(known, 0, self.weights).astype(np.int64)
+        missed = int((SCALE - weights[~known]).sum())
+        best = views.best(weights)
+        gains = best_by_scan(best.scores, views.earliest, n_scans)
+        total = missed + np.concatenate([[0], np.cumsum(gains.sum(axis=0))])
+        return int(known.sum()) + np.minimum(total // SCALE, int((~known).sum())), best

@@ -1,0 +1,221 @@
+"""What planar cameras view in a true world, from all poses of their lattice.
+
+A camera is never in an occupied cell: a motion that would end there is a collision, and it stays.
+Between two scans it moves less far than the corner of its square of reach. So it is at its scan s
+in a free cell to which at most s such jumps lead, from free cell to free cell, whatever lies
+between them: a map that is wrong may take it through a wall.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation.bounds.certificate import PoseSets, ViewScores
+from coopmap_env.sensing.beam_fan import FanArrays
+from coopmap_env.simulation.shown_cells import mark_planar_view
+
+BLOCK = 4
+"""Cells along the side of a block of neighbours."""
+ROUNDING = 0.5 * math.sqrt(2.0) + 1e-6
+"""Cells by which a requested pose is moved to the nearest one of the lattice, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarViews:
+    """Views in a planar world; see `Views`. A pose is its number in the lattice."""
+
+    occupied: NDArray[np.bool_]
+    """The true world (nx, ny)."""
+    fan: FanArrays
+    known: NDArray[np.bool_]
+    cells: NDArray[np.int64]
+    """Flat indices (k,) of the free cells that a robot can come to."""
+    earliest: NDArray[np.int64]
+    blocks: NDArray[np.int64]
+
+    @classmethod
+    def from_env(cls, env: PlanarEnv, n_scans: int | None = None) -> PlanarViews:
+        """Those of an environment after a reset, before the first step.
+
+        Parameters
+        ----------
+        env : PlanarEnv
+        n_scans : int, optional
+            Scans of each robot, by default those of an episode.
+
+        Raises
+        ------
+        ValueError
+            If robots have scanned already.
+        """
+        belief, occupied = env.belief(), env.truth.occupied
+        if env.last_scans:
+            raise ValueError("the environment has been stepped: reset it")
+        n_scans = env.max_scans if n_scans is None else n_scans
+        fan = belief.rating_function.fan
+        jump = math.sqrt(2.0) * belief.reach / belief.map.grid.resolution + ROUNDING
+        starts = [pose_id // fan.n_headings for pose_id in belief.pose_ids]
+        earliest = np.array(
+            [earliest_scans(occupied, start, jump, n_scans).ravel() for start in starts]
+        )
+        cells = np.flatnonzero((earliest <= n_scans).any(axis=0))
+        return cls(
+            occupied,
+            fan.arrays(occupied.shape[1]),
+            belief.map.sampled.ravel(),
+            cells,
+            earliest[:, cells],
+            cells // occupied.shape[1] // BLOCK * occupied.shape[1]
+            + cells % occupied.shape[1] // BLOCK,
+        )
+
+    @property
+    def n_headings(self) -> int:
+        """Headings of the lattice."""
+        return len(self.fan.start) - 1
+
+    def best(
+        self, weights: NDArray[np.int64], places: NDArray[np.int64] | None = None
+    ) -> ViewScores:
+        """See `Views`."""
+        cells = self.cells if places is None else self.cells[places]
+        scores, headings = np.empty((2, len(cells)), dtype=np.int64)
+        flat = self.occupied.ravel()
+        marked = np.where(flat, -1 - weights, weights).astype(np.int32)
+        nx, ny = self.occupied.shape
+        _score_views(marked, (nx, ny), cells, tuple(self.fan), scores, headings)
+        return ViewScores(scores, cells * self.n_headings + headings)
+
+    def pose_sets(self, poses: NDArray[np.int64]) -> PoseSets:
+        """See `Views`."""
+        nx, ny = self.occupied.shape
+        start = np.zeros(len(poses) + 1, dtype=np.int64)
+        cells = np.empty(len(poses) * self.fan.max_visible_cells, dtype=np.int32)
+        n = _list_views(self.occupied.ravel(), (nx, ny), poses, tuple(self.fan), start, cells)
+        return PoseSets(start, cells[:n].copy())
+
+    def place_of(self, poses: NDArray[np.int64]) -> NDArray[np.int64]:
+        """See `Views`."""
+        return np.searchsorted(self.cells, poses // self.n_headings)
+
+
+def earliest_scans(
+    occupied: NDArray[np.bool_], start: int, jump: float, n_scans: int
+) -> NDArray[np.int64]:
+    """First scan (nx, ny) that a robot can take in each cell; n_scans + 1 where it takes none.
+
+    Parameters
+    ----------
+    occupied : ndarray, shape (nx, ny)
+    start : int
+        Flat index of the robot's cell.
+    jump : float
+        Cells, center to center: no motion between two scans is longer.
+    n_scans : int
+    """
+    out = np.full(occupied.shape, n_scans + 1)
+    reached = np.zeros(occupied.shape, dtype=np.bool_)
+    reached.ravel()[start] = True
+    for scan in range(1, n_scans + 1):
+        near = (ndimage.distance_transform_edt(~reached) <= jump) & ~occupied
+        near.ravel()[start] = True
+        out[near & (out > scan)] = scan
+        if (near == reached).all():
+            break
+        reached = near
+    return out
+
+
+@borrowing_kernel
+def _score_view(
+    marked: NDArray[np.int32],
+    shape: tuple[int, int],
+    cell: int,
+    heading: int,
+    fan: FanArrays,
+    alive: NDArray[np.uint64],
+) -> int:
+    """Sum of the weights in view; `marked` (n,) has weights, or -1 - weight in occupied cells."""
+    (nx, ny), margin = shape, fan.max_offset
+    ix, iy = cell // ny, cell % ny
+    is_inside = margin <= ix < nx - margin and margin <= iy < ny - margin
+    k, end, total = fan.start[heading], fan.start[heading + 1], 0
+    if is_inside:  # up to the first occupied cell, all are in view
+        while k < end:
+            value = marked[np.uint64(cell + fan.flat_offsets[np.uint64(k)])]
+            if value < 0:
+                break
+            total += value
+            k += 1
+    for word in range(len(alive)):
+        alive[word] = fan.all_beams[word]
+    for entry in range(k, end):
+        e = np.uint64(entry)
+        if not is_inside:
+            i, j = ix + fan.offsets[e, 0], iy + fan.offsets[e, 1]
+            if i < 0 or i >= nx or j < 0 or j >= ny:
+                continue
+        value, is_seen = marked[np.uint64(cell + fan.flat_offsets[e])], False
+        for word in range(len(alive)):
+            crossing = alive[word] & fan.beams[word, e]
+            is_seen |= crossing != 0
+            if value < 0:
+                alive[word] &= ~crossing
+        if is_seen:
+            total += value if value >= 0 else -1 - value
+    return total
+
+
+@kernel
+def _score_views(
+    marked: NDArray[np.int32],
+    shape: tuple[int, int],
+    cells: NDArray[np.int64],
+    plain_fan: PlainTuple,
+    scores: NDArray[np.int64],
+    headings: NDArray[np.int64],
+) -> None:
+    """Write the best score of each cell (k,) over all headings, and which heading has it."""
+    fan = FanArrays(*plain_fan)
+    alive = np.empty(len(fan.all_beams), np.uint64)
+    for q in range(len(cells)):
+        scores[q], headings[q] = -1, 0
+        for heading in range(len(fan.start) - 1):
+            score = _score_view(marked, shape, cells[q], heading, fan, alive)
+            if score > scores[q]:
+                scores[q], headings[q] = score, heading
+
+
+@kernel
+def _list_views(
+    occupied: NDArray[np.bool_],
+    shape: tuple[int, int],
+    poses: NDArray[np.int64],
+    plain_fan: PlainTuple,
+    start: NDArray[np.int64],
+    cells: NDArray[np.int32],
+) -> int:
+    """Write the `PoseSets` of some poses; return how many cells they list."""
+    fan = FanArrays(*plain_fan)
+    alive, n_headings = np.empty(len(fan.all_beams), np.uint64), len(fan.start) - 1
+    mask, n = np.zeros(len(occupied), np.uint8), 0
+    ny = shape[1]
+    for p in range(len(poses)):
+        cell, heading = poses[p] // n_headings, poses[p] % n_headings
+        mark_planar_view(occupied, shape, cell, heading, fan, alive, mask)
+        ix, iy = cell // ny, cell % ny
+        for k in range(fan.start[heading], fan.start[heading + 1]):
+            i, j = ix + fan.offsets[k, 0], iy + fan.offsets[k, 1]
+            if 0 <= i < shape[0] and 0 <= j < ny and mask[i * ny + j]:
+                cells[n] = i * ny + j
+                mask[i * ny + j] = 0
+                n += 1
+        start[p + 1] = n
+    return n
