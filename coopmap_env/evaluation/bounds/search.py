@@ -35,7 +35,10 @@ class BoundSearch(Settings):
     """How long to search."""
 
     n_rounds: Annotated[int, Bounds(at_least=0, largest=1_000)] = 12
-    """Passes over all views."""
+    """Passes over all views, at most, for each horizon."""
+    n_horizons: Annotated[int, Bounds(at_least=1, largest=20)] = 3
+    """Numbers of scans for which it is searched: all, a half, a quarter and so on; the bound at
+    each scan is the least of what was found."""
     n_added: PositiveInt = 150
     """Active views that each round adds, one of a block of places."""
     n_steps: PositiveInt = 400
@@ -52,7 +55,8 @@ class ShownBound(NamedTuple):
     choice: NDArray[np.int64]
     """Poses (n_scans, n_robots) that show many cells; no policy need reach them one by one."""
     choice_shown: NDArray[np.int64]
-    """Cells that they show, before the first scan and after each (n_scans + 1,)."""
+    """Cells that the best of some choices shows, before the first scan and after each
+    (n_scans + 1,); at the end it is `choice`."""
     certificates: tuple[Certificate, ...]
     """The bound is the least of theirs."""
 
@@ -72,31 +76,47 @@ def bound_shown(views: Views, n_scans: int, search: BoundSearch | None = None) -
     search : BoundSearch, optional
     """
     settings = search or BoundSearch()
-    known = views.known
-    choice = greedy_choice(views, n_scans)
-    certificates = [Certificate.trivial(len(known))]
-    each = [certificates[0].bounds(views, n_scans)]
+    trivial = Certificate.trivial(len(views.known))
+    found = [(trivial, trivial.bounds(views, n_scans))]
+    choices = [greedy_choice(views, n_scans)]
+    for k in range(settings.n_horizons):
+        horizon = max(n_scans >> k, 1)
+        choices.append(_tighten(views, choices[0][:horizon], n_scans, settings, found))
+    bounds = np.array([own for _, own in found])
+    return ShownBound(
+        bounds.min(axis=0),
+        choices[1],
+        np.max([_count_shown(views, choice, n_scans) for choice in choices], axis=0),
+        tuple(found[k][0] for k in np.unique(bounds.argmin(axis=0))),
+    )
+
+
+def _tighten(
+    views: Views,
+    choice: NDArray[np.int64],
+    n_scans: int,
+    settings: BoundSearch,
+    found: list[tuple[Certificate, NDArray[np.int64]]],
+) -> NDArray[np.int64]:
+    """Add certificates of what is shown by the end of a choice (h, n_robots); a better choice.
+
+    Each with its bounds (n_scans + 1,).
+    """
+    known, horizon = views.known, len(choice)
     active, weights = np.unique(choice), (~known).astype(np.float64)
     for _ in range(settings.n_rounds):
         most = _count_shown(views, choice)[-1]
-        if min(own[-1] for own in each) <= (1.0 + settings.tolerance) * most:
+        if min(bounds[horizon] for _, bounds in found) <= (1.0 + settings.tolerance) * most:
             break
         sets, earliest = views.pose_sets(active), views.earliest[:, views.place_of(active)]
         choice = _improved(sets, earliest, known, active, choice)
         target = float(_count_shown(views, choice)[-1] - known.sum())
-        minimise_bound(*sets, earliest, n_scans, target, known, settings.n_steps, weights)
-        found = Certificate(np.round(weights * SCALE).astype(np.uint16))
-        bounds, best = found.evaluate(views, n_scans)
-        certificates.append(found)
-        each.append(bounds)
+        minimise_bound(*sets, earliest, horizon, target, known, settings.n_steps, weights)
+        certificate = Certificate(np.round(weights * SCALE).astype(np.uint16))
+        bounds, best = certificate.evaluate(views, n_scans)
+        found.append((certificate, bounds))
         active = np.union1d(active, _best_of_blocks(views, best, settings.n_added))
-    needed = np.unique(np.argmin(each, axis=0))
-    return ShownBound(
-        np.min(each, axis=0),
-        choice,
-        _count_shown(views, choice),
-        tuple(certificates[k] for k in needed),
-    )
+    return choice
 
 
 def greedy_choice(views: Views, n_scans: int) -> NDArray[np.int64]:
@@ -141,13 +161,18 @@ def _improved(
     return active[chosen]
 
 
-def _count_shown(views: Views, choice: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Cells that poses (n_scans, n_robots) show or that are known, from before the first scan."""
+def _count_shown(
+    views: Views, choice: NDArray[np.int64], n_scans: int | None = None
+) -> NDArray[np.int64]:
+    """Cells that poses (h, n_robots) show or that are known, before the first scan and after each.
+
+    Shape (h + 1,), or (n_scans + 1,) where nothing more is shown after scan h.
+    """
     shown, counts = views.known.copy(), [int(views.known.sum())]
     for poses in choice:
         shown[views.pose_sets(poses).cells] = True
         counts.append(int(shown.sum()))
-    return np.array(counts)
+    return np.array(counts + counts[-1:] * ((n_scans or 0) - len(choice)))
 
 
 def _best_of_blocks(views: Views, best: ViewScores, n: int) -> NDArray[np.int64]:

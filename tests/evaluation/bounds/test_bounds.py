@@ -184,7 +184,7 @@ def test_views_are_those_of_the_start():
         PlanarViews.from_env(env)
 
 
-@pytest.mark.parametrize("field", ["n_rounds", "n_added", "n_steps", "tolerance"])
+@pytest.mark.parametrize("field", ["n_rounds", "n_horizons", "n_added", "n_steps", "tolerance"])
 def test_a_search_needs_sensible_numbers(field):
     with pytest.raises(ValueError, match=rf"BoundSearch.{field}"):
         BoundSearch(**{field: -1})
