@@ -78,7 +78,8 @@ key                       content
 ``base_error``            metres, of the base; None until it is located; for scoring only
 ``base_angle_error``      radians, likewise
 ``shown_fraction``        only with ``report_shown=True``: voxels that were truly shown or known at
-                          the start, as a fraction of the grid; for scoring only
+                          the start, as a fraction of the grid; for scoring only. Scans of
+                          robots that are not located count, and the space around all true bases
 ``action_mask``           int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 ========================  ==========================================================================
 

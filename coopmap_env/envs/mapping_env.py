@@ -35,7 +35,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """Conducts an episode and computes nothing itself: decode, move, scan, fuse, reward, observe.
 
     A world's environment calls `_set_up` once and provides `_start`, `_advance`, `last_scans`,
-    `_render_frame` and `truth`.
+    `_shown_mask`, `_render_frame` and `truth`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
@@ -53,7 +53,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             CandidateMode(arguments.n_candidates) if arguments.action_mode == "candidates" else None
         )
         self._reward_term = arguments.reward
-        self.reports_shown = arguments.report_shown
+        self._reports_shown = arguments.report_shown
         self._shares_reward = arguments.team_reward == "shared"
         self._window: HumanWindow | None = None
         self._seed_draws = SeedDraws()
@@ -73,6 +73,11 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self.action_spaces = {agent: actions.space(robot) for robot, agent in agents}
         self.observation_spaces = {agent: observer.space(robot) for robot, agent in agents}
         self.state_space = observer.state_space()
+
+    @property
+    def reports_shown(self) -> bool:
+        """Whether it keeps what scans truly show; see the argument `report_shown`."""
+        return self._reports_shown
 
     @property
     def reset_info_types(self) -> dict[str, Any]:

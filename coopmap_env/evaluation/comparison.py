@@ -119,6 +119,7 @@ def compare(
             is_episode,
             n_scans=trial_env.max_scans,
             with_surface=isinstance(trial_env, FieldEnv),
+            with_shown=True,
         )
     jobs = [
         make_job(policy, seed, env_kwargs, settings, env_name)

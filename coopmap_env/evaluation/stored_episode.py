@@ -10,7 +10,12 @@ from coopmap_env.core.json_types import has_type
 from coopmap_env.evaluation.episode import Episode
 
 
-def is_episode(result: Any, n_scans: int | None = None, with_surface: bool | None = None) -> bool:
+def is_episode(
+    result: Any,
+    n_scans: int | None = None,
+    with_surface: bool | None = None,
+    with_shown: bool | None = None,
+) -> bool:
     """Whether a stored result has the form and the ranges of an episode of this version.
 
     Parameters
@@ -21,11 +26,15 @@ def is_episode(result: Any, n_scans: int | None = None, with_surface: bool | Non
         Scans of each robot: curves have one value more.
     with_surface : bool, optional
         Whether it has to have scores of a true surface, or must have none.
+    with_shown : bool, optional
+        Likewise the curve of what scans truly showed.
     """
     if not has_type(result, Episode):
         return False
     surface = result.get("surface")
     if with_surface not in (None, surface is not None):
+        return False
+    if with_shown not in (None, result.get("shown_curve") is not None):
         return False
     fractions = [result["coverage_curve"], *([surface["coverage_curve"]] if surface else [])]
     if result.get("shown_curve") is not None:

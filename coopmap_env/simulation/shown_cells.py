@@ -7,10 +7,12 @@ surfaces, too. Only the simulation knows it: it is for scoring, and no part of a
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, inlined_kernel, kernel
 from coopmap_env.geometry import start_ray, step_ray
 from coopmap_env.sensing.beam_fan import FanArrays
 
@@ -78,6 +80,30 @@ def mark_planar_scans(
             )
 
 
+@borrowing_kernel
+def _distance_to_grid(
+    start: tuple[float, float, float],
+    direction: tuple[float, float, float],
+    shape: tuple[int, int, int],
+) -> float:
+    """Cells after which a ray is in the grid: 0 from inside; inf if it passes by."""
+    enters, leaves = 0.0, math.inf
+    for axis in range(3):
+        position, along, size = start[axis], direction[axis], float(shape[axis])
+        if along != 0.0:
+            one, other = -position / along, (size - position) / along
+            enters, leaves = max(enters, min(one, other)), min(leaves, max(one, other))
+        elif not 0.0 <= position < size:
+            return math.inf
+    return enters if enters < leaves else math.inf
+
+
+@inlined_kernel
+def _inside(position: float, size: int) -> float:
+    """A coordinate in cells, off the upper face of the grid at least."""
+    return min(max(position, 0.0), size * (1.0 - 1e-12))
+
+
 @kernel
 def mark_depth_image(
     grid: PlainTuple,
@@ -91,8 +117,8 @@ def mark_depth_image(
     """Mark the voxels that a depth image shows in `mask` (n_voxels,).
 
     `distances` (n,) are the true ones along the rays (n, 3) of the camera, metres; a surface nearer
-    than `near` hides what its ray would show, and one beyond `far` is not seen. `grid` is a plain
-    `GridGeometry`, `plain_camera` a plain `RigidTransform`.
+    than `near` hides what its ray would show, and one beyond `far` is not seen. The camera may be
+    outside of the grid. `grid` is a plain `GridGeometry`, `plain_camera` a plain `RigidTransform`.
     """
     lower, resolution, shape = grid
     R, t = plain_camera
@@ -114,8 +140,16 @@ def mark_depth_image(
         length = far / resolution
         if distance <= far:
             length = distance / resolution + SURFACE_DEPTH
-        ray, position = start_ray(start, direction, shape)
-        end = min(length, ray.end)
+        before = _distance_to_grid(start, direction, shape)
+        if before >= length:
+            continue
+        entry = (
+            _inside(start[0] + before * direction[0], shape[0]),
+            _inside(start[1] + before * direction[1], shape[1]),
+            _inside(start[2] + before * direction[2], shape[2]),
+        )
+        ray, position = start_ray(entry, direction, shape)
+        end = min(length - before, ray.end)
         while position.distance < end:
             mask[position.cell] = 1
             position = step_ray(ray, position)

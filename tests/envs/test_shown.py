@@ -94,6 +94,20 @@ def test_an_environment_that_does_not_report_says_how_to_make_one_that_does(make
     env.close()
 
 
+def test_scans_of_robots_that_are_not_located_count():
+    """The space around all true bases is known from the start, as if all were located."""
+    env = field(initialization="search")
+    _, infos = env.reset(seed=0)
+    np.testing.assert_array_equal(env.shown_mask, env.diagnostics.initial_free_mask)
+    assert infos["robot_0"]["shown_fraction"] > infos["robot_0"]["observed_fraction"] == 0.0
+    before = env.shown_mask.sum()
+    env.step(random_actions(env, np.random.default_rng(0)))
+    assert env.shown_mask.sum() > before
+    with pytest.raises(AttributeError):
+        env.reports_shown = False
+    env.close()
+
+
 def test_it_begins_again_with_each_episode():
     env = planar()
     env.reset(seed=1)

@@ -154,6 +154,17 @@ def test_an_episode_of_another_length_or_kind_is_not_used():
     assert is_episode(FIELD, N_SCANS, with_surface=True)
 
 
+def test_episodes_have_what_scans_showed_if_it_is_asked_for():
+    shown = {**PLANAR, "shown_curve": [0.0, 0.25, 0.25]}
+    assert is_episode(shown, N_SCANS)
+    assert is_episode(shown, N_SCANS, with_shown=True)
+    assert not is_episode(shown, N_SCANS, with_shown=False)
+    assert not is_episode(PLANAR, N_SCANS, with_shown=True)
+    assert not is_episode({**PLANAR, "shown_curve": None}, N_SCANS, with_shown=True)
+    for wrong in ([0.0, 0.25], [0.0, 0.25, 1.5], [0.0, 0.25, math.nan], "012"):
+        assert not is_episode({**PLANAR, "shown_curve": wrong}, N_SCANS)
+
+
 def test_results_of_the_localization_study_have_their_form():
     assert is_search_result(SEARCH)
     assert is_correction_result(CORRECTION, N_SCANS)

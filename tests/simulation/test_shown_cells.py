@@ -120,6 +120,43 @@ def test_a_depth_image_shows_the_voxels_of_its_rays():
         assert found == expected
 
 
+def test_a_camera_outside_of_the_grid_shows_what_its_rays_cross_in_it():
+    """From all sides; the mask lies in a larger array, of which nothing else may change."""
+    rng = np.random.default_rng(4)
+    grid = VoxelGrid((6, 7, 5), 0.25, (-1.0, 0.5, -0.25))
+    low, size = np.array(grid.origin), np.array(grid.shape) * grid.resolution
+    n_shown = 0
+    for side in range(60):
+        R, t = random_rotation(rng), low + rng.uniform(0.0, 1.0, 3) * size
+        axis = side % 3
+        t[axis] = low[axis] + (-0.4 if side % 2 else size[axis] + 0.4)
+        directions = rng.normal(size=(60, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        distances = rng.uniform(0.3, 2.5, 60)
+        padded = np.full(3 * grid.n_cells, 7, dtype=np.uint8)
+        mask = padded[grid.n_cells : 2 * grid.n_cells]
+        mask[:] = 0
+        mark_depth_image(tuple(grid.geometry), (R, t), directions, distances, 0.3, 2.5, mask)
+        assert (padded[: grid.n_cells] == 7).all()
+        assert (padded[2 * grid.n_cells :] == 7).all()
+        expected = plain_depth_image(grid, R, t, directions, distances, 0.3, 2.5)
+        found = set(map(tuple, np.argwhere(mask.reshape(grid.shape)).tolist()))
+        assert found == expected
+        n_shown += len(found)
+    assert n_shown > 1000
+
+
+@pytest.mark.parametrize("x", [1.0, 1.25, -0.25])
+def test_by_hand_a_camera_outside_that_looks_at_the_grid_or_away(x):
+    grid = VoxelGrid((10, 1, 1), 0.1)
+    for way in (1.0, -1.0):
+        mask = np.zeros(10, dtype=np.uint8)
+        pose, ahead = (np.eye(3), np.array([x, 0.05, 0.05])), np.array([[way, 0.0, 0.0]])
+        mark_depth_image(tuple(grid.geometry), pose, ahead, np.array([np.inf]), 0.1, 5.0, mask)
+        looks_at_it = (way > 0) == (x < 0)
+        assert mask.tolist() == [int(looks_at_it)] * 10
+
+
 def test_a_surface_in_the_face_of_a_voxel_counts_for_the_voxel_behind_it():
     grid = VoxelGrid((10, 1, 1), 0.1)
     mask = np.zeros(10, dtype=np.uint8)

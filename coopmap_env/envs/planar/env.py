@@ -145,6 +145,12 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         assert shown is not None
         return shown.mask[self._index].astype(np.bool_)
 
+    def _shown_info(self) -> dict[str, float]:
+        shown = self._worlds.shown
+        if shown is None:
+            return {}
+        return {"shown_fraction": int(shown.counts[self._index]) / self._map.grid.n_cells}
+
     @property
     def truth(self) -> PlanarWorld:
         """The true world, for scoring and rendering only; policies get `belief`."""

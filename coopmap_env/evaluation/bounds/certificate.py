@@ -23,6 +23,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.arguments import check_count
+
 SCALE = 4_096
 """Parts of a weight of 1."""
 
@@ -46,6 +48,8 @@ class PoseSets(NamedTuple):
 class Views(Protocol):
     """What cameras view in a world, and when they can be where."""
 
+    n_scans: int
+    """Scans of each robot that were thought of: `earliest` says nothing of later ones."""
     known: NDArray[np.bool_]
     """Cells (n_cells,) that are known before the first scan."""
     earliest: NDArray[np.int64]
@@ -64,6 +68,15 @@ class Views(Protocol):
 
     def place_of(self, poses: NDArray[np.int64]) -> NDArray[np.int64]:
         """The place (m,) of each of some poses (m,)."""
+
+
+def check_scans(views: Views, n_scans: int) -> None:
+    """ValueError unless the views were made for so many scans, at least one."""
+    if check_count("n_scans", n_scans) > views.n_scans:
+        raise ValueError(
+            f"the views were made for {views.n_scans} scans of each robot, and {n_scans} are asked "
+            "for: make views for those"
+        )
 
 
 def best_by_scan(
@@ -94,17 +107,20 @@ class Certificate(NamedTuple):
         Raises
         ------
         ValueError
-            If there is not one weight for each cell, or one is above `SCALE`.
+            If there is not one weight for each cell, one is not from 0 to `SCALE`, or there are
+            more scans than the views were made for.
         """
         return self.evaluate(views, n_scans)[0]
 
     def evaluate(self, views: Views, n_scans: int) -> tuple[NDArray[np.int64], ViewScores]:
         """`bounds`, and the best views by these weights."""
         known = views.known
-        if self.weights.shape != known.shape or self.weights.max(initial=0) > SCALE:
+        check_scans(views, n_scans)
+        lowest, highest = self.weights.min(initial=0), self.weights.max(initial=0)
+        if self.weights.shape != known.shape or lowest < 0 or highest > SCALE:
             raise ValueError(
-                f"a certificate needs {len(known)} weights up to {SCALE}, got "
-                f"{self.weights.shape} up to {self.weights.max(initial=0)}"
+                f"a certificate needs {len(known)} weights from 0 to {SCALE}, got "
+                f"{self.weights.shape} from {lowest} to {highest}"
             )
         weights = np.where(known, 0, self.weights).astype(np.int64)
         missed = int((SCALE - weights[~known]).sum())

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from coopmap_env.core.arguments import check_count
 from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation.bounds.certificate import PoseSets, ViewScores
@@ -24,13 +25,17 @@ from coopmap_env.simulation.shown_cells import mark_planar_view
 BLOCK = 4
 """Cells along the side of a block of neighbours."""
 ROUNDING = 0.5 * math.sqrt(2.0) + 1e-6
-"""Cells by which a requested pose is moved to the nearest one of the lattice, at most."""
+"""Cells by which a requested pose is moved to the nearest one of the lattice, at most; coordinates
+that are so large that their own rounding takes more are refused."""
+MAX_COORDINATE = 1e8
+"""Cells from the origin of the world to a corner of its grid: doubles then round to 1e-8."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanarViews:
     """Views in a planar world; see `Views`. A pose is its number in the lattice."""
 
+    n_scans: int
     occupied: NDArray[np.bool_]
     """The true world (nx, ny)."""
     fan: FanArrays
@@ -53,12 +58,18 @@ class PlanarViews:
         Raises
         ------
         ValueError
-            If robots have scanned already.
+            If it is no planar environment, robots have scanned already, there is no scan, or the
+            world lies so far from its origin that coordinates are not exact.
         """
+        if not isinstance(env, PlanarEnv):
+            raise ValueError(f"planar views need a planar environment, got {env}")
         belief, occupied = env.belief(), env.truth.occupied
         if env.last_scans:
             raise ValueError("the environment has been stepped: reset it")
-        n_scans = env.max_scans if n_scans is None else n_scans
+        n_scans = check_count("n_scans", env.max_scans if n_scans is None else n_scans)
+        grid = belief.map.grid
+        if np.abs(grid.origin).max() / grid.resolution + max(grid.shape) > MAX_COORDINATE:
+            raise ValueError(f"the origin of the world is too far away for a bound: {grid}")
         fan = belief.rating_function.fan
         jump = math.sqrt(2.0) * belief.reach / belief.map.grid.resolution + ROUNDING
         starts = [pose_id // fan.n_headings for pose_id in belief.pose_ids]
@@ -67,11 +78,12 @@ class PlanarViews:
         )
         cells = np.flatnonzero((earliest <= n_scans).any(axis=0))
         return cls(
+            n_scans,
             occupied,
             fan.arrays(occupied.shape[1]),
             belief.map.sampled.ravel(),
             cells,
-            earliest[:, cells],
+            np.ascontiguousarray(earliest[:, cells]),
             cells // occupied.shape[1] // BLOCK * occupied.shape[1]
             + cells % occupied.shape[1] // BLOCK,
         )
@@ -125,7 +137,6 @@ def earliest_scans(
     reached.ravel()[start] = True
     for scan in range(1, n_scans + 1):
         near = (ndimage.distance_transform_edt(~reached) <= jump) & ~occupied
-        near.ravel()[start] = True
         out[near & (out > scan)] = scan
         if (near == reached).all():
             break

@@ -74,20 +74,25 @@ def bound_shown(views: Views, n_scans: int, search: BoundSearch | None = None) -
     views : Views
     n_scans : int
     search : BoundSearch, optional
+
+    Raises
+    ------
+    ValueError
+        If there is no scan, or there are more than the views were made for.
     """
     settings = search or BoundSearch()
     trivial = Certificate.trivial(len(views.known))
-    found = [(trivial, trivial.bounds(views, n_scans))]
-    choices = [greedy_choice(views, n_scans)]
-    for k in range(settings.n_horizons):
-        horizon = max(n_scans >> k, 1)
+    bounds, largest = trivial.evaluate(views, n_scans)
+    found = [(trivial, bounds)]
+    choices = [greedy_choice(views, n_scans, largest)]
+    for horizon in dict.fromkeys(max(n_scans >> k, 1) for k in range(settings.n_horizons)):
         choices.append(_tighten(views, choices[0][:horizon], n_scans, settings, found))
-    bounds = np.array([own for _, own in found])
+    each = np.array([own for _, own in found])
     return ShownBound(
-        bounds.min(axis=0),
+        each.min(axis=0),
         choices[1],
         np.max([_count_shown(views, choice, n_scans) for choice in choices], axis=0),
-        tuple(found[k][0] for k in np.unique(bounds.argmin(axis=0))),
+        tuple(found[k][0] for k in np.unique(each.argmin(axis=0))),
     )
 
 
@@ -108,7 +113,8 @@ def _tighten(
         most = _count_shown(views, choice)[-1]
         if min(bounds[horizon] for _, bounds in found) <= (1.0 + settings.tolerance) * most:
             break
-        sets, earliest = views.pose_sets(active), views.earliest[:, views.place_of(active)]
+        sets = views.pose_sets(active)
+        earliest = np.ascontiguousarray(views.earliest[:, views.place_of(active)])
         choice = _improved(sets, earliest, known, active, choice)
         target = float(_count_shown(views, choice)[-1] - known.sum())
         minimise_bound(*sets, earliest, horizon, target, known, settings.n_steps, weights)
@@ -119,31 +125,45 @@ def _tighten(
     return choice
 
 
-def greedy_choice(views: Views, n_scans: int) -> NDArray[np.int64]:
+def greedy_choice(views: Views, n_scans: int, largest: ViewScores) -> NDArray[np.int64]:
     """Poses (n_scans, n_robots), each the one that adds most to those before it.
 
-    Gains only fall, so the gain that a place had last bounds it: few are found anew at a time.
+    `largest` are the largest views. Gains only fall, so the gain that a place had last bounds it:
+    few are found again at a time. Where nothing is left to gain, any pose will do.
     """
     unseen = (~views.known).astype(np.int64)
-    gains, poses = (part.copy() for part in views.best(unseen))
+    gains, poses = largest.scores // SCALE, largest.poses.copy()
     chosen = np.empty((n_scans, len(views.earliest)), dtype=np.int64)
     for scan in range(n_scans):
         for robot, earliest in enumerate(views.earliest):
             possible = np.flatnonzero(earliest <= scan + 1)
-            is_fresh = np.zeros(len(possible), dtype=np.bool_)
-            k = min(EVALUATED_TOGETHER, len(possible))
-            while True:
-                top = np.argpartition(gains[possible], -k)[-k:]
-                best = top[gains[possible[top]].argmax()]
-                if is_fresh[best]:
-                    break
-                stale = top[~is_fresh[top]]
-                at = possible[stale]
-                gains[at], poses[at] = views.best(unseen, at)
-                is_fresh[stale] = True
-            chosen[scan, robot] = pose = poses[possible[best]]
-            unseen[views.pose_sets(np.array([pose])).cells] = 0
+            best = possible[0]
+            if unseen.any():
+                best = _greatest_gain(views, unseen, possible, gains, poses)
+            chosen[scan, robot] = poses[best]
+            unseen[views.pose_sets(poses[[best]]).cells] = 0
     return chosen
+
+
+def _greatest_gain(
+    views: Views,
+    unseen: NDArray[np.int64],
+    possible: NDArray[np.int64],
+    gains: NDArray[np.int64],
+    poses: NDArray[np.int64],
+) -> int:
+    """Of the possible places the one with the greatest gain; brings gains and poses up to date."""
+    is_fresh = np.zeros(len(possible), dtype=np.bool_)
+    k = min(EVALUATED_TOGETHER, len(possible))
+    while True:
+        top = np.argpartition(gains[possible], -k)[-k:]
+        best = top[gains[possible[top]].argmax()]
+        if is_fresh[best] or gains[possible[best]] == 0:
+            return int(possible[best])
+        stale = top[~is_fresh[top]]
+        at = possible[stale]
+        gains[at], poses[at] = views.best(unseen, at)
+        is_fresh[stale] = True
 
 
 def _improved(

@@ -1,5 +1,6 @@
 """Upper bounds hold for every sequence of scans: enumerated, random, misled by noise."""
 
+import math
 from dataclasses import replace
 from itertools import product
 
@@ -170,10 +171,65 @@ def test_a_certificate_of_another_world_is_refused():
     env = small_world()
     env.reset(seed=0)
     views = PlanarViews.from_env(env)
-    with pytest.raises(ValueError, match="needs 576 weights up to 4096, got"):
+    with pytest.raises(ValueError, match="needs 576 weights from 0 to 4096, got"):
         Certificate(np.zeros(5, dtype=np.uint16)).bounds(views, 4)
-    with pytest.raises(ValueError, match="up to 4097"):
+    with pytest.raises(ValueError, match="from 0 to 4097"):
         Certificate(np.full(576, SCALE + 1, dtype=np.uint16)).bounds(views, 4)
+
+
+def test_a_camera_goes_into_the_corners_of_its_square_and_is_rounded_from_there():
+    """A reach of 3.5 cells: corners are 4.95 cells away, and rounded to up to 5.66."""
+    settings = replace(SETTINGS, reach=3.5)
+    env = small_world(n_robots=1, settings=settings, max_scans=1)
+    farthest = 0.0
+    for seed in range(60):
+        env.reset(seed=seed)
+        views = PlanarViews.from_env(env)
+        env.belief().map.mark_free(np.arange(len(views.known)))
+        place_team(env, env.belief().pose_ids)
+        start = env.belief().positions[0]
+        turn = np.random.default_rng(seed).uniform(-1, 1)
+        env.step({"robot_0": np.float32([1.0, (-1.0) ** seed, turn])})
+        (pose_id,) = env.belief().pose_ids
+        assert pose_id // views.n_headings in views.cells
+        farthest = max(farthest, np.linalg.norm(env.belief().positions[0] - start))
+    assert farthest > math.sqrt(2.0) * 3.5  # more than without the rounding
+
+
+def test_more_scans_than_the_views_were_made_for_are_refused():
+    env = small_world()
+    env.reset(seed=0)
+    views = PlanarViews.from_env(env, 3)
+    bound_shown(views, 3, BoundSearch(n_rounds=0))
+    for n_scans, message in ((4, "were made for 3 scans"), (0, "n_scans must be an integer")):
+        with pytest.raises(ValueError, match=message):
+            bound_shown(views, n_scans)
+        with pytest.raises(ValueError, match=message):
+            Certificate.trivial(len(views.known)).bounds(views, n_scans)
+    for wrong in (0, -1, 2.5):
+        with pytest.raises(ValueError, match="n_scans must be an integer of at least 1"):
+            PlanarViews.from_env(env, wrong)
+
+
+def test_views_of_something_else_are_refused():
+    with pytest.raises(ValueError, match="a planar environment"):
+        PlanarViews.from_env(object())
+    far = Obstacles(shape=(24, 24), side_min=2.0, side_max=6.0, origin=(1e9, 0.0))
+    env = small_world(scene=far)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="too far away for a bound"):
+        PlanarViews.from_env(env)
+
+
+def test_scans_that_show_nothing_more_keep_the_bound_and_the_choice():
+    """In 64 cells, many scans show all that can be shown: no more than there is."""
+    scene = Obstacles(shape=(8, 8), side_min=1.0, side_max=2.0)
+    settings = replace(SETTINGS, max_start_distance=2.0)
+    env = small_world(scene=scene, settings=settings, max_scans=40)
+    env.reset(seed=0)
+    found = bound_shown(PlanarViews.from_env(env), 40)
+    assert found.bounds[-1] <= 64
+    assert found.choice_shown[-1] == found.choice_shown[20] <= found.bounds[20]
 
 
 def test_views_are_those_of_the_start():
