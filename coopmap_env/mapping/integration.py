@@ -90,10 +90,6 @@ class FusionArrays(NamedTuple):
     entropy: NDArray[np.float64]
     """Entropy of the clamped log-odds, see `LogOddsRange.entropy`."""
 
-    def plain(self) -> PlainTuple:
-        """Plain tuples, for `integrate_scan`."""
-        return tuple(tuple(part) if isinstance(part, tuple) else part for part in self)
-
 
 @borrowing_kernel
 def clear_surfaces(surfaces: SurfaceArrays, first: int, stop: int) -> None:

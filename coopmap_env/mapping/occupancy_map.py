@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.caches import freeze
-from coopmap_env.core.kernels import PlainTuple
+from coopmap_env.core.kernels import PlainTuple, make_plain
 from coopmap_env.core.linear_algebra import are_finite
 from coopmap_env.mapping.arrays import (
     MapArrays,
@@ -123,7 +123,7 @@ class OccupancyMap:
     @cached_property
     def _fusion(self) -> PlainTuple:
         """The arguments of `integrate_scan`, as they are now."""
-        return FusionArrays(
+        arrays = FusionArrays(
             self.grid.geometry,
             self.model.parameters,
             self._buffers,
@@ -131,7 +131,8 @@ class OccupancyMap:
             self.surface_sums,
             self.surface_index,
             self.log_odds_range.entropy,
-        ).plain()
+        )
+        return make_plain(arrays)
 
     def clear(self) -> None:
         """Reset all cells; cheaper than a new map."""

@@ -243,11 +243,6 @@ class StepScratch(NamedTuple):
         )
 
 
-def plain(named: PlainTuple) -> PlainTuple:
-    """A named tuple, and those in it, as plain tuples: numba finds their types faster."""
-    return tuple(plain(part) if isinstance(part, tuple) else part for part in named)
-
-
 @inlined_kernel
 def name_worlds(t: PlainTuple) -> WorldArrays:
     """Name the parts of a plain `WorldArrays`; the other functions do likewise."""

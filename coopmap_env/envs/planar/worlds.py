@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.kernels import make_plain
 from coopmap_env.core.random_streams import KEY_WORDS
 from coopmap_env.envs.planar._observation_kernels import TeamObservations
 from coopmap_env.envs.planar._starts import StartSettings
@@ -18,7 +19,6 @@ from coopmap_env.envs.planar._world_arrays import (
     StepResults,
     StepScratch,
     WorldArrays,
-    plain,
 )
 from coopmap_env.envs.planar.observations import observation_tables
 from coopmap_env.envs.planar.shown_cells import ShownCells
@@ -85,8 +85,14 @@ class PlanarWorlds:
         self.results = StepResults.empty(n_worlds, n, s.camera.n_beams)
         scratch = [StepScratch.empty(self.constants, n, m) for _ in range(n_threads)]
         self._queue = scratch[0].queue
-        self._plain_arrays, self._plain_constants = plain(self.arrays), plain(self.constants)
-        self._plain_results, self._plain_scratch = plain(self.results), list(map(plain, scratch))
+        self._plain_arrays, self._plain_constants = (
+            make_plain(self.arrays),
+            make_plain(self.constants),
+        )
+        self._plain_results, self._plain_scratch = (
+            make_plain(self.results),
+            list(map(make_plain, scratch)),
+        )
         self._pool = ThreadPoolExecutor(n_threads) if n_threads > 1 else None
         self._has_started = np.zeros(n_worlds, dtype=bool)
 
@@ -109,7 +115,7 @@ class PlanarWorlds:
 
     def observe(self, worlds: NDArray[np.int64], observations: TeamObservations) -> None:
         """Write the first observations of some worlds; see `observe_worlds`."""
-        parts = (self._plain_arrays, self._plain_constants, plain(observations))
+        parts = (self._plain_arrays, self._plain_constants, make_plain(observations))
         self._run(observe_worlds, worlds, parts)
 
     def step(
@@ -121,7 +127,7 @@ class PlanarWorlds:
     ) -> None:
         """Step some worlds with valid actions of all; see `step_worlds`."""
         parts = (self._plain_arrays, self._plain_constants, self._plain_results)
-        self._run(step_worlds, worlds, (actions, choices, *parts, plain(observations)))
+        self._run(step_worlds, worlds, (actions, choices, *parts, make_plain(observations)))
         if self.shown is not None:
             self.shown.add_scans(worlds)
 
