@@ -56,7 +56,7 @@ CODES = {
 
 @pytest.fixture(scope="module")
 def errors():
-    """What each code raises, in forks of one process: each that starts anew takes seconds."""
+    """What each code raises, in forks of one process: each new one takes seconds."""
     done = run(f"""
 import json, os, coopmap_env
 for code in {list(CODES)!r}:

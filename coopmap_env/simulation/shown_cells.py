@@ -22,18 +22,19 @@ voxel behind it."""
 
 
 @borrowing_kernel
-def mark_planar_view(
+def list_planar_view(
     occupied: NDArray[np.bool_],
     shape: tuple[int, int],
     cell: int,
     heading: int,
     fan: FanArrays,
     alive: NDArray[np.uint64],
-    mask: NDArray[np.uint8],
+    cells: NDArray[np.int32],
 ) -> int:
-    """Mark the cells that a scan from the center of a flat cell shows; return how many are new.
+    """List the cells that a scan from the center of a flat cell shows; return how many there are.
 
-    `occupied` and `mask` (n_cells,) are flat; `alive` (words,) is scratch.
+    `occupied` (n_cells,) is flat, `cells` has room for the largest view; `alive` (words,) is
+    scratch.
     """
     (nx, ny), count = shape, 0
     ix, iy = cell // ny, cell % ny
@@ -51,8 +52,8 @@ def mark_planar_view(
             if occupied[crossed]:
                 alive[word] &= ~crossing
         if is_seen:
-            count += 1 - mask[crossed]
-            mask[crossed] = 1
+            cells[count] = crossed
+            count += 1
     return count
 
 
@@ -73,11 +74,15 @@ def mark_planar_scans(
     """
     fan = FanArrays(*plain_fan)
     n_headings, alive = len(fan.start) - 1, np.empty(len(fan.all_beams), np.uint64)
+    cells = np.empty(fan.max_visible_cells, np.int32)
     for e in which:
         for pose_id in pose_ids[e]:
-            counts[e] += mark_planar_view(
-                occupied[e], shape, pose_id // n_headings, pose_id % n_headings, fan, alive, mask[e]
+            n = list_planar_view(
+                occupied[e], shape, pose_id // n_headings, pose_id % n_headings, fan, alive, cells
             )
+            for cell in cells[:n]:
+                counts[e] += 1 - mask[e, cell]
+                mask[e, cell] = 1
 
 
 @borrowing_kernel

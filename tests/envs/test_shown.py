@@ -49,28 +49,28 @@ def test_infos_say_how_much_is_shown_and_the_mask_which_cells(make):
 
 @BOTH
 def test_it_changes_nothing_else(make):
-    silent, telling = make(report_shown=False), make()
+    silent, reporting = make(report_shown=False), make()
     rng = np.random.default_rng(1)
-    first, second = silent.reset(seed=5), telling.reset(seed=5)
+    first, second = silent.reset(seed=5), reporting.reset(seed=5)
     while silent.agents:
         for one, other in zip(first, second, strict=True):
             for agent in other if isinstance(other, dict) else ():
                 if isinstance(other[agent], dict):
                     assert set(other[agent]) - set(one[agent]) <= {"shown_fraction"}
         np.testing.assert_array_equal(
-            silent.belief().map.log_odds_fixed, telling.belief().map.log_odds_fixed
+            silent.belief().map.log_odds_fixed, reporting.belief().map.log_odds_fixed
         )
         assert "shown_fraction" not in first[-1]["robot_0"]
         actions = random_actions(silent, rng)
-        first, second = silent.step(actions), telling.step(actions)
+        first, second = silent.step(actions), reporting.step(actions)
         for agent, observation in first[0].items():
             for key, value in observation.items():
                 np.testing.assert_array_equal(value, second[0][agent][key])
         assert first[1] == second[1]
-    names = {part.name for part in fields(telling.belief())}
+    names = {part.name for part in fields(reporting.belief())}
     assert not any("shown" in name for name in names)
     silent.close()
-    telling.close()
+    reporting.close()
 
 
 def test_without_noise_the_map_has_all_that_is_shown():
@@ -119,15 +119,15 @@ def test_it_begins_again_with_each_episode():
 @BOTH
 def test_evaluations_have_its_curve_and_its_scores(make):
     random = make_policy("random")
-    told = evaluate(make(), random, [0, 1])
-    curve = told.curves["shown"]
-    assert curve.shape == told.curves["coverage"].shape
+    reporting = evaluate(make(), random, [0, 1])
+    curve = reporting.curves["shown"]
+    assert curve.shape == reporting.curves["coverage"].shape
     assert (np.diff(curve, axis=1) >= 0).all()
-    np.testing.assert_array_equal(told.table["shown"], curve[:, -1])
+    np.testing.assert_array_equal(reporting.table["shown"], curve[:, -1])
     np.testing.assert_allclose(
-        told.table["shown_auc"], np.trapezoid(curve, axis=1) / (curve.shape[1] - 1)
+        reporting.table["shown_auc"], np.trapezoid(curve, axis=1) / (curve.shape[1] - 1)
     )
-    untold = evaluate(make(report_shown=False), random, [0, 1])
-    assert "shown" not in untold.table
-    assert "shown" not in untold.curves
-    np.testing.assert_array_equal(untold.table["coverage"], told.table["coverage"])
+    silent = evaluate(make(report_shown=False), random, [0, 1])
+    assert "shown" not in silent.table
+    assert "shown" not in silent.curves
+    np.testing.assert_array_equal(silent.table["coverage"], reporting.table["coverage"])

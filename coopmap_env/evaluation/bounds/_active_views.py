@@ -72,8 +72,8 @@ def minimise_bound(
     known: NDArray[np.bool_],
     n_steps: int,
     weights: NDArray[np.float64],
-) -> float:
-    """Improve weights (n_cells,) for the active views; return their bound, without known cells.
+) -> None:
+    """Improve weights (n_cells,): make the bound by the active views lower.
 
     Projected subgradient steps of Polyak's length, towards `target` cells, which can be shown.
     """
@@ -112,7 +112,6 @@ def minimise_bound(
         for c in range(n):
             weights[c] = min(max(weights[c] - step * slope[c], 0.0), 1.0)
     weights[:] = best
-    return least
 
 
 @kernel

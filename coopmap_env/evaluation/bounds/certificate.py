@@ -12,8 +12,8 @@ when it takes its scan s,
     shown <= known + sum_c (1 - w_c) + sum_r sum_s max over p in P(r, s) of sum_{c in V(p)} w_c.
 
 It holds for each sequence of scans by itself, so also for policies that react to what they see, and
-with any noise: V and P do not depend on measurements. Weights are whole numbers of parts of
-`SCALE`, so that sums are exact, and bounds are whole numbers of cells.
+with any noise: V and P do not depend on measurements. Weights are integers, in parts of `SCALE`, so
+that sums are exact, and bounds are integers, in cells.
 """
 
 from __future__ import annotations
@@ -48,15 +48,21 @@ class PoseSets(NamedTuple):
 class Views(Protocol):
     """What cameras view in a world, and when they can be where."""
 
-    n_scans: int
-    """Scans of each robot that were thought of: `earliest` says nothing of later ones."""
-    known: NDArray[np.bool_]
-    """Cells (n_cells,) that are known before the first scan."""
-    earliest: NDArray[np.int64]
-    """First scan (n_robots, k), from 1 on, that each robot can take at each of k places."""
+    @property
+    def n_scans(self) -> int:
+        """Scans of each robot that are considered: `earliest` says nothing of later ones."""
 
-    blocks: NDArray[np.int64]
-    """Shape (k,): places with the same number are near to each other."""
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Cells (n_cells,) that are known before the first scan."""
+
+    @property
+    def earliest(self) -> NDArray[np.int64]:
+        """First scan (n_robots, k), from 1 on, that each robot can take at each of k places."""
+
+    @property
+    def blocks(self) -> NDArray[np.int64]:
+        """Shape (k,): places with the same number are near to each other."""
 
     def best(
         self, weights: NDArray[np.int64], places: NDArray[np.int64] | None = None

@@ -20,7 +20,7 @@ from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation.bounds.certificate import PoseSets, ViewScores
 from coopmap_env.sensing.beam_fan import FanArrays
-from coopmap_env.simulation.shown_cells import mark_planar_view
+from coopmap_env.simulation.shown_cells import list_planar_view
 
 BLOCK = 4
 """Cells along the side of a block of neighbours."""
@@ -70,8 +70,8 @@ class PlanarViews:
         grid = belief.map.grid
         if np.abs(grid.origin).max() / grid.resolution + max(grid.shape) > MAX_COORDINATE:
             raise ValueError(f"the origin of the world is too far away for a bound: {grid}")
-        fan = belief.rating_function.fan
-        jump = math.sqrt(2.0) * belief.reach / belief.map.grid.resolution + ROUNDING
+        fan, ny = belief.rating_function.fan, grid.shape[1]
+        jump = math.sqrt(2.0) * belief.reach / grid.resolution + ROUNDING
         starts = [pose_id // fan.n_headings for pose_id in belief.pose_ids]
         earliest = np.array(
             [earliest_scans(occupied, start, jump, n_scans).ravel() for start in starts]
@@ -80,12 +80,11 @@ class PlanarViews:
         return cls(
             n_scans,
             occupied,
-            fan.arrays(occupied.shape[1]),
+            fan.arrays(ny),
             belief.map.sampled.ravel(),
             cells,
             np.ascontiguousarray(earliest[:, cells]),
-            cells // occupied.shape[1] // BLOCK * occupied.shape[1]
-            + cells % occupied.shape[1] // BLOCK,
+            cells // ny // BLOCK * ny + cells % ny // BLOCK,
         )
 
     @property
@@ -110,8 +109,8 @@ class PlanarViews:
         nx, ny = self.occupied.shape
         start = np.zeros(len(poses) + 1, dtype=np.int64)
         cells = np.empty(len(poses) * self.fan.max_visible_cells, dtype=np.int32)
-        n = _list_views(self.occupied.ravel(), (nx, ny), poses, tuple(self.fan), start, cells)
-        return PoseSets(start, cells[:n].copy())
+        _list_views(self.occupied.ravel(), (nx, ny), poses, tuple(self.fan), start, cells)
+        return PoseSets(start, cells[: start[-1]].copy())
 
     def place_of(self, poses: NDArray[np.int64]) -> NDArray[np.int64]:
         """See `Views`."""
@@ -212,21 +211,11 @@ def _list_views(
     plain_fan: PlainTuple,
     start: NDArray[np.int64],
     cells: NDArray[np.int32],
-) -> int:
-    """Write the `PoseSets` of some poses; return how many cells they list."""
+) -> None:
+    """Write the `PoseSets` of some poses; the first start is given."""
     fan = FanArrays(*plain_fan)
     alive, n_headings = np.empty(len(fan.all_beams), np.uint64), len(fan.start) - 1
-    mask, n = np.zeros(len(occupied), np.uint8), 0
-    ny = shape[1]
     for p in range(len(poses)):
         cell, heading = poses[p] // n_headings, poses[p] % n_headings
-        mark_planar_view(occupied, shape, cell, heading, fan, alive, mask)
-        ix, iy = cell // ny, cell % ny
-        for k in range(fan.start[heading], fan.start[heading + 1]):
-            i, j = ix + fan.offsets[k, 0], iy + fan.offsets[k, 1]
-            if 0 <= i < shape[0] and 0 <= j < ny and mask[i * ny + j]:
-                cells[n] = i * ny + j
-                mask[i * ny + j] = 0
-                n += 1
-        start[p + 1] = n
-    return n
+        n = list_planar_view(occupied, shape, cell, heading, fan, alive, cells[start[p] :])
+        start[p + 1] = start[p] + n

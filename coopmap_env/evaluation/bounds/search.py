@@ -25,7 +25,7 @@ from coopmap_env.evaluation.bounds.certificate import (
 )
 
 EVALUATED_TOGETHER = 64
-"""Places whose gains the greedy choice finds anew in one call."""
+"""Places whose gains the greedy choice computes again in one call."""
 MAX_SWEEPS = 20
 """Of exchanges."""
 
@@ -109,14 +109,15 @@ def _tighten(
     """
     known, horizon = views.known, len(choice)
     active, weights = np.unique(choice), (~known).astype(np.float64)
+    most = _count_shown(views, choice)[-1]
     for _ in range(settings.n_rounds):
-        most = _count_shown(views, choice)[-1]
         if min(bounds[horizon] for _, bounds in found) <= (1.0 + settings.tolerance) * most:
             break
         sets = views.pose_sets(active)
         earliest = np.ascontiguousarray(views.earliest[:, views.place_of(active)])
         choice = _improved(sets, earliest, known, active, choice)
-        target = float(_count_shown(views, choice)[-1] - known.sum())
+        most = _count_shown(views, choice)[-1]
+        target = float(most - known.sum())
         minimise_bound(*sets, earliest, horizon, target, known, settings.n_steps, weights)
         certificate = Certificate(np.round(weights * SCALE).astype(np.uint16))
         bounds, best = certificate.evaluate(views, n_scans)
@@ -129,7 +130,7 @@ def greedy_choice(views: Views, n_scans: int, largest: ViewScores) -> NDArray[np
     """Poses (n_scans, n_robots), each the one that adds most to those before it.
 
     `largest` are the largest views. Gains only fall, so the gain that a place had last bounds it:
-    few are found again at a time. Where nothing is left to gain, any pose will do.
+    few are computed again at a time. Where nothing is left to gain, any pose will do.
     """
     unseen = (~views.known).astype(np.int64)
     gains, poses = largest.scores // SCALE, largest.poses.copy()

@@ -143,7 +143,7 @@ class BulletWorld:
     def set_configuration(self, robot: int, q: NDArray[np.float64]) -> None:
         """Set a vehicle's joints to q (m,), at rest.
 
-        The physics engine gets to know it when it is asked next: most motions pass nothing.
+        The physics engine is given it before the next query: most motions pass nothing.
 
         Raises
         ------
