@@ -19,6 +19,20 @@ def test_importing_the_environment_needs_no_extra_and_the_evaluation_is_there_wh
     assert done.stdout.splitlines() == ["", "evaluate"]
 
 
+def test_importing_the_environments_loads_no_kernel():
+    """Each program that starts would pay for it, some 0.4 s."""
+    code = (
+        "import gc\n"
+        "from numba.core.dispatcher import Dispatcher\n"
+        "from coopmap_env import field_v1, planar_v1\n"
+        "kernels = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]\n"
+        "print(len(kernels) > 100, *(one.py_func.__name__ for one in kernels if one.overloads))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "True"
+
+
 def test_a_missing_extra_names_its_pip_command():
     from coopmap_env.core.extras import import_optional
 

@@ -59,6 +59,11 @@ class Pose:
         object.__setattr__(self, "rotation", R)
 
     @classmethod
+    def identity(cls) -> Pose:
+        """The pose in space of the reference frame itself."""
+        return cls(np.zeros(3), np.eye(3))
+
+    @classmethod
     def planar(cls, x: float, y: float, heading: float) -> Pose:
         """Pose of a planar frame from position (metres) and heading (radians, from +x to +y)."""
         s, c = sin_cos(heading)

@@ -156,7 +156,7 @@ class TargetModel:
         center = points.mean(axis=0) * [1.0, 1.0, 0.0]
         # another sample is at most about a spacing away on the same surface
         limit = self.symmetry_tolerance + self.spacing
-        symmetries = [Pose(np.zeros(3), np.eye(3))]
+        symmetries = [Pose.identity()]
         for angle in _rotation_angles(_SYMMETRY_ORDERS):
             R = rotation_about_z(angle)
             rotation = Pose(center - product(R, center), R)

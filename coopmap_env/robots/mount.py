@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.files import brief
 from coopmap_env.geometry import Pose
-from coopmap_env.robots.kinematics.chain import IDENTITY_POSE, Chain
+from coopmap_env.robots.kinematics.chain import Chain
 from coopmap_env.robots.kinematics.urdf_loading import urdf_for_physics
 from coopmap_env.robots.suspension import SUSPENSION_JOINTS, Suspension
 
@@ -43,7 +43,7 @@ class Mount:
     """The joints that move the camera, from the vehicle outwards: the order of q."""
     home: tuple[float, ...]
     """Joint values at the start; the suspension is at rest there."""
-    T_link_camera: Pose = IDENTITY_POSE
+    T_link_camera: Pose = field(default_factory=Pose.identity)
     """Camera frame (x optical axis, y left, z up) in the frame of the camera link."""
     encoder_noise: tuple[float, ...] | float = 0.1 * DEGREE
     """Standard deviation of one encoder reading, radians or metres, per joint or for all."""

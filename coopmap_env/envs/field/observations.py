@@ -182,7 +182,7 @@ class FieldObserver:
         the joints of each robot, then each robot's camera in the target's frame as in ``camera``,
         positions in diagonals of the world; zeros for a robot that is not located.
         """
-        origin = Pose(np.zeros(3), np.eye(3))
+        origin = Pose.identity()
         crop, cells = self._new_crop(origin)
         self._write_crop(belief.map, crop, -1, cells)
         robots = range(len(self._n_joints))

@@ -28,7 +28,6 @@ MAX_LINKS = 128
 """Links of a mount: PyBullet gives the poses of no more."""
 LIMIT_TOLERANCE = 1e-9
 """Radians or metres by which joints may be outside of their limits, by rounding."""
-IDENTITY_POSE = Pose(np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +124,7 @@ class Chain:
             link_rotations=np.ascontiguousarray(frames[order, :3, :3]),
             link_translations=np.ascontiguousarray(frames[order, :3, 3]),
             camera_link=list(model.links).index(camera_link),
-            T_link_camera=T_link_camera or IDENTITY_POSE,
+            T_link_camera=T_link_camera or Pose.identity(),
         )
 
     def __post_init__(self) -> None:

@@ -69,7 +69,7 @@ _CACHE: WeakKeyDictionary[Chain, dict[tuple[float, ...], JointMap]] = WeakKeyDic
 
 def _read_joint_map(client: BulletClient, mount: Mount, chain: Chain) -> JointMap:
     p, k = client.p, {"physicsClientId": client.id}
-    body = client.load_mount(mount, Pose(np.zeros(3), np.eye(3)))
+    body = client.load_mount(mount, Pose.identity())
     infos = [p.getJointInfo(body, j, **k) for j in range(p.getNumJoints(body, **k))]
     names = [info[1].decode() for info in infos]
     chain_joints = [names.index(name) for name in chain.joint_names]
