@@ -57,7 +57,9 @@ def measure_shares(run: Run, n_runs: int) -> Shares:
 
 def kernel_functions() -> set[tuple[str, str]]:
     """File and name of every kernel."""
-    codes = (one.py_func.__code__ for one in gc.get_objects() if isinstance(one, Dispatcher))
+    # `isinstance` would ask objects of other libraries for their class, and some of these warn
+    kernels = (one for one in gc.get_objects() if issubclass(type(one), Dispatcher))
+    codes = (one.py_func.__code__ for one in kernels)
     return {(code.co_filename, code.co_name) for code in codes}
 
 
