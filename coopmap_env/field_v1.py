@@ -15,7 +15,8 @@ settings           `FieldSettings`: camera, noise, map, rating function, motion,
 mounts             `make_mount`: "mast", "husky_panda", "tiago", or a `Mount` of any URDF
 scenes             "worksite", "clutter", "rubble", or a YAML file of meshes and URDFs
 paper              V. A. Sujan and S. Dubowsky, "Cooperative mapping by robot teams"
-end                truncation after ``max_scans`` scans of each robot; no termination
+end                truncation after ``max_scans`` scans of each robot, or when ``max_time``
+                   seconds have passed; no termination
 =================  =====================================================================
 
 The world frame is that of the target. Vehicles are parked around it and do not drive; each moves a
@@ -67,6 +68,9 @@ key                       content
 ``new_cells``             voxels observed for the first time by this robot's scan
 ``entropy_reduction``     decrease of the map's entropy by this robot's scan, nats
 ``n_scans``                 scans of each robot so far
+``elapsed_time``            seconds on the clock of the team: each step lasts as long as the slowest
+                            motion, by the speeds in the URDFs, and the scans
+                            (`FieldSettings.scan_time`)
 ``observed_fraction``     observed voxels of the team map, as a fraction of the grid
 ``located``               whether the robot knows its base pose
 ``localization_failure``  why it is not located, or ""
@@ -83,8 +87,8 @@ key                       content
 ``action_mask``           int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 ========================  ==========================================================================
 
-After a reset there are only ``n_scans``, ``observed_fraction``, ``shown_fraction`` and
-``action_mask``.
+After a reset there are only ``n_scans``, ``elapsed_time``, ``observed_fraction``,
+``shown_fraction`` and ``action_mask``.
 
 Version history
 ---------------

@@ -12,7 +12,8 @@ observations       `coopmap_env.envs.planar.observations`, index by index
 rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage"
 settings           `PlanarSettings`: camera, noise, map, rating function, reach
 paper              V. A. Sujan and S. Dubowsky, "Cooperative mapping by robot teams"
-end                truncation after ``max_scans`` scans of each robot; no termination
+end                truncation after ``max_scans`` scans of each robot, or when ``max_time``
+                   seconds have passed; no termination
 =================  =====================================================================
 
 Every robot is a planar camera at the center of a cell, with one of 16 headings. In a step all
@@ -38,6 +39,8 @@ key                    content
 ``new_cells``          cells observed for the first time by this robot's scan
 ``entropy_reduction``  decrease of the map's entropy by this robot's scan, nats
 ``n_scans``            scans of each robot so far
+``elapsed_time``       seconds on the clock of the team: each step lasts as long as the slowest
+                       motion (`PlanarSettings.speed`, `turn_rate`) and the scans (`scan_time`)
 ``observed_fraction``  observed cells of the team map, as a fraction of all cells of the world; the
                        insides of obstacles count too, so that it does not reach 1
 ``shown_fraction``     only with ``report_shown=True``: cells that were truly shown or known at the
@@ -45,8 +48,8 @@ key                    content
 ``action_mask``        int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 =====================  =============================================================================
 
-After a reset there are only ``n_scans``, ``observed_fraction``, ``shown_fraction`` and
-``action_mask``.
+After a reset there are only ``n_scans``, ``elapsed_time``, ``observed_fraction``,
+``shown_fraction`` and ``action_mask``.
 
 Version history
 ---------------

@@ -7,6 +7,7 @@ from coopmap_env.envs.actions import InvalidActionError
 from coopmap_env.envs.belief import (
     ActionMode,
     Belief,
+    Budget,
     Observation,
     Observations,
     Planning,
@@ -21,6 +22,7 @@ __all__ = [
     "REWARD_TERMS",
     "ActionMode",
     "Belief",
+    "Budget",
     "Infos",
     "InvalidActionError",
     "MappingEnv",

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Literal, ParamSpec, TypeVar, cast
 
-from coopmap_env.core.settings import Bounds, PositiveInt, Settings
+from coopmap_env.core.settings import Bounds, Positive, PositiveInt, Settings
 from coopmap_env.envs.rewards import RewardName
 
 Parameters = ParamSpec("Parameters")
@@ -38,6 +38,9 @@ class TaskArguments(Settings):
     """Each robot its own reward, or all robots the mean of the team."""
     max_scans: PositiveInt = 16
     """Scans of each robot until truncation."""
+    max_time: Positive | None = None
+    """Seconds until truncation, on a clock that the team shares: each step lasts as long as the
+    slowest motion and the scans. The step in which it runs out is the last one."""
     n_candidates: Annotated[int, Bounds(at_least=1, largest=65_536)] = 32
     """Number of candidates m, in "candidates" mode."""
 

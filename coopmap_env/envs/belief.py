@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,15 @@ class Decoded(NamedTuple):
     def target(self) -> Any:
         """The pose to go to; None if it is rejected."""
         return None if self.rejected_reason else self.pose
+
+
+class Budget(NamedTuple):
+    """What is left of an episode."""
+
+    scans: int
+    """Of each robot."""
+    time: float = math.inf
+    """Seconds on the clock of the team; infinite without ``max_time``."""
 
 
 class ActionMode(Protocol):
@@ -142,6 +152,10 @@ class Belief(ABC):
     """Operations that only some baselines need, for this kind of environment."""
     candidates: tuple[Poses, ...] | None
     """Candidate poses of each robot, in "candidates" mode."""
+    budget: Budget
+    """What is left of the episode."""
+    scan_time: float
+    """Seconds that a scan takes."""
 
     @property
     @abstractmethod
@@ -172,6 +186,10 @@ class Belief(ABC):
     @abstractmethod
     def distance(self, robot: int, poses: Poses) -> NDArray[np.float64]:
         """Distance d of Eq. 5 from the robot's pose, shape (k,)."""
+
+    @abstractmethod
+    def motion_time(self, robot: int, poses: Poses) -> NDArray[np.float64]:
+        """Seconds that the robot takes to each pose, shape (k,)."""
 
     @abstractmethod
     def unknown_fraction(

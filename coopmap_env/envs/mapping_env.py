@@ -15,7 +15,7 @@ from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.actions import CandidateMode, action_of_each
 from coopmap_env.envs.arguments import MappingArguments
-from coopmap_env.envs.belief import ActionMode, Observation, Observer
+from coopmap_env.envs.belief import ActionMode, Budget, Observation, Observer
 from coopmap_env.envs.step_data import (
     RESET_INFO_TYPES,
     STEP_INFO_TYPES,
@@ -34,8 +34,8 @@ from coopmap_env.sensing import Scan
 class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """Conducts an episode and computes nothing itself: decode, move, scan, fuse, reward, observe.
 
-    A world's environment calls `_set_up` once and provides `_start`, `_advance`, `last_scans`,
-    `_shown_mask`, `_render_frame` and `truth`.
+    A world's environment calls `_set_up` once and provides `_start`, `_advance`, `_scans_done`,
+    `_elapsed_time`, `last_scans`, `_shown_mask`, `_render_frame` and `truth`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
@@ -47,6 +47,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self.possible_agents = [f"robot_{i}" for i in range(arguments.n_robots)]
         self.agents: list[str] = []
         self.max_scans = arguments.max_scans
+        self.max_time = arguments.max_time
         self.split = arguments.split
         self.render_mode = arguments.render_mode
         self._candidate_mode = (
@@ -57,7 +58,6 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._shares_reward = arguments.team_reward == "shared"
         self._window: HumanWindow | None = None
         self._seed_draws = SeedDraws()
-        self._scans_done = 0
         self._has_reset = False
         self._trails: list[list[NDArray[np.float64]]] = []
 
@@ -102,6 +102,29 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         InvalidActionError
             If an action is not in its space; nothing has changed then.
         """
+
+    @property
+    @abstractmethod
+    def _scans_done(self) -> int:
+        """Scans of each robot in this episode."""
+
+    @property
+    @abstractmethod
+    def _elapsed_time(self) -> float:
+        """Seconds on the clock of the team in this episode."""
+
+    @property
+    def _budget(self) -> Budget:
+        """What is left of the episode."""
+        scans = self.max_scans - self._scans_done
+        if self.max_time is None:
+            return Budget(scans)
+        return Budget(scans, max(self.max_time - self._elapsed_time, 0.0))
+
+    @property
+    def _has_ended(self) -> bool:
+        scans, time = self._budget
+        return scans <= 0 or time <= 0.0
 
     @property
     @abstractmethod
@@ -155,7 +178,6 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if seed is not None:
             self._seed_draws.follow(seeds)
         self._has_reset = True
-        self._scans_done = 0
         self.agents = list(self.possible_agents)
         self._trails = [[] for _ in self.agents]
         self._record_positions()
@@ -185,16 +207,15 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         """
         self._require_reset()
         if not self.agents:
-            raise RuntimeError(f"the episode ended after {self.max_scans} scans: call reset()")
+            raise RuntimeError(f"the episode ended after {self._scans_done} scans: call reset()")
         step = self._advance(action_of_each(self.agents, actions))
         self._belief = step.belief
-        self._scans_done += 1
         self._record_positions()
         observations = dict(zip(self.agents, step.observations, strict=True))
         rewards = self._assign_rewards(step.reward_terms)
         infos = self._step_infos(step)
         copy_action_masks(observations, infos)
-        ended = self._scans_done >= self.max_scans
+        ended = self._has_ended
         terminations = dict.fromkeys(self.agents, False)
         truncations = dict.fromkeys(self.agents, ended)
         if self.render_mode == "human":
@@ -288,6 +309,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     def _common_info(self) -> dict[str, Any]:
         return {
             "n_scans": self._scans_done,
+            "elapsed_time": self._elapsed_time,
             "observed_fraction": self._belief.map.observed_fraction,
             **self._shown_info(),
         }

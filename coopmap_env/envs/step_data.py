@@ -18,7 +18,11 @@ Infos = dict[str, dict[str, Any]]
 """Info of each agent."""
 
 
-RESET_INFO_TYPES: dict[str, Any] = {"n_scans": int, "observed_fraction": float}
+RESET_INFO_TYPES: dict[str, Any] = {
+    "n_scans": int,
+    "elapsed_time": float,
+    "observed_fraction": float,
+}
 """Type of each entry of a robot's info after a reset, without the action mask; see
 `coopmap_env.vector`."""
 STEP_INFO_TYPES: dict[str, Any] = {

@@ -40,16 +40,23 @@ class Evaluation:
 
     @property
     def curves(self) -> dict[str, NDArray[np.float64]]:
-        """Curves by name, each of shape (n_episodes, n_scans + 1), from before the first scan."""
+        """Curves by name, each of shape (n_episodes, n_scans + 1), from before the first scan.
+
+        Those of an episode that time has ended earlier than others go on level.
+        """
         curves = {
-            "coverage": np.array([episode.coverage_curve for episode in self.episodes]),
-            "entropy": np.array([episode.entropy_curve for episode in self.episodes]),
-        }
-        optional = {
+            "coverage": [e.coverage_curve for e in self.episodes],
+            "entropy": [e.entropy_curve for e in self.episodes],
             "surface_coverage": [e.surface.coverage_curve for e in self.episodes if e.surface],
             "shown": [e.shown_curve for e in self.episodes if e.shown_curve is not None],
         }
-        return {**curves, **{name: np.array(own) for name, own in optional.items() if own}}
+        return {name: _rows_of_equal_length(own) for name, own in curves.items() if own}
+
+
+def _rows_of_equal_length(curves: Sequence[list[float]]) -> NDArray[np.float64]:
+    """Curves as the rows of an array, shorter ones with their last value to the end."""
+    n = max(map(len, curves))
+    return np.array([curve + curve[-1:] * (n - len(curve)) for curve in curves])
 
 
 def evaluate(env: MappingEnv[Any], policy: Policy, seeds: Iterable[int]) -> Evaluation:

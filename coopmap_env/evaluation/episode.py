@@ -73,11 +73,11 @@ class SurfaceResult:
     false_free_fraction: float
     """Fraction of the occupied and observed voxels that a mount would enter, with P < 0.05."""
 
-    def row(self) -> dict[str, float]:
-        """The scores by their column names."""
+    def row(self, area_under: Callable[[list[float]], float]) -> dict[str, float]:
+        """The scores by their column names; see `Episode.area_under`."""
         curve = self.coverage_curve
         scores = (getattr(self, name) for name in _SCORES_AT_END)
-        values = (curve[-1], _normalized_auc(curve), *scores)
+        values = (curve[-1], area_under(curve), *scores)
         return dict(zip(SURFACE_SCORES, values, strict=True))
 
 
@@ -88,19 +88,24 @@ SURFACE_SCORES = ("surface_coverage", "surface_coverage_auc", *_SCORES_AT_END)
 """Columns that only environments with a true surface have."""
 SHOWN_SCORES = ("shown", "shown_auc")
 """Columns that only environments have which report what scans truly show: at the end, and the area
-under its curve, divided by the number of scans."""
+under its curve; see `Episode.area_under`."""
 
 
 @dataclass(frozen=True)
 class Episode:
     """Measurements of one episode.
 
-    Curves have one value before the first scan and one after each: `max_scans` + 1.
+    Curves have one value before the first scan and one after each: `max_scans` + 1, or fewer where
+    the time ran out.
     """
 
     seed: int
     coverage_curve: list[float]
     """Fraction of the world's cells that were ever sampled."""
+    elapsed_curve: list[float]
+    """Seconds on the clock of the team."""
+    max_time: float | None
+    """Of the environment: seconds after which an episode ends, if time ends it."""
     entropy_curve: list[float]
     """Entropy of the team map, nats."""
     reward: float
@@ -139,8 +144,20 @@ class Episode:
 
     @property
     def coverage_auc(self) -> float:
-        """Area under the coverage curve, divided by the number of scans."""
-        return _normalized_auc(self.coverage_curve)
+        """Area under the coverage curve; see `area_under`."""
+        return self.area_under(self.coverage_curve)
+
+    def area_under(self, curve: list[float]) -> float:
+        """Area under one of the curves over the scans, divided by their number.
+
+        With `max_time` over the time from 0 to there, divided by it: straight from scan to scan,
+        and level after the last.
+        """
+        if self.max_time is None:
+            return float(np.trapezoid(curve)) / (len(curve) - 1)
+        times = [*(time for time in self.elapsed_curve if time < self.max_time), self.max_time]
+        values = np.interp(times, self.elapsed_curve, curve)
+        return float(np.trapezoid(values, times)) / self.max_time
 
     def row(self) -> dict[str, float]:
         """The scores by their column names."""
@@ -158,10 +175,12 @@ class Episode:
             "max_radius": self.extent.max_radius,
             "mean_radius": self.extent.mean_radius,
             "radius_std": self.extent.radius_std,
+            "n_scans": len(self.coverage_curve) - 1,
+            "elapsed_time": self.elapsed_curve[-1],
             "n_rejected_actions": self.n_rejected_actions,
             "n_collisions": self.n_collisions,
             "planning_time_ms": self.planning_time_ms,
-            **(self.surface.row() if self.surface else {}),
+            **(self.surface.row(self.area_under) if self.surface else {}),
             **self._shown_row(),
         }
 
@@ -170,7 +189,7 @@ class Episode:
         curve = self.shown_curve
         if curve is None:
             return {}
-        return dict(zip(SHOWN_SCORES, (curve[-1], _normalized_auc(curve)), strict=True))
+        return dict(zip(SHOWN_SCORES, (curve[-1], self.area_under(curve)), strict=True))
 
 
 class EpisodeRecorder:
@@ -203,6 +222,7 @@ class EpisodeRecorder:
         self._evaluator = evaluator_for(seed)
         self._start, self._initial_free_mask = _initial_state(env)
         self._coverage: list[float] = []
+        self._elapsed = [0.0]
         self._entropy: list[float] = []
         self._surface_coverage: list[float] = []
         self._shown: list[float] = []
@@ -215,6 +235,7 @@ class EpisodeRecorder:
         self._planning_s += step.decision_s
         self._n_decisions += len(step.actions)
         infos = step.infos.values()
+        self._elapsed.append(next(iter(infos))["elapsed_time"])
         self._reward += total(step.rewards.values())
         self._motion_distance += total(info["distance"] for info in infos)
         self._n_rejected_actions += sum(bool(info["rejected_reason"]) for info in infos)
@@ -238,6 +259,8 @@ class EpisodeRecorder:
         return Episode(
             seed=self._seed,
             coverage_curve=self._coverage,
+            elapsed_curve=self._elapsed,
+            max_time=self._env.max_time,
             entropy_curve=self._entropy,
             reward=self._reward,
             motion_distance=self._motion_distance,
@@ -316,11 +339,6 @@ def _initial_state(env: MappingEnv[Any]) -> tuple[NDArray[np.float64], NDArray[n
         middle = np.mean([camera.translation for camera in env.diagnostics.true_cameras], axis=0)
         return middle, env.diagnostics.initial_free_mask
     return env.belief().positions.mean(axis=0), np.zeros_like(env.belief().map.sampled)
-
-
-def _normalized_auc(curve: list[float]) -> float:
-    """Area under a curve over its scans, divided by their number."""
-    return float(np.trapezoid(curve)) / (len(curve) - 1)
 
 
 def _log_loss(

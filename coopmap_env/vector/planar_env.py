@@ -132,6 +132,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         arrays, ours, at = self._buffers[buffer], self._worlds.arrays, self._at(worlds)
         n_cells = self._env.task.grid.n_cells
         arrays.infos["n_scans"][at] = ours.n_scans[at, None]
+        arrays.infos["elapsed_time"][at] = ours.elapsed[at, None]
         arrays.infos["observed_fraction"][at] = ours.n_observed[at, None] / n_cells
         if self._worlds.shown is not None:
             arrays.infos["shown_fraction"][at] = self._worlds.shown.counts[at, None] / n_cells
@@ -148,7 +149,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         self._write_common_infos(buffer, worlds)
         arrays.rewards[at] = results.rewards[at]
         arrays.terminations[at] = False
-        arrays.truncations[at] = self._worlds.arrays.n_scans[at, None] >= self._env.max_scans
+        arrays.truncations[at] = self._has_ended(at)[:, None]
         for key in ("collided", "new_information", "distance", "new_cells", "entropy_reduction"):
             infos[key][at] = getattr(results, key)[at]
         for number, name in enumerate(REWARD_TERMS):
@@ -160,6 +161,12 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
             infos["rejected_reason"][one] = rejected_reason(
                 MASKED, int(self._choices[one]), int(n_offered[one])
             )
+
+    def _has_ended(self, at: Any) -> NDArray[np.bool_]:
+        """Which of some worlds have no scan or no time left."""
+        ours, env = self._worlds.arrays, self._env
+        ended: NDArray[np.bool_] = ours.n_scans[at] >= env.max_scans
+        return ended if env.max_time is None else ended | (ours.elapsed[at] >= env.max_time)
 
     def _at(self, worlds: NDArray[np.int64]) -> Any:
         """Index of some worlds: a slice where they are all, which numpy copies much faster."""

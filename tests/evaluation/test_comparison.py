@@ -55,6 +55,26 @@ def test_the_area_under_the_curve_is_the_mean_of_its_trapezoids():
     assert episode().coverage == 0.3
 
 
+def test_the_area_over_time_ends_where_the_time_runs_out():
+    # scans end after 2, 4 and 10 s; straight to the last, the curve is at 0.4 after 7 s
+    timed = replace(
+        episode(coverage_curve=(0.0, 0.2, 0.3, 0.5)),
+        elapsed_curve=[0.0, 2.0, 4.0, 10.0],
+        max_time=7.0,
+    )
+    assert timed.coverage_auc == pytest.approx((0.2 + 0.5 + 1.05) / 7)
+    assert timed.coverage == 0.5
+    early = replace(timed, max_time=20.0)  # all scans were taken after 10 s
+    assert early.coverage_auc == pytest.approx((0.2 + 0.5 + 2.4 + 5.0) / 20)
+    assert timed.row()["elapsed_time"] == 10.0
+    assert timed.row()["n_scans"] == 3
+
+
+def test_curves_of_an_episode_that_time_has_ended_go_on_level():
+    evaluation = Evaluation((episode(), episode(coverage_curve=(0.0, 0.2))))
+    np.testing.assert_array_equal(evaluation.curves["coverage"], [[0, 0.1, 0.3], [0, 0.2, 0.2]])
+
+
 def test_the_extent_of_two_observed_cells_by_hand():
     map_ = OccupancyMap(VoxelGrid((8, 8)))
     map_.mark_free([0 * 8 + 0, 3 * 8 + 4])  # centers (0.5, 0.5) and (3.5, 4.5)

@@ -17,6 +17,7 @@ from coopmap_env.studies.localization.summary import search_summary
 N_SCANS = 2
 PLANAR = {
     "seed": 4, "coverage_curve": [0.0, 0.25, 0.5], "entropy_curve": [9.0, 8.5, 7.0], "reward": 1.5,
+    "elapsed_curve": [0.0, 2.5, 6.0], "max_time": None,
     "motion_distance": 3.25, "log_loss": 0.125, "brier_score": 0.0625,
     "log_loss_free": 0.0625, "log_loss_occupied": 0.25,
     "extent": {"max_radius": 9.0, "mean_radius": 4.5, "radius_std": 2.0},
@@ -116,6 +117,11 @@ def test_a_value_of_another_type_or_range_makes_no_episode(episode):
         (["coverage_curve", 1], math.nan),
         (["coverage_curve", 1], 1.25),
         (["entropy_curve", 2], -1.0),
+        (["elapsed_curve", 0], 1.0),
+        (["elapsed_curve", 1], 7.0),
+        (["elapsed_curve", 2], math.inf),
+        (["elapsed_curve"], [0.0, 1.0]),
+        (["max_time"], "6"),
         (["extent"], None),
         (["extent"], [9.0, 4.5, 2.0]),
         (["extent"], {}),
@@ -152,6 +158,13 @@ def test_an_episode_of_another_length_or_kind_is_not_used():
     assert not is_episode(PLANAR, N_SCANS, with_surface=True)
     assert not is_episode(FIELD, N_SCANS, with_surface=False)
     assert is_episode(FIELD, N_SCANS, with_surface=True)
+
+
+def test_only_time_that_has_run_out_makes_an_episode_shorter():
+    assert is_episode({**PLANAR, "max_time": 5.0}, N_SCANS)
+    assert is_episode({**PLANAR, "max_time": 5.0}, n_scans=9)
+    assert not is_episode({**PLANAR, "max_time": 6.5}, n_scans=9)
+    assert not is_episode({**PLANAR, "max_time": 5.0}, n_scans=1)
 
 
 def test_episodes_have_what_scans_showed_if_it_is_asked_for():

@@ -7,6 +7,8 @@ def example_episode(seed=0, coverage_curve=(0.0, 0.1, 0.3), **fields):
     """Plausible values; `fields` replaces some of them."""
     values = {
         "entropy_curve": [3.0] * len(coverage_curve),
+        "elapsed_curve": [2.0 * scan for scan in range(len(coverage_curve))],
+        "max_time": None,
         "reward": 1.0,
         "motion_distance": 2.0,
         "log_loss": 0.1,

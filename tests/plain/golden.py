@@ -63,12 +63,23 @@ def digest(value) -> bytes:
 
 
 def episode_digest(env, seed, act) -> bytes:
-    """Everything that one episode returns: observations, rewards, ends, infos, states, the map."""
-    shown = [env.reset(seed=seed), env.state()]
+    """Everything that one episode returns: observations, rewards, ends, infos, states, the map.
+
+    But for the time, which infos did not have when the hashes were recorded.
+    """
+    shown = [timeless(env.reset(seed=seed)), env.state()]
     while env.agents:
-        shown += [env.step(act(env)), env.state()]
+        shown += [timeless(env.step(act(env))), env.state()]
     belief = env.belief()
     return digest([shown, belief.map.log_odds_fixed, belief.positions])
+
+
+def timeless(returned):
+    """What `reset` or `step` returned, without ``elapsed_time`` in the infos."""
+    *others, infos = returned
+    for info in infos.values():
+        del info["elapsed_time"]
+    return (*others, infos)
 
 
 def random_episode(env, seed) -> bytes:

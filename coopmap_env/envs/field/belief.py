@@ -178,6 +178,10 @@ class FieldBelief(Belief):
         alpha = np.array(self.vehicles[robot].mount.alpha)
         return joint_distance(poses, self.joints[robot], alpha)
 
+    def motion_time(self, robot: int, poses: Joints) -> NDArray[np.float64]:
+        """Of straight motions; see `Chain.motion_times`."""
+        return self.vehicles[robot].chain.motion_times(self.joints[robot], poses)
+
     def unknown_fraction(
         self, robot: int, poses: Joints, reserved_mask: ReservedMask | None = None
     ) -> NDArray[np.float64]:

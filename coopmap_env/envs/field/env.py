@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
 from coopmap_env.envs.actions import CandidateMode
-from coopmap_env.envs.belief import Observation
+from coopmap_env.envs.belief import Budget, Observation
 from coopmap_env.envs.field._episode_world import (
     check_bases_in_search_range,
     check_cameras_in_map,
@@ -40,6 +41,7 @@ from coopmap_env.envs.field.transition import (
     FieldRngs,
     FusedScans,
     TeamMoveResult,
+    path_time,
     step_outcomes,
 )
 from coopmap_env.envs.field.true_poses import TruePoses
@@ -146,6 +148,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             self._rating.max_visible_cells, s.rating.n_gray_bins, grid.n_cells
         )
         self._last_scans: list[Scan] = []
+        self._n_scans, self._seconds = 0, 0.0
 
     @property
     def uncorrected_poses(self) -> Literal["encoders", "kinematic"]:
@@ -159,7 +162,8 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         belief = self._reset_world(rngs)
         self._rngs = rngs
         self._last_scans = []
-        belief = self._with_candidates(belief)
+        self._n_scans, self._seconds = 0, 0.0
+        belief = self._with_candidates(replace(belief, budget=self._budget))
         return belief, self._observer.observe(belief)
 
     def _advance(self, actions: dict[str, Any]) -> TeamStep[FieldBelief]:
@@ -171,7 +175,9 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         costs = [self.settings.collision_cost if name else 0.0 for name in move.collided_with]
         outcomes = step_outcomes(rated, fused.gains, costs)
         self._last_scans = fused.scans
-        belief = self._with_candidates(fused.belief)
+        self._n_scans += 1
+        self._seconds += move.duration + self.settings.scan_time
+        belief = self._with_candidates(replace(fused.belief, budget=self._budget))
         return TeamStep(
             belief,
             outcomes,
@@ -180,6 +186,14 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             [one.rejected_reason for one in decoded],
             self._observer.observe(belief),
         )
+
+    @property
+    def _scans_done(self) -> int:
+        return self._n_scans
+
+    @property
+    def _elapsed_time(self) -> float:
+        return self._seconds
 
     @property
     def last_scans(self) -> list[Scan]:
@@ -233,6 +247,8 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             actions=self._actions,
             planning=self._planning,
             candidates=None,
+            budget=Budget(self.max_scans),
+            scan_time=s.scan_time,
             team=team,
             estimates=(),
             rating_function=self._rating,
@@ -253,6 +269,10 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             [None] if target is None else list(belief.reachability.path(robot, target))
             for robot, target in enumerate(targets)
         ]
+        duration = max(
+            path_time(belief.vehicles[robot].chain, belief.joints[robot], path)
+            for robot, path in enumerate(paths)
+        )
         collided_with = [""] * len(paths)
         for leg in range(max(map(len, paths))):
             goals = [
@@ -264,7 +284,8 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
                 before or result.collided_with
                 for before, result in zip(collided_with, moved, strict=True)
             ]
-        return TeamMoveResult([result.measured_configuration for result in moved], collided_with)
+        measured = [result.measured_configuration for result in moved]
+        return TeamMoveResult(measured, collided_with, duration)
 
     def _fuse_scans(self, belief: FieldBelief, rng: np.random.Generator) -> FusedScans:
         simulator, robots = self._require_simulator(), range(len(belief.agents))

@@ -65,6 +65,9 @@ class FieldSettings(Settings):
     """Resolution of collision checks, and margins of links to what is not known to be free."""
     motion_planner: Literal["straight", "ompl"] = "straight"
     """Whether a motion is straight in joint space or, where that is blocked, planned by OMPL."""
+    scan_time: NonNegative = 2.0
+    """Seconds that a scan takes; see the argument `max_time`. How fast joints move, the URDF of the
+    mount says."""
     initial_free_radius: Positive = 1.0
     """Metres around each vehicle's axis that are known to be free: it was parked there."""
     collision_cost: NonNegative = 0.05

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.team_state import Joints
 from coopmap_env.envs.rewards import StepOutcome
 from coopmap_env.envs.step_data import EpisodeSeeds
 from coopmap_env.information import Ratings
 from coopmap_env.mapping import ScanGain
+from coopmap_env.robots import Chain
 from coopmap_env.sensing import Scan
 
 
@@ -37,6 +41,14 @@ class TeamMoveResult(NamedTuple):
     """Measured joints of each robot's mount."""
     collided_with: Sequence[str]
     """Name of what each robot collided with; empty if nothing."""
+    duration: float
+    """Seconds of the slowest motion, to its end even where a collision stopped it."""
+
+
+def path_time(chain: Chain, start: Joints, path: Sequence[Joints | None]) -> float:
+    """Seconds of a motion through waypoints (w, n); None stays."""
+    stops = [start, *(q for q in path if q is not None)]
+    return total(float(chain.motion_times(q0, q1)[0]) for q0, q1 in pairwise(stops))
 
 
 class FusedScans(NamedTuple):

@@ -44,6 +44,7 @@ from coopmap_env.mapping.integration_fan import integrate_lattice_scan
 from coopmap_env.mapping.integration_scalar import integrate_rays
 from coopmap_env.robots import pose_from_id
 from coopmap_env.robots.planar.feasible_poses import sample_feasible_poses
+from coopmap_env.robots.planar.motion_time import lattice_motion_time
 from coopmap_env.robots.planar.reachable_regions import (
     FEASIBLE,
     OUTSIDE_WORLD,
@@ -128,16 +129,23 @@ def _move(
 ) -> None:
     """Move the robots; a target that is truly occupied becomes a collision, and the robot stays.
 
-    The targets become the executed poses.
+    The targets become the executed poses. The team waits for the slowest motion, one that ended in
+    a collision included, and then all scan.
     """
-    n = constants.sampling.lattice.n_headings
+    lattice, slowest = constants.sampling.lattice, 0.0
+    n = lattice.n_headings
     for robot in range(worlds.pose_ids.shape[1]):
         target = scratch.targets[robot]
         collides = target != STAYS and worlds.occupied[e, target // n]
         results.collided[e, robot] = collides
         scratch.start_ids[robot] = worlds.pose_ids[e, robot]
-        if target != STAYS and not collides:
-            worlds.pose_ids[e, robot] = target
+        if target != STAYS:
+            start = worlds.pose_ids[e, robot]
+            seconds = lattice_motion_time(start, target, n, lattice.ny, constants.speeds)
+            slowest = max(slowest, seconds)
+            if not collides:
+                worlds.pose_ids[e, robot] = target
+    worlds.elapsed[e] += slowest + constants.scan_time
 
 
 @borrowing_kernel
@@ -422,6 +430,7 @@ def _empty_map(worlds: WorldArrays, e: int) -> None:
             clear_surfaces(surfaces, first, stop)
             sampled[first:stop] = 0
     worlds.n_labels[e] = worlds.n_observed[e] = worlds.n_scans[e] = 0
+    worlds.elapsed[e] = 0.0
 
 
 @borrowing_kernel

@@ -31,6 +31,7 @@ from coopmap_env.mapping.beam import BeamParameters
 from coopmap_env.mapping.integration_scalar import BeamBuffers, EndCells, allocate_beam
 from coopmap_env.robots import LatticeGeometry
 from coopmap_env.robots.planar.feasible_poses import PoseSampling, picked_size
+from coopmap_env.robots.planar.motion_time import LatticeSpeeds
 from coopmap_env.sensing import NoiseParameters
 from coopmap_env.sensing.beam_fan import FanArrays
 from coopmap_env.simulation.planar_scans import PlanarCameraArrays
@@ -73,6 +74,8 @@ class WorldArrays(NamedTuple):
     """Sampled cells (E,)."""
     n_scans: NDArray[np.int64]
     """Scans of each robot so far (E,)."""
+    elapsed: NDArray[np.float64]
+    """Seconds on the clock of the team (E,)."""
 
     @classmethod
     def empty(
@@ -98,6 +101,7 @@ class WorldArrays(NamedTuple):
             np.zeros(team, dtype=np.int64),
             np.zeros(n_worlds, dtype=np.int64),
             np.zeros(n_worlds, dtype=np.int64),
+            np.zeros(n_worlds),
         )
 
 
@@ -181,6 +185,9 @@ class StepConstants(NamedTuple):
     crop: CropTables
     extent: WorldExtent
     feature_scale: FeatureScale
+    speeds: LatticeSpeeds
+    scan_time: float
+    """Seconds."""
 
 
 class StepScratch(NamedTuple):
@@ -248,7 +255,7 @@ def name_worlds(t: PlainTuple) -> WorldArrays:
     """Name the parts of a plain `WorldArrays`; the other functions do likewise."""
     return WorldArrays(
         t[0], t[1], t[2], t[3], SurfaceArrays(*t[4]), t[5], t[6], t[7], t[8], t[9], t[10], t[11],
-        t[12], t[13], t[14], t[15],
+        t[12], t[13], t[14], t[15], t[16],
     )  # fmt: skip
 
 
@@ -265,7 +272,7 @@ def name_constants(t: PlainTuple) -> StepConstants:
         GridGeometry(*t[0]), t[1], StartSettings(*t[2]), sampling, FanArrays(*t[4]),
         ViewTables(*t[5]), t[6], camera, BeamParameters(*t[8]), t[9], t[10], t[11], t[12],
         RewardScale(*t[13]), t[14], t[15], CropTables(*t[16]), WorldExtent(*t[17]),
-        FeatureScale(*t[18]),
+        FeatureScale(*t[18]), LatticeSpeeds(*t[19]), t[20],
     )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from coopmap_env.robots.planar.feasible_poses import (
     sample_feasible_poses,
     write_feasible_cells,
 )
+from coopmap_env.robots.planar.motion_time import LatticeSpeeds, write_motion_times
 from coopmap_env.robots.planar.reachable_regions import (
     INFEASIBILITY_REASONS,
     OUTSIDE_WORLD,
@@ -44,6 +45,8 @@ class PlanarBelief(Belief):
     """Rates poses with the constants of the environment; has the pose lattice."""
     reach: float
     """Metres; see `PlanarSettings.reach`."""
+    speeds: LatticeSpeeds
+    """How fast the cameras move."""
     known_regions: RegionArrays | None = None
     """The environment's own of this map and these poses; None: they are searched when needed."""
 
@@ -130,6 +133,14 @@ class PlanarBelief(Belief):
         """See `PlanarRatingFunction.distance`."""
         return self.rating_function.distance(pose_ids, self.pose_ids[robot])
 
+    def motion_time(self, robot: int, pose_ids: ArrayLike) -> NDArray[np.float64]:
+        """See `lattice_motion_time`."""
+        ids = np.ascontiguousarray(pose_ids, dtype=np.int64)
+        seconds, start = np.empty(len(ids)), self.pose_ids[robot]
+        n_headings, ny = self.lattice.n_headings, self.map.grid.shape[1]
+        write_motion_times(start, ids, n_headings, ny, (*self.speeds,), seconds)
+        return seconds
+
     def unknown_fraction(
         self, robot: int, pose_ids: ArrayLike, reserved_mask: ReservedMask | None = None
     ) -> NDArray[np.float64]:
@@ -152,16 +163,7 @@ class PlanarBelief(Belief):
 
     def with_poses(self, pose_ids: tuple[int, ...]) -> PlanarBelief:
         """The same belief with the cameras at other poses, and without candidates."""
-        return PlanarBelief(
-            self.agents,
-            self.map,
-            self.actions,
-            self.planning,
-            None,
-            pose_ids,
-            self.rating_function,
-            self.reach,
-        )
+        return replace(self, pose_ids=pose_ids, candidates=None, known_regions=None)
 
     def with_candidates(self, candidates: Sequence[NDArray[np.int64]]) -> PlanarBelief:
         """The same belief with candidates."""

@@ -114,9 +114,12 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
             actions=self._actions,
             planning=self._planning,
             candidates=worlds.candidates(index),
+            budget=self._budget,
+            scan_time=float(self.settings.scan_time),
             pose_ids=tuple(worlds.arrays.pose_ids[index].tolist()),
             rating_function=worlds.rating_function,
             reach=self.settings.reach,
+            speeds=worlds.constants.speeds,
             known_regions=self._regions,
         )
 
@@ -128,6 +131,14 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         ]
 
     @property
+    def _scans_done(self) -> int:
+        return int(self._worlds.arrays.n_scans[self._index])
+
+    @property
+    def _elapsed_time(self) -> float:
+        return float(self._worlds.arrays.elapsed[self._index])
+
+    @property
     def last_scans(self) -> list[Scan]:
         """Scans of the last step, as they were fused."""
         return self._worlds.scans(self._index) if self._scans_done else []
@@ -136,6 +147,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         observed = int(self._worlds.arrays.n_observed[self._index]) / self._map.grid.n_cells
         return {
             "n_scans": self._scans_done,
+            "elapsed_time": self._elapsed_time,
             "observed_fraction": observed,
             **self._shown_info(),
         }
@@ -191,7 +203,6 @@ class PlanarWorldView(PlanarEnv):
         self.__dict__.update(env.__dict__)
         self._attach(worlds, index)
         self._trails = [[] for _ in self.possible_agents]
-        self._max_scans = env.max_scans
 
     def __reduce__(self) -> Any:
         """Raise TypeError: a view has no world of its own."""
@@ -204,22 +215,13 @@ class PlanarWorldView(PlanarEnv):
 
     # What changes from step to step is that of the worlds; what the engine goes by cannot be set.
     @property
-    def _scans_done(self) -> int:  # type: ignore[override]
-        return int(self._worlds.arrays.n_scans[self._index])
-
-    @property
     def _has_reset(self) -> bool:  # type: ignore[override]
         return self._worlds.has_reset(self._index)
 
     @property
-    def max_scans(self) -> int:  # type: ignore[override]
-        """Scans of each robot in an episode."""
-        return self._max_scans
-
-    @property
     def agents(self) -> list[str]:  # type: ignore[override]
         """Robots that act in the next step: none before a reset and after an end."""
-        is_running = self._has_reset and self._scans_done < self.max_scans
+        is_running = self._has_reset and not self._has_ended
         return list(self.possible_agents) if is_running else []
 
     def reset(self, *args: Any, **kwargs: Any) -> Any:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-from coopmap_env.core.settings import Bounds, Positive, Settings
+from coopmap_env.core.settings import Bounds, NonNegative, Positive, Settings
 from coopmap_env.information import PlanarRatingSettings
 from coopmap_env.mapping import BeamModel, LogOddsRange
+from coopmap_env.robots.planar.motion_time import LatticeSpeeds
 from coopmap_env.sensing import PlanarCamera, RangeNoise
 
 
@@ -44,11 +46,23 @@ class PlanarSettings(Settings):
     default a depth of field, beyond which little can be known."""
     initial_free_radius: Positive = 3.0
     """Metres around each start that are known to be free: the robot stands there."""
+    speed: Positive = 2.0
+    """Metres a second, in a straight line; see the argument `max_time`."""
+    turn_rate: Positive = 1.0
+    """Radians a second. A camera turns while it moves."""
+    scan_time: NonNegative = 2.0
+    """Seconds that a scan takes."""
     max_start_distance: Positive = 20.0
     """Metres: teammates start no further than this from the first robot. By default a depth of
     field."""
     crop_cells: Annotated[int, Bounds(at_least=4)] = 48
     """Side of the observed crop of the map, cells: the default depth of field lies inside."""
+
+    def lattice_speeds(self, resolution: float) -> LatticeSpeeds:
+        """How fast cameras move over a lattice with cells of this many metres."""
+        return LatticeSpeeds(
+            self.speed / resolution, self.turn_rate * self.n_headings / (2.0 * math.pi)
+        )
 
     @classmethod
     def v0(cls) -> PlanarSettings:
@@ -77,6 +91,7 @@ class PlanarSettings(Settings):
             ),
             rating=replace(base.rating, alpha_position=base.rating.alpha_position / resolution**2),
             reach=base.reach * resolution,
+            speed=base.speed * resolution,
             initial_free_radius=base.initial_free_radius * resolution,
             max_start_distance=base.max_start_distance * resolution,
         )

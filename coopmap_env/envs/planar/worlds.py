@@ -231,4 +231,6 @@ def step_constants(task: PlanarTask, rating: PlanarRatingFunction) -> StepConsta
         list(REWARD_TERMS).index(task.reward),
         task.is_reward_shared,
         *observation_tables(task, rating),
+        s.lattice_speeds(grid.resolution),
+        float(s.scan_time),
     )

@@ -42,6 +42,8 @@ class Chain:
     lower: NDArray[np.float64]
     """Shape (n,): lower limits, radians or metres; -inf where there is none."""
     upper: NDArray[np.float64]
+    max_speeds: NDArray[np.float64]
+    """Shape (n,): radians or metres a second; inf where the URDF states none."""
     is_prismatic: NDArray[np.bool_]
     """Shape (n,): whether a joint is prismatic, so that its value is in metres."""
     link_names: tuple[str, ...]
@@ -113,6 +115,7 @@ class Chain:
             joint_names=names,
             lower=np.array([by_name[name].lower for name in names]),
             upper=np.array([by_name[name].upper for name in names]),
+            max_speeds=np.array([by_name[name].max_speed for name in names]),
             is_prismatic=np.array([by_name[name].joint_type == "prismatic" for name in names]),
             link_names=tuple(model.links),
             masses=np.array([link.mass for link in parts]),
@@ -128,9 +131,9 @@ class Chain:
         )
 
     def __post_init__(self) -> None:
-        arrays = (self.lower, self.upper, self.is_prismatic, self.masses, self.centers_of_mass,
-                  self.inertias, self.link_body, self.link_rotations, self.link_translations,
-                  *self.meshes, *self.tree)  # fmt: skip
+        arrays = (self.lower, self.upper, self.max_speeds, self.is_prismatic, self.masses,
+                  self.centers_of_mass, self.inertias, self.link_body, self.link_rotations,
+                  self.link_translations, *self.meshes, *self.tree)  # fmt: skip
         for array in arrays:
             array.flags.writeable = False
 
@@ -157,6 +160,15 @@ class Chain:
             bad = int(np.argwhere(~np.isfinite(q))[0, -1])
             raise ValueError(f"joint {self.joint_names[bad]!r} has a value that is not finite: {q}")
         return q
+
+    def motion_times(self, start: ArrayLike, goals: ArrayLike) -> NDArray[np.float64]:
+        """Seconds that straight motions from joint values (n,) to others (k, n) take, shape (k,).
+
+        All joints arrive together, the slowest one at its full speed.
+        """
+        q0, q1 = self.as_joint_values(start), np.atleast_2d(self.as_joint_values(goals))
+        seconds: NDArray[np.float64] = (np.abs(q1 - q0) / self.max_speeds).max(axis=1, initial=0.0)
+        return seconds
 
     def check_limits(self, q: ArrayLike) -> NDArray[np.float64]:
         """As `as_joint_values`; values outside the limits are an error.

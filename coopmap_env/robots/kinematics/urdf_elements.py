@@ -46,6 +46,8 @@ class UrdfJoint:
     lower: float
     """Radians or metres; -inf where there is none."""
     upper: float
+    max_speed: float = math.inf
+    """Radians or metres a second; inf where none is stated, or 0 is."""
     mimic: Mimic | None = None
 
     def transform(self, value: float) -> NDArray[np.float64]:
@@ -216,12 +218,12 @@ def parse_joint(element: UrdfElement) -> UrdfJoint:
         raise element.error(f"type={brief(joint_type)}, expected one of {list(JOINT_TYPES)}")
     name, origin = element.name(), element.origin()
     parent, child = (element.child(tag).name("link") for tag in ("parent", "child"))
-    axis, lower, upper, mimic = np.array([1.0, 0.0, 0.0]), -math.inf, math.inf, None
+    axis, limits, mimic = np.array([1.0, 0.0, 0.0]), JointLimits(), None
     if joint_type in MOVABLE_JOINT_TYPES:
         axis, mimic = _axis(element), _mimic(element)
-        lower, upper = _limits(element, joint_type)
+        limits = _limits(element, joint_type)
         check_dynamics(element)
-    return UrdfJoint(name, joint_type, parent, child, origin, axis, lower, upper, mimic)
+    return UrdfJoint(name, joint_type, parent, child, origin, axis, *limits, mimic)
 
 
 def _axis(joint: UrdfElement) -> NDArray[np.float64]:
@@ -235,25 +237,35 @@ def _axis(joint: UrdfElement) -> NDArray[np.float64]:
     return np.asarray(axis / norm)
 
 
-def _limits(joint: UrdfElement, joint_type: str) -> tuple[float, float]:
-    """Lower and upper limit: a missing one is 0."""
+class JointLimits(NamedTuple):
+    """What bounds the values of a joint, and how fast they change."""
+
+    lower: float = -math.inf
+    upper: float = math.inf
+    max_speed: float = math.inf
+
+
+def _limits(joint: UrdfElement, joint_type: str) -> JointLimits:
+    """Lower and upper limit: a missing one is 0; a speed of 0 says that none is stated."""
     element = joint.find_child("limit")
     if element is None:
         if joint_type == "continuous":
-            return -math.inf, math.inf
+            return JointLimits()
         raise joint.error(f"its <limit> is missing, which a {joint_type} joint needs")
     limits = {
         name: 0.0 if element.xml.get(name) is None else element.numbers(name, 1)[0]
         for name in ("lower", "upper", "effort", "velocity")
     }
+    max_speed = abs(limits["velocity"]) or math.inf
     if joint_type == "continuous":
-        return -math.inf, math.inf
+        return JointLimits(max_speed=max_speed)
     lower, upper = limits["lower"], limits["upper"]
     if lower > upper:
         raise element.error(f"lower={lower:g} is above upper={upper:g}")
-    return (
+    return JointLimits(
         -math.inf if lower <= -UNLIMITED else lower,
         math.inf if upper >= UNLIMITED else upper,
+        max_speed,
     )
 
 
