@@ -17,7 +17,7 @@ def map_file(tmp_path_factory):
     return path
 
 
-@pytest.fixture(params=["obstacles", "rooms", "house", "recorded"])
+@pytest.fixture(params=["obstacles", "rooms", "corridors", "house", "recorded"])
 def scene(request):
     """Every kind of scene that the environments know by name or file."""
     if request.param == "recorded":

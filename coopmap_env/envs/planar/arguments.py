@@ -17,7 +17,7 @@ class PlanarArguments(MappingArguments):
     """Arguments of `PlanarEnv`."""
 
     scene: str | os.PathLike[str] | PlanarScene = "obstacles"
-    """"obstacles", "rooms", "house", a ROS map_server YAML file, or an object."""
+    """"obstacles", "rooms", "corridors", "house", a ROS map_server YAML file, or an object."""
     settings: PlanarSettings | None = None
     """Camera, noise, map, rating function and reach; default: `PlanarSettings.for_resolution` of
     the scene."""

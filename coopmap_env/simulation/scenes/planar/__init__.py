@@ -3,6 +3,7 @@
 =====================  ======================================================================
 ``"obstacles"``        `Obstacles`: random convex blocks in the open (Figure 7 of the paper)
 ``"rooms"``            `Rooms`: a random floor of rooms, corridors, doors and furniture
+``"corridors"``        `Corridors`: random galleries with dead ends, chambers and loops
 ``"house"``            `load_house`: a real floor plan, from rtb-data (extra ``data``)
 ``"….yaml"``           `read_map_server`: a recorded ROS map (extra ``maps``)
 =====================  ======================================================================
@@ -15,6 +16,7 @@ import os
 from collections.abc import Callable
 
 from coopmap_env.simulation.scenes.factory import make_scene
+from coopmap_env.simulation.scenes.planar.corridors import Corridors
 from coopmap_env.simulation.scenes.planar.house import load_house
 from coopmap_env.simulation.scenes.planar.map_server import read_map_server
 from coopmap_env.simulation.scenes.planar.obstacles import Obstacles
@@ -25,6 +27,7 @@ from coopmap_env.simulation.scenes.planar.world import PlanarScene, PlanarWorld
 
 __all__ = [
     "PLANAR_SCENES",
+    "Corridors",
     "Obstacles",
     "PlanarScene",
     "PlanarWorld",
@@ -40,6 +43,7 @@ __all__ = [
 PLANAR_SCENES: dict[str, Callable[[], PlanarScene]] = {
     "obstacles": Obstacles,
     "rooms": Rooms,
+    "corridors": Corridors,
     "house": load_house,
 }
 """Makers of the scenes with a name. Scenes that are classes can also be made from JSON."""
@@ -51,7 +55,8 @@ def make_planar_scene(scene: str | os.PathLike[str] | PlanarScene) -> PlanarScen
     Parameters
     ----------
     scene : str, path or PlanarScene
-        "obstacles", "rooms", "house", or the path of a map_server file (.yaml or .yml).
+        "obstacles", "rooms", "corridors", "house", or the path of a map_server file (.yaml or
+        .yml).
 
     Raises
     ------

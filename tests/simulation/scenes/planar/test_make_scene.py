@@ -4,6 +4,7 @@ import pytest
 from coopmap_env.mapping.files import write_map_server
 from coopmap_env.simulation.scenes import planar as scenes
 from coopmap_env.simulation.scenes.planar import (
+    Corridors,
     Obstacles,
     PlanarScene,
     Rooms,
@@ -18,6 +19,7 @@ def test_all_public_names_exist():
 def test_a_name_makes_the_scene_with_its_default_settings():
     assert make_planar_scene("obstacles") == Obstacles()
     assert make_planar_scene("rooms") == Rooms()
+    assert make_planar_scene("corridors") == Corridors()
 
 
 def test_the_name_house_makes_the_house():
@@ -39,7 +41,7 @@ def test_a_scene_is_returned_as_it_is():
     assert make_planar_scene(scene) is scene
 
 
-@pytest.mark.parametrize("scene", [Obstacles(), Rooms()])
+@pytest.mark.parametrize("scene", [Obstacles(), Rooms(), Corridors()])
 def test_each_scene_is_a_scene_whose_worlds_agree_with_it(scene):
     assert isinstance(scene, PlanarScene)
     world = scene.world(np.random.default_rng(0))
@@ -49,6 +51,7 @@ def test_each_scene_is_a_scene_whose_worlds_agree_with_it(scene):
 
 @pytest.mark.parametrize("scene", ["maze", "map.pgm", "", None, 3, Obstacles])
 def test_anything_else_is_named_with_the_choices(scene):
-    with pytest.raises(ValueError, match="'obstacles', 'rooms', 'house', a path") as error:
+    names = "'obstacles', 'rooms', 'corridors', 'house', a path"
+    with pytest.raises(ValueError, match=names) as error:
         make_planar_scene(scene)
     assert str(error.value).endswith(f"not {scene!r}")
