@@ -47,7 +47,7 @@ class Door(CellRectangle):
 
 @dataclass(frozen=True)
 class FloorPlanSizes:
-    """Lengths of a floor plan in cells; see `rooms.Rooms` for their meaning."""
+    """Lengths of a floor plan in cells, and the chance of halls; see `rooms.Rooms`."""
 
     wall: int
     corridor: int
@@ -55,6 +55,8 @@ class FloorPlanSizes:
     room_min: int
     room_max: int
     corridor_from: int
+    hall_max: int = 0
+    halls: float = 0.0
 
 
 def split_floor(
@@ -87,7 +89,7 @@ def _split(rng: np.random.Generator, part: FloorPart, sizes: FloorPlanSizes) -> 
     gap_of_corridor = sizes.corridor + 2 * sizes.wall
     if shorter > sizes.corridor_from and longer >= 2 * sizes.room_min + gap_of_corridor:
         gap, spread = gap_of_corridor, 0.3  # corridors run near the middle
-    elif longer > sizes.room_max:
+    elif longer > sizes.room_max and not _is_hall(rng, longer, shorter, sizes):
         gap, spread = sizes.wall, 1.0
     else:
         yield part
@@ -101,6 +103,12 @@ def _split(rng: np.random.Generator, part: FloorPart, sizes: FloorPlanSizes) -> 
         start = cut + sizes.wall
         yield _sub_part(part, start, start + sizes.corridor, is_corridor=True)
     yield from _split(rng, upper, sizes)
+
+
+def _is_hall(rng: np.random.Generator, longer: int, shorter: int, sizes: FloorPlanSizes) -> bool:
+    """Whether a part of these sides stays whole; nothing is drawn on a floor without halls."""
+    is_fit = shorter > sizes.room_max and longer <= sizes.hall_max
+    return is_fit and sizes.halls > 0.0 and rng.random() < sizes.halls
 
 
 def _sub_part(part: FloorPart, start: int, stop: int, *, is_corridor: bool = False) -> FloorPart:

@@ -59,6 +59,10 @@ class Rooms(Settings):
     """Shortest and longest side of a piece in metres: a stool to a table."""
     aisle: FurnitureSide = 0.8
     """Free space in metres in front of doors and between pieces: one robot passes."""
+    halls: UnitInterval = 0.0
+    """Chance that a part of the floor that is larger than a room stays whole: a hall."""
+    hall_max: Positive = 10.0
+    """Longest side of a hall in metres; its sides exceed `room_max`. Used if there are halls."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,6 +82,11 @@ class Rooms(Settings):
             raise ValueError(
                 f"Rooms.shape must hold a room of {self.room_min!r} m inside its walls "
                 f"at {self.resolution!r} m per cell, not {self.shape}"
+            )
+        if self.halls > 0.0 and not self.hall_max > self.room_max:
+            raise ValueError(
+                f"Rooms.hall_max must exceed room_max ({self.room_max!r} m) where there are halls, "
+                f"not {self.hall_max!r} m"
             )
         if not self.furniture_sides[0] <= self.furniture_sides[1]:
             raise ValueError(f"Rooms.furniture_sides must ascend, not {self.furniture_sides!r}")
@@ -113,6 +122,8 @@ class Rooms(Settings):
             room_min=self._cells(self.room_min),
             room_max=self._cells(self.room_max),
             corridor_from=self._cells(self.corridor_from),
+            hall_max=self._cells(self.hall_max),
+            halls=self.halls,
         )
 
     def _cells(self, metres: float) -> int:

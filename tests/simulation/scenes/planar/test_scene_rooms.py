@@ -30,6 +30,8 @@ TIGHT = Rooms(
     furniture=2.0,
     aisle=0.2,
 )
+HALLS = Rooms(shape=(100, 100), room_min=2.4, room_max=5.2, corridor=1.6, halls=0.5, furniture=0.4)
+"""Small rooms and halls."""
 
 
 def first_world(split, scene):
@@ -40,7 +42,9 @@ def n_free_regions(occupied):
     return ndimage.label(~occupied)[1]
 
 
-@pytest.mark.parametrize("scene", [Rooms(), TIGHT, Rooms(shape=(17, 60)), Rooms(shape=(40, 17))])
+@pytest.mark.parametrize(
+    "scene", [Rooms(), TIGHT, HALLS, Rooms(shape=(17, 60)), Rooms(shape=(40, 17))]
+)
 def test_every_free_cell_can_be_reached(scene):
     for seed in range(20):
         occupied = scene.world(np.random.default_rng(seed)).occupied
@@ -64,6 +68,38 @@ def test_a_floor_has_rooms_of_the_requested_sizes():
         assert all(min(room.n_x, room.n_y) >= 5 for room in rooms)
         assert all(max(room.n_x, room.n_y) <= 12 for room in rooms)
         assert all(min(corridor.n_x, corridor.n_y) == 4 for corridor in corridors)
+
+
+def test_a_part_larger_than_a_room_may_stay_a_hall():
+    sizes = replace(MEASURES, hall_max=24, halls=0.5)
+    n_halls, n_small = 0, 0
+    for seed in range(20):
+        for part in split_floor(np.random.default_rng(seed), (60, 90), sizes):
+            shorter, longer = sorted((part.n_x, part.n_y))
+            if not part.is_corridor and longer > 12:
+                assert 12 < shorter <= longer <= 24
+                n_halls += 1
+            n_small += not part.is_corridor and longer <= 12
+    assert n_halls >= 20
+    assert n_small >= 100
+
+
+def test_without_halls_nothing_more_is_drawn():
+    a, b = (
+        split_floor(np.random.default_rng(0), (60, 90), sizes)
+        for sizes in (MEASURES, replace(MEASURES, hall_max=24))
+    )
+    assert a == b
+
+
+def test_small_rooms_and_halls_stand_on_one_floor():
+    n_mixed = 0
+    for seed in range(40):
+        parts = split_floor(np.random.default_rng(seed), HALLS.shape, HALLS._sizes_in_cells)
+        rooms = [part for part in parts if not part.is_corridor]
+        areas = np.array([room.n_x * room.n_y * HALLS.resolution**2 for room in rooms])
+        n_mixed += np.count_nonzero(areas <= 16.0) >= 3 and areas.max() >= 40.0
+    assert n_mixed >= 34
 
 
 def test_parts_are_disjoint_and_inside_the_outer_wall():
@@ -154,6 +190,8 @@ def test_the_first_world_of_each_split_is_frozen(split):
         ({"room_max": 6.0}, "room_max must hold two rooms .* not 6.0 m"),
         ({"extra_doors": -0.1}, "Rooms.extra_doors must be .*>= 0 and <= 1, got -0.1"),
         ({"furniture": -1.0}, "Rooms.furniture must be a finite number >= 0, got -1.0"),
+        ({"halls": 1.5}, "Rooms.halls must be .*>= 0 and <= 1, got 1.5"),
+        ({"halls": 0.5, "hall_max": 8.0}, r"hall_max must exceed room_max \(8.0 m\) .* not 8.0 m"),
         ({"furniture_sides": (2.0, 1.0)}, r"\(2.0, 1.0\)"),
     ],
 )
