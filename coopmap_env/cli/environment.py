@@ -23,7 +23,7 @@ class EnvironmentOptions(TaskArguments):
     """2-D (planar) or 3-D (field); "field" needs the extra of that name."""
     scene: str = ""
     """planar: obstacles (default), rooms, corridors, house, or a ROS map_server YAML file; field:
-    worksite (default), clutter, rubble, or a YAML file of meshes."""
+    worksite (default), clutter, rubble, occluded, or a YAML file of meshes."""
     mount: str = ""
     """field: mast (default), husky_panda or tiago; or one for each robot, separated by commas."""
     physics: Literal["", Physics] = ""

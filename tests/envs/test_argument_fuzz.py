@@ -11,8 +11,8 @@ from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarSettings, 
 from coopmap_env.localization import CorrectionSettings, RegistrationSettings, SearchSettings
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.sensing import DepthCamera, PlanarCamera
-from coopmap_env.simulation.scenes.field import Clutter, Rubble, Worksite
-from coopmap_env.simulation.scenes.planar import Obstacles, Rooms
+from coopmap_env.simulation.scenes.field import Clutter, Occluded, Rubble, Worksite
+from coopmap_env.simulation.scenes.planar import Corridors, Obstacles, Rooms
 
 SMALL = {"scene": Obstacles(shape=(24, 24), side_max=8.0), "settings": PlanarSettings(crop_cells=8)}
 NAMES = [field.name for field in fields(PlanarArguments)]
@@ -139,8 +139,10 @@ def test_a_camera_that_sees_no_voxel_is_refused():
     [
         (lambda: Worksite(rocks=(0, 10**9)), "Worksite.rocks"),
         (lambda: Rubble(blocks=(40, 10**9)), "Rubble.blocks"),
+        (lambda: Occluded(around=(0, 10**9)), "Occluded.around"),
         (lambda: Clutter(object_scale=1e9), "Clutter.object_scale"),
         (lambda: Rooms(furniture=1e9), "Rooms.furniture"),
+        (lambda: Corridors(shape=(10**6, 10**6)), "Corridors.shape"),
         (lambda: Obstacles(resolution=1e-29), "Obstacles.resolution"),
     ],
 )

@@ -23,7 +23,8 @@ class FieldArguments(MappingArguments):
     mount: str | Mount | Sequence[str | Mount] = "mast"
     """"mast", "husky_panda", "tiago" or a `Mount`; one for all vehicles, or one for each."""
     scene: str | os.PathLike[str] | FieldScene = "worksite"
-    """"worksite", "clutter", "rubble", a YAML file of meshes and URDFs, or an object."""
+    """"worksite", "clutter", "rubble", "occluded", a YAML file of meshes and URDFs, or an
+    object."""
     initialization: Initialization = "located"
     """Whether robots know their base poses, or have to find the target first, parked with any
     heading (Section 2.2 of the paper)."""

@@ -4,6 +4,7 @@
 ``"worksite"``     `Worksite`: a solar panel of known geometry among rocks and crates
 ``"clutter"``      `Clutter`: tables, shelves and objects of pybullet_data (extra ``field``)
 ``"rubble"``       `Rubble`: a dense pile of blocks that hide each other
+``"occluded"``     `Occluded`: the solar panel behind screens, the vehicles on one side
 ``"….yaml"``       `read_user_scene`: meshes, URDFs and boxes of one's own (extra ``maps``)
 =================  ==========================================================================
 
@@ -16,6 +17,7 @@ from collections.abc import Callable
 from coopmap_env.simulation.scenes.factory import make_scene
 from coopmap_env.simulation.scenes.field.base_poses import BasePlacement
 from coopmap_env.simulation.scenes.field.clutter import Clutter
+from coopmap_env.simulation.scenes.field.occluded import Occluded
 from coopmap_env.simulation.scenes.field.rubble import Rubble
 from coopmap_env.simulation.scenes.field.solid import (
     Solid,
@@ -42,6 +44,7 @@ __all__ = [
     "Clutter",
     "FieldScene",
     "FieldWorld",
+    "Occluded",
     "Rubble",
     "Solid",
     "UserScene",
@@ -59,6 +62,7 @@ FIELD_SCENES: dict[str, Callable[[], FieldScene]] = {
     "worksite": Worksite,
     "clutter": Clutter,
     "rubble": Rubble,
+    "occluded": Occluded,
 }
 """Makers of the scenes with a name. Scenes that are classes can also be made from JSON."""
 
@@ -69,7 +73,8 @@ def make_field_scene(scene: str | os.PathLike[str] | FieldScene) -> FieldScene:
     Parameters
     ----------
     scene : str, path or FieldScene
-        "worksite", "clutter", "rubble", or the path of a scene's file (.yaml or .yml).
+        "worksite", "clutter", "rubble", "occluded", or the path of a scene's file (.yaml or
+        .yml).
 
     Raises
     ------

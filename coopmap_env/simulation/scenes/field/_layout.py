@@ -67,9 +67,13 @@ class SceneLayout:
             angle = rng.uniform(-math.pi, math.pi)
             center = distance * np.array(sin_cos(angle)[::-1])
             if self.is_free(center, radius):
-                self._discs.append((center, radius))
+                self.reserve_disc(center, radius)
                 return center
         return None
+
+    def reserve_disc(self, center: NDArray[np.float64], radius: float) -> None:
+        """Keep what is placed later off a disc."""
+        self._discs.append((center, radius))
 
     def is_free(self, center: NDArray[np.float64], radius: float) -> bool:
         """Whether a disc lies inside the grid, clear of bases, reserved discs and the target."""

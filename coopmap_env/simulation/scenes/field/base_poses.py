@@ -7,12 +7,14 @@ obstacles never leave a vehicle without room.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.elementary import atan2, sin_cos
 from coopmap_env.core.settings import (
+    Bounds,
     NonNegative,
     Positive,
     PositiveInt,
@@ -52,6 +54,9 @@ class BasePlacement(Settings):
     """Metres: a default camera still sees 1.5 m of depth behind the middle."""
     min_spacing: NonNegative = 2.2
     """Metres between vehicles: two chassis and room to move an arm."""
+    sector: Annotated[float, Bounds(above=0, at_most=2 * math.pi)] = 2 * math.pi
+    """Radians around the middle, within which all vehicles of a team stand: by default all around;
+    less leaves them on one side, which is drawn for each world."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,9 +96,11 @@ def sample_base_poses(
     obstacles = project_to_ground(solids)
     for _ in range(_MAX_RESTARTS):
         bases: list[NDArray[np.float64]] = []
+        half = placement.sector / 2
+        direction = rng.uniform(-math.pi, math.pi) if half < math.pi else 0.0
         for _ in range(_MAX_TRIES):
             radius = math.sqrt(rng.uniform(placement.min_distance**2, placement.max_distance**2))
-            angle = rng.uniform(-math.pi, math.pi)
+            angle = direction + rng.uniform(-half, half)
             base = middle + radius * np.array(sin_cos(angle)[::-1])
             if (
                 (base >= low).all()
@@ -108,6 +115,7 @@ def sample_base_poses(
     raise ValueError(
         f"no place for {n_robots} vehicles {placement.min_distance:g} to "
         f"{placement.max_distance:g} m from the middle of the target, "
+        f"in a sector of {math.degrees(placement.sector):g} degrees, "
         f"{placement.min_spacing:g} m apart, {footprint:g} m clear of the scene, "
         f"{BORDER_MARGIN:g} m inside of the grid and with the target visible: take fewer "
         f"vehicles or a larger grid, or name bases that fit"
@@ -145,10 +153,14 @@ def visible_target_fraction(base: ArrayLike, solids: Sequence[Solid]) -> float:
 def first_hits_toward_target(
     base: NDArray[np.float64], solids: Sequence[Solid]
 ) -> NDArray[np.int64]:
-    """First solid that is hit by each of the rays towards points on the target's triangles.
+    """First solid that is hit by each of the rays from above a base towards `target_points`.
 
     Each ray hits something: at the latest the triangle that it is directed at.
     """
+    return first_hit(np.array([*base, EYE_HEIGHT]), target_points(solids), solids)
+
+
+def target_points(solids: Sequence[Solid]) -> NDArray[np.float64]:
+    """Points (n, 3) on the target: the middles of some of its triangles."""
     centers = np.concatenate([s.triangles.mean(axis=1) for s in solids if s.is_target])
-    step = max(1, len(centers) // _N_RAYS)
-    return first_hit(np.array([*base, EYE_HEIGHT]), centers[::step], solids)
+    return centers[:: max(1, len(centers) // _N_RAYS)]

@@ -20,6 +20,7 @@ from coopmap_env.simulation.scenes.field import (
     Clutter,
     FieldScene,
     FieldWorld,
+    Occluded,
     Rubble,
     Worksite,
     box_corners,
@@ -36,14 +37,17 @@ from coopmap_env.simulation.scenes.field.base_poses import (
     visible_target_fraction,
 )
 
-NAMES = ("worksite", "clutter", "rubble")
+NAMES = ("worksite", "clutter", "rubble", "occluded")
 N_SEEDS = 25
 GOLDEN = {
     "worksite": ("cf63454ce04d71a8", "aa372b189193c40f", "940029082a8e3811"),
     "clutter": ("3bd424f163f87183", "3f8a19f529fb0e2b", "861be1d24e2ac86c"),
     "rubble": ("04a65824440e3e32", "051fa24b56ea8dd1", "0e8ba6426c4354dc"),
+    "occluded": ("102e4ae62a0444aa", "4f5d8e45503b6f53", "54c5d4a8d3737871"),
 }
 """SHA-256 of the first world of each split: changing one changes every published result."""
+VISIBLE = {"worksite": 0.25, "clutter": 0.25, "rubble": 0.25, "occluded": 0.15}
+"""Least fraction of the target that is visible from above a base."""
 
 
 @pytest.fixture(autouse=True)
@@ -86,6 +90,7 @@ def test_a_world_carries_the_fields_of_its_scene(name):
 @pytest.mark.parametrize("n_robots", [1, 5])
 def test_vehicles_have_room_and_see_the_target_in_every_world(name, n_robots):
     scene = make_field_scene(name)
+    placement = scene.base_placement
     low = np.array(scene.grid.origin)[:2] + 1.3
     high = np.array(scene.grid.origin)[:2] + np.multiply(scene.grid.shape, 0.1)[:2] - 1.3
     for seed in range(N_SEEDS):
@@ -96,13 +101,13 @@ def test_vehicles_have_room_and_see_the_target_in_every_world(name, n_robots):
         assert (places[:, :2] >= low).all()
         assert (places[:, :2] <= high).all()
         distances = np.linalg.norm(places, axis=1)
-        assert (distances >= 2.5).all()
-        assert (distances <= 4.5).all()
+        assert (distances >= placement.min_distance).all()
+        assert (distances <= placement.max_distance).all()
         apart = np.linalg.norm(places[:, None] - places, axis=-1) + 9 * np.eye(n_robots)
         assert apart.min() >= 2.2
         for pose, place in zip(drawn.base_poses, places, strict=True):
             assert distance_to_axis(place, drawn.solids) >= BASE_CLEARANCE - 1e-9
-            assert visible_target_fraction(place, drawn.solids) >= 0.25
+            assert visible_target_fraction(place, drawn.solids) >= VISIBLE[name]
             np.testing.assert_allclose(pose.rotation[:, 0], -place / np.linalg.norm(place))
             np.testing.assert_allclose(pose.rotation[:, 2], [0, 0, 1])
 
@@ -255,6 +260,57 @@ def test_rubble_hides_its_core():
     assert np.mean(fractions) < 0.7
 
 
+@pytest.mark.parametrize("n_robots", [2, 5])
+def test_screens_hide_the_panel_from_bases_on_one_side(n_robots):
+    fractions = []
+    for seed in range(N_SEEDS):
+        drawn = world("occluded", seed, n_robots)
+        places = np.array([pose.translation[:2] for pose in drawn.base_poses])
+        directions = places / np.linalg.norm(places, axis=1, keepdims=True)
+        assert (directions @ directions.T).min() > np.cos(np.radians(130.0)) - 1e-9
+        fractions += [visible_target_fraction(place, drawn.solids) for place in places]
+    assert np.mean(fractions) < 0.45
+    assert np.mean(np.array(fractions) <= 0.3) > 0.35
+
+
+def test_screens_are_walls_boards_and_crates_that_do_not_overlap():
+    n_boxes = []
+    for seed in range(N_SEEDS):
+        _, panel, *screens = world("occluded", seed, 2).solids
+        assert len(screens) >= 3
+        discs = []
+        for screen in screens:
+            n_boxes.append(len(screen.hulls))
+            corners = screen.vertices[:, :2]
+            assert screen.bounds[0, 2] == pytest.approx(0.0)
+            assert 1.6 <= screen.bounds[1, 2] <= 2.75
+            assert distance_to_axis(corners.mean(axis=0), [panel]) >= 0.4
+            middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+            for other in discs:
+                assert np.linalg.norm(middle - other) >= 0.5
+            discs.append(middle)
+    assert {1, 3, 8, 10, 12, 15} == set(n_boxes)
+
+
+def test_more_screens_hide_more_and_none_around_is_allowed():
+    rng = np.random.default_rng(0)
+    few = [Occluded(visible=(0.15, 0.9), around=(0, 0)).world(rng, 2) for _ in range(10)]
+    many = [Occluded().world(rng, 2) for _ in range(10)]
+    assert sum(len(drawn.solids) for drawn in few) < sum(len(drawn.solids) for drawn in many) / 2
+
+
+def test_a_team_stands_in_a_sector():
+    placement = BasePlacement(sector=np.radians(70.0))
+    headings = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        poses = sample_base_poses(rng, 2, placement, 1.2, FIELD_GRID, ())
+        a, b = (np.arctan2(pose.translation[1], pose.translation[0]) for pose in poses)
+        assert np.cos(a - b) >= np.cos(np.radians(70.0)) - 1e-9
+        headings.append(a)
+    assert np.ptp(headings) > 3.0  # another side in each world
+
+
 def test_what_hides_the_target_is_removed_and_what_stands_on_it_too():
     def box(name, size, center, **kind):
         return solid_from_boxes(name, [box_corners(size, center)], **kind)
@@ -287,6 +343,13 @@ def test_invalid_settings_are_errors():
         (
             lambda: BasePlacement(min_spacing=-1.0),
             "BasePlacement.min_spacing must be a finite number >= 0, got -1.0",
+        ),
+        (lambda: BasePlacement(sector=7.0), r"BasePlacement.sector must be .*> 0 and <= 6.28"),
+        (lambda: Occluded(visible=(0.5, 0.2)), r"must be \(least, greatest\), got \(0.5, 0.2\)"),
+        (lambda: Occluded(visible=(0.0, 0.2)), r"Occluded.visible must be .*> 0 .*"),
+        (
+            lambda: Occluded(around=(5, 2)),
+            r"Occluded.around must be \(fewest, most\), got \(5, 2\)",
         ),
         (lambda: Worksite(VoxelGrid((4, 4))), "grid must have 3 axes"),
         (lambda: Worksite(VoxelGrid((40, 40, 4), 0.1, (0, 0, 1))), "below the ground"),
@@ -334,5 +397,7 @@ def test_scenes_are_made_by_name_or_passed_on():
     scene = Worksite(rocks=(0, 0))
     assert make_field_scene(scene) is scene
     for wrong in ("worksites", 3, Worksite):
-        with pytest.raises(ValueError, match="'worksite', 'clutter', 'rubble', a path ending"):
+        with pytest.raises(
+            ValueError, match="'worksite', 'clutter', 'rubble', 'occluded', a path ending"
+        ):
             make_field_scene(wrong)
