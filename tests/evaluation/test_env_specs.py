@@ -31,8 +31,8 @@ def test_a_comparison_takes_a_scene_of_json(tmp_path):
 @pytest.mark.parametrize(
     ("scene", "message"),
     [
-        ({"shape": [60, 50]}, "must be one of obstacles, rooms, got None"),
-        ({"name": "moon"}, "must be one of obstacles, rooms, got 'moon'"),
+        ({"shape": [60, 50]}, "must be one of obstacles, rooms, corridors, got None"),
+        ({"name": "moon"}, "must be one of obstacles, rooms, corridors, got 'moon'"),
         ({"name": "obstacles", "craters": 3}, r"scene 'obstacles': unknown .*\['craters'\]; known"),
         (
             {"name": "obstacles", "occupied_fraction": 2},

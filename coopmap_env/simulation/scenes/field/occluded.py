@@ -37,7 +37,7 @@ from coopmap_env.simulation.scenes.field.world import (
 
 _PLACEMENT = BasePlacement(min_distance=4.0, max_distance=5.0, sector=math.radians(130.0))
 _MAX_TRIES = 20
-"""Screens that are tried for a base before more of the target stays visible than wanted."""
+"""Screens that are tried for a base before it counts as having no room for more."""
 _FRACTIONS = (0.3, 0.9)
 """Where a screen stands on the way from a base to the target."""
 _MAX_TURN = math.radians(25.0)
@@ -52,9 +52,9 @@ class Occluded(Settings):
 
     grid: VoxelGrid = FIELD_GRID
     visible: tuple[OpenUnitInterval, OpenUnitInterval] = (0.15, 0.3)
-    """Fraction of the target that is visible from above each base, 1.5 m high. Screens are added as
-    long as it is above the second number and there is room, and then removed as long as it is below
-    the first one."""
+    """Least and greatest fraction of the target that is visible from 1.5 m above each base. No
+    screen leaves less than the first number. Where there is no room for more screens, more than the
+    second number stays visible."""
     around: CountRange = (5, 9)
     """Fewest and most screens drawn around the target, wherever the bases are; those without room
     or that hide too much are left out."""
@@ -82,7 +82,7 @@ class Occluded(Settings):
         layout = SceneLayout(self.grid, bases, footprint, target)
         screens = _Screens(layout, target, bases, self.visible)
         screens.hide_target(rng)
-        screens.surround_target(rng, rng.integers(self.around[0], self.around[1] + 1))
+        screens.surround_target(rng, int(rng.integers(self.around[0], self.around[1] + 1)))
         solids = (make_ground(self.grid), *target, *layout.solids)
         return FieldWorld(self.name, solids, TARGET, self.grid, bases)
 
@@ -172,7 +172,7 @@ def _board(rng: np.random.Generator) -> list[NDArray[np.float64]]:
 
 
 def _crates(rng: np.random.Generator) -> list[NDArray[np.float64]]:
-    """Draw a pile of crates, two or three in a row and three or four high, with gaps between."""
+    """Draw a pile of crates, two or three in a row and four or five high, with gaps between."""
     n_y, n_z, side = rng.integers(2, 4), rng.integers(4, 6), rng.uniform(0.42, 0.55)
     boxes = []
     for y in side * (np.arange(n_y) - (n_y - 1) / 2):
