@@ -45,9 +45,8 @@ class Train(EnvironmentOptions, TrainingOptions):
         from coopmap_env.core.settings import settings_to_dict
 
         settings = self.settings()
-        env = EnvConfig(
-            self.env, self.env_kwargs(), None if settings is None else settings_to_dict(settings)
-        )
+        values = None if settings is None else settings_to_dict(settings)
+        env = EnvConfig(self.env_name, self.env_kwargs(), values)
         options = {option.name: getattr(self, option.name) for option in fields(TrainingOptions)}
         record = run_training(
             TrainingConfig(env=env, **options),

@@ -19,6 +19,9 @@ class EnvironmentOptions(TaskArguments):
     environment's default.
     """
 
+    family: str = ""
+    """Benchmark family, such as crowded, instead of a scene, a team and a budget of your own; see
+    coopmap_env.families."""
     env: Literal["planar", "field"] = "planar"
     """2-D (planar) or 3-D (field); "field" needs the extra of that name."""
     scene: str = ""
@@ -45,8 +48,11 @@ class EnvironmentOptions(TaskArguments):
         Raises
         ------
         ValueError
-            If an option of the field environment is given for the planar one.
+            If an option of the field environment is given for the planar one, or one that belongs
+            to the family is given beside it.
         """
+        if self.family:
+            return self._family_kwargs()
         for name in ("mount", "physics", "initialization", "motion_correction"):
             if self.env != "field" and getattr(self, name):
                 option = name.replace("_", "-")
@@ -59,19 +65,47 @@ class EnvironmentOptions(TaskArguments):
                 arguments[name] = getattr(self, name)
         return arguments
 
+    @property
+    def env_name(self) -> str:
+        """Kind of the environment: "planar" or "field"."""
+        return self._family().env_name if self.family else self.env
+
+    def _family(self) -> Any:
+        from coopmap_env import families
+
+        return families.get(self.family)
+
+    def _family_kwargs(self) -> dict[str, Any]:
+        """Arguments of the family, and those that it leaves free."""
+        from coopmap_env.families import FREE_ARGUMENTS
+
+        arguments = self._family().env_kwargs
+        for option in fields(EnvironmentOptions):
+            value = getattr(self, option.name)
+            if option.name in FREE_ARGUMENTS:
+                arguments[option.name] = value
+            elif option.name != "family" and value != option.default:
+                raise ValueError(
+                    f"--{option.name.replace('_', '-')} belongs to --family {self.family}, which "
+                    "has its own: leave it out"
+                )
+        return arguments
+
     def settings(self) -> Any:
         """Settings of the environment, or None for the defaults."""
         from coopmap_env.evaluation import get_env_spec
 
+        if self.family:
+            return self._family().settings
         if not self.physics:
             return None
-        return get_env_spec(self.env).settings_class(physics=self.physics)
+        return get_env_spec(self.env_name).settings_class(physics=self.physics)
 
     def make_env(self, split: str) -> MappingEnv[Any]:
         """Make the environment of a split."""
         from coopmap_env.evaluation import get_env_spec
 
-        return get_env_spec(self.env).make(
+        return get_env_spec(self.env_name).make(
             **self.env_kwargs(), split=split, settings=self.settings()
         )
 

@@ -80,7 +80,7 @@ class Evaluate(EnvironmentOptions):
             self.out / "episodes",
             self.settings(),
             self.workers,
-            env_name=self.env,
+            env_name=self.env_name,
             backend=self.backend,
         )
         env = self.make_env(self.split)

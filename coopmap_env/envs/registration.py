@@ -14,6 +14,16 @@ ENVS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Class prefix and arguments of each id."""
 
+FAMILIES = {
+    "crowded": "Planar",
+    "long": "Planar",
+    "motion-budget": "Planar",
+    "narrow": "Planar",
+    "occluded": "Field",
+    "time": "Field",
+}
+"""Kind of world of each benchmark family; see `coopmap_env.families`, which this does not load."""
+
 
 def register_envs() -> None:
     """Register the environments in both registries; done once, on import of `coopmap_env`."""
@@ -21,3 +31,7 @@ def register_envs() -> None:
         module = f"coopmap_env.envs.{world.lower()}"
         pettingzoo.register("parallel", name, f"{module}:{world}Env", kwargs=arguments)
         gymnasium.register(name, f"{module}:{world}TeamEnv", kwargs=arguments)
+    for family, world in FAMILIES.items():
+        name, chosen = f"coopmap/{world}-{family}-v1", {"family": family}
+        pettingzoo.register("parallel", name, "coopmap_env.families:make", kwargs=chosen)
+        gymnasium.register(name, "coopmap_env.families:make_team", kwargs=chosen)

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from coopmap_env import field_v1, planar_v1
 from coopmap_env.core.settings import settings_from_dict
-from coopmap_env.envs import MappingEnv
-from coopmap_env.envs.field import FieldEnv, FieldSettings
-from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
+from coopmap_env.envs import MappingEnv, TeamEnv
+from coopmap_env.envs.field import FieldEnv, FieldSettings, FieldTeamEnv
+from coopmap_env.envs.planar import PlanarEnv, PlanarSettings, PlanarTeamEnv
 from coopmap_env.simulation.scenes.field import FIELD_SCENES
 from coopmap_env.simulation.scenes.planar import PLANAR_SCENES
 from coopmap_env.vector import MappingVectorEnv
@@ -19,6 +19,7 @@ class EnvSpec(NamedTuple):
     """What makes the environments of a name."""
 
     constructor: Callable[..., MappingEnv[Any]]
+    team_constructor: Callable[..., TeamEnv]
     vector_constructor: Callable[..., MappingVectorEnv[Any]]
     settings_class: type[Any]
     scenes: Mapping[str, Callable[[], Any]]
@@ -44,6 +45,10 @@ class EnvSpec(NamedTuple):
             If an argument is not accepted, such as a scene's name or field.
         """
         return self.constructor(**self._with_scene(arguments))
+
+    def make_team(self, **arguments: Any) -> TeamEnv:
+        """Make an environment of one controller for the whole team; see `make`."""
+        return self.team_constructor(**self._with_scene(arguments))
 
     def make_vector(self, n_envs: int, **arguments: Any) -> MappingVectorEnv[Any]:
         """Make a vector environment of `n_envs` worlds; see `make`."""
@@ -75,8 +80,8 @@ def _planar_vector_env(
 
 
 ENV_SPECS = {
-    "planar": EnvSpec(PlanarEnv, _planar_vector_env, PlanarSettings, PLANAR_SCENES),
-    "field": EnvSpec(FieldEnv, field_v1.vector_env, FieldSettings, FIELD_SCENES),
+    "planar": EnvSpec(PlanarEnv, PlanarTeamEnv, _planar_vector_env, PlanarSettings, PLANAR_SCENES),
+    "field": EnvSpec(FieldEnv, FieldTeamEnv, field_v1.vector_env, FieldSettings, FIELD_SCENES),
 }
 
 
