@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from coopmap_env.core.arguments import check_count
-from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
+from coopmap_env.core.kernels import PlainTuple, kernel
 from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation.bounds._planar_scores import framed_weights, score_views
 from coopmap_env.evaluation.bounds.certificate import PoseSets, ViewScores
 from coopmap_env.sensing.beam_fan import FanArrays
 from coopmap_env.simulation.shown_cells import list_planar_view
@@ -98,10 +99,15 @@ class PlanarViews:
         """See `Views`."""
         cells = self.cells if places is None else self.cells[places]
         scores, headings = np.empty((2, len(cells)), dtype=np.int64)
-        flat = self.occupied.ravel()
-        marked = np.where(flat, -1 - weights, weights).astype(np.int32)
-        nx, ny = self.occupied.shape
-        _score_views(marked, (nx, ny), cells, tuple(self.fan), scores, headings)
+        marked = framed_weights(
+            weights.reshape(self.occupied.shape), self.occupied, self.fan.max_offset
+        )
+        ny, width = self.occupied.shape[1], marked.shape[1]
+        offsets = self.fan.offsets.astype(np.int64)
+        fan = self.fan._replace(
+            flat_offsets=(offsets[:, 0] * width + offsets[:, 1]).astype(np.int32)
+        )
+        score_views(marked.ravel(), width, ny, cells, tuple(fan), scores, headings)
         return ViewScores(scores, cells * self.n_headings + headings)
 
     def pose_sets(self, poses: NDArray[np.int64]) -> PoseSets:
@@ -141,66 +147,6 @@ def earliest_scans(
             break
         reached = near
     return out
-
-
-@borrowing_kernel
-def _score_view(
-    marked: NDArray[np.int32],
-    shape: tuple[int, int],
-    cell: int,
-    heading: int,
-    fan: FanArrays,
-    alive: NDArray[np.uint64],
-) -> int:
-    """Sum of the weights in view; `marked` (n,) has weights, or -1 - weight in occupied cells."""
-    (nx, ny), margin = shape, fan.max_offset
-    ix, iy = cell // ny, cell % ny
-    is_inside = margin <= ix < nx - margin and margin <= iy < ny - margin
-    k, end, total = fan.start[heading], fan.start[heading + 1], 0
-    if is_inside:  # up to the first occupied cell, all are in view
-        while k < end:
-            value = marked[np.uint64(cell + fan.flat_offsets[np.uint64(k)])]
-            if value < 0:
-                break
-            total += value
-            k += 1
-    for word in range(len(alive)):
-        alive[word] = fan.all_beams[word]
-    for entry in range(k, end):
-        e = np.uint64(entry)
-        if not is_inside:
-            i, j = ix + fan.offsets[e, 0], iy + fan.offsets[e, 1]
-            if i < 0 or i >= nx or j < 0 or j >= ny:
-                continue
-        value, is_seen = marked[np.uint64(cell + fan.flat_offsets[e])], False
-        for word in range(len(alive)):
-            crossing = alive[word] & fan.beams[word, e]
-            is_seen |= crossing != 0
-            if value < 0:
-                alive[word] &= ~crossing
-        if is_seen:
-            total += value if value >= 0 else -1 - value
-    return total
-
-
-@kernel
-def _score_views(
-    marked: NDArray[np.int32],
-    shape: tuple[int, int],
-    cells: NDArray[np.int64],
-    plain_fan: PlainTuple,
-    scores: NDArray[np.int64],
-    headings: NDArray[np.int64],
-) -> None:
-    """Write the best score of each cell (k,) over all headings, and which heading has it."""
-    fan = FanArrays(*plain_fan)
-    alive = np.empty(len(fan.all_beams), np.uint64)
-    for q in range(len(cells)):
-        scores[q], headings[q] = -1, 0
-        for heading in range(len(fan.start) - 1):
-            score = _score_view(marked, shape, cells[q], heading, fan, alive)
-            if score > scores[q]:
-                scores[q], headings[q] = score, heading
 
 
 @kernel
