@@ -1,4 +1,4 @@
-"""Kernels on a list of active views: the weights that bound them best, and better choices of them.
+"""Kernels on a list of active views: the weights that bound them best.
 
 Views are `PoseSets`; `earliest` (n_robots, p) says from which scan on each robot can take them.
 """
@@ -10,56 +10,76 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.kernels import borrowing_kernel, kernel
 
-TIE = 0.5
-"""Cells: views whose scores differ by less count as equally good; the step follows them all."""
+PARTS = 1 << 20
+"""Parts of a weight of 1 in which scores are summed: integers are added in any order."""
+TIE = PARTS // 2
+"""Views whose scores differ by less, half a cell, count as equally good; a step follows them all.
+"""
 STALL, SHRINKAGE, LEAST_STEP = 20, 0.7, 1e-3
 """Steps without a gain after which they become shorter, by this factor, down to this length."""
 
 
 @borrowing_kernel
 def _score(
-    start: NDArray[np.int64], cells: NDArray[np.int32], view: int, values: NDArray[np.float64]
-) -> float:
-    """Sum of the values of the cells in a view."""
-    total = 0.0
-    for k in range(start[view], start[view + 1]):
-        total += values[cells[k]]
-    return total
+    start: NDArray[np.int64],
+    cells: NDArray[np.int32],
+    parts: NDArray[np.int32],
+    scores: NDArray[np.int64],
+) -> None:
+    """Write the sum of the weights in each view."""
+    for view in range(np.uint64(len(scores))):
+        total = 0
+        for k in range(np.uint64(start[view]), np.uint64(start[view + np.uint64(1)])):
+            total += parts[np.uint64(cells[k])]
+        scores[view] = total
 
 
 @borrowing_kernel
 def _add_best(
-    start: NDArray[np.int64],
-    cells: NDArray[np.int32],
-    scores: NDArray[np.float64],
+    scores: NDArray[np.int64],
     earliest: NDArray[np.int64],
-    n_scans: int,
-    slope: NDArray[np.float64],
-) -> float:
-    """Sum of the best scores of a robot over its scans; add their cells to the slope.
+    best: NDArray[np.int64],
+    n_equal: NDArray[np.int64],
+    uses: NDArray[np.float64],
+) -> int:
+    """Sum of the best scores of a robot over its scans; add how often each view is used for it.
 
-    `earliest` (p,) is that of the robot.
+    `earliest` (p,) is that of the robot; `best` and `n_equal` (n_scans + 1,) are scratch.
     """
-    total, scan = 0.0, 1
-    while scan <= n_scans:
-        best, following = -1.0, n_scans + 1
-        for p in range(len(scores)):
-            if earliest[p] <= scan:
-                best = max(best, scores[p])
-            elif earliest[p] < following:
-                following = earliest[p]
-        n_equal = 0
-        for p in range(len(scores)):
-            n_equal += earliest[p] <= scan and scores[p] >= best - TIE
-        if n_equal > 0:
-            total += (following - scan) * best
-            share = (following - scan) / n_equal
-            for p in range(len(scores)):
-                if earliest[p] <= scan and scores[p] >= best - TIE:
-                    for k in range(start[p], start[p + 1]):
-                        slope[cells[k]] += share
-        scan = following
+    n_scans = len(best) - 1
+    best[:], n_equal[:] = 0, 0
+    for p in range(len(scores)):
+        if earliest[p] <= n_scans:
+            best[earliest[p]] = max(best[earliest[p]], scores[p])
+    total = 0
+    for scan in range(1, n_scans + 1):
+        best[scan] = max(best[scan], best[scan - 1])
+        total += best[scan]
+    for p in range(len(scores)):
+        scan = earliest[p]
+        while scan <= n_scans and scores[p] > best[scan] - TIE:
+            n_equal[scan] += 1
+            scan += 1
+    for p in range(len(scores)):
+        scan = earliest[p]
+        while scan <= n_scans and scores[p] > best[scan] - TIE:
+            uses[p] += 1.0 / n_equal[scan]
+            scan += 1
     return total
+
+
+@borrowing_kernel
+def _project(
+    weights: NDArray[np.float64], is_unknown: NDArray[np.bool_], slope: NDArray[np.float64]
+) -> float:
+    """Make the slope zero where weights cannot follow it; the square of its length."""
+    square = 0.0
+    for c in range(np.uint64(len(weights))):
+        along = slope[c]
+        stays = (weights[c] <= 0.0) & (along > 0.0) | (weights[c] >= 1.0) & (along < 0.0)
+        slope[c] = along if is_unknown[c] & ~stays else 0.0
+        square += slope[c] * slope[c]
+    return square
 
 
 @kernel
@@ -72,84 +92,43 @@ def minimise_bound(
     known: NDArray[np.bool_],
     n_steps: int,
     weights: NDArray[np.float64],
-) -> None:
-    """Improve weights (n_cells,): make the bound by the active views lower.
+) -> float:
+    """Improve weights (n_cells,): make the bound by the active views, which is returned, lower.
 
-    Projected subgradient steps of Polyak's length, towards `target` cells, which can be shown.
+    It counts the cells that were not known. Projected subgradient steps of Polyak's length, towards `target` cells, which can be shown.
+    Weights of known cells are 0, and stay so.
     """
     n, length, stall, least = len(weights), 1.0, 0, np.inf
-    slope, best = np.empty(n), weights.copy()
-    scores = np.empty(len(start) - 1)
+    slope, lowest, is_unknown = np.empty(n), weights.copy(), ~known
+    n_unknown = is_unknown.sum()
+    parts = np.empty(n, np.int32)
+    scores, uses = np.empty(len(start) - 1, np.int64), np.empty(len(start) - 1)
+    best, n_equal = np.empty((2, n_scans + 1), np.int64)
     for _ in range(n_steps):
-        bound = 0.0
         for c in range(n):
-            slope[c] = 0.0
-            if not known[c]:
-                bound += 1.0 - weights[c]
-                slope[c] = -1.0
-        for p in range(len(scores)):
-            scores[p] = _score(start, cells, p, weights)
+            parts[c] = np.int32(weights[c] * PARTS)
+        _score(start, cells, parts, scores)
+        total, uses[:], slope[:] = n_unknown * PARTS - parts.sum(), 0.0, -1.0
         for robot in range(len(earliest)):
-            bound += _add_best(start, cells, scores, earliest[robot], n_scans, slope)
-        square = 0.0
-        for c in range(n):
-            is_fixed = known[c] or (weights[c] <= 0.0 and slope[c] > 0.0)
-            if is_fixed or (weights[c] >= 1.0 and slope[c] < 0.0):
-                slope[c] = 0.0
-            square += slope[c] * slope[c]
+            total += _add_best(scores, earliest[robot], best, n_equal, uses)
+        for p in range(len(scores)):
+            if uses[p] > 0.0:
+                for k in range(start[p], start[p + 1]):
+                    slope[cells[k]] += uses[p]
+        square, bound = _project(weights, is_unknown, slope), total / PARTS
         if bound < least - 1e-6:
             least, stall = bound, 0
-            best[:] = weights
+            lowest[:] = weights
         else:
             stall += 1
         if square < 1e-9 or length < LEAST_STEP:
             break
         if stall >= STALL:
             length, stall = length * SHRINKAGE, 0
-            weights[:] = best
+            weights[:] = lowest
             continue
         step = length * (bound - target) / square
         for c in range(n):
             weights[c] = min(max(weights[c] - step * slope[c], 0.0), 1.0)
-    weights[:] = best
-
-
-@kernel
-def improve_choice(
-    start: NDArray[np.int64],
-    cells: NDArray[np.int32],
-    earliest: NDArray[np.int64],
-    known: NDArray[np.bool_],
-    chosen: NDArray[np.int64],
-) -> bool:
-    """Exchange chosen views (n_scans, n_robots) for those that show more beside the others.
-
-    Whether any was exchanged.
-    """
-    times = np.zeros(len(known), np.int64)
-    for scan in range(chosen.shape[0]):
-        for robot in range(chosen.shape[1]):
-            for k in range(start[chosen[scan, robot]], start[chosen[scan, robot] + 1]):
-                times[cells[k]] += 1
-    unseen, is_better = np.empty(len(known)), False
-    for c in range(len(known)):
-        unseen[c] = 0.0 if known[c] or times[c] > 0 else 1.0
-    for scan in range(chosen.shape[0]):
-        for robot in range(chosen.shape[1]):
-            own = chosen[scan, robot]
-            for k in range(start[own], start[own + 1]):
-                times[cells[k]] -= 1
-                if times[cells[k]] == 0 and not known[cells[k]]:
-                    unseen[cells[k]] = 1.0
-            best, most = own, _score(start, cells, own, unseen)
-            for p in range(len(start) - 1):
-                if earliest[robot, p] <= scan + 1:
-                    score = _score(start, cells, p, unseen)
-                    if score > most:
-                        best, most = p, score
-            is_better |= best != own
-            chosen[scan, robot] = best
-            for k in range(start[best], start[best + 1]):
-                times[cells[k]] += 1
-                unseen[cells[k]] = 0.0
-    return is_better
+    weights[:] = lowest
+    return least

@@ -1,8 +1,8 @@
 """The best view from each cell of a planar world: sums of weights over what is in view.
 
-Neighbours along y are scored together: the cells of a strip have the same entries of the fan at
+Neighbours along y are scored together: the cells of a strip have each entry of the fan at
 neighbouring places in memory, and the compiler turns the loops over a strip into vector
-instructions. A frame around the world holds the cells beyond its border, which weigh nothing.
+instructions.
 """
 
 from __future__ import annotations
@@ -19,16 +19,6 @@ SIGN_SHIFT = np.int64(63)
 """Shifts a number of 64 bits to its sign: 0, or -1, all whose bits are set."""
 
 
-def framed_weights(
-    weights: NDArray[np.int64], occupied: NDArray[np.bool_], frame: int
-) -> NDArray[np.int64]:
-    """Weights (nx, ny) with a frame of zeros, whole strips long; -1 - weight in occupied cells."""
-    nx, ny = occupied.shape
-    framed = np.zeros((nx + 2 * frame, 2 * frame + -(-ny // STRIP) * STRIP), dtype=np.int64)
-    framed[frame : frame + nx, frame : frame + ny] = np.where(occupied, -1 - weights, weights)
-    return framed
-
-
 @borrowing_kernel
 def _sum_in_view(
     marked: NDArray[np.int64],
@@ -41,7 +31,7 @@ def _sum_in_view(
 ) -> None:
     """Sum the weights in view from each cell of a strip, from `first` on.
 
-    `marked` is flat, see `framed_weights`; `alive` (words, STRIP) and `seen` (STRIP,) are scratch.
+    `alive` (words, STRIP) and `seen` (STRIP,) are scratch.
     """
     n_words = np.uint64(len(fan.all_beams))
     for lane in range(STRIP):
@@ -74,8 +64,6 @@ def _sum_in_view(
 @kernel
 def score_views(
     marked: NDArray[np.int64],
-    width: int,
-    ny: int,
     cells: NDArray[np.int64],
     plain_fan: PlainTuple,
     scores: NDArray[np.int64],
@@ -83,8 +71,8 @@ def score_views(
 ) -> None:
     """Write the best score of each cell (k,) over all headings, and which heading has it first.
 
-    `marked` is flat, see `framed_weights`, with a frame as wide as the fan's largest offset; the
-    fan is that of its `width` along y, and `ny` is that of the world. Cells in order are faster.
+    `marked` has the weights of a framed world, 0 in the frame, -1 - weight in occupied cells, and
+    `STRIP` more numbers, which do not count. The cells are in order.
     """
     fan = FanArrays(*plain_fan)
     alive = np.empty((len(fan.all_beams), STRIP), np.uint64)
@@ -92,15 +80,14 @@ def score_views(
     best, best_heading = np.empty(STRIP, np.int64), np.empty(STRIP, np.int64)
     q = 0
     while q < len(cells):
-        row, strip = cells[q] // ny, cells[q] % ny // STRIP
-        first = np.uint64((row + fan.max_offset) * width + fan.max_offset + strip * STRIP)
+        first = cells[q]
         best[:] = -1
         for heading in range(len(fan.start) - 1):
-            _sum_in_view(marked, first, heading, fan, alive, seen, totals)
+            _sum_in_view(marked, np.uint64(first), heading, fan, alive, seen, totals)
             for lane in range(STRIP):
                 if totals[lane] > best[lane]:
                     best[lane], best_heading[lane] = totals[lane], heading
-        while q < len(cells) and cells[q] // ny == row and cells[q] % ny // STRIP == strip:
-            lane = cells[q] % ny % STRIP
+        while q < len(cells) and cells[q] < first + STRIP:
+            lane = cells[q] - first
             scores[q], headings[q] = best[lane], best_heading[lane]
             q += 1

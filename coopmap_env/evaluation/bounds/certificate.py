@@ -64,10 +64,11 @@ class Views(Protocol):
     def blocks(self) -> NDArray[np.int64]:
         """Shape (k,): places with the same number are near to each other."""
 
-    def best(
-        self, weights: NDArray[np.int64], places: NDArray[np.int64] | None = None
-    ) -> ViewScores:
-        """The best view at all places or at some (m,); weights (n_cells,) are 0 at known cells."""
+    def best(self, weights: NDArray[np.int64]) -> ViewScores:
+        """The best view from each place; weights (n_cells,) are 0 at known cells."""
+
+    def choose(self, n_scans: int, n_exchanges: int) -> NDArray[np.int64]:
+        """Poses (n_scans, n_robots) that show many cells together, after so many exchanges."""
 
     def pose_sets(self, poses: NDArray[np.int64]) -> PoseSets:
         """Cells in view of some poses."""
@@ -116,10 +117,10 @@ class Certificate(NamedTuple):
             If there is not one weight for each cell, one is not from 0 to `SCALE`, or there are
             more scans than the views were made for.
         """
-        return self.evaluate(views, n_scans)[0]
+        return np.minimum(self.evaluate(views, n_scans)[0], len(self.weights))
 
     def evaluate(self, views: Views, n_scans: int) -> tuple[NDArray[np.int64], ViewScores]:
-        """`bounds`, and the best views by these weights."""
+        """Bounds that may be higher than the number of cells, and the best views by the weights."""
         known = views.known
         check_scans(views, n_scans)
         lowest, highest = self.weights.min(initial=0), self.weights.max(initial=0)
@@ -133,4 +134,4 @@ class Certificate(NamedTuple):
         best = views.best(weights)
         gains = best_by_scan(best.scores, views.earliest, n_scans)
         total = missed + np.concatenate([[0], np.cumsum(gains.sum(axis=0))])
-        return int(known.sum()) + np.minimum(total // SCALE, int((~known).sum())), best
+        return int(known.sum()) + total // SCALE, best

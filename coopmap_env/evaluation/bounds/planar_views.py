@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,11 @@ from scipy import ndimage
 
 from coopmap_env.core.arguments import check_count
 from coopmap_env.core.kernels import PlainTuple, kernel
+from coopmap_env.core.random_streams import stream_state
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.evaluation.bounds._planar_scores import framed_weights, score_views
+from coopmap_env.evaluation.bounds._planar_choices import MAX_MOVE, FramedPoses, choose_views
+from coopmap_env.evaluation.bounds._planar_frame import PlanarFrame
+from coopmap_env.evaluation.bounds._planar_scores import STRIP, score_views
 from coopmap_env.evaluation.bounds.certificate import PoseSets, ViewScores
 from coopmap_env.sensing.beam_fan import FanArrays
 from coopmap_env.simulation.shown_cells import list_planar_view
@@ -93,22 +97,38 @@ class PlanarViews:
         """Headings of the lattice."""
         return len(self.fan.start) - 1
 
-    def best(
-        self, weights: NDArray[np.int64], places: NDArray[np.int64] | None = None
-    ) -> ViewScores:
+    @cached_property
+    def frame(self) -> PlanarFrame:
+        """The frame in which kernels see the world."""
+        return PlanarFrame(self.occupied.shape, max(self.fan.max_offset, MAX_MOVE))
+
+    def best(self, weights: NDArray[np.int64]) -> ViewScores:
         """See `Views`."""
-        cells = self.cells if places is None else self.cells[places]
-        scores, headings = np.empty((2, len(cells)), dtype=np.int64)
-        marked = framed_weights(
-            weights.reshape(self.occupied.shape), self.occupied, self.fan.max_offset
+        scores, headings = np.empty((2, len(self.cells)), dtype=np.int64)
+        marked = np.where(self.occupied.ravel(), -1 - weights, weights)
+        framed = np.append(self.frame.around(marked, 0), np.zeros(STRIP, dtype=np.int64))
+        cells, fan = self.frame.framed(self.cells), self.frame.fan(self.fan)
+        score_views(framed, cells, tuple(fan), scores, headings)
+        return ViewScores(scores, self.cells * self.n_headings + headings)
+
+    def choose(self, n_scans: int, n_exchanges: int) -> NDArray[np.int64]:
+        """See `Views`."""
+        frame, scans = self.frame, np.arange(1, n_scans + 1)
+        earliest = np.full((len(self.earliest), self.occupied.size), n_scans + 1)
+        earliest[:, self.cells] = self.earliest
+        poses = FramedPoses(
+            frame.around(-self.occupied.ravel().astype(np.int8), 0),
+            frame.width,
+            frame.around(self.known, True),
+            frame.around(earliest, n_scans + 1),
+            frame.framed(self.cells)[np.argsort(self.earliest, axis=1, kind="stable")],
+            np.array([np.searchsorted(np.sort(own), scans, "right") for own in self.earliest]).T,
         )
-        ny, width = self.occupied.shape[1], marked.shape[1]
-        offsets = self.fan.offsets.astype(np.int64)
-        fan = self.fan._replace(
-            flat_offsets=(offsets[:, 0] * width + offsets[:, 1]).astype(np.int32)
-        )
-        score_views(marked.ravel(), width, ny, cells, tuple(fan), scores, headings)
-        return ViewScores(scores, cells * self.n_headings + headings)
+        chosen = np.empty((n_scans, len(self.earliest)), dtype=np.int64)
+        stream = stream_state(np.random.SeedSequence(0))
+        choose_views(tuple(poses), tuple(frame.fan(self.fan)), n_exchanges, stream, chosen)
+        cells, headings = np.divmod(chosen, self.n_headings)
+        return frame.unframed(cells) * self.n_headings + headings
 
     def pose_sets(self, poses: NDArray[np.int64]) -> PoseSets:
         """See `Views`."""
