@@ -93,10 +93,10 @@ def minimise_bound(
     n_steps: int,
     weights: NDArray[np.float64],
 ) -> float:
-    """Improve weights (n_cells,): make the bound by the active views, which is returned, lower.
+    """Improve weights (n_cells,): make the bound by the active views lower; return that bound.
 
-    It counts the cells that were not known. Projected subgradient steps of Polyak's length, towards `target` cells, which can be shown.
-    Weights of known cells are 0, and stay so.
+    It counts the cells that were not known. Projected subgradient steps of Polyak's length, towards
+    `target` cells, which can be shown. Weights of known cells are 0, and stay so.
     """
     n, length, stall, least = len(weights), 1.0, 0, np.inf
     slope, lowest, is_unknown = np.empty(n), weights.copy(), ~known

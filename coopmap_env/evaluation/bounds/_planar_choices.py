@@ -110,7 +110,7 @@ def _list_view(
     gain = 0
     for k in range(n):
         gain += times[np.uint64(cells[k])] == 0
-    return np.int64(n), gain
+    return int(n), gain
 
 
 @kernel

@@ -140,7 +140,7 @@ def _tighten(
 
 
 def _count_shown(views: Views, choice: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Cells that poses (n_scans, n_robots) show or that are known, (n_scans + 1,): see `ShownBound`."""
+    """Cells that poses (n_scans, n_robots) show or that are known, before and after each scan."""
     shown, counts = views.known.copy(), [int(views.known.sum())]
     for poses in choice:
         shown[views.pose_sets(poses).cells] = True
