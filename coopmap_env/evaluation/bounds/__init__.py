@@ -3,8 +3,15 @@
 from coopmap_env.evaluation.bounds.certificate import Certificate, PoseSets, ViewScores
 from coopmap_env.evaluation.bounds.planar_views import PlanarViews
 from coopmap_env.evaluation.bounds.search import BoundSearch, ShownBound, bound_shown
+from coopmap_env.evaluation.bounds.stored import (
+    BoundFileError,
+    check_bound,
+    load_bound,
+    save_bound,
+)
 
 __all__ = [
+    "BoundFileError",
     "BoundSearch",
     "Certificate",
     "PlanarViews",
@@ -12,4 +19,7 @@ __all__ = [
     "ShownBound",
     "ViewScores",
     "bound_shown",
+    "check_bound",
+    "load_bound",
+    "save_bound",
 ]

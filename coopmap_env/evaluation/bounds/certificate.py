@@ -61,6 +61,10 @@ class Views(Protocol):
         """First scan (n_robots, k), from 1 on, that each robot can take at each of k places."""
 
     @property
+    def digest(self) -> str:
+        """SHA-256 of all that decides what cameras view, from where and when."""
+
+    @property
     def blocks(self) -> NDArray[np.int64]:
         """Shape (k,): places with the same number are near to each other."""
 
@@ -72,6 +76,9 @@ class Views(Protocol):
 
     def pose_sets(self, poses: NDArray[np.int64]) -> PoseSets:
         """Cells in view of some poses."""
+
+    def can_take(self, choice: NDArray[np.int64]) -> bool:
+        """Whether all numbers (n_scans, n_robots) are poses where robots can be in time."""
 
     def place_of(self, poses: NDArray[np.int64]) -> NDArray[np.int64]:
         """The place (m,) of each of some poses (m,)."""

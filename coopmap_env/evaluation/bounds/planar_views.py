@@ -8,6 +8,7 @@ between them: a map that is wrong may take it through a wall.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -98,6 +99,24 @@ class PlanarViews:
         return len(self.fan.start) - 1
 
     @cached_property
+    def digest(self) -> str:
+        """See `Views`."""
+        sha = hashlib.sha256(b"planar views 1")
+        for values, kind in (
+            ([self.n_scans, self.n_headings, *self.occupied.shape, len(self.earliest)], "<i8"),
+            (self.occupied, "?"),
+            (self.known, "?"),
+            (self.cells, "<i8"),
+            (self.earliest, "<i8"),
+            (self.fan.start, "<i8"),
+            (self.fan.offsets, "<i8"),
+            (self.fan.beams, "<u8"),
+            (self.fan.all_beams, "<u8"),
+        ):
+            sha.update(np.ascontiguousarray(values, dtype=kind).tobytes())
+        return sha.hexdigest()
+
+    @cached_property
     def frame(self) -> PlanarFrame:
         """The frame in which kernels see the world."""
         return PlanarFrame(self.occupied.shape, max(self.fan.max_offset, MAX_MOVE))
@@ -137,6 +156,14 @@ class PlanarViews:
         cells = np.empty(len(poses) * self.fan.max_visible_cells, dtype=np.int32)
         _list_views(self.occupied.ravel(), (nx, ny), poses, tuple(self.fan), start, cells)
         return PoseSets(start, cells[: start[-1]].copy())
+
+    def can_take(self, choice: NDArray[np.int64]) -> bool:
+        """See `Views`."""
+        places = np.minimum(self.place_of(choice), len(self.cells) - 1)
+        if (self.cells[places] != choice // self.n_headings).any():
+            return False
+        scans = np.arange(1, len(choice) + 1)[:, None]
+        return bool((self.earliest[np.arange(len(self.earliest)), places] <= scans).all())
 
     def place_of(self, poses: NDArray[np.int64]) -> NDArray[np.int64]:
         """See `Views`."""

@@ -51,6 +51,8 @@ class ShownBound(NamedTuple):
     for the last scan."""
     certificates: tuple[Certificate, ...]
     """The bound is the least of theirs."""
+    search: BoundSearch
+    """How it was found."""
 
     @property
     def gap(self) -> float:
@@ -86,7 +88,7 @@ def bound_shown(
     trivial = Certificate.trivial(len(views.known))
     found = [_Found(trivial, *trivial.evaluate(views, n_scans))]
     choice = views.choose(n_scans, settings.n_exchanges * n_scans * len(views.earliest))
-    choice_shown = _count_shown(views, choice)
+    choice_shown = count_shown(views, choice)
     _tighten(views, choice, int(choice_shown[-1]), settings, found, log)
     each = np.array([one.bounds for one in found])
     return ShownBound(
@@ -94,6 +96,7 @@ def bound_shown(
         choice,
         choice_shown,
         tuple(found[k].certificate for k in np.unique(each.argmin(axis=0))),
+        settings,
     )
 
 
@@ -139,7 +142,7 @@ def _tighten(
             )
 
 
-def _count_shown(views: Views, choice: NDArray[np.int64]) -> NDArray[np.int64]:
+def count_shown(views: Views, choice: NDArray[np.int64]) -> NDArray[np.int64]:
     """Cells that poses (n_scans, n_robots) show or that are known, before and after each scan."""
     shown, counts = views.known.copy(), [int(views.known.sum())]
     for poses in choice:
