@@ -24,8 +24,8 @@ _HEADER_READERS = {
 
 def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write an archive, compressed."""
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **dict(arrays))
+    buffer, members = io.BytesIO(), dict[str, Any](arrays)
+    np.savez_compressed(buffer, **members)
     write_atomically(path, buffer.getvalue())
 
 
