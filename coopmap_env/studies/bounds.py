@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coopmap_env.core.progress import log as log_line
-from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown, save_bound
 from coopmap_env.evaluation import get_env_spec
+from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown, save_bound
 
 FEWEST = BoundSearch(n_exchanges=0, n_rounds=1, tolerance=0.0)
 """A search that loads all kernels."""

@@ -18,7 +18,7 @@ from coopmap_env.core.settings import Bounds, Settings
 from coopmap_env.evaluation.bounds._active_views import minimise_bound
 from coopmap_env.evaluation.bounds.certificate import SCALE, Certificate, Views, ViewScores
 
-N_ADDED, N_STEPS = 600, 200
+N_ADDED, N_STEPS = 600, 150
 """Active views that a round adds, at most, one of a block of places; steps on them in a round."""
 STAY = 0.3
 """Fraction of the way back to the best weights so far at which all views are looked at: views that
