@@ -148,16 +148,8 @@ class Episode:
         return self.area_under(self.coverage_curve)
 
     def area_under(self, curve: list[float]) -> float:
-        """Area under one of the curves over the scans, divided by their number.
-
-        With `max_time` over the time from 0 to there, divided by it: straight from scan to scan,
-        and level after the last.
-        """
-        if self.max_time is None:
-            return float(np.trapezoid(curve)) / (len(curve) - 1)
-        times = [*(time for time in self.elapsed_curve if time < self.max_time), self.max_time]
-        values = np.interp(times, self.elapsed_curve, curve)
-        return float(np.trapezoid(values, times)) / self.max_time
+        """Area under one of the curves; see `area_under`."""
+        return area_under(curve, self.elapsed_curve, self.max_time)
 
     def row(self) -> dict[str, float]:
         """The scores by their column names."""
@@ -190,6 +182,18 @@ class Episode:
         if curve is None:
             return {}
         return dict(zip(SHOWN_SCORES, (curve[-1], self.area_under(curve)), strict=True))
+
+
+def area_under(curve: list[float], elapsed: list[float], max_time: float | None) -> float:
+    """Area under a curve over its scans, divided by their number.
+
+    With `max_time` over the time from 0 to there, divided by it: straight from scan to scan, and
+    level after the last. `elapsed` are the seconds of the values.
+    """
+    if max_time is None:
+        return float(np.trapezoid(curve)) / (len(curve) - 1)
+    times = [*(time for time in elapsed if time < max_time), max_time]
+    return float(np.trapezoid(np.interp(times, elapsed, curve), times)) / max_time
 
 
 class EpisodeRecorder:

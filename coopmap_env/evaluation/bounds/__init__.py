@@ -1,6 +1,7 @@
 """How much any policy can show in a world: upper bounds with certificates; see docs/bounds.md."""
 
 from coopmap_env.evaluation.bounds.certificate import Certificate, PoseSets, ViewScores
+from coopmap_env.evaluation.bounds.efficiency import Efficiency, efficiency, scans_in_time
 from coopmap_env.evaluation.bounds.planar_views import PlanarViews
 from coopmap_env.evaluation.bounds.search import BoundSearch, ShownBound, bound_shown
 from coopmap_env.evaluation.bounds.stored import (
@@ -14,12 +15,15 @@ __all__ = [
     "BoundFileError",
     "BoundSearch",
     "Certificate",
+    "Efficiency",
     "PlanarViews",
     "PoseSets",
     "ShownBound",
     "ViewScores",
     "bound_shown",
     "check_bound",
+    "efficiency",
     "load_bound",
     "save_bound",
+    "scans_in_time",
 ]
