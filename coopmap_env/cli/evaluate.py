@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
+from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.arguments import SplitName
 
 MAX_EPISODES = 1_000_000
@@ -40,6 +41,9 @@ class Evaluate(EnvironmentOptions):
     """Split of the worlds."""
     seed: int = 0
     """Seed of the first world; the other worlds have the following seeds."""
+    efficiency: bool = False
+    """Bound what any policy can show in each world, which takes seconds, and add the columns
+    efficiency and efficiency_auc. The certificates are kept in the folder bounds. Planar only."""
     workers: int = 1
     """Episodes at a time; only planning times depend on it."""
     backend: Literal["processes", "ray"] = "processes"
@@ -58,6 +62,10 @@ class Evaluate(EnvironmentOptions):
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
         if self.episodes > MAX_EPISODES:
             raise ValueError(f"--episodes must be at most {MAX_EPISODES:,}, got {self.episodes}")
+        if self.efficiency and self.env_name != "planar":
+            raise ValueError(
+                f"--efficiency needs bounds, which only planar worlds have, not {self.env_name}"
+            )
         with folder_lock(self.out):
             results = self._play_and_write(names)
         for name, result in results.items():
@@ -84,6 +92,8 @@ class Evaluate(EnvironmentOptions):
             backend=self.backend,
         )
         env = self.make_env(self.split)
+        if self.efficiency:
+            results = self._with_bounds(results, env)
         summary = {
             "version": __version__,
             "env": {
@@ -97,6 +107,25 @@ class Evaluate(EnvironmentOptions):
         write_atomically(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         return results
 
+    def _with_bounds(self, results: dict[str, Any], env: MappingEnv[Any]) -> dict[str, Any]:
+        """The evaluations with efficiencies."""
+        from coopmap_env.evaluation.bounds import bound_worlds
+
+        bounds = bound_worlds(
+            range(self.seed, self.seed + self.episodes),
+            {**self.env_kwargs(), "split": self.split},
+            self.out / "bounds",
+            self.settings(),
+            self.workers,
+            env_name=self.env_name,
+        )
+        env.reset(seed=self.seed)
+        belief = env.belief()
+        return {
+            name: result.with_bounds(bounds, belief.map.grid.n_cells, belief.scan_time)
+            for name, result in results.items()
+        }
+
 
 def summary_line(table: dict[str, Any]) -> str:
     """Means of one policy's main scores over its worlds."""
@@ -106,6 +135,11 @@ def summary_line(table: dict[str, Any]) -> str:
         f"motion {table['motion_distance'].mean():7.1f}",
         f"planning {table['planning_time_ms'].mean():7.3f} ms",
     ]
+    if "efficiency" in table:
+        parts[2:2] = [
+            f"efficiency {100 * table['efficiency'].mean():5.1f} %",
+            f"of area {100 * table['efficiency_auc'].mean():5.1f} %",
+        ]
     if "surface_coverage" in table:
         parts[2:2] = [
             f"surface {100 * table['surface_coverage'].mean():6.2f} %",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.files import write_atomically
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv
+from coopmap_env.evaluation.bounds import Efficiency, efficiency
 from coopmap_env.evaluation.env_specs import get_env_spec
 from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode
 from coopmap_env.evaluation.episode_jobs import make_job, run_job
@@ -25,18 +26,44 @@ from coopmap_env.evaluation.policy import Policy, make_policy
 from coopmap_env.evaluation.rollout import warm_up
 from coopmap_env.evaluation.stored_episode import is_episode
 
+EFFICIENCY_SCORES = ("efficiency", "efficiency_auc")
+"""Columns where bounds are known: efficiency at the end, and of the area under the curve."""
+
 
 @dataclass(frozen=True)
 class Evaluation:
     """Episodes of one policy, one for each seed."""
 
     episodes: tuple[Episode, ...]
+    efficiencies: tuple[Efficiency, ...] | None = None
+    """Of the episodes, where the bounds of their worlds are known."""
 
     @property
     def table(self) -> dict[str, NDArray[np.float64]]:
         """Scores by column, each of shape (n_episodes,)."""
-        rows = [episode.row() for episode in self.episodes]
+        rows = self.rows
         return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+
+    @property
+    def rows(self) -> list[dict[str, float]]:
+        """Scores of each episode by column."""
+        rows = [episode.row() for episode in self.episodes]
+        if self.efficiencies is None:
+            return rows
+        return [
+            {**row, **dict(zip(EFFICIENCY_SCORES, own, strict=True))}
+            for row, own in zip(rows, self.efficiencies, strict=True)
+        ]
+
+    def with_bounds(
+        self, bounds: Sequence[NDArray[np.int64]], n_cells: int, scan_time: float
+    ) -> Evaluation:
+        """The same with the efficiency of each episode; see `evaluation.bounds.efficiency`."""
+        own = (
+            efficiency(episode, most, n_cells, scan_time)
+            for episode, most in zip(self.episodes, bounds, strict=True)
+        )
+        return Evaluation(self.episodes, tuple(own))
 
     @property
     def curves(self) -> dict[str, NDArray[np.float64]]:
@@ -145,8 +172,8 @@ def write_episodes(evaluations: dict[str, Evaluation], path: Path) -> None:
     text = io.StringIO()
     writer: Any = None
     for name, evaluation in evaluations.items():
-        for episode in evaluation.episodes:
-            row = {"policy": name, **episode.row()}
+        for scores in evaluation.rows:
+            row = {"policy": name, **scores}
             if writer is None:
                 writer = csv.DictWriter(text, fieldnames=list(row), lineterminator="\n")
                 writer.writeheader()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.evaluation.comparison import Evaluation
+from coopmap_env.evaluation.comparison import EFFICIENCY_SCORES, Evaluation
 from coopmap_env.evaluation.episode import SHOWN_SCORES, SURFACE_SCORES
 from coopmap_env.evaluation.statistics import (
     bootstrap_interquartile_mean,
@@ -29,6 +29,7 @@ SUMMARY_SCORES = (
     "log_loss_free",
     "log_loss_occupied",
     *SHOWN_SCORES,
+    *EFFICIENCY_SCORES,
 )
 """Columns of `Episode.row` that the summary gives with intervals, if the environment has them.
 

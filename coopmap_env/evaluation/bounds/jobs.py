@@ -1,0 +1,108 @@
+"""Bounds of many worlds as jobs, whose certificates are kept."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.caches import thread_cache
+from coopmap_env.core.settings import settings_to_dict
+from coopmap_env.core.version import __version__
+from coopmap_env.envs import MappingEnv
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation.bounds.efficiency import scans_in_time
+from coopmap_env.evaluation.bounds.planar_views import PlanarViews
+from coopmap_env.evaluation.bounds.search import BoundSearch, bound_shown
+from coopmap_env.evaluation.bounds.stored import load_bound, save_bound
+from coopmap_env.evaluation.env_specs import get_env_spec, make_env
+from coopmap_env.evaluation.jobs import Job, Result, run_jobs
+
+
+def bound_worlds(
+    seeds: Sequence[int],
+    env_kwargs: dict[str, Any],
+    folder: Path,
+    settings: Any = None,
+    workers: int = 1,
+    progress: bool = True,
+    env_name: str = "planar",
+) -> list[NDArray[np.int64]]:
+    """Bounds of what can be shown in the worlds of some seeds.
+
+    Parameters
+    ----------
+    seeds : sequence of int
+    env_kwargs, settings, env_name
+        Of the environment, as of `coopmap_env.evaluation.compare`.
+    folder : Path
+        Keeps a file with the certificates of each world (`load_bound`); a world whose file is there
+        is not searched again, but the file is checked.
+    workers : int
+        Worlds at a time.
+
+    Returns
+    -------
+    list of ndarray, shape (n + 1,)
+        Cells, before the first scan and after each; of as many scans as an episode can have.
+
+    Raises
+    ------
+    ValueError
+        If the environment is not planar, or is not accepted.
+    BoundFileError
+        If a file in the folder is broken or belongs to another world.
+    """
+    with closing(get_env_spec(env_name).make(**env_kwargs, settings=settings)) as env:
+        if not isinstance(env, PlanarEnv):
+            raise ValueError(f"what can be shown is bounded in planar worlds only, not in {env}")
+        values = settings_to_dict(env.settings)
+    folder.mkdir(parents=True, exist_ok=True)
+    jobs: list[Job] = [
+        {
+            "version": __version__,
+            "env_name": env_name,
+            "env_kwargs": env_kwargs,
+            "settings": values,
+            "seed": seed,
+            "file": str(folder / f"world_{seed}.npz"),
+        }
+        for seed in seeds
+    ]
+    results = run_jobs(run_bound_job, jobs, folder / "jobs", workers, progress, _is_bound)
+    return [np.array(result["bounds"], dtype=np.int64) for result in results]
+
+
+def run_bound_job(job: Job) -> Result:
+    """Bound what can be shown in a world, or check the bound that was found before."""
+    env = _env(json.dumps([job["env_name"], job["env_kwargs"], job["settings"]]))
+    env.reset(seed=job["seed"])
+    assert isinstance(env, PlanarEnv)
+    n_scans = scans_in_time(env.max_scans, env.max_time, env.settings.scan_time)
+    views, path = PlanarViews.from_env(env, n_scans), Path(job["file"])
+    if path.exists():
+        found = load_bound(path, views)
+    else:
+        found = bound_shown(views, n_scans, BoundSearch())
+        save_bound(path, found, views)
+    return {"bounds": found.bounds.tolist(), "choice_shown": found.choice_shown.tolist()}
+
+
+@thread_cache(maxsize=2)
+def _env(arguments: str) -> MappingEnv[Any]:
+    env_name, env_kwargs, settings = json.loads(arguments)
+    return make_env(env_name, env_kwargs, settings)
+
+
+def _is_bound(result: Any) -> bool:
+    """Whether a stored result has bounds that do not fall."""
+    try:
+        bounds = np.array(result["bounds"], dtype=np.int64)
+    except (TypeError, KeyError, ValueError, OverflowError):
+        return False
+    return bounds.ndim == 1 and len(bounds) > 1 and bool((np.diff(bounds) >= 0).all())

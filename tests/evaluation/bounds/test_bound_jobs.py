@@ -1,0 +1,78 @@
+"""Bounds of many worlds, with their certificates in a folder."""
+
+import numpy as np
+import pytest
+
+from coopmap_env import planar_v1
+from coopmap_env.cli.evaluate import Evaluate
+from coopmap_env.evaluation import make_env
+from coopmap_env.evaluation.bounds import BoundFileError, PlanarViews, bound_worlds, load_bound
+
+SCENE = {"name": "obstacles", "shape": [32, 32], "side_min": 3.0, "side_max": 7.0}
+TASK = {"scene": SCENE, "max_scans": 3, "split": "train"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bounds")
+    bound_worlds([4, 5], TASK, folder, progress=False)
+    return folder
+
+
+def test_bounds_and_certificates_are_kept_and_checked(folder):
+    bounds = bound_worlds([5, 4], TASK, folder, progress=False)
+    assert sorted(path.name for path in folder.glob("*.npz")) == ["world_4.npz", "world_5.npz"]
+    assert [len(own) for own in bounds] == [4, 4]
+    env = make_env("planar", TASK, None)
+    for seed, own in zip([5, 4], bounds, strict=True):
+        env.reset(seed=seed)
+        found = load_bound(folder / f"world_{seed}.npz", PlanarViews.from_env(env, 3))
+        np.testing.assert_array_equal(found.bounds, own)
+
+
+def test_a_file_of_another_world_is_refused(folder, tmp_path):
+    (tmp_path / "world_5.npz").write_bytes((folder / "world_4.npz").read_bytes())
+    with pytest.raises(BoundFileError, match="belongs to another world"):
+        bound_worlds([5], TASK, tmp_path, progress=False)
+
+
+def test_a_bound_is_found_again_from_its_file_alone(folder, tmp_path):
+    (tmp_path / "world_4.npz").write_bytes((folder / "world_4.npz").read_bytes())
+    again = bound_worlds([4], TASK, tmp_path, progress=False)
+    np.testing.assert_array_equal(again[0], bound_worlds([4], TASK, folder, progress=False)[0])
+
+
+def test_a_damaged_result_is_found_again(folder):
+    expected = bound_worlds([4, 5], TASK, folder, progress=False)
+    for path in (folder / "jobs").glob("*.json"):
+        path.write_text('{"bounds": [3, 2]}')
+    for own, other in zip(
+        expected, bound_worlds([4, 5], TASK, folder, progress=False), strict=True
+    ):
+        np.testing.assert_array_equal(own, other)
+
+
+def test_time_bounds_the_number_of_scans(tmp_path):
+    task = {**TASK, "max_scans": 50, "max_time": 7.0}  # 2 s each by default
+    (bounds,) = bound_worlds([0], task, tmp_path, progress=False)
+    assert len(bounds) == 5
+    assert planar_v1.PlanarSettings().scan_time == 2.0
+
+
+def test_evaluate_adds_efficiencies(tmp_path, capsys):
+    options = Evaluate(
+        out=tmp_path, policies="coverage:search=20,random", episodes=2, max_scans=2, scene="rooms",
+        efficiency=True, split="train",
+    )  # fmt: skip
+    options.run()
+    header, *rows = (tmp_path / "episodes.csv").read_text().splitlines()
+    assert header.endswith("shown,shown_auc,efficiency,efficiency_auc")
+    for row in rows:
+        assert 0 < float(row.split(",")[-1]) <= 1
+    assert "efficiency" in capsys.readouterr().out
+    assert len(list((tmp_path / "bounds").glob("*.npz"))) == 2
+
+
+def test_the_field_has_no_bound_yet(tmp_path):
+    with pytest.raises(ValueError, match="--efficiency needs bounds, which only planar worlds"):
+        Evaluate(out=tmp_path, env="field", efficiency=True).run()
