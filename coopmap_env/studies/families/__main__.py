@@ -1,0 +1,48 @@
+"""The command; see the package's page."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from coopmap_env import families
+from coopmap_env.core.files import write_atomically
+from coopmap_env.core.progress import log
+from coopmap_env.simulation.scenes import SPLITS
+from coopmap_env.studies.families import page_text, play_family, table_of
+from coopmap_env.studies.families.page import table_text
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Play families, print their tables, write their pages."""
+    parser = argparse.ArgumentParser(
+        prog="python -m coopmap_env.studies.families",
+        description="Policies and references on the worlds of benchmark families.",
+    )
+    parser.add_argument("names", nargs="+", help=", ".join(families.FAMILIES))
+    parser.add_argument("--split", choices=SPLITS, default="train")
+    parser.add_argument("--worlds", type=int, default=10, help="two or more, from seed 0 on")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--out", type=Path, required=True, help="folder of episodes and bounds")
+    parser.add_argument("--pages", type=Path, help="folder in which pages are written")
+    parser.add_argument("--policies", help="names in the table, separated by semicolons")
+    options = parser.parse_args(arguments)
+    chosen = [families.get(name) for name in options.names]
+    names = None if options.policies is None else options.policies.split(";")
+    if options.worlds < 2:
+        parser.error(f"--worlds must be at least 2, got {options.worlds}")
+    for family in chosen:
+        played = play_family(
+            family, options.split, range(options.worlds), options.out / family.name,
+            options.workers, names,
+        )  # fmt: skip
+        table = table_of(played)
+        print(f"{family.name}\n{table_text(table)}")
+        if options.pages is not None:
+            path = options.pages / f"{family.name}.md"
+            write_atomically(path, page_text(family, table, options.split, options.worlds))
+            log(f"page: {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""The page of a family in Markdown."""
+
+from __future__ import annotations
+
+from coopmap_env.families import Family
+from coopmap_env.studies.common.pages import format_interval
+from coopmap_env.studies.families.table import Row, Table
+
+
+def table_text(table: Table) -> str:
+    """The table in Markdown."""
+    titles = ["policy", "kind", *(column.title for column in table.columns)]
+    titles.append("beyond one step, points")
+    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    lines += [_line(table, row) for row in table.rows]
+    return "\n".join(lines)
+
+
+def _line(table: Table, row: Row) -> str:
+    cells = [
+        format_interval(row.scores[column.score], column.scale, column.digits)
+        for column in table.columns[:-2]
+    ]
+    cells += [
+        format_interval(row.scores[column.score], column.scale, column.digits, bounds=False)
+        for column in table.columns[-2:]
+    ]
+    beyond = "" if row.beyond is None else format_interval(row.beyond, 100, 1, sign="+")
+    return f"| {' | '.join([row.name, row.kind, *cells, beyond])} |"
+
+
+def page_text(family: Family, table: Table, split: str, n_worlds: int) -> str:
+    """The page of a family.
+
+    Parameters
+    ----------
+    family : Family
+    table : Table
+    split : str
+    n_worlds : int
+        Worlds that were played, from seed 0 on.
+    """
+    budget = [f"{family.budget['n_robots']} robots", f"{family.budget['max_scans']} scans each"]
+    if "max_time" in family.budget:
+        budget.append(f"{family.budget['max_time']:g} s on the clock of the team")
+    kind = "planar" if family.env_name == "planar" else "field"
+    fields = ", ".join(f"{name} {value}" for name, value in family.scene.items() if name != "name")
+    scene = f"`{family.scene['name']}`" + (f" ({fields})" if fields else "")
+    command = (
+        f"python -m coopmap_env.studies.families {family.name} --split {split} "
+        f"--worlds {n_worlds} --out results/families"
+    )
+    return f"""# {family.name}
+
+{family.summary}
+
+| | |
+|---|---|
+| id | `{family.env_id}` |
+| Python | `coopmap_env.families.make("{family.name}", split="test")` |
+| commands | `--family {family.name}` of `coopmap evaluate`, `train` and `submit` |
+| world | {kind}, scene {scene} |
+| budget | {", ".join(budget)} |
+
+Means over {n_worlds} worlds of the split "{split}" [95 % bootstrap intervals]. {_explanation(kind)}
+The last column compares with the best one-step planner, {table.best_one_step}, world by world, by
+{table.compared.title.rstrip(", %")}.
+
+{table_text(table)}
+
+```
+{command}
+```
+"""
+
+
+def _explanation(kind: str) -> str:
+    if kind == "planar":
+        return (
+            "Efficiency is what is shown beyond the start, as a fraction of what the [upper bound]"
+            "(../bounds.md) allows: at the end, and of the area under the curve. Clairvoyant "
+            "policies know the world and keep all constraints; they are references."
+        )
+    return (
+        "Surface is the covered fraction of the visible surface, at the end and as the area under "
+        "its curve; shown are the voxels that scans truly showed."
+    )

@@ -1,0 +1,167 @@
+"""Policies and references on the same worlds of a family."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from coopmap_env import families
+from coopmap_env.core.caches import thread_cache
+from coopmap_env.core.version import __version__
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation import (
+    Evaluation,
+    Job,
+    Result,
+    compare,
+    episode_from_dict,
+    is_episode,
+    policy_names,
+    run_episode,
+    run_jobs,
+)
+from coopmap_env.evaluation.bounds import bound_worlds
+from coopmap_env.families import Family
+from coopmap_env.studies.clairvoyant import ClairvoyantGreedy, ClairvoyantLookAhead
+
+
+class Entry(NamedTuple):
+    """A policy that is played."""
+
+    spec: str
+    kind: str
+    """"random", "one step", "look-ahead", "learned" or "clairvoyant"."""
+    action_mode: str = "pose"
+
+
+POLICIES = {
+    "random": Entry("random", "random"),
+    "rating function, m = 100": Entry("rating_function:search=100", "one step"),
+    "rating function, m = 100, sequential": Entry(
+        "rating_function:search=100+coordination=sequential", "one step"
+    ),
+    "coverage, m = 300, sequential": Entry(
+        "coverage:search=300+coordination=sequential", "one step"
+    ),
+    "frontier, sequential": Entry("frontier:coordination=sequential", "look-ahead"),
+    "allocation": Entry("allocation", "look-ahead"),
+    "tour": Entry("tour", "look-ahead"),
+    "look-ahead": Entry("lookahead", "look-ahead"),
+    "look-ahead, joint": Entry("lookahead:coordination=joint", "look-ahead"),
+    "learned": Entry("learned", "learned", "candidates"),
+}
+"""Policies by their names in the table. One-step planners value the next view alone; those that go
+to a frontier or along a tour look further than that."""
+CLAIRVOYANT: dict[str, Callable[[PlanarEnv], Any]] = {
+    "clairvoyant, greedy": ClairvoyantGreedy,
+    "clairvoyant, look-ahead": ClairvoyantLookAhead,
+}
+"""References that know the planar world."""
+
+
+class Played(NamedTuple):
+    """What was played on the same worlds."""
+
+    evaluations: dict[str, Evaluation]
+    """By name; with efficiencies where the family is planar."""
+    kinds: dict[str, str]
+    n_worlds: int
+
+
+def play_family(
+    family: Family,
+    split: str,
+    seeds: Sequence[int],
+    folder: Path,
+    workers: int = 1,
+    names: Sequence[str] | None = None,
+) -> Played:
+    """Play policies and references on some worlds of a family; resumable.
+
+    Parameters
+    ----------
+    family : Family
+    split : {"train", "validation", "test"}
+    seeds : sequence of int
+    folder : Path
+        Keeps episodes and certificates.
+    workers : int
+        Episodes at a time; decision times depend on it.
+    names : sequence of str, optional
+        Keys of `POLICIES` and `CLAIRVOYANT`; by default all that are installed and fit the family.
+    """
+    installed = set(policy_names())
+    is_planar = family.env_name == "planar"
+    known = [name for name, entry in POLICIES.items() if entry.spec.split(":")[0] in installed]
+    chosen = list(names) if names is not None else known + (list(CLAIRVOYANT) if is_planar else [])
+    evaluations: dict[str, Evaluation] = {}
+    for mode in ("pose", "candidates"):
+        entries = {n: POLICIES[n] for n in chosen if n in POLICIES}
+        own = {n: entry.spec for n, entry in entries.items() if entry.action_mode == mode}
+        if own:
+            arguments = {**family.env_kwargs, "split": split, "action_mode": mode}
+            found = compare(
+                list(own.values()), seeds, arguments, folder / "episodes", family.settings,
+                workers, env_name=family.env_name,
+            )  # fmt: skip
+            evaluations |= {name: found[spec] for name, spec in own.items()}
+    for name in chosen:
+        if name in CLAIRVOYANT:
+            evaluations[name] = _play_clairvoyant(family, split, seeds, folder, workers, name)
+    if is_planar:
+        evaluations = _with_efficiencies(family, split, seeds, folder, workers, evaluations)
+    kinds = {n: POLICIES[n].kind if n in POLICIES else "clairvoyant" for n in chosen}
+    return Played({name: evaluations[name] for name in chosen}, kinds, len(seeds))
+
+
+def _with_efficiencies(
+    family: Family, split: str, seeds: Sequence[int], folder: Path, workers: int,
+    evaluations: dict[str, Evaluation],
+) -> dict[str, Evaluation]:  # fmt: skip
+    arguments = {**family.env_kwargs, "split": split}
+    bounds = bound_worlds(seeds, arguments, folder / "bounds", family.settings, workers)
+    with closing(family.make(split)) as env:
+        env.reset(seed=seeds[0])
+        n_cells, scan_time = env.belief().map.grid.n_cells, env.belief().scan_time
+    return {
+        name: evaluation.with_bounds(bounds, n_cells, scan_time)
+        for name, evaluation in evaluations.items()
+    }
+
+
+def _play_clairvoyant(
+    family: Family, split: str, seeds: Sequence[int], folder: Path, workers: int, name: str
+) -> Evaluation:
+    jobs: list[Job] = [
+        {
+            "version": __version__,
+            "family": family.name,
+            "definition": family.definition,
+            "split": split,
+            "policy": name,
+            "seed": seed,
+        }
+        for seed in seeds
+    ]
+    results = run_jobs(
+        run_clairvoyant_job, jobs, folder / "clairvoyant", workers, is_valid=is_episode
+    )
+    return Evaluation(tuple(map(episode_from_dict, results)))
+
+
+def run_clairvoyant_job(job: Job) -> Result:
+    """Play an episode of a policy that knows the world."""
+    env = _clairvoyant_env(json.dumps([job["family"], job["split"]]))
+    return asdict(run_episode(env, CLAIRVOYANT[job["policy"]](env), job["seed"]))
+
+
+@thread_cache(maxsize=2)
+def _clairvoyant_env(arguments: str) -> PlanarEnv:
+    name, split = json.loads(arguments)
+    env = families.make(name, split, report_shown=True)
+    assert isinstance(env, PlanarEnv)
+    return env

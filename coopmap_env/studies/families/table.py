@@ -1,0 +1,86 @@
+"""The table of a family: means over its worlds with 95 % intervals."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coopmap_env.evaluation import BOOTSTRAP_SEED
+from coopmap_env.evaluation.statistics import (
+    Interval,
+    bootstrap_mean,
+    bootstrap_paired_difference,
+)
+from coopmap_env.studies.families.play import Played
+
+
+class Column(NamedTuple):
+    """A column of the table."""
+
+    title: str
+    score: str
+    scale: float
+    digits: int
+
+
+PLANAR_COLUMNS = (
+    Column("shown, %", "shown", 100, 1),
+    Column("efficiency, %", "efficiency", 100, 1),
+    Column("of area, %", "efficiency_auc", 100, 1),
+)
+FIELD_COLUMNS = (
+    Column("surface, %", "surface_coverage", 100, 1),
+    Column("area, %", "surface_coverage_auc", 100, 1),
+    Column("shown, %", "shown", 100, 1),
+)
+COSTS = (
+    Column("scans", "n_scans", 1, 1),
+    Column("decision, ms", "planning_time_ms", 1, 1),
+)
+
+
+class Row(NamedTuple):
+    """A policy in the table."""
+
+    name: str
+    kind: str
+    scores: dict[str, Interval]
+    """By score."""
+    beyond: Interval | None
+    """First score of the columns less that of the best one-step planner, world by world; None for
+    that planner itself."""
+
+
+class Table(NamedTuple):
+    """The rows, and what they are compared by."""
+
+    columns: tuple[Column, ...]
+    rows: list[Row]
+    compared: Column
+    best_one_step: str
+
+
+def table_of(played: Played) -> Table:
+    """Summarise what was played.
+
+    Policies are compared by efficiency at the end, in field families by the covered surface.
+    """
+    tables = {name: evaluation.table for name, evaluation in played.evaluations.items()}
+    is_planar = all("efficiency" in table for table in tables.values())
+    columns = PLANAR_COLUMNS if is_planar else FIELD_COLUMNS
+    compared = columns[1] if is_planar else columns[0]
+    one_step = [name for name, kind in played.kinds.items() if kind == "one step"]
+    best = max(one_step, key=lambda name: float(tables[name][compared.score].mean()))
+    rows = []
+    for name, table in tables.items():
+        rng = np.random.default_rng(BOOTSTRAP_SEED)
+        scores = {
+            column.score: bootstrap_mean(table[column.score], rng) for column in (*columns, *COSTS)
+        }
+        beyond = None
+        if name != best:
+            ours, theirs = table[compared.score], tables[best][compared.score]
+            beyond = bootstrap_paired_difference(ours, theirs, rng)
+        rows.append(Row(name, played.kinds[name], scores, beyond))
+    return Table((*columns, *COSTS), rows, compared, best)
