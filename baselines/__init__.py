@@ -6,7 +6,10 @@ name                  next poses
 rating_function       highest rating (Eq. 9), exhaustively or among m random poses (the paper's)
 information_gain      highest mutual information of the beams with the map, minus motion
 coverage              most never-sampled cells in view, minus motion
-frontier              nearest free cell next to the unknown
+frontier              most cells expected to be new at a frontier, minus motion; or the nearest one
+allocation            the same, each robot in another cluster of frontier cells (Hungarian method)
+tour                  the first of a few viewpoints that cover the unknown, on a short way
+lookahead             the first of the next few views that are expected to show most
 raster                the next of the available poses, in sequence
 random                any feasible pose
 ====================  ==========================================================================
@@ -14,23 +17,29 @@ random                any feasible pose
 
 from typing import Any
 
+from coopmap_baselines.allocation import AllocationPolicy
 from coopmap_baselines.coverage import CoveragePolicy
 from coopmap_baselines.frontier import FrontierPolicy
 from coopmap_baselines.information_gain import InformationGainPolicy
+from coopmap_baselines.lookahead import LookaheadPolicy
 from coopmap_baselines.random_poses import RandomPolicy
 from coopmap_baselines.raster import RasterPolicy
 from coopmap_baselines.rating_function import RatingFunctionPolicy
+from coopmap_baselines.tour import TourPolicy
 from coopmap_env.core.files import brief
 from coopmap_env.evaluation import Policy
 
 __all__ = [
     "POLICIES",
+    "AllocationPolicy",
     "CoveragePolicy",
     "FrontierPolicy",
     "InformationGainPolicy",
+    "LookaheadPolicy",
     "RandomPolicy",
     "RasterPolicy",
     "RatingFunctionPolicy",
+    "TourPolicy",
     "make",
 ]
 
@@ -39,6 +48,9 @@ POLICIES: dict[str, type[Policy]] = {
     "information_gain": InformationGainPolicy,
     "coverage": CoveragePolicy,
     "frontier": FrontierPolicy,
+    "allocation": AllocationPolicy,
+    "tour": TourPolicy,
+    "lookahead": LookaheadPolicy,
     "raster": RasterPolicy,
     "random": RandomPolicy,
 }

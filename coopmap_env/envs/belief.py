@@ -71,6 +71,25 @@ class ActionMode(Protocol):
         """
 
 
+class Foresight(Protocol):
+    """What the map may be after the next scans of a team, for planners that look ahead."""
+
+    def copy(self) -> Self:
+        """The same future; what is taken from now on changes one of the two."""
+
+    def gain(self, robot: int, poses: Poses) -> NDArray[np.float64]:
+        """New cells that each pose is expected to show, as a fraction of a full view, (k,)."""
+
+    def take(self, robot: int, pose: Any) -> None:
+        """Scan from a pose: its cells are no longer new, and may be entered."""
+
+    def random_poses(self, robot: int, pose: Any, m: int, rng: np.random.Generator) -> Poses:
+        """Up to m different poses that will probably be feasible from a pose."""
+
+    def distance(self, robot: int, poses: Poses, pose: Any) -> NDArray[np.float64]:
+        """Distance d of Eq. 5 from a pose to each of some poses, shape (k,)."""
+
+
 class Planning(Protocol):
     """Operations that only one or two of the baselines need, such as the order of a raster.
 
@@ -100,6 +119,28 @@ class Planning(Protocol):
         self, belief: Any, robot: int, poses: Poses, shows_unknown: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Which poses belong to the nearest frontier, among those that `shows_unknown` marks."""
+
+    def expected_unknown_fraction(
+        self, belief: Any, robot: int, poses: Poses, reserved_mask: ReservedMask | None
+    ) -> NDArray[np.float64]:
+        """New cells that a view is expected to show, shape (k,).
+
+        As a fraction of the most that a camera can see.
+        """
+
+    def foresight(self, belief: Any) -> Foresight:
+        """The map as it is, to look ahead from."""
+
+    def frontier_mask(self, belief: Any, robot: int) -> NDArray[np.bool_]:
+        """Frontier cells of the map that a robot plans on, in the shape of its grid."""
+
+    def frontier_of_poses(
+        self, belief: Any, robot: int, poses: Poses, labels: NDArray[np.int32]
+    ) -> NDArray[np.int32]:
+        """The cluster of frontier cells that each pose (k,) belongs to, 0 for none.
+
+        `labels`, in the shape of the grid, are the clusters of the cells of `frontier_mask`.
+        """
 
     def raster_offset(self, belief: Any, robot: int, poses: Poses) -> NDArray[np.int64]:
         """Steps from the robot's pose to each pose in the cyclic raster sequence, shape (k,)."""

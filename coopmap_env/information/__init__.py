@@ -7,6 +7,7 @@ from coopmap_env.information.field.point_visibility import first_visible_point
 from coopmap_env.information.field.rating import FieldRatingFunction
 from coopmap_env.information.frontier import adjacent_to_unknown
 from coopmap_env.information.gray_levels import gray_bin, sampled_gray_level, unknown_gray_level
+from coopmap_env.information.planar.expected_views import ExpectedCells, PlanarExpectedViews
 from coopmap_env.information.planar.information_cache import NewInformationCache
 from coopmap_env.information.planar.mutual_information import PlanarMutualInformation
 from coopmap_env.information.planar.rating import PlanarRatingFunction
@@ -26,11 +27,13 @@ from coopmap_env.information.settings import (
 
 __all__ = [
     "CameraPoses",
+    "ExpectedCells",
     "FieldMutualInformation",
     "FieldRatingFunction",
     "FieldRatingSettings",
     "Frustum",
     "NewInformationCache",
+    "PlanarExpectedViews",
     "PlanarMutualInformation",
     "PlanarRatingFunction",
     "PlanarRatingSettings",

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field.belief import FieldBelief
+from coopmap_env.envs.field.foresight import FieldForesight
 from coopmap_env.envs.field.team_state import Joints
 from coopmap_env.information import (
     FieldMutualInformation,
@@ -25,6 +26,11 @@ from coopmap_env.information import (
 N_REFINED = 30
 """Poses that are scored at the map's own resolution after a ranking at half of it: the best ten of
 300 are among them."""
+
+N_CLUSTERS = 20
+"""Clusters of frontier voxels that poses may belong to: the largest ones, which hold nearly all."""
+N_TRIED = 50
+"""Voxels of a cluster, from its middle, of which one must be seen by some pose."""
 
 
 class FieldPlanning:
@@ -57,8 +63,7 @@ class FieldPlanning:
         ones; only those that some of the marked poses sees count.
         """
         map_ = belief.planning_map(robot)
-        transparent = map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed < 0)
-        (cells,) = np.nonzero(adjacent_to_unknown(map_) & transparent)
+        (cells,) = np.nonzero(self.frontier_mask(belief, robot).ravel())
         grid = map_.grid
         centers = grid.center(np.stack(np.unravel_index(cells, grid.shape), axis=-1))
         distances = np.linalg.norm(centers - belief.estimates[robot].pose.translation, axis=1)
@@ -70,6 +75,42 @@ class FieldPlanning:
         mask = np.zeros(len(poses), dtype=np.bool_)
         mask[shows_unknown] = sees_point
         return mask
+
+    def expected_unknown_fraction(
+        self, belief: FieldBelief, robot: int, poses: Joints, reserved_mask: ReservedMask | None
+    ) -> NDArray[np.float64]:
+        """`FieldBelief.unknown_fraction`: most of the space around a target is free."""
+        return belief.unknown_fraction(robot, poses, reserved_mask)
+
+    def foresight(self, belief: FieldBelief) -> FieldForesight:
+        """See `FieldForesight`."""
+        return FieldForesight.of_belief(belief)
+
+    def frontier_mask(self, belief: FieldBelief, robot: int) -> NDArray[np.bool_]:
+        """Voxels that are sampled, can be seen through (P < 1/2) and border on the unknown."""
+        map_ = belief.planning_map(robot)
+        transparent = map_.sampled_mask.view(np.bool_) & (map_.log_odds_fixed < 0)
+        mask: NDArray[np.bool_] = adjacent_to_unknown(map_) & transparent
+        return mask.reshape(map_.grid.shape)
+
+    def frontier_of_poses(
+        self, belief: FieldBelief, robot: int, poses: Joints, labels: NDArray[np.int32]
+    ) -> NDArray[np.int32]:
+        """The largest of the clusters of which the camera sees the voxel nearest to their middle.
+
+        Of each cluster, the first voxel in the order of its distance that any pose sees counts.
+        """
+        map_ = belief.planning_map(robot)
+        frustum, found = belief.rating_function.fine.frustum, np.zeros(len(poses), dtype=np.int32)
+        cameras = belief.vehicles[robot].camera_poses(poses)
+        largest_first = np.argsort(-np.bincount(labels.ravel())[1:], kind="stable") + 1
+        for label in largest_first[:N_CLUSTERS]:
+            points = map_.grid.center(np.argwhere(labels == label))
+            off_middle = np.square(points - points.mean(axis=0)).sum(axis=1)
+            nearest_first = points[np.argsort(off_middle, kind="stable")[:N_TRIED]]
+            _, sees_point = first_visible_point(map_, nearest_first, cameras, frustum)
+            found[sees_point & (found == 0)] = label
+        return found
 
     def raster_offset(self, belief: FieldBelief, robot: int, poses: Joints) -> NDArray[np.int64]:
         """Counting through the joints, the last one fastest, in the order of `JointSpace.grid`."""

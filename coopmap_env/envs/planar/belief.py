@@ -80,7 +80,8 @@ class PlanarBelief(Belief):
         return regions
 
     @property
-    def _sampling(self) -> PoseSampling:
+    def sampling(self) -> PoseSampling:
+        """What one action can reach."""
         return PoseSampling(self.lattice.geometry, self.map.grid.shape_3d, float(self.reach))
 
     def feasible_cells(self, robot: int) -> NDArray[np.int64]:
@@ -89,7 +90,7 @@ class PlanarBelief(Belief):
         So of poses that a planner finds equally good, the nearest one is the first.
         """
         found = np.empty(self.map.grid.n_cells, dtype=np.int32)
-        n = write_feasible_cells(self.pose_ids[robot], robot, self._sampling, self.regions, found)
+        n = write_feasible_cells(self.pose_ids[robot], robot, self.sampling, self.regions, found)
         cells, ny = found[:n].astype(np.int64), self.map.grid.shape[1]
         x, y = divmod(self.cell(robot), ny)
         squares = (cells // ny - x) ** 2 + (cells % ny - y) ** 2
@@ -107,7 +108,7 @@ class PlanarBelief(Belief):
         regions = self.regions._replace(queue=np.empty(self.map.grid.n_cells, dtype=np.int32))
         poses, picked = np.empty((m,), dtype=np.int64), np.empty(picked_size(m), dtype=np.int64)
         n = sample_feasible_poses(
-            self.pose_ids[robot], robot, self._sampling, regions, draw_stream(rng), picked, poses,
+            self.pose_ids[robot], robot, self.sampling, regions, draw_stream(rng), picked, poses,
         )  # fmt: skip
         return poses[:n]
 

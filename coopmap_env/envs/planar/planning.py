@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.envs.planar.foresight import PlanarForesight
 from coopmap_env.information import (
     NewInformationCache,
+    PlanarExpectedViews,
     PlanarMutualInformation,
     PlanarRatingFunction,
     Ratings,
@@ -20,7 +22,7 @@ from coopmap_env.information import (
     adjacent_to_unknown,
     entropy,
 )
-from coopmap_env.robots import ReachableCells
+from coopmap_env.robots import ReachableCells, free_mask
 
 
 class PlanarPlanning:
@@ -61,6 +63,37 @@ class PlanarPlanning:
         far = np.iinfo(steps.dtype).max
         return shows_unknown & (cells == cells[np.argmin(np.where(shows_unknown, steps, far))])
 
+    def expected_unknown_fraction(
+        self,
+        belief: PlanarBelief,
+        robot: int,
+        pose_ids: NDArray[np.int64],
+        reserved_mask: ReservedMask | None,
+    ) -> NDArray[np.float64]:
+        """See `PlanarExpectedViews`."""
+        views = _expected_views(belief.rating_function)
+        cells = views.cells(belief.map, reserved_mask)
+        return views.count(cells, pose_ids) / belief.rating_function.max_visible_cells
+
+    def foresight(self, belief: PlanarBelief) -> PlanarForesight:
+        """See `PlanarForesight`."""
+        return PlanarForesight.of_belief(belief, _expected_views(belief.rating_function))
+
+    def frontier_mask(self, belief: PlanarBelief, robot: int) -> NDArray[np.bool_]:
+        """Cells that are known to be free and border on the unknown."""
+        mask: NDArray[np.bool_] = adjacent_to_unknown(belief.map) & free_mask(belief.map)
+        return mask.reshape(belief.map.grid.shape)
+
+    def frontier_of_poses(
+        self,
+        belief: PlanarBelief,
+        robot: int,
+        pose_ids: NDArray[np.int64],
+        labels: NDArray[np.int32],
+    ) -> NDArray[np.int32]:
+        """The cluster in which the camera stands: there it sees most of what is beyond."""
+        return labels.ravel()[pose_ids // belief.lattice.n_headings]
+
     def raster_offset(
         self, belief: PlanarBelief, robot: int, pose_ids: NDArray[np.int64]
     ) -> NDArray[np.int64]:
@@ -97,3 +130,8 @@ def _mutual_information(
     rating: PlanarRatingFunction, prior: float, known_probability: float
 ) -> PlanarMutualInformation:
     return PlanarMutualInformation(rating, prior, known_probability)
+
+
+@lru_cache(maxsize=4)
+def _expected_views(rating: PlanarRatingFunction) -> PlanarExpectedViews:
+    return PlanarExpectedViews(rating)

@@ -37,6 +37,28 @@ class BeamEntries(NamedTuple):
     order: NDArray[np.int32]
     """All entries, heading by heading, in the order of the sum: by |dx| + |dy|, then dx and dy."""
 
+    @classmethod
+    def from_fan(cls, fan: BeamFan) -> BeamEntries:
+        """List the fan entries of every beam."""
+        n_beams = sum(int(word).bit_count() for word in fan.all_beams)
+        start = np.zeros((fan.n_headings, n_beams + 1), dtype=np.int64)
+        parts = []
+        total = 0
+        for h in range(fan.n_headings):
+            low, high = fan.start[h], fan.start[h + 1]
+            for beam in range(n_beams):
+                word, bit = divmod(beam, BEAMS_PER_WORD)
+                crossed = fan.beams[word, low:high] >> np.uint64(bit) & np.uint64(1)
+                (entries,) = np.nonzero(crossed)
+                start[h, beam] = total
+                total += len(entries)
+                parts.append(entries + low)
+            start[h, n_beams] = total
+        heading = np.repeat(np.arange(fan.n_headings), np.diff(fan.start))
+        dx, dy = fan.offsets.T.astype(np.int32)
+        order = np.lexsort((dy, dx, np.abs(dx) + np.abs(dy), heading))
+        return cls(start, np.concatenate(parts).astype(np.int32), order.astype(np.int32))
+
 
 class PlanarMutualInformation:
     """Mutual information of lattice poses.
@@ -64,7 +86,7 @@ class PlanarMutualInformation:
         validate_prior(prior, known_probability)
         self._prior, self._known_probability = float(prior), known_probability
         self._rating = rating
-        self._beams = _entries_of_beams(rating.fan)
+        self._beams = BeamEntries.from_fan(rating.fan)
 
     def mutual_information(
         self, map_: OccupancyMap, poses: ArrayLike, context: ViewContext = WHOLE_VIEW
@@ -86,28 +108,6 @@ class PlanarMutualInformation:
             out,
         )
         return out
-
-
-def _entries_of_beams(fan: BeamFan) -> BeamEntries:
-    """List the fan entries of every beam."""
-    n_beams = sum(int(word).bit_count() for word in fan.all_beams)
-    start = np.zeros((fan.n_headings, n_beams + 1), dtype=np.int64)
-    parts = []
-    total = 0
-    for h in range(fan.n_headings):
-        low, high = fan.start[h], fan.start[h + 1]
-        for beam in range(n_beams):
-            word, bit = divmod(beam, BEAMS_PER_WORD)
-            crossed = fan.beams[word, low:high] >> np.uint64(bit) & np.uint64(1)
-            (entries,) = np.nonzero(crossed)
-            start[h, beam] = total
-            total += len(entries)
-            parts.append(entries + low)
-        start[h, n_beams] = total
-    heading = np.repeat(np.arange(fan.n_headings), np.diff(fan.start))
-    dx, dy = fan.offsets.T.astype(np.int32)
-    order = np.lexsort((dy, dx, np.abs(dx) + np.abs(dy), heading))
-    return BeamEntries(start, np.concatenate(parts).astype(np.int32), order.astype(np.int32))
 
 
 @kernel

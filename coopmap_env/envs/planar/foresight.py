@@ -1,0 +1,65 @@
+"""The planar map as it may be after the next scans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.information import ExpectedCells, PlanarExpectedViews
+from coopmap_env.robots.planar.feasible_poses import PoseSampling
+from coopmap_env.robots.planar.likely_cells import likely_cells
+
+LIKELY_FREE = 0.5
+"""Cells that will be known to be free with this probability, or a higher one, can be planned on."""
+
+
+@dataclass(frozen=True)
+class PlanarForesight:
+    """See `Foresight`; a view opens the cells that it will probably show and that may be free."""
+
+    views: PlanarExpectedViews
+    cells: ExpectedCells
+    """Changed by `take`."""
+    sampling: PoseSampling
+
+    @classmethod
+    def of_belief(cls, belief: PlanarBelief, views: PlanarExpectedViews) -> PlanarForesight:
+        """The map as it is; cameras may stay in their cells, whatever is known of them."""
+        cells = views.cells(belief.map)
+        cells.free[[belief.cell(robot) for robot in range(len(belief.agents))]] = 1
+        return cls(views, cells, belief.sampling)
+
+    def copy(self) -> PlanarForesight:
+        """See `Foresight.copy`."""
+        return replace(self, cells=self.cells.copy())
+
+    def gain(self, robot: int, pose_ids: NDArray[np.int64]) -> NDArray[np.float64]:
+        """See `Foresight.gain`; times the probability that the cell can be entered."""
+        chance = self.cells.free[pose_ids // self.sampling.lattice.n_headings]
+        n_cells = self.views.rating.max_visible_cells
+        gain: NDArray[np.float64] = self.views.count(self.cells, pose_ids) * chance / n_cells
+        return gain
+
+    def take(self, robot: int, pose_id: int) -> None:
+        """See `Foresight.take`."""
+        cell = pose_id // self.sampling.lattice.n_headings
+        self.views.take(self.cells, pose_id, float(self.cells.free[cell]))
+
+    def random_poses(
+        self, robot: int, pose_id: int, m: int, rng: np.random.Generator
+    ) -> NDArray[np.int64]:
+        """See `Foresight.random_poses`."""
+        cells = likely_cells(self.cells.free, LIKELY_FREE, pose_id, self.sampling)
+        n = self.sampling.lattice.n_headings
+        numbers = np.unique(rng.integers(len(cells) * n, size=m))
+        poses: NDArray[np.int64] = cells[numbers // n] * n + numbers % n
+        return poses
+
+    def distance(
+        self, robot: int, pose_ids: NDArray[np.int64], pose_id: int
+    ) -> NDArray[np.float64]:
+        """See `PlanarRatingFunction.distance`."""
+        return self.views.rating.distance(pose_ids, [pose_id])
