@@ -1,107 +1,113 @@
-"""Allocation: each robot goes to another cluster of frontier cells, the cheapest for the team."""
+"""Allocation: each robot goes to another cluster of frontier cells, the best for the team."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from coopmap_baselines.frontier_clusters import clusters_of_poses
-from coopmap_baselines.planner import GainPlanner, Search
-from coopmap_env.core.settings import PositiveInt, checked_value
+from coopmap_baselines.frontier_clusters import (
+    frontier_clusters,
+    frontier_poses,
+    pose_towards,
+    utility_of_poses,
+)
+from coopmap_env.core.settings import NonNegative, PositiveInt, checked_value
 from coopmap_env.envs import Belief, Observations, Poses
 from coopmap_env.information import ReservedMask
 
-OUT_OF_REACH = -1e6
+NO_POSE = -1e6
 """Utility of a cluster to which no pose of a robot belongs."""
 
 
-class AllocationPolicy(GainPlanner):
+class Options(NamedTuple):
+    """Where a robot may go."""
+
+    poses: Poses
+    clusters: NDArray[np.int64]
+    """Number of the cluster of each pose (k,), 0 for none: the same for all robots with one map."""
+
+
+class AllocationPolicy:
     """Clusters of frontier cells are assigned to robots by the Hungarian method.
 
-    The utility of a cluster for a robot is the highest gain minus weighted motion of its poses
-    there, as of `FrontierPolicy`. No two robots get the same cluster, and the sum of the utilities
-    is the largest (Kuhn 1955; for frontiers: Faigl, Kulich & Preucil 2012, "Goal assignment using
-    distance cost in multi-robot exploration"). Then the robots take, one after another, their best
-    pose in their cluster, beside what the robots before them are about to see. Robots without a
-    cluster take the best pose of all.
+    The utility of a cluster for a robot is the highest of its poses there, as of `FrontierPolicy`.
+    No two robots get the same cluster, and the sum of the utilities is the largest (Kuhn 1955; for
+    frontiers: Faigl, Kulich & Preucil 2012, "Goal assignment using distance cost in multi-robot
+    exploration"). Then the robots choose, one after another, their best pose in their cluster,
+    beside what the robots before them are about to see. Robots without a cluster choose among all
+    poses.
 
     Parameters
     ----------
-    search : int or "exhaustive"
-        See `Planner`.
     motion_weight : float
         Gain that is worth one unit of d (Eq. 5).
     min_cells : int
         Cells of the smallest cluster.
+
+    Raises
+    ------
+    ValueError
+        If an option is outside of its range.
     """
 
-    def __init__(
-        self, search: Search = "exhaustive", motion_weight: float = 0.001, min_cells: int = 3
-    ) -> None:
-        super().__init__(search, "sequential", motion_weight)
+    def __init__(self, motion_weight: float = 0.001, min_cells: int = 3) -> None:
+        self.motion_weight: float = checked_value("motion_weight", motion_weight, NonNegative)
         self.min_cells: int = checked_value("min_cells", min_cells, PositiveInt)
 
-    def gain(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
-    ) -> NDArray[np.float64]:
-        """See `Planning.expected_unknown_fraction`."""
-        return belief.planning.expected_unknown_fraction(belief, robot, poses, reserved_mask)
+    def reset(self, rng: np.random.Generator) -> None:
+        """Start an episode; nothing is random."""
 
     def act(self, belief: Belief, observations: Observations) -> dict[str, Any]:
         """Assign clusters, then choose the best pose of each robot, as actions."""
-        robots = range(len(belief.agents))
-        poses = [self._screened_poses(belief, robot) for robot in robots]
-        found = [clusters_of_poses(belief, robot, poses[robot], self.min_cells) for robot in robots]
-        clusters = _distinct_clusters(found)
-        assigned = self._assign(belief, poses, clusters)
         reserved_mask = np.zeros(belief.map.grid.n_cells, dtype=np.uint8)
+        options = self._options(belief)
+        assigned = self._assign(belief, options)
         actions = {}
         for robot, agent in enumerate(belief.agents):
-            own = clusters[robot] == assigned[robot]
-            choice = poses[robot][own] if own.any() else poses[robot]
-            best = choice[np.argmax(self.score(belief, robot, choice, reserved_mask))]
+            poses, clusters = options[robot]
+            inside = clusters == assigned[robot]
+            poses = poses[inside] if inside.any() else poses
+            utility = self._utility(belief, robot, poses, reserved_mask)
+            best = pose_towards(belief, robot, poses[np.argmax(utility)], reserved_mask)
             actions[agent] = belief.action_for(robot, best)
             reserved_mask[belief.visible_cells(robot, best)] = 1
         return actions
 
-    def _screened_poses(self, belief: Belief, robot: int) -> Poses:
-        def score(some_belief: Belief, poses: Poses) -> NDArray[np.float64]:
-            return self.score(some_belief, robot, poses, None)
+    def _options(self, belief: Belief) -> list[Options]:
+        """The poses of each robot and their clusters."""
+        options: list[Options] = []
+        maps: list[NDArray[np.int32]] = []
+        first = [0]
+        for robot in range(len(belief.agents)):
+            found = frontier_clusters(belief, robot, self.min_cells)
+            same = [k for k, known in enumerate(maps) if np.array_equal(known, found)]
+            if not same:
+                maps.append(found)
+                first.append(first[-1] + int(found.max(initial=0)))
+            offset = first[same[0] if same else len(maps) - 1]
+            poses, numbers = frontier_poses(belief, robot, found)
+            options.append(Options(poses, np.where(numbers > 0, numbers + np.int64(offset), 0)))
+        return options
 
-        return belief.planning.prescreen(belief, self.candidate_poses(belief, robot), score)
-
-    def _assign(
-        self, belief: Belief, poses: list[Poses], clusters: list[NDArray[np.int64]]
-    ) -> NDArray[np.int64]:
+    def _assign(self, belief: Belief, options: list[Options]) -> NDArray[np.int64]:
         """The cluster of each robot; -1 for none."""
-        n_clusters = max(int(of_poses.max(initial=0)) for of_poses in clusters)
-        utility = np.full((len(poses), n_clusters + 1), OUT_OF_REACH)
-        for robot, of_poses in enumerate(clusters):
-            inside = of_poses > 0
-            if inside.any():
-                score = self.score(belief, robot, poses[robot][inside], None)
-                np.maximum.at(utility[robot], of_poses[inside], score)
-        assigned = np.full(len(poses), -1, dtype=np.int64)
-        rows, columns = linear_sum_assignment(utility[:, 1:], maximize=True)
-        for row, column in zip(rows, columns + 1, strict=True):
-            if utility[row, column] > OUT_OF_REACH:
-                assigned[row] = column
+        n_clusters = max(int(clusters.max(initial=0)) for _, clusters in options)
+        utility = np.full((len(options), n_clusters + 1), NO_POSE)
+        for robot, (poses, clusters) in enumerate(options):
+            each = self._utility(belief, robot, poses, None)
+            np.maximum.at(utility[robot], clusters, each)
+        assigned = np.full(len(options), -1, dtype=np.int64)
+        for robot, column in zip(
+            *linear_sum_assignment(utility[:, 1:], maximize=True), strict=True
+        ):
+            if utility[robot, column + 1] > NO_POSE:
+                assigned[robot] = column + 1
         return assigned
 
-
-def _distinct_clusters(
-    found: list[tuple[NDArray[np.int32], NDArray[np.int32]]],
-) -> list[NDArray[np.int64]]:
-    """Clusters of the poses of each robot, with other numbers where the maps are different ones."""
-    clusters: list[NDArray[np.int64]] = []
-    offsets: list[int] = []
-    first = 0
-    for labels, of_poses in found:
-        same = [k for k in range(len(offsets)) if np.array_equal(found[k][0], labels)]
-        offsets.append(offsets[same[0]] if same else first)
-        first = max(first, offsets[-1] + int(labels.max(initial=0)))
-        clusters.append(np.where(of_poses > 0, of_poses.astype(np.int64) + offsets[-1], 0))
-    return clusters
+    def _utility(
+        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
+    ) -> NDArray[np.float64]:
+        return utility_of_poses(belief, robot, poses, self.motion_weight, reserved_mask)

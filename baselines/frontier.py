@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_baselines.frontier_clusters import clusters_of_poses
-from coopmap_baselines.planner import Coordination, GainPlanner
-from coopmap_env.core.settings import PositiveInt, checked_value
+from coopmap_baselines.frontier_clusters import (
+    frontier_clusters,
+    frontier_poses,
+    pose_towards,
+    utility_of_poses,
+)
+from coopmap_baselines.planner import Coordination, Planner
+from coopmap_env.core.settings import NonNegative, PositiveInt, checked_value
 from coopmap_env.envs import Belief, Poses
 from coopmap_env.information import ReservedMask
 
 Utility = Literal["gain", "nearest"]
 
 
-class FrontierPolicy(GainPlanner):
-    """The pose at a frontier that is worth its way most, or the one at the nearest frontier.
+class FrontierPolicy(Planner):
+    """The pose at a frontier that is worth its way most, or one at the nearest frontier.
 
     A frontier cell is a free cell with a never-sampled face neighbor (Yamauchi 1997, "A
     frontier-based approach for autonomous exploration"). A planar camera moves there, so the cell
@@ -26,11 +31,12 @@ class FrontierPolicy(GainPlanner):
     Parameters
     ----------
     utility : {"gain", "nearest"}
-        "gain": frontier cells form clusters, of which small ones are dropped. Of the poses in all
-        clusters (in the field: that see the middle of one), the one with the highest gain minus
-        motion: the new cells that it is expected to show, as a fraction of a full view (Gonzalez-
-        Banos & Latombe 2002, "Navigation strategies for exploring indoor environments", with a
-        difference in place of their exponential). Without a cluster, the same of any pose.
+        "gain": frontier cells form clusters, of which small ones are dropped. Of the poses at all
+        clusters (in the field: that see the middle of one) it goes to the one with the highest
+        utility: the new cells that it is expected to show, as a fraction of a full view, divided by
+        the number of actions that it takes to get there, minus weighted motion. On the way to a far
+        one it takes the pose that is expected to show most. In "candidates" mode, the candidates
+        take the place of the poses at near clusters.
         "nearest": Yamauchi's. The frontier with the shortest path (in the field: nearest to the
         camera), and of the poses there the one that shows the most unknown. Frontiers at which no
         pose shows a never-sampled cell are skipped.
@@ -49,31 +55,21 @@ class FrontierPolicy(GainPlanner):
         motion_weight: float = 0.001,
         min_cells: int = 3,
     ) -> None:
-        super().__init__("exhaustive", coordination, motion_weight)
+        super().__init__("exhaustive", coordination)
         self.utility: Utility = checked_value("utility", utility, Utility)
+        self.motion_weight: float = checked_value("motion_weight", motion_weight, NonNegative)
         self.min_cells: int = checked_value("min_cells", min_cells, PositiveInt)
 
-    def gain(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
-    ) -> NDArray[np.float64]:
-        """See `Planning.expected_unknown_fraction`."""
-        return belief.planning.expected_unknown_fraction(belief, robot, poses, reserved_mask)
+    def best_pose(self, belief: Belief, robot: int, reserved_mask: ReservedMask | None) -> Any:
+        """The best pose at a frontier, or on the way to it."""
+        if self.utility == "nearest":
+            return super().best_pose(belief, robot, reserved_mask)
+        clusters = frontier_clusters(belief, robot, self.min_cells)
+        poses, _ = frontier_poses(belief, robot, clusters)
+        utility = utility_of_poses(belief, robot, poses, self.motion_weight, reserved_mask)
+        return pose_towards(belief, robot, poses[np.argmax(utility)], reserved_mask)
 
     def score(
-        self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
-    ) -> NDArray[np.float64]:
-        """What each pose is worth, and less than any of them away from frontiers."""
-        if self.utility == "nearest":
-            return self._score_nearest(belief, robot, poses, reserved_mask)
-        _, clusters = clusters_of_poses(belief, robot, poses, self.min_cells)
-        at_frontier = clusters > 0
-        if not at_frontier.any():
-            return super().score(belief, robot, poses, reserved_mask)
-        score = np.full(len(poses), -np.inf)
-        score[at_frontier] = super().score(belief, robot, poses[at_frontier], reserved_mask)
-        return score
-
-    def _score_nearest(
         self, belief: Belief, robot: int, poses: Poses, reserved_mask: ReservedMask | None
     ) -> NDArray[np.float64]:
         """Fraction of never-sampled cells in view at the nearest frontier; -1 elsewhere."""

@@ -1,15 +1,21 @@
-"""Clusters of frontier cells, and which poses belong to them."""
+"""Clusters of frontier cells, and what the poses at them are worth."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from coopmap_env.envs import Belief, Poses
+from coopmap_env.information import ReservedMask
+
+DETOUR = 0.1
+"""Part of the distance to a far target by which a pose may be farther from it than the nearest."""
 
 
-def cluster_labels(belief: Belief, robot: int, min_cells: int) -> NDArray[np.int32]:
+def frontier_clusters(belief: Belief, robot: int, min_cells: int) -> NDArray[np.int32]:
     """Clusters of the frontier cells of a robot's map: connected ones, also by edges and corners.
 
     Parameters
@@ -33,9 +39,66 @@ def cluster_labels(belief: Belief, robot: int, min_cells: int) -> NDArray[np.int
     return clusters
 
 
-def clusters_of_poses(
-    belief: Belief, robot: int, poses: Poses, min_cells: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The labels of all clusters, and the cluster of each pose (k,), 0 for none."""
-    labels = cluster_labels(belief, robot, min_cells)
-    return labels, belief.planning.frontier_of_poses(belief, robot, poses, labels)
+def frontier_poses(
+    belief: Belief, robot: int, clusters: NDArray[np.int32]
+) -> tuple[Poses, NDArray[np.int32]]:
+    """Poses that a robot may go to, in one action or in several, and the cluster of each.
+
+    Those at clusters. In "candidates" mode, the candidates and what is too far for one action.
+    Where there are none, all feasible poses. The number of the cluster is 0 for none.
+    """
+    planning, candidates = belief.planning, belief.candidates
+    poses, numbers = planning.frontier_poses(belief, robot, clusters)
+    if candidates is not None:
+        far = planning.n_actions(belief, robot, poses) > 1
+        own = candidates[robot]
+        at = planning.clusters_of_poses(belief, robot, own, clusters)
+        return np.concatenate([own, poses[far]]), np.concatenate([at, numbers[far]])
+    if not len(poses):
+        poses = belief.feasible_poses(robot)
+        numbers = np.zeros(len(poses), dtype=np.int32)
+    return poses, numbers
+
+
+def utility_of_poses(
+    belief: Belief,
+    robot: int,
+    poses: Poses,
+    motion_weight: float,
+    reserved_mask: ReservedMask | None,
+) -> NDArray[np.float64]:
+    """What going to each pose is worth, (k,): its gain for each action on the way, minus motion.
+
+    Parameters
+    ----------
+    belief : Belief
+    robot : int
+    poses : Poses
+        Also such that no single action reaches.
+    motion_weight : float
+        Gain, as a fraction of a full view, that is worth one unit of d (Eq. 5).
+    reserved_mask : ndarray or None
+        Cells that do not count.
+    """
+    planning = belief.planning
+    gain = planning.expected_unknown_fraction(belief, robot, poses, reserved_mask)
+    gain_each = gain / planning.n_actions(belief, robot, poses)
+    return gain_each - motion_weight * belief.distance(robot, poses)
+
+
+def pose_towards(
+    belief: Belief, robot: int, target: Any, reserved_mask: ReservedMask | None
+) -> Any:
+    """The target, or on the way to it, the pose that is expected to show most.
+
+    On the way are the poses that are hardly farther from the target than the nearest one.
+    """
+    candidates = belief.candidates
+    poses = belief.feasible_poses(robot) if candidates is None else candidates[robot]
+    if (poses == target).reshape(len(poses), -1).all(axis=1).any():
+        return target
+    left = belief.planning.foresight(belief).distance(robot, poses, target)
+    way = belief.distance(robot, np.array([target]))[0]
+    poses = poses[left <= left.min() + DETOUR * way]
+    gain = belief.planning.expected_unknown_fraction(belief, robot, poses, reserved_mask)
+    return poses[np.argmax(gain)]

@@ -118,7 +118,7 @@ class LookaheadPolicy:
     def _respond_in_turns(
         self, belief: Belief, start: Foresight, first: list[Poses], plans: dict[int, Sequence]
     ) -> None:
-        """Let each robot change its views if others are worth more beside those of its teammates."""
+        """Let each robot take better views, given those of its teammates, until none does."""
         for _ in range(MAX_ROUNDS):
             changed = False
             for robot, poses in enumerate(first):

@@ -57,13 +57,15 @@ class Planner(ABC):
         reserved_mask = np.zeros(belief.map.grid.n_cells, dtype=np.uint8) if sequential else None
         actions = {}
         for robot, agent in enumerate(belief.agents):
-            best = self._best_pose(belief, robot, reserved_mask)
+            best = self.best_pose(belief, robot, reserved_mask)
             actions[agent] = belief.action_for(robot, best)
             if reserved_mask is not None:
                 reserved_mask[belief.visible_cells(robot, best)] = 1
         return actions
 
-    def _best_pose(self, belief: Belief, robot: int, reserved_mask: ReservedMask | None) -> Any:
+    def best_pose(self, belief: Belief, robot: int, reserved_mask: ReservedMask | None) -> Any:
+        """The best-scored pose of a robot."""
+
         def score(some_belief: Belief, poses: Poses) -> NDArray[np.float64]:
             return self.score(some_belief, robot, poses, reserved_mask)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -138,4 +139,4 @@ def shortest_tour(from_start: NDArray[np.float64], between: NDArray[np.float64])
 
 
 def _length(way: NDArray[np.float64], tour: list[int]) -> float:
-    return float(sum(way[a, b] for a, b in zip(tour[:-1], tour[1:], strict=True)))
+    return float(sum(way[a, b] for a, b in pairwise(tour)))

@@ -134,13 +134,22 @@ class Planning(Protocol):
     def frontier_mask(self, belief: Any, robot: int) -> NDArray[np.bool_]:
         """Frontier cells of the map that a robot plans on, in the shape of its grid."""
 
-    def frontier_of_poses(
-        self, belief: Any, robot: int, poses: Poses, labels: NDArray[np.int32]
-    ) -> NDArray[np.int32]:
-        """The cluster of frontier cells that each pose (k,) belongs to, 0 for none.
+    def frontier_poses(
+        self, belief: Any, robot: int, clusters: NDArray[np.int32]
+    ) -> tuple[Poses, NDArray[np.int32]]:
+        """Poses at clusters of the cells of `frontier_mask`, and the cluster of each, shape (k,).
 
-        `labels`, in the shape of the grid, are the clusters of the cells of `frontier_mask`.
+        Poses that a single action does not reach are among them. `clusters`, in the shape of the
+        grid, are the numbers of the clusters from 1 on, 0 for none.
         """
+
+    def clusters_of_poses(
+        self, belief: Any, robot: int, poses: Poses, clusters: NDArray[np.int32]
+    ) -> NDArray[np.int32]:
+        """The cluster to which each of some poses belongs, shape (k,), 0 for none."""
+
+    def n_actions(self, belief: Any, robot: int, poses: Poses) -> NDArray[np.int64]:
+        """Actions that it takes to reach each pose, about, shape (k,)."""
 
     def raster_offset(self, belief: Any, robot: int, poses: Poses) -> NDArray[np.int64]:
         """Steps from the robot's pose to each pose in the cyclic raster sequence, shape (k,)."""

@@ -93,24 +93,37 @@ class FieldPlanning:
         mask: NDArray[np.bool_] = adjacent_to_unknown(map_) & transparent
         return mask.reshape(map_.grid.shape)
 
-    def frontier_of_poses(
-        self, belief: FieldBelief, robot: int, poses: Joints, labels: NDArray[np.int32]
-    ) -> NDArray[np.int32]:
-        """The largest of the clusters of which the camera sees the voxel nearest to their middle.
+    def frontier_poses(
+        self, belief: FieldBelief, robot: int, clusters: NDArray[np.int32]
+    ) -> tuple[Joints, NDArray[np.int32]]:
+        """The feasible poses that belong to a cluster; see `clusters_of_poses`."""
+        poses = belief.feasible_poses(robot)
+        numbers = self.clusters_of_poses(belief, robot, poses, clusters)
+        return poses[numbers > 0], numbers[numbers > 0]
 
-        Of each cluster, the first voxel in the order of its distance that any pose sees counts.
+    def clusters_of_poses(
+        self, belief: FieldBelief, robot: int, poses: Joints, clusters: NDArray[np.int32]
+    ) -> NDArray[np.int32]:
+        """The largest of the clusters of which the camera sees the middle.
+
+        That is the voxel nearest to the mean, of those that any pose sees. Only the `N_CLUSTERS`
+        largest clusters count.
         """
-        map_ = belief.planning_map(robot)
-        frustum, found = belief.rating_function.fine.frustum, np.zeros(len(poses), dtype=np.int32)
+        map_, found = belief.planning_map(robot), np.zeros(len(poses), dtype=np.int32)
+        frustum = belief.rating_function.fine.frustum
         cameras = belief.vehicles[robot].camera_poses(poses)
-        largest_first = np.argsort(-np.bincount(labels.ravel())[1:], kind="stable") + 1
-        for label in largest_first[:N_CLUSTERS]:
-            points = map_.grid.center(np.argwhere(labels == label))
+        sizes = np.bincount(clusters.ravel())[1:]
+        for number in (np.argsort(-sizes, kind="stable") + 1)[:N_CLUSTERS]:
+            points = map_.grid.center(np.argwhere(clusters == number))
             off_middle = np.square(points - points.mean(axis=0)).sum(axis=1)
             nearest_first = points[np.argsort(off_middle, kind="stable")[:N_TRIED]]
             _, sees_point = first_visible_point(map_, nearest_first, cameras, frustum)
-            found[sees_point & (found == 0)] = label
+            found[sees_point & (found == 0)] = number
         return found
+
+    def n_actions(self, belief: FieldBelief, robot: int, poses: Joints) -> NDArray[np.int64]:
+        """One: a mount moves to any feasible pose."""
+        return np.ones(len(poses), dtype=np.int64)
 
     def raster_offset(self, belief: FieldBelief, robot: int, poses: Joints) -> NDArray[np.int64]:
         """Counting through the joints, the last one fastest, in the order of `JointSpace.grid`."""

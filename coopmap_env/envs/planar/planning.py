@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_cdt
 
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.foresight import PlanarForesight
@@ -84,15 +85,37 @@ class PlanarPlanning:
         mask: NDArray[np.bool_] = adjacent_to_unknown(belief.map) & free_mask(belief.map)
         return mask.reshape(belief.map.grid.shape)
 
-    def frontier_of_poses(
+    def frontier_poses(
+        self, belief: PlanarBelief, robot: int, clusters: NDArray[np.int32]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        """All headings in the cells of the clusters to which known free space leads."""
+        regions, flat, n = belief.regions, clusters.ravel(), belief.lattice.n_headings
+        is_open = np.isin(regions.labels, regions.access[robot]) & (regions.labels > 0)
+        (cells,) = np.nonzero((flat > 0) & is_open)
+        return (cells[:, None] * n + np.arange(n)).ravel(), flat[cells].repeat(n)
+
+    def clusters_of_poses(
         self,
         belief: PlanarBelief,
         robot: int,
         pose_ids: NDArray[np.int64],
-        labels: NDArray[np.int32],
+        clusters: NDArray[np.int32],
     ) -> NDArray[np.int32]:
-        """The cluster in which the camera stands: there it sees most of what is beyond."""
-        return labels.ravel()[pose_ids // belief.lattice.n_headings]
+        """The cluster nearest to the camera, by the longer of dx and dy."""
+        if not clusters.any():
+            return np.zeros(len(pose_ids), dtype=np.int32)
+        _, (i, j) = distance_transform_cdt(clusters == 0, "chessboard", return_indices=True)
+        return clusters[i, j].ravel()[pose_ids // belief.lattice.n_headings]
+
+    def n_actions(
+        self, belief: PlanarBelief, robot: int, pose_ids: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """By the longer of dx and dy: an action leads to any cell near by, whatever the path."""
+        grid, n = belief.map.grid, belief.lattice.n_headings
+        x, y = np.divmod(pose_ids // n, grid.shape[1])
+        x0, y0 = divmod(belief.cell(robot), grid.shape[1])
+        longer = np.maximum(abs(x - x0), abs(y - y0)) * grid.resolution
+        return np.maximum(np.ceil(longer / belief.reach), 1).astype(np.int64)
 
     def raster_offset(
         self, belief: PlanarBelief, robot: int, pose_ids: NDArray[np.int64]
