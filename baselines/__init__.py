@@ -8,6 +8,7 @@ information_gain      highest mutual information of the beams with the map, minu
 coverage              most never-sampled cells in view, minus motion
 frontier              most cells expected to be new at a frontier, minus motion; or the nearest one
 allocation            the same, each robot in another cluster of frontier cells (Hungarian method)
+projection            most frontier projected into the view as ellipsoids, minus motion
 tour                  the first of a few viewpoints that cover the unknown, on a short way
 lookahead             the first of the next few views that are expected to show most
 raster                the next of the available poses, in sequence
@@ -22,6 +23,7 @@ from coopmap_baselines.coverage import CoveragePolicy
 from coopmap_baselines.frontier import FrontierPolicy
 from coopmap_baselines.information_gain import InformationGainPolicy
 from coopmap_baselines.lookahead import LookaheadPolicy
+from coopmap_baselines.projection import ProjectionPolicy
 from coopmap_baselines.random_poses import RandomPolicy
 from coopmap_baselines.raster import RasterPolicy
 from coopmap_baselines.rating_function import RatingFunctionPolicy
@@ -36,6 +38,7 @@ __all__ = [
     "FrontierPolicy",
     "InformationGainPolicy",
     "LookaheadPolicy",
+    "ProjectionPolicy",
     "RandomPolicy",
     "RasterPolicy",
     "RatingFunctionPolicy",
@@ -49,6 +52,7 @@ POLICIES: dict[str, type[Policy]] = {
     "coverage": CoveragePolicy,
     "frontier": FrontierPolicy,
     "allocation": AllocationPolicy,
+    "projection": ProjectionPolicy,
     "tour": TourPolicy,
     "lookahead": LookaheadPolicy,
     "raster": RasterPolicy,

@@ -71,6 +71,21 @@ class ActionMode(Protocol):
         """
 
 
+class CameraFrames(NamedTuple):
+    """Cameras of some poses as pinholes: x along the optical axis."""
+
+    rotations: NDArray[np.float64]
+    """Shape (k, D, D): columns are the camera's axes in the frame of the map."""
+    translations: NDArray[np.float64]
+    """Shape (k, D), metres."""
+    tangents: NDArray[np.float64]
+    """Tangents of half the fields of view, (D - 1,)."""
+    near: float
+    """Metres."""
+    far: float
+    """Metres."""
+
+
 class Foresight(Protocol):
     """What the map may be after the next scans of a team, for planners that look ahead."""
 
@@ -147,6 +162,18 @@ class Planning(Protocol):
         self, belief: Any, robot: int, poses: Poses, clusters: NDArray[np.int32]
     ) -> NDArray[np.int32]:
         """The cluster to which each of some poses belongs, shape (k,), 0 for none."""
+
+    def occupied_mask(self, belief: Any, robot: int) -> NDArray[np.bool_]:
+        """Cells that are probably occupied, of the map that a robot plans on, in its shape."""
+
+    def camera_frames(self, belief: Any, robot: int, poses: Poses) -> CameraFrames:
+        """The cameras at some poses.
+
+        Raises
+        ------
+        ValueError
+            If no pinhole camera has its field of view.
+        """
 
     def n_actions(self, belief: Any, robot: int, poses: Poses) -> NDArray[np.int64]:
         """Actions that it takes to reach each pose, about, shape (k,)."""

@@ -30,7 +30,7 @@ PLANNERS = {
     "rating_function": M_40,
     "information_gain": M_40,
     "coverage": M_40,
-    "frontier": {},
+    "frontier": {"utility": "nearest"},
     "raster": {},
     "random": {},
 }

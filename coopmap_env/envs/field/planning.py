@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.envs.belief import CameraFrames
 from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.foresight import FieldForesight
 from coopmap_env.envs.field.team_state import Joints
@@ -120,6 +121,19 @@ class FieldPlanning:
             _, sees_point = first_visible_point(map_, nearest_first, cameras, frustum)
             found[sees_point & (found == 0)] = number
         return found
+
+    def occupied_mask(self, belief: FieldBelief, robot: int) -> NDArray[np.bool_]:
+        """Sampled voxels with P >= 1/2."""
+        map_ = belief.planning_map(robot)
+        return map_.sampled & (map_.log_odds_fixed >= 0).reshape(map_.grid.shape)
+
+    def camera_frames(self, belief: FieldBelief, robot: int, poses: Joints) -> CameraFrames:
+        """The depth cameras, as far as they measure."""
+        frustum = belief.rating_function.fine.frustum
+        rotations, translations = belief.vehicles[robot].camera_poses(poses)
+        near, far = np.array([frustum.near, frustum.far]) * belief.map.grid.resolution
+        tangents = np.array(frustum.tangents)
+        return CameraFrames(rotations, translations, tangents, float(near), float(far))
 
     def n_actions(self, belief: FieldBelief, robot: int, poses: Joints) -> NDArray[np.int64]:
         """One: a mount moves to any feasible pose."""

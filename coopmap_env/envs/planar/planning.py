@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_cdt
 
+from coopmap_env.core.elementary import sin_cos_array, tan
+from coopmap_env.envs.belief import CameraFrames
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.foresight import PlanarForesight
 from coopmap_env.information import (
@@ -106,6 +108,26 @@ class PlanarPlanning:
             return np.zeros(len(pose_ids), dtype=np.int32)
         _, (i, j) = distance_transform_cdt(clusters == 0, "chessboard", return_indices=True)
         return clusters[i, j].ravel()[pose_ids // belief.lattice.n_headings]
+
+    def occupied_mask(self, belief: PlanarBelief, robot: int) -> NDArray[np.bool_]:
+        """Sampled cells with P >= 1/2."""
+        return belief.map.sampled & (belief.map.log_odds_fixed >= 0).reshape(belief.map.grid.shape)
+
+    def camera_frames(
+        self, belief: PlanarBelief, robot: int, pose_ids: NDArray[np.int64]
+    ) -> CameraFrames:
+        """For cameras with a field of view below pi radians."""
+        camera = belief.rating_function.camera
+        if camera.field_of_view >= np.pi:
+            raise ValueError(
+                "PlanarCamera.field_of_view must be < pi radians for a projection, got "
+                f"{camera.field_of_view}: choose another planner"
+            )
+        poses = belief.lattice.poses(pose_ids)
+        sines, cosines = sin_cos_array(poses[:, 2])
+        rotations = np.stack([cosines, -sines, sines, cosines], axis=-1).reshape(-1, 2, 2)
+        tangents = np.array([tan(camera.field_of_view / 2)])
+        return CameraFrames(rotations, poses[:, :2], tangents, 0.0, camera.depth_of_field)
 
     def n_actions(
         self, belief: PlanarBelief, robot: int, pose_ids: NDArray[np.int64]

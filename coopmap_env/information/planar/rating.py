@@ -54,6 +54,7 @@ class PlanarRatingFunction:
         settings: PlanarRatingSettings,
         log_odds_range: LogOddsRange,
     ) -> None:
+        self.camera = camera
         self.lattice = lattice
         self.settings = settings
         self.fan = BeamFan.from_camera(camera, lattice.grid.resolution, lattice.n_headings)
