@@ -33,10 +33,10 @@ class FrontierPolicy(Planner):
     utility : {"gain", "nearest"}
         "gain": frontier cells form clusters, of which small ones are dropped. Of the poses at all
         clusters (in the field: that see the middle of one) it goes to the one with the highest
-        utility: the new cells that it is expected to show, as a fraction of a full view, divided by
-        the number of actions that it takes to get there, minus weighted motion. On the way to a far
-        one it takes the pose that is expected to show most. In "candidates" mode, the candidates
-        take the place of the poses at near clusters.
+        utility: the new cells that it is expected to show, as a fraction of a full view, minus
+        weighted motion, divided by the number of actions that it takes to get there. On the way to
+        a far one it takes the pose that is expected to show most. In "candidates" mode, the
+        candidates take the place of the poses at near clusters.
         "nearest": Yamauchi's. The frontier with the shortest path (in the field: nearest to the
         camera), and of the poses there the one that shows the most unknown. Frontiers at which no
         pose shows a never-sampled cell are skipped.

@@ -67,7 +67,7 @@ def utility_of_poses(
     motion_weight: float,
     reserved_mask: ReservedMask | None,
 ) -> NDArray[np.float64]:
-    """What going to each pose is worth, (k,): its gain for each action on the way, minus motion.
+    """What going to each pose is worth, (k,): its gain minus motion, for each action on the way.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ def utility_of_poses(
     """
     planning = belief.planning
     gain = planning.expected_unknown_fraction(belief, robot, poses, reserved_mask)
-    gain_each = gain / planning.n_actions(belief, robot, poses)
-    return gain_each - motion_weight * belief.distance(robot, poses)
+    worth = gain - motion_weight * belief.distance(robot, poses)
+    return worth / planning.n_actions(belief, robot, poses)
 
 
 def pose_towards(
@@ -98,7 +98,8 @@ def pose_towards(
     if (poses == target).reshape(len(poses), -1).all(axis=1).any():
         return target
     left = belief.planning.foresight(belief).distance(robot, poses, target)
+    nearest_first = np.argsort(left, kind="stable")
     way = belief.distance(robot, np.array([target]))[0]
-    poses = poses[left <= left.min() + DETOUR * way]
-    gain = belief.planning.expected_unknown_fraction(belief, robot, poses, reserved_mask)
-    return poses[np.argmax(gain)]
+    near = nearest_first[left[nearest_first] <= left.min() + DETOUR * way]
+    gain = belief.planning.expected_unknown_fraction(belief, robot, poses[near], reserved_mask)
+    return poses[near[np.argmax(gain)]]

@@ -71,7 +71,7 @@ class LookaheadPolicy:
         search: Search = 300,
         samples: int = 150,
         coordination: TeamCoordination = "sequential",
-        discount: float = 0.9,
+        discount: float = 0.5,
         motion_weight: float = 0.001,
     ) -> None:
         small = Annotated[int, Bounds(at_least=1, largest=1_000_000)]

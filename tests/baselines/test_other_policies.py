@@ -82,7 +82,7 @@ def test_frontier_goes_to_the_nearest_frontier_by_path_not_as_the_crow_flies():
 
     # (6, 7) is the robot's drawing cell; the room below it ends at a wall of row 6.
     know(unknown=[(6, 5), (13, 7)])  # 2 below, but behind a wall; and 7 to the right, in the open
-    cell = chosen(FrontierPolicy(), belief) // 16
+    cell = chosen(FrontierPolicy("nearest"), belief) // 16
     assert divmod(cell, 40) == (22, 17)
 
 
@@ -91,7 +91,7 @@ def test_frontier_takes_the_first_cell_by_path_from_which_the_unknown_shows():
     rng, seen = np.random.default_rng(0), 0
     for _ in range(30):
         belief = write_random_map(env, rng)
-        map_, pose = belief.map, chosen(FrontierPolicy(), belief)
+        map_, pose = belief.map, chosen(FrontierPolicy("nearest"), belief)
         steps = ReachableCells.search(map_, belief.cell(0)).steps
         unknown = np.pad(~map_.sampled, 1)
         beside = unknown[2:, 1:-1] | unknown[:-2, 1:-1] | unknown[1:-1, 2:] | unknown[1:-1, :-2]
@@ -117,7 +117,7 @@ def test_frontier_without_a_frontier_takes_the_nearest_cell_that_shows_the_unkno
     edge = known.copy()
     edge[11:30, 11:30] = False
     set_cells(belief.map, np.flatnonzero(edge), 0.2)  # sampled, but not known to be free
-    pose = chosen(FrontierPolicy(), belief)
+    pose = chosen(FrontierPolicy("nearest"), belief)
     assert pose // 16 == 20 * 40 + 20
     shown = belief.rating_function.count_unknown_cells(belief.map, np.arange(16) + 820 * 16)
     assert shown[pose % 16] == shown.max() > 0
@@ -126,7 +126,7 @@ def test_frontier_without_a_frontier_takes_the_nearest_cell_that_shows_the_unkno
 def test_frontier_stays_feasible_when_everything_is_known():
     env = env_with_world(open_world(), n_robots=1, settings=SETTINGS)
     belief = set_poses(env, (20, 20, 5), known=np.ones((40, 40), dtype=bool))
-    assert chosen(FrontierPolicy(), belief) // 16 == belief.cell(0)
+    assert chosen(FrontierPolicy("nearest"), belief) // 16 == belief.cell(0)
 
 
 # raster
@@ -312,6 +312,6 @@ def test_frontier_takes_the_nearest_frontier_among_candidates_in_any_order():
     shows = belief.rating_function.count_unknown_cells(belief.map, candidates) > 0
     at_frontier = adjacent_to_unknown(belief.map)[candidates // 16]
     steps = ReachableCells.search(belief.map, belief.cell(0)).steps
-    pose = chosen(FrontierPolicy(), belief)
+    pose = chosen(FrontierPolicy("nearest"), belief)
     assert at_frontier[candidates == pose].all()
     assert steps[pose // 16] == steps[candidates[shows & at_frontier] // 16].min()
