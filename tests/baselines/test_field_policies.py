@@ -18,12 +18,18 @@ POLICIES = {
     "information_gain": {"search": 10},
     "coverage": {"search": 10},
     "frontier": {},
+    "allocation": {},
+    "projection": {"search": 10},
+    "tour": {"search": 10, "viewpoints": 2},
+    "lookahead": {"search": 10, "width": 2, "samples": 5},
     "raster": {},
     "random": {},
 }
 N_EXACT = 60
 """The most poses that are all scored at the map's own resolution."""
-COORDINATED = [name for name in POLICIES if name not in ("raster", "random")]
+ALONE = ("allocation", "tour", "raster", "random")
+"""Those without the option `coordination`."""
+COORDINATED = [name for name in POLICIES if name not in ALONE]
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,10 @@ POLICIES = [
     ("information_gain", {"search": "exhaustive", "coordination": "sequential"}),
     ("coverage", {"search": "exhaustive", "coordination": "sequential"}),
     ("frontier", {"coordination": "sequential"}),
+    ("frontier", {"utility": "nearest"}),
+    ("lookahead", {"horizon": 3, "width": 3, "coordination": "joint"}),
 ]
-SCORING = ["rating_function", "information_gain", "coverage", "frontier"]
+SCORING = ["rating_function", "information_gain", "coverage", "frontier", "projection"]
 
 
 def episode(env, policy, seed=1, rng=0):
@@ -134,7 +136,7 @@ def test_sequential_robots_at_one_pose_choose_different_views(name):
     assert overlap(belief, in_turn) < 0.2 * overlap(belief, alone)
 
 
-@pytest.mark.parametrize("name", SCORING)
+@pytest.mark.parametrize("name", [*SCORING, "lookahead"])
 def test_a_team_of_one_has_nobody_to_wait_for(name, small_scene):
     env = PlanarEnv(1, scene=small_scene, max_scans=4)
     options = {} if name == "frontier" else {"search": 20}
