@@ -26,8 +26,7 @@ MOTION_WEIGHTS: Mapping[str, Mapping[str, tuple[float | None, ...]]] = {
 """Motion weights of each family by environment, from none to one that halves the motion.
 
 None is the default: of the rating function the environment's K (0.005 and 0.2), of the frontier
-"the nearest", which has no weight. (A frontier planner that weighs what it sees against motion
-would be the coverage planner on fewer poses.)
+planner its own.
 """
 SEARCH_POSES = 100
 """m: random poses of a decision, for tuning planners in "pose" mode. The strongest planner with any
