@@ -25,7 +25,7 @@ from coopmap_env.information.planar.mutual_information import BeamEntries
 from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.ratings import ReservedMask
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots.planar.reachable_cells import free_mask
+from coopmap_env.robots import free_mask
 from coopmap_env.sensing.beam_fan import FanArrays
 
 HAZARDS = (0.55, 0.22, 0.08, 0.08, 0.03)
