@@ -9,7 +9,7 @@ coverage              most never-sampled cells in view, minus motion
 frontier              most cells expected to be new at a frontier, minus motion; or the nearest one
 allocation            the same, each robot in another cluster of frontier cells (Hungarian method)
 projection            most frontier projected into the view as ellipsoids, minus motion
-tour                  the first of a few viewpoints that cover the unknown, on a short way
+tour                  the first of a few viewpoints that cover the unknown, on a short path
 lookahead             the first of the next few views that are expected to show most
 raster                the next of the available poses, in sequence
 random                any feasible pose

@@ -22,7 +22,7 @@ Utility = Literal["gain", "nearest"]
 
 
 class FrontierPolicy(Planner):
-    """The pose at a frontier that is worth its way most, or one at the nearest frontier.
+    """The pose at a frontier that is expected to show most, or one at the nearest frontier.
 
     A frontier cell is a free cell with a never-sampled face neighbor (Yamauchi 1997, "A
     frontier-based approach for autonomous exploration"). A planar camera moves there, so the cell
@@ -34,9 +34,9 @@ class FrontierPolicy(Planner):
         "gain": frontier cells form clusters, of which small ones are dropped. Of the poses at all
         clusters (in the field: that see the middle of one) it goes to the one with the highest
         utility: the new cells that it is expected to show, as a fraction of a full view, minus
-        weighted motion, divided by the number of actions that it takes to get there. On the way to
-        a far one it takes the pose that is expected to show most. In "candidates" mode, the
-        candidates take the place of the poses at near clusters.
+        weighted motion, divided by the number of actions that it takes to get there. Until it
+        reaches a far one, it takes the poses near the path that are expected to show most. In
+        "candidates" mode, the candidates take the place of the poses at near clusters.
         "nearest": Yamauchi's. The frontier with the shortest path (in the field: nearest to the
         camera), and of the poses there the one that shows the most unknown. Frontiers at which no
         pose shows a never-sampled cell are skipped.
@@ -61,7 +61,7 @@ class FrontierPolicy(Planner):
         self.min_cells: int = checked_value("min_cells", min_cells, PositiveInt)
 
     def best_pose(self, belief: Belief, robot: int, reserved_mask: ReservedMask | None) -> Any:
-        """The best pose at a frontier, or on the way to it."""
+        """The best pose at a frontier, or nearer to it."""
         if self.utility == "nearest":
             return super().best_pose(belief, robot, reserved_mask)
         clusters = frontier_clusters(belief, robot, self.min_cells)

@@ -67,7 +67,7 @@ def utility_of_poses(
     motion_weight: float,
     reserved_mask: ReservedMask | None,
 ) -> NDArray[np.float64]:
-    """What going to each pose is worth, (k,): its gain minus motion, for each action on the way.
+    """What going to each pose is worth, (k,): its gain minus motion, for each action.
 
     Parameters
     ----------
@@ -89,9 +89,10 @@ def utility_of_poses(
 def pose_towards(
     belief: Belief, robot: int, target: Any, reserved_mask: ReservedMask | None
 ) -> Any:
-    """The target, or on the way to it, the pose that is expected to show most.
+    """The target, or if it is too far for one action, a pose nearer to it.
 
-    On the way are the poses that are hardly farther from the target than the nearest one.
+    Of the poses that are hardly farther from the target than the nearest one, that which is
+    expected to show most.
     """
     candidates = belief.candidates
     poses = belief.feasible_poses(robot) if candidates is None else candidates[robot]
@@ -99,7 +100,7 @@ def pose_towards(
         return target
     left = belief.planning.foresight(belief).distance(robot, poses, target)
     nearest_first = np.argsort(left, kind="stable")
-    way = belief.distance(robot, np.array([target]))[0]
-    near = nearest_first[left[nearest_first] <= left.min() + DETOUR * way]
+    slack = DETOUR * belief.distance(robot, np.array([target]))[0]
+    near = nearest_first[left[nearest_first] <= left.min() + slack]
     gain = belief.planning.expected_unknown_fraction(belief, robot, poses[near], reserved_mask)
     return poses[near[np.argmax(gain)]]

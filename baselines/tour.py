@@ -1,4 +1,4 @@
-"""Tours: a few viewpoints that cover what can be seen, visited on a short way."""
+"""Tours: a few viewpoints that cover what can be seen, visited on a short path."""
 
 from __future__ import annotations
 
@@ -98,9 +98,9 @@ class TourPolicy(GainPlanner):
 
 
 def shortest_tour(from_start: NDArray[np.float64], between: NDArray[np.float64]) -> list[int]:
-    """A short way from a start through all of n points, which ends at any of them.
+    """A short path from a start through all of n points, which ends at any of them.
 
-    Nearest insertion, then 2-opt until no exchange shortens the way.
+    Nearest insertion, then 2-opt until no exchange shortens the path.
 
     Parameters
     ----------
@@ -115,16 +115,16 @@ def shortest_tour(from_start: NDArray[np.float64], between: NDArray[np.float64])
         The points in order.
     """
     n = len(from_start)
-    way = np.zeros((n + 1, n + 1))
-    way[1:, 1:] = between
-    way[0, 1:] = way[1:, 0] = from_start
+    lengths = np.zeros((n + 1, n + 1))
+    lengths[1:, 1:] = between
+    lengths[0, 1:] = lengths[1:, 0] = from_start
     tour, left = [0], set(range(1, n + 1))
     while left:
-        nearest = min(left, key=lambda point: (min(way[point, at] for at in tour), point))
+        nearest = min(left, key=lambda point: (min(lengths[point, at] for at in tour), point))
         left.remove(nearest)
         place = min(
             range(1, len(tour) + 1),
-            key=lambda k: (_length(way, [*tour[:k], nearest, *tour[k:]]), k),
+            key=lambda k: (_length(lengths, [*tour[:k], nearest, *tour[k:]]), k),
         )
         tour.insert(place, nearest)
     shorter = True
@@ -133,10 +133,10 @@ def shortest_tour(from_start: NDArray[np.float64], between: NDArray[np.float64])
         for i in range(1, n):
             for j in range(i + 1, n + 1):
                 turned = tour[:i] + tour[i : j + 1][::-1] + tour[j + 1 :]
-                if _length(way, turned) < _length(way, tour) - 1e-9:
+                if _length(lengths, turned) < _length(lengths, tour) - 1e-9:
                     tour, shorter = turned, True
     return [point - 1 for point in tour[1:]]
 
 
-def _length(way: NDArray[np.float64], tour: list[int]) -> float:
-    return float(sum(way[a, b] for a, b in pairwise(tour)))
+def _length(lengths: NDArray[np.float64], tour: list[int]) -> float:
+    return float(sum(lengths[a, b] for a, b in pairwise(tour)))

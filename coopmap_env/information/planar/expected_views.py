@@ -30,10 +30,12 @@ from coopmap_env.sensing.beam_fan import FanArrays
 
 HAZARDS = (0.55, 0.22, 0.08, 0.08, 0.03)
 """Hazard of never-sampled cells that are 1, 2, 3, 4, and 5 or more cells (the longer of dx and dy)
-from the nearest cell that is known to be occupied. On training worlds of every scene, these are the
-fractions of such cells next to known free ones that are occupied, and expected counts of new cells
-are within a tenth of the true ones: their correlation is 0.84 (rooms) to 0.94 (obstacles), against
-0.80 to 0.88 with the same hazard everywhere."""
+from the nearest cell that is known to be occupied.
+
+About the fractions of such cells beside known free ones that are occupied, on training worlds of
+rooms, the house and obstacles: 0.5 to 0.7, 0.16 to 0.28, 0.05 to 0.14 and, from 5 on, 0.01 to 0.06.
+The true numbers of new cells are 0.95 to 1.25 times the expected ones; their correlation is 0.84 to
+0.94, against 0.80 to 0.89 with a hazard of 0.03 everywhere."""
 
 
 class ExpectedCells(NamedTuple):
