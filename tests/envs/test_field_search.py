@@ -275,9 +275,14 @@ def test_local_frames_do_not_change_the_gain_of_a_scan(make):
 def test_every_policy_searches(make):
     baselines = pytest.importorskip("coopmap_baselines")
     env = make(max_scans=3)
-    for name in ("rating_function", "information_gain", "coverage", "frontier", "raster", "random"):
-        options = {"search": 8, "coordination": "sequential"} if name == "rating_function" else {}
-        policy = baselines.make(name, **options)
+    small = {
+        "rating_function": {"search": 8, "coordination": "sequential"},
+        "projection": {"search": 8},
+        "tour": {"search": 8},
+        "lookahead": {"search": 8, "width": 2, "samples": 4},
+    }
+    for name in baselines.POLICIES:
+        policy = baselines.make(name, **small.get(name, {}))
         observations, _ = env.reset(seed=1)
         policy.reset(np.random.default_rng(0))
         while env.agents:
