@@ -67,10 +67,10 @@ class LookaheadPolicy:
     -----
     On 20 training worlds of dense obstacles (a quarter occupied, reach of 8 cells, 48 scans of two
     robots), a horizon of 2 shows 3.9 +- 1.9 points more than one of 1 (area under the curve, paired
-    95 % interval), in the house 1.5 +- 1.8; where a robot reaches far, in rooms and open worlds,
-    the two are equal. A horizon of 3 shows no more than one of 2. A decision of both planar robots
-    takes about 0.1 s, with a horizon of 1 a tenth of that. In the field, each view takes about a
-    millisecond: there, fewer poses and samples are advisable.
+    95 % interval), in the house 1.5 +- 1.8. In rooms and open worlds (8 each), where a robot
+    reaches far, no difference was found, nor one between horizons of 2 and 3 in rooms. A decision
+    for both robots takes 0.04 s of processor time in rooms, 0.004 s with a horizon of 1 and 0.09 s
+    with one of 3.
     """
 
     def __init__(
