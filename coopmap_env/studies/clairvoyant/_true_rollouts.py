@@ -1,0 +1,219 @@
+"""Kernels that play a team on in the true world: the base policy, and plans that begin with poses.
+
+The base policy sends each robot in turn to the view that shows most for each scan that it takes to
+get there. Gains only fall, so the view that a cell had last bounds what it has now: few cells are
+counted again at a time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
+from coopmap_env.robots.planar.feasible_poses import ReachSquare, is_within_reach, reach_square
+from coopmap_env.robots.planar.reachable_regions import neighbor
+from coopmap_env.studies.clairvoyant._true_scans import (
+    Progress,
+    Scratch,
+    TrueWorld,
+    count_again,
+    count_view,
+    mark_scan,
+    name_world,
+    open_scan,
+)
+
+BASE = -1
+"""A pose of a plan that the base policy chooses."""
+
+
+@borrowing_kernel
+def _list_near_cells(
+    square: ReachSquare,
+    region: NDArray[np.uint8],
+    shape: tuple[int, int, int],
+    out: NDArray[np.int32],
+) -> int:
+    """Write the cells of a region within reach; return how many they are."""
+    nx, ny, _ = shape
+    x, y, side, n = square.cell_x, square.cell_y, square.half_side, 0
+    for ix in range(max(x - side, 0), min(x + side + 1, nx)):
+        for iy in range(max(y - side, 0), min(y + side + 1, ny)):
+            if region[ix * ny + iy] and is_within_reach(square, ix - x, iy - y):
+                out[n] = ix * ny + iy
+                n += 1
+    return n
+
+
+@borrowing_kernel
+def _best_of(
+    progress: Progress, world: TrueWorld, near: NDArray[np.int32], start: int, w: Scratch
+) -> int:
+    """Of some cells the one whose best view shows most; of equal ones the nearest to the start."""
+    ny = world.sampling.shape[1]
+    while True:
+        best, most, least = np.int64(start), np.int32(-1), np.int64(0)
+        for one in near:
+            gain = progress.gains[np.uint64(one)]
+            if gain < most:
+                continue
+            i, j = one // ny - start // ny, one % ny - start % ny
+            if gain > most or i * i + j * j < least:
+                best, most, least = np.int64(one), gain, i * i + j * j
+        if progress.counted_at[best] == progress.step[0]:
+            return best
+        count_again(progress, world, best, w.alive)
+
+
+@borrowing_kernel
+def _scans_to(square: ReachSquare, i: int, j: int) -> int:
+    """Scans that it takes to be in a cell further than reach, i and j cells away, at least."""
+    distance = math.sqrt(i * i + j * j) * square.resolution
+    return max(2, math.ceil(distance / square.half_width))
+
+
+@borrowing_kernel
+def _better_far_cell(
+    progress: Progress,
+    world: TrueWorld,
+    robot: int,
+    square: ReachSquare,
+    near_gain: int,
+    w: Scratch,
+) -> int:
+    """A cell out of reach that shows more for each scan than the best near one; -1 if none."""
+    nx, ny, _ = world.sampling.shape
+    while True:
+        found, best = -1, float(near_gain)
+        for cell in range(nx * ny):
+            c = np.uint64(cell)
+            if progress.gains[c] > 2.0 * best and progress.regions[robot, c]:
+                i, j = cell // ny - square.cell_x, cell % ny - square.cell_y
+                value = progress.gains[c] / _scans_to(square, i, j)
+                if value > best and not is_within_reach(square, i, j):
+                    found, best = cell, value
+        if found < 0 or progress.counted_at[found] == progress.step[0]:
+            return found
+        count_again(progress, world, found, w.alive)
+
+
+@borrowing_kernel
+def _first_on_path(
+    goal: int,
+    region: NDArray[np.uint8],
+    square: ReachSquare,
+    shape: tuple[int, int, int],
+    w: Scratch,
+) -> int:
+    """The cell within reach that is nearest to a goal by a path through a region."""
+    ny, found, head, n = shape[1], -1, 0, 1
+    w.queue[0] = goal
+    w.marks[goal] = 1
+    while head < n and found < 0:
+        cell = np.int64(w.queue[head])
+        head += 1
+        if is_within_reach(square, cell // ny - square.cell_x, cell % ny - square.cell_y):
+            found = cell
+        for side in range(4):
+            beside = neighbor(cell, side, shape)
+            if beside >= 0 and region[beside] and not w.marks[beside]:
+                w.marks[beside] = 1
+                w.queue[n] = beside
+                n += 1
+    for k in range(n):
+        w.marks[w.queue[k]] = 0
+    return found
+
+
+@borrowing_kernel
+def choose_pose(progress: Progress, world: TrueWorld, robot: int, w: Scratch) -> int:
+    """What the base policy chooses for a robot."""
+    sampling, region = world.sampling, progress.regions[robot]
+    n_headings = sampling.lattice.n_headings
+    square = reach_square(progress.pose_ids[robot], sampling.reach, sampling.lattice)
+    start = progress.pose_ids[robot] // n_headings
+    n = _list_near_cells(square, region, sampling.shape, w.queue)
+    cell = _best_of(progress, world, w.queue[:n], start, w)
+    far = _better_far_cell(progress, world, robot, square, progress.gains[cell], w)
+    if far >= 0:
+        cell = _first_on_path(far, region, square, sampling.shape, w)
+        while progress.counted_at[cell] != progress.step[0]:
+            count_again(progress, world, cell, w.alive)
+    return cell * n_headings + progress.headings[cell]
+
+
+@borrowing_kernel
+def _is_possible(progress: Progress, world: TrueWorld, robot: int, pose_id: int) -> bool:
+    """Whether a robot can go to a pose now."""
+    sampling = world.sampling
+    ny, cell = sampling.shape[1], pose_id // sampling.lattice.n_headings
+    square = reach_square(progress.pose_ids[robot], sampling.reach, sampling.lattice)
+    i, j = cell // ny - square.cell_x, cell % ny - square.cell_y
+    return progress.regions[robot, cell] != 0 and is_within_reach(square, i, j)
+
+
+@kernel
+def _copy(source: Progress, target: Progress) -> None:
+    target.cells[:] = source.cells
+    target.regions[:] = source.regions
+    target.pose_ids[:] = source.pose_ids
+    target.bounds[:] = source.bounds
+    target.gains[:] = source.gains
+    target.headings[:] = source.headings
+    target.counted_at[:] = source.counted_at
+    target.step[:] = source.step
+
+
+@kernel
+def play_on(
+    plain_start: PlainTuple,
+    plain_world: PlainTuple,
+    plain_progress: PlainTuple,
+    plain_scratch: PlainTuple,
+    plan: NDArray[np.int64],
+    shown: NDArray[np.int64],
+) -> None:
+    """Play a plan (h, n_robots) from a start, of which a copy is made; fill in what is BASE.
+
+    The poses of the first scan must be possible; later ones that are not are left to the base
+    policy. `shown` (h,) gets the cells that each scan of the team newly shows.
+    """
+    progress, world = Progress(*plain_progress), name_world(plain_world)
+    w = Scratch(*plain_scratch)
+    _copy(Progress(*plain_start), progress)
+    for scan in range(plan.shape[0]):
+        shown[scan] = 0
+        for robot in range(plan.shape[1]):
+            pose_id = plan[scan, robot]
+            is_given = pose_id != BASE and (
+                scan == 0 or _is_possible(progress, world, robot, pose_id)
+            )
+            if not is_given:
+                pose_id = choose_pose(progress, world, robot, w)
+            plan[scan, robot] = pose_id
+            shown[scan] += mark_scan(progress, world, robot, pose_id, w)
+        for robot in range(plan.shape[1]):
+            open_scan(progress, world, plan[scan, robot], w)
+
+
+@kernel
+def count_best_views(
+    plain_world: PlainTuple,
+    plain_progress: PlainTuple,
+    plain_scratch: PlainTuple,
+    cells: NDArray[np.int64],
+) -> None:
+    """Count all views from some cells (k,), and keep them in the progress."""
+    progress, world = Progress(*plain_progress), name_world(plain_world)
+    w = Scratch(*plain_scratch)
+    for cell in cells:
+        progress.gains[cell] = -1
+        for heading in range(progress.bounds.shape[1]):
+            count = count_view(progress.cells, world, cell, heading, w.alive)
+            progress.bounds[cell, heading] = count
+            if count > progress.gains[cell]:
+                progress.gains[cell], progress.headings[cell] = count, heading
+        progress.counted_at[cell] = progress.step[0]
