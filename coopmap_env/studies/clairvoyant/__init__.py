@@ -1,1 +1,38 @@
-"""x."""
+"""What a policy would show that knew the true world: a reference between planners and the bound.
+
+::
+
+    python -m coopmap_env.studies.clairvoyant rooms --scans 48 --worlds 6
+
+`ClairvoyantGreedy` and `ClairvoyantLookAhead` know the true planar world and keep every constraint
+of policies that do not: they move through what the belief knows to be free, within reach, by
+actions of the same mode. They choose by the cells that are truly ``shown``, not by the belief. So
+they say how much of the gap to the upper bound (`coopmap_env.evaluation.bounds`) a policy could
+close that predicted the world perfectly. They are references, not policies: the package is out of
+reach of planners and agents, and they have no name on the command line.
+
+The study plays them and planners on training worlds, and prints what each shows at the end,
+its efficiency (what it shows beyond the start, as a fraction of what the bound allows), that of the
+area under the curve, and the parts of its gap (`split_gap`), means over the worlds with 95 %
+intervals.
+"""
+
+from coopmap_env.studies.clairvoyant.gap import Gap, efficiency, split_gap
+from coopmap_env.studies.clairvoyant.policy import (
+    ClairvoyantGreedy,
+    ClairvoyantLookAhead,
+    LookAhead,
+)
+from coopmap_env.studies.clairvoyant.study import play_worlds, summarise, table_lines
+
+__all__ = [
+    "ClairvoyantGreedy",
+    "ClairvoyantLookAhead",
+    "Gap",
+    "LookAhead",
+    "efficiency",
+    "play_worlds",
+    "split_gap",
+    "summarise",
+    "table_lines",
+]

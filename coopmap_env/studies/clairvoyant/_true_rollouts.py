@@ -55,14 +55,14 @@ def _best_of(
     """Of some cells the one whose best view shows most; of equal ones the nearest to the start."""
     ny = world.sampling.shape[1]
     while True:
-        best, most, least = np.int64(start), np.int32(-1), np.int64(0)
+        best, most, least = start, -1, 0
         for one in near:
             gain = progress.gains[np.uint64(one)]
             if gain < most:
                 continue
             i, j = one // ny - start // ny, one % ny - start % ny
             if gain > most or i * i + j * j < least:
-                best, most, least = np.int64(one), gain, i * i + j * j
+                best, most, least = int(one), gain, i * i + j * j
         if progress.counted_at[best] == progress.step[0]:
             return best
         count_again(progress, world, best, w.alive)
@@ -113,7 +113,7 @@ def _first_on_path(
     w.queue[0] = goal
     w.marks[goal] = 1
     while head < n and found < 0:
-        cell = np.int64(w.queue[head])
+        cell = int(w.queue[head])
         head += 1
         if is_within_reach(square, cell // ny - square.cell_x, cell % ny - square.cell_y):
             found = cell

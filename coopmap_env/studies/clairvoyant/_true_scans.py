@@ -173,7 +173,7 @@ def _extend_region(
     """Let a region grow from the first n cells of the queue, which belong to it."""
     head, tail = 0, n
     while head < tail:
-        cell = np.int64(queue[head])
+        cell = int(queue[head])
         head += 1
         for side in range(4):
             beside = neighbor(cell, side, shape)
@@ -240,7 +240,7 @@ def open_scan(progress: Progress, world: TrueWorld, pose_id: int, w: Scratch) ->
     for robot in range(len(progress.pose_ids)):
         region, n_new = progress.regions[robot], 0
         for k in range(n):
-            cell = np.int64(w.seen[k])
+            cell = int(w.seen[k])
             if region[cell] or not cells[cell] & FREE:
                 continue
             for side in range(4):

@@ -34,9 +34,9 @@ from coopmap_env.studies.clairvoyant._true_scans import (
 class LookAhead(Settings):
     """How far and how wide a clairvoyant policy looks ahead."""
 
-    n_scans: Annotated[int, Bounds(at_least=1, largest=10_000)] = 12
+    n_scans: Annotated[int, Bounds(at_least=1, largest=10_000)] = 16
     """Scans of each robot that a plan has, the next one included; as many as are left, at most."""
-    n_tried: PositiveInt = 32
+    n_tried: PositiveInt = 16
     """Poses of each robot from which it plays on: the best of a block of cells each."""
     block: PositiveInt = 4
     """Cells along the side of a block."""
@@ -87,9 +87,7 @@ class ClairvoyantGreedy:
         self._world = TrueWorld(occupied, rating.fan.arrays(grid.shape[1]), sampling)
         self._plain_world = make_plain(self._world)
         self._scratch = make_plain(Scratch.empty(self._world))
-        self._progress = Progress.empty(
-            grid.n_cells, rating.lattice.n_headings, len(belief.agents)
-        )
+        self._progress = Progress.empty(grid.n_cells, rating.lattice.n_headings, len(belief.agents))
         self._progress.cells[:] = HIDDEN
         self._progress.cells[occupied] |= OCCUPIED
         self._progress.cells[belief.map.sampled.ravel()] &= ~HIDDEN
@@ -138,11 +136,14 @@ class ClairvoyantGreedy:
 class ClairvoyantLookAhead(ClairvoyantGreedy):
     """Plays plans of several scans in the true world, and begins the best one.
 
-    A plan begins with one of many poses of a robot; from there on a base policy sends each robot in
-    turn to the view that truly shows most for each scan that it takes to get there, also beyond
-    its reach. What a scan of the plan truly shows as free counts as known to be free from then on;
-    the first scan of each plan goes by the belief. Of all plans and what is left of the plan before,
-    the one is begun that shows most at its end.
+    A plan begins with one of many poses of a robot. From there on a base policy sends each robot in
+    turn to the view that truly shows most for each scan that it takes to get there, also beyond its
+    reach. Of all plans, and what is left of the plan before, the one is begun that shows most at
+    its end.
+
+    The first scan of a plan goes by the belief. For later ones, what a scan of the plan truly shows
+    as free counts as known to be free. The map needs P < 0.05, which noise may prevent in a few
+    cells; then the pose is chosen again.
 
     In "candidates" mode later scans of a plan are not restricted to candidates, as these are not
     drawn yet.
@@ -161,7 +162,7 @@ class ClairvoyantLookAhead(ClairvoyantGreedy):
     def reset(self, rng: np.random.Generator) -> None:
         """See `ClairvoyantGreedy.reset`."""
         super().reset(rng)
-        self._copy = make_plain(Progress(*(part.copy() for part in self._progress)))
+        self._copy = tuple(part.copy() for part in self._progress)
         self._plan = np.empty((0, len(self._progress.pose_ids)), dtype=np.int64)
         self._count_best_views(np.flatnonzero(~self._world.occupied))
 
@@ -220,8 +221,7 @@ class ClairvoyantLookAhead(ClairvoyantGreedy):
     def _tried_poses(
         self, belief: PlanarBelief, robot: int, before: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """The poses of a robot that show most beside those of the robots before it, of each block
-        of cells the best one."""
+        """The poses of a robot that show most beside `before`, of each block the best one."""
         cells = self._progress.cells.copy()
         self._mark(cells, before)
         poses, counts = self._count(belief, robot, cells)

@@ -1,0 +1,118 @@
+"""Policies, clairvoyant references and upper bounds on the same training worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation import Policy, make_policy, run_episode
+from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown
+from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
+from coopmap_env.studies.clairvoyant.gap import efficiency, split_gap
+from coopmap_env.studies.clairvoyant.policy import (
+    ClairvoyantGreedy,
+    ClairvoyantLookAhead,
+    LookAhead,
+)
+
+PLANNERS = {
+    "random": "random",
+    "rating, m = 100": "rating_function:search=100",
+    "coverage, sequential, m = 300": "coverage:search=300+coordination=sequential",
+    "frontier": "frontier",
+}
+"""Policies that do not know the truth, by their names in the table."""
+GREEDY, LOOK_AHEAD = "clairvoyant, greedy", "clairvoyant, look-ahead"
+COLUMNS = ("shown, %", "efficiency", "of area", "search", "knowledge", "information", "ms")
+
+
+@dataclass(frozen=True)
+class Played:
+    """What was shown in one world."""
+
+    bound: NDArray[np.int64]
+    """Cells (n_scans + 1,)."""
+    shown: dict[str, NDArray[np.int64]]
+    """Cells (n_scans + 1,) by policy."""
+    planning_time_ms: dict[str, float]
+    """Of a decision of one robot, by policy."""
+
+
+def play_worlds(
+    env: PlanarEnv,
+    seeds: Sequence[int],
+    look_ahead: LookAhead,
+    search: BoundSearch,
+    log: Callable[[str], None],
+) -> list[Played]:
+    """Bound what can be shown in some worlds, and play all policies there.
+
+    `env` is made with ``report_shown=True``.
+    """
+    policies: dict[str, Policy] = {name: make_policy(spec) for name, spec in PLANNERS.items()}
+    policies[GREEDY] = ClairvoyantGreedy(env)
+    policies[LOOK_AHEAD] = ClairvoyantLookAhead(env, look_ahead)
+    worlds = []
+    for seed in seeds:
+        env.reset(seed=seed)
+        bound = bound_shown(PlanarViews.from_env(env), env.max_scans, search).bounds
+        shown, times = {}, {}
+        for name, policy in policies.items():
+            episode = run_episode(env, policy, seed)
+            curve = np.array(episode.shown_curve) * env.truth.occupied.size
+            shown[name] = np.rint(curve).astype(np.int64)
+            times[name] = episode.planning_time_ms
+        worlds.append(Played(bound, shown, times))
+        ends = ", ".join(f"{name} {curve[-1]}" for name, curve in shown.items())
+        log(f"world {seed}: bound {bound[-1]}, {ends}")
+    return worlds
+
+
+def summarise(
+    worlds: Sequence[Played], n_cells: int, rng: np.random.Generator
+) -> dict[str, dict[str, Interval]]:
+    """`COLUMNS` of each policy: means over the worlds with their 95 % intervals.
+
+    The parts of the gap are those at the end. The best planner is the one that shows most in the
+    mean; the clairvoyant of a world is the better one of the two.
+    """
+    ends = {name: _ends(worlds, name) for name in worlds[0].shown}
+    best = max(PLANNERS, key=lambda name: float(ends[name].mean()))
+    clairvoyant = np.maximum(ends[GREEDY], ends[LOOK_AHEAD])
+    start = np.array([world.shown[best][0] for world in worlds])
+    bound = np.array([world.bound[-1] for world in worlds])
+    table = {}
+    for name, end in ends.items():
+        gap = split_gap(start, bound, clairvoyant, ends[best], end)
+        areas = [efficiency(world.shown[name], world.bound)[1] for world in worlds]
+        times = [world.planning_time_ms[name] for world in worlds]
+        columns: tuple[ArrayLike, ...] = (
+            100.0 * end / n_cells,
+            gap.efficiency,
+            areas,
+            *gap[1:],
+            times,
+        )
+        table[name] = {
+            column: bootstrap_mean(values, rng)
+            for column, values in zip(COLUMNS, columns, strict=True)
+        }
+    return table
+
+
+def _ends(worlds: Sequence[Played], name: str) -> NDArray[np.int64]:
+    return np.array([world.shown[name][-1] for world in worlds])
+
+
+def table_lines(table: Mapping[str, Mapping[str, Interval]]) -> list[str]:
+    """The table as Markdown."""
+    lines = [f"| policy | {' | '.join(COLUMNS)} |", "|---" * (len(COLUMNS) + 1) + "|"]
+    for name, row in table.items():
+        digits = [".1f", *[".3f"] * (len(COLUMNS) - 2), ".0f"]
+        cells = [f"{row[column]:{own}}" for column, own in zip(COLUMNS, digits, strict=True)]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return lines
