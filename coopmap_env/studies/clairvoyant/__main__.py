@@ -11,8 +11,8 @@ import numpy as np
 
 from coopmap_env.core.progress import log
 from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation import get_env_spec
 from coopmap_env.evaluation.bounds import BoundSearch
-from coopmap_env.evaluation.env_specs import get_env_spec
 from coopmap_env.studies.clairvoyant import LookAhead, play_worlds, summarise, table_lines
 
 
