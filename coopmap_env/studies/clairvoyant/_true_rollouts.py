@@ -86,18 +86,30 @@ def _better_far_cell(
 ) -> int:
     """A cell out of reach that shows more for each scan than the best near one; -1 if none."""
     nx, ny, _ = world.sampling.shape
+    x, y, n = square.cell_x, square.cell_y, 0
+    for cell in range(nx * ny):
+        c = np.uint64(cell)
+        if progress.gains[c] > 2 * near_gain and progress.regions[robot, c]:
+            i, j = cell // ny - x, cell % ny - y
+            is_better = progress.gains[c] > near_gain * _scans_to(square, i, j)
+            if is_better and not is_within_reach(square, i, j):
+                w.queue[n] = cell
+                n += 1
     while True:
         found, best = -1, float(near_gain)
-        for cell in range(nx * ny):
-            c = np.uint64(cell)
-            if progress.gains[c] > 2.0 * best and progress.regions[robot, c]:
-                i, j = cell // ny - square.cell_x, cell % ny - square.cell_y
-                value = progress.gains[c] / _scans_to(square, i, j)
-                if value > best and not is_within_reach(square, i, j):
+        for k in range(n):
+            cell = int(w.queue[np.uint64(k)])
+            gain = progress.gains[np.uint64(cell)]
+            if gain > 2.0 * best:
+                value = gain / _scans_to(square, cell // ny - x, cell % ny - y)
+                if value > best:
                     found, best = cell, value
         if found < 0 or progress.counted_at[found] == progress.step[0]:
             return found
-        count_again(progress, world, found, w.alive)
+        while (
+            progress.counted_at[found] != progress.step[0] and progress.gains[found] > 2 * near_gain
+        ):
+            count_again(progress, world, found, w.alive)
 
 
 @borrowing_kernel
