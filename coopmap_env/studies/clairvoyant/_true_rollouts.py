@@ -1,8 +1,8 @@
 """Kernels that play a team on in the true world: the base policy, and plans that begin with poses.
 
 The base policy sends each robot in turn to the view that shows most for each scan that it takes to
-get there. Gains only fall, so the view that a cell had last bounds what it has now: few cells are
-counted again at a time.
+get there; of the cells, it considers every second one along each axis. Gains only fall, so the view
+that a cell had last bounds what it has now: few cells are counted again at a time.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from coopmap_env.studies.clairvoyant._true_scans import (
 
 BASE = -1
 """A pose of a plan that the base policy chooses."""
+STRIDE = 2
+"""Cells along an axis, of which the base policy considers one: four times as fast."""
 
 
 @borrowing_kernel
@@ -37,12 +39,16 @@ def _list_near_cells(
     shape: tuple[int, int, int],
     out: NDArray[np.int32],
 ) -> int:
-    """Write the cells of a region within reach; return how many they are."""
+    """Write the cell of the robot and considered ones of a region within reach; their number."""
     nx, ny, _ = shape
-    x, y, side, n = square.cell_x, square.cell_y, square.half_side, 0
+    x, y, side, n = square.cell_x, square.cell_y, square.half_side, 1
+    out[0] = x * ny + y
     for ix in range(max(x - side, 0), min(x + side + 1, nx)):
+        if ix % STRIDE != 0:
+            continue
         for iy in range(max(y - side, 0), min(y + side + 1, ny)):
-            if region[ix * ny + iy] and is_within_reach(square, ix - x, iy - y):
+            is_considered = iy % STRIDE == 0 and region[ix * ny + iy]
+            if is_considered and is_within_reach(square, ix - x, iy - y):
                 out[n] = ix * ny + iy
                 n += 1
     return n
@@ -55,17 +61,20 @@ def _best_of(
     """Of some cells the one whose best view shows most; of equal ones the nearest to the start."""
     ny = world.sampling.shape[1]
     while True:
-        best, most, least = start, -1, 0
+        best, most, least, second = start, -1, 0, -1
         for one in near:
             gain = progress.gains[np.uint64(one)]
             if gain < most:
+                second = max(second, gain)
                 continue
             i, j = one // ny - start // ny, one % ny - start % ny
             if gain > most or i * i + j * j < least:
+                second = most
                 best, most, least = int(one), gain, i * i + j * j
         if progress.counted_at[best] == progress.step[0]:
             return best
-        count_again(progress, world, best, w.alive)
+        while progress.counted_at[best] != progress.step[0] and progress.gains[best] >= second:
+            count_again(progress, world, best, w.alive)
 
 
 @borrowing_kernel
@@ -87,14 +96,15 @@ def _better_far_cell(
     """A cell out of reach that shows more for each scan than the best near one; -1 if none."""
     nx, ny, _ = world.sampling.shape
     x, y, n = square.cell_x, square.cell_y, 0
-    for cell in range(nx * ny):
-        c = np.uint64(cell)
-        if progress.gains[c] > 2 * near_gain and progress.regions[robot, c]:
-            i, j = cell // ny - x, cell % ny - y
-            is_better = progress.gains[c] > near_gain * _scans_to(square, i, j)
-            if is_better and not is_within_reach(square, i, j):
-                w.queue[n] = cell
-                n += 1
+    for ix in range(0, nx, STRIDE):
+        for iy in range(0, ny, STRIDE):
+            c = np.uint64(ix * ny + iy)
+            if progress.gains[c] > 2 * near_gain and progress.regions[robot, c]:
+                i, j = ix - x, iy - y
+                is_better = progress.gains[c] > near_gain * _scans_to(square, i, j)
+                if is_better and not is_within_reach(square, i, j):
+                    w.queue[n] = ix * ny + iy
+                    n += 1
     while True:
         found, best = -1, float(near_gain)
         for k in range(n):
