@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -53,11 +54,13 @@ class Family:
     @property
     def definition(self) -> dict[str, Any]:
         """All that decides its worlds and its rules, as JSON values."""
-        return {
+        values = {
             "env": self.env_name,
             "arguments": self.env_kwargs,
             "settings": settings_to_dict(self.settings),
         }
+        as_json: dict[str, Any] = json.loads(json.dumps(values))
+        return as_json
 
     def make(self, split: str = "train", **options: Any) -> MappingEnv[Any]:
         """Make the parallel environment of a split.

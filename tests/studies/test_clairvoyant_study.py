@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coopmap_env.studies.clairvoyant import efficiency, split_gap
+from coopmap_env.studies.clairvoyant import split_gap
 from coopmap_env.studies.clairvoyant.__main__ import main
 
 
@@ -18,17 +18,9 @@ def test_by_hand_the_parts_of_the_gap_add_up_to_the_bound():
     np.testing.assert_allclose(np.sum(two, axis=0), 1.0)
 
 
-def test_by_hand_efficiency_at_the_end_and_of_the_area():
-    at_end, of_area = efficiency(np.array([10, 12, 16]), np.array([10, 14, 22]))
-    assert at_end == 0.5
-    assert of_area == (2 + 6) / (4 + 12)
-
-
 def test_a_bound_that_allows_nothing_has_no_parts():
     with pytest.raises(ValueError, match="above its start"):
         split_gap([1, 2], [3, 2], [1, 2], [1, 2], [1, 2])
-    with pytest.raises(ValueError, match="the bound 5 must be above the start 5"):
-        efficiency(np.array([5, 5]), np.array([5, 5]))
 
 
 def test_the_command_prints_a_row_for_each_policy(capsys):

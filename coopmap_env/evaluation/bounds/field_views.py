@@ -9,14 +9,16 @@ can be shown.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.arguments import check_count
-from coopmap_env.core.kernels import kernel
+from coopmap_env.core.kernels import borrowing_kernel, kernel
 from coopmap_env.core.limits import check_bytes
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation.bounds.certificate import PoseSets, ViewScores
@@ -122,14 +124,34 @@ class FieldViews:
             np.concatenate(blocks) + robots * BLOCKS_OF_A_ROBOT,
         )
 
-    def best(
-        self, weights: NDArray[np.int64], places: NDArray[np.int64] | None = None
-    ) -> ViewScores:
+    @cached_property
+    def digest(self) -> str:
         """See `Views`."""
-        poses = np.arange(len(self.blocks)) if places is None else places
-        scores = np.empty(len(poses), dtype=np.int64)
-        _score_sets(*self.sets, poses, weights, scores)
-        return ViewScores(scores, poses)
+        sha = hashlib.sha256(f"field views of {self.n_scans} scans".encode())
+        for array in (self.voxels, self.known, *self.sets, self.earliest, *self.joints):
+            sha.update(f"{array.dtype.str} {array.shape} ".encode() + array.tobytes())
+        return sha.hexdigest()
+
+    def best(self, weights: NDArray[np.int64]) -> ViewScores:
+        """See `Views`."""
+        scores = np.empty(len(self.blocks), dtype=np.int64)
+        _score_sets(*self.sets, weights, scores)
+        return ViewScores(scores, np.arange(len(scores)))
+
+    def choose(self, n_scans: int, n_exchanges: int) -> NDArray[np.int64]:
+        """See `Views`; the greedy choice, in which views are exchanged for the best beside it."""
+        chosen = np.full((n_scans, len(self.joints)), -1)
+        first = np.cumsum([0, *map(len, self.joints)])
+        n_sweeps = -(-n_exchanges // (n_scans * first[-1]))
+        _choose_sets(*self.sets, first, len(self.known), n_sweeps, chosen)
+        return chosen
+
+    def can_take(self, choice: NDArray[np.int64]) -> bool:
+        """See `Views`."""
+        if choice.min(initial=0) < 0 or choice.max(initial=0) >= len(self.blocks):
+            return False
+        scans = np.arange(1, len(choice) + 1)[:, None]
+        return bool((self.earliest[np.arange(len(self.joints)), choice] <= scans).all())
 
     def pose_sets(self, poses: NDArray[np.int64]) -> PoseSets:
         """See `Views`."""
@@ -173,13 +195,61 @@ def _list_views(
 def _score_sets(
     start: NDArray[np.int64],
     cells: NDArray[np.int32],
-    poses: NDArray[np.int64],
     weights: NDArray[np.int64],
     scores: NDArray[np.int64],
 ) -> None:
-    """Write the sum of the weights of what each of some poses (k,) shows."""
-    for k in range(len(poses)):
+    """Write the sum of the weights of what each pose (k,) shows."""
+    for pose in range(len(scores)):
         total = 0
-        for entry in range(start[poses[k]], start[poses[k] + 1]):
+        for entry in range(start[pose], start[pose + 1]):
             total += weights[np.uint64(cells[np.uint64(entry)])]
-        scores[k] = total
+        scores[pose] = total
+
+
+@kernel
+def _choose_sets(
+    start: NDArray[np.int64],
+    cells: NDArray[np.int32],
+    first: NDArray[np.int64],
+    n_cells: int,
+    n_sweeps: int,
+    chosen: NDArray[np.int64],
+) -> None:
+    """Write poses (n_scans, n_robots): those of robot r are first[r] to first[r + 1].
+
+    Each is the one that adds most to the others, which are none at first. It ends early if nothing
+    changes any more.
+    """
+    times = np.zeros(n_cells, dtype=np.int32)
+    for _ in range(1 + n_sweeps):
+        is_changed = False
+        for scan in range(chosen.shape[0]):
+            for robot in range(chosen.shape[1]):
+                before = int(chosen[scan, robot])
+                if before >= 0:
+                    for entry in range(start[before], start[before + 1]):
+                        times[cells[entry]] -= 1
+                best, most = before, -1
+                if before >= 0:
+                    most = _count_new(start, cells, before, times)
+                for pose in range(first[robot], first[robot + 1]):
+                    count = _count_new(start, cells, pose, times)
+                    if count > most:
+                        best, most = pose, count
+                is_changed |= best != before
+                chosen[scan, robot] = best
+                for entry in range(start[best], start[best + 1]):
+                    times[cells[entry]] += 1
+        if not is_changed:
+            break
+
+
+@borrowing_kernel
+def _count_new(
+    start: NDArray[np.int64], cells: NDArray[np.int32], pose: int, times: NDArray[np.int32]
+) -> int:
+    """Cells that a pose shows and no other does."""
+    count = 0
+    for entry in range(start[pose], start[pose + 1]):
+        count += times[np.uint64(cells[np.uint64(entry)])] == 0
+    return count

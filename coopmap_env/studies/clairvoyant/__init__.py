@@ -17,7 +17,7 @@ area under the curve, and the parts of its gap (`split_gap`), means over the wor
 intervals.
 """
 
-from coopmap_env.studies.clairvoyant.gap import Gap, efficiency, split_gap
+from coopmap_env.studies.clairvoyant.gap import Gap, split_gap
 from coopmap_env.studies.clairvoyant.policy import (
     ClairvoyantGreedy,
     ClairvoyantLookAhead,
@@ -30,7 +30,6 @@ __all__ = [
     "ClairvoyantLookAhead",
     "Gap",
     "LookAhead",
-    "efficiency",
     "play_worlds",
     "split_gap",
     "summarise",

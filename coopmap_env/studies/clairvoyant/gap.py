@@ -57,25 +57,3 @@ def split_gap(
     return Gap(
         (own - known) / room, (best - own) / room, (seeing - best) / room, (most - seeing) / room
     )
-
-
-def efficiency(shown: NDArray[np.int64], bound: NDArray[np.int64]) -> tuple[float, float]:
-    """Efficiency of a curve at its end, and that of the area under it.
-
-    Parameters
-    ----------
-    shown : ndarray, shape (n_scans + 1,)
-        Cells shown before the first scan and after each.
-    bound : ndarray, shape (n_scans + 1,)
-        The upper bound of each of these.
-
-    Raises
-    ------
-    ValueError
-        If the bound is nowhere above the start.
-    """
-    start = shown[0]
-    if not bound[-1] > start:
-        raise ValueError(f"the bound {bound[-1]} must be above the start {start}")
-    gained, allowed = shown[1:] - start, bound[1:] - start
-    return float(gained[-1] / allowed[-1]), float(gained.sum() / allowed.sum())

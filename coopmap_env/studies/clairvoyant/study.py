@@ -9,10 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.evaluation import Policy, make_policy, run_episode
-from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown
+from coopmap_env.evaluation import Episode, Policy, make_policy, run_episode
+from coopmap_env.evaluation.bounds import (
+    BoundSearch,
+    PlanarViews,
+    bound_shown,
+    efficiency,
+    scans_in_time,
+)
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
-from coopmap_env.studies.clairvoyant.gap import efficiency, split_gap
+from coopmap_env.studies.clairvoyant.gap import split_gap
 from coopmap_env.studies.clairvoyant.policy import (
     ClairvoyantGreedy,
     ClairvoyantLookAhead,
@@ -36,10 +42,26 @@ class Played:
 
     bound: NDArray[np.int64]
     """Cells (n_scans + 1,)."""
-    shown: dict[str, NDArray[np.int64]]
-    """Cells (n_scans + 1,) by policy."""
-    planning_time_ms: dict[str, float]
-    """Of a decision of one robot, by policy."""
+    episodes: dict[str, Episode]
+    """By policy."""
+    n_cells: int
+    """Of the world."""
+    scan_time: float
+    """Seconds."""
+
+    def end(self, name: str) -> int:
+        """Cells that a policy has shown at the end."""
+        return self._cells(name, -1)
+
+    @property
+    def start(self) -> int:
+        """Cells that are known at the start."""
+        return self._cells(next(iter(self.episodes)), 0)
+
+    def _cells(self, name: str, scan: int) -> int:
+        curve = self.episodes[name].shown_curve
+        assert curve is not None
+        return round(curve[scan] * self.n_cells)
 
 
 def play_worlds(
@@ -59,15 +81,13 @@ def play_worlds(
     worlds = []
     for seed in seeds:
         env.reset(seed=seed)
-        bound = bound_shown(PlanarViews.from_env(env), env.max_scans, search).bounds
-        shown, times = {}, {}
-        for name, policy in policies.items():
-            episode = run_episode(env, policy, seed)
-            curve = np.array(episode.shown_curve) * env.truth.occupied.size
-            shown[name] = np.rint(curve).astype(np.int64)
-            times[name] = episode.planning_time_ms
-        worlds.append(Played(bound, shown, times))
-        ends = ", ".join(f"{name} {curve[-1]}" for name, curve in shown.items())
+        n_cells, scan_time = env.truth.occupied.size, env.belief().scan_time
+        n_scans = scans_in_time(env.max_scans, env.max_time, scan_time)
+        bound = bound_shown(PlanarViews.from_env(env, n_scans), n_scans, search).bounds
+        episodes = {name: run_episode(env, policy, seed) for name, policy in policies.items()}
+        world = Played(bound, episodes, n_cells, scan_time)
+        worlds.append(world)
+        ends = ", ".join(f"{name} {world.end(name)}" for name in episodes)
         log(f"world {seed}: bound {bound[-1]}, {ends}")
     return worlds
 
@@ -80,16 +100,19 @@ def summarise(
     The parts of the gap are those at the end. The best planner is the one that shows most in the
     mean; the clairvoyant of a world is the better one of the two.
     """
-    ends = {name: _ends(worlds, name) for name in worlds[0].shown}
+    ends = {name: _ends(worlds, name) for name in worlds[0].episodes}
     best = max(PLANNERS, key=lambda name: float(ends[name].mean()))
     clairvoyant = np.maximum(ends[GREEDY], ends[LOOK_AHEAD])
-    start = np.array([world.shown[best][0] for world in worlds])
+    start = np.array([world.start for world in worlds])
     bound = np.array([world.bound[-1] for world in worlds])
     table = {}
     for name, end in ends.items():
         gap = split_gap(start, bound, clairvoyant, ends[best], end)
-        areas = [efficiency(world.shown[name], world.bound)[1] for world in worlds]
-        times = [world.planning_time_ms[name] for world in worlds]
+        areas = [
+            efficiency(world.episodes[name], world.bound, world.n_cells, world.scan_time).area
+            for world in worlds
+        ]
+        times = [world.episodes[name].planning_time_ms for world in worlds]
         columns: tuple[ArrayLike, ...] = (
             100.0 * end / n_cells,
             gap.efficiency,
@@ -105,7 +128,7 @@ def summarise(
 
 
 def _ends(worlds: Sequence[Played], name: str) -> NDArray[np.int64]:
-    return np.array([world.shown[name][-1] for world in worlds])
+    return np.array([world.end(name) for world in worlds])
 
 
 def table_lines(table: Mapping[str, Mapping[str, Interval]]) -> list[str]:

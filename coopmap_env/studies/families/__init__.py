@@ -9,8 +9,8 @@ and prints its table: what is shown at the end, efficiencies, the difference to 
 planner world by world, means with 95 % intervals. `--pages docs/families` writes the page.
 """
 
-from coopmap_env.studies.families.play import POLICIES, Entry, play_family
 from coopmap_env.studies.families.page import page_text
+from coopmap_env.studies.families.play import PLAYED_POLICIES, Entry, play_family
 from coopmap_env.studies.families.table import table_of
 
-__all__ = ["POLICIES", "Entry", "page_text", "play_family", "table_of"]
+__all__ = ["PLAYED_POLICIES", "Entry", "page_text", "play_family", "table_of"]

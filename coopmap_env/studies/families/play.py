@@ -38,7 +38,7 @@ class Entry(NamedTuple):
     action_mode: str = "pose"
 
 
-POLICIES = {
+PLAYED_POLICIES = {
     "random": Entry("random", "random"),
     "rating function, m = 100": Entry("rating_function:search=100", "one step"),
     "rating function, m = 100, sequential": Entry(
@@ -92,15 +92,14 @@ def play_family(
     workers : int
         Episodes at a time; decision times depend on it.
     names : sequence of str, optional
-        Keys of `POLICIES` and `CLAIRVOYANT`; by default all that are installed and fit the family.
+        Keys of `PLAYED_POLICIES` and `CLAIRVOYANT`; by default all that are installed and fit the
+        family.
     """
-    installed = set(policy_names())
     is_planar = family.env_name == "planar"
-    known = [name for name, entry in POLICIES.items() if entry.spec.split(":")[0] in installed]
-    chosen = list(names) if names is not None else known + (list(CLAIRVOYANT) if is_planar else [])
+    chosen = list(names or [*_installed_policies(), *(CLAIRVOYANT if is_planar else ())])
     evaluations: dict[str, Evaluation] = {}
     for mode in ("pose", "candidates"):
-        entries = {n: POLICIES[n] for n in chosen if n in POLICIES}
+        entries = {n: PLAYED_POLICIES[n] for n in chosen if n in PLAYED_POLICIES}
         own = {n: entry.spec for n, entry in entries.items() if entry.action_mode == mode}
         if own:
             arguments = {**family.env_kwargs, "split": split, "action_mode": mode}
@@ -114,8 +113,14 @@ def play_family(
             evaluations[name] = _play_clairvoyant(family, split, seeds, folder, workers, name)
     if is_planar:
         evaluations = _with_efficiencies(family, split, seeds, folder, workers, evaluations)
-    kinds = {n: POLICIES[n].kind if n in POLICIES else "clairvoyant" for n in chosen}
+    kinds = {n: PLAYED_POLICIES[n].kind if n in PLAYED_POLICIES else "clairvoyant" for n in chosen}
     return Played({name: evaluations[name] for name in chosen}, kinds, len(seeds))
+
+
+def _installed_policies() -> list[str]:
+    """Names in the table; the learned policies are missing without the extra rl."""
+    names = set(policy_names())
+    return [name for name, entry in PLAYED_POLICIES.items() if entry.spec.split(":")[0] in names]
 
 
 def _with_efficiencies(

@@ -11,7 +11,15 @@ pytest.importorskip("embreex")
 
 from coopmap_env import field_v1
 from coopmap_env.evaluation import make_policy, rollout
-from coopmap_env.evaluation.bounds import BoundSearch, Certificate, FieldViews, bound_shown
+from coopmap_env.evaluation.bounds import (
+    BoundFileError,
+    BoundSearch,
+    Certificate,
+    FieldViews,
+    bound_shown,
+    load_bound,
+    save_bound,
+)
 from coopmap_env.robots import make_mount
 from coopmap_env.sensing import DepthCamera
 
@@ -19,7 +27,7 @@ SETTINGS = field_v1.FieldSettings(
     camera=DepthCamera(width=16, height=12), crop_cells=(8, 4), max_grid_poses=40
 )
 EXACT_MAST = replace(make_mount("mast"), encoder_noise=0.0, calibration_error=0.0)
-QUICK = BoundSearch(n_rounds=2, n_horizons=1, n_added=20, n_steps=50)
+QUICK = BoundSearch(n_exchanges=100, n_rounds=4)
 
 
 def field(**arguments):
@@ -119,9 +127,35 @@ def test_the_set_is_home_and_the_grid_and_near_poses_share_a_block():
     best = views.best(weights)
     for pose in (0, 5, k + 3):
         cells = views.pose_sets(np.array([pose])).cells
-        assert best.scores[pose] == views.best(weights, np.array([pose])).scores[0]
         assert best.scores[pose] == weights[cells].sum()
         assert not views.known[cells].any()
+    env.close()
+
+
+def test_a_choice_is_what_exchanges_of_single_views_cannot_improve(tmp_path):
+    env = field()
+    env.reset(seed=0)
+    views = FieldViews.from_env(env, joints=random_joints(env, 12, np.random.default_rng(2)))
+    choice = views.choose(2, 10_000)
+    assert views.can_take(choice)
+    assert not views.can_take(choice[:, ::-1])  # poses of the other robot
+    assert not views.can_take(choice + 24)
+
+    def count(poses):
+        return len(set().union(*(voxels_of(views, pose) for pose in poses)))
+
+    most = count(choice.ravel().tolist())
+    for scan, robot in product(range(2), range(2)):
+        for pose in range(12 * robot, 12 * robot + 12):
+            other = choice.copy()
+            other[scan, robot] = pose
+            assert count(other.ravel().tolist()) <= most
+    found = bound_shown(views, 2, QUICK)
+    save_bound(tmp_path / "bound.npz", found, views)
+    np.testing.assert_array_equal(load_bound(tmp_path / "bound.npz", views).bounds, found.bounds)
+    env.reset(seed=1)
+    with pytest.raises(BoundFileError, match="belongs to another world"):
+        load_bound(tmp_path / "bound.npz", FieldViews.from_env(env))
     env.close()
 
 

@@ -1,0 +1,79 @@
+"""Tables and pages of families."""
+
+import pytest
+from plain.episodes import example_episode
+
+import coopmap_baselines
+from coopmap_env import families
+from coopmap_env.envs.planar import PlanarSettings
+from coopmap_env.evaluation import Evaluation
+from coopmap_env.evaluation.bounds import Efficiency
+from coopmap_env.sensing import PlanarCamera
+from coopmap_env.studies.families import page_text, play_family, table_of
+from coopmap_env.studies.families.play import PLAYED_POLICIES, Played
+
+SMALL = families.Family(
+    "small",
+    "planar",
+    "A small world.",
+    {"name": "obstacles", "shape": [24, 24], "side_min": 2.0, "side_max": 6.0},
+    {"n_robots": 2, "max_scans": 3},
+    PlanarSettings(
+        camera=PlanarCamera(depth_of_field=6.0, n_beams=16), reach=4.0, crop_cells=8,
+        initial_free_radius=1.0, max_start_distance=6.0,
+    ),
+)  # fmt: skip
+NAMES = ["random", "coverage, m = 300, sequential", "look-ahead", "clairvoyant, greedy"]
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("families")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(families.FAMILIES, "small", SMALL)
+        yield play_family(SMALL, "train", range(3), folder, names=NAMES)
+
+
+def test_all_policies_and_references_play_the_same_worlds(played):
+    assert list(played.evaluations) == NAMES
+    assert list(played.kinds.values()) == ["random", "one step", "look-ahead", "clairvoyant"]
+    for evaluation in played.evaluations.values():
+        assert [episode.seed for episode in evaluation.episodes] == [0, 1, 2]
+        assert (evaluation.table["efficiency"] <= 1).all()
+    ends = {name: own.table["efficiency"].mean() for name, own in played.evaluations.items()}
+    assert ends["clairvoyant, greedy"] == max(ends.values())
+    assert ends["random"] == min(ends.values())
+
+
+def test_the_page_has_a_row_for_each_policy_and_the_command(played):
+    text = page_text(SMALL, table_of(played), "train", 3)
+    assert text.startswith("# small\n\nA small world.\n")
+    for name in NAMES:
+        assert sum(line.startswith(f"| {name} |") for line in text.splitlines()) == 1
+    assert "`coopmap/Planar-small-v1`" in text
+    assert "2 robots, 3 scans each" in text
+    assert "python -m coopmap_env.studies.families small --split train --worlds 3" in text
+
+
+def test_policies_are_compared_with_the_best_one_step_planner_world_by_world():
+    def evaluation(ends):
+        episodes = tuple(
+            example_episode(seed, shown_curve=[0.0, 0.1, end]) for seed, end in enumerate(ends)
+        )
+        return Evaluation(episodes, tuple(Efficiency(end, end / 2) for end in ends))
+
+    own = {
+        "a": evaluation([0.2, 0.4]), "b": evaluation([0.4, 0.6]), "c": evaluation([0.5, 0.8]),
+    }  # fmt: skip
+    table = table_of(Played(own, {"a": "one step", "b": "one step", "c": "look-ahead"}, 2))
+    assert table.best_one_step == "b"
+    rows = {row.name: row for row in table.rows}
+    assert rows["b"].beyond is None
+    assert rows["a"].beyond.estimate == pytest.approx(-0.2)
+    assert rows["c"].beyond.estimate == pytest.approx(0.15)
+    assert rows["c"].scores["efficiency_auc"].estimate == pytest.approx(0.325)
+
+
+def test_names_of_the_table_are_policies_that_are_installed():
+    specs = {entry.spec.split(":")[0] for entry in PLAYED_POLICIES.values()}
+    assert specs <= {*coopmap_baselines.POLICIES, "learned"}
