@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import nn
 
 from coopmap_agents.networks import CandidateScorer, actor_parameters, stack
 from coopmap_agents.pretrained.library import pretrained_names, pretrained_path
@@ -72,6 +73,23 @@ class LearnedPolicy:
             return _sha256(values.detach().cpu().numpy().tobytes() for values in weights)
         names = pretrained_names()
         return _sha256(pretrained_path(name, self._seed).read_bytes() for name in names)
+
+    @property
+    def n_parameters(self) -> int | None:
+        """Numbers that acting needs; None before observations decide which network it is."""
+        parameters = self._actor()
+        return None if parameters is None else sum(values.numel() for values in parameters)
+
+    @property
+    def model_bytes(self) -> int | None:
+        """Bytes of these."""
+        parameters = self._actor()
+        return None if parameters is None else sum(values.nbytes for values in parameters)
+
+    def _actor(self) -> list[nn.Parameter] | None:
+        """Parameters of the network that decides: of pretrained ones, the last one that did."""
+        networks = [*self._pretrained.values(), *([self._network] if self._network else [])]
+        return list(actor_parameters(networks[-1]).values()) if networks else None
 
     def reset(self, rng: np.random.Generator) -> None:
         """Does nothing: the policy has no memory and is deterministic."""

@@ -9,6 +9,8 @@ command                   study
 ``coopmap compare``       `studies.benchmark`: pretrained policies and planners
 ``coopmap localization``  `studies.localization`
 ``coopmap bench``         `studies.speed`
+``coopmap submit``        `studies.leaderboard`: a policy on a family, with all actions
+``coopmap score``         `studies.leaderboard`: replays them, and ranks them on a page
 ========================  =======================================================================
 
 (``coopmap evaluate`` is no study: it compares policies of your choice; see `coopmap_env.cli`.)

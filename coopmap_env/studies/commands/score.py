@@ -1,0 +1,67 @@
+"""The command `coopmap score`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional  # the command line, which loads this module, needs it too
+
+from coopmap_env.core.progress import log
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Replay submissions, compute all of their scores again, and rank them.
+
+    Prints a line for each file. Exits with 1 and says why if a file is broken or does not replay
+    bit for bit. Needs the extra cli, and the extra report for a page.
+
+    For example:
+      coopmap score results/board/frontier.json
+      coopmap score results/board --page results/board/index.html --bounds results/bounds
+      coopmap score results/private --salt salt --no-efficiency
+    """
+
+    files: Positional[tuple[Path, ...]]
+    """Submissions, or folders with them."""
+    page: Path | None = None
+    """HTML page with a table for each family."""
+    bounds: Path | None = None
+    """Folder in which upper bounds of worlds are kept, by default "bounds" beside each file. Those
+    that are missing are searched: seconds to a minute for a world."""
+    efficiency: bool = True
+    """Whether to compare with the bounds."""
+    salt: Path | None = None
+    """File of the salt, for private worlds."""
+    workers: int = 1
+    """Episodes at a time; the results do not depend on it."""
+
+    def run(self) -> None:
+        """Replay all files, print their lines, write the page."""
+        from coopmap_env.studies.leaderboard import score
+        from coopmap_env.studies.leaderboard.page import write_page
+        from coopmap_env.studies.leaderboard.private_worlds import read_salt
+        from coopmap_env.studies.leaderboard.submission import SubmissionError
+
+        paths = score.expand(self.files)
+        if not paths:
+            raise ValueError("no files to score")
+        salt = None if self.salt is None else read_salt(self.salt)
+        scored: list[score.Scored] = []
+        failed: dict[Path, str] = {}
+        for path in paths:
+            bounds = (self.bounds or path.parent / "bounds") if self.efficiency else None
+            try:
+                scored.append(score.score_file(path, salt, bounds, self.workers))
+            except SubmissionError as error:
+                failed[path] = str(error)
+                continue
+            print(score.line(scored[-1]), flush=True)
+            for note in scored[-1].notes:
+                log(f"note: {path} was played with {note}, and replays here")
+        if self.page is not None:
+            write_page(self.page, scored, failed)
+            log(f"page: {self.page}")
+        if failed:
+            raise SubmissionError("; ".join(failed.values()))

@@ -1,0 +1,80 @@
+"""The page of the leaderboard: one table for each family."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+from coopmap_env import families
+from coopmap_env.core.files import write_atomically
+from coopmap_env.core.version import __version__
+from coopmap_env.studies.common.pages import render_template
+from coopmap_env.studies.leaderboard.score import Scored, model_text
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """The submissions to one family on the same kind of worlds, the best first."""
+
+    family: str
+    summary: str
+    private: str | None
+    """Hash of the salt, if the worlds are private."""
+    score: str
+    """What ranks: the efficiency of the area, or where bounds are missing the area of shown."""
+    entries: tuple[Scored, ...]
+
+
+def rank(scored: Sequence[Scored]) -> list[Ranking]:
+    """Sort submissions into tables by family and salt, and by score within them."""
+    groups: dict[tuple[str, str], list[Scored]] = {}
+    for one in scored:
+        key = (one.submission["family"], one.submission["private"] or "")
+        groups.setdefault(key, []).append(one)
+    return [_ranking(*key, groups[key]) for key in sorted(groups)]
+
+
+def _ranking(family: str, private: str, entries: list[Scored]) -> Ranking:
+    is_bounded = all("efficiency_auc" in one.scores for one in entries)
+    score = "efficiency_auc" if is_bounded else "shown_auc"
+    order = sorted(entries, key=lambda one: (-one.scores[score].estimate, str(one.path)))
+    return Ranking(family, families.get(family).summary, private or None, score, tuple(order))
+
+
+def write_page(path: Path, scored: Sequence[Scored], failed: Mapping[Path, str]) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    path : Path
+    scored : sequence of Scored
+    failed : mapping
+        Files that do not replay, with the reason.
+
+    Raises
+    ------
+    ImportError
+        With the pip command, if Jinja is not installed.
+    """
+    text = render_template(
+        "leaderboard/leaderboard.html",
+        path.parent,
+        rankings=rank(scored),
+        failed=failed,
+        version=__version__,
+        model=lambda one: model_text(one.submission),
+        link=lambda file: link_from(path.parent, file),
+    )
+    write_atomically(path, text)
+
+
+def link_from(folder: Path, file: Path) -> str:
+    """Address of a file, relative to the folder of a page."""
+    try:
+        relative = os.path.relpath(file, folder)
+    except ValueError:  # another drive of Windows
+        return file.resolve().as_uri()
+    return quote(relative.replace(os.sep, "/"))

@@ -1,0 +1,214 @@
+"""Scores of submissions, from replays of all their episodes."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from coopmap_env import families
+from coopmap_env.core.files import FileError
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation import BOOTSTRAP_SEED, Episode, run_jobs
+from coopmap_env.evaluation.jobs import Job, Result
+from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
+from coopmap_env.families.worlds import definition_hash
+from coopmap_env.studies.common.pages import format_interval
+from coopmap_env.studies.leaderboard.claims import other_versions
+from coopmap_env.studies.leaderboard.efficiency import (
+    Efficiency,
+    efficiency,
+    has_bound,
+    world_bounds,
+)
+from coopmap_env.studies.leaderboard.play import env_key, remembered_env
+from coopmap_env.studies.leaderboard.private_worlds import Salt, world_seed
+from coopmap_env.studies.leaderboard.replay import ReplayError, replay_episode
+from coopmap_env.studies.leaderboard.submission import (
+    Submission,
+    SubmissionError,
+    read_submission,
+)
+
+SCORES = ("shown", "shown_auc", "coverage", "coverage_auc", "motion_distance")
+"""Columns of `Episode.row` that are reported."""
+EFFICIENCIES = ("efficiency", "efficiency_auc")
+"""At the end, and of the area; see `coopmap_env.studies.leaderboard.efficiency`."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A submission of which every episode was replayed."""
+
+    path: Path
+    submission: Submission
+    scores: dict[str, Interval]
+    """Means over the worlds with 95 % intervals: `SCORES`, and `EFFICIENCIES` where bounds are
+    known."""
+
+    @property
+    def mode(self) -> str:
+        """How the policy acts, in words."""
+        options = self.submission["options"]
+        n = f" ({options['n_candidates']})" if options["action_mode"] == "candidates" else ""
+        return options["action_mode"] + n
+
+    @property
+    def notes(self) -> list[str]:
+        """Versions that are not those of the replay."""
+        return other_versions(self.submission["claims"]["versions"])
+
+
+def score_file(
+    path: Path,
+    salt: Salt | None = None,
+    bounds: Path | None = None,
+    workers: int = 1,
+    progress: bool = True,
+) -> Scored:
+    """Replay all episodes of a submission and score them.
+
+    Parameters
+    ----------
+    path : Path
+    salt : Salt, optional
+        Needed if the worlds are private.
+    bounds : Path, optional
+        Folder in which the bounds of worlds are kept; those that are missing are searched. Without
+        it there are no efficiencies.
+    workers : int
+        Episodes at a time; the result does not depend on it.
+    progress : bool
+        Show a bar (extra ``cli``).
+
+    Raises
+    ------
+    SubmissionError
+        With the file, if it is broken or a replay contradicts it.
+    FileError
+        If the salt is missing or another one, or a file of a bound is not right.
+    """
+    submission = read_submission(path)
+    used = _salt_of(path, submission, salt)
+    jobs: list[Job] = [
+        {
+            "family": submission["family"],
+            "options": submission["options"],
+            "seed": world_seed(used, submission["family"], record["world"]),
+            "is_private": used is not None,
+            "record": record,
+            "bounds": None if bounds is None else str(bounds),
+        }
+        for record in submission["episodes"]
+    ]
+    try:
+        with tempfile.TemporaryDirectory() as folder:  # nothing is believed without a replay
+            found = run_jobs(score_job, jobs, Path(folder), workers, progress)
+    except ReplayError as error:
+        raise SubmissionError(f"{path}: does not replay: {error}") from error
+    records = submission["episodes"]
+    columns = {name: [_defined(record["scores"][name]) for record in records] for name in SCORES}
+    if found[0]["efficiency"] is not None:
+        pairs = zip(*(one["efficiency"] for one in found), strict=True)
+        columns |= dict(zip(EFFICIENCIES, map(list, pairs), strict=True))
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    scores = {name: bootstrap_mean(values, rng) for name, values in columns.items()}
+    return Scored(path, submission, scores)
+
+
+def _defined(score: float | None) -> float:
+    assert score is not None  # of `SCORES`, all are
+    return score
+
+
+def _salt_of(path: Path, submission: Submission, salt: Salt | None) -> Salt | None:
+    """The salt of a submission's worlds; None if they are not private."""
+    stated = submission["private"]
+    if stated is None:
+        return None
+    if salt is None:
+        raise FileError(
+            f"{path}: its worlds are private: give the salt with the hash {stated} by --salt"
+        )
+    if salt.digest != stated:
+        raise FileError(
+            f"{path}: its private worlds belong to the salt with the hash {stated}, and the one "
+            f"given has {salt.digest}"
+        )
+    return salt
+
+
+def score_job(job: Job) -> Result:
+    """Replay the episode of a job; its efficiency, or None without a bound.
+
+    Raises
+    ------
+    ReplayError
+        With the world and what differs.
+    """
+    env, family = remembered_env(env_key(job)), families.get(job["family"])
+    episode = replay_episode(env, family, job["seed"], job["record"], job["is_private"])
+    if job["bounds"] is None or not isinstance(env, PlanarEnv) or not has_bound(env):
+        return {"efficiency": None}
+    env.reset(seed=job["seed"])
+    name = f"{family.name}_{definition_hash(family)}_{job['record']['world_hash']}.npz"
+    return {"efficiency": list(_efficiency(env, episode, Path(job["bounds"]) / name))}
+
+
+def _efficiency(env: PlanarEnv, episode: Episode, path: Path) -> Efficiency:
+    fractions = world_bounds(env, path) / env.belief().map.grid.n_cells
+    return efficiency(episode, fractions, env.settings.scan_time)
+
+
+def expand(paths: Sequence[Path]) -> list[Path]:
+    """The files of some paths: themselves, and all ``*.json`` of folders; each once.
+
+    Raises
+    ------
+    FileError
+        If a folder has none.
+    """
+    files: dict[Path, Path] = {}
+    for path in paths:
+        inside = sorted(path.glob("*.json")) if path.is_dir() else [path]
+        if not inside:
+            raise FileError(f"{path} has no *.json")
+        for file in inside:
+            files.setdefault(file.resolve(), file)
+    return list(files.values())
+
+
+def line(scored: Scored) -> str:
+    """A submission in one line of text."""
+    submission, scores = scored.submission, scored.scores
+    parts = [
+        f"{submission['policy']:<40} {submission['family']}, {submission['n_worlds']} "
+        f"{'private ' if submission['private'] else ''}worlds, {scored.mode}",
+        *(
+            f"{title} {format_interval(scores[name], 100, 1)} %"
+            for title, name in (
+                ("efficiency: end", "efficiency"),
+                ("area", "efficiency_auc"),
+                ("shown", "shown"),
+            )
+            if name in scores
+        ),
+        f"motion {scores['motion_distance']:.1f}",
+        f"decision {submission['claims']['decision_ms']:.3f} ms (claimed)",
+        f"model {model_text(submission)}",
+    ]
+    return "   ".join(parts)
+
+
+def model_text(submission: Submission) -> str:
+    """Size of the model, as it is claimed."""
+    claims = submission["claims"]
+    n_parameters, n_bytes = claims["n_parameters"], claims["model_bytes"]
+    texts = [
+        *([] if n_parameters is None else [f"{n_parameters:,} parameters"]),
+        *([] if n_bytes is None else [f"{n_bytes / 1e6:.2f} MB"]),
+    ]
+    return ", ".join(texts) or "-"
