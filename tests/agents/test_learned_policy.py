@@ -9,9 +9,10 @@ from stable_baselines3 import PPO
 from vec_envs import shared
 
 from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import ObservationFeatures
+from coopmap_agents.networks import ObservationFeatures, actor_parameters
 from coopmap_agents.pretrained import LearnedPolicy, save_policy
 from coopmap_agents.sb3 import make_model, train
+from coopmap_env import planar_v1
 from coopmap_env.evaluation import Policy, evaluate
 
 TINY = PPOSettings(total_steps=128, n_envs=2, rollout_steps=16, batch_size=32, n_epochs=2)
@@ -95,3 +96,18 @@ def test_the_fingerprint_depends_on_weights_and_not_on_the_process(tmp_path):
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == ours
     assert LearnedPolicy(tmp_path / "1.safetensors").fingerprint != ours
+
+
+def test_a_policy_says_how_large_it_is():
+    model = make_model(small_world, TINY, seed=0)
+    actor = actor_parameters(model.policy).values()
+    assert LearnedPolicy(model).n_parameters == sum(values.numel() for values in actor) > 0
+    assert LearnedPolicy(model).model_bytes == 4 * LearnedPolicy(model).n_parameters
+
+
+def test_the_size_of_a_pretrained_policy_is_that_of_the_one_that_decides():
+    policy = LearnedPolicy()
+    assert policy.n_parameters is policy.model_bytes is None
+    env = planar_v1.parallel_env(action_mode="candidates", max_scans=1)
+    evaluate(env, policy, [0])
+    assert policy.n_parameters == LearnedPolicy("planar-candidates").n_parameters

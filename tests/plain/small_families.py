@@ -1,0 +1,29 @@
+"""Families of worlds in which an episode takes a few milliseconds."""
+
+from plain.small_worlds import SETTINGS
+
+from coopmap_env.families import FAMILIES, Family, worlds
+from coopmap_env.families.freeze import hashes_of
+
+SCENE = {"name": "obstacles", "shape": [24, 24], "side_min": 2.0, "side_max": 6.0}
+SMALL_FAMILIES = (
+    Family("tiny", "planar", "Tiny worlds.", SCENE, {"n_robots": 2, "max_scans": 4}, SETTINGS),
+    Family(
+        "hasty",
+        "planar",
+        "Tiny worlds with a clock.",
+        SCENE,
+        {"n_robots": 2, "max_scans": 30, "max_time": 14.0},
+        SETTINGS,
+    ),
+)
+N_FROZEN = 4
+
+
+def with_small_families(monkeypatch):
+    """Let the registry of families have these, and their first test worlds be frozen."""
+    frozen = {}
+    for family in SMALL_FAMILIES:
+        monkeypatch.setitem(FAMILIES, family.name, family)
+        frozen[family.name] = hashes_of(family, {"test": N_FROZEN})
+    monkeypatch.setattr(worlds, "frozen_hashes", frozen.__getitem__)

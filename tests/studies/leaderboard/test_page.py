@@ -1,0 +1,170 @@
+"""The leaderboard's page and commands."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import tyro
+from plain.small_families import with_small_families
+
+from coopmap_env.core.files import FileError
+from coopmap_env.evaluation.statistics import Interval
+from coopmap_env.studies.commands.score import Score
+from coopmap_env.studies.commands.submit import Submit
+from coopmap_env.studies.leaderboard.page import link_from, rank, write_page
+from coopmap_env.studies.leaderboard.score import EFFICIENCIES, SCORES, Scored, line, model_text
+from coopmap_env.studies.leaderboard.submission import SubmissionError
+
+HOSTILE = "</td><script>alert(1)</script>&\"'"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_families():
+    with pytest.MonkeyPatch.context() as patch:
+        with_small_families(patch)
+        yield
+
+
+def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, **claims):
+    values = dict.fromkeys(SCORES, 0.5) | {"shown_auc": shown_auc, "motion_distance": 50.0}
+    if area is not None:
+        values |= dict(zip(EFFICIENCIES, (0.75, area), strict=True))
+    submission = {
+        "family": family,
+        "private": private,
+        "policy": policy,
+        "fingerprint": "",
+        "options": {"action_mode": "candidates", "n_candidates": 7},
+        "n_worlds": 200,
+        "claims": {
+            "decision_ms": 1.25,
+            "model_bytes": None,
+            "n_parameters": None,
+            "machine": {"processor": "abacus"},
+            "versions": {"coopmap": "0.4.0"},
+            **claims,
+        },
+    }
+    scores = {name: Interval(value, value - 0.01, value + 0.01) for name, value in values.items()}
+    return Scored(Path(f"board/{policy[:5].strip('</')}.json"), submission, scores)
+
+
+def rows(page):
+    return re.findall(r"<tr><td>.*?</tr>", page, re.DOTALL)
+
+
+def test_the_area_ranks_and_where_bounds_are_missing_what_was_shown(tmp_path):
+    low, high = made_up("low", 0.4, 0.9), made_up("high", 0.6, 0.1)
+    (ranking,) = rank([low, high])
+    assert [one.submission["policy"] for one in ranking.entries] == ["high", "low"]
+    write_page(tmp_path / "page.html", [low, high], {})
+    page = (tmp_path / "page.html").read_text()
+    assert "Ranked by the efficiency of the area" in page
+    assert [">low</a>" in row for row in rows(page)] == [False, True]
+    for text in ("60.0 [59.0, 61.0]", "75.0 [74.0, 76.0]", "1.25", "candidates (7)", ">200<"):
+        assert text in rows(page)[0]
+
+    (ranking,) = rank([low, made_up("high", None, 0.1)])
+    assert [one.submission["policy"] for one in ranking.entries] == ["low", "high"]
+    assert ranking.score == "shown_auc"
+    write_page(tmp_path / "page.html", ranking.entries, {})
+    page = (tmp_path / "page.html").read_text()
+    assert "bounds are not known for all entries" in page
+    assert rows(page)[1].count("<td>–</td>") == 2
+
+
+def test_each_family_has_a_table_and_private_worlds_have_their_own(tmp_path):
+    entries = [
+        made_up("a", 0.4),
+        made_up("b", 0.5, family="hasty"),
+        made_up("c", 0.6, private="ab"),
+    ]
+    write_page(tmp_path / "page.html", entries, {})
+    page = (tmp_path / "page.html").read_text()
+    assert re.findall(r"<h2>(.*?)</h2>", page) == [
+        "hasty",
+        "tiny",
+        "tiny, private worlds of the salt ab",
+    ]
+    assert page.count("<table>") == 3
+    assert "Tiny worlds with a clock." in page
+
+
+def test_names_are_text_and_failures_are_listed(tmp_path):
+    entry = made_up(HOSTILE, 0.5, machine={HOSTILE: HOSTILE})
+    write_page(tmp_path / "page.html", [entry], {Path("bad.json"): f"bad.json: {HOSTILE}"})
+    page = (tmp_path / "page.html").read_text()
+    assert "<script" not in page
+    assert page.count("&lt;script&gt;") == 5  # the policy twice
+    assert "Not verified" in page
+
+
+def test_links_are_relative_and_quoted(tmp_path):
+    assert link_from(tmp_path, tmp_path / "a b.json") == "a%20b.json"
+    assert link_from(tmp_path / "pages", tmp_path / "javascript:x.json") == "../javascript%3Ax.json"
+
+
+def test_a_line_has_what_was_scored_and_what_is_claimed():
+    text = line(made_up("frontier", 0.5, n_parameters=12_345, model_bytes=49_380))
+    for part in (
+        "frontier ",
+        "tiny, 200 worlds, candidates (7)",
+        "end 75.0 [74.0, 76.0] %",
+        "area 50.0 [49.0, 51.0] %",
+        "shown 50.0 ",
+        "motion 50.0 [50.0, 50.0]",
+        "decision 1.250 ms (claimed)",
+        "model 12,345 parameters, 0.05 MB",
+    ):
+        assert part in text
+    assert "efficiency" not in line(made_up("frontier"))
+    assert model_text(made_up("frontier").submission) == "-"
+
+
+@pytest.fixture(scope="module")
+def board(small_families, tmp_path_factory):
+    """A folder with two submissions, made by the command."""
+    folder = tmp_path_factory.mktemp("board")
+    salt = folder / "salt"
+    salt.write_bytes(b"0123456789abcdef")
+    for name, more in (("frontier", []), ("raster", ["--salt", str(salt)])):
+        tyro.cli(Submit, args=[
+            "--family", "tiny", "--policy", name, "--episodes", "2",
+            "--out", str(folder / f"{name}.json"), *more,
+        ]).run()  # fmt: skip
+    return folder
+
+
+def test_the_command_scores_a_folder_and_writes_the_page(board, capsys):
+    tyro.cli(Score, args=[str(board), "--salt", str(board / "salt"),
+                          "--page", str(board / "page.html")]).run()  # fmt: skip
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("frontier ")
+    assert "tiny, 2 private worlds" in second
+    assert len(list((board / "bounds").iterdir())) == 4
+    page = (board / "page.html").read_text()
+    assert 'href="frontier.json"' in page
+    assert page.count('<td class="held">yes</td>') == 2
+
+
+def test_the_command_fails_after_all_files_if_one_does_not_replay(board, tmp_path, capsys):
+    bad = json.loads((board / "frontier.json").read_text())
+    bad["episodes"][0]["scores"]["shown"] = 0.99
+    (tmp_path / "bad.json").write_text(json.dumps(bad))
+    (tmp_path / "good.json").write_bytes((board / "frontier.json").read_bytes())
+    command = Score(files=(tmp_path,), page=tmp_path / "page.html", efficiency=False)
+    with pytest.raises(SubmissionError, match=r"bad\.json: does not replay: world 0: shown 0\.99"):
+        command.run()
+    (out,) = capsys.readouterr().out.splitlines()
+    assert "efficiency" not in out
+    page = (tmp_path / "page.html").read_text()
+    assert "Not verified" in page
+    assert not (tmp_path / "bounds").exists()
+
+
+def test_the_command_names_a_missing_salt_and_missing_files(board):
+    with pytest.raises(FileError, match=r"raster\.json: its worlds are private"):
+        Score(files=(board / "raster.json",), efficiency=False).run()
+    with pytest.raises(ValueError, match="no files to score"):
+        Score(files=()).run()
