@@ -17,13 +17,14 @@ from coopmap_env.core.version import __version__
 from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import (
     EpisodeRecorder,
+    Job,
     Policy,
+    Result,
     file_hashes,
     make_policy,
     rollout,
     run_jobs,
 )
-from coopmap_env.evaluation.jobs import Job, Result
 from coopmap_env.evaluation.rollout import warm_up
 from coopmap_env.families import N_WORLDS
 from coopmap_env.families.worlds import definition_hash

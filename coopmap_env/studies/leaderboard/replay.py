@@ -11,8 +11,7 @@ import numpy as np
 
 from coopmap_env import families
 from coopmap_env.core.files import brief
-from coopmap_env.envs import Belief, MappingEnv, Observation
-from coopmap_env.envs.actions import InvalidActionError
+from coopmap_env.envs import Belief, InvalidActionError, MappingEnv, Observation
 from coopmap_env.evaluation import Episode, EpisodeRecorder, rollout
 from coopmap_env.families import Family, WorldMismatchError
 from coopmap_env.mapping import OccupancyMap

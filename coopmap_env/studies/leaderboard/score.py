@@ -11,19 +11,10 @@ import numpy as np
 
 from coopmap_env import families
 from coopmap_env.core.files import FileError
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.evaluation import BOOTSTRAP_SEED, Episode, run_jobs
-from coopmap_env.evaluation.jobs import Job, Result
+from coopmap_env.evaluation import BOOTSTRAP_SEED, Job, Result, run_jobs
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
-from coopmap_env.families.worlds import definition_hash
 from coopmap_env.studies.common.pages import format_interval
 from coopmap_env.studies.leaderboard.claims import other_versions
-from coopmap_env.studies.leaderboard.efficiency import (
-    Efficiency,
-    efficiency,
-    has_bound,
-    world_bounds,
-)
 from coopmap_env.studies.leaderboard.play import env_key, remembered_env
 from coopmap_env.studies.leaderboard.private_worlds import Salt, world_seed
 from coopmap_env.studies.leaderboard.replay import ReplayError, replay_episode
@@ -32,11 +23,12 @@ from coopmap_env.studies.leaderboard.submission import (
     SubmissionError,
     read_submission,
 )
+from coopmap_env.studies.leaderboard.world_bounds import episode_efficiency
 
 SCORES = ("shown", "shown_auc", "coverage", "coverage_auc", "motion_distance")
 """Columns of `Episode.row` that are reported."""
 EFFICIENCIES = ("efficiency", "efficiency_auc")
-"""At the end, and of the area; see `coopmap_env.studies.leaderboard.efficiency`."""
+"""At the end, and of the area; see `coopmap_env.evaluation.bounds.efficiency`."""
 
 
 @dataclass(frozen=True)
@@ -151,16 +143,11 @@ def score_job(job: Job) -> Result:
     """
     env, family = remembered_env(env_key(job)), families.get(job["family"])
     episode = replay_episode(env, family, job["seed"], job["record"], job["is_private"])
-    if job["bounds"] is None or not isinstance(env, PlanarEnv) or not has_bound(env):
+    if job["bounds"] is None:
         return {"efficiency": None}
-    env.reset(seed=job["seed"])
-    name = f"{family.name}_{definition_hash(family)}_{job['record']['world_hash']}.npz"
-    return {"efficiency": list(_efficiency(env, episode, Path(job["bounds"]) / name))}
-
-
-def _efficiency(env: PlanarEnv, episode: Episode, path: Path) -> Efficiency:
-    fractions = world_bounds(env, path) / env.belief().map.grid.n_cells
-    return efficiency(episode, fractions, env.settings.scan_time)
+    return {
+        "efficiency": episode_efficiency(env, family, job["seed"], episode, Path(job["bounds"]))
+    }
 
 
 def expand(paths: Sequence[Path]) -> list[Path]:

@@ -1,0 +1,68 @@
+"""Bounds of worlds: searched once, kept, checked when they are read."""
+
+import numpy as np
+import pytest
+from plain.small_families import with_small_families
+
+from coopmap_env import families
+from coopmap_env.evaluation import make_policy, run_episode
+from coopmap_env.evaluation.bounds import BoundFileError, PlanarViews, load_bound
+from coopmap_env.studies.leaderboard import world_bounds
+from coopmap_env.studies.leaderboard.play import submit
+from coopmap_env.studies.leaderboard.score import score_file
+from coopmap_env.studies.leaderboard.world_bounds import episode_efficiency
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("files")
+    options = {"action_mode": "pose", "n_candidates": 32}
+    with pytest.MonkeyPatch.context() as patch:
+        with_small_families(patch)
+        for family in ("tiny", "hasty"):
+            submit(family, "frontier", 2, options, folder / f"{family}.json", progress=False)
+        yield {family: folder / f"{family}.json" for family in ("tiny", "hasty")}
+
+
+def stop(*arguments):
+    raise AssertionError("a bound was searched again")
+
+
+@pytest.mark.parametrize("family", ["tiny", "hasty"])
+def test_scores_have_efficiencies_and_bounds_are_kept(family, files, tmp_path, monkeypatch):
+    bounds = tmp_path / "bounds"
+    scored = score_file(files[family], bounds=bounds, progress=False)
+    kept = sorted(bounds.iterdir())
+    hashes = {episode["world_hash"] for episode in scored.submission["episodes"]}
+    assert {path.stem.rpartition("_")[2] for path in kept} == hashes
+    for name in ("efficiency", "efficiency_auc"):
+        assert 0.1 < scored.scores[name].low <= scored.scores[name].high < 1.0
+    monkeypatch.setattr(world_bounds, "bound_shown", stop)
+    assert score_file(files[family], bounds=bounds, progress=False).scores == scored.scores
+
+
+def test_a_bound_that_is_wrong_is_no_fault_of_the_submission(files, tmp_path):
+    bounds = tmp_path / "bounds"
+    score_file(files["tiny"], bounds=bounds, progress=False)
+    first, second = sorted(bounds.iterdir())
+    first.write_bytes(second.read_bytes())
+    with pytest.raises(BoundFileError, match=f"{first.name} belongs to another world"):
+        score_file(files["tiny"], bounds=bounds, progress=False)
+
+
+def test_worlds_of_another_kind_have_no_efficiency(tmp_path):
+    assert episode_efficiency(None, None, 0, None, tmp_path) is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_efficiency_of_an_episode_by_its_own_bound(files, tmp_path):
+    family = families.get("tiny")
+    env = family.make("test", report_shown=True)
+    episode = run_episode(env, make_policy("random"), 1)
+    found = episode_efficiency(env, family, 1, episode, tmp_path)
+    (path,) = tmp_path.iterdir()
+    env.reset(seed=1)
+    assert families.world_hash(env) in path.name
+    bounds = load_bound(path, PlanarViews.from_env(env)).bounds / 24**2
+    shown = np.array(episode.shown_curve)
+    assert found.end == pytest.approx((shown[-1] - shown[0]) / (bounds[-1] - shown[0]))
