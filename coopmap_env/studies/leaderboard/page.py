@@ -12,7 +12,7 @@ from coopmap_env import families
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.version import __version__
 from coopmap_env.studies.common.pages import render_template
-from coopmap_env.studies.leaderboard.score import Scored, model_text
+from coopmap_env.studies.leaderboard.score import Scored, model_size_texts
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def write_page(path: Path, scored: Sequence[Scored], failed: Mapping[Path, str])
         rankings=rank(scored),
         failed=failed,
         version=__version__,
-        model=lambda one: model_text(one.submission),
+        model=lambda one: model_size_texts(one.submission),
         link=lambda file: link_from(path.parent, file),
     )
     write_atomically(path, text)

@@ -185,17 +185,16 @@ def line(scored: Scored) -> str:
         ),
         f"motion {scores['motion_distance']:.1f}",
         f"decision {submission['claims']['decision_ms']:.3f} ms (claimed)",
-        f"model {model_text(submission)}",
+        f"model {', '.join(model_size_texts(submission)) or '-'}",
     ]
     return "   ".join(parts)
 
 
-def model_text(submission: Submission) -> str:
-    """Size of the model, as it is claimed."""
+def model_size_texts(submission: Submission) -> list[str]:
+    """Size of the model, as it is claimed: parameters and bytes, as far as they are given."""
     claims = submission["claims"]
     n_parameters, n_bytes = claims["n_parameters"], claims["model_bytes"]
-    texts = [
+    return [
         *([] if n_parameters is None else [f"{n_parameters:,} parameters"]),
         *([] if n_bytes is None else [f"{n_bytes / 1e6:.2f} MB"]),
     ]
-    return ", ".join(texts) or "-"
