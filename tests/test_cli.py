@@ -80,7 +80,17 @@ def test_options_have_the_choices_of_the_environment_arguments(arguments):
 
 @pytest.mark.parametrize(
     "command",
-    ["reproduce", "evaluate", "localization", "bench", "compare", "train", "fit-table"],
+    [
+        "reproduce",
+        "evaluate",
+        "localization",
+        "bench",
+        "compare",
+        "train",
+        "fit-table",
+        "submit",
+        "score",
+    ],
 )
 def test_help_shows_examples(command, capsys):
     with pytest.raises(SystemExit) as raised:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +21,17 @@ class Efficiency(NamedTuple):
 def scans_in_time(n_scans: int, max_time: float | None, scan_time: float) -> int:
     """Most scans of each robot that an episode can have.
 
-    Each step lasts `scan_time` seconds or longer. One more begins while time is left.
+    Each step lasts `scan_time` seconds or longer. One more begins while time is left. Times are
+    summed as the environment does: ten times 0.1 is less than 1.
     """
-    if max_time is None or scan_time == 0.0:
+    if max_time is None:
         return n_scans
-    return min(n_scans, math.ceil(max_time / scan_time))
+    return int(np.count_nonzero(_earliest_times(n_scans, scan_time)[:-1] < max_time))
+
+
+def _earliest_times(n_scans: int, scan_time: float) -> NDArray[np.float64]:
+    """Seconds before the first scan and after each (n_scans + 1,), if robots stand still."""
+    return np.cumsum([0.0, *[scan_time] * n_scans])
 
 
 def efficiency(
@@ -66,8 +71,8 @@ def efficiency(
     start = shown[0]
     if (np.array(shown) > most[: len(shown)] + 1e-9).any() or not most[-1] > start:
         raise ValueError(f"the bounds {most} do not belong to an episode that shows {shown}")
-    times = [scan_time * scan for scan in range(len(most))]
-    allowed = area_under(most.tolist(), times, episode.max_time)
+    times = _earliest_times(len(most) - 1, scan_time)
+    allowed = area_under(most.tolist(), times.tolist(), episode.max_time)
     own = area_under(shown, episode.elapsed_curve, episode.max_time)
     return Efficiency(
         float((shown[-1] - start) / (most[-1] - start)), float((own - start) / (allowed - start))

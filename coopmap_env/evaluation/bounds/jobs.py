@@ -41,8 +41,9 @@ def bound_worlds(
     env_kwargs, settings, env_name
         Of the environment, as of `coopmap_env.evaluation.compare`.
     folder : Path
-        Keeps a file with the certificates of each world (`load_bound`); a world whose file is there
-        is not searched again, but the file is checked.
+        Keeps the results, and a file with the certificates of each world (`load_bound`), named by
+        the hash of its views. A world whose file is there is not searched again: the file is
+        checked.
     workers : int
         Worlds at a time.
 
@@ -56,7 +57,7 @@ def bound_worlds(
     ValueError
         If the environment is not planar, or is not accepted.
     BoundFileError
-        If a file in the folder is broken or belongs to another world.
+        If a file in the folder is broken.
     """
     with closing(get_env_spec(env_name).make(**env_kwargs, settings=settings)) as env:
         if not isinstance(env, PlanarEnv):
@@ -70,7 +71,7 @@ def bound_worlds(
             "env_kwargs": env_kwargs,
             "settings": values,
             "seed": seed,
-            "file": str(folder / f"world_{seed}.npz"),
+            "folder": str(folder),
         }
         for seed in seeds
     ]
@@ -84,7 +85,8 @@ def run_bound_job(job: Job) -> Result:
     env.reset(seed=job["seed"])
     assert isinstance(env, PlanarEnv)
     n_scans = scans_in_time(env.max_scans, env.max_time, env.settings.scan_time)
-    views, path = PlanarViews.from_env(env, n_scans), Path(job["file"])
+    views = PlanarViews.from_env(env, n_scans)
+    path = Path(job["folder"]) / f"{views.digest[:16]}.npz"
     if path.exists():
         found = load_bound(path, views)
     else:

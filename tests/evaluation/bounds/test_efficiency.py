@@ -44,10 +44,22 @@ def test_over_time_a_bound_has_its_scans_as_early_as_can_be():
 
 @pytest.mark.parametrize(
     ("max_time", "scan_time", "n"),
-    [(None, 2.0, 9), (5.0, 2.0, 3), (6.0, 2.0, 3), (6.1, 2.0, 4), (1e3, 2.0, 9), (5.0, 0.0, 9)],
+    [
+        (None, 2.0, 9),
+        (5.0, 2.0, 3),
+        (6.0, 2.0, 3),
+        (6.1, 2.0, 4),
+        (1e3, 2.0, 9),
+        (5.0, 0.0, 9),
+        (0.3, 0.1, 3),
+    ],
 )
 def test_as_many_scans_as_begin_in_time(max_time, scan_time, n):
     assert scans_in_time(9, max_time, scan_time) == n
+
+
+def test_times_are_summed_as_the_environment_sums_them():
+    assert scans_in_time(99, 1.0, 0.1) == 11  # after ten, .9999999999999999 s have passed
 
 
 @pytest.mark.parametrize(
