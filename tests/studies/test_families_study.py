@@ -10,6 +10,7 @@ from coopmap_env.evaluation import Evaluation
 from coopmap_env.evaluation.bounds import Efficiency
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.studies.families import page_text, play_family, table_of
+from coopmap_env.studies.families.admission import admission_of, admission_text
 from coopmap_env.studies.families.play import PLAYED_POLICIES, Played
 
 SMALL = families.Family(
@@ -55,13 +56,14 @@ def test_the_page_has_a_row_for_each_policy_and_the_command(played):
     assert "python -m coopmap_env.studies.families small --split train --worlds 3" in text
 
 
-def test_policies_are_compared_with_the_best_one_step_planner_world_by_world():
-    def evaluation(ends):
-        episodes = tuple(
-            example_episode(seed, shown_curve=[0.0, 0.1, end]) for seed, end in enumerate(ends)
-        )
-        return Evaluation(episodes, tuple(Efficiency(end, end / 2) for end in ends))
+def evaluation(ends):
+    episodes = tuple(
+        example_episode(seed, shown_curve=[0.0, 0.1, end]) for seed, end in enumerate(ends)
+    )
+    return Evaluation(episodes, tuple(Efficiency(end, end / 2) for end in ends))
 
+
+def test_policies_are_compared_with_the_best_one_step_planner_world_by_world():
     own = {
         "a": evaluation([0.2, 0.4]), "b": evaluation([0.4, 0.6]), "c": evaluation([0.5, 0.8]),
     }  # fmt: skip
@@ -69,9 +71,32 @@ def test_policies_are_compared_with_the_best_one_step_planner_world_by_world():
     assert table.best_one_step == "b"
     rows = {row.name: row for row in table.rows}
     assert rows["b"].beyond is None
+    with pytest.raises(ValueError, match="needs a random policy"):
+        admission_of(table)
     assert rows["a"].beyond.estimate == pytest.approx(-0.2)
     assert rows["c"].beyond.estimate == pytest.approx(0.15)
     assert rows["c"].scores["efficiency_auc"].estimate == pytest.approx(0.325)
+
+
+@pytest.mark.parametrize(
+    ("random", "one_step", "clairvoyant", "is_admitted"),
+    [
+        ([0.3, 0.3], [0.6, 0.7], [0.8, 0.9], True),
+        ([0.5, 0.4], [0.6, 0.7], [0.8, 0.9], False),  # too easy for random poses
+        ([0.3, 0.3], [0.8, 0.8], [0.9, 0.95], False),  # and for one step
+        ([0.3, 0.3], [0.6, 0.7], [0.65, 0.75], False),  # nothing is left for others
+        ([0.3, 0.3], [0.6, 0.7], [0.6, 1.0], False),  # uncertain
+    ],
+)
+def test_a_family_is_admitted_if_it_separates_policies(random, one_step, clairvoyant, is_admitted):
+    kinds = {"a": "random", "b": "one step", "c": "clairvoyant"}
+    ends = dict(zip(kinds, (random, one_step, clairvoyant), strict=True))
+    table = table_of(Played({name: evaluation(own) for name, own in ends.items()}, kinds, 2))
+    found = admission_of(table)
+    assert found.is_admitted == is_admitted
+    line = admission_text({"small": found}).splitlines()[-1]
+    assert line.startswith("| small |")
+    assert line.endswith("| yes |" if is_admitted else "| no |")
 
 
 def test_names_of_the_table_are_policies_that_are_installed():

@@ -6,7 +6,8 @@
 
 plays all policies on worlds of a family, with bounds and clairvoyant references where it is planar,
 and prints its table: what is shown at the end, efficiencies, the difference to the best one-step
-planner world by world, means with 95 % intervals. `--pages docs/families` writes the page.
+planner world by world, means with 95 % intervals. `--pages docs/families` writes the page. At
+the end, it applies the rule by which families are admitted (`admission`).
 """
 
 from coopmap_env.studies.families.page import page_text

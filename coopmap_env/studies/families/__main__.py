@@ -10,6 +10,7 @@ from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log
 from coopmap_env.simulation.scenes import SPLITS
 from coopmap_env.studies.families import page_text, play_family, table_of
+from coopmap_env.studies.families.admission import admission_of, admission_text
 from coopmap_env.studies.families.page import table_text
 
 
@@ -31,17 +32,21 @@ def main(arguments: list[str] | None = None) -> None:
     names = None if options.policies is None else options.policies.split(";")
     if options.worlds < 2:
         parser.error(f"--worlds must be at least 2, got {options.worlds}")
+    admissions = {}
     for family in chosen:
         played = play_family(
             family, options.split, range(options.worlds), options.out / family.name,
             options.workers, names,
         )  # fmt: skip
         table = table_of(played)
-        print(f"{family.name}\n{table_text(table)}")
+        print(f"{family.name}\n{table_text(table)}\n")
+        if "random" in played.kinds.values():
+            admissions[family.name] = admission_of(table)
         if options.pages is not None:
             path = options.pages / f"{family.name}.md"
             write_atomically(path, page_text(family, table, options.split, options.worlds))
             log(f"page: {path}")
+    print(admission_text(admissions))
 
 
 if __name__ == "__main__":
