@@ -25,7 +25,7 @@ PLANAR_FAMILIES = (
             "halls": 0.5,
             "furniture": 0.4,
         },
-        {**TEAM, "max_scans": 28},
+        {**TEAM, "max_scans": 29},
         PlanarSettings.for_resolution(CELL),
     ),
     Family(
