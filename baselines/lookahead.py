@@ -42,7 +42,7 @@ class LookaheadPolicy:
     Parameters
     ----------
     horizon : int
-        Views of each robot, 1 to 6.
+        Views of each robot, 1 to 6; as many as there are scans left, at most.
     width : int
         Sequences that are kept at each depth.
     search : int or "exhaustive"
@@ -145,20 +145,23 @@ class LookaheadPolicy:
         """The best sequence of a beam search that begins with one of some poses."""
         worth = future.gain(robot, poses) - self.motion_weight * belief.distance(robot, poses)
         beam = [Sequence((poses[k],), worth[k], future) for k in _best(worth, self.width)]
-        for depth in range(1, self.horizon):
-            longer = [after for one in beam for after in self._continued(robot, one, depth)]
+        horizon = min(self.horizon, belief.budget.scans)
+        for depth in range(1, horizon):
+            longer = [
+                after for one in beam for after in self._continued(robot, one, depth, horizon)
+            ]
             longer.sort(key=lambda one: -one.value)
             beam = longer[: self.width]
         return beam[0]
 
-    def _continued(self, robot: int, one: Sequence, depth: int) -> Iterator[Sequence]:
+    def _continued(self, robot: int, one: Sequence, depth: int, horizon: int) -> Iterator[Sequence]:
         """The sequence with the best next views."""
         last, future = one.poses[-1], one.future.copy()
         future.take(robot, last)
         poses = future.random_poses(robot, last, self.samples, self.rng)
         motion = future.distance(robot, poses, last)
         worth = self.discount**depth * (future.gain(robot, poses) - self.motion_weight * motion)
-        for k in _best(worth, BRANCHES if depth + 1 < self.horizon else 1):
+        for k in _best(worth, BRANCHES if depth + 1 < horizon else 1):
             yield Sequence((*one.poses, poses[k]), one.value + worth[k], future)
 
     def _value(

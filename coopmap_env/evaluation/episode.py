@@ -192,8 +192,9 @@ def area_under(curve: list[float], elapsed: list[float], max_time: float | None)
     """
     if max_time is None:
         return float(np.trapezoid(curve)) / (len(curve) - 1)
-    times = [*(time for time in elapsed if time < max_time), max_time]
-    return float(np.trapezoid(np.interp(times, elapsed, curve), times)) / max_time
+    n = sum(time < max_time for time in elapsed)  # times only rise
+    times, values = [*elapsed[:n], max_time], [*curve[:n], np.interp(max_time, elapsed, curve)]
+    return float(np.trapezoid(values, times)) / max_time
 
 
 class EpisodeRecorder:

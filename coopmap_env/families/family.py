@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Literal
 
 from coopmap_env.core.settings import settings_to_dict
@@ -41,6 +43,10 @@ class Family:
     arguments: Mapping[str, Any] = field(default_factory=dict)
     """Other arguments of the environment."""
 
+    def __post_init__(self) -> None:
+        for name in ("scene", "budget", "arguments"):
+            object.__setattr__(self, name, MappingProxyType(deepcopy(dict(getattr(self, name)))))
+
     @property
     def env_id(self) -> str:
         """The id in both registries."""
@@ -49,7 +55,7 @@ class Family:
     @property
     def env_kwargs(self) -> dict[str, Any]:
         """Arguments of the environment that belong to the family, without settings, as JSON."""
-        return {"scene": dict(self.scene), **self.budget, **self.arguments}
+        return deepcopy({"scene": dict(self.scene), **self.budget, **self.arguments})
 
     @property
     def definition(self) -> dict[str, Any]:

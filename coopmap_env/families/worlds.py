@@ -66,7 +66,7 @@ def check_world(family: Family, env: MappingEnv[Any], seed: int) -> None:
         If it differs, or the seed is not one of a frozen world.
     """
     hashes = frozen_hashes(family.name)[env.split]
-    if not 0 <= seed < len(hashes):
+    if not isinstance(seed, int | np.integer) or not 0 <= seed < len(hashes):
         raise WorldMismatchError(
             f"the family {family.name!r} has {len(hashes)} frozen worlds in the split "
             f"{env.split!r}, from seed 0 on, and {brief(seed)} is none of them"

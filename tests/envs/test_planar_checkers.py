@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from plain.rollouts import MODES
 
-from coopmap_env import planar_v1
+from coopmap_env import families, planar_v1
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
 
@@ -15,12 +15,12 @@ pytestmark = pytest.mark.filterwarnings(
     "ignore:The old environment creation API has been deprecated:DeprecationWarning"
 )
 
-TEAM_IDS = [name for name in gymnasium.registry if name.startswith("coopmap/Planar")]
-PARALLEL_IDS = [name for name in pettingzoo.parallel_registry if name.startswith("coopmap/Planar")]
+FAMILY_IDS = [family.env_id for family in families.FAMILIES.values()]
+PLANAR_FAMILY_IDS = [name for name in FAMILY_IDS if name.startswith("coopmap/Planar")]
 
 
 def test_the_documented_ids_are_in_both_registries():
-    ids = ["coopmap/Planar-v1", "coopmap/Field-v1", "coopmap/FieldSearch-v1"]
+    ids = ["coopmap/Planar-v1", "coopmap/Field-v1", "coopmap/FieldSearch-v1", *FAMILY_IDS]
     assert [name for name in gymnasium.registry if name.startswith("coopmap/")] == ids
     assert [name for name in pettingzoo.parallel_registry if name.startswith("coopmap/")] == ids
     assert planar_v1.__doc__.count(ids[0]) == 1
@@ -36,8 +36,16 @@ def arguments(request, mode, scene):
     return {"n_robots": request.param, "action_mode": mode, "scene": scene, "max_scans": 3}
 
 
-@pytest.mark.parametrize("name", PARALLEL_IDS)
-def test_pettingzoo_accepts_the_parallel_environment(name, arguments, capsys):
+def test_pettingzoo_accepts_the_parallel_environment(arguments, capsys):
+    check_parallel("coopmap/Planar-v1", arguments, capsys)
+
+
+@pytest.mark.parametrize("name", PLANAR_FAMILY_IDS)
+def test_pettingzoo_accepts_families(name, mode, capsys):
+    check_parallel(name, {"action_mode": mode}, capsys)
+
+
+def check_parallel(name, arguments, capsys):
     from pettingzoo.test import parallel_api_test, parallel_seed_test
 
     def make():
@@ -49,8 +57,16 @@ def test_pettingzoo_accepts_the_parallel_environment(name, arguments, capsys):
     assert "Passed" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", TEAM_IDS)
-def test_gymnasium_accepts_the_team_environment(name, arguments):
+def test_gymnasium_accepts_the_team_environment(arguments):
+    check_team("coopmap/Planar-v1", arguments)
+
+
+@pytest.mark.parametrize("name", PLANAR_FAMILY_IDS)
+def test_gymnasium_accepts_families(name, mode):
+    check_team(name, {"action_mode": mode})
+
+
+def check_team(name, arguments):
     env = gymnasium.make(name, **arguments)
     assert isinstance(env.unwrapped, TeamEnv)
     check_env(env.unwrapped, skip_render_check=True)

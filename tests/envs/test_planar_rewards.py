@@ -217,11 +217,14 @@ def test_infos_hold_what_the_page_names():
         env = PlanarEnv(2, mode, scene=SMALL)
         _, infos = env.reset(seed=0)
         mask = {"action_mask"} if mode == "candidates" else set()
-        assert all(set(info) == {"n_scans", "observed_fraction"} | mask for info in infos.values())
+        assert all(
+            set(info) == {"n_scans", "elapsed_time", "observed_fraction"} | mask
+            for info in infos.values()
+        )
         *_, infos = env.step(random_actions(env, np.random.default_rng(0)))
         keys = {
             "reward_terms", "rejected_reason", "collided", "new_information", "distance",
-            "new_cells", "entropy_reduction", "n_scans", "observed_fraction",
+            "new_cells", "entropy_reduction", "n_scans", "elapsed_time", "observed_fraction",
         }  # fmt: skip
         assert all(set(info) == keys | mask for info in infos.values())
 

@@ -136,6 +136,16 @@ def test_worlds_of_a_vector_environment_end_by_time_as_single_ones_do(mode):
     many.close()
 
 
+def test_limits_of_worlds_that_are_stepped_together_cannot_be_set():
+    env = planar_v1.vector_env(2, max_scans=3, max_time=8.0, settings=SETTINGS)
+    env.reset(seed=0)
+    assert (env.world(0).max_scans, env.world(0).max_time) == (3, 8.0)
+    for name in ("max_scans", "max_time"):
+        with pytest.raises(AttributeError):
+            setattr(env.world(1), name, 1)
+    env.close()
+
+
 def test_joints_arrive_together_the_slowest_at_its_full_speed():
     chain = make_mount("mast").chain()  # 1, 1, 1, 2 and 2 rad a second
     assert chain.max_speeds.tolist() == [1.0, 1.0, 1.0, 2.0, 2.0]

@@ -70,6 +70,15 @@ def test_the_area_over_time_ends_where_the_time_runs_out():
     assert timed.row()["n_scans"] == 3
 
 
+def test_scans_that_take_no_time_are_a_jump_of_the_curve():
+    timed = replace(
+        episode(coverage_curve=(0.0, 0.2, 0.8, 1.0)),
+        elapsed_curve=[0.0, 5.0, 5.0, 8.0],
+        max_time=8.0,
+    )
+    assert timed.coverage_auc == pytest.approx((0.5 + 2.7) / 8)
+
+
 def test_curves_of_an_episode_that_time_has_ended_go_on_level():
     evaluation = Evaluation((episode(), episode(coverage_curve=(0.0, 0.2))))
     np.testing.assert_array_equal(evaluation.curves["coverage"], [[0, 0.1, 0.3], [0, 0.2, 0.2]])

@@ -141,3 +141,23 @@ def test_what_a_family_has_of_its_own_is_no_option_beside_it(option, value):
 def test_an_unknown_family_is_an_error_of_one_line():
     with pytest.raises(ValueError, match="unknown family 'none'; choose from"):
         EnvironmentOptions(family="none").env_kwargs()
+
+
+def test_a_family_cannot_be_changed():
+    family = families.get("crowded")
+    arguments = family.env_kwargs
+    arguments["scene"]["shape"][0] = 60
+    arguments["max_scans"] = 3
+    assert family.env_kwargs["scene"]["shape"] == [100, 100]
+    with pytest.raises(TypeError):
+        family.scene["halls"] = 0.1
+    with pytest.raises(TypeError):
+        family.budget["max_scans"] = 3
+
+
+@pytest.mark.parametrize("seed", [0.0, "0", None])
+def test_a_seed_that_is_none_is_no_frozen_world(seed):
+    env = families.make("crowded", "test")
+    env.reset(seed=0)
+    with pytest.raises(families.WorldMismatchError, match="200 frozen worlds"):
+        families.check_world(families.get("crowded"), env, seed)

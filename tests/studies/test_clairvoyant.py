@@ -42,7 +42,7 @@ def test_no_constraint_is_broken_and_no_more_is_shown_than_the_bound(name, mode)
     for seed in range(5):
         env.reset(seed=seed)
         views = PlanarViews.from_env(env)
-        bounds = bound_shown(views, 6, BoundSearch(n_rounds=2, n_added=20)).bounds
+        bounds = bound_shown(views, 6, BoundSearch(n_exchanges=100, n_rounds=2)).bounds
         shown = set(np.flatnonzero(views.known).tolist())
         for scan, step in enumerate(rollout(env, policy, seed), start=1):
             for info in step.infos.values():

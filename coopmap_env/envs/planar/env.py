@@ -200,7 +200,9 @@ class PlanarWorldView(PlanarEnv):
     """
 
     def __init__(self, env: PlanarEnv, worlds: PlanarWorlds, index: int) -> None:
-        self.__dict__.update(env.__dict__)
+        own = dict(env.__dict__)
+        self._limits = own.pop("max_scans"), own.pop("max_time")
+        self.__dict__.update(own)
         self._attach(worlds, index)
         self._trails = [[] for _ in self.possible_agents]
 
@@ -217,6 +219,16 @@ class PlanarWorldView(PlanarEnv):
     @property
     def _has_reset(self) -> bool:  # type: ignore[override]
         return self._worlds.has_reset(self._index)
+
+    @property
+    def max_scans(self) -> int:  # type: ignore[override]
+        """Scans of each robot in an episode."""
+        return self._limits[0]
+
+    @property
+    def max_time(self) -> float | None:  # type: ignore[override]
+        """Seconds until truncation."""
+        return self._limits[1]
 
     @property
     def agents(self) -> list[str]:  # type: ignore[override]

@@ -131,9 +131,10 @@ class Certificate(NamedTuple):
         known = views.known
         check_scans(views, n_scans)
         lowest, highest = self.weights.min(initial=0), self.weights.max(initial=0)
-        if self.weights.shape != known.shape or lowest < 0 or highest > SCALE:
+        in_range = self.weights.dtype.kind in "iu" and lowest >= 0 and highest <= SCALE
+        if self.weights.shape != known.shape or not in_range:
             raise ValueError(
-                f"a certificate needs {len(known)} weights from 0 to {SCALE}, got "
+                f"a certificate needs {len(known)} integer weights from 0 to {SCALE}, got "
                 f"{self.weights.shape} from {lowest} to {highest}"
             )
         weights = np.where(known, 0, self.weights).astype(np.int64)

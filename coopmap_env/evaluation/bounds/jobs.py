@@ -19,7 +19,7 @@ from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation.bounds.efficiency import scans_in_time
 from coopmap_env.evaluation.bounds.planar_views import PlanarViews
 from coopmap_env.evaluation.bounds.search import BoundSearch, bound_shown
-from coopmap_env.evaluation.bounds.stored import load_bound, save_bound
+from coopmap_env.evaluation.bounds.stored import BoundFileError, load_bound, save_bound
 from coopmap_env.evaluation.env_specs import get_env_spec, make_env
 from coopmap_env.evaluation.jobs import Job, Result, run_jobs
 
@@ -42,8 +42,8 @@ def bound_worlds(
         Of the environment, as of `coopmap_env.evaluation.compare`.
     folder : Path
         Keeps the results, and a file with the certificates of each world (`load_bound`), named by
-        the hash of its views. A world whose file is there is not searched again: the file is
-        checked.
+        the hash of its views. Where the result is missing and the file is there, the file is
+        checked instead of a new search.
     workers : int
         Worlds at a time.
 
@@ -89,6 +89,10 @@ def run_bound_job(job: Job) -> Result:
     path = Path(job["folder"]) / f"{views.digest[:16]}.npz"
     if path.exists():
         found = load_bound(path, views)
+        if len(found.bounds) != n_scans + 1:
+            raise BoundFileError(
+                f"{path} has bounds of {len(found.bounds) - 1} scans, not {n_scans}"
+            )
     else:
         found = bound_shown(views, n_scans, BoundSearch())
         save_bound(path, found, views)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
@@ -14,6 +15,7 @@ from coopmap_env.core.settings import Bounds, PositiveInt, Settings
 from coopmap_env.envs import Belief, Observation
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.evaluation.bounds import scans_in_time
 from coopmap_env.robots import free_mask
 from coopmap_env.robots.planar.feasible_poses import PoseSampling
 from coopmap_env.studies.clairvoyant._true_rollouts import BASE, count_best_views, play_on
@@ -35,7 +37,8 @@ class LookAhead(Settings):
     """How far and how wide a clairvoyant policy looks ahead."""
 
     n_scans: Annotated[int, Bounds(at_least=1, largest=10_000)] = 16
-    """Scans of each robot that a plan has, the next one included; as many as are left, at most."""
+    """Scans of each robot that a plan has, the next one included; as many as are left, at most, or
+    would be without motions where time is short."""
     n_tried: PositiveInt = 16
     """Poses of each robot from which it plays on: the best of a block of cells each."""
     block: PositiveInt = 4
@@ -206,7 +209,9 @@ class ClairvoyantLookAhead(ClairvoyantGreedy):
     def _first_plan(self, belief: PlanarBelief) -> Played:
         """The best of what is left of the plan before and those that try nothing."""
         n_robots = len(belief.agents)
-        n = min(self.settings.n_scans, self._env.max_scans - self._n_scans + 1)
+        scans, seconds = belief.budget
+        max_time = None if math.isinf(seconds) else seconds
+        n = min(self.settings.n_scans, scans_in_time(scans, max_time, belief.scan_time))
         empty = np.full((n, n_robots), BASE)
         greedy = empty.copy()
         greedy[0] = super()._choose(belief)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tyro.conf import Positional  # the command line, which loads this module, needs it too
 
+from coopmap_env.core.files import FileError
 from coopmap_env.core.progress import log
 
 
@@ -54,7 +55,7 @@ class Score:
             bounds = (self.bounds or path.parent / "bounds") if self.efficiency else None
             try:
                 scored.append(score.score_file(path, salt, bounds, self.workers))
-            except SubmissionError as error:
+            except FileError as error:
                 failed[path] = str(error)
                 continue
             print(score.line(scored[-1]), flush=True)

@@ -13,6 +13,7 @@ from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import Episode
 from coopmap_env.evaluation.bounds import (
+    BoundFileError,
     Efficiency,
     PlanarViews,
     bound_shown,
@@ -47,7 +48,7 @@ def episode_efficiency(
     Raises
     ------
     BoundFileError
-        If the file of the bound is broken, belongs to another world, or is wrong.
+        If the file of the bound is broken, belongs to another world or other scans, or is wrong.
     """
     if not isinstance(env, PlanarEnv):
         return None
@@ -57,6 +58,10 @@ def episode_efficiency(
     views = PlanarViews.from_env(env, n_scans)
     if path.exists():
         found = load_bound(path, views)
+        if len(found.bounds) != n_scans + 1:
+            raise BoundFileError(
+                f"{path} has bounds of {len(found.bounds) - 1} scans, not {n_scans}"
+            )
     else:
         found = bound_shown(views, n_scans)
         save_bound(path, found, views)

@@ -6,7 +6,15 @@ import pytest
 from coopmap_env import planar_v1
 from coopmap_env.cli.evaluate import Evaluate
 from coopmap_env.evaluation import make_env
-from coopmap_env.evaluation.bounds import BoundFileError, PlanarViews, bound_worlds, load_bound
+from coopmap_env.evaluation.bounds import (
+    BoundFileError,
+    Certificate,
+    PlanarViews,
+    bound_shown,
+    bound_worlds,
+    load_bound,
+    save_bound,
+)
 
 SCENE = {"name": "obstacles", "shape": [32, 32], "side_min": 3.0, "side_max": 7.0}
 TASK = {"scene": SCENE, "max_scans": 3, "split": "train"}
@@ -40,6 +48,24 @@ def test_a_bound_is_found_again_from_its_file_alone_which_is_checked(folder, tmp
         path.write_bytes(b"broken")
     with pytest.raises(BoundFileError):
         bound_worlds([5], TASK, tmp_path, progress=False)
+
+
+def test_a_bound_of_fewer_scans_is_refused(tmp_path):
+    env = make_env("planar", TASK, None)
+    env.reset(seed=4)
+    views = PlanarViews.from_env(env, 3)
+    save_bound(tmp_path / f"{views.digest[:16]}.npz", bound_shown(views, 2), views)
+    with pytest.raises(BoundFileError, match="bounds of 2 scans, not 3"):
+        bound_worlds([4], TASK, tmp_path, progress=False)
+
+
+def test_weights_that_are_no_integers_are_no_certificate():
+    env = make_env("planar", TASK, None)
+    env.reset(seed=4)
+    views = PlanarViews.from_env(env, 3)
+    for weights in (np.full(1024, np.nan), np.ones(1024)):
+        with pytest.raises(ValueError, match="integer weights"):
+            Certificate(weights).bounds(views, 3)
 
 
 def test_a_damaged_result_is_found_again(folder):
