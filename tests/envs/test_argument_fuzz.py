@@ -42,7 +42,7 @@ def test_a_field_argument_of_any_kind_is_accepted_or_refused_by_its_name(name):
             message = str(error)
         else:
             assert name in ("scene", "mount") or isinstance(
-                getattr(arguments, name), int | str | type(None)
+                getattr(arguments, name), int | float | str | type(None)
             )
             continue
         assert f"FieldArguments.{name}" in message

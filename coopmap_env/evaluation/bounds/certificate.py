@@ -134,8 +134,8 @@ class Certificate(NamedTuple):
         in_range = self.weights.dtype.kind in "iu" and lowest >= 0 and highest <= SCALE
         if self.weights.shape != known.shape or not in_range:
             raise ValueError(
-                f"a certificate needs {len(known)} integer weights from 0 to {SCALE}, got "
-                f"{self.weights.shape} from {lowest} to {highest}"
+                f"a certificate needs {len(known)} weights from 0 to {SCALE}, got "
+                f"{self.weights.dtype} {self.weights.shape} from {lowest} to {highest}"
             )
         weights = np.where(known, 0, self.weights).astype(np.int64)
         missed = int((SCALE - weights[~known]).sum())

@@ -32,12 +32,7 @@ def likely_cells(
         What one action can reach.
     """
     nx, ny, _ = sampling.shape
-    side = reach_square(pose_id, sampling.reach, sampling.lattice).half_side
-    window = (2 * min(side, max(nx, ny)) + 1) ** 2
-    queue, found = (
-        np.empty(min(window, nx * ny), np.int64),
-        np.empty(min(window, nx * ny), np.int64),
-    )
+    queue, found = np.empty(nx * ny + 1, np.int64), np.empty(nx * ny + 1, np.int64)
     count = write_likely_cells(
         free, least, int(pose_id), (nx, ny), tuple(sampling.lattice), sampling.reach, queue, found
     )

@@ -21,7 +21,7 @@ class Score:
     For example:
       coopmap score results/board/frontier.json
       coopmap score results/board --page results/board/index.html --bounds results/bounds
-      coopmap score results/private --salt salt --no-efficiency
+      coopmap score --no-efficiency --salt salt results/private
     """
 
     files: Positional[tuple[Path, ...]]

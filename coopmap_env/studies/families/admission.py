@@ -72,15 +72,15 @@ def admission_text(admissions: Mapping[str, Admission]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, own in admissions.items():
-        cells = [name, format_interval(own.random, 100, 1), _score(own, own.one_step)]
+        cells = [name, format_interval(own.random, 100, 1), _score_text(own, own.one_step)]
         for row in (own.look_ahead, own.clairvoyant):
-            cells += [_score(own, row), _beyond(row)]
+            cells += [_score_text(own, row), _beyond(row)]
         cells.append("yes" if own.is_admitted else "no")
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _score(own: Admission, row: Row | None) -> str:
+def _score_text(own: Admission, row: Row | None) -> str:
     if row is None:
         return ""
     return f"{format_interval(row.scores[own.compared], 100, 1)} ({row.name})"

@@ -6,10 +6,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-from plain.planar_views import plain_view
 from plain.planar_worlds import place_team
 from plain.rollouts import random_actions
 from plain.small_worlds import SETTINGS, small_world
+from plain.tiny_planar_views import plain_view
 
 from coopmap_env.evaluation.bounds import BoundSearch, Certificate, PlanarViews, bound_shown
 from coopmap_env.evaluation.bounds.certificate import SCALE, best_by_scan

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from plain.planar_views import plain_view
 from plain.small_worlds import SETTINGS, small_world
+from plain.tiny_planar_views import plain_view
 
 from coopmap_env.core.random_streams import stream_state
 from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown
