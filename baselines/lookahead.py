@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_baselines.planner import CheckedSearch, Search
+from coopmap_baselines.planner import CheckedSearch, Search, candidate_poses
 from coopmap_env.core.settings import Bounds, NonNegative, UnitInterval, checked_value
 from coopmap_env.envs import Belief, Foresight, Observations, Poses
 
@@ -104,7 +104,7 @@ class LookaheadPolicy:
     def act(self, belief: Belief, observations: Observations) -> dict[str, Any]:
         """The first view of each robot's best sequence, as actions."""
         start, robots = belief.planning.foresight(belief), range(len(belief.agents))
-        first = [self._first_poses(belief, robot) for robot in robots]
+        first = [candidate_poses(belief, robot, self.search, self.rng) for robot in robots]
         plans: dict[int, Sequence] = {}
         for robot in robots:
             beside = {} if self.coordination == "independent" else plans
@@ -116,13 +116,6 @@ class LookaheadPolicy:
             agent: belief.action_for(robot, plans[robot].poses[0])
             for robot, agent in enumerate(belief.agents)
         }
-
-    def _first_poses(self, belief: Belief, robot: int) -> Poses:
-        if belief.candidates is not None:
-            return belief.candidates[robot]
-        if isinstance(self.search, int):
-            return belief.random_poses(robot, self.search, self.rng)
-        return belief.feasible_poses(robot)
 
     def _respond_in_turns(
         self, belief: Belief, start: Foresight, first: list[Poses], plans: dict[int, Sequence]

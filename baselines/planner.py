@@ -17,6 +17,15 @@ CheckedSearch = Annotated[int, Bounds(at_least=1, largest=1_000_000)] | Literal[
 Coordination = Literal["independent", "sequential"]
 
 
+def candidate_poses(belief: Belief, robot: int, search: Search, rng: np.random.Generator) -> Poses:
+    """The poses among which a search chooses: the candidates, where there are any."""
+    if belief.candidates is not None:
+        return belief.candidates[robot]
+    if isinstance(search, int):
+        return belief.random_poses(robot, search, rng)
+    return belief.feasible_poses(robot)
+
+
 class Planner(ABC):
     """Gives each robot the best-scored pose of its search.
 
@@ -74,11 +83,7 @@ class Planner(ABC):
 
     def candidate_poses(self, belief: Belief, robot: int) -> Poses:
         """The poses to choose from."""
-        if belief.candidates is not None:
-            return belief.candidates[robot]
-        if isinstance(self.search, int):
-            return belief.random_poses(robot, self.search, self.rng)
-        return belief.feasible_poses(robot)
+        return candidate_poses(belief, robot, self.search, self.rng)
 
 
 class GainPlanner(Planner):

@@ -9,6 +9,7 @@ from coopmap_env.evaluation.bounds.search import BoundSearch, ShownBound, bound_
 from coopmap_env.evaluation.bounds.stored import (
     BoundFileError,
     check_bound,
+    kept_bound,
     load_bound,
     save_bound,
 )
@@ -27,6 +28,7 @@ __all__ = [
     "bound_worlds",
     "check_bound",
     "efficiency",
+    "kept_bound",
     "load_bound",
     "save_bound",
     "scans_in_time",

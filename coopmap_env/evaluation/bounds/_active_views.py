@@ -19,14 +19,14 @@ STALL, SHRINKAGE, LEAST_STEP = 20, 0.7, 1e-3
 """Steps without a gain after which they become shorter, by this factor, down to this length."""
 
 
-@borrowing_kernel
-def _score(
+@kernel
+def score_views(
     start: NDArray[np.int64],
     cells: NDArray[np.int32],
-    parts: NDArray[np.int32],
+    parts: NDArray[np.int32] | NDArray[np.int64],
     scores: NDArray[np.int64],
 ) -> None:
-    """Write the sum of the weights in each view."""
+    """Write the sum of the weights in each view; weights (n_cells,) are integers."""
     for view in range(np.uint64(len(scores))):
         total = 0
         for k in range(np.uint64(start[view]), np.uint64(start[view + np.uint64(1)])):
@@ -107,7 +107,7 @@ def minimise_bound(
     for _ in range(n_steps):
         for c in range(n):
             parts[c] = np.int32(weights[c] * PARTS)
-        _score(start, cells, parts, scores)
+        score_views(start, cells, parts, scores)
         total, uses[:], slope[:] = n_unknown * PARTS - parts.sum(), 0.0, -1.0
         for robot in range(len(earliest)):
             total += _add_best(scores, earliest[robot], best, n_equal, uses)

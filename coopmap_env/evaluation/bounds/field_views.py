@@ -21,6 +21,7 @@ from coopmap_env.core.arguments import check_count
 from coopmap_env.core.kernels import borrowing_kernel, kernel
 from coopmap_env.core.limits import check_bytes
 from coopmap_env.envs.field import FieldEnv
+from coopmap_env.evaluation.bounds._active_views import score_views
 from coopmap_env.evaluation.bounds.certificate import PoseSets, ViewScores
 from coopmap_env.geometry import Pose, RigidTransform
 from coopmap_env.robots import Vehicle
@@ -135,7 +136,7 @@ class FieldViews:
     def best(self, weights: NDArray[np.int64]) -> ViewScores:
         """See `Views`."""
         scores = np.empty(len(self.blocks), dtype=np.int64)
-        _score_sets(*self.sets, weights, scores)
+        score_views(*self.sets, weights, scores)
         return ViewScores(scores, np.arange(len(scores)))
 
     def choose(self, n_scans: int, n_exchanges: int) -> NDArray[np.int64]:
@@ -189,21 +190,6 @@ def _list_views(
         start.append(start[-1] + len(views[-1]))
         check_bytes(2 * 4 * start[-1], "the list of what field poses show (fewer poses take less)")
     return PoseSets(np.array(start), np.concatenate(views))
-
-
-@kernel
-def _score_sets(
-    start: NDArray[np.int64],
-    cells: NDArray[np.int32],
-    weights: NDArray[np.int64],
-    scores: NDArray[np.int64],
-) -> None:
-    """Write the sum of the weights of what each pose (k,) shows."""
-    for pose in range(len(scores)):
-        total = 0
-        for entry in range(start[pose], start[pose + 1]):
-            total += weights[np.uint64(cells[np.uint64(entry)])]
-        scores[pose] = total
 
 
 @kernel

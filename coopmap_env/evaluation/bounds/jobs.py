@@ -18,8 +18,7 @@ from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation.bounds.efficiency import scans_in_time
 from coopmap_env.evaluation.bounds.planar_views import PlanarViews
-from coopmap_env.evaluation.bounds.search import BoundSearch, bound_shown
-from coopmap_env.evaluation.bounds.stored import BoundFileError, load_bound, save_bound
+from coopmap_env.evaluation.bounds.stored import kept_bound
 from coopmap_env.evaluation.env_specs import get_env_spec, make_env
 from coopmap_env.evaluation.jobs import Job, Result, run_jobs
 
@@ -87,15 +86,7 @@ def run_bound_job(job: Job) -> Result:
     n_scans = scans_in_time(env.max_scans, env.max_time, env.settings.scan_time)
     views = PlanarViews.from_env(env, n_scans)
     path = Path(job["folder"]) / f"{views.digest[:16]}.npz"
-    if path.exists():
-        found = load_bound(path, views)
-        if len(found.bounds) != n_scans + 1:
-            raise BoundFileError(
-                f"{path} has bounds of {len(found.bounds) - 1} scans, not {n_scans}"
-            )
-    else:
-        found = bound_shown(views, n_scans, BoundSearch())
-        save_bound(path, found, views)
+    found = kept_bound(path, views, n_scans)
     return {"bounds": found.bounds.tolist(), "choice_shown": found.choice_shown.tolist()}
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,12 @@ from coopmap_env.core.array_files import read_arrays, read_texts, write_arrays
 from coopmap_env.core.files import FileError, brief
 from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 from coopmap_env.evaluation.bounds.certificate import Certificate, Views
-from coopmap_env.evaluation.bounds.search import BoundSearch, ShownBound, count_shown
+from coopmap_env.evaluation.bounds.search import (
+    BoundSearch,
+    ShownBound,
+    bound_shown,
+    count_shown,
+)
 
 FORMAT = "coopmap bound 1"
 TEXTS = ("format", "views", "search")
@@ -92,6 +98,24 @@ def load_bound(path: str | os.PathLike[str], views: Views) -> ShownBound:
         check_bound(found, views)
     except (ValueError, RecursionError) as error:
         raise BoundFileError(f"{path}: {error}") from error
+    return found
+
+
+def kept_bound(path: Path, views: Views, n_scans: int) -> ShownBound:
+    """The bound of n scans in a file, which is checked; one that is missing is searched and kept.
+
+    Raises
+    ------
+    BoundFileError
+        See `load_bound`; or if it is of another number of scans.
+    """
+    if not path.exists():
+        found = bound_shown(views, n_scans)
+        save_bound(path, found, views)
+        return found
+    found = load_bound(path, views)
+    if len(found.bounds) != n_scans + 1:
+        raise BoundFileError(f"{path} has bounds of {len(found.bounds) - 1} scans, not {n_scans}")
     return found
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from coopmap_env import families
 from coopmap_env.core.files import FileError
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Job, Result, run_jobs
+from coopmap_env.evaluation.comparison import EFFICIENCY_SCORES
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
 from coopmap_env.studies.common.pages import format_interval
 from coopmap_env.studies.leaderboard.claims import other_versions
@@ -27,8 +28,6 @@ from coopmap_env.studies.leaderboard.world_bounds import episode_efficiency
 
 SCORES = ("shown", "shown_auc", "coverage", "coverage_auc", "motion_distance")
 """Columns of `Episode.row` that are reported."""
-EFFICIENCIES = ("efficiency", "efficiency_auc")
-"""At the end, and of the area; see `coopmap_env.evaluation.bounds.efficiency`."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Scored:
     path: Path
     submission: Submission
     scores: dict[str, Interval]
-    """Means over the worlds with 95 % intervals: `SCORES`, and `EFFICIENCIES` where bounds are
+    """Means over the worlds with 95 % intervals: `SCORES`, and `EFFICIENCY_SCORES` where bounds are
     known."""
 
     @property
@@ -105,7 +104,7 @@ def score_file(
     columns = {name: [_defined(record["scores"][name]) for record in records] for name in SCORES}
     if found[0]["efficiency"] is not None:
         pairs = zip(*(one["efficiency"] for one in found), strict=True)
-        columns |= dict(zip(EFFICIENCIES, map(list, pairs), strict=True))
+        columns |= dict(zip(EFFICIENCY_SCORES, map(list, pairs), strict=True))
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     scores = {name: bootstrap_mean(values, rng) for name, values in columns.items()}
     return Scored(path, submission, scores)

@@ -13,13 +13,10 @@ from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import Episode
 from coopmap_env.evaluation.bounds import (
-    BoundFileError,
     Efficiency,
     PlanarViews,
-    bound_shown,
     efficiency,
-    load_bound,
-    save_bound,
+    kept_bound,
     scans_in_time,
 )
 from coopmap_env.families import Family, world_hash
@@ -56,14 +53,6 @@ def episode_efficiency(
     path = folder / f"{family.name}_{definition_hash(family)}_{world_hash(env)}.npz"
     n_scans = scans_in_time(env.max_scans, env.max_time, env.settings.scan_time)
     views = PlanarViews.from_env(env, n_scans)
-    if path.exists():
-        found = load_bound(path, views)
-        if len(found.bounds) != n_scans + 1:
-            raise BoundFileError(
-                f"{path} has bounds of {len(found.bounds) - 1} scans, not {n_scans}"
-            )
-    else:
-        found = bound_shown(views, n_scans)
-        save_bound(path, found, views)
+    found = kept_bound(path, views, n_scans)
     n_cells = env.belief().map.grid.n_cells
     return efficiency(episode, found.bounds, n_cells, env.settings.scan_time)

@@ -9,11 +9,12 @@ import tyro
 from plain.small_families import with_small_families
 
 from coopmap_env.core.files import FileError
+from coopmap_env.evaluation.comparison import EFFICIENCY_SCORES
 from coopmap_env.evaluation.statistics import Interval
 from coopmap_env.studies.commands.score import Score
 from coopmap_env.studies.commands.submit import Submit
 from coopmap_env.studies.leaderboard.page import link_from, rank, write_page
-from coopmap_env.studies.leaderboard.score import EFFICIENCIES, SCORES, Scored, line
+from coopmap_env.studies.leaderboard.score import SCORES, Scored, line
 from coopmap_env.studies.leaderboard.submission import SubmissionError
 
 HOSTILE = "</td><script>alert(1)</script>&\"'"
@@ -29,7 +30,7 @@ def small_families():
 def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, **claims):
     values = dict.fromkeys(SCORES, 0.5) | {"shown_auc": shown_auc, "motion_distance": 50.0}
     if area is not None:
-        values |= dict(zip(EFFICIENCIES, (0.75, area), strict=True))
+        values |= dict(zip(EFFICIENCY_SCORES, (0.75, area), strict=True))
     submission = {
         "family": family,
         "private": private,

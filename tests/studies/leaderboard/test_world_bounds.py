@@ -6,8 +6,7 @@ from plain.small_families import with_small_families
 
 from coopmap_env import families
 from coopmap_env.evaluation import make_policy, run_episode
-from coopmap_env.evaluation.bounds import BoundFileError, PlanarViews, load_bound
-from coopmap_env.studies.leaderboard import world_bounds
+from coopmap_env.evaluation.bounds import BoundFileError, PlanarViews, load_bound, stored
 from coopmap_env.studies.leaderboard.play import submit
 from coopmap_env.studies.leaderboard.score import score_file
 from coopmap_env.studies.leaderboard.world_bounds import episode_efficiency
@@ -37,7 +36,7 @@ def test_scores_have_efficiencies_and_bounds_are_kept(family, files, tmp_path, m
     assert {path.stem.rpartition("_")[2] for path in kept} == hashes
     for name in ("efficiency", "efficiency_auc"):
         assert 0.1 < scored.scores[name].low <= scored.scores[name].high < 1.0
-    monkeypatch.setattr(world_bounds, "bound_shown", stop)
+    monkeypatch.setattr(stored, "bound_shown", stop)
     assert score_file(files[family], bounds=bounds, progress=False).scores == scored.scores
 
 
