@@ -13,7 +13,6 @@ With ``--out FOLDER``, the bounds are kept as FOLDER/SEED.npz (`load_bound` read
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ import numpy as np
 from coopmap_env.core.progress import log as log_line
 from coopmap_env.evaluation import get_env_spec
 from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown, save_bound
+from coopmap_env.studies.common.scenes import parse_scene
 
 FEWEST = BoundSearch(n_exchanges=0, n_rounds=1, tolerance=0.0)
 """A search that loads all kernels."""
@@ -117,7 +117,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="folder for the bounds, as SEED.npz")
     parser.add_argument("--progress", action="store_true", help="a line after each round")
     options = parser.parse_args(arguments)
-    scene = json.loads(options.scene) if options.scene.startswith("{") else options.scene
+    scene = parse_scene(options.scene)
     titles = "".join(f"{title:>10}" for title in ("known", "bound", "choice"))
     print(f"{'seed':>8}{titles}{'gap':>8}{'seconds':>8}")
     rows = []

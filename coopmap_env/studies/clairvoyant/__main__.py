@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import fields, replace
 from typing import Any
 
@@ -14,6 +13,7 @@ from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import get_env_spec
 from coopmap_env.evaluation.bounds import BoundSearch
 from coopmap_env.studies.clairvoyant import LookAhead, play_worlds, summarise, table_lines
+from coopmap_env.studies.common.scenes import parse_scene
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -48,9 +48,8 @@ def main(arguments: list[str] | None = None) -> None:
 
 def make_env(options: argparse.Namespace) -> PlanarEnv:
     """The environment of the options, on training worlds."""
-    text = options.scene
     given: dict[str, Any] = {
-        "scene": json.loads(text) if text.startswith("{") else text,
+        "scene": parse_scene(options.scene),
         "max_scans": options.scans,
         "n_robots": options.robots,
         "split": "train",

@@ -28,9 +28,9 @@ from coopmap_env.evaluation import (
 from coopmap_env.evaluation.rollout import warm_up
 from coopmap_env.families import N_WORLDS
 from coopmap_env.families.worlds import definition_hash
-from coopmap_env.studies.leaderboard.claims import machine, model_size, versions
 from coopmap_env.studies.leaderboard.private_worlds import Salt, world_seed
 from coopmap_env.studies.leaderboard.replay import map_hash, scores_of
+from coopmap_env.studies.leaderboard.reported import machine, model_size, versions
 from coopmap_env.studies.leaderboard.submission import (
     FEWEST_WORLDS,
     FORMAT,
@@ -135,7 +135,7 @@ def submit(
         "files": files,
         "options": options,
         "n_worlds": n_worlds,
-        "claims": {
+        "reported": {
             "decision_ms": float(np.mean([one["decision_ms"] for one in played])),
             "model_bytes": played[0]["model"]["model_bytes"],
             "n_parameters": played[0]["model"]["n_parameters"],

@@ -15,10 +15,10 @@ from coopmap_env.evaluation import BOOTSTRAP_SEED, Job, Result, run_jobs
 from coopmap_env.evaluation.comparison import EFFICIENCY_SCORES
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
 from coopmap_env.studies.common.pages import format_interval
-from coopmap_env.studies.leaderboard.claims import other_versions
 from coopmap_env.studies.leaderboard.play import env_key, remembered_env
 from coopmap_env.studies.leaderboard.private_worlds import Salt, world_seed
 from coopmap_env.studies.leaderboard.replay import ReplayError, replay_episode
+from coopmap_env.studies.leaderboard.reported import other_versions
 from coopmap_env.studies.leaderboard.submission import (
     Submission,
     SubmissionError,
@@ -50,7 +50,7 @@ class Scored:
     @property
     def notes(self) -> list[str]:
         """Versions that are not those of the replay."""
-        return other_versions(self.submission["claims"]["versions"])
+        return other_versions(self.submission["reported"]["versions"])
 
 
 def score_file(
@@ -183,16 +183,16 @@ def line(scored: Scored) -> str:
             if name in scores
         ),
         f"motion {scores['motion_distance']:.1f}",
-        f"decision {submission['claims']['decision_ms']:.3f} ms (claimed)",
+        f"decision {submission['reported']['decision_ms']:.3f} ms (reported)",
         f"model {', '.join(model_size_texts(submission)) or '-'}",
     ]
     return "   ".join(parts)
 
 
 def model_size_texts(submission: Submission) -> list[str]:
-    """Size of the model, as it is claimed: parameters and bytes, as far as they are given."""
-    claims = submission["claims"]
-    n_parameters, n_bytes = claims["n_parameters"], claims["model_bytes"]
+    """Size of the model, as it is reported: parameters and bytes, as far as they are given."""
+    reported = submission["reported"]
+    n_parameters, n_bytes = reported["n_parameters"], reported["model_bytes"]
     return [
         *([] if n_parameters is None else [f"{n_parameters:,} parameters"]),
         *([] if n_bytes is None else [f"{n_bytes / 1e6:.2f} MB"]),

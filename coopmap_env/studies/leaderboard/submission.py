@@ -1,8 +1,8 @@
-"""The file of a submission: what was played, all actions and scores, and what is claimed.
+"""The file of a submission: what was played, all actions and scores, and what is reported.
 
 JSON, without seeds: a world has its number, and what makes it is the family's definition, or the
 salt of private worlds. What `coopmap_env.studies.leaderboard.replay` cannot verify stands under
-``claims``.
+``reported``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class EpisodeRecord(TypedDict):
     """See `coopmap_env.studies.leaderboard.replay.map_hash`."""
 
 
-class Claims(TypedDict):
+class Reported(TypedDict):
     """What a replay cannot verify."""
 
     decision_ms: float
@@ -85,7 +85,7 @@ class Submission(TypedDict):
     options: Options
     n_worlds: int
     episodes: list[EpisodeRecord]
-    claims: Claims
+    reported: Reported
 
 
 def make_env(family: str, options: Options) -> MappingEnv[Any]:
@@ -148,7 +148,7 @@ def _check(value: dict[str, Any]) -> None:
     """ValueError unless it has the form of a submission to a family of this version."""
     _check_types(value)
     _check_texts({name: one for name, one in value.items() if name != "episodes"})
-    _check_claims(value["claims"])
+    _check_reported(value["reported"])
     family = families.get(value["family"])
     _check_definition(family, value["definition"])
     if value["split"] != SPLIT:
@@ -195,10 +195,10 @@ def _check_texts(value: Any) -> None:
         )
 
 
-def _check_claims(claims: dict[str, Any]) -> None:
+def _check_reported(reported: dict[str, Any]) -> None:
     for name in ("decision_ms", "model_bytes", "n_parameters"):
-        if claims[name] is not None and claims[name] < 0:
-            raise ValueError(f"{name} must be at least 0, got {brief(claims[name])}")
+        if reported[name] is not None and reported[name] < 0:
+            raise ValueError(f"{name} must be at least 0, got {brief(reported[name])}")
 
 
 def _check_definition(family: Family, stated: str) -> None:

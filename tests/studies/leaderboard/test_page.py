@@ -27,7 +27,7 @@ def small_families():
         yield
 
 
-def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, **claims):
+def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, **reported):
     values = dict.fromkeys(SCORES, 0.5) | {"shown_auc": shown_auc, "motion_distance": 50.0}
     if area is not None:
         values |= dict(zip(EFFICIENCY_SCORES, (0.75, area), strict=True))
@@ -38,13 +38,13 @@ def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, **cla
         "fingerprint": "",
         "options": {"action_mode": "candidates", "n_candidates": 7},
         "n_worlds": 200,
-        "claims": {
+        "reported": {
             "decision_ms": 1.25,
             "model_bytes": None,
             "n_parameters": None,
             "machine": {"processor": "abacus"},
             "versions": {"coopmap": "0.4.0"},
-            **claims,
+            **reported,
         },
     }
     scores = {name: Interval(value, value - 0.01, value + 0.01) for name, value in values.items()}
@@ -114,7 +114,7 @@ def test_links_are_relative_and_quoted(tmp_path):
     assert link_from(tmp_path / "pages", tmp_path / "javascript:x.json") == "../javascript%3Ax.json"
 
 
-def test_a_line_has_what_was_scored_and_what_is_claimed():
+def test_a_line_has_what_was_scored_and_what_is_reported():
     text = line(made_up("frontier", 0.5, n_parameters=12_345, model_bytes=49_380))
     for part in (
         "frontier ",
@@ -123,7 +123,7 @@ def test_a_line_has_what_was_scored_and_what_is_claimed():
         "area 50.0 [49.0, 51.0] %",
         "shown 50.0 ",
         "motion 50.0 [50.0, 50.0]",
-        "decision 1.250 ms (claimed)",
+        "decision 1.250 ms (reported)",
         "model 12,345 parameters, 0.05 MB",
     ):
         assert part in text

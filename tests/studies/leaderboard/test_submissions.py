@@ -11,8 +11,8 @@ from coopmap_env import families
 from coopmap_env.core.files import FileError
 from coopmap_env.evaluation import evaluate, make_policy, rollout
 from coopmap_env.studies.leaderboard import play, score
-from coopmap_env.studies.leaderboard.claims import versions
 from coopmap_env.studies.leaderboard.private_worlds import Salt, read_salt
+from coopmap_env.studies.leaderboard.reported import versions
 from coopmap_env.studies.leaderboard.score import score_file
 from coopmap_env.studies.leaderboard.submission import (
     SubmissionError,
@@ -81,18 +81,20 @@ def test_actions_are_read_back_to_the_same_bits(files):
 
 def test_a_submission_says_what_was_played_where(files):
     submission = read_submission(files["candidates"])
-    claims = submission["claims"]
-    assert claims["versions"] == versions()
-    assert set(claims["machine"]) == {"processor", "cores", "system"}
-    assert claims["decision_ms"] > 0
-    assert claims["model_bytes"] is claims["n_parameters"] is None
+    reported = submission["reported"]
+    assert reported["versions"] == versions()
+    assert set(reported["machine"]) == {"processor", "cores", "system"}
+    assert reported["decision_ms"] > 0
+    assert reported["model_bytes"] is reported["n_parameters"] is None
     assert submission["options"] == CANDIDATES
     actions = [a for e in submission["episodes"] for step in e["actions"] for a in step]
     assert {type(action) for action in actions} == {int}
 
 
 def test_other_versions_are_a_note_and_no_error(files, tmp_path):
-    path = tampered(files["pose"], tmp_path, lambda s: s["claims"]["versions"].update(numpy="1.0"))
+    path = tampered(
+        files["pose"], tmp_path, lambda s: s["reported"]["versions"].update(numpy="1.0")
+    )
     (note,) = rescore(path).notes
     assert note.startswith("numpy 1.0 (here ")
 
@@ -250,11 +252,11 @@ CHANGES = {
     "episodes by name": (lambda s: s.update(episodes={}), "episodes must be a list, got {}"),
     "control characters": (lambda s: s.update(policy="\x1b[2J"), "texts must be printable"),
     "long text": (lambda s: s.update(policy="x" * 301), "at most 300 characters"),
-    "text in claims": (
-        lambda s: s["claims"]["machine"].update(processor="a\nb"),
+    "text in reported": (
+        lambda s: s["reported"]["machine"].update(processor="a\nb"),
         "texts must be printable",
     ),
-    "negative time": (lambda s: s["claims"].update(decision_ms=-1), "decision_ms must be at le"),
+    "negative time": (lambda s: s["reported"].update(decision_ms=-1), "decision_ms must be at le"),
     "private by word": (lambda s: s.update(private="0" * 16), "private: give the salt with the"),
 }  # fmt: skip
 
