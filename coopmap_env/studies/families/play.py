@@ -47,6 +47,7 @@ PLAYED_POLICIES = {
     "coverage, m = 300, sequential": Entry(
         "coverage:search=300+coordination=sequential", "one step"
     ),
+    "expected coverage, m = 300, sequential": Entry("lookahead:horizon=1", "one step"),
     "frontier, sequential": Entry("frontier:coordination=sequential", "look-ahead"),
     "allocation": Entry("allocation", "look-ahead"),
     "tour": Entry("tour", "look-ahead"),
