@@ -15,6 +15,7 @@ from coopmap_env.studies.equality import (
     planar_cases,
     play_case,
 )
+from coopmap_env.studies.equality import __main__ as command
 from coopmap_env.studies.equality.__main__ import main
 from coopmap_env.studies.equality.shown import first_difference
 from coopmap_env.vector import PlanarVectorEnv
@@ -149,15 +150,36 @@ def test_arrays_are_equal_only_with_the_same_bytes():
 
 
 def test_the_command_writes_a_record_and_ends_with_1_after_a_difference(tmp_path, monkeypatch):
-    command = [str(tmp_path / "record.json"), "--planar-steps", "1", "--field-steps", "0"]
-    main(command)
-    record = json.loads((tmp_path / "record.json").read_text())
-    assert record["difference"] is None
-    assert record["planar"]["steps"] == sum(case["steps"] for case in record["planar"]["cases"])
-
+    options = [str(tmp_path / "record.json"), "--planar-steps", "1", "--field-steps", "0"]
     patched(monkeypatch, "step", lambda call, *results: one_unit_more(results[1], 0))
     with pytest.raises(SystemExit) as ended:
-        main(command)
+        main(options)
     assert ended.value.code == 1
     record = json.loads((tmp_path / "record.json").read_text())
-    assert record["difference"]["entry"] == "reward"
+    (difference,) = record["planar"]["differences"]
+    assert difference["entry"] == "reward"
+
+    monkeypatch.undo()
+    main(options)  # a case with a difference is played again
+    record = json.loads((tmp_path / "record.json").read_text())
+    assert record["planar"]["differences"] == []
+    assert record["planar"]["steps"] == sum(case["steps"] for case in record["planar"]["cases"])
+
+
+def test_finished_cases_are_kept_as_long_as_the_sources_are_the_same(tmp_path, monkeypatch):
+    played = []
+
+    def play(case, n_steps, rng):
+        played.append(n_steps)
+        return Counts(n_steps, 2 * n_steps, 1, 3, Counter({"goal is unknown": 1}))
+
+    monkeypatch.setattr(command, "play_case", play)
+    first = command.play_cases("field", 7, 0, tmp_path)
+    assert played == [1] * 7
+    assert (first["steps"], first["robot_steps"], first["collisions"]) == (7, 14, 21)
+    assert first["rejections"] == {"goal is unknown": 7}
+    assert command.play_cases("field", 7, 0, tmp_path) == first
+    assert len(played) == 7
+    monkeypatch.setattr(command, "sources_hash", lambda: "others")
+    command.play_cases("field", 7, 0, tmp_path)
+    assert len(played) == 14

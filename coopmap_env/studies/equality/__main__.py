@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import platform
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import coopmap_env
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log as log_line
 from coopmap_env.core.version import __version__
+from coopmap_env.evaluation.jobs import Job, Result, run_jobs
 from coopmap_env.studies.common.records import significant
 from coopmap_env.studies.equality import (
     Case,
@@ -28,35 +33,81 @@ from coopmap_env.studies.equality import (
     play_case,
 )
 
+CASES: dict[str, Callable[[], Iterable[Case]]] = {"planar": planar_cases, "field": field_cases}
+
 
 def play_cases(
-    cases: Iterable[Case], n_steps: int, seed: int, log: Callable[[str], None]
+    kind: str, n_steps: int, seed: int, folder: Path, workers: int = 1
 ) -> dict[str, Any]:
-    """Play as many steps in all cases together, as JSON values.
+    """Play as many steps in all cases of a kind together, as JSON values.
 
-    Raises
-    ------
-    DifferenceError
-        At the first difference.
+    Parameters
+    ----------
+    kind : {"planar", "field"}
+    n_steps : int
+        Each case plays its part of them, rounded up to whole plays.
+    seed : int
+        Of worlds and actions.
+    folder : Path
+        Keeps finished cases. They count again as long as the package's sources are the same.
+    workers : int
+        Cases at a time.
     """
-    chosen = list(cases)
-    total, start, record = Counts(), time.perf_counter(), []
-    for k, case in enumerate(chosen, start=1):
-        goal = n_steps * k // len(chosen)
-        if total.steps >= goal:
-            continue
-        counts = play_case(case, goal - total.steps, np.random.default_rng([seed, k]))
-        total += counts
-        rate = total.steps / (time.perf_counter() - start)
-        log(f"{k} of {len(chosen)}: {case}: {total.steps:,} steps, {rate:.0f} a second, all equal")
-        record.append({**case.arguments, **case.options, "steps": counts.steps})
-    seconds = time.perf_counter() - start
+    cases, sources = list(CASES[kind]()), sources_hash()
+    goals = [n_steps * k // len(cases) for k in range(len(cases) + 1)]
+    parts = [last - first for first, last in pairwise(goals)]
+    jobs: list[Job] = [
+        {"kind": kind, "case": k, "steps": part, "seed": seed, "sources": sources}
+        for k, part in enumerate(parts)
+        if part > 0
+    ]
+    results = run_jobs(play_job, jobs, folder, workers, is_valid=_is_result)
+    total = Counts()
+    for result in results:
+        total += Counts(
+            **{**result["counts"], "rejections": Counter(result["counts"]["rejections"])}
+        )
     return {
         **asdict(total),
         "rejections": dict(total.rejections.most_common()),
-        "seconds": significant(seconds),
-        "cases": record,
-    }
+        "seconds": significant(sum(result["seconds"] for result in results)),
+        "cases": [
+            {**cases[job["case"]].arguments, **cases[job["case"]].options,
+             "steps": result["counts"]["steps"]}
+            for job, result in zip(jobs, results, strict=True)
+        ],
+        "differences": [r["difference"] for r in results if r["difference"] is not None],
+    }  # fmt: skip
+
+
+def play_job(job: Job) -> Result:
+    """Play one case until its first difference, if there is one."""
+    case = list(CASES[job["kind"]]())[job["case"]]
+    start, counts, difference = time.perf_counter(), Counts(), None
+    try:
+        counts = play_case(
+            case, job["steps"], np.random.default_rng([job["seed"], job["case"] + 1])
+        )
+    except DifferenceError as error:
+        difference = {"text": str(error), **error.difference._asdict()}
+    seconds = time.perf_counter() - start
+    log_line(f"{case}: {counts.steps:,} steps, {difference['text'] if difference else 'equal'}")
+    return {"counts": asdict(counts), "seconds": seconds, "difference": difference}
+
+
+def _is_result(value: Any) -> bool:
+    """Whether a kept case is equal; what differed is played again."""
+    return isinstance(value, dict) and value.get("difference", value) is None
+
+
+def sources_hash() -> str:
+    """Hash of all modules of `coopmap_env`."""
+    (folder,) = coopmap_env.__path__
+    sha = hashlib.sha256()
+    for path in sorted(Path(folder).rglob("*.py")):
+        content = path.read_bytes()
+        sha.update(f"{path.relative_to(folder).as_posix()} {len(content)}\0".encode() + content)
+    return sha.hexdigest()[:16]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -69,21 +120,19 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--planar-steps", type=int, default=1_000_000, help="0 for none")
     parser.add_argument("--field-steps", type=int, default=20_000, help="0 for none")
     parser.add_argument("--seed", type=int, default=0, help="of worlds and actions")
+    parser.add_argument("--workers", type=int, default=1, help="cases at a time")
     options = parser.parse_args(arguments)
-    record: dict[str, Any] = {"seed": options.seed, "versions": versions(), "difference": None}
-    plays = {
-        "planar": (planar_cases, options.planar_steps),
-        "field": (field_cases, options.field_steps),
-    }
-    try:
-        for kind, (cases, n_steps) in plays.items():
-            if n_steps > 0:
-                record[kind] = play_cases(cases(), n_steps, options.seed, log_line)
-    except DifferenceError as error:
-        record["difference"] = {"text": str(error), **error.difference._asdict()}
-        log_line(f"difference: {error}")
+    record: dict[str, Any] = {"seed": options.seed, "versions": versions()}
+    for kind, n_steps in {"planar": options.planar_steps, "field": options.field_steps}.items():
+        if n_steps > 0:
+            record[kind] = play_cases(
+                kind, n_steps, options.seed, options.out.with_suffix(".cases"), options.workers
+            )
     write_atomically(options.out, json.dumps(record, indent=1) + "\n")
-    if record["difference"] is not None:
+    differences = [d for kind in CASES for d in record.get(kind, {}).get("differences", [])]
+    for difference in differences:
+        log_line(f"difference: {difference['text']}")
+    if differences:
         sys.exit(1)
     log_line(f"no difference; record: {options.out}")
 
