@@ -8,9 +8,7 @@ import json
 import platform
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
@@ -64,12 +62,9 @@ def play_cases(
     results = run_jobs(play_job, jobs, folder, workers, is_valid=_is_result)
     total = Counts()
     for result in results:
-        total += Counts(
-            **{**result["counts"], "rejections": Counter(result["counts"]["rejections"])}
-        )
+        total += Counts.from_dict(result["counts"])
     return {
-        **asdict(total),
-        "rejections": dict(total.rejections.most_common()),
+        **total.as_dict(),
         "seconds": significant(sum(result["seconds"] for result in results)),
         "cases": [
             {**cases[job["case"]].arguments, **cases[job["case"]].options,
@@ -92,7 +87,7 @@ def play_job(job: Job) -> Result:
         difference = {"text": str(error), **error.difference._asdict()}
     seconds = time.perf_counter() - start
     log_line(f"{case}: {counts.steps:,} steps, {difference['text'] if difference else 'equal'}")
-    return {"counts": asdict(counts), "seconds": seconds, "difference": difference}
+    return {"counts": counts.as_dict(), "seconds": seconds, "difference": difference}
 
 
 def _is_result(value: Any) -> bool:

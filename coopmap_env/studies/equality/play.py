@@ -49,6 +49,15 @@ class Counts:
         reasons = entries["info rejected_reason"].tolist()
         self.rejections.update(_kind_of(reason) for reason in reasons if reason)
 
+    def as_dict(self) -> dict[str, Any]:
+        """As JSON values, the most frequent rejections first."""
+        return {**vars(self), "rejections": dict(self.rejections.most_common())}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Counts:
+        """From the values of `as_dict`."""
+        return cls(**{**values, "rejections": Counter(values["rejections"])})
+
     def __iadd__(self, other: Counts) -> Counts:
         self.steps += other.steps
         self.robot_steps += other.robot_steps
