@@ -77,13 +77,13 @@ def field_cases() -> Iterator[Case]:
         reset, workers = next(ways)
         choice = {"n_candidates": 8} if mode == "candidates" else {}
         search = {} if located else SEARCH_ARGUMENTS
-        task = {"scene": scene, "action_mode": mode, "n_robots": n_robots, "max_scans": 6}
+        task = {"scene": scene, "action_mode": mode, "n_robots": n_robots, "max_scans": 12}
         yield Case(
             "field",
             {**task, **search, **choice, **next(payments)},
             {"autoreset_mode": reset, "num_workers": workers, "double_buffer": reset == "SameStep"},
             n_worlds=2,
-            n_steps=14,
+            n_steps=40,
         )
 
 
