@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
-from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.arguments import SplitName
 
 MAX_EPISODES = 1_000_000
@@ -81,9 +80,10 @@ class Evaluate(EnvironmentOptions):
         from coopmap_env.evaluation import write_episodes
 
         arguments = {**self.env_kwargs(), "split": self.split}
+        seeds = range(self.seed, self.seed + self.episodes)
         results = evaluation.compare(
             names,
-            range(self.seed, self.seed + self.episodes),
+            seeds,
             arguments,
             self.out / "episodes",
             self.settings(),
@@ -93,7 +93,9 @@ class Evaluate(EnvironmentOptions):
         )
         env = self.make_env(self.split)
         if self.efficiency:
-            results = self._with_bounds(results, env)
+            results = evaluation.with_efficiencies(
+                results, seeds, arguments, self.out / "bounds", self.settings(), self.workers
+            )
         summary = {
             "version": __version__,
             "env": {
@@ -106,25 +108,6 @@ class Evaluate(EnvironmentOptions):
         write_episodes(results, self.out / "episodes.csv")
         write_atomically(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         return results
-
-    def _with_bounds(self, results: dict[str, Any], env: MappingEnv[Any]) -> dict[str, Any]:
-        """The evaluations with efficiencies."""
-        from coopmap_env.evaluation.bounds import bound_worlds
-
-        bounds = bound_worlds(
-            range(self.seed, self.seed + self.episodes),
-            {**self.env_kwargs(), "split": self.split},
-            self.out / "bounds",
-            self.settings(),
-            self.workers,
-            env_name=self.env_name,
-        )
-        env.reset(seed=self.seed)
-        belief = env.belief()
-        return {
-            name: result.with_bounds(bounds, belief.map.grid.n_cells, belief.scan_time)
-            for name, result in results.items()
-        }
 
 
 def summary_line(table: dict[str, Any]) -> str:

@@ -11,7 +11,13 @@ from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
 from coopmap_env.evaluation.rollout import Step, policy_rng, rollout
 
 if TYPE_CHECKING:
-    from coopmap_env.evaluation.comparison import Evaluation, compare, evaluate, write_episodes
+    from coopmap_env.evaluation.comparison import (
+        Evaluation,
+        compare,
+        evaluate,
+        with_efficiencies,
+        write_episodes,
+    )
     from coopmap_env.evaluation.env_specs import EnvSpec, get_env_spec, make_env, make_vector_env
     from coopmap_env.evaluation.episode import (
         Episode,
@@ -57,6 +63,7 @@ __all__ = [
     "run_episode",
     "run_jobs",
     "summarize",
+    "with_efficiencies",
     "write_episodes",
 ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.files import write_atomically
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.evaluation.bounds import Efficiency, efficiency
+from coopmap_env.evaluation.bounds import Efficiency, bound_worlds, efficiency
 from coopmap_env.evaluation.env_specs import get_env_spec
 from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode
 from coopmap_env.evaluation.episode_jobs import make_job, run_job
@@ -164,6 +164,42 @@ def compare(
     return {
         policy: Evaluation(tuple(map(episode_from_dict, results[k :: len(policies)])))
         for k, policy in enumerate(policies)
+    }
+
+
+def with_efficiencies(
+    evaluations: Mapping[str, Evaluation],
+    seeds: Sequence[int],
+    env_kwargs: dict[str, Any],
+    bounds_dir: Path,
+    settings: Any = None,
+    workers: int = 1,
+    progress: bool = True,
+    env_name: str = "planar",
+) -> dict[str, Evaluation]:
+    """Evaluations with the efficiency of each episode; see `evaluation.bounds.efficiency`.
+
+    Parameters
+    ----------
+    evaluations : mapping of str to Evaluation
+        Played on the worlds of `seeds`, as by `compare`.
+    seeds, env_kwargs, settings, workers, progress, env_name
+        As of `compare`.
+    bounds_dir : Path
+        Keeps the bounds and their certificates; see `bound_worlds`.
+
+    Raises
+    ------
+    ValueError
+        If the environment is not planar: other worlds have no bound that holds for all policies.
+    """
+    bounds = bound_worlds(seeds, env_kwargs, bounds_dir, settings, workers, progress, env_name)
+    with closing(get_env_spec(env_name).make(**env_kwargs, settings=settings)) as env:
+        env.reset(seed=seeds[0])
+        n_cells, scan_time = env.belief().map.grid.n_cells, env.belief().scan_time
+    return {
+        name: evaluation.with_bounds(bounds, n_cells, scan_time)
+        for name, evaluation in evaluations.items()
     }
 
 

@@ -20,6 +20,7 @@ from coopmap_env.studies.benchmark.methods import (
     Method,
     MotionLine,
     Opponent,
+    clairvoyant_method,
     planner_method,
     with_n_candidates,
 )
@@ -41,6 +42,7 @@ METHODS = (
     planner_method("coverage", with_n_candidates(8)),
     planner_method("rating_function:search=100", POSE_MODE),
     planner_method("random", POSE_MODE, plotted=True),
+    clairvoyant_method("clairvoyant, greedy"),
 )
 RATING, COVERAGE, ANY_POSE = METHODS[1:4]
 OPPONENTS = (
@@ -56,7 +58,7 @@ LINES = (MotionLine(ALL_PLANNERS, "coverage_auc", (RATING, COVERAGE), 7),)
 
 def test_methods_are_compared_with_the_strongest_planner_of_the_same_actions():
     condition = Condition("here", "planar", 2, SHORT, METHODS, OPPONENTS)
-    learned, rating, coverage, any_pose, random = METHODS
+    learned, rating, coverage, any_pose, random, _ = METHODS
     assert condition.baseline_for(learned) is coverage
     assert condition.baseline_for(rating) is coverage
     assert condition.baseline_for(coverage) is None
@@ -163,7 +165,11 @@ def test_all_methods_play_on_the_same_worlds(study):
         assert method_result.curves("coverage").shape == (len(method_result.runs), 3, 3)
         for run in method_result.runs:
             assert run.table["seed"].tolist() == [0, 1, 2]
-    learned, _, coverage, *_ = study.main[0].method_results
+        efficiency = method_result.scores["efficiency"]
+        assert ((efficiency > 0) & (efficiency <= 1)).all()
+    learned, _, coverage, *_, clairvoyant = study.main[0].method_results
+    others = [result.scores["efficiency"] for result in study.main[0].method_results[:-1]]
+    assert all((clairvoyant.scores["efficiency"] >= other).all() for other in others)
     np.testing.assert_array_equal(learned.scores["reward"][:1], coverage.scores["reward"])
 
 
@@ -195,7 +201,7 @@ def test_the_table_has_a_row_for_each_method_and_condition(study):
     assert "| learned | the planners | area under the coverage curve |" in text
     assert "| Planar-v1: 3 robots | 2 |" in text
     widths = {line.count(" | ") for line in text.splitlines() if line.startswith("| method")}
-    assert widths == {9}
+    assert widths == {11}
 
 
 def test_all_files_of_the_report_are_written(study, tmp_path):
@@ -214,7 +220,7 @@ def test_all_files_of_the_report_are_written(study, tmp_path):
         assert part["training_worlds"] == [7]
     assert (tmp_path / "table.md").read_text() == benchmark_text(found)
     rows = list(csv.DictReader((tmp_path / "planar_episodes.csv").read_text().splitlines()))
-    assert len(rows) == 3 * 6
+    assert len(rows) == 3 * 7
     assert {row["policy"] for row in rows} >= {"learned; coverage", "learned; information_gain"}
 
 

@@ -42,14 +42,19 @@ def test_table_1_has_the_papers_values_beside(out):
         row["search"]: row for row in csv.DictReader((out / "table1.csv").read_text().split("\n"))
     }
     assert list(rows) == [
-        "raster",
         "m = 10",
         "m = 50",
         "m = 100",
         "m = 200",
         "m = 300",
         "exhaustive",
+        "raster",
+        "random",
+        "clairvoyant, greedy",
     ]
+    efficiency = {search: float(row["efficiency"]) for search, row in rows.items()}
+    assert max(efficiency, key=efficiency.get) == "clairvoyant, greedy"
+    assert efficiency["random"] < min(efficiency["m = 10"], efficiency["m = 300"])
     for search, (farthest, _, sigma) in PAPER_TABLE_1.items():
         row = rows[f"m = {search}" if isinstance(search, int) else search]
         assert (float(row["paper_max_radius"]), float(row["paper_radius_std"])) == (farthest, sigma)

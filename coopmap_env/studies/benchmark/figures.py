@@ -22,7 +22,7 @@ MARKERS = ("o", "s", "^", "D")
 FAMILY_COLORS = dict(
     zip(
         FAMILIES,
-        (COLORS[1], COLORS[0], COLORS[3], COLORS[2], COLORS[4], "#666666"),
+        (COLORS[1], COLORS[0], COLORS[3], COLORS[2], COLORS[4], "#666666", "#111111"),
         strict=True,
     )
 )

@@ -15,7 +15,11 @@ EnvKwargs = Mapping[str, Any]
 """Arguments of an environment's constructor, as JSON values."""
 
 LEARNED = "learned"
-FAMILIES = (LEARNED, "rating function", "information gain", "coverage", "frontier", "other")
+CLAIRVOYANT = "clairvoyant"
+"""References that know the true world."""
+FAMILIES = (
+    LEARNED, "rating function", "information gain", "coverage", "frontier", "other", CLAIRVOYANT,
+)  # fmt: skip
 """Families of methods; methods of a family share a colour."""
 ALL_PLANNERS = "the planners"
 """All families of planners together."""
@@ -50,7 +54,8 @@ class Method:
 
     label: str
     policy_specs: tuple[str, ...]
-    """Specs for `make_policy`: one for each training run; a planner has one."""
+    """Specs for `make_policy`: one for each training run; a planner has one. Of a clairvoyant
+    reference, its name in `coopmap_env.studies.clairvoyant`."""
     env_kwargs: EnvKwargs
     """Arguments of the environment, in addition to those of the condition."""
     family: str
@@ -144,7 +149,7 @@ class Condition:
         """Methods to compare with, the baseline first.
 
         A learned method is compared with all planners of the same actions, and with the opponents
-        that choose any pose; a planner with its baseline only.
+        that choose any pose; another method with its baseline only.
         """
         baseline = self.baseline_for(method)
         compared = [baseline] if baseline else []
@@ -152,7 +157,8 @@ class Condition:
             compared += [
                 other
                 for other in self.methods
-                if other.env_kwargs == method.env_kwargs and other.family != LEARNED
+                if other.env_kwargs == method.env_kwargs
+                and other.family not in (LEARNED, CLAIRVOYANT)
             ]
             compared += [
                 opponent.method
@@ -174,6 +180,11 @@ def learned_method(model: str, label: str, env_kwargs: EnvKwargs, plotted: bool 
     """A pretrained policy, with all of its training runs."""
     policy_specs = tuple(f"learned:model={model}+seed={seed}" for seed in TRAINING_SEEDS)
     return Method(label, policy_specs, env_kwargs, LEARNED, plotted)
+
+
+def clairvoyant_method(name: str) -> Method:
+    """A reference that knows the true planar world."""
+    return Method(name, (name,), POSE_MODE, CLAIRVOYANT)
 
 
 def planner_method(spec: str, env_kwargs: EnvKwargs, plotted: bool = False) -> Method:

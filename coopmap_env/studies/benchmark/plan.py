@@ -22,6 +22,7 @@ from coopmap_env.studies.benchmark.methods import (
     Condition,
     EnvKwargs,
     Method,
+    clairvoyant_method,
     learned_method,
     planner_method,
     unique_methods,
@@ -33,6 +34,7 @@ from coopmap_env.studies.benchmark.tuned_planners import (
     read_record,
     record_notes,
 )
+from coopmap_env.studies.clairvoyant import CLAIRVOYANT
 
 N_CANDIDATES = 32
 """Number of candidates with which the policies were trained, and of the planners beside them."""
@@ -149,6 +151,7 @@ PLANAR_METHODS = (
     ),
     planner_method("raster", POSE_MODE),
     planner_method("random", POSE_MODE, plotted=True),
+    *map(clairvoyant_method, CLAIRVOYANT),
 )
 """Methods of the main condition, besides the tuned planners."""
 FIELD_METHODS = (

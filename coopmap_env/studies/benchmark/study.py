@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.evaluation import Evaluation, compare, make_policy
-from coopmap_env.studies.benchmark.methods import Condition, Method
+from coopmap_env.evaluation import Evaluation, compare, make_policy, with_efficiencies
+from coopmap_env.studies.benchmark.methods import CLAIRVOYANT, Condition, Method
 from coopmap_env.studies.benchmark.plan import BenchmarkPlan
+from coopmap_env.studies.clairvoyant import play_clairvoyant
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ BENCHMARK_SCORES = (
     "surface_coverage_auc",
     "f_score",
     "planning_time_ms",
+    "efficiency",
+    "efficiency_auc",
 )
 """Columns of an evaluation's table that are summarised, if the environment has them."""
 
@@ -106,7 +109,8 @@ def run_benchmark(
     """
     parts = (plan.main, plan.sweeps, plan.generalization)
     methods = (method for part in parts for condition in part for method in condition.methods)
-    for spec in dict.fromkeys(spec for method in methods for spec in method.policy_specs):
+    specs = (s for method in methods if method.family != CLAIRVOYANT for s in method.policy_specs)
+    for spec in dict.fromkeys(specs):
         make_policy(spec)  # find a missing model before an hour of episodes
     main, sweeps, generalization = (
         tuple(run_condition(store, condition, workers, log) for condition in part) for part in parts
@@ -117,16 +121,22 @@ def run_benchmark(
 def run_condition(
     store: Path, condition: Condition, workers: int, log: Callable[[str], None]
 ) -> ConditionResult:
-    """Play the episodes of all methods of a condition."""
+    """Play the episodes of all methods of a condition; in planar worlds, with efficiencies."""
     log(f"{condition.env_name}, {condition.label}: {condition.n_worlds} test worlds")
-    groups: dict[str, list[Method]] = {}
-    for method in condition.methods:  # methods of one environment share its workers
-        groups.setdefault(repr(sorted(method.env_kwargs.items())), []).append(method)
+    seeds, groups = range(condition.n_worlds), dict[str, list[Method]]()
     runs: dict[str, tuple[Evaluation, ...]] = {}
+    for method in condition.methods:  # methods of one environment share its workers
+        if method.family == CLAIRVOYANT:
+            arguments = {**condition.env_kwargs, **method.env_kwargs}
+            (name,) = method.policy_specs
+            evaluation = play_clairvoyant(name, seeds, arguments, store, workers=workers)
+            runs[method.label] = (evaluation,)
+        else:
+            groups.setdefault(repr(sorted(method.env_kwargs.items())), []).append(method)
     for methods in groups.values():
         evaluations = compare(
             [spec for method in methods for spec in method.policy_specs],
-            range(condition.n_worlds),
+            seeds,
             {**condition.env_kwargs, **methods[0].env_kwargs},
             store,
             workers=workers,
@@ -134,6 +144,24 @@ def run_condition(
         )
         for method in methods:
             runs[method.label] = tuple(evaluations[spec] for spec in method.policy_specs)
+    if condition.env_name == "planar":
+        runs = _with_efficiencies(store, condition, workers, runs)
     return ConditionResult(
         condition, tuple(MethodResult(method, runs[method.label]) for method in condition.methods)
     )
+
+
+def _with_efficiencies(
+    store: Path, condition: Condition, workers: int, runs: dict[str, tuple[Evaluation, ...]]
+) -> dict[str, tuple[Evaluation, ...]]:
+    by_run = {f"{label} {k}": run for label, own in runs.items() for k, run in enumerate(own)}
+    found = with_efficiencies(
+        by_run,
+        range(condition.n_worlds),
+        dict(condition.env_kwargs),
+        store / "bounds",
+        workers=workers,
+    )
+    return {
+        label: tuple(found[f"{label} {k}"] for k in range(len(own))) for label, own in runs.items()
+    }

@@ -62,6 +62,8 @@ COLUMNS = {
     "planar": (
         Column("coverage, %", "coverage", 100),
         *_area_columns("coverage_auc"),
+        Column("efficiency, %", "efficiency", 100, 1),
+        Column("efficiency of the area, %", "efficiency_auc", 100, 1),
         _REWARD,
         _LOG_LOSS,
         _MOTION,
@@ -83,6 +85,8 @@ COLUMNS = {
 ALL_SCORES = (
     Column("coverage, %", "coverage", 100),
     Column("AUC, %", "coverage_auc", 100),
+    Column("efficiency, %", "efficiency", 100),
+    Column("efficiency of the area, %", "efficiency_auc", 100),
     Column("surface coverage, %", "surface_coverage", 100),
     Column("AUC, %", "surface_coverage_auc", 100),
     Column("F-score", "f_score", digits=3),
@@ -90,6 +94,12 @@ ALL_SCORES = (
     Column("log-loss", "log_loss", digits=4),
     Column("motion distance", "motion_distance", digits=1),
     Column("planning, ms", "planning_time_ms", bounds=False),
+)
+
+
+EFFICIENCY_TEXT = (
+    " Efficiency: what was shown beyond the start, as a fraction of what an upper bound allows. "
+    "Clairvoyant references know the true world."
 )
 
 

@@ -18,6 +18,7 @@ intervals.
 """
 
 from coopmap_env.studies.clairvoyant.gap import Gap, split_gap
+from coopmap_env.studies.clairvoyant.jobs import CLAIRVOYANT, play_clairvoyant
 from coopmap_env.studies.clairvoyant.policy import (
     ClairvoyantGreedy,
     ClairvoyantLookAhead,
@@ -26,10 +27,12 @@ from coopmap_env.studies.clairvoyant.policy import (
 from coopmap_env.studies.clairvoyant.study import play_worlds, summarise, table_lines
 
 __all__ = [
+    "CLAIRVOYANT",
     "ClairvoyantGreedy",
     "ClairvoyantLookAhead",
     "Gap",
     "LookAhead",
+    "play_clairvoyant",
     "play_worlds",
     "split_gap",
     "summarise",

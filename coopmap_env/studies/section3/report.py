@@ -28,7 +28,7 @@ from coopmap_env.studies.section3.setting import (
     TABLE_1_SCORES,
     section3_scene,
 )
-from coopmap_env.studies.section3.study import Section3, search_spec
+from coopmap_env.studies.section3.study import TABLE_1_COLUMNS, Section3, search_spec
 from coopmap_env.studies.section3.table_fit.flatness import PROFILE_FACTORS
 from coopmap_env.studies.section3.table_fit.record import SearchSize, read_record
 from coopmap_env.studies.section3.table_fit.verdicts import constant_verdicts
@@ -95,7 +95,8 @@ def text_table_1(study: Section3) -> str:
     lines = [
         f"Table 1 after {2 * SCANS_EACH} scans, {study.size.worlds} test worlds: mean "
         "[95 % interval], followed by the paper's value",
-        f"{'search':<12}{'farthest point':>30}{'mean radius':>30}{'sigma':>30}{'% observed':>22}",
+        f"{'search':<20}{'farthest point':>30}{'mean radius':>30}{'sigma':>30}{'% observed':>22}"
+        f"{'efficiency, %':>22}",
     ]
     for search, row in study.table_1().items():
         cells = []
@@ -104,9 +105,10 @@ def text_table_1(study: Section3) -> str:
             paper_value = f" {paper[k]:>6.2f}" if paper else " " * 7
             cells.append(f"{row[column]:.2f}{paper_value}")
         lines.append(
-            f"{_search_label(search):<12}"
+            f"{_search_label(search):<20}"
             + "".join(f"{cell:>30}" for cell in cells)
             + f"{format_interval(row['coverage'], 100):>22}"
+            + f"{format_interval(row['efficiency'], 100, 1):>22}"
         )
     lines.append(
         "mean absolute relative deviation of the 18 numbers from the paper's: "
@@ -127,7 +129,7 @@ def _draw_figures(study: Section3, out: Path) -> None:
         study.figure_7, out / "figure7.png", "probabilistic map after 400 scans"
     )
     draw_coverage_curves(
-        {RASTER: study.raster, **evaluations_by_label},
+        {RASTER: study.references[RASTER], **evaluations_by_label},
         2,
         out / "figure8.png",
         "% of environment observed",
@@ -171,7 +173,7 @@ def _render_html(study: Section3, summary: dict[str, Any], out: Path) -> str:
 def _table_1_csv(study: Section3) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    names = (*TABLE_1_SCORES, "coverage")
+    names = TABLE_1_COLUMNS
     header = [f"{name}{part}" for name in names for part in ("", "_low", "_high")]
     writer.writerow(["search", *header, *(f"paper_{name}" for name in TABLE_1_SCORES)])
     for search, row in study.table_1().items():

@@ -16,8 +16,15 @@ import numpy as np
 
 from coopmap_env.core.settings import PositiveInt, Settings, settings_to_dict
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
-from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, compare, make_policy
+from coopmap_env.evaluation import (
+    BOOTSTRAP_SEED,
+    Evaluation,
+    compare,
+    make_policy,
+    with_efficiencies,
+)
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
+from coopmap_env.studies.clairvoyant import play_clairvoyant
 from coopmap_env.studies.common.hit_miss import HIT_MISS_LOG_ODDS_RANGE, HitMissModel
 from coopmap_env.studies.common.map_scores import MapModel
 from coopmap_env.studies.recorded import killian
@@ -35,6 +42,10 @@ from coopmap_env.studies.section3.setting import (
 from coopmap_env.studies.section3.snapshots import EpisodeSnapshot, record_snapshot
 from coopmap_env.studies.section3.trends import Trend, all_trends
 
+RANDOM, CLAIRVOYANT_GREEDY = "random", "clairvoyant, greedy"
+"""References beside the paper's searches: any feasible pose, and a policy that knows the world."""
+TABLE_1_COLUMNS = (*TABLE_1_SCORES, "coverage", "efficiency")
+"""The paper's, the observed fraction, and the fraction of what an upper bound allows."""
 SWEEP_SEARCHES = (10, 100, "exhaustive")
 K_FACTORS = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0)
 """Multiples of the reproduction's K at which its results are shown too."""
@@ -83,7 +94,8 @@ class Section3:
 
     size: Section3Size
     settings: PlanarSettings
-    raster: Evaluation
+    references: dict[str, Evaluation]
+    """A raster scan, random poses, and a policy that knows the world."""
     searches: dict[int | str, Evaluation]
     trends: dict[str, Trend]
     readings: dict[tuple[str, str], dict[int | str, Evaluation]]
@@ -101,14 +113,14 @@ class Section3:
     killian: killian.KillianResult
 
     def table_1(self) -> dict[int | str, dict[str, Interval]]:
-        """Scores of Table 1 and the coverage by search, with 95 % intervals."""
+        """`TABLE_1_COLUMNS` by search or reference, with 95 % intervals."""
         rng = np.random.default_rng(BOOTSTRAP_SEED)
+        rows: dict[int | str, Evaluation] = {**self.searches, **self.references}
         return {
             search: {
-                column: bootstrap_mean(evaluation.table[column], rng)
-                for column in (*TABLE_1_SCORES, "coverage")
+                column: bootstrap_mean(evaluation.table[column], rng) for column in TABLE_1_COLUMNS
             }
-            for search, evaluation in {RASTER: self.raster, **self.searches}.items()
+            for search, evaluation in rows.items()
         }
 
     def deviation(self) -> Interval:
@@ -140,13 +152,12 @@ def run_section3(
     """
     scene = section3_scene()
     scene_fields = {"name": scene.name, **settings_to_dict(scene)}
+    standard = {"max_scans": SCANS_EACH, "split": "test", "scene": scene_fields}
 
     def evaluate_policies(
         policies: list[str], n_worlds: int, settings: PlanarSettings | None, **env_kwargs: Any
     ) -> dict[str, Evaluation]:
-        env_kwargs = {
-            "max_scans": SCANS_EACH, "split": "test", "scene": scene_fields, **env_kwargs
-        }  # fmt: skip
+        env_kwargs = {**standard, **env_kwargs}
         return compare(policies, range(n_worlds), env_kwargs, store, settings, workers, progress)
 
     def evaluate_searches(searches: tuple[int | str, ...], *args: Any, **env: Any) -> Any:
@@ -155,7 +166,18 @@ def run_section3(
 
     log(f"Table 1 and Figure 8: {size.worlds} test worlds, {len(SEARCHES) + 1} searches")
     searches = evaluate_searches(SEARCHES, size.worlds, section3_settings())
-    raster = evaluate_policies([RASTER], size.worlds, section3_settings())[RASTER]
+    references = evaluate_policies([RASTER, RANDOM], size.worlds, section3_settings())
+    references[CLAIRVOYANT_GREEDY] = play_clairvoyant(
+        CLAIRVOYANT_GREEDY, range(size.worlds), standard, store, section3_settings(), workers,
+        progress,
+    )  # fmt: skip
+    log("upper bounds of its worlds")
+    bounded = with_efficiencies(
+        {**searches, **references}, range(size.worlds), standard, store / "bounds",
+        section3_settings(), workers, progress,
+    )  # fmt: skip
+    searches = {search: bounded[search] for search in searches}
+    references = {name: bounded[name] for name in references}
     log("the readings of Eqs. 7 and 8a")
     readings = {
         (hidden, interpretation): evaluate_searches(
@@ -188,9 +210,9 @@ def run_section3(
     return Section3(
         size=size,
         settings=section3_settings(),
-        raster=raster,
+        references=references,
         searches=searches,
-        trends=all_trends(raster, searches),
+        trends=all_trends(references[RASTER], searches),
         readings=readings,
         sweep=sweep,
         figure_7=figure_7,
