@@ -65,6 +65,25 @@ def test_a_pose_outside_the_grid_has_no_nearest(position):
     assert LATTICE.nearest_pose_id((*position, 0.0)) == -1
 
 
+@pytest.mark.parametrize("outside", [-1, LATTICE.n_poses, 2**40, -(2**63)])
+def test_a_number_that_is_no_pose_is_named(outside):
+    with pytest.raises(ValueError, match=rf"0 \.\.\. {LATTICE.n_poses - 1}, .*, got {outside}: "):
+        LATTICE.checked_ids([[0, 1], [outside, -7]])
+
+
+@pytest.mark.parametrize("ids", [[0.5], [True], ["0"], [2**70], np.array([2.0])])
+def test_pose_ids_are_integers(ids):
+    with pytest.raises(ValueError, match="pose ids must be integers, got"):
+        LATTICE.checked_ids(ids)
+
+
+def test_checked_ids_keep_their_shape():
+    for ids in ([], 3, [[0, 1], [2, LATTICE.n_poses - 1]]):
+        found = LATTICE.checked_ids(ids)
+        assert found.dtype == np.int64
+        np.testing.assert_array_equal(found, ids)
+
+
 def test_a_lattice_needs_a_planar_grid_and_a_heading():
     with pytest.raises(ValueError, match="planar"):
         PoseLattice(VoxelGrid((3, 3, 3)))

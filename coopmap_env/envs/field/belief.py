@@ -175,8 +175,9 @@ class FieldBelief(Belief):
 
     def distance(self, robot: int, poses: Joints) -> NDArray[np.float64]:
         """See `joint_distance`."""
-        alpha = np.array(self.vehicles[robot].mount.alpha)
-        return joint_distance(poses, self.joints[robot], alpha)
+        vehicle = self.vehicles[robot]
+        joints, alpha = vehicle.chain.as_joint_values(poses), np.array(vehicle.mount.alpha)
+        return joint_distance(joints, self.joints[robot], alpha)
 
     def motion_time(self, robot: int, poses: Joints) -> NDArray[np.float64]:
         """Of straight motions; see `Chain.motion_times`."""

@@ -43,5 +43,6 @@ class FieldForesight:
 
     def distance(self, robot: int, poses: Joints, pose: Joints) -> NDArray[np.float64]:
         """See `joint_distance`."""
-        alpha = np.array(self.belief.vehicles[robot].mount.alpha)
-        return joint_distance(poses, pose, alpha)
+        vehicle = self.belief.vehicles[robot]
+        joints, start = vehicle.chain.as_joint_values(poses), vehicle.chain.as_joint_values(pose)
+        return joint_distance(joints, start, np.array(vehicle.mount.alpha))

@@ -143,7 +143,8 @@ class FieldPlanning:
         """Counting through the joints, the last one fastest, in the order of `JointSpace.grid`."""
         space = belief.joint_spaces[robot]
         current = space.grid_index(belief.joints[robot])
-        return (space.grid_index(poses) - current - 1) % space.grid_steps**space.n
+        joints = belief.vehicles[robot].chain.as_joint_values(poses)
+        return (space.grid_index(joints) - current - 1) % space.grid_steps**space.n
 
     def prescreen(
         self,

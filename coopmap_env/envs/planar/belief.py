@@ -136,7 +136,7 @@ class PlanarBelief(Belief):
 
     def motion_time(self, robot: int, pose_ids: ArrayLike) -> NDArray[np.float64]:
         """See `lattice_motion_time`."""
-        ids = np.ascontiguousarray(pose_ids, dtype=np.int64)
+        ids = np.ascontiguousarray(self.lattice.checked_ids(pose_ids))
         seconds, start = np.empty(len(ids)), self.pose_ids[robot]
         n_headings, ny = self.lattice.n_headings, self.map.grid.shape[1]
         write_motion_times(start, ids, n_headings, ny, (*self.speeds,), seconds)
@@ -156,14 +156,22 @@ class PlanarBelief(Belief):
 
     def infeasibility_reason(self, robot: int, pose_id: int) -> str:
         """Why this pose is infeasible; empty if it is feasible."""
-        if pose_id < 0:
+        if not 0 <= pose_id < self.lattice.n_poses:
             return INFEASIBILITY_REASONS[OUTSIDE_WORLD]
         goal = pose_id // self.lattice.n_headings
         arrays, start = self.map.arrays, self.cell(robot)
         return INFEASIBILITY_REASONS[feasibility(arrays, self.regions, robot, start, goal)]
 
     def with_poses(self, pose_ids: tuple[int, ...]) -> PlanarBelief:
-        """The same belief with the cameras at other poses, and without candidates."""
+        """The same belief with the cameras at other poses, and without candidates.
+
+        Raises
+        ------
+        ValueError
+            If an id is no pose of the lattice, or there is not one for each robot.
+        """
+        if self.lattice.checked_ids(pose_ids).shape != (len(self.agents),):
+            raise ValueError(f"{len(self.agents)} robots need a pose id each, got {pose_ids}")
         return replace(self, pose_ids=pose_ids, candidates=None, known_regions=None)
 
     def with_candidates(self, candidates: Sequence[NDArray[np.int64]]) -> PlanarBelief:

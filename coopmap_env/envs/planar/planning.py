@@ -29,7 +29,7 @@ from coopmap_env.robots import ReachableCells, free_mask
 
 
 class PlanarPlanning:
-    """See `Planning`; poses are ids of the `PoseLattice`."""
+    """See `Planning`; poses are ids of the `PoseLattice`, and others are a ValueError."""
 
     unknown_prior = 0.12
 
@@ -58,7 +58,7 @@ class PlanarPlanning:
         shows_unknown: NDArray[np.bool_],
     ) -> NDArray[np.bool_]:
         """All headings at the frontier cell with the shortest path, or at any cell without one."""
-        cells = pose_ids // belief.lattice.n_headings
+        cells = belief.lattice.checked_ids(pose_ids) // belief.lattice.n_headings
         at_frontier = adjacent_to_unknown(belief.map)[cells]
         if at_frontier.any():
             shows_unknown = shows_unknown & at_frontier
@@ -104,10 +104,11 @@ class PlanarPlanning:
         clusters: NDArray[np.int32],
     ) -> NDArray[np.int32]:
         """The cluster nearest to the camera, by the longer of dx and dy."""
+        cells = belief.lattice.checked_ids(pose_ids) // belief.lattice.n_headings
         if not clusters.any():
-            return np.zeros(len(pose_ids), dtype=np.int32)
+            return np.zeros(len(cells), dtype=np.int32)
         _, (i, j) = distance_transform_cdt(clusters == 0, "chessboard", return_indices=True)
-        return clusters[i, j].ravel()[pose_ids // belief.lattice.n_headings]
+        return clusters[i, j].ravel()[cells]
 
     def occupied_mask(self, belief: PlanarBelief, robot: int) -> NDArray[np.bool_]:
         """Sampled cells with P >= 1/2."""
@@ -123,7 +124,7 @@ class PlanarPlanning:
                 "PlanarCamera.field_of_view must be < pi radians for a projection, got "
                 f"{camera.field_of_view}: choose another planner"
             )
-        poses = belief.lattice.poses(pose_ids)
+        poses = belief.lattice.poses(belief.lattice.checked_ids(pose_ids))
         sines, cosines = sin_cos_array(poses[:, 2])
         rotations = np.stack([cosines, -sines, sines, cosines], axis=-1).reshape(-1, 2, 2)
         tangents = np.array([tan(camera.field_of_view / 2)])
@@ -134,7 +135,7 @@ class PlanarPlanning:
     ) -> NDArray[np.int64]:
         """By the longer of dx and dy: an action leads to any cell near by, whatever the path."""
         grid, n = belief.map.grid, belief.lattice.n_headings
-        x, y = np.divmod(pose_ids // n, grid.shape[1])
+        x, y = np.divmod(belief.lattice.checked_ids(pose_ids) // n, grid.shape[1])
         x0, y0 = divmod(belief.cell(robot), grid.shape[1])
         longer = np.maximum(abs(x - x0), abs(y - y0)) * grid.resolution
         return np.maximum(np.ceil(longer / belief.reach), 1).astype(np.int64)
@@ -143,7 +144,8 @@ class PlanarPlanning:
         self, belief: PlanarBelief, robot: int, pose_ids: NDArray[np.int64]
     ) -> NDArray[np.int64]:
         """Cell by cell, row by row, and heading by heading in each cell."""
-        return (pose_ids - belief.pose_ids[robot] - 1) % belief.lattice.n_poses
+        steps = belief.lattice.checked_ids(pose_ids) - belief.pose_ids[robot] - 1
+        return steps % belief.lattice.n_poses
 
     def prescreen(
         self,

@@ -71,7 +71,14 @@ class PlanarExpectedViews:
         self._beams = tuple(BeamEntries.from_fan(rating.fan))
 
     def cells(self, map_: OccupancyMap, reserved_mask: ReservedMask | None = None) -> ExpectedCells:
-        """What views are expected to meet; sampled cells end beams with their occupancy."""
+        """What views are expected to meet; sampled cells end beams with their occupancy.
+
+        Raises
+        ------
+        ValueError
+            If the map is of another shape or clamp than those of the rating function.
+        """
+        self.rating.validate_map(map_)
         clamp = map_.log_odds_range.clamp
         pass_of_log_odds = (1.0 - map_.log_odds_range.probability).astype(np.float32)
         passing = pass_of_log_odds[map_.log_odds_fixed + clamp]
@@ -88,8 +95,14 @@ class PlanarExpectedViews:
         return ExpectedCells(passing, unknown, counts.astype(np.float32), free)
 
     def count(self, cells: ExpectedCells, pose_ids: ArrayLike) -> NDArray[np.float64]:
-        """Expected number of new cells that each pose (k,) shows, shape (k,)."""
-        ids = np.asarray(pose_ids, dtype=np.int64)
+        """Expected number of new cells that each pose (k,) shows, shape (k,).
+
+        Raises
+        ------
+        ValueError
+            If an id is no pose of the lattice.
+        """
+        ids = self.rating.lattice.checked_ids(pose_ids)
         out = np.empty(len(ids))
         write_expected_counts(tuple(cells), self._shape, ids, self._fan, self._beams, out)
         return out
@@ -97,11 +110,18 @@ class PlanarExpectedViews:
     def view(
         self, cells: ExpectedCells, pose_id: int
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """The unknown cells (k,), flat, that a pose may show, and with which probabilities (k,)."""
+        """The unknown cells (k,), flat, that a pose may show, and with which probabilities (k,).
+
+        Raises
+        ------
+        ValueError
+            If the id is no pose of the lattice.
+        """
+        (pose,) = self.rating.lattice.checked_ids([pose_id])
         n = self.rating.max_visible_cells
         seen, probability = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.float32)
         count = write_unknown_view(
-            tuple(cells), self._shape, int(pose_id), self._fan, self._beams, seen, probability
+            tuple(cells), self._shape, int(pose), self._fan, self._beams, seen, probability
         )
         return seen[:count], probability[:count]
 

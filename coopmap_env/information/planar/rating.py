@@ -120,9 +120,19 @@ class PlanarRatingFunction:
         return cells[:n]
 
     def distance(self, pose_ids: ArrayLike, current: ArrayLike) -> NDArray[np.float64]:
-        """Distance d of Eq. 5, shape (k,), from `current`: one pose for each, or one for all."""
-        new = np.asarray(pose_ids, dtype=np.int64)
-        old = np.asarray(current, dtype=np.int64).reshape(-1)
+        """Distance d of Eq. 5, shape (k,), from `current`: one pose for each, or one for all.
+
+        Raises
+        ------
+        ValueError
+            If an id is no pose of the lattice, or there is another number of current ones.
+        """
+        new = self.lattice.checked_ids(pose_ids)
+        old = self.lattice.checked_ids(current).reshape(-1)
+        if len(old) not in (1, len(new)):
+            raise ValueError(
+                f"{len(new)} distances need 1 or {len(new)} current poses, got {len(old)}"
+            )
         out = np.empty(len(new))
         grid, s = self.lattice.grid, self.settings
         lattice_distances(
@@ -191,24 +201,17 @@ class PlanarRatingFunction:
         ValueError
             If an id is no pose of the lattice, or the map is of another shape or clamp.
         """
-        numbers = np.asarray(ids, dtype=np.int64)
-        if not are_all_below(numbers.ravel(), self.lattice.n_poses):
-            raise ValueError(f"pose ids lie in 0 ... {self.lattice.n_poses - 1}, got {numbers}")
+        numbers = self.lattice.checked_ids(ids)
+        self.validate_map(map_)
+        return numbers
+
+    def validate_map(self, map_: OccupancyMap) -> None:
+        """ValueError if a map is of another shape or clamp than the maps to be rated on."""
         if map_.grid.shape != self.lattice.grid.shape or map_.log_odds_range.clamp != self._clamp:
             raise ValueError(
                 f"the map ({map_.grid.shape}, clamp {map_.log_odds_range.clamp}) does not fit this "
                 f"rating function ({self.lattice.grid.shape}, clamp {self._clamp})"
             )
-        return numbers
-
-
-@kernel
-def are_all_below(numbers: NDArray[np.int64], n: int) -> bool:
-    """Whether every number lies in 0 ... n - 1."""
-    outside = 0
-    for k in range(len(numbers)):
-        outside += numbers[k] < 0 or numbers[k] >= n
-    return outside == 0
 
 
 @kernel

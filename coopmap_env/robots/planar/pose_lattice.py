@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from coopmap_env.core.files import brief
 from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.mapping import VoxelGrid
 
@@ -65,6 +66,27 @@ class PoseLattice:
             int(self.n_headings), grid.shape[1], float(grid.resolution), (x0, y0)
         )
 
+    def checked_ids(self, ids: ArrayLike) -> NDArray[np.int64]:
+        """Pose ids as an array of the same shape; kernels trust them.
+
+        Raises
+        ------
+        ValueError
+            With the first one that is no pose of the lattice, or if they are no integers.
+        """
+        numbers = np.asarray(ids)
+        if numbers.size and numbers.dtype.kind not in "iu":
+            raise ValueError(f"pose ids must be integers, got {brief(ids)} of {numbers.dtype}")
+        numbers = numbers.astype(np.int64, copy=False)
+        if not are_all_below(numbers.ravel(), self.n_poses):
+            outside = numbers[(numbers < 0) | (numbers >= self.n_poses)]
+            raise ValueError(
+                f"pose ids lie in 0 ... {self.n_poses - 1}, those of {self.grid.n_cells} cells "
+                f"with {self.n_headings} headings, got {outside[0]}: take them from a belief of "
+                "the same environment, such as by feasible_poses"
+            )
+        return numbers
+
     def poses(self, ids: ArrayLike) -> NDArray[np.float64]:
         """Poses (..., 3) [x, y, heading in [-pi, pi)], metres and radians, of pose ids."""
         ids = np.asarray(ids, dtype=np.int64)
@@ -84,6 +106,15 @@ class PoseLattice:
     def nearest_pose_id(self, pose: tuple[float, float, float]) -> int:
         """Id of the lattice pose nearest to (x, y, heading); -1 if that is outside the grid."""
         return int(nearest_pose_id(*pose, self.grid.shape_3d, tuple(self.geometry)))
+
+
+@kernel
+def are_all_below(numbers: NDArray[np.int64], n: int) -> bool:
+    """Whether every number lies in 0 ... n - 1."""
+    outside = 0
+    for k in range(len(numbers)):
+        outside += numbers[k] < 0 or numbers[k] >= n
+    return outside == 0
 
 
 @borrowing_kernel
