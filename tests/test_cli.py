@@ -1,5 +1,6 @@
 import csv
 import errno
+import inspect
 import json
 import os
 import signal
@@ -73,9 +74,15 @@ def test_options_have_the_choices_of_the_environment_arguments(arguments):
     found, expected = get_type_hints(EnvironmentOptions), get_type_hints(arguments)
     choices = {name: set(get_args(hint)) for name, hint in expected.items()}
     others = {"split", "render_mode", "settings", "scene", "mount", "report_shown"}
-    for name in set(expected) - others:
+    numbers = {"n_robots", "max_scans"}  # None is the default
+    for name in set(expected) - others - numbers:
         assert set(get_args(found[name])) - {""} == choices[name]
         assert getattr(EnvironmentOptions, name) in ("", getattr(arguments, name))
+    for name in numbers:
+        default = getattr(arguments, name)
+        assert EnvironmentOptions().env_kwargs()[name] == default
+        text = inspect.getsource(EnvironmentOptions).partition(f" {name}: ")[2].split('"""')[1]
+        assert text.endswith(f", {default} by default.")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.arguments import TaskArguments
@@ -15,15 +15,23 @@ from coopmap_env.simulation import Physics
 class EnvironmentOptions(TaskArguments):
     """Which environment, and its arguments.
 
-    Those of all environments are inherited. Of those declared here, an empty text stands for the
-    environment's default.
+    Those of all environments are inherited. Of those declared here, an empty text or None stands
+    for the environment's default: what is given beside a family is noticed, also if it is the
+    default.
     """
+
+    DEFAULT_ENV: ClassVar[Literal["planar", "field"]] = "planar"
+    """Kind of the environment without ``--env`` and ``--family``."""
 
     family: str = ""
     """Benchmark family, such as crowded, instead of a scene, a team and a budget of your own; see
     coopmap_env.families."""
-    env: Literal["planar", "field"] = "planar"
-    """2-D (planar) or 3-D (field); "field" needs the extra of that name."""
+    env: Literal["", "planar", "field"] = ""
+    """2-D (planar; default) or 3-D (field); "field" needs the extra of that name."""
+    n_robots: int | None = None  # type: ignore[assignment]  # an option may be left out
+    """Robots in the team, 2 by default."""
+    max_scans: int | None = None  # type: ignore[assignment]
+    """Scans of each robot until truncation, 16 by default."""
     scene: str = ""
     """planar: obstacles (default), rooms, corridors, house, or a ROS map_server YAML file; field:
     worksite (default), clutter, rubble, occluded, or a YAML file of meshes."""
@@ -54,10 +62,13 @@ class EnvironmentOptions(TaskArguments):
         if self.family:
             return self._family_kwargs()
         for name in ("mount", "physics", "initialization", "motion_correction"):
-            if self.env != "field" and getattr(self, name):
+            if self.env_name != "field" and getattr(self, name):
                 option = name.replace("_", "-")
-                raise ValueError(f"--{option} belongs to --env field, not to --env {self.env}")
-        arguments = {field.name: getattr(self, field.name) for field in fields(TaskArguments)}
+                raise ValueError(f"--{option} belongs to --env field, not to --env {self.env_name}")
+        arguments = {}
+        for argument in fields(TaskArguments):
+            value = getattr(self, argument.name)
+            arguments[argument.name] = argument.default if value is None else value
         if self.mount:
             arguments["mount"] = parse_mounts(self.mount)
         for name in ("scene", "initialization", "motion_correction"):
@@ -68,7 +79,7 @@ class EnvironmentOptions(TaskArguments):
     @property
     def env_name(self) -> str:
         """Kind of the environment: "planar" or "field"."""
-        return self._family().env_name if self.family else self.env
+        return self._family().env_name if self.family else self.env or self.DEFAULT_ENV
 
     def _family(self) -> Any:
         from coopmap_env import families
@@ -84,7 +95,7 @@ class EnvironmentOptions(TaskArguments):
             value = getattr(self, option.name)
             if option.name in FREE_ARGUMENTS:
                 arguments[option.name] = value
-            elif option.name != "family" and value != option.default:
+            elif option.name != "family" and value not in ("", None):
                 raise ValueError(
                     f"--{option.name.replace('_', '-')} belongs to --family {self.family}, which "
                     "has its own: leave it out"

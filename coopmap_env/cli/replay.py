@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
@@ -22,7 +22,9 @@ class Replay(EnvironmentOptions):
 
     out: Path
     """The HTML file."""
-    env: Literal["field"] = "field"
+    DEFAULT_ENV: ClassVar[Literal["planar", "field"]] = "field"
+
+    env: Literal["", "field"] = ""
     """Only field episodes have a replay."""
     policy: str = "rating_function:search=100"
     """Name with options: name:key=value+key=value."""
@@ -36,6 +38,11 @@ class Replay(EnvironmentOptions):
         from coopmap_env.evaluation import make_policy
         from coopmap_env.evaluation.replay import record_replay, write_replay
 
+        if self.env_name != "field":
+            raise ValueError(
+                f"only field episodes have a replay, and --family {self.family} is "
+                f"{self.env_name}: choose a family of field worlds"
+            )
         policy = make_policy(self.policy)
         env = self.make_env(self.split)
         try:

@@ -66,7 +66,7 @@ def test_make_policies_trains_it_as_its_record_says(name):
     assert settings | recorded["ppo"] == settings  # there may be newer ones
     for option in ("engine", "init_from", "imitate", "validation_episodes"):
         assert getattr(command, option) == recorded[option]
-    assert command.env == recorded["env"]["name"]
+    assert command.env_name == recorded["env"]["name"]
     assert command.env_kwargs().items() >= recorded["env"]["arguments"].items()
 
 

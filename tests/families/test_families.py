@@ -10,6 +10,7 @@ import pytest
 import coopmap_env
 from coopmap_env import families
 from coopmap_env.cli.environment import EnvironmentOptions
+from coopmap_env.cli.replay import Replay
 from coopmap_env.envs import registration
 from coopmap_env.evaluation import get_env_spec
 from coopmap_env.families.freeze import hashes_of
@@ -129,13 +130,29 @@ def test_the_option_family_stands_for_scene_team_and_budget():
 
 @pytest.mark.parametrize(
     ("option", "value"),
-    [("scene", "rooms"), ("max_scans", 3), ("n_robots", 3), ("max_time", 9.0), ("env", "field")],
+    [
+        ("scene", "rooms"),
+        ("max_scans", 3),
+        ("max_scans", 16),  # the default of the environment
+        ("n_robots", 2),
+        ("max_time", 9.0),
+        ("env", "field"),
+        ("env", "planar"),
+        ("physics", "kinematic"),
+    ],
 )
 def test_what_a_family_has_of_its_own_is_no_option_beside_it(option, value):
     options = EnvironmentOptions(family="crowded", **{option: value})
     wanted = f"--{option.replace('_', '-')} belongs to --family crowded"
     with pytest.raises(ValueError, match=wanted):
         options.env_kwargs()
+
+
+def test_a_replay_takes_field_families_alone(tmp_path):
+    assert Replay(out=tmp_path).env_name == "field"
+    assert Replay(out=tmp_path, family="occluded").env_kwargs()["mount"] == "mast"
+    with pytest.raises(ValueError, match="only field episodes have a replay, and --family crowded"):
+        Replay(out=tmp_path, family="crowded").run()
 
 
 def test_an_unknown_family_is_an_error_of_one_line():
