@@ -1,10 +1,12 @@
-"""Members of ZIP archives, read with limits and with errors that name the archive."""
+"""Members of ZIP archives, and gzip files, read with limits and with errors that name the file."""
 
 from __future__ import annotations
 
+import gzip
 import io
 import os
 import zipfile
+import zlib
 from collections.abc import Iterable
 
 from coopmap_env.core.files import FileError, read_bytes
@@ -75,3 +77,28 @@ def unpack_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
             f"{member.filename} has {len(unpacked)} bytes, not {member.file_size}"
         )
     return bytes(unpacked)
+
+
+def read_gzip(path: str | os.PathLike[str], error_type: type[FileError] = FileError) -> bytes:
+    """Unpacked content of a gzip file, within the limit of `coopmap_env.core.limits`.
+
+    Raises
+    ------
+    error_type
+        With the file, if it cannot be read (see `coopmap_env.core.files.read_bytes`), is no gzip
+        file, or is broken or too large.
+    """
+    packed, unpacked = io.BytesIO(read_bytes(path, error_type)), bytearray()
+    try:
+        with gzip.GzipFile(fileobj=packed) as file:
+            while piece := file.read(_PIECE):
+                unpacked += piece
+                check_bytes(len(unpacked), "the unpacked file")
+    except (OSError, EOFError, zlib.error, ValueError) as error:
+        raise error_type(f"{path}: not a gzip file that can be read: {error}") from error
+    return bytes(unpacked)
+
+
+def gzipped(content: bytes) -> bytes:
+    """A gzip file of some content; equal contents give equal bytes with the same zlib."""
+    return gzip.compress(content, mtime=0)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from functools import lru_cache, partial
 from typing import Any
 
-from coopmap_env.core.caches import thread_cache
+from coopmap_env.core.caches import json_cache
 from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs import MappingEnv
@@ -62,22 +61,21 @@ def _fingerprint(policy: str) -> str:
     return str(getattr(make_policy(policy), "fingerprint", ""))
 
 
-@thread_cache(maxsize=4)
-def _env(arguments: str) -> tuple[MappingEnv[Any], EvaluatorFor]:
+@json_cache(maxsize=4)
+def _env(values: dict[str, Any]) -> tuple[MappingEnv[Any], EvaluatorFor]:
     """An environment, and the surface evaluators of its worlds, which all policies share.
 
     An evaluator refers to its environment: they are remembered together.
     """
-    values = json.loads(arguments)
     arguments_and_scores = {**values["env_kwargs"], "report_shown": True}
     env = make_env(values["env_name"], arguments_and_scores, values["settings"])
     return env, lru_cache(maxsize=N_EVALUATORS)(partial(make_surface_evaluator, env))
 
 
-@thread_cache(maxsize=128)
-def _policy(spec: str, arguments: str) -> Policy:
+@json_cache(maxsize=128)
+def _policy(spec: str, env_values: dict[str, Any]) -> Policy:
     policy = make_policy(spec)
-    warm_up(_env(arguments)[0], policy)
+    warm_up(_env(env_values)[0], policy)
     return policy
 
 
@@ -87,7 +85,6 @@ def run_job(job: Job) -> Result:
     Later jobs of the thread reuse environment, policy and evaluator of the surface.
     """
     env_values = {name: value for name, value in job.items() if name not in POLICY_KEYS}
-    arguments = json.dumps(env_values, sort_keys=True)
-    policy = _policy(job["policy"], arguments)
-    env, evaluator_for = _env(arguments)
+    policy = _policy(job["policy"], env_values)
+    env, evaluator_for = _env(env_values)
     return asdict(run_episode(env, policy, job["seed"], evaluator_for))

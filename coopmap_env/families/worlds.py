@@ -57,6 +57,11 @@ def frozen_hashes(name: str) -> dict[str, Any]:
     return values
 
 
+def n_frozen(family: Family, split: str) -> int:
+    """Number of the frozen worlds of a split."""
+    return len(frozen_hashes(family.name)[split])
+
+
 def check_world(family: Family, env: MappingEnv[Any], seed: int) -> None:
     """Compare the world of an environment of this family, after its reset, with the frozen one.
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.core.caches import thread_cache
+from coopmap_env.core.caches import json_cache
 from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs import MappingEnv
@@ -80,7 +79,7 @@ def bound_worlds(
 
 def run_bound_job(job: Job) -> Result:
     """Bound what can be shown in a world, or check the bound that was found before."""
-    env = _env(json.dumps([job["env_name"], job["env_kwargs"], job["settings"]]))
+    env = _env(job["env_name"], job["env_kwargs"], job["settings"])
     env.reset(seed=job["seed"])
     assert isinstance(env, PlanarEnv)
     n_scans = scans_in_time(env.max_scans, env.max_time, env.settings.scan_time)
@@ -90,10 +89,7 @@ def run_bound_job(job: Job) -> Result:
     return {"bounds": found.bounds.tolist(), "choice_shown": found.choice_shown.tolist()}
 
 
-@thread_cache(maxsize=2)
-def _env(arguments: str) -> MappingEnv[Any]:
-    env_name, env_kwargs, settings = json.loads(arguments)
-    return make_env(env_name, env_kwargs, settings)
+_env: Callable[..., MappingEnv[Any]] = json_cache(maxsize=2)(make_env)
 
 
 def _is_bound(result: Any) -> bool:

@@ -27,8 +27,8 @@ class Submit:
     policy: str
     """Name with options: name:key=value+key=value."""
     out: Path
-    """The file. Finished episodes are kept in the folder of the same name that ends in .episodes,
-    which can be removed afterwards."""
+    """The file, packed with gzip if the name ends in .gz. Finished episodes are kept in the folder
+    of the same name that ends in .episodes, which can be removed afterwards."""
     episodes: int = 200
     """Worlds, from the first one on."""
     action_mode: ActionModeName = "pose"

@@ -9,7 +9,6 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterable
-from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,9 +18,9 @@ import numpy as np
 import coopmap_env
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log as log_line
-from coopmap_env.core.version import __version__
 from coopmap_env.evaluation.jobs import Job, Result, run_jobs
 from coopmap_env.studies.common.records import significant
+from coopmap_env.studies.common.versions import versions
 from coopmap_env.studies.equality import (
     Case,
     Counts,
@@ -117,7 +116,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of worlds and actions")
     parser.add_argument("--workers", type=int, default=1, help="cases at a time")
     options = parser.parse_args(arguments)
-    record: dict[str, Any] = {"seed": options.seed, "versions": versions()}
+    record: dict[str, Any] = {"seed": options.seed, "versions": own_versions()}
     for kind, n_steps in {"planar": options.planar_steps, "field": options.field_steps}.items():
         if n_steps > 0:
             record[kind] = play_cases(
@@ -132,14 +131,9 @@ def main(arguments: list[str] | None = None) -> None:
     log_line(f"no difference; record: {options.out}")
 
 
-def versions() -> dict[str, str]:
-    """Versions of what decides the bits."""
-    return {
-        "coopmap": __version__,
-        "python": platform.python_version(),
-        "processor": platform.machine(),
-        **{name: version(name) for name in ("numpy", "numba", "gymnasium")},
-    }
+def own_versions() -> dict[str, str]:
+    """Versions of what decides the bits, and the kind of processor."""
+    return {**versions(("numpy", "numba", "gymnasium")), "processor": platform.machine()}
 
 
 if __name__ == "__main__":

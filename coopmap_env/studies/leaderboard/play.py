@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,8 @@ from typing import Any, TypedDict
 import numpy as np
 
 from coopmap_env import families
-from coopmap_env.core.caches import thread_cache
+from coopmap_env.core.caches import json_cache
+from coopmap_env.core.files import FileError
 from coopmap_env.core.json_types import has_type
 from coopmap_env.core.version import __version__
 from coopmap_env.envs import MappingEnv
@@ -26,11 +27,11 @@ from coopmap_env.evaluation import (
     run_jobs,
 )
 from coopmap_env.evaluation.rollout import warm_up
-from coopmap_env.families import N_WORLDS
-from coopmap_env.families.worlds import definition_hash
+from coopmap_env.families import Family
+from coopmap_env.families.worlds import definition_hash, n_frozen
 from coopmap_env.studies.leaderboard.private_worlds import Salt, world_seed
 from coopmap_env.studies.leaderboard.replay import map_hash, scores_of
-from coopmap_env.studies.leaderboard.reported import machine, model_size, versions
+from coopmap_env.studies.leaderboard.reported import machine, model_size, own_versions
 from coopmap_env.studies.leaderboard.submission import (
     FEWEST_WORLDS,
     FORMAT,
@@ -38,6 +39,7 @@ from coopmap_env.studies.leaderboard.submission import (
     EpisodeRecord,
     Options,
     Submission,
+    check_head,
     make_env,
     write_submission,
 )
@@ -48,12 +50,11 @@ class _Played(TypedDict):
 
     record: EpisodeRecord
     decision_ms: float
-    model: dict[str, int | None]
 
 
-def check_n_worlds(n_worlds: int, is_private: bool) -> None:
-    """ValueError unless a submission can have so many worlds."""
-    most = N_WORLDS[SPLIT]
+def check_n_worlds(family: Family, n_worlds: int, is_private: bool) -> None:
+    """ValueError unless a submission to a family can have so many worlds."""
+    most = n_frozen(family, SPLIT)
     if n_worlds < FEWEST_WORLDS or (n_worlds > most and not is_private):
         limit = f"from {FEWEST_WORLDS} to {most}, as many as are frozen"
         raise ValueError(
@@ -74,6 +75,9 @@ def submit(
 ) -> Submission:
     """Play a policy on the first test worlds of a family, and write the submission.
 
+    What cannot be written is refused before the first episode: all but the episodes is checked as
+    it will be read (`check_head`).
+
     Parameters
     ----------
     family : str
@@ -82,8 +86,8 @@ def submit(
     n_worlds : int
     options : Options
     path : Path
-        Of the file. Finished episodes are kept in the folder of the same name that ends in
-        ``.episodes``: the same call resumes an interrupted one.
+        Of the file; see `write_submission`. Finished episodes are kept in the folder of the same
+        name that ends in ``.episodes``: the same call resumes an interrupted one.
     workers : int
         Episodes at a time; only the times of decisions depend on it.
     salt : Salt, optional
@@ -94,36 +98,22 @@ def submit(
     Raises
     ------
     ValueError
-        If the family, the policy, an option or the number of worlds is not accepted.
+        If the family, the policy, an option or the number of worlds is not accepted, or something
+        that the submission would state.
+    FileError
+        If there is a folder in place of the file.
     WorldMismatchError
         If a world is not the frozen one.
     """
-    check_n_worlds(n_worlds, salt is not None)
-    chosen = families.get(family)
+    chosen, name = families.get(family), Path(path.name.removesuffix(".gz"))
+    folder = path.with_name(f"{name.stem}.episodes")
+    check_n_worlds(chosen, n_worlds, salt is not None)
+    if path.is_dir() or path == folder:
+        raise FileError(f"{path} is a folder, or the one of the episodes: name a file")
     made = make_policy(policy)
     with closing(make_env(family, options)) as env:
-        warm_up(env, made)  # what does not fit is refused before any episode is played
-    fingerprint, files = str(getattr(made, "fingerprint", "")), file_hashes(policy, "", "")
-    jobs: list[Job] = [
-        {
-            "version": __version__,
-            "family": family,
-            "definition": definition_hash(chosen),
-            "options": dict(options),
-            "policy": policy,
-            "fingerprint": fingerprint,
-            "files": files,
-            "world": world,
-            "seed": world_seed(salt, family, world),
-            "is_private": salt is not None,
-        }
-        for world in range(n_worlds)
-    ]
-    folder, is_valid = (
-        path.with_name(f"{path.stem}.episodes"),
-        partial(has_type, annotation=_Played),
-    )
-    played = run_jobs(play_job, jobs, folder, workers, progress, is_valid)
+        warm_up(env, made)
+    size = model_size(made)
     submission: Submission = {
         "format": FORMAT,
         "family": family,
@@ -131,28 +121,47 @@ def submit(
         "split": SPLIT,
         "private": None if salt is None else salt.digest,
         "policy": policy,
-        "fingerprint": fingerprint,
-        "files": files,
+        "fingerprint": str(getattr(made, "fingerprint", "")),
+        "files": file_hashes(policy, "", ""),
         "options": options,
         "n_worlds": n_worlds,
         "reported": {
-            "decision_ms": float(np.mean([one["decision_ms"] for one in played])),
-            "model_bytes": played[0]["model"]["model_bytes"],
-            "n_parameters": played[0]["model"]["n_parameters"],
+            "decision_ms": 0.0,
+            "model_bytes": size["model_bytes"],
+            "n_parameters": size["n_parameters"],
             "machine": machine(),
-            "versions": versions(),
+            "versions": own_versions(),
         },
-        "episodes": [one["record"] for one in played],
+        "episodes": [],
     }
+    check_head(submission)
+    jobs: list[Job] = [
+        {
+            "version": __version__,
+            "family": family,
+            "definition": submission["definition"],
+            "options": dict(options),
+            "policy": policy,
+            "fingerprint": submission["fingerprint"],
+            "files": submission["files"],
+            "world": world,
+            "seed": world_seed(salt, family, world),
+            "is_private": salt is not None,
+        }
+        for world in range(n_worlds)
+    ]
+    is_valid = partial(has_type, annotation=_Played)
+    played = run_jobs(play_job, jobs, folder, workers, progress, is_valid)
+    submission["reported"]["decision_ms"] = float(np.mean([one["decision_ms"] for one in played]))
+    submission["episodes"] = [one["record"] for one in played]
     write_submission(path, submission)
     return submission
 
 
 def play_job(job: Job) -> Result:
     """Play the episode of a job; later jobs of the thread reuse environment and policy."""
-    key = env_key(job)
-    env = remembered_env(key)
-    policy = _policy(job["policy"], key)
+    env = remembered_env(job["family"], job["options"])
+    policy = _policy(job["policy"], job["family"], job["options"])
     steps = rollout(env, policy, job["seed"])
     if not job["is_private"]:
         families.check_world(families.get(job["family"]), env, job["seed"])
@@ -169,11 +178,7 @@ def play_job(job: Job) -> Result:
         "scores": scores_of(episode),
         "map_hash": map_hash(env.belief().map),
     }
-    return {
-        "record": record,
-        "decision_ms": episode.planning_time_ms,
-        "model": model_size(policy),
-    }
+    return {"record": record, "decision_ms": episode.planning_time_ms}
 
 
 def _as_json(action: Any) -> int | list[float]:
@@ -182,20 +187,12 @@ def _as_json(action: Any) -> int | list[float]:
     return int(values) if values.ndim == 0 else [float(value) for value in values]
 
 
-def env_key(job: Job) -> str:
-    """What decides the environment of a job."""
-    return json.dumps({name: job[name] for name in ("family", "options")}, sort_keys=True)
+remembered_env: Callable[[str, Options], MappingEnv[Any]] = json_cache(maxsize=4)(make_env)
+"""`make_env`; later jobs of the thread get the same environment."""
 
 
-@thread_cache(maxsize=4)
-def remembered_env(key: str) -> MappingEnv[Any]:
-    """The environment of a family and options, as JSON."""
-    values = json.loads(key)
-    return make_env(values["family"], values["options"])
-
-
-@thread_cache(maxsize=4)
-def _policy(spec: str, key: str) -> Policy:
+@json_cache(maxsize=4)
+def _policy(spec: str, family: str, options: Options) -> Policy:
     policy = make_policy(spec)
-    warm_up(remembered_env(key), policy)
+    warm_up(remembered_env(family, options), policy)
     return policy

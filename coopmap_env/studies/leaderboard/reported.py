@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import platform
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.core.version import __version__
+from coopmap_env.studies.common.versions import versions
 
 LIBRARIES = (
     "numpy", "scipy", "numba", "gymnasium", "pettingzoo", "torch", "pybullet", "embreex",
@@ -17,20 +16,14 @@ LIBRARIES = (
 CPU_INFO = Path("/proc/cpuinfo")
 
 
-def versions() -> dict[str, str]:
+def own_versions() -> dict[str, str]:
     """Versions of coopmap, Python and `LIBRARIES`."""
-    found = {"coopmap": __version__, "python": platform.python_version()}
-    for name in LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    return versions(LIBRARIES)
 
 
 def other_versions(stated: dict[str, str]) -> list[str]:
     """What differs from the versions that run here, such as "numpy 2.0.0 (here 2.4.1)"."""
-    own = versions()
+    own = own_versions()
     return [
         f"{name} {text} (here {own.get(name, 'none')})"
         for name, text in stated.items()

@@ -15,7 +15,7 @@ from coopmap_env.evaluation import BOOTSTRAP_SEED, Job, Result, run_jobs
 from coopmap_env.evaluation.comparison import EFFICIENCY_SCORES
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
 from coopmap_env.studies.common.pages import format_interval
-from coopmap_env.studies.leaderboard.play import env_key, remembered_env
+from coopmap_env.studies.leaderboard.play import remembered_env
 from coopmap_env.studies.leaderboard.private_worlds import Salt, world_seed
 from coopmap_env.studies.leaderboard.replay import ReplayError, replay_episode
 from coopmap_env.studies.leaderboard.reported import other_versions
@@ -140,7 +140,7 @@ def score_job(job: Job) -> Result:
     ReplayError
         With the world and what differs.
     """
-    env, family = remembered_env(env_key(job)), families.get(job["family"])
+    env, family = remembered_env(job["family"], job["options"]), families.get(job["family"])
     episode = replay_episode(env, family, job["seed"], job["record"], job["is_private"])
     if job["bounds"] is None:
         return {"efficiency": None}
@@ -150,7 +150,9 @@ def score_job(job: Job) -> Result:
 
 
 def expand(paths: Sequence[Path]) -> list[Path]:
-    """The files of some paths: themselves, and all ``*.json`` of folders; each once.
+    """The files of some paths: themselves, and all ``*.json`` and ``*.json.gz`` of folders.
+
+    Each once.
 
     Raises
     ------
@@ -159,9 +161,11 @@ def expand(paths: Sequence[Path]) -> list[Path]:
     """
     files: dict[Path, Path] = {}
     for path in paths:
-        inside = sorted(path.glob("*.json")) if path.is_dir() else [path]
+        inside = [path]
+        if path.is_dir():
+            inside = sorted([*path.glob("*.json"), *path.glob("*.json.gz")])
         if not inside:
-            raise FileError(f"{path} has no *.json")
+            raise FileError(f"{path} has no *.json and no *.json.gz")
         for file in inside:
             files.setdefault(file.resolve(), file)
     return list(files.values())

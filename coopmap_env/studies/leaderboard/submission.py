@@ -1,19 +1,21 @@
 """The file of a submission: what was played, all actions and scores, and what is reported.
 
-JSON, without seeds: a world has its number, and what makes it is the family's definition, or the
-salt of private worlds. What `coopmap_env.studies.leaderboard.replay` cannot verify stands under
-``reported``.
+JSON, packed with gzip if its name ends in ``.gz``. It has no seeds: a world has its number, and
+what makes it is the family's definition, or the salt of private worlds. What
+`coopmap_env.studies.leaderboard.replay` cannot verify stands under ``reported``.
 """
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from contextlib import closing
 from typing import Any, Literal, TypedDict, get_type_hints
 
 from coopmap_env import families
-from coopmap_env.core.files import FileError, brief, read_text, write_atomically
+from coopmap_env.core.archives import gzipped, read_gzip
+from coopmap_env.core.files import FileError, brief, read_bytes, write_atomically
 from coopmap_env.core.json_types import has_type
 from coopmap_env.envs import MappingEnv
 from coopmap_env.families import Family
@@ -100,11 +102,19 @@ def make_env(family: str, options: Options) -> MappingEnv[Any]:
 
 
 def write_submission(path: str | os.PathLike[str], submission: Submission) -> None:
-    """Write a submission, whole or not at all; an episode is one line."""
+    """Write a submission, whole or not at all; an episode is one line.
+
+    It is packed with gzip, to a quarter, if the name ends in ``.gz``.
+    """
     rest = {name: value for name, value in submission.items() if name != "episodes"}
     head = json.dumps(rest, indent=1, allow_nan=False).removesuffix("\n}")
     episodes = ",\n".join(json.dumps(one, allow_nan=False) for one in submission["episodes"])
-    write_atomically(path, f'{head},\n "episodes": [\n{episodes}\n ]\n}}\n')
+    content = f'{head},\n "episodes": [\n{episodes}\n ]\n}}\n'.encode()
+    write_atomically(path, gzipped(content) if _is_packed(path) else content)
+
+
+def _is_packed(path: str | os.PathLike[str]) -> bool:
+    return os.fspath(path).endswith(".gz")
 
 
 def read_submission(path: str | os.PathLike[str]) -> Submission:
@@ -116,7 +126,10 @@ def read_submission(path: str | os.PathLike[str]) -> Submission:
         With the file, if it is broken or of another form, its family is unknown or has another
         definition by now, or its worlds are not 0, 1, ... in this order.
     """
-    text = read_text(path, SubmissionError)
+    try:
+        text = (read_gzip if _is_packed(path) else read_bytes)(path, SubmissionError).decode()
+    except UnicodeDecodeError as error:
+        raise SubmissionError(f"{path}: expected UTF-8 text: {error}") from error
     try:
         value = json.loads(text, parse_constant=_reject_constant, object_pairs_hook=_distinct)
     except (ValueError, RecursionError) as error:
@@ -146,6 +159,19 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _check(value: dict[str, Any]) -> None:
     """ValueError unless it has the form of a submission to a family of this version."""
+    check_head(value)
+    _check_worlds(value["n_worlds"], [episode["world"] for episode in value["episodes"]])
+
+
+def check_head(value: Mapping[str, Any]) -> None:
+    """Check the form of a submission, and what it states beside its episodes.
+
+    Raises
+    ------
+    ValueError
+        If an entry is missing or not of its type, a text is too long or not printable, or the
+        family is unknown, has another definition or does not accept the options.
+    """
     _check_types(value)
     _check_texts({name: one for name, one in value.items() if name != "episodes"})
     _check_reported(value["reported"])
@@ -158,10 +184,9 @@ def _check(value: dict[str, Any]) -> None:
             pass
     except ValueError as error:
         raise ValueError(f"options {brief(value['options'])}: {error}") from error
-    _check_worlds(value["n_worlds"], [episode["world"] for episode in value["episodes"]])
 
 
-def _check_types(value: dict[str, Any]) -> None:
+def _check_types(value: Mapping[str, Any]) -> None:
     """Entry by entry, so that the message says which one is wrong."""
     hints = get_type_hints(Submission)
     for name in (*hints, *value):

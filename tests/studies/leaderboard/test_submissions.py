@@ -1,5 +1,6 @@
 """Submissions replay bit for bit, and whatever is wrong in one is found and named."""
 
+import gzip
 import json
 import math
 
@@ -12,7 +13,7 @@ from coopmap_env.core.files import FileError
 from coopmap_env.evaluation import evaluate, make_policy, rollout
 from coopmap_env.studies.leaderboard import play, score
 from coopmap_env.studies.leaderboard.private_worlds import Salt, read_salt
-from coopmap_env.studies.leaderboard.reported import versions
+from coopmap_env.studies.leaderboard.reported import own_versions
 from coopmap_env.studies.leaderboard.score import score_file
 from coopmap_env.studies.leaderboard.submission import (
     SubmissionError,
@@ -82,7 +83,7 @@ def test_actions_are_read_back_to_the_same_bits(files):
 def test_a_submission_says_what_was_played_where(files):
     submission = read_submission(files["candidates"])
     reported = submission["reported"]
-    assert reported["versions"] == versions()
+    assert reported["versions"] == own_versions()
     assert set(reported["machine"]) == {"processor", "cores", "system"}
     assert reported["decision_ms"] > 0
     assert reported["model_bytes"] is reported["n_parameters"] is None
@@ -130,19 +131,63 @@ def test_another_policy_or_mode_does_not_use_stored_episodes(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"n_worlds": 1}, "episodes must be from 2 to 200, as many as are frozen, got 1"),
-        ({"n_worlds": 201}, "from 2 to 200"),
+        ({"n_worlds": 1}, "episodes must be from 2 to 4, as many as are frozen, got 1"),
+        ({"n_worlds": N_FROZEN + 1}, "from 2 to 4, as many as are frozen, got 5"),
         ({"n_worlds": 1, "salt": SALT}, "episodes must be at least 2, got 1"),
         ({"family": "huge"}, "unknown family 'huge'"),
         ({"policy": "nobody"}, "unknown policy 'nobody'"),
         ({"options": {**CANDIDATES, "n_candidates": 0}}, "n_candidates"),
-        ({"n_worlds": N_FROZEN + 1}, "4 frozen worlds"),
+        ({"options": {**CANDIDATES, "reward": "coverage"}}, "options is not of its type"),
+        ({"policy": f"random:{'+' * 300}"}, "texts must be .* of at most 300 characters"),
+        ({"policy": "random:+\x1b"}, "written key=value"),
     ],
 )
-def test_what_cannot_be_played_is_refused(arguments, message, tmp_path):
+def test_what_cannot_be_played_is_refused_before_the_first_episode(arguments, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         play_to(tmp_path / "none.json", **arguments)
-    assert not (tmp_path / "none.json").exists()
+    assert not list(tmp_path.iterdir())
+
+
+class Boastful:
+    """A policy that says of itself what no submission can state."""
+
+    def __init__(self, **said):
+        vars(self).update(said)
+
+    def reset(self, rng):
+        pass
+
+    def act(self, belief, observations):
+        return {agent: belief.actions.encode(0, p, belief) for agent, p in self.poses(belief)}
+
+    def poses(self, belief):
+        return zip(belief.agents, belief.pose_ids, strict=True)
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"fingerprint": "x" * 301}, "texts must be printable and of at most 300 characters"),
+        ({"fingerprint": "a\nb"}, "texts must be printable"),
+        ({"n_parameters": -1}, "n_parameters must be at least 0, got -1"),
+        ({"model_bytes": 2**64}, "reported is not of its type"),
+    ],
+)
+def test_what_a_policy_says_of_itself_is_checked_before_the_first_episode(
+    said, message, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(play, "make_policy", lambda spec: Boastful(**said))
+    with pytest.raises(ValueError, match=message):
+        play_to(tmp_path / "none.json")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_in_place_of_the_file_is_named_before_the_first_episode(tmp_path):
+    (tmp_path / "board").mkdir()
+    for name in ("board", "frontier.episodes"):
+        with pytest.raises(FileError, match=f"{name} is a folder, or the one of the episodes"):
+            play_to(tmp_path / name)
+    assert not list((tmp_path / "board").iterdir())
 
 
 def tampered(path, folder, change):
@@ -313,6 +358,43 @@ def test_what_is_no_json_of_a_submission_is_named(what, files, tmp_path):
     assert str(path) in str(raised.value)
 
 
+def test_a_packed_submission_is_the_same_in_fewer_bytes(files, tmp_path):
+    submission = read_submission(files["pose"])
+    for folder in ("one", "two"):
+        write_submission(tmp_path / folder / "pose.json.gz", submission)
+    packed = tmp_path / "one" / "pose.json.gz"
+    assert packed.read_bytes() == (tmp_path / "two" / "pose.json.gz").read_bytes()
+    assert read_submission(packed) == submission
+    assert packed.stat().st_size < 0.5 * files["pose"].stat().st_size
+    assert score.expand([packed.parent]) == [packed]
+
+
+def test_episodes_of_a_packed_submission_are_beside_it(tmp_path):
+    play_to(tmp_path / "random.json.gz", n_worlds=2)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["random.episodes", "random.json.gz"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "expected JSON"),
+        (b"{}", "not a gzip file"),
+        (gzip.compress(b"\xff"), "UTF-8"),
+        (
+            gzip.compress(bytes(3_000_000)),
+            "the unpacked file has .* more than the limit of 100,000",
+        ),
+        (gzip.compress(b"{}" * 99)[:-12], "not a gzip file that can be read"),
+    ],
+)
+def test_what_is_no_packed_submission_is_named(content, message, tmp_path, monkeypatch):
+    monkeypatch.setenv("COOPMAP_MAX_BYTES", "100000")
+    path = tmp_path / "bad.json.gz"
+    path.write_bytes(content)
+    with pytest.raises(SubmissionError, match=rf"bad\.json\.gz: .*{message}"):
+        read_submission(path)
+
+
 def test_a_file_that_is_not_there_or_no_text_is_named(tmp_path):
     with pytest.raises(SubmissionError, match=r"none\.json: there is no such file"):
         read_submission(tmp_path / "none.json")
@@ -395,5 +477,5 @@ def test_a_folder_stands_for_its_json_files_each_once(files):
 
 
 def test_a_folder_without_submissions_is_named(tmp_path):
-    with pytest.raises(FileError, match=r"has no \*\.json"):
+    with pytest.raises(FileError, match=r"has no \*\.json and no"):
         score.expand([tmp_path])
