@@ -38,6 +38,14 @@ class BoundSearch(Settings):
     tolerance: Annotated[float, Bounds(at_least=0, largest=1)] = 0.01
     """Relative gap between the bound and the choice at which the search ends."""
 
+    def is_as_long_as(self, other: BoundSearch) -> bool:
+        """Whether it does not end before another one, whatever ends it."""
+        return (
+            self.n_exchanges >= other.n_exchanges
+            and self.n_rounds >= other.n_rounds
+            and self.tolerance <= other.tolerance
+        )
+
 
 class ShownBound(NamedTuple):
     """How many cells can be shown in a world."""

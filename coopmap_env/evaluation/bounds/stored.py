@@ -104,18 +104,24 @@ def load_bound(path: str | os.PathLike[str], views: Views) -> ShownBound:
 def kept_bound(path: Path, views: Views, n_scans: int) -> ShownBound:
     """The bound of n scans in a file, which is checked; one that is missing is searched and kept.
 
+    So is one of a shorter search than the default `BoundSearch`: it holds, but it is loose, and
+    efficiencies by it would be too low. How long the search was, the file says itself. Who must not
+    believe that keeps files of their own.
+
     Raises
     ------
     BoundFileError
         See `load_bound`; or if it is of another number of scans.
     """
-    if not path.exists():
-        found = bound_shown(views, n_scans)
-        save_bound(path, found, views)
-        return found
-    found = load_bound(path, views)
-    if len(found.bounds) != n_scans + 1:
-        raise BoundFileError(f"{path} has bounds of {len(found.bounds) - 1} scans, not {n_scans}")
+    if path.exists():
+        kept = load_bound(path, views)
+        n_kept = len(kept.bounds) - 1
+        if n_kept != n_scans:
+            raise BoundFileError(f"{path} has bounds of {n_kept} scans, not {n_scans}")
+        if kept.search.is_as_long_as(BoundSearch()):
+            return kept
+    found = bound_shown(views, n_scans)
+    save_bound(path, found, views)
     return found
 
 

@@ -20,7 +20,7 @@ class Score:
 
     For example:
       coopmap score results/board/frontier.json
-      coopmap score results/board --page results/board/index.html --bounds results/bounds
+      coopmap score results/board --page results/board/index.html
       coopmap score --no-efficiency --salt salt results/private
     """
 
@@ -29,8 +29,9 @@ class Score:
     page: Path | None = None
     """HTML page with a table for each family."""
     bounds: Path | None = None
-    """Folder in which upper bounds of worlds are kept, by default "bounds" beside each file. Those
-    that are missing are searched: seconds to a minute for a world."""
+    """Folder in which upper bounds of worlds are kept, by default one for temporary files that is
+    yours alone. Those that are missing are searched: seconds to a minute for a world. Those of
+    others hold, but efficiencies by them can be too low."""
     efficiency: bool = True
     """Whether to compare with the bounds."""
     salt: Path | None = None
@@ -44,15 +45,16 @@ class Score:
         from coopmap_env.studies.leaderboard.page import write_page
         from coopmap_env.studies.leaderboard.private_worlds import read_salt
         from coopmap_env.studies.leaderboard.submission import SubmissionError
+        from coopmap_env.studies.leaderboard.world_bounds import own_folder
 
         paths = score.expand(self.files)
         if not paths:
             raise ValueError("no files to score")
+        bounds = (self.bounds or own_folder()) if self.efficiency else None
         salt = None if self.salt is None else read_salt(self.salt)
         scored: list[score.Scored] = []
         failed: dict[Path, str] = {}
         for path in paths:
-            bounds = (self.bounds or path.parent / "bounds") if self.efficiency else None
             try:
                 scored.append(score.score_file(path, salt, bounds, self.workers))
             except FileError as error:

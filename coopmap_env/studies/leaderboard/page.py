@@ -1,4 +1,8 @@
-"""The page of the leaderboard: one table for each family."""
+"""The page of the leaderboard: one table for each family and number of worlds.
+
+Means over other worlds are other scores: easy worlds may be among the first ones. So submissions
+are ranked among those on the same worlds.
+"""
 
 from __future__ import annotations
 
@@ -17,31 +21,37 @@ from coopmap_env.studies.leaderboard.score import Scored, model_size_texts
 
 @dataclass(frozen=True)
 class Ranking:
-    """The submissions to one family on the same kind of worlds, the best first."""
+    """The submissions to one family on the same worlds, the best first."""
 
     family: str
     summary: str
     private: str | None
     """Hash of the salt, if the worlds are private."""
+    n_worlds: int
     score: str
     """What ranks: the efficiency of the area, or where bounds are missing the area of shown."""
     entries: tuple[Scored, ...]
 
 
 def rank(scored: Sequence[Scored]) -> list[Ranking]:
-    """Sort submissions into tables by family and salt, and by score within them."""
-    groups: dict[tuple[str, str], list[Scored]] = {}
+    """Sort submissions into tables of the same worlds, and by score within them.
+
+    Of a family, public worlds come before private ones, and more worlds before fewer.
+    """
+    groups: dict[tuple[str, str, int], list[Scored]] = {}
     for one in scored:
-        key = (one.submission["family"], one.submission["private"] or "")
+        submission = one.submission
+        key = (submission["family"], submission["private"] or "", -submission["n_worlds"])
         groups.setdefault(key, []).append(one)
     return [_ranking(*key, groups[key]) for key in sorted(groups)]
 
 
-def _ranking(family: str, private: str, entries: list[Scored]) -> Ranking:
+def _ranking(family: str, private: str, minus_n_worlds: int, entries: list[Scored]) -> Ranking:
     is_bounded = all("efficiency_auc" in one.scores for one in entries)
     score = "efficiency_auc" if is_bounded else "shown_auc"
     order = sorted(entries, key=lambda one: (-one.scores[score].estimate, str(one.path)))
-    return Ranking(family, families.get(family).summary, private or None, score, tuple(order))
+    summary = families.get(family).summary
+    return Ranking(family, summary, private or None, -minus_n_worlds, score, tuple(order))
 
 
 def write_page(path: Path, scored: Sequence[Scored], failed: Mapping[Path, str]) -> None:

@@ -1,7 +1,9 @@
 """Upper bounds of worlds, in a folder that scores of all submissions share.
 
 A file is named by the family, its definition and the world's hash, not by the seed: private worlds
-have bounds, too. What is read is checked (`load_bound`), so a folder from elsewhere needs no trust.
+have bounds, too. What is read is checked (`load_bound`): it cannot be too low. It can be needlessly
+high, if somebody wrote it for that, and then efficiencies by it are too low. So the folder is the
+user's own (`own_folder`), unless another one is named.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from coopmap_env.core.files import private_folder
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import Episode
@@ -21,6 +24,17 @@ from coopmap_env.evaluation.bounds import (
 )
 from coopmap_env.families import Family, world_hash
 from coopmap_env.families.worlds import definition_hash
+
+
+def own_folder() -> Path:
+    """Where the bounds that this user has searched are kept: nobody else can write there.
+
+    Raises
+    ------
+    FileError
+        See `private_folder`.
+    """
+    return private_folder() / "bounds"
 
 
 def episode_efficiency(
@@ -40,7 +54,7 @@ def episode_efficiency(
     episode : Episode
         With a `shown_curve`.
     folder : Path
-        Of the bounds. One that is missing is searched and written.
+        Of the bounds. One that is missing, or whose search was short, is searched and written.
 
     Raises
     ------

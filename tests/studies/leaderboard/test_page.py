@@ -2,6 +2,7 @@
 
 import json
 import re
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ def small_families():
         yield
 
 
-def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, **reported):
+def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, n=200, **reported):
     values = dict.fromkeys(SCORES, 0.5) | {"shown_auc": shown_auc, "motion_distance": 50.0}
     if area is not None:
         values |= dict(zip(EFFICIENCY_SCORES, (0.75, area), strict=True))
@@ -37,7 +38,7 @@ def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, **rep
         "policy": policy,
         "fingerprint": "",
         "options": {"action_mode": "candidates", "n_candidates": 7},
-        "n_worlds": 200,
+        "n_worlds": n,
         "reported": {
             "decision_ms": 1.25,
             "model_bytes": None,
@@ -70,7 +71,6 @@ def test_the_area_ranks_and_where_bounds_are_missing_what_was_shown(tmp_path):
         "[74.0, 76.0]",
         "1.25",
         "candidates (7)",
-        ">200<",
     ):
         assert text in rows(page)[0]
 
@@ -92,12 +92,42 @@ def test_each_family_has_a_table_and_private_worlds_have_their_own(tmp_path):
     write_page(tmp_path / "page.html", entries, {})
     page = (tmp_path / "page.html").read_text()
     assert re.findall(r"<h2>(.*?)</h2>", page) == [
-        "hasty",
-        "tiny",
-        "tiny, private worlds of the salt ab",
+        "hasty, 200 worlds",
+        "tiny, 200 worlds",
+        "tiny, 200 private worlds of the salt ab",
     ]
     assert page.count("<table>") == 3
     assert "Tiny worlds with a clock." in page
+
+
+def test_only_submissions_on_the_same_worlds_are_ranked_with_each_other(tmp_path):
+    entries = [
+        made_up("few", 0.9, n=20),
+        made_up("many", 0.4),
+        made_up("few more", 0.8, n=20),
+        made_up("most", 0.5),
+        made_up("unbounded", None, n=50),
+    ]
+    tables = rank(entries)
+    assert [ranking.n_worlds for ranking in tables] == [200, 50, 20]
+    assert [[one.submission["policy"] for one in ranking.entries] for ranking in tables] == [
+        ["most", "many"],
+        ["unbounded"],
+        ["few", "few more"],
+    ]
+    assert [ranking.score for ranking in tables] == [
+        "efficiency_auc",
+        "shown_auc",
+        "efficiency_auc",
+    ]
+    write_page(tmp_path / "page.html", entries, {})
+    page = (tmp_path / "page.html").read_text()
+    assert re.findall(r"<h2>(.*?)</h2>", page) == [
+        "tiny, 200 worlds",
+        "tiny, 50 worlds",
+        "tiny, 20 worlds",
+    ]
+    assert "each number of worlds has a table of its own" in page
 
 
 def test_names_are_text_and_failures_are_listed(tmp_path):
@@ -145,13 +175,17 @@ def board(small_families, tmp_path_factory):
     return folder
 
 
-def test_the_command_scores_a_folder_and_writes_the_page(board, capsys):
+def test_the_command_scores_a_folder_and_writes_the_page(board, capsys, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(board / "temporary"))
+    (board / "bounds").mkdir()  # beside the files, a folder of others means nothing
     tyro.cli(Score, args=[str(board), "--salt", str(board / "salt"),
                           "--page", str(board / "page.html")]).run()  # fmt: skip
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("frontier ")
     assert "tiny, 2 private worlds" in second
-    assert len(list((board / "bounds").iterdir())) == 4
+    (own,) = (board / "temporary").iterdir()
+    assert len(list((own / "bounds").iterdir())) == 4
+    assert not list((board / "bounds").iterdir())
     page = (board / "page.html").read_text()
     assert 'href="frontier.json"' in page
     assert page.count('<td class="held">yes</td>') == 2
