@@ -25,7 +25,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Answers a line with the name of a case by its times.
 CASES := $(BIN)/python -P -m coopmap_env.studies.speed.cases > /dev/null
 
-.PHONY: setup check kernels test speed reproduce policies $(POLICIES) planners engines pictures clean
+.PHONY: setup check kernels test speed reproduce policies $(POLICIES) planners leaderboard engines pictures clean
 
 setup: .venv/.package
 
@@ -83,6 +83,11 @@ $(POLICIES): setup
 planners: setup
 	$(BIN)/python -m coopmap_env.studies.benchmark.tuning results/planner-tuning --workers 2
 	cp results/planner-tuning/tuned_planners.json coopmap_env/studies/benchmark/
+
+# The project's own entries on the leaderboard, as far as they are missing, and its page.
+leaderboard: setup
+	OMP_NUM_THREADS=1 $(BIN)/python -m coopmap_env.studies.leaderboard docs/leaderboard
+	$(BIN)/coopmap score docs/leaderboard --page docs/leaderboard/index.html
 
 # Speed of both engines of training, and their scores after equally long trainings.
 engines: setup

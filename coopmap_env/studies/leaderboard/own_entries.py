@@ -1,0 +1,77 @@
+"""The project's own entries on the leaderboard: its planners and its pretrained policies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from coopmap_env.studies.leaderboard.play import submit
+from coopmap_env.studies.leaderboard.submission import (
+    Options,
+    SubmissionError,
+    read_submission,
+)
+
+N_CANDIDATES = 100
+"""Of learned policies: as many poses as the planners with ``search=100`` draw."""
+POSES: Options = {"action_mode": "pose", "n_candidates": 32}
+CANDIDATES: Options = {"action_mode": "candidates", "n_candidates": N_CANDIDATES}
+
+
+class Entry(NamedTuple):
+    """A policy, and how it acts."""
+
+    policy: str
+    options: Options = POSES
+
+
+PLANNERS = {
+    "random": Entry("random"),
+    "raster": Entry("raster"),
+    "rating": Entry("rating_function:search=100"),
+    "rating-sequential": Entry("rating_function:search=100+coordination=sequential"),
+    "information-gain": Entry("information_gain:search=100+coordination=sequential"),
+    "coverage": Entry("coverage:search=300+coordination=sequential"),
+    "projection": Entry("projection:coordination=sequential"),
+    "frontier": Entry("frontier:coordination=sequential"),
+    "frontier-nearest": Entry("frontier:utility=nearest+coordination=sequential"),
+    "allocation": Entry("allocation"),
+    "tour": Entry("tour"),
+    "lookahead-one": Entry("lookahead:horizon=1"),
+    "lookahead": Entry("lookahead"),
+    "lookahead-joint": Entry("lookahead:coordination=joint"),
+}
+LEARNED = {
+    "planar": {
+        "learned": Entry("learned:model=planar-candidates", CANDIDATES),
+        "learned-rating": Entry("learned:model=planar-candidates-rating", CANDIDATES),
+        "learned-poses": Entry("learned:model=planar-pose"),
+    },
+    "field": {"learned": Entry("learned:model=field-candidates", CANDIDATES)},
+}
+"""By the kind of environment."""
+
+
+def is_current(path: Path, n_worlds: int) -> bool:
+    """Whether a file is a submission on so many worlds of the family as it is now."""
+    try:
+        return read_submission(path)["n_worlds"] == n_worlds
+    except SubmissionError:
+        return False
+
+
+def play_missing(
+    family: str, entries: dict[str, Entry], folder: Path, n_worlds: int, workers: int = 1
+) -> list[Path]:
+    """Play the entries of a family whose submissions are missing in a folder, or not current.
+
+    Returns
+    -------
+    list of Path
+        The files of all entries, ``FAMILY_NAME.json.gz``.
+    """
+    paths = {name: folder / f"{family}_{name}.json.gz" for name in entries}
+    for name, entry in entries.items():
+        if not is_current(paths[name], n_worlds):
+            submit(family, entry.policy, n_worlds, entry.options, paths[name], workers)
+    return list(paths.values())
