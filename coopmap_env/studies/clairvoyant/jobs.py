@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.core.caches import thread_cache
+from coopmap_env.core.caches import json_cache
 from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.planar import PlanarEnv
@@ -70,13 +69,12 @@ def play_clairvoyant(
 
 def run_clairvoyant_job(job: Job) -> Result:
     """Play an episode of a reference."""
-    env = _env(json.dumps([job["env_kwargs"], job["settings"]]))
+    env = _env(job["env_kwargs"], job["settings"])
     return asdict(run_episode(env, CLAIRVOYANT[job["reference"]](env), job["seed"]))
 
 
-@thread_cache(maxsize=2)
-def _env(arguments: str) -> PlanarEnv:
-    env_kwargs, settings = json.loads(arguments)
+@json_cache(maxsize=2)
+def _env(env_kwargs: dict[str, Any], settings: dict[str, Any]) -> PlanarEnv:
     env = make_env("planar", {**env_kwargs, "report_shown": True}, settings)
     assert isinstance(env, PlanarEnv)
     return env
