@@ -197,8 +197,9 @@ def with_efficiencies(
     with closing(get_env_spec(env_name).make(**env_kwargs, settings=settings)) as env:
         env.reset(seed=seeds[0])
         n_cells, scan_time = env.belief().map.grid.n_cells, env.belief().scan_time
+    most = [own.bounds for own in bounds]
     return {
-        name: evaluation.with_bounds(bounds, n_cells, scan_time)
+        name: evaluation.with_bounds(most, n_cells, scan_time)
         for name, evaluation in evaluations.items()
     }
 

@@ -11,7 +11,8 @@ from scipy import ndimage
 from coopmap_env.evaluation import rollout
 from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown
 from coopmap_env.studies.clairvoyant import ClairvoyantGreedy, ClairvoyantLookAhead, LookAhead
-from coopmap_env.studies.clairvoyant._true_rollouts import BASE, STRIDE
+from coopmap_env.studies.clairvoyant._base_choices import STRIDE
+from coopmap_env.studies.clairvoyant._true_rollouts import BASE
 
 SHORT = LookAhead(n_scans=4, n_tried=4)
 MODES = ({}, {"action_mode": "candidates", "n_candidates": 12})

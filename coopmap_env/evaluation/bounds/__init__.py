@@ -3,7 +3,7 @@
 from coopmap_env.evaluation.bounds.certificate import Certificate, PoseSets, ViewScores
 from coopmap_env.evaluation.bounds.efficiency import Efficiency, efficiency, scans_in_time
 from coopmap_env.evaluation.bounds.field_views import FieldViews
-from coopmap_env.evaluation.bounds.jobs import bound_worlds
+from coopmap_env.evaluation.bounds.jobs import WorldBound, bound_worlds
 from coopmap_env.evaluation.bounds.planar_views import PlanarViews
 from coopmap_env.evaluation.bounds.search import BoundSearch, ShownBound, bound_shown
 from coopmap_env.evaluation.bounds.stored import (
@@ -23,6 +23,7 @@ __all__ = [
     "PlanarViews",
     "PoseSets",
     "ShownBound",
+    "WorldBound",
     "ViewScores",
     "bound_shown",
     "bound_worlds",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,22 @@ from coopmap_env.evaluation.env_specs import get_env_spec, make_env
 from coopmap_env.evaluation.jobs import Job, Result, run_jobs
 
 
+class WorldBound(NamedTuple):
+    """How many cells can be shown in a world, before the first scan and after each (n + 1,)."""
+
+    bounds: NDArray[np.int64]
+    """At most."""
+    choice_shown: NDArray[np.int64]
+    """By the best choice of views that is known; see `ShownBound`."""
+    cpu_seconds: float
+    """Of the search; nan if the bound was read from a file."""
+
+    @property
+    def gap(self) -> float:
+        """See `ShownBound.gap`."""
+        return float(self.bounds[-1] / self.choice_shown[-1] - 1.0)
+
+
 def bound_worlds(
     seeds: Sequence[int],
     env_kwargs: dict[str, Any],
@@ -30,7 +48,7 @@ def bound_worlds(
     workers: int = 1,
     progress: bool = True,
     env_name: str = "planar",
-) -> list[NDArray[np.int64]]:
+) -> list[WorldBound]:
     """Bounds of what can be shown in the worlds of some seeds.
 
     Parameters
@@ -47,8 +65,8 @@ def bound_worlds(
 
     Returns
     -------
-    list of ndarray, shape (n + 1,)
-        Cells, before the first scan and after each; of as many scans as an episode can have.
+    list of WorldBound
+        Of as many scans as an episode can have.
 
     Raises
     ------
@@ -74,7 +92,14 @@ def bound_worlds(
         for seed in seeds
     ]
     results = run_jobs(run_bound_job, jobs, folder / "jobs", workers, progress, _is_bound)
-    return [np.array(result["bounds"], dtype=np.int64) for result in results]
+    return [
+        WorldBound(
+            np.array(result["bounds"], dtype=np.int64),
+            np.array(result["choice_shown"], dtype=np.int64),
+            math.nan if result["cpu_seconds"] is None else result["cpu_seconds"],
+        )
+        for result in results
+    ]
 
 
 def run_bound_job(job: Job) -> Result:
@@ -85,17 +110,25 @@ def run_bound_job(job: Job) -> Result:
     n_scans = scans_in_time(env.max_scans, env.max_time, env.settings.scan_time)
     views = PlanarViews.from_env(env, n_scans)
     path = Path(job["folder"]) / f"{views.digest[:16]}.npz"
+    is_searched, start = not path.exists(), time.process_time()
     found = kept_bound(path, views, n_scans)
-    return {"bounds": found.bounds.tolist(), "choice_shown": found.choice_shown.tolist()}
+    return {
+        "bounds": found.bounds.tolist(),
+        "choice_shown": found.choice_shown.tolist(),
+        "cpu_seconds": time.process_time() - start if is_searched else None,
+    }
 
 
 _env: Callable[..., MappingEnv[Any]] = json_cache(maxsize=2)(make_env)
 
 
 def _is_bound(result: Any) -> bool:
-    """Whether a stored result has bounds that do not fall."""
+    """Whether a stored result has bounds that do not fall, and what a choice shows."""
     try:
-        bounds = np.array(result["bounds"], dtype=np.int64)
+        bounds, shown = (np.array(result[n], dtype=np.int64) for n in ("bounds", "choice_shown"))
+        seconds = result["cpu_seconds"]
     except (TypeError, KeyError, ValueError, OverflowError):
         return False
-    return bounds.ndim == 1 and len(bounds) > 1 and bool((np.diff(bounds) >= 0).all())
+    has_curves = bounds.ndim == 1 and len(bounds) > 1 and shown.shape == bounds.shape
+    is_time = seconds is None or (isinstance(seconds, float) and seconds >= 0)
+    return has_curves and is_time and bool((np.diff(bounds) >= 0).all())

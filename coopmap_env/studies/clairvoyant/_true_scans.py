@@ -72,6 +72,7 @@ class Scratch(NamedTuple):
     queue: NDArray[np.int32]
     marks: NDArray[np.uint8]
     """Zeros (n_cells,), before and after."""
+    rates: NDArray[np.float64]
 
     @classmethod
     def empty(cls, world: TrueWorld) -> Scratch:
@@ -82,6 +83,7 @@ class Scratch(NamedTuple):
             np.empty(world.fan.max_visible_cells, np.int32),
             np.empty(n_cells, np.int32),
             np.zeros(n_cells, np.uint8),
+            np.empty(n_cells),
         )
 
 

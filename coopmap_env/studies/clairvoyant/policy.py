@@ -18,6 +18,7 @@ from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.evaluation.bounds import scans_in_time
 from coopmap_env.robots import free_mask
 from coopmap_env.robots.planar.feasible_poses import PoseSampling
+from coopmap_env.studies.clairvoyant._timed_choices import Clock, Step
 from coopmap_env.studies.clairvoyant._true_rollouts import BASE, count_best_views, play_on
 from coopmap_env.studies.clairvoyant._true_scans import (
     FREE,
@@ -37,8 +38,8 @@ class LookAhead(Settings):
     """How far and how wide a clairvoyant policy looks ahead."""
 
     n_scans: Annotated[int, Bounds(at_least=1, largest=10_000)] = 16
-    """Scans of each robot that a plan has, the next one included; as many as are left, at most, or
-    would be without motions where time is short."""
+    """Scans of each robot that a plan has, the next one included; as many as are left, at most.
+    Where time ends the episode, a plan lasts until then."""
     n_tried: PositiveInt = 16
     """Poses of each robot from which it plays on: the best of a block of cells each."""
     block: PositiveInt = 4
@@ -65,6 +66,9 @@ class ClairvoyantGreedy:
     Cells that the robots before it are about to show do not count again, and of poses that show as
     much it takes the one with the least motion. It scores what beams without noise show
     (``shown``), in "pose" and in "candidates" mode, and never goes to an occupied cell.
+
+    Where time ends the episode, it takes the pose with which the team shows most for each second
+    until its next scan ends: that of the slowest robot so far, or what is left if that is less.
 
     Parameters
     ----------
@@ -111,10 +115,13 @@ class ClairvoyantGreedy:
     def _choose(self, belief: PlanarBelief) -> list[int]:
         """A pose for each robot."""
         cells, chosen = self._progress.cells.copy(), list[int]()
+        step = Step(0, 0.0)
         for robot in range(len(belief.agents)):
             poses, counts = self._count(belief, robot, cells)
-            nearest = np.lexsort((belief.distance(robot, poses), -counts))[0]
-            chosen.append(int(poses[nearest]))
+            worth = _worth(belief, robot, poses, counts, step)
+            k = np.lexsort((belief.distance(robot, poses), -worth))[0]
+            chosen.append(int(poses[k]))
+            step = _step_with(belief, robot, chosen[-1], int(counts[k]), step)
             self._mark(cells, chosen[-1:])
         return chosen
 
@@ -136,6 +143,28 @@ class ClairvoyantGreedy:
         mark_views(cells, self._plain_world, np.array(pose_ids), self._scratch)
 
 
+def _worth(
+    belief: PlanarBelief,
+    robot: int,
+    poses: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    step: Step,
+) -> NDArray[Any]:
+    """What poses (k,) are compared by: cells, or cells for each second where time is limited."""
+    left = belief.budget.time
+    if math.isinf(left):
+        return counts
+    seconds = np.maximum(belief.motion_time(robot, poses), step.slowest) + belief.scan_time
+    worth: NDArray[np.float64] = (step.gain + counts) / np.minimum(seconds, left)
+    return worth
+
+
+def _step_with(belief: PlanarBelief, robot: int, pose: int, count: int, step: Step) -> Step:
+    """The step of the team, with the pose of one more robot."""
+    (motion,) = belief.motion_time(robot, [pose])
+    return Step(step.gain + count, max(step.slowest, float(motion)))
+
+
 class ClairvoyantLookAhead(ClairvoyantGreedy):
     """Plays plans of several scans in the true world, and begins the best one.
 
@@ -143,6 +172,9 @@ class ClairvoyantLookAhead(ClairvoyantGreedy):
     turn to the view that truly shows most for each scan that it takes to get there, also beyond its
     reach. Of all plans, and what is left of the plan before, the one is begun that shows most at
     its end.
+
+    Where time ends the episode, plans last until then, and the base policy counts seconds instead
+    of scans, as `ClairvoyantGreedy` does.
 
     The first scan of a plan goes by the belief. For later ones, what a scan of the plan truly shows
     as free counts as known to be free. The map needs P < 0.05, which noise may prevent in a few
@@ -188,6 +220,8 @@ class ClairvoyantLookAhead(ClairvoyantGreedy):
     def _start_from(self, belief: PlanarBelief) -> None:
         """Bring the progress up to date: where robots can go now, and what views near them show."""
         progress, shape = self._progress, belief.map.grid.shape_3d
+        clock = Clock(float(belief.budget.time), float(belief.scan_time), belief.speeds)
+        self._plain_clock = make_plain(clock)
         progress.cells[:] &= ~FREE
         progress.cells[free_mask(belief.map) & ~self._world.occupied] |= FREE
         progress.pose_ids[:] = belief.pose_ids
@@ -210,8 +244,10 @@ class ClairvoyantLookAhead(ClairvoyantGreedy):
         """The best of what is left of the plan before and those that try nothing."""
         n_robots = len(belief.agents)
         scans, seconds = belief.budget
-        max_time = None if math.isinf(seconds) else seconds
-        n = min(self.settings.n_scans, scans_in_time(scans, max_time, belief.scan_time))
+        if math.isinf(seconds):
+            n = min(self.settings.n_scans, scans)
+        else:
+            n = scans_in_time(scans, seconds, belief.scan_time)
         empty = np.full((n, n_robots), BASE)
         greedy = empty.copy()
         greedy[0] = super()._choose(belief)
@@ -226,11 +262,13 @@ class ClairvoyantLookAhead(ClairvoyantGreedy):
     def _tried_poses(
         self, belief: PlanarBelief, robot: int, before: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """The poses of a robot that show most beside `before`, of each block the best one."""
-        cells = self._progress.cells.copy()
+        """The poses of a robot that are worth most beside `before`, of each block the best one."""
+        cells, step = self._progress.cells.copy(), Step(0, 0.0)
+        for other, pose in enumerate(before):
+            step = _step_with(belief, other, int(pose), 0, step)
         self._mark(cells, before)
         poses, counts = self._count(belief, robot, cells)
-        order = np.argsort(-counts, kind="stable")
+        order = np.argsort(-_worth(belief, robot, poses, counts, step), kind="stable")
         at, ny = poses[order] // belief.lattice.n_headings, belief.map.grid.shape[1]
         blocks = at // ny // self.settings.block * ny + at % ny // self.settings.block
         _, first = np.unique(blocks, return_index=True)
@@ -241,6 +279,7 @@ class ClairvoyantLookAhead(ClairvoyantGreedy):
         """Play a plan, whose BASE poses are filled in."""
         shown = np.empty(len(plan), dtype=np.int64)
         play_on(
-            make_plain(self._progress), self._plain_world, self._copy, self._scratch, plan, shown
-        )
+            make_plain(self._progress), self._plain_world, self._copy, self._scratch,
+            self._plain_clock, plan, shown,
+        )  # fmt: skip
         return Played(plan, shown)

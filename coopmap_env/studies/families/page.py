@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from coopmap_env.families import Family
 from coopmap_env.studies.common.pages import format_interval
 from coopmap_env.studies.families.table import Row, Table
@@ -13,6 +15,9 @@ def table_text(table: Table) -> str:
     titles.append("beyond one step, points")
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     lines += [_line(table, row) for row in table.rows]
+    if table.bound is not None:
+        cells = ["upper bound", "bound", format_interval(table.bound.shown, 100, 1), "100", "100"]
+        lines.append(f"| {' | '.join(cells)} |" + " |" * (len(titles) - len(cells)))
     return "\n".join(lines)
 
 
@@ -63,7 +68,7 @@ def page_text(family: Family, table: Table, split: str, n_worlds: int) -> str:
 | budget | {", ".join(budget)} |
 
 Means over {n_worlds} worlds of the split "{split}" [95 % bootstrap intervals]. {_explanation(kind)}
-The last column compares with the best one-step planner, {table.best_one_step}, world by world, by
+{_about_bound(table)}The last column compares with the best one-step planner, {table.best_one_step}, world by world, by
 {table.compared.title.rstrip(", %")}.
 
 {table_text(table)}
@@ -74,12 +79,26 @@ The last column compares with the best one-step planner, {table.best_one_step}, 
 """
 
 
+def _about_bound(table: Table) -> str:
+    """How good the bound is, and what it costs."""
+    if table.bound is None:
+        return ""
+    seconds = table.bound.cpu_seconds
+    cost = "" if math.isnan(seconds) else f"; one takes {seconds:.1f} CPU seconds (median)"
+    return (
+        f"The bound is {format_interval(table.bound.gap, 100, 1)} % above the best choice of views "
+        f"that its search knows, which no policy need reach{cost}.\n"
+    )
+
+
 def _explanation(kind: str) -> str:
     if kind == "planar":
         return (
             "Efficiency is what is shown beyond the start, as a fraction of what the [upper bound]"
-            "(../bounds.md) allows: at the end, and of the area under the curve. Clairvoyant "
-            "policies know the world and keep all constraints; they are references."
+            "(../bounds.md) allows: at the end, and of the area under the curve. [Clairvoyant "
+            "policies](../bounds.md#what-knowing-the-world-would-bring) know the world and keep all "
+            "constraints; they are references. A decision is that of the whole team for one scan, "
+            "on one core."
         )
     return (
         "Surface is the covered fraction of the visible surface, at the end and as the area under "

@@ -24,7 +24,7 @@ from coopmap_env.evaluation import (
     run_episode,
     run_jobs,
 )
-from coopmap_env.evaluation.bounds import bound_worlds
+from coopmap_env.evaluation.bounds import WorldBound, bound_worlds
 from coopmap_env.families import Family
 from coopmap_env.studies.clairvoyant import ClairvoyantGreedy, ClairvoyantLookAhead
 
@@ -36,6 +36,16 @@ class Entry(NamedTuple):
     kind: str
     """"random", "one step", "look-ahead", "learned" or "clairvoyant"."""
     action_mode: str = "pose"
+    n_candidates: int | None = None
+    """By default that of the environment."""
+
+    @property
+    def env_kwargs(self) -> dict[str, Any]:
+        """How it acts, as arguments of the environment."""
+        arguments: dict[str, Any] = {"action_mode": self.action_mode}
+        if self.n_candidates is not None:
+            arguments["n_candidates"] = self.n_candidates
+        return arguments
 
 
 PLAYED_POLICIES = {
@@ -53,7 +63,8 @@ PLAYED_POLICIES = {
     "tour": Entry("tour", "look-ahead"),
     "look-ahead": Entry("lookahead", "look-ahead"),
     "look-ahead, joint": Entry("lookahead:coordination=joint", "look-ahead"),
-    "learned": Entry("learned", "learned", "candidates"),
+    "learned, 32 candidates": Entry("learned", "learned", "candidates"),
+    "learned, 300 candidates": Entry("learned", "learned", "candidates", 300),
 }
 """Policies by their names in the table. One-step planners value the next view alone; those that go
 to a frontier or along a tour look further than that."""
@@ -71,6 +82,10 @@ class Played(NamedTuple):
     """By name; with efficiencies where the family is planar."""
     kinds: dict[str, str]
     n_worlds: int
+    bounds: tuple[WorldBound, ...] = ()
+    """Of the worlds, where the family is planar."""
+    n_cells: int = 0
+    """Of a planar world."""
 
 
 def play_family(
@@ -99,23 +114,23 @@ def play_family(
     is_planar = family.env_name == "planar"
     chosen = list(names or [*_installed_policies(), *(CLAIRVOYANT if is_planar else ())])
     evaluations: dict[str, Evaluation] = {}
-    for mode in ("pose", "candidates"):
-        entries = {n: PLAYED_POLICIES[n] for n in chosen if n in PLAYED_POLICIES}
-        own = {n: entry.spec for n, entry in entries.items() if entry.action_mode == mode}
-        if own:
-            arguments = {**family.env_kwargs, "split": split, "action_mode": mode}
-            found = compare(
-                list(own.values()), seeds, arguments, folder / "episodes", family.settings,
-                workers, env_name=family.env_name,
-            )  # fmt: skip
-            evaluations |= {name: found[spec] for name, spec in own.items()}
+    entries = {n: PLAYED_POLICIES[n] for n in chosen if n in PLAYED_POLICIES}
+    modes = dict.fromkeys((entry.action_mode, entry.n_candidates) for entry in entries.values())
+    for mode in modes:
+        own = {n: e for n, e in entries.items() if (e.action_mode, e.n_candidates) == mode}
+        acting = next(iter(own.values())).env_kwargs
+        arguments = {**family.env_kwargs, "split": split, **acting}
+        found = compare(
+            [entry.spec for entry in own.values()], seeds, arguments, folder / "episodes",
+            family.settings, workers, env_name=family.env_name,
+        )  # fmt: skip
+        evaluations |= {name: found[entry.spec] for name, entry in own.items()}
     for name in chosen:
         if name in CLAIRVOYANT:
             evaluations[name] = _play_clairvoyant(family, split, seeds, folder, workers, name)
-    if is_planar:
-        evaluations = _with_efficiencies(family, split, seeds, folder, workers, evaluations)
     kinds = {n: PLAYED_POLICIES[n].kind if n in PLAYED_POLICIES else "clairvoyant" for n in chosen}
-    return Played({name: evaluations[name] for name in chosen}, kinds, len(seeds))
+    played = Played({name: evaluations[name] for name in chosen}, kinds, len(seeds))
+    return _with_bounds(family, split, seeds, folder, workers, played) if is_planar else played
 
 
 def _installed_policies() -> list[str]:
@@ -124,19 +139,21 @@ def _installed_policies() -> list[str]:
     return [name for name, entry in PLAYED_POLICIES.items() if entry.spec.split(":")[0] in names]
 
 
-def _with_efficiencies(
-    family: Family, split: str, seeds: Sequence[int], folder: Path, workers: int,
-    evaluations: dict[str, Evaluation],
-) -> dict[str, Evaluation]:  # fmt: skip
+def _with_bounds(
+    family: Family, split: str, seeds: Sequence[int], folder: Path, workers: int, played: Played
+) -> Played:
+    """The same with efficiencies."""
     arguments = {**family.env_kwargs, "split": split}
     bounds = bound_worlds(seeds, arguments, folder / "bounds", family.settings, workers)
     with closing(family.make(split)) as env:
         env.reset(seed=seeds[0])
         n_cells, scan_time = env.belief().map.grid.n_cells, env.belief().scan_time
-    return {
-        name: evaluation.with_bounds(bounds, n_cells, scan_time)
-        for name, evaluation in evaluations.items()
+    most = [own.bounds for own in bounds]
+    evaluations = {
+        name: evaluation.with_bounds(most, n_cells, scan_time)
+        for name, evaluation in played.evaluations.items()
     }
+    return played._replace(evaluations=evaluations, bounds=tuple(bounds), n_cells=n_cells)
 
 
 def _play_clairvoyant(

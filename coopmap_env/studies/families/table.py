@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import statistics
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +54,18 @@ class Row(NamedTuple):
     that planner itself."""
 
 
+class BoundSummary(NamedTuple):
+    """What can be shown at the end in planar worlds: means, and the time that it takes to know."""
+
+    shown: Interval
+    """Fraction of the cells, at most."""
+    gap: Interval
+    """By how much the bound exceeds the best choice of views that is known; see
+    `coopmap_env.evaluation.bounds.ShownBound`."""
+    cpu_seconds: float
+    """Median of the searches, as the first one may compile kernels; nan if none was timed."""
+
+
 class Table(NamedTuple):
     """The rows, and what they are compared by."""
 
@@ -59,6 +73,7 @@ class Table(NamedTuple):
     rows: list[Row]
     compared: Column
     best_one_step: str
+    bound: BoundSummary | None = None
 
 
 def table_of(played: Played) -> Table:
@@ -83,4 +98,17 @@ def table_of(played: Played) -> Table:
             ours, theirs = table[compared.score], tables[best][compared.score]
             beyond = bootstrap_paired_difference(ours, theirs, rng)
         rows.append(Row(name, played.kinds[name], scores, beyond))
-    return Table((*columns, *COSTS), rows, compared, best)
+    bound = _summarise_bounds(played) if played.bounds else None
+    return Table((*columns, *COSTS), rows, compared, best, bound)
+
+
+def _summarise_bounds(played: Played) -> BoundSummary:
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    ends = np.array([own.bounds[-1] for own in played.bounds]) / played.n_cells
+    gaps = np.array([own.gap for own in played.bounds])
+    times = [own.cpu_seconds for own in played.bounds if not math.isnan(own.cpu_seconds)]
+    return BoundSummary(
+        bootstrap_mean(ends, rng),
+        bootstrap_mean(gaps, rng),
+        statistics.median(times) if times else math.nan,
+    )

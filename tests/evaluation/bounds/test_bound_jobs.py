@@ -28,22 +28,27 @@ def folder(tmp_path_factory):
 
 
 def test_bounds_and_certificates_are_kept_and_checked(folder):
-    bounds = bound_worlds([5, 4], TASK, folder, progress=False)
+    found_before = bound_worlds([5, 4], TASK, folder, progress=False)
     assert len(list(folder.glob("*.npz"))) == 2
-    assert [len(own) for own in bounds] == [4, 4]
+    assert [len(own.bounds) for own in found_before] == [4, 4]
+    assert all(own.cpu_seconds > 0 for own in found_before)
     env = make_env("planar", TASK, None)
-    for seed, own in zip([5, 4], bounds, strict=True):
+    for seed, own in zip([5, 4], found_before, strict=True):
         env.reset(seed=seed)
         views = PlanarViews.from_env(env, 3)
         found = load_bound(folder / f"{views.digest[:16]}.npz", views)
-        np.testing.assert_array_equal(found.bounds, own)
+        np.testing.assert_array_equal(found.bounds, own.bounds)
+        np.testing.assert_array_equal(found.choice_shown, own.choice_shown)
+        assert own.gap == found.gap
 
 
 def test_a_bound_is_found_again_from_its_file_alone_which_is_checked(folder, tmp_path):
     for path in folder.glob("*.npz"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    again = bound_worlds([4], TASK, tmp_path, progress=False)
-    np.testing.assert_array_equal(again[0], bound_worlds([4], TASK, folder, progress=False)[0])
+    (again,) = bound_worlds([4], TASK, tmp_path, progress=False)
+    (expected,) = bound_worlds([4], TASK, folder, progress=False)
+    np.testing.assert_array_equal(again.bounds, expected.bounds)
+    assert np.isnan(again.cpu_seconds)  # not searched here
     for path in tmp_path.glob("*.npz"):
         path.write_bytes(b"broken")
     with pytest.raises(BoundFileError):
@@ -68,20 +73,29 @@ def test_weights_that_are_no_integers_are_no_certificate():
             Certificate(weights).bounds(views, 3)
 
 
-def test_a_damaged_result_is_found_again(folder):
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        '{"bounds": [3, 2], "choice_shown": [3, 2], "cpu_seconds": null}',
+        '{"bounds": [2, 3], "choice_shown": [3], "cpu_seconds": null}',
+        '{"bounds": [2, 3], "choice_shown": [2, 3], "cpu_seconds": "long"}',
+        '{"bounds": [2, 3], "choice_shown": [2, 3]}',
+    ],
+)
+def test_a_damaged_result_is_found_again(folder, damaged):
     expected = bound_worlds([4, 5], TASK, folder, progress=False)
     for path in (folder / "jobs").glob("*.json"):
-        path.write_text('{"bounds": [3, 2]}')
+        path.write_text(damaged)
     for own, other in zip(
         expected, bound_worlds([4, 5], TASK, folder, progress=False), strict=True
     ):
-        np.testing.assert_array_equal(own, other)
+        np.testing.assert_array_equal(own.bounds, other.bounds)
 
 
 def test_time_bounds_the_number_of_scans(tmp_path):
     task = {**TASK, "max_scans": 50, "max_time": 7.0}  # 2 s each by default
-    (bounds,) = bound_worlds([0], task, tmp_path, progress=False)
-    assert len(bounds) == 5
+    (found,) = bound_worlds([0], task, tmp_path, progress=False)
+    assert len(found.bounds) == 5
     assert planar_v1.PlanarSettings().scan_time == 2.0
 
 
