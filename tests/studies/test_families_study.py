@@ -1,5 +1,8 @@
 """Tables and pages of families."""
 
+import re
+
+import numpy as np
 import pytest
 from plain.episodes import example_episode
 
@@ -12,6 +15,7 @@ from coopmap_env.sensing import PlanarCamera
 from coopmap_env.studies.families import page_text, play_family, table_of
 from coopmap_env.studies.families.admission import admission_of, admission_text
 from coopmap_env.studies.families.play import PLAYED_POLICIES, Played
+from coopmap_env.studies.families.timing import time_policies
 
 SMALL = families.Family(
     "small",
@@ -46,11 +50,36 @@ def test_all_policies_and_references_play_the_same_worlds(played):
     assert ends["random"] == min(ends.values())
 
 
-def test_the_page_has_a_row_for_each_policy_and_the_command(played):
-    text = page_text(SMALL, table_of(played), "train", 3)
+@pytest.fixture(scope="module")
+def times(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(families.FAMILIES, "small", SMALL)
+        yield time_policies(SMALL, "train", 0, NAMES, tmp_path_factory.mktemp("times"))
+
+
+def test_decisions_are_timed_one_by_one(times):
+    assert list(times) == NAMES
+    assert all(own > 0 for own in times.values())
+
+
+def test_the_bound_has_a_gap_and_a_price(played):
+    bound = table_of(played).bound
+    shown = np.array([own.bounds[-1] for own in played.bounds]) / 24**2
+    assert bound.shown.estimate == pytest.approx(shown.mean())
+    assert bound.shown.estimate < 1
+    assert 0 <= bound.gap.estimate < 0.2
+    assert bound.cpu_seconds > 0
+
+
+def test_the_page_has_a_row_for_each_policy_and_the_command(played, times):
+    text = page_text(SMALL, table_of(played, times), "train", 3)
     assert text.startswith("# small\n\nA small world.\n")
     for name in NAMES:
         assert sum(line.startswith(f"| {name} |") for line in text.splitlines()) == 1
+    assert "| upper bound | bound | " in text
+    assert re.search(r"The bound is \d\.\d \[.*\] % above .* takes \d+\.\d CPU seconds", text)
+    widths = {line.count("|") for line in text.splitlines() if line.startswith("| r")}
+    assert widths == {line.count("|") for line in text.splitlines() if "upper bound |" in line}
     assert "`coopmap/Planar-small-v1`" in text
     assert "2 robots, 3 scans each" in text
     assert "python -m coopmap_env.studies.families small --split train --worlds 3" in text

@@ -12,7 +12,7 @@ from coopmap_env.studies.families.table import Row, Table
 def table_text(table: Table) -> str:
     """The table in Markdown."""
     titles = ["policy", "kind", *(column.title for column in table.columns)]
-    titles.append("beyond one step, points")
+    titles += ["decision, ms", "beyond one step, points"]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     lines += [_line(table, row) for row in table.rows]
     if table.bound is not None:
@@ -22,14 +22,12 @@ def table_text(table: Table) -> str:
 
 
 def _line(table: Table, row: Row) -> str:
+    *columns, scans = table.columns
     cells = [
-        format_interval(row.scores[column.score], column.scale, column.digits)
-        for column in table.columns[:-2]
+        format_interval(row.scores[column.score], column.scale, column.digits) for column in columns
     ]
-    cells += [
-        format_interval(row.scores[column.score], column.scale, column.digits, bounds=False)
-        for column in table.columns[-2:]
-    ]
+    cells.append(format_interval(row.scores[scans.score], digits=scans.digits, bounds=False))
+    cells.append("" if row.decision_ms is None else f"{row.decision_ms:.1f}")
     beyond = "" if row.beyond is None else format_interval(row.beyond, 100, 1, sign="+")
     return f"| {' | '.join([row.name, row.kind, *cells, beyond])} |"
 
@@ -68,7 +66,8 @@ def page_text(family: Family, table: Table, split: str, n_worlds: int) -> str:
 | budget | {", ".join(budget)} |
 
 Means over {n_worlds} worlds of the split "{split}" [95 % bootstrap intervals]. {_explanation(kind)}
-{_about_bound(table)}The last column compares with the best one-step planner, {table.best_one_step}, world by world, by
+{_about_bound(table)}"Decision" is the CPU time that a decision of one robot takes in world 0.
+The last column compares with the best one-step planner, {table.best_one_step}, world by world, by
 {table.compared.title.rstrip(", %")}.
 
 {table_text(table)}
@@ -95,10 +94,9 @@ def _explanation(kind: str) -> str:
     if kind == "planar":
         return (
             "Efficiency is what is shown beyond the start, as a fraction of what the [upper bound]"
-            "(../bounds.md) allows: at the end, and of the area under the curve. [Clairvoyant "
-            "policies](../bounds.md#what-knowing-the-world-would-bring) know the world and keep all "
-            "constraints; they are references. A decision is that of the whole team for one scan, "
-            "on one core."
+            "(../bounds.md) allows: at the end, and of the area under the curve. Clairvoyant "
+            "policies [know the world](../bounds.md#what-knowing-the-world-would-bring) and keep "
+            "all constraints; they are references."
         )
     return (
         "Surface is the covered fraction of the visible surface, at the end and as the area under "

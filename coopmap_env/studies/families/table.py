@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -36,10 +37,7 @@ FIELD_COLUMNS = (
     Column("area, %", "surface_coverage_auc", 100, 1),
     Column("shown, %", "shown", 100, 1),
 )
-COSTS = (
-    Column("scans", "n_scans", 1, 1),
-    Column("decision, ms", "planning_time_ms", 1, 1),
-)
+SCANS = Column("scans", "n_scans", 1, 1)
 
 
 class Row(NamedTuple):
@@ -52,6 +50,8 @@ class Row(NamedTuple):
     beyond: Interval | None
     """First score of the columns less that of the best one-step planner, world by world; None for
     that planner itself."""
+    decision_ms: float | None = None
+    """Of one robot; see `timing`."""
 
 
 class BoundSummary(NamedTuple):
@@ -76,8 +76,8 @@ class Table(NamedTuple):
     bound: BoundSummary | None = None
 
 
-def table_of(played: Played) -> Table:
-    """Summarise what was played.
+def table_of(played: Played, decision_ms: Mapping[str, float] | None = None) -> Table:
+    """Summarise what was played, with the time of a decision where it is known.
 
     Policies are compared by efficiency at the end, in field families by the covered surface.
     """
@@ -91,15 +91,16 @@ def table_of(played: Played) -> Table:
     for name, table in tables.items():
         rng = np.random.default_rng(BOOTSTRAP_SEED)
         scores = {
-            column.score: bootstrap_mean(table[column.score], rng) for column in (*columns, *COSTS)
+            column.score: bootstrap_mean(table[column.score], rng) for column in (*columns, SCANS)
         }
         beyond = None
         if name != best:
             ours, theirs = table[compared.score], tables[best][compared.score]
             beyond = bootstrap_paired_difference(ours, theirs, rng)
-        rows.append(Row(name, played.kinds[name], scores, beyond))
+        own_ms = None if decision_ms is None else decision_ms[name]
+        rows.append(Row(name, played.kinds[name], scores, beyond, own_ms))
     bound = _summarise_bounds(played) if played.bounds else None
-    return Table((*columns, *COSTS), rows, compared, best, bound)
+    return Table((*columns, SCANS), rows, compared, best, bound)
 
 
 def _summarise_bounds(played: Played) -> BoundSummary:
