@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +27,7 @@ from coopmap_env.evaluation import (
 )
 from coopmap_env.evaluation.bounds import WorldBound, bound_worlds
 from coopmap_env.families import Family
-from coopmap_env.studies.clairvoyant import ClairvoyantGreedy, ClairvoyantLookAhead
+from coopmap_env.studies.clairvoyant import ClairvoyantGreedy, ClairvoyantLookAhead, LookAhead
 
 
 class Entry(NamedTuple):
@@ -70,9 +71,10 @@ PLAYED_POLICIES = {
 to a frontier or along a tour look further than that."""
 CLAIRVOYANT: dict[str, Callable[[PlanarEnv], Any]] = {
     "clairvoyant, greedy": ClairvoyantGreedy,
-    "clairvoyant, look-ahead": ClairvoyantLookAhead,
+    "clairvoyant, look-ahead": partial(ClairvoyantLookAhead, settings=LookAhead(n_tried=4)),
 }
-"""References that know the planar world."""
+"""References that know the planar world; plans of the second one begin with few poses, as its
+default takes a minute of CPU time for an episode."""
 
 
 class Played(NamedTuple):
