@@ -11,7 +11,12 @@ from coopmap_env.studies.section3.study import READINGS, Section3Size
 from coopmap_env.studies.section3.table_fit.record import read_record
 
 SMALL = Section3Size(
-    worlds=4, sweep_worlds=2, k_factors=(0.5, 1.0), house_runs=1, calibration_worlds=1
+    worlds=4,
+    sweep_worlds=2,
+    k_factors=(0.5, 1.0),
+    house_runs=1,
+    calibration_worlds=1,
+    clairvoyant=True,
 )
 
 

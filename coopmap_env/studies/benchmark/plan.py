@@ -34,7 +34,6 @@ from coopmap_env.studies.benchmark.tuned_planners import (
     read_record,
     record_notes,
 )
-from coopmap_env.studies.clairvoyant import CLAIRVOYANT
 
 N_CANDIDATES = 32
 """Number of candidates with which the policies were trained, and of the planners beside them."""
@@ -151,7 +150,7 @@ PLANAR_METHODS = (
     ),
     planner_method("raster", POSE_MODE),
     planner_method("random", POSE_MODE, plotted=True),
-    *map(clairvoyant_method, CLAIRVOYANT),
+    clairvoyant_method("clairvoyant, greedy"),
 )
 """Methods of the main condition, besides the tuned planners."""
 FIELD_METHODS = (
