@@ -111,5 +111,10 @@ def test_pictures_and_linked_files_exist():
     assert len(paths) > 10
     for text in PAGES.values():
         paths += [f"docs/{path}" for path in re.findall(r"\]\((.*?)\)", text)]
+    for page in (ROOT / "docs" / "families").glob("*.md"):
+        paths += [
+            f"docs/families/{path}"
+            for path in re.findall(r"\]\((.*?)\)", page.read_text(encoding="utf-8"))
+        ]
     for path in paths:
-        assert (ROOT / path).exists(), path
+        assert (ROOT / path.split("#")[0]).exists(), path

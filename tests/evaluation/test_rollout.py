@@ -1,6 +1,6 @@
 """The one loop of an episode."""
 
-from itertools import islice
+from itertools import count, islice
 
 import numpy as np
 import pytest
@@ -66,3 +66,9 @@ def test_a_recorder_measures_what_run_episode_returns():
     found = recorder.episode()
     assert found.coverage_curve == expected.coverage_curve
     assert (found.reward, found.motion_distance) == (expected.reward, expected.motion_distance)
+
+
+def test_decisions_are_timed_by_the_clock_that_is_given():
+    ticks = count(step=2.5)
+    steps = rollout(small_env(), make_policy("random"), seed=0, clock=lambda: next(ticks))
+    assert [step.decision_s for step in steps] == [2.5] * 4
