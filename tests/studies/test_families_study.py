@@ -64,7 +64,7 @@ def test_decisions_are_timed_one_by_one(times):
 
 def test_the_bound_has_a_gap_and_a_price(played):
     bound = table_of(played).bound
-    shown = np.array([own.bounds[-1] for own in played.bounds]) / 24**2
+    shown = np.array([own.bounds[-1] for own in played.shown_bounds]) / 24**2
     assert bound.shown.estimate == pytest.approx(shown.mean())
     assert bound.shown.estimate < 1
     assert 0 <= bound.gap.estimate < 0.2

@@ -9,7 +9,7 @@ from coopmap_env import families
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log
 from coopmap_env.simulation.scenes import SPLITS
-from coopmap_env.studies.families import page_text, play_family, table_of
+from coopmap_env.studies.families import PLAYED_POLICIES, page_text, play_family, table_of
 from coopmap_env.studies.families.admission import admission_of, admission_text
 from coopmap_env.studies.families.page import table_text
 from coopmap_env.studies.families.timing import time_policies
@@ -39,9 +39,10 @@ def main(arguments: list[str] | None = None) -> None:
             family, options.split, range(options.worlds), options.out / family.name,
             options.workers, names,
         )  # fmt: skip
-        times = time_policies(
-            family, options.split, 0, list(played.kinds), options.out / family.name / "times"
-        )
+        timed = [
+            name for name in played.kinds if family.env_name == "planar" or name in PLAYED_POLICIES
+        ]
+        times = time_policies(family, options.split, 0, timed, options.out / family.name / "times")
         table = table_of(played, times)
         print(f"{family.name}\n{table_text(table)}\n")
         if "random" in played.kinds.values():

@@ -84,7 +84,7 @@ class Played(NamedTuple):
     """By name; with efficiencies where the family is planar."""
     kinds: dict[str, str]
     n_worlds: int
-    bounds: tuple[WorldBound, ...] = ()
+    shown_bounds: tuple[WorldBound, ...] = ()
     """Of the worlds, where the family is planar."""
     n_cells: int = 0
     """Of a planar world."""
@@ -155,7 +155,7 @@ def _with_bounds(
         name: evaluation.with_bounds(most, n_cells, scan_time)
         for name, evaluation in played.evaluations.items()
     }
-    return played._replace(evaluations=evaluations, bounds=tuple(bounds), n_cells=n_cells)
+    return played._replace(evaluations=evaluations, shown_bounds=tuple(bounds), n_cells=n_cells)
 
 
 def _play_clairvoyant(

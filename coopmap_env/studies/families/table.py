@@ -97,17 +97,17 @@ def table_of(played: Played, decision_ms: Mapping[str, float] | None = None) -> 
         if name != best:
             ours, theirs = table[compared.score], tables[best][compared.score]
             beyond = bootstrap_paired_difference(ours, theirs, rng)
-        own_ms = None if decision_ms is None else decision_ms[name]
+        own_ms = None if decision_ms is None else decision_ms.get(name)
         rows.append(Row(name, played.kinds[name], scores, beyond, own_ms))
-    bound = _summarise_bounds(played) if played.bounds else None
+    bound = _summarise_bounds(played) if played.shown_bounds else None
     return Table((*columns, SCANS), rows, compared, best, bound)
 
 
 def _summarise_bounds(played: Played) -> BoundSummary:
     rng = np.random.default_rng(BOOTSTRAP_SEED)
-    ends = np.array([own.bounds[-1] for own in played.bounds]) / played.n_cells
-    gaps = np.array([own.gap for own in played.bounds])
-    times = [own.cpu_seconds for own in played.bounds if not math.isnan(own.cpu_seconds)]
+    ends = np.array([own.bounds[-1] for own in played.shown_bounds]) / played.n_cells
+    gaps = np.array([own.gap for own in played.shown_bounds])
+    times = [own.cpu_seconds for own in played.shown_bounds if not math.isnan(own.cpu_seconds)]
     return BoundSummary(
         bootstrap_mean(ends, rng),
         bootstrap_mean(gaps, rng),
