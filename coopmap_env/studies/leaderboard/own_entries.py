@@ -12,10 +12,12 @@ from coopmap_env.studies.leaderboard.submission import (
     read_submission,
 )
 
-N_CANDIDATES = 100
-"""Of learned policies: as many poses as the planners with ``search=100`` draw."""
 POSES: Options = {"action_mode": "pose", "n_candidates": 32}
-CANDIDATES: Options = {"action_mode": "candidates", "n_candidates": N_CANDIDATES}
+
+
+def candidates(n: int) -> Options:
+    """A choice among n poses: as many as the planners with ``search=n`` draw."""
+    return {"action_mode": "candidates", "n_candidates": n}
 
 
 class Entry(NamedTuple):
@@ -43,11 +45,13 @@ PLANNERS = {
 }
 LEARNED = {
     "planar": {
-        "learned": Entry("learned:model=planar-candidates", CANDIDATES),
-        "learned-rating": Entry("learned:model=planar-candidates-rating", CANDIDATES),
+        "learned-100": Entry("learned:model=planar-candidates", candidates(100)),
+        "learned-300": Entry("learned:model=planar-candidates", candidates(300)),
+        "learned-rating-100": Entry("learned:model=planar-candidates-rating", candidates(100)),
+        "learned-rating-300": Entry("learned:model=planar-candidates-rating", candidates(300)),
         "learned-poses": Entry("learned:model=planar-pose"),
     },
-    "field": {"learned": Entry("learned:model=field-candidates", CANDIDATES)},
+    "field": {"learned-100": Entry("learned:model=field-candidates", candidates(100))},
 }
 """By the kind of environment."""
 

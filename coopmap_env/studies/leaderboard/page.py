@@ -12,11 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+import numpy as np
+
 from coopmap_env import families
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.version import __version__
+from coopmap_env.evaluation import BOOTSTRAP_SEED
+from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
 from coopmap_env.studies.common.pages import render_template
 from coopmap_env.studies.leaderboard.score import Scored, model_size_texts
+
+FINGERPRINT_DIGITS = 12
+"""That are shown."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +38,24 @@ class Ranking:
     score: str
     """What ranks: the efficiency of the area, or where bounds are missing the area of shown."""
     entries: tuple[Scored, ...]
+
+    @property
+    def behind(self) -> list[Interval]:
+        """How far each entry is behind the first in this score: means of differences by world."""
+        first, rng = self.entries[0], np.random.default_rng(BOOTSTRAP_SEED)
+        pairs = [(first.by_world[self.score], entry.by_world[self.score]) for entry in self.entries]
+        return [bootstrap_mean(np.subtract(*pair), rng) for pair in pairs]
+
+    @property
+    def machines(self) -> dict[str, list[str]]:
+        """What was reported of machines and versions, and the files with it."""
+        found: dict[str, list[str]] = {}
+        for entry in self.entries:
+            reported = entry.submission["reported"]
+            items = {**reported["machine"], **reported["versions"]}
+            text = ", ".join(f"{name} {value}" for name, value in items.items())
+            found.setdefault(text, []).append(entry.path.name)
+        return found
 
 
 def rank(scored: Sequence[Scored]) -> list[Ranking]:
@@ -75,10 +100,16 @@ def write_page(path: Path, scored: Sequence[Scored], failed: Mapping[Path, str])
         rankings=rank(scored),
         failed=failed,
         version=__version__,
-        model=lambda one: model_size_texts(one.submission),
+        model=model_texts,
         link=lambda file: link_from(path.parent, file),
     )
     write_atomically(path, text)
+
+
+def model_texts(one: Scored) -> list[str]:
+    """What is reported of a model: its size, and the first digits of its fingerprint."""
+    fingerprint = one.submission["fingerprint"][:FINGERPRINT_DIGITS]
+    return [*model_size_texts(one.submission), *([fingerprint] if fingerprint else [])]
 
 
 def link_from(folder: Path, file: Path) -> str:

@@ -39,6 +39,8 @@ class Scored:
     scores: dict[str, Interval]
     """Means over the worlds with 95 % intervals: `SCORES`, and `EFFICIENCY_SCORES` where bounds are
     known."""
+    by_world: dict[str, list[float]]
+    """The same scores of each world."""
 
     @property
     def mode(self) -> str:
@@ -107,7 +109,7 @@ def score_file(
         columns |= dict(zip(EFFICIENCY_SCORES, map(list, pairs), strict=True))
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     scores = {name: bootstrap_mean(values, rng) for name, values in columns.items()}
-    return Scored(path, submission, scores)
+    return Scored(path, submission, scores, columns)
 
 
 def _defined(score: float | None) -> float:

@@ -49,7 +49,8 @@ def made_up(policy, area=None, shown_auc=0.2, family="tiny", private=None, n=200
         },
     }
     scores = {name: Interval(value, value - 0.01, value + 0.01) for name, value in values.items()}
-    return Scored(Path(f"board/{policy[:5].strip('</')}.json"), submission, scores)
+    by_world = {name: [value - 0.01, value + 0.03] for name, value in values.items()}
+    return Scored(Path(f"board/{policy[:5].strip('</')}.json"), submission, scores, by_world)
 
 
 def rows(page):
@@ -81,6 +82,36 @@ def test_the_area_ranks_and_where_bounds_are_missing_what_was_shown(tmp_path):
     page = (tmp_path / "page.html").read_text()
     assert "bounds are not known for all entries" in page
     assert rows(page)[1].count("<td>–</td>") == 3  # the model, too
+    assert "80.0<" in rows(page)[1]  # behind the first one
+
+
+def test_how_far_an_entry_is_behind_is_counted_world_by_world():
+    first, second = made_up("first", 0.6), made_up("second", 0.4)
+    first.by_world["efficiency_auc"][:] = [0.9, 0.5, 0.4]
+    second.by_world["efficiency_auc"][:] = [0.6, 0.4, 0.2]
+    (ranking,) = rank([second, first])
+    none, behind = ranking.behind
+    assert none == Interval(0.0, 0.0, 0.0)
+    assert behind.estimate == pytest.approx(0.2)
+    assert 0.099 < behind.low < 0.2 < behind.high < 0.301
+
+
+def test_what_all_report_is_written_once(tmp_path):
+    entries = [made_up("a", 0.4), made_up("b", 0.5)]
+    write_page(tmp_path / "page.html", entries, {})
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<li>Reported: processor abacus, coopmap 0.4.0.</li>") == 1
+    write_page(tmp_path / "page.html", [*entries, made_up("c", 0.3, machine={"cores": 3})], {})
+    page = (tmp_path / "page.html").read_text()
+    assert "processor abacus, coopmap 0.4.0 (b.json, a.json)." in page
+    assert "cores 3, coopmap 0.4.0 (c.json)." in page
+
+
+def test_the_page_has_the_fingerprint_of_a_model(tmp_path):
+    entry = made_up("a", 0.4, n_parameters=5)
+    entry.submission["fingerprint"] = "0123456789abcdef"
+    write_page(tmp_path / "page.html", [entry], {})
+    assert "<td>5 parameters<br>0123456789ab</td>" in (tmp_path / "page.html").read_text()
 
 
 def test_each_family_has_a_table_and_private_worlds_have_their_own(tmp_path):
@@ -135,7 +166,7 @@ def test_names_are_text_and_failures_are_listed(tmp_path):
     write_page(tmp_path / "page.html", [entry], {Path("bad.json"): f"bad.json: {HOSTILE}"})
     page = (tmp_path / "page.html").read_text()
     assert "<script" not in page
-    assert page.count("&lt;script&gt;") == 5  # the policy twice
+    assert page.count("&lt;script&gt;") == 4  # the policy, the machine twice, the failure
     assert "Not verified" in page
 
 
@@ -188,7 +219,7 @@ def test_the_command_scores_a_folder_and_writes_the_page(board, capsys, monkeypa
     assert not list((board / "bounds").iterdir())
     page = (board / "page.html").read_text()
     assert 'href="frontier.json"' in page
-    assert page.count('<td class="held">yes</td>') == 2
+    assert len(rows(page)) == 2
 
 
 def test_the_command_fails_after_all_files_if_one_does_not_replay(board, tmp_path, capsys):
@@ -203,6 +234,7 @@ def test_the_command_fails_after_all_files_if_one_does_not_replay(board, tmp_pat
     assert "efficiency" not in out
     page = (tmp_path / "page.html").read_text()
     assert "Not verified" in page
+    assert len(rows(page)) == 1
     assert not (tmp_path / "bounds").exists()
 
 
