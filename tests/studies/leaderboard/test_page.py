@@ -170,6 +170,11 @@ def test_names_are_text_and_failures_are_listed(tmp_path):
     assert "Not verified" in page
 
 
+def test_a_long_policy_can_be_wrapped_at_its_options(tmp_path):
+    write_page(tmp_path / "page.html", [made_up("p:a=1+b=<2", 0.5)], {})
+    assert ">p:<wbr>a=1+<wbr>b=&lt;2</a>" in (tmp_path / "page.html").read_text()
+
+
 def test_links_are_relative_and_quoted(tmp_path):
     assert link_from(tmp_path, tmp_path / "a b.json") == "a%20b.json"
     assert link_from(tmp_path / "pages", tmp_path / "javascript:x.json") == "../javascript%3Ax.json"
