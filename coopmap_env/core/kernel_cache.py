@@ -47,8 +47,10 @@ Dispatcher = Any
 """A function with numba's decorator."""
 
 
-def attach_cache(dispatcher: Dispatcher) -> None:
+def attach_cache(dispatcher: Dispatcher, variant: str = "") -> None:
     """Give a kernel its cache; with a numba that has no place for it, warn once and leave it out.
+
+    The files of a second kernel with the code of another have its variant in their names.
 
     With ``NUMBA_DISABLE_JIT``, a kernel is a plain function, and there is nothing to keep.
     """
@@ -57,7 +59,7 @@ def attach_cache(dispatcher: Dispatcher) -> None:
     if NullCache is None or not isinstance(getattr(dispatcher, "_cache", None), NullCache):
         _warn_of_unknown_numba()
         return
-    dispatcher._cache = KernelCache(dispatcher)
+    dispatcher._cache = KernelCache(dispatcher, variant)
 
 
 @cache
@@ -77,8 +79,9 @@ class KernelCache:
     The methods are those of `numba.core.caching._Cache`.
     """
 
-    def __init__(self, dispatcher: Dispatcher) -> None:
+    def __init__(self, dispatcher: Dispatcher, variant: str = "") -> None:
         self._dispatcher = dispatcher
+        self._variant = variant
 
     @cached_property
     def _numba_cache(self) -> Any:
@@ -94,7 +97,8 @@ class KernelCache:
         if not hasattr(found, "_cache_file"):  # its own files would not follow the callees
             _warn_of_unknown_numba()
             return NullCache()
-        name = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}"
+        parts = [Path(function.__code__.co_filename).stem, function.__qualname__, self._variant]
+        name = ".".join(filter(None, parts))
         found._cache_file = KernelFiles(
             Path(found.cache_path), name.replace("<", "").replace(">", ""), self._dispatcher
         )

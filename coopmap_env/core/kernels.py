@@ -15,6 +15,8 @@ inside (``ScanArrays(*scan)``), which costs nothing there.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
+from types import FunctionType
 from typing import Any, TypeVar
 
 from numba import njit
@@ -34,15 +36,20 @@ def make_plain(named: PlainTuple) -> PlainTuple:
 
 
 def _options(counts_references: bool = True, error_model: str = "python") -> dict[str, Any]:
-    """All options; numba takes those that are not given from the kernel that calls first."""
-    options: dict[str, Any] = {"nogil": True, "error_model": error_model}
+    """All options; numba takes those that are not given from the kernel that calls first.
+
+    None has the wrapper by which C would call it.
+    """
+    options: dict[str, Any] = {"nogil": True, "error_model": error_model, "no_cfunc_wrapper": True}
     if hasattr(CPUTargetOptions, "_nrt"):  # not public
         options["_nrt"] = counts_references
     return options
 
 
-_COUNTING, _BORROWING = _options(), _options(counts_references=False)
+_COUNTING = _options()
+_BORROWING = {**_options(counts_references=False), "no_cpython_wrapper": True}
 _UNCHECKED = _options(error_model="numpy")
+_INLINED: dict[str, Any] = {"nogil": True, "inline": "always", "no_cfunc_wrapper": True}
 
 
 def kernel(function: Function) -> Function:
@@ -55,10 +62,16 @@ def borrowing_kernel(function: Function) -> Function:
 
     Numba counts the references to each array that is handed on, with a locked instruction: in
     kernels that pass many arrays to small ones this is half of the time. These do not count. Only
-    other kernels may call them: a call from Python would keep its arrays for ever (tests do it,
-    with small ones).
+    other kernels call them: a call from Python would keep its arrays for ever.
+
+    So they have no wrapper by which Python would call them, which takes apart all arguments: with
+    many arrays, to compile it takes as long as the rest. Where Python calls one all the same, as
+    tests do, the same code is compiled as a `kernel`.
     """
-    return _cached(njit(**_BORROWING)(function))
+    dispatcher = njit(**_BORROWING)(function)
+    if not isinstance(dispatcher, FunctionType):  # as with NUMBA_DISABLE_JIT
+        _leave_calls_from_python(dispatcher, function)
+    return _cached(dispatcher)
 
 
 def inlined_kernel(function: Function) -> Function:
@@ -67,7 +80,7 @@ def inlined_kernel(function: Function) -> Function:
     In a loop of a kernel that counts references, those to its arrays are counted in each turn: let
     a borrowing kernel have the loop.
     """
-    return _cached(njit(nogil=True, inline="always")(function))
+    return _cached(njit(**_INLINED)(function))
 
 
 def unchecked_division_kernel(function: Function) -> Function:
@@ -75,6 +88,21 @@ def unchecked_division_kernel(function: Function) -> Function:
     return _cached(njit(**_UNCHECKED)(function))
 
 
-def _cached(dispatcher: Any) -> Any:
-    attach_cache(dispatcher)
+def _leave_calls_from_python(dispatcher: Any, function: Callable[..., object]) -> None:
+    """Let a kernel that counts references answer the calls from Python.
+
+    Numba asks `_compile_for_args` what to call when it knows no compiled form for the arguments,
+    and `_insert` makes one known.
+    """
+
+    @cache
+    def counting() -> Any:
+        return _cached(njit(**_COUNTING)(function), "called_from_python")
+
+    dispatcher._compile_for_args = lambda *_, **__: counting()
+    dispatcher._insert = lambda *_: None
+
+
+def _cached(dispatcher: Any, variant: str = "") -> Any:
+    attach_cache(dispatcher, variant)
     return dispatcher

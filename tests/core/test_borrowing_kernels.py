@@ -9,6 +9,7 @@ import pytest
 
 import coopmap_env
 from coopmap_env import planar_v1
+from coopmap_env.core.kernels import borrowing_kernel, kernel
 
 PACKAGE = Path(coopmap_env.__file__).parent
 
@@ -49,6 +50,30 @@ def test_only_kernels_call_kernels_that_do_not_count_references():
             }
             found += [(path.name, function.name, n) for n in names & borrowing & (imported | own)]
     assert found == []
+
+
+def make_borrowing_kernel_and_caller():
+    @borrowing_kernel
+    def total(values):
+        return values.sum()
+
+    @kernel
+    def twice(values):
+        return 2.0 * total(values)
+
+    return total, twice
+
+
+@pytest.mark.parametrize("called_first", [0, 1])
+def test_a_call_from_python_keeps_no_reference_to_its_arrays(called_first):
+    kernels, values = make_borrowing_kernel_and_caller(), np.arange(4.0)
+    kernels[called_first](values)
+    total, twice = kernels
+    before = sys.getrefcount(values)
+    for _ in range(3):
+        assert (total(values), twice(values)) == (6.0, 12.0)
+    assert total(np.arange(4)) == 6  # another signature
+    assert sys.getrefcount(values) == before
 
 
 @pytest.mark.parametrize("mode", ["pose", "candidates"])
