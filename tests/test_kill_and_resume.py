@@ -110,7 +110,7 @@ def undisturbed(play, tmp_path_factory):
     return get
 
 
-@points(short=3, long=20)
+@points(short=2, long=20)
 @pytest.mark.parametrize(
     "command",
     [  # Ray takes half a minute to start

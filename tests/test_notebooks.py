@@ -10,6 +10,7 @@ import pytest
 from jupyter_client import AsyncKernelManager
 from jupyter_client.kernelspec import KernelSpecManager
 from nbclient import NotebookClient
+from nbformat.v4 import new_code_cell, new_notebook
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -54,16 +55,27 @@ def read_shortened(path):
     return notebook
 
 
-@each_notebook
-def test_a_notebook_runs_from_start_to_end_without_a_warning(path, tmp_path, monkeypatch):
-    # nobody's IPython start-up files, and no history left in a home
-    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    """One kernel for all notebooks: each more would import everything and load all kernels."""
+    folder = tmp_path_factory.mktemp("notebooks")
     # without folders of kernels to look into, "python3" is this interpreter with its ipykernel
     manager = AsyncKernelManager(kernel_spec_manager=KernelSpecManager(kernel_dirs=[]))
-    notebook = read_shortened(path)
-    resources = {"metadata": {"path": str(tmp_path)}}
-    client = NotebookClient(notebook, km=manager, resources=resources, **PATIENCE)
-    client.execute(cleanup_kc=True)  # a manager that it did not make itself it would leave open
+    resources = {"metadata": {"path": str(folder)}}
+    client = NotebookClient(new_notebook(), km=manager, resources=resources, **PATIENCE)
+    with pytest.MonkeyPatch.context() as patch:
+        # nobody's IPython start-up files, and no history left in a home
+        patch.setenv("IPYTHONDIR", str(folder / "ipython"))
+        yield client
+        client.nb = new_notebook()
+        client.execute(cleanup_kc=True)  # a manager that it did not make itself it would leave open
+
+
+@each_notebook
+def test_a_notebook_runs_from_start_to_end_without_a_warning(path, client):
+    client.nb = notebook = read_shortened(path)
+    notebook.cells.insert(0, new_code_cell("%reset -f"))  # it has no name of another notebook
+    client.execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     errors = [output.text for output in outputs if output.get("name") == "stderr"]
     assert not [text for text in errors if "Warning" in text]

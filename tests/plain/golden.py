@@ -20,7 +20,7 @@ import coopmap_baselines
 import coopmap_env  # noqa: F401 - registers the ids
 
 N_EPISODES = 100
-N_PLAYED = {"coopmap/Planar-v1": 100, "coopmap/Field-v1": 40, "coopmap/FieldSearch-v1": 30}
+N_PLAYED = {"coopmap/Planar-v1": 100, "coopmap/Field-v1": 16, "coopmap/FieldSearch-v1": 12}
 """Episodes that are played without ``-m long``: those of the field take most of the time."""
 MODES = ("pose", "candidates")
 SCANS = {"coopmap/Planar-v1": 8, "coopmap/Field-v1": 3, "coopmap/FieldSearch-v1": 4}

@@ -2,7 +2,7 @@
 
 An event is an access to a file in the command's folder: it is opened, renamed or removed, or a
 folder is made. Events are counted, so that a kill does not depend on time. The server imports
-everything once and forks, so that a command starts within milliseconds.
+everything and loads the kernels once and forks, so that a command starts within milliseconds.
 
 A request is a line of JSON, {"command": ..., "out": ..., "event": ...}; event 0 never comes. The
 answer has the exit status (negative: a signal), the number of events, and whether the command or a
@@ -16,29 +16,36 @@ import select
 import signal
 import sys
 import traceback
+from functools import cache
+
+from plain import golden
 
 GUARD_SECONDS = 60
 EVENTS = ("open", "os.rename", "os.remove", "os.mkdir")
-TRAINING = ("coopmap_agents.training", "torch.utils.tensorboard")
+TRAINING = ("coopmap_agents.training", "torch.utils.tensorboard", "torch._dynamo")
 IMPORTED_LATE = {
     "localization": ("trimesh", "embreex", "PIL.Image"),
     "train": TRAINING,
     "train with sb3": TRAINING,
 }
 """Modules that take seconds to import, and which commands import when they need them."""
+FIELD = ("localization",)
+"""Commands that play in the field."""
 
 
 def main():
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # PyBullet prints when it is imported
     from plain import small_commands
 
-    sys.stdout.flush()
     for line in sys.stdin:
-        print(json.dumps(serve(json.loads(line), small_commands)), flush=True)
+        print(json.dumps(serve(json.loads(line), small_commands)), file=answers, flush=True)
 
 
 def serve(request, commands):
     for module in IMPORTED_LATE.get(request["command"], ()):
         importlib.import_module(module)
+    load_kernels("coopmap/FieldSearch-v1" if request["command"] in FIELD else "coopmap/Planar-v1")
     alive, its_end = os.pipe()
     process = os.fork()
     if process == 0:
@@ -57,6 +64,13 @@ def serve(request, commands):
         return {"status": "a process is left behind"}
     os.close(alive)
     return {"status": os.waitstatus_to_exitcode(status), "events": len(counted)}
+
+
+@cache
+def load_kernels(env_id):
+    """Play an episode with random actions and one with a planner."""
+    golden.trajectory_hashes(env_id, "candidates", 1)
+    golden.planner_hashes(env_id, "rating_function", 1)
 
 
 def play(request, commands, its_end):
