@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from coopmap_baselines.frontier_clusters import (
     frontier_clusters,
@@ -94,6 +93,8 @@ class AllocationPolicy:
 
     def _assign(self, belief: Belief, options: list[Options]) -> NDArray[np.int64]:
         """The cluster of each robot; -1 for none."""
+        from scipy.optimize import linear_sum_assignment  # half a second, seldom needed
+
         n_clusters = max(int(clusters.max(initial=0)) for _, clusters in options)
         utility = np.full((len(options), n_clusters + 1), NO_POSE)
         for robot, (poses, clusters) in enumerate(options):

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
 
 from coopmap_env.envs import Belief, Poses
 from coopmap_env.information import ReservedMask
@@ -30,6 +29,8 @@ def frontier_clusters(belief: Belief, robot: int, min_cells: int) -> NDArray[np.
     ndarray of int32, in the shape of the map's grid
         0 where there is no cluster; the clusters have the numbers from 1 on.
     """
+    from scipy.ndimage import label  # a third of a second, seldom needed
+
     mask = belief.planning.frontier_mask(belief, robot)
     labels, _ = label(mask, np.ones((3,) * mask.ndim, dtype=int))
     kept = np.bincount(labels.ravel()) >= min_cells

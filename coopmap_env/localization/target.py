@@ -6,16 +6,18 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.limits import check_bytes
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose, rotation_about_z
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 
@@ -141,6 +143,8 @@ class TargetModel:
     @cached_property
     def kd_tree(self) -> cKDTree:
         """Tree of the samples' points, for nearest neighbours."""
+        from scipy.spatial import cKDTree  # a third of a second, seldom needed
+
         return cKDTree(self.samples[0])
 
     @cached_property

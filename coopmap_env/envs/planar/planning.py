@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_cdt
 
 from coopmap_env.core.elementary import sin_cos_array, tan
 from coopmap_env.envs.belief import CameraFrames
@@ -104,6 +103,8 @@ class PlanarPlanning:
         clusters: NDArray[np.int32],
     ) -> NDArray[np.int32]:
         """The cluster nearest to the camera, by the longer of dx and dy."""
+        from scipy.ndimage import distance_transform_cdt  # a third of a second, seldom needed
+
         cells = belief.lattice.checked_ids(pose_ids) // belief.lattice.n_headings
         if not clusters.any():
             return np.zeros(len(cells), dtype=np.int32)

@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import distance_transform_cdt
 
 from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.information._mutual_information import MIN_REACH_PROBABILITY
@@ -78,6 +77,8 @@ class PlanarExpectedViews:
         ValueError
             If the map is of another shape or clamp than those of the rating function.
         """
+        from scipy.ndimage import distance_transform_cdt  # a third of a second, seldom needed
+
         self.rating.validate_map(map_)
         clamp = map_.log_odds_range.clamp
         pass_of_log_odds = (1.0 - map_.log_odds_range.probability).astype(np.float32)

@@ -23,8 +23,6 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import label
-from scipy.spatial.distance import cdist
 
 from coopmap_env.core.arguments import check_array_shapes
 from coopmap_env.core.elementary import tan
@@ -114,6 +112,8 @@ def track_fiducials(
     ValueError
         If shapes do not fit, or a prediction, radius or deviation is not finite or negative.
     """
+    from scipy.spatial.distance import cdist  # a third of a second, seldom needed
+
     settings = settings or TrackingSettings()
     predictions, radii, sigmas = _validated(cloud, camera, predictions, radii, deviations)
     owners = np.full(camera.n_pixels, -1)
@@ -200,6 +200,8 @@ def _assign_owners(
     points: Array, seeds: Array, indices: NDArray[np.int64], radii: Array
 ) -> NDArray[np.int64]:
     """The fiducial with the seed nearest to each point, if the point is in its ball; else -1."""
+    from scipy.spatial.distance import cdist
+
     if not len(seeds):
         return np.full(len(points), -1)
     distances = cdist(seeds, points)
@@ -245,6 +247,8 @@ def _label_regions(
     Pixels are labelled in an image of twice the size, which has a pixel between two neighbours that
     is set if they are connected: the library joins pixels, not edges.
     """
+    from scipy.ndimage import label  # a third of a second, seldom needed
+
     image = owners.reshape(camera.height, camera.width)
     doubled = np.zeros((2 * camera.height - 1, 2 * camera.width - 1), dtype=np.bool_)
     doubled[::2, ::2] = image >= 0

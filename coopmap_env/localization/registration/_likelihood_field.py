@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from coopmap_env.core.caches import freeze
 from coopmap_env.core.elementary import exp_array
@@ -96,6 +95,8 @@ def distance_field(model: TargetModel, cell: float, padding: float) -> DistanceF
 
     Cached, because it takes long.
     """
+    from scipy.ndimage import distance_transform_edt  # a third of a second, seldom needed
+
     origin = model.bounds[0] - padding
     shape = np.ceil((model.bounds[1] + padding - origin) / cell).astype(int)
     free = np.ones(shape, dtype=bool)

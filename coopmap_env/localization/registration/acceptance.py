@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc
 
 from coopmap_env.core.settings import NonNegative, NonNegativeInt, Settings, UnitInterval
 from coopmap_env.localization.registration._pixel_residuals import AGREES, SEEN_THROUGH, UNDECIDED
@@ -118,6 +117,8 @@ def _min_view_confirmed(best: Alignment, points: int) -> float:
 
 def _view_p_value(best: Alignment, points: int) -> float:
     """P-value of the view that agrees least with the others; 1 with fewer than two views."""
+    from scipy.special import chdtrc  # a third of a second, seldom needed
+
     enough = best.verdicts_by_view[:, AGREES] >= points
     if enough.sum() < 2:
         return 1.0
