@@ -1,7 +1,6 @@
 """Training on RLlib, and so on Ray; needs the extra ``ray``."""
 
-import coopmap_agents._require_ray
-import coopmap_agents._require_rl  # noqa: F401
+import coopmap_agents._require_ray  # noqa: F401
 from coopmap_agents.rllib.env import RLlibRows
 from coopmap_agents.rllib.network import SharedNetworkModule
 from coopmap_agents.rllib.ppo import RLlibTrainer, make_config
