@@ -66,10 +66,12 @@ class PlanarWorlds:
         s, grid, n, m = task.settings, task.grid, task.n_robots, task.n_candidates
         self.task = task
         self.lattice = PoseLattice(grid, s.n_headings)
+        sampling = PoseSampling(self.lattice.geometry, grid.shape_3d, float(s.reach))
+        check_reach(sampling)
         self.rating_function = PlanarRatingFunction(
             s.camera, self.lattice, s.rating, s.log_odds_range
         )
-        self.constants = step_constants(task, self.rating_function)
+        self.constants = step_constants(task, self.rating_function, sampling)
         surfaces = SurfaceArrays.empty(
             n_worlds * grid.n_cells if keep_surfaces else 0, 2, s.beam.surface_fusion == "mean"
         )
@@ -204,11 +206,11 @@ class PlanarWorlds:
         ]
 
 
-def step_constants(task: PlanarTask, rating: PlanarRatingFunction) -> StepConstants:
+def step_constants(
+    task: PlanarTask, rating: PlanarRatingFunction, sampling: PoseSampling
+) -> StepConstants:
     """What is the same for all worlds and steps of a task."""
     s, grid, n_visible = task.settings, task.grid, rating.max_visible_cells
-    sampling = PoseSampling(rating.lattice.geometry, grid.shape_3d, float(s.reach))
-    check_reach(sampling)
     return StepConstants(
         grid.geometry,
         s.log_odds_range.clamp,
