@@ -42,7 +42,7 @@ def episode(env, policy, seed=1, rng=0):
 def test_whole_episodes_without_a_rejection_repeat_with_the_same_generator(
     name, options, mode, small_scene
 ):
-    env = PlanarEnv(2, mode, scene=small_scene, max_scans=6, n_candidates=12)
+    env = PlanarEnv(2, mode, scene=small_scene, max_scans=4, n_candidates=12)
     policy = coopmap_baselines.make(name, **options)
     first = episode(env, policy)
     assert all(reasons == ("", "") for _, reasons in first)

@@ -31,7 +31,7 @@ def mode(request):
     return request.param
 
 
-@pytest.fixture(params=[1, 2, 3])
+@pytest.fixture(params=[1, 3])
 def arguments(request, mode, scene):
     return {"n_robots": request.param, "action_mode": mode, "scene": scene, "max_scans": 3}
 

@@ -171,7 +171,7 @@ def test_worlds_that_end_at_different_steps_are_reset_by_themselves(mode):
 def test_workers_and_buffers_change_nothing():
     arguments = {**PLANAR, "action_mode": "candidates"}
     shown = []
-    for workers in (0, 1, 3):
+    for workers in (0, 1, 2):
         env = WorkerVectorEnv(
             partial(planar_v1.parallel_env, **arguments), N_WORLDS, num_workers=workers,
             double_buffer=workers == 1,

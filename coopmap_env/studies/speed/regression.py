@@ -37,7 +37,7 @@ MAIN_BRANCHES = ("origin/main", "main", "origin/master", "master")
 ROUNDS = 5
 PACKAGES = {"coopmap_env": "coopmap_env", "coopmap_baselines": "baselines"}
 """Folders of a commit by the names under which they install."""
-LONGEST_RUN_S = 60
+LONGEST_RUN_S = 30
 """An earlier version that needs longer, to compile what has changed since, is not compared."""
 
 
