@@ -23,8 +23,8 @@ POLICIES := planar-candidates planar-candidates-rating planar-pose field-candida
 # Where this is set, every program that tests start would compile all modules again.
 export PYTHONDONTWRITEBYTECODE :=
 
-# Answers a line with the name of a case by its times.
-CASES := $(BIN)/python -P -m coopmap_env.studies.speed.cases > /dev/null
+# Plays an episode in each action mode and with planners, in the environments of some ids.
+PLAY := PYTHONPATH=tests $(BIN)/python -P -m plain.golden 1
 
 .PHONY: setup check kernels test speed reproduce policies $(POLICIES) planners leaderboard engines pictures clean
 
@@ -55,7 +55,8 @@ check: setup
 # Numba compiles for minutes on a new machine. Here it is done once; in the tests it would be done by
 # each of the processes that start first.
 kernels: setup
-	printf 'planar_pose\nplanar_candidates\n' | $(CASES) & printf 'field\n' | $(CASES) & wait
+	$(PLAY) coopmap/Planar-v1 > /dev/null & \
+		$(PLAY) coopmap/Field-v1 coopmap/FieldSearch-v1 > /dev/null & wait
 
 # `python -m pytest` would import from this folder, and the programs that tests start from the
 # installed links: numba would compile all kernels for both.
