@@ -39,7 +39,7 @@ class AnyAction:
 
 @pytest.mark.slow
 def test_ppo_beats_random_actions_and_random_feasible_poses_on_unseen_worlds(tmp_path):
-    settings = PPOSettings(total_steps=24_000, learning_rate=1e-3)
+    settings = PPOSettings(total_steps=12_000, learning_rate=1e-3)
     model = train(world, settings, seed=0)
     learned = evaluate(world("test"), LearnedPolicy(model), SEEDS).table["reward"]
     for other in (AnyAction(), make("random")):
