@@ -111,7 +111,8 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         if stepped:
             worlds = np.array(stepped)
             n_offered = self._worlds.arrays.n_candidates.copy()
-            self._worlds.step(worlds, self._poses, self._choices, self._observations[buffer])
+            poses = self._poses.astype(np.float64)  # as those of a single environment: one kernel
+            self._worlds.step(worlds, poses, self._choices, self._observations[buffer])
             self._write_results(buffer, worlds, n_offered)
 
     def _draw_worlds(

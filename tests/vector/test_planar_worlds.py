@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain.rollouts import MODES
 
 from coopmap_env import planar_v1
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
+from coopmap_env.envs.planar.worlds import step_worlds
 from coopmap_env.mapping.pooling import PooledMap
 from coopmap_env.simulation.scenes.planar import Obstacles
 
@@ -47,6 +49,18 @@ def test_a_view_is_there_before_the_first_reset_and_follows_its_world():
     stepped(env)
     stepped(env)
     assert view.agents == []  # the next step resets the world
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_step_is_the_compiled_one_of_a_single_environment(mode):
+    single = PlanarEnv(scene=SMALL, action_mode=mode, max_scans=2)
+    single.reset(seed=0)
+    single.step({agent: single.action_space(agent).sample() for agent in single.agents})
+    compiled = set(step_worlds.signatures)
+    env = worlds(action_mode=mode)
+    env.reset(seed=0)
+    stepped(env)
+    assert set(step_worlds.signatures) == compiled
 
 
 def test_what_is_set_on_a_view_stays_and_what_the_engine_goes_by_cannot_be_set():
