@@ -58,9 +58,9 @@ def test_among_candidates_the_value_of_constant_reward_1_is_1_over_1_minus_gamma
 
 
 def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it():
-    longer = replace(CONSTANT_REWARD, total_steps=2048, n_epochs=20)
+    longer = replace(CONSTANT_REWARD, total_steps=6144, gamma=0.9)
     model = train(lambda: ConstantReward(truncates=False), longer, seed=0)
-    expected = [sum(0.5**k for k in range(left)) for left in (5, 4, 3, 2, 1)]  # 1.94 ... 1
+    expected = [sum(0.9**k for k in range(left)) for left in (5, 4, 3, 2, 1)]  # 4.10 ... 1
     np.testing.assert_allclose(values_of(model), np.column_stack([expected] * 2), rtol=0.1)
 
 

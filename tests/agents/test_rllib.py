@@ -91,7 +91,7 @@ def test_the_value_of_constant_reward_1_is_1_over_1_minus_gamma_despite_truncati
 
 
 def test_the_value_before_a_termination_is_the_discounted_sum_up_to_it(train):
-    longer = replace(CONSTANT_REWARD, total_steps=2048, segment_steps=2048, n_epochs=20)
+    longer = replace(CONSTANT_REWARD, total_steps=4096, segment_steps=4096, n_epochs=20)
     training = train(lambda: ConstantReward(truncates=False), longer, segments=1)
     expected = [sum(0.5**k for k in range(left)) for left in (5, 4, 3, 2, 1)]  # 1.94 ... 1
     values = values_of(training.network, ConstantReward())
