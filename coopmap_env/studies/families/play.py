@@ -39,6 +39,8 @@ class Entry(NamedTuple):
     action_mode: str = "pose"
     n_candidates: int | None = None
     """By default that of the environment."""
+    is_for_time: bool = False
+    """Whether it is played only where time ends episodes."""
 
     @property
     def env_kwargs(self) -> dict[str, Any]:
@@ -59,16 +61,23 @@ PLAYED_POLICIES = {
         "coverage:search=300+coordination=sequential", "one step"
     ),
     "expected coverage, m = 300, sequential": Entry("lookahead:horizon=1", "one step"),
+    "expected coverage, weighing motion": Entry(
+        "lookahead:horizon=1+motion_weight=0.015", "one step", is_for_time=True
+    ),
     "frontier, sequential": Entry("frontier:coordination=sequential", "look-ahead"),
     "allocation": Entry("allocation", "look-ahead"),
     "tour": Entry("tour", "look-ahead"),
     "look-ahead": Entry("lookahead", "look-ahead"),
     "look-ahead, joint": Entry("lookahead:coordination=joint", "look-ahead"),
+    "look-ahead, weighing motion": Entry(
+        "lookahead:motion_weight=0.02", "look-ahead", is_for_time=True
+    ),
     "learned, 32 candidates": Entry("learned", "learned", "candidates"),
     "learned, 300 candidates": Entry("learned", "learned", "candidates", 300),
 }
 """Policies by their names in the table. One-step planners value the next view alone; those that go
-to a frontier or along a tour look further than that."""
+to a frontier or along a tour look further than that. The motion weights were chosen on training
+worlds of `motion-budget`."""
 CLAIRVOYANT: dict[str, Callable[[PlanarEnv], Any]] = {
     "clairvoyant, greedy": ClairvoyantGreedy,
     "clairvoyant, look-ahead": partial(ClairvoyantLookAhead, settings=LookAhead(n_tried=4)),
@@ -114,7 +123,7 @@ def play_family(
         family.
     """
     is_planar = family.env_name == "planar"
-    chosen = list(names or [*_installed_policies(), *(CLAIRVOYANT if is_planar else ())])
+    chosen = list(names or [*_usual_policies(family), *(CLAIRVOYANT if is_planar else ())])
     evaluations: dict[str, Evaluation] = {}
     entries = {n: PLAYED_POLICIES[n] for n in chosen if n in PLAYED_POLICIES}
     modes = dict.fromkeys((entry.action_mode, entry.n_candidates) for entry in entries.values())
@@ -135,10 +144,14 @@ def play_family(
     return _with_bounds(family, split, seeds, folder, workers, played) if is_planar else played
 
 
-def _installed_policies() -> list[str]:
-    """Names in the table; the learned policies are missing without the extra rl."""
-    names = set(policy_names())
-    return [name for name, entry in PLAYED_POLICIES.items() if entry.spec.split(":")[0] in names]
+def _usual_policies(family: Family) -> list[str]:
+    """Names in the table that fit a family; the learned ones are missing without the extra rl."""
+    installed, has_time = set(policy_names()), "max_time" in family.budget
+    return [
+        name
+        for name, entry in PLAYED_POLICIES.items()
+        if entry.spec.split(":")[0] in installed and (has_time or not entry.is_for_time)
+    ]
 
 
 def _with_bounds(
