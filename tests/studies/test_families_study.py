@@ -14,7 +14,7 @@ from coopmap_env.evaluation.bounds import Efficiency
 from coopmap_env.sensing import PlanarCamera
 from coopmap_env.studies.families import page_text, play_family, table_of
 from coopmap_env.studies.families.admission import admission_of, admission_text
-from coopmap_env.studies.families.play import PLAYED_POLICIES, Played
+from coopmap_env.studies.families.play import PLAYED_POLICIES, Played, _usual_policies
 from coopmap_env.studies.families.timing import time_policies
 
 SMALL = families.Family(
@@ -83,6 +83,19 @@ def test_the_page_has_a_row_for_each_policy_and_the_command(played, times):
     assert "`coopmap/Planar-small-v1`" in text
     assert "2 robots, 3 scans each" in text
     assert "python -m coopmap_env.studies.families small --split train --worlds 3" in text
+    assert "--policies" not in text
+    text = page_text(SMALL, table_of(played, times), "train", 3, ";".join(NAMES))
+    assert f' --out results/families \\\n    --policies "{";".join(NAMES)}"\n' in text
+
+
+def test_planners_that_weigh_motion_play_where_time_ends_episodes():
+    names = {
+        name: set(_usual_policies(families.get(name))) for name in ("crowded", "motion-budget")
+    }
+    assert names["motion-budget"] - names["crowded"] == {
+        "expected coverage, weighing motion",
+        "look-ahead, weighing motion",
+    }
 
 
 def evaluation(ends):

@@ -49,7 +49,8 @@ def main(arguments: list[str] | None = None) -> None:
             admissions[family.name] = admission_of(table)
         if options.pages is not None:
             path = options.pages / f"{family.name}.md"
-            write_atomically(path, page_text(family, table, options.split, options.worlds))
+            text = page_text(family, table, options.split, options.worlds, options.policies)
+            write_atomically(path, text)
             log(f"page: {path}")
     print(admission_text(admissions))
 

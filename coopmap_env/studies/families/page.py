@@ -32,7 +32,9 @@ def _line(table: Table, row: Row) -> str:
     return f"| {' | '.join([row.name, row.kind, *cells, beyond])} |"
 
 
-def page_text(family: Family, table: Table, split: str, n_worlds: int) -> str:
+def page_text(
+    family: Family, table: Table, split: str, n_worlds: int, policies: str | None = None
+) -> str:
     """The page of a family.
 
     Parameters
@@ -42,6 +44,8 @@ def page_text(family: Family, table: Table, split: str, n_worlds: int) -> str:
     split : str
     n_worlds : int
         Worlds that were played, from seed 0 on.
+    policies : str, optional
+        Names in the table, separated by semicolons; by default all that fit the family.
     """
     budget = [f"{family.budget['n_robots']} robots", f"{family.budget['max_scans']} scans each"]
     if "max_time" in family.budget:
@@ -53,6 +57,8 @@ def page_text(family: Family, table: Table, split: str, n_worlds: int) -> str:
         f"python -m coopmap_env.studies.families {family.name} --split {split} "
         f"--worlds {n_worlds} --out results/families"
     )
+    if policies is not None:
+        command += f' \\\n    --policies "{policies}"'
     return f"""# {family.name}
 
 {family.summary}
