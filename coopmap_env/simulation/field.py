@@ -11,7 +11,7 @@ encoders read the target, unless it reaches a joint's limit or touches something
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import Literal, NamedTuple, get_args
 
@@ -170,6 +170,26 @@ class FieldSimulator:
                 self._shown,
             )
         return simulate_point_cloud(distances, self.camera, self.noise, rng)
+
+    def views_from(
+        self, robot: int, joints: NDArray[np.float64]
+    ) -> Iterator[tuple[Pose, NDArray[np.float64]]]:
+        """Camera poses and distances along its rays (n,), if a mount had other true joints (k, n).
+
+        Nothing moves, and nothing has noise. The vehicle is at rest on its suspension. In view are
+        the world, the vehicle itself, and of other vehicles what does not move.
+        """
+        bodies = [len(self._frames[k][1]) - 1 for k in range(len(self.mounts))]
+        begin = sum(bodies[:robot])
+        end = begin + bodies[robot]
+        visible = np.zeros_like(self._visible_bodies[robot])
+        visible[begin:end] = self._visible_bodies[robot][begin:end]
+        poses = RigidTransform(*(part.copy() for part in self._body_poses))
+        for q in self._bullet.rest_configurations(robot, joints):
+            (R,), (t,) = mounted_frame_poses(self._frames[robot], q[None])
+            poses.rotation[begin:end], poses.translation[begin:end] = R[:-1], t[:-1]
+            camera = Pose(t[-1], R[-1])
+            yield camera, self._renderer.trace(self._camera_rays, camera.arrays, poses, visible)
 
     def keep_shown(self, known: NDArray[np.int64]) -> None:
         """Keep which voxels scans show from now on, beside those (k,) that are known, by index."""

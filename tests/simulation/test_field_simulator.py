@@ -177,6 +177,23 @@ def test_teammates_are_seen_and_the_own_housing_is_not(true_mast):
     assert np.abs(points[:, 2]).max() < 1e-3
 
 
+def test_views_from_other_joints_are_what_is_measured_there(true_mast):
+    """Where the mast moves to in fact, without noise; the teammate's arm can only be nearer."""
+    bases = [base_pose(0, 0), base_pose(3.0, 0.5, math.pi)]
+    simulator = simulate(cluttered_world(1, bases), true_mast)
+    joints = random_targets(true_mast, 2, 12, 3)[:, 0]
+    views, rng, n_equal = list(simulator.views_from(0, joints)), np.random.default_rng(0), 0
+    np.testing.assert_array_equal(simulator.true_joints(0), true_mast.home)  # nothing has moved
+    for q, (pose, distances) in zip(joints, views, strict=True):
+        simulator.move([q, None], rng)
+        cloud, camera = simulator.scan(0, rng), simulator.true_camera_pose(0)
+        np.testing.assert_allclose(pose.translation, camera.translation, atol=1e-12)
+        nearer = distances[cloud.hit] - np.linalg.norm(cloud.points[cloud.hit], axis=1)
+        assert (nearer > -1e-9).all()
+        n_equal += (nearer < 1e-9).all()
+    assert n_equal >= 8
+
+
 def test_a_camera_within_its_housing_sees_out_of_it(true_mast):
     """With its eye moved back into the head, the head itself is left out."""
     eye = replace(true_mast.T_link_camera, translation=np.array([-0.08, 0.0, 0.0]))

@@ -1,5 +1,8 @@
 """What field cameras view in a true world, from the poses of a finite set for each robot.
 
+What counts are voxels (`FieldViews.from_env`) or the samples of the visible surface, by which maps
+are scored (`FieldViews.of_surface`).
+
 Joints are continuous, so what is bounded here is what poses of the set show: by default of the grid
 of the joint space, which exhaustive search and the raster scan choose from, and home. The cameras
 are where joints without encoder errors and the true suspension put them. All poses count as
@@ -10,9 +13,10 @@ can be shown.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +27,10 @@ from coopmap_env.core.limits import check_bytes
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation.bounds._active_views import score_views
 from coopmap_env.evaluation.bounds.certificate import PoseSets, ViewScores
+from coopmap_env.evaluation.metrics import SampleVoxels, SurfaceEvaluator
 from coopmap_env.geometry import Pose, RigidTransform
 from coopmap_env.robots import Vehicle
-from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.depth import CameraRays, DepthRenderer
-from coopmap_env.simulation.scenes.field import FieldWorld
 from coopmap_env.simulation.shown_cells import mark_depth_image
 
 BLOCKS_OF_A_ROBOT = 250
@@ -45,7 +48,8 @@ class FieldViews:
 
     n_scans: int
     voxels: NDArray[np.int64]
-    """Flat indices (n_cells,) of the voxels that count: cell c is voxel ``voxels[c]``."""
+    """Flat indices (n_cells,) of the voxels that count: cell c is voxel ``voxels[c]``, or a sample
+    of the surface in that voxel."""
     known: NDArray[np.bool_]
     sets: PoseSets
     """What each pose (k,) shows of these, those that are known left out."""
@@ -81,49 +85,57 @@ class FieldViews:
             not one set of poses for each robot with at least one pose inside of the joint limits,
             or the views take too much memory.
         """
-        if not isinstance(env, FieldEnv):
-            raise ValueError(f"field views need a field environment, got {env}")
-        belief, world = env.belief(), env.truth
-        if env.last_scans:
-            raise ValueError("the environment has been stepped: reset it")
-        n_scans = check_count("n_scans", env.max_scans if n_scans is None else n_scans)
-        spaces = belief.joint_spaces
-        if joints is None:
-            homes = [np.array(mount.home) for mount in env.mounts]
-            joints = [np.vstack([home, s.grid()]) for home, s in zip(homes, spaces, strict=True)]
-        if len(joints) != len(spaces):
-            raise ValueError(
-                f"one set of poses for each of {len(spaces)} robots is needed, got {len(joints)}"
-            )
-        vehicles = [
-            Vehicle.from_mount(mount, base, mount.suspension is not None)
-            for mount, base in zip(env.diagnostics.simulator.mounts, world.base_poses, strict=True)
-        ]
-        checked = tuple(map(_check_joints, vehicles, joints))
-        cameras = [
-            Pose(t, R)
-            for vehicle, own in zip(vehicles, checked, strict=True)
-            for R, t in zip(*vehicle.camera_poses(own), strict=True)
-        ]
+        cameras = _CameraSet.from_env(env, n_scans, joints)
         known = env.diagnostics.initial_free_mask.ravel()
-        counted = world.occupied.ravel() if surfaces_only else np.ones_like(known)
-        sets = _list_views(world, env.settings.camera, cameras, counted & ~known)
+        counted = env.truth.occupied.ravel() if surfaces_only else np.ones_like(known)
+        sets = _list_views(env, _trace(env, cameras.poses), counted & ~known)
         counts = counted & known
         counts[sets.cells] = True
-        robots = np.repeat(np.arange(len(checked)), [len(own) for own in checked])
-        blocks = [
-            replace(space, max_grid_poses=BLOCKS_OF_A_ROBOT).grid_index(own)
-            for space, own in zip(spaces, checked, strict=True)
-        ]
-        return cls(
-            n_scans,
-            np.flatnonzero(counts),
-            known[counts],
-            PoseSets(sets.start, (np.cumsum(counts, dtype=np.int32) - 1)[sets.cells]),
-            checked,
-            np.where(robots == np.arange(len(checked))[:, None], 1, n_scans + 1),
-            np.concatenate(blocks) + robots * BLOCKS_OF_A_ROBOT,
+        numbers = np.cumsum(counts, dtype=np.int32) - 1
+        return cameras.views(
+            np.flatnonzero(counts), known[counts], PoseSets(sets.start, numbers[sets.cells])
         )
+
+    @classmethod
+    def of_surface(
+        cls,
+        env: FieldEnv,
+        evaluator: SurfaceEvaluator,
+        n_scans: int | None = None,
+        joints: Sequence[NDArray[np.float64]] | None = None,
+    ) -> FieldViews:
+        """Those of the visible surface: what counts are all samples that an evaluator scores.
+
+        A pose covers the samples with a truly occupied voxel that it shows within one voxel of
+        their own, as a map does (`SurfaceEvaluator.coverage`) that has exactly these voxels. The
+        robot's own body hides from it what is behind it; teammates hide nothing but by what does
+        not move of them.
+
+        Parameters
+        ----------
+        env, n_scans, joints
+            As of `from_env`.
+        evaluator : SurfaceEvaluator
+            Of the environment's world.
+
+        Raises
+        ------
+        ValueError
+            See `from_env`; or if the evaluator is of a world with another grid.
+        """
+        cameras = _CameraSet.from_env(env, n_scans, joints)
+        samples, grid = evaluator.sample_voxels, env.truth.grid
+        if samples.grid != grid:
+            raise ValueError(f"the samples lie in {samples.grid}, the world in {grid}")
+        simulator = env.diagnostics.simulator
+        traced = (
+            one
+            for robot, own in enumerate(cameras.joints)
+            for one in simulator.views_from(robot, own)
+        )
+        sets = _list_samples(_list_views(env, traced, env.truth.occupied.ravel()), samples)
+        voxels = np.repeat(samples.cells, samples.counts)
+        return cameras.views(voxels, np.zeros(len(voxels), dtype=np.bool_), sets)
 
     @cached_property
     def digest(self) -> str:
@@ -167,6 +179,60 @@ class FieldViews:
         return poses
 
 
+class _CameraSet(NamedTuple):
+    """The camera poses of a set of mount poses for each robot."""
+
+    n_scans: int
+    joints: tuple[NDArray[np.float64], ...]
+    poses: list[Pose]
+    """Of all robots, one after another."""
+    blocks: NDArray[np.int64]
+
+    @classmethod
+    def from_env(
+        cls, env: FieldEnv, n_scans: int | None, joints: Sequence[NDArray[np.float64]] | None
+    ) -> _CameraSet:
+        """See `FieldViews.from_env`."""
+        if not isinstance(env, FieldEnv):
+            raise ValueError(f"field views need a field environment, got {env}")
+        if env.last_scans:
+            raise ValueError("the environment has been stepped: reset it")
+        n_scans = check_count("n_scans", env.max_scans if n_scans is None else n_scans)
+        spaces = env.belief().joint_spaces
+        if joints is None:
+            homes = [np.array(mount.home) for mount in env.mounts]
+            joints = [np.vstack([home, s.grid()]) for home, s in zip(homes, spaces, strict=True)]
+        if len(joints) != len(spaces):
+            raise ValueError(
+                f"one set of poses for each of {len(spaces)} robots is needed, got {len(joints)}"
+            )
+        bases = env.truth.base_poses
+        vehicles = [
+            Vehicle.from_mount(mount, base, mount.suspension is not None)
+            for mount, base in zip(env.diagnostics.simulator.mounts, bases, strict=True)
+        ]
+        checked = tuple(map(_check_joints, vehicles, joints))
+        poses = [
+            Pose(t, R)
+            for vehicle, own in zip(vehicles, checked, strict=True)
+            for R, t in zip(*vehicle.camera_poses(own), strict=True)
+        ]
+        blocks = [
+            replace(space, max_grid_poses=BLOCKS_OF_A_ROBOT).grid_index(own) + k * BLOCKS_OF_A_ROBOT
+            for k, (space, own) in enumerate(zip(spaces, checked, strict=True))
+        ]
+        return cls(n_scans, checked, poses, np.concatenate(blocks))
+
+    def views(
+        self, voxels: NDArray[np.int64], known: NDArray[np.bool_], sets: PoseSets
+    ) -> FieldViews:
+        """What these cameras view."""
+        robots = np.repeat(np.arange(len(self.joints)), [len(own) for own in self.joints])
+        is_own = robots == np.arange(len(self.joints))[:, None]
+        earliest = np.where(is_own, 1, self.n_scans + 1)
+        return FieldViews(self.n_scans, voxels, known, sets, self.joints, earliest, self.blocks)
+
+
 def _check_joints(vehicle: Vehicle, joints: NDArray[np.float64]) -> NDArray[np.float64]:
     """Poses (k, n) of a vehicle."""
     poses = vehicle.chain.check_limits(joints)
@@ -175,21 +241,78 @@ def _check_joints(vehicle: Vehicle, joints: NDArray[np.float64]) -> NDArray[np.f
     return poses
 
 
-def _list_views(
-    world: FieldWorld, camera: DepthCamera, poses: Sequence[Pose], counted: NDArray[np.bool_]
-) -> PoseSets:
-    """The counted voxels that each camera pose shows, by flat index: no robot is in the way."""
-    renderer, rays = DepthRenderer(world.triangles), CameraRays.from_directions(camera.directions)
-    mask, start, views = np.zeros(world.grid.n_cells, dtype=np.uint8), [0], []
-    grid, near, far = tuple(world.grid.geometry), float(camera.near), float(camera.far)
+def _trace(env: FieldEnv, poses: Sequence[Pose]) -> Iterator[tuple[Pose, NDArray[np.float64]]]:
+    """Camera poses and the distances along their rays, without any robot."""
+    renderer = DepthRenderer(env.truth.triangles)
+    rays = CameraRays.from_directions(env.settings.camera.directions)
     for pose in poses:
-        distances = renderer.trace(rays, pose.arrays, NO_BODIES, NO_BODY)
+        yield pose, renderer.trace(rays, pose.arrays, NO_BODIES, NO_BODY)
+
+
+def _list_views(
+    env: FieldEnv,
+    traced: Iterator[tuple[Pose, NDArray[np.float64]]],
+    counted: NDArray[np.bool_],
+) -> PoseSets:
+    """The counted voxels, by flat index, that each of some traced camera poses shows."""
+    camera, true_grid = env.settings.camera, env.truth.grid
+    mask, start, views = np.zeros(true_grid.n_cells, dtype=np.uint8), [0], []
+    grid, near, far = tuple(true_grid.geometry), float(camera.near), float(camera.far)
+    for pose, distances in traced:
         mask[:] = 0
-        mark_depth_image(grid, tuple(pose.arrays), rays.directions, distances, near, far, mask)
+        mark_depth_image(grid, tuple(pose.arrays), camera.directions, distances, near, far, mask)
         views.append(np.flatnonzero(mask.view(np.bool_) & counted).astype(np.int32))
         start.append(start[-1] + len(views[-1]))
         check_bytes(2 * 4 * start[-1], "the list of what field poses show (fewer poses take less)")
     return PoseSets(np.array(start), np.concatenate(views))
+
+
+def _list_samples(shown: PoseSets, samples: SampleVoxels) -> PoseSets:
+    """The samples that each pose covers, from the voxels that it shows."""
+    counts = np.zeros(samples.grid.n_cells + 1, dtype=np.int64)
+    counts[samples.cells + 1] = samples.counts
+    first = np.cumsum(counts)
+    start, shape = np.zeros(len(shown.start), dtype=np.int64), samples.grid.shape_3d
+    list_samples_beside(*shown, shape, first, start, np.empty(0, np.int32))
+    check_bytes(4 * start[-1], "the list of what field poses cover (fewer poses take less)")
+    covered = np.empty(start[-1], dtype=np.int32)
+    list_samples_beside(*shown, shape, first, start, covered)
+    return PoseSets(start, covered)
+
+
+@kernel
+def list_samples_beside(
+    start: NDArray[np.int64],
+    voxels: NDArray[np.int32],
+    shape: tuple[int, int, int],
+    first: NDArray[np.int64],
+    samples_start: NDArray[np.int64],
+    samples: NDArray[np.int32],
+) -> None:
+    """Write the samples in the voxels of each pose, and in the 26 around each of them.
+
+    The samples of voxel v are first[v] to first[v + 1]. Without room in `samples` only
+    `samples_start` (k + 1,) is written, which says how much is needed.
+    """
+    nx, ny, nz = shape
+    seen = np.full(nx * ny * nz, -1, np.int32)
+    n, has_room = 0, len(samples) > 0
+    for pose in range(len(start) - 1):
+        for entry in range(start[pose], start[pose + 1]):
+            x, rest = voxels[entry] // (ny * nz), voxels[entry] % (ny * nz)
+            y, z = rest // nz, rest % nz
+            for i in range(max(x - 1, 0), min(x + 2, nx)):
+                for j in range(max(y - 1, 0), min(y + 2, ny)):
+                    row = (i * ny + j) * nz
+                    for v in range(row + max(z - 1, 0), row + min(z + 2, nz)):
+                        if seen[v] == pose:
+                            continue
+                        seen[v] = pose
+                        for sample in range(first[v], first[v + 1]):
+                            if has_room:
+                                samples[n] = sample
+                            n += 1
+        samples_start[pose + 1] = n
 
 
 @kernel

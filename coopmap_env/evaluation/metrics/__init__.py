@@ -16,10 +16,11 @@ from coopmap_env.evaluation.metrics.surface_consistency import (
     cell_face_offsets,
     surface_chi2,
 )
-from coopmap_env.evaluation.metrics.surface_scores import SurfaceScores
+from coopmap_env.evaluation.metrics.surface_scores import SampleVoxels, SurfaceScores
 
 __all__ = [
     "ReliabilityCurve",
+    "SampleVoxels",
     "SurfaceConsistency",
     "SurfaceEvaluator",
     "SurfaceScores",

@@ -75,6 +75,11 @@ class SurfaceEvaluator:
         self._target_cells = SampleVoxels.from_points(on_target, world.grid)
         self._bins = TriangleBins.from_triangles(world.triangles, world.grid)
 
+    @property
+    def sample_voxels(self) -> SampleVoxels:
+        """The voxels of the visible samples, whose covered fraction is `coverage`."""
+        return self._cells
+
     def coverage(self, map_: OccupancyMap) -> float:
         """Covered fraction of the visible surface; cheap enough to be computed after each scan."""
         return self._cells.coverage(map_)

@@ -11,12 +11,24 @@ they say how much of the gap to the upper bound (`coopmap_env.evaluation.bounds`
 close that predicted the world perfectly. They are references, not policies: the package is out of
 reach of planners and agents, and they have no name on the command line.
 
-The study plays them and planners on training worlds, and prints what each shows at the end,
-its efficiency (what it shows beyond the start, as a fraction of what the bound allows), that of the
-area under the curve, and the parts of its gap (`split_gap`), means over the worlds with 95 %
+`ClairvoyantFieldGreedy` and `ClairvoyantFieldLookAhead` are the same for field worlds, where they
+choose among poses of a finite set by the surface that these truly cover. `studies.families` plays
+them.
+
+The study plays the planar ones and planners on training worlds, and prints what each shows at the
+end, its efficiency (what it shows beyond the start, as a fraction of what the bound allows), that
+of the area under the curve, and the parts of its gap (`split_gap`), means over the worlds with 95 %
 intervals.
 """
 
+from coopmap_env.studies.clairvoyant.field_policy import (
+    N_DRAWN,
+    ClairvoyantFieldGreedy,
+    ClairvoyantFieldLookAhead,
+    FieldLookAhead,
+    surface_views,
+    true_pose_sets,
+)
 from coopmap_env.studies.clairvoyant.gap import Gap, split_gap
 from coopmap_env.studies.clairvoyant.jobs import CLAIRVOYANT, play_clairvoyant
 from coopmap_env.studies.clairvoyant.policy import (
@@ -28,13 +40,19 @@ from coopmap_env.studies.clairvoyant.study import play_worlds, summarise, table_
 
 __all__ = [
     "CLAIRVOYANT",
+    "N_DRAWN",
+    "ClairvoyantFieldGreedy",
+    "ClairvoyantFieldLookAhead",
     "ClairvoyantGreedy",
     "ClairvoyantLookAhead",
+    "FieldLookAhead",
     "Gap",
     "LookAhead",
     "play_clairvoyant",
     "play_worlds",
     "split_gap",
     "summarise",
+    "surface_views",
     "table_lines",
+    "true_pose_sets",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,18 @@ from coopmap_env.evaluation import (
     run_episode,
     run_jobs,
 )
-from coopmap_env.studies.clairvoyant.policy import ClairvoyantGreedy, ClairvoyantLookAhead
+from coopmap_env.studies.clairvoyant.policy import (
+    ClairvoyantGreedy,
+    ClairvoyantLookAhead,
+    LookAhead,
+)
 
 CLAIRVOYANT: dict[str, Callable[[PlanarEnv], ClairvoyantGreedy]] = {
     "clairvoyant, greedy": ClairvoyantGreedy,
-    "clairvoyant, look-ahead": ClairvoyantLookAhead,
+    "clairvoyant, look-ahead": partial(ClairvoyantLookAhead, settings=LookAhead(n_tried=4)),
 }
-"""References by their names in tables."""
+"""References that know the planar world, by their names in tables. Plans of the second one begin
+with few poses, as its default takes a minute of CPU time for an episode."""
 
 
 def play_clairvoyant(

@@ -4,8 +4,8 @@
 
     python -m coopmap_env.studies.families crowded --worlds 40 --out results/families
 
-plays all policies on worlds of a family, with bounds and clairvoyant references where it is planar,
-and prints its table: what is shown at the end, efficiencies, the difference to the best one-step
+plays all policies on worlds of a family, with bounds and clairvoyant references, and prints its
+table: what is shown at the end, efficiencies, the difference to the best one-step
 planner world by world, means with 95 % intervals. `--pages docs/families` writes the page. At
 the end, it applies the rule by which families are admitted (`admission`).
 """

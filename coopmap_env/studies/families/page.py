@@ -6,7 +6,7 @@ import math
 
 from coopmap_env.families import Family
 from coopmap_env.studies.common.pages import format_interval
-from coopmap_env.studies.families.table import Row, Table
+from coopmap_env.studies.families.table import SCANS, Row, Table
 
 
 def table_text(table: Table) -> str:
@@ -15,18 +15,18 @@ def table_text(table: Table) -> str:
     titles += ["decision, ms", "beyond one step, points"]
     lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
     lines += [_line(table, row) for row in table.rows]
-    if table.bound is not None:
-        cells = ["upper bound", "bound", format_interval(table.bound.shown, 100, 1), "100", "100"]
-        lines.append(f"| {' | '.join(cells)} |" + " |" * (len(titles) - len(cells)))
     return "\n".join(lines)
 
 
 def _line(table: Table, row: Row) -> str:
-    *columns, scans = table.columns
     cells = [
-        format_interval(row.scores[column.score], column.scale, column.digits) for column in columns
+        format_interval(
+            row.scores[column.score], column.scale, column.digits, bounds=column is not SCANS
+        )
+        if column.score in row.scores
+        else ""
+        for column in table.columns
     ]
-    cells.append(format_interval(row.scores[scans.score], digits=scans.digits, bounds=False))
     cells.append("" if row.decision_ms is None else f"{row.decision_ms:.1f}")
     beyond = "" if row.beyond is None else format_interval(row.beyond, 100, 1, sign="+")
     return f"| {' | '.join([row.name, row.kind, *cells, beyond])} |"
@@ -57,6 +57,7 @@ def page_text(
         f"python -m coopmap_env.studies.families {family.name} --split {split} "
         f"--worlds {n_worlds} --out results/families"
     )
+    about = f"{_explanation(family)}\n{_about_bound(family, table)}"
     if policies is not None:
         command += f' \\\n    --policies "{policies}"'
     return f"""# {family.name}
@@ -71,10 +72,9 @@ def page_text(
 | world | {kind}, scene {scene} |
 | budget | {", ".join(budget)} |
 
-Means over {n_worlds} worlds of the split "{split}" [95 % bootstrap intervals]. {_explanation(kind)}
-{_about_bound(table)}"Decision" is the CPU time that a decision of one robot takes in world 0.
-The last column compares with the best one-step planner, {table.best_one_step}, world by world, by
-{table.compared.title.rstrip(", %")}.
+Means over {n_worlds} worlds of the split "{split}" [95 % bootstrap intervals]. {about}\
+"Decision" is the CPU time that a decision of one robot takes in world 0. The last column compares with
+the best one-step planner, {table.best_one_step}, world by world, by {table.compared.title.rstrip(", %")}.
 
 {table_text(table)}
 
@@ -84,27 +84,46 @@ The last column compares with the best one-step planner, {table.best_one_step}, 
 """
 
 
-def _about_bound(table: Table) -> str:
-    """How good the bound is, and what it costs."""
+def _about_bound(family: Family, table: Table) -> str:
+    """What the bound says, how good it is, and what it costs."""
     if table.bound is None:
         return ""
     seconds = table.bound.cpu_seconds
     cost = "" if math.isnan(seconds) else f"; one takes {seconds:.1f} CPU seconds (median)"
-    return (
+    gap = (
         f"The bound is {format_interval(table.bound.gap, 100, 1)} % above the best choice of views "
         f"that its search knows, which no policy need reach{cost}.\n"
     )
+    if family.env_name == "planar":
+        return gap
+    clock = (
+        f" It is of {table.bound.n_scans} scans, as many as would fit into the time without "
+        "motions, and says little: there is no bound that counts motions yet."
+        if "max_time" in family.budget
+        else ""
+    )
+    return (
+        f"\nThe [bound](../bounds.md#field-worlds) is of what {table.bound.n_scans} noise-free "
+        "scans of each robot cover from the true camera poses of that set: home, the grid of the "
+        "joint space and drawn poses, those that are free in the true world. It is certified for "
+        "these poses alone, in any order and however far they are apart: scans from other poses, "
+        "and noise, which puts voxels beside the surface, may cover more."
+        f"{clock} {gap}\n"
+    )
 
 
-def _explanation(kind: str) -> str:
-    if kind == "planar":
+def _explanation(family: Family) -> str:
+    clairvoyant = (
+        "Clairvoyant policies [know the world](../bounds.md#what-knowing-the-world-would-bring) "
+        "and keep all constraints; they are references."
+    )
+    if family.env_name == "planar":
         return (
             "Efficiency is what is shown beyond the start, as a fraction of what the [upper bound]"
-            "(../bounds.md) allows: at the end, and of the area under the curve. Clairvoyant "
-            "policies [know the world](../bounds.md#what-knowing-the-world-would-bring) and keep "
-            "all constraints; they are references."
-        )
+            "(../bounds.md) allows: at the end, and of the area under the curve. "
+        ) + clairvoyant
     return (
         "Surface is the covered fraction of the visible surface, at the end and as the area under "
-        "its curve; shown are the voxels that scans truly showed."
+        "its curve; shown are the voxels that scans truly showed. "
+        f"{clairvoyant} They choose among the poses of a finite set."
     )

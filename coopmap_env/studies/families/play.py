@@ -2,32 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from coopmap_env import families
-from coopmap_env.core.caches import thread_cache
-from coopmap_env.core.version import __version__
-from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.evaluation import (
-    Evaluation,
-    Job,
-    Result,
-    compare,
-    episode_from_dict,
-    is_episode,
-    policy_names,
-    run_episode,
-    run_jobs,
-)
+from coopmap_env.evaluation import Evaluation, compare, policy_names
 from coopmap_env.evaluation.bounds import WorldBound, bound_worlds
 from coopmap_env.families import Family
-from coopmap_env.studies.clairvoyant import ClairvoyantGreedy, ClairvoyantLookAhead, LookAhead
+from coopmap_env.studies.clairvoyant import CLAIRVOYANT, play_clairvoyant
+from coopmap_env.studies.families.field_references import SurfaceBounds, play_field_references
 
 
 class Entry(NamedTuple):
@@ -78,12 +62,6 @@ PLAYED_POLICIES = {
 """Policies by their names in the table. One-step planners value the next view alone; those that go
 to a frontier or along a tour look further than that. The motion weights were chosen on training
 worlds of `motion-budget`."""
-CLAIRVOYANT: dict[str, Callable[[PlanarEnv], Any]] = {
-    "clairvoyant, greedy": ClairvoyantGreedy,
-    "clairvoyant, look-ahead": partial(ClairvoyantLookAhead, settings=LookAhead(n_tried=4)),
-}
-"""References that know the planar world; plans of the second one begin with few poses, as its
-default takes a minute of CPU time for an episode."""
 
 
 class Played(NamedTuple):
@@ -97,6 +75,8 @@ class Played(NamedTuple):
     """Of the worlds, where the family is planar."""
     n_cells: int = 0
     """Of a planar world."""
+    surface_bounds: SurfaceBounds | None = None
+    """Of the covered surface, where the family is a field one and references are played."""
 
 
 def play_family(
@@ -123,7 +103,7 @@ def play_family(
         family.
     """
     is_planar = family.env_name == "planar"
-    chosen = list(names or [*_usual_policies(family), *(CLAIRVOYANT if is_planar else ())])
+    chosen = list(names or [*_usual_policies(family), *CLAIRVOYANT])
     evaluations: dict[str, Evaluation] = {}
     entries = {n: PLAYED_POLICIES[n] for n in chosen if n in PLAYED_POLICIES}
     modes = dict.fromkeys((entry.action_mode, entry.n_candidates) for entry in entries.values())
@@ -136,11 +116,21 @@ def play_family(
             family.settings, workers, env_name=family.env_name,
         )  # fmt: skip
         evaluations |= {name: found[entry.spec] for name, entry in own.items()}
-    for name in chosen:
-        if name in CLAIRVOYANT:
-            evaluations[name] = _play_clairvoyant(family, split, seeds, folder, workers, name)
+    references, bounds = [name for name in chosen if name in CLAIRVOYANT], None
+    if is_planar:
+        arguments = {**family.env_kwargs, "split": split}
+        for name in references:
+            evaluations[name] = play_clairvoyant(
+                name, seeds, arguments, folder / "clairvoyant", family.settings, workers
+            )
+    elif references:
+        found, bounds = play_field_references(
+            family, split, seeds, folder / "references", workers, references
+        )
+        evaluations |= found
     kinds = {n: PLAYED_POLICIES[n].kind if n in PLAYED_POLICIES else "clairvoyant" for n in chosen}
-    played = Played({name: evaluations[name] for name in chosen}, kinds, len(seeds))
+    ordered = {name: evaluations[name] for name in chosen}
+    played = Played(ordered, kinds, len(seeds), surface_bounds=bounds)
     return _with_bounds(family, split, seeds, folder, workers, played) if is_planar else played
 
 
@@ -169,37 +159,3 @@ def _with_bounds(
         for name, evaluation in played.evaluations.items()
     }
     return played._replace(evaluations=evaluations, shown_bounds=tuple(bounds), n_cells=n_cells)
-
-
-def _play_clairvoyant(
-    family: Family, split: str, seeds: Sequence[int], folder: Path, workers: int, name: str
-) -> Evaluation:
-    jobs: list[Job] = [
-        {
-            "version": __version__,
-            "family": family.name,
-            "definition": family.definition,
-            "split": split,
-            "policy": name,
-            "seed": seed,
-        }
-        for seed in seeds
-    ]
-    results = run_jobs(
-        run_clairvoyant_job, jobs, folder / "clairvoyant", workers, is_valid=is_episode
-    )
-    return Evaluation(tuple(map(episode_from_dict, results)))
-
-
-def run_clairvoyant_job(job: Job) -> Result:
-    """Play an episode of a policy that knows the world."""
-    env = _clairvoyant_env(json.dumps([job["family"], job["split"]]))
-    return asdict(run_episode(env, CLAIRVOYANT[job["policy"]](env), job["seed"]))
-
-
-@thread_cache(maxsize=2)
-def _clairvoyant_env(arguments: str) -> PlanarEnv:
-    name, split = json.loads(arguments)
-    env = families.make(name, split, report_shown=True)
-    assert isinstance(env, PlanarEnv)
-    return env

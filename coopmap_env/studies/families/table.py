@@ -46,7 +46,7 @@ class Row(NamedTuple):
     name: str
     kind: str
     scores: dict[str, Interval]
-    """By score."""
+    """By score; a bound has only what it bounds."""
     beyond: Interval | None
     """First score of the columns less that of the best one-step planner, world by world; None for
     that planner itself."""
@@ -55,13 +55,15 @@ class Row(NamedTuple):
 
 
 class BoundSummary(NamedTuple):
-    """What can be shown at the end in planar worlds: means, and the time that it takes to know."""
+    """What can be shown at the end: means over the worlds, and what it takes to know."""
 
-    shown: Interval
-    """Fraction of the cells, at most."""
+    most: Interval
+    """Fraction of the cells; in field families, of the visible surface."""
     gap: Interval
     """By how much the bound exceeds the best choice of views that is known; see
     `coopmap_env.evaluation.bounds.ShownBound`."""
+    n_scans: int
+    """Of each robot."""
     cpu_seconds: float
     """Median of the searches, as the first one may compile kernels; nan if none was timed."""
 
@@ -99,17 +101,27 @@ def table_of(played: Played, decision_ms: Mapping[str, float] | None = None) -> 
             beyond = bootstrap_paired_difference(ours, theirs, rng)
         own_ms = None if decision_ms is None else decision_ms.get(name)
         rows.append(Row(name, played.kinds[name], scores, beyond, own_ms))
-    bound = _summarise_bounds(played) if played.shown_bounds else None
+    bound = _summarise_bounds(played)
+    if bound is not None:
+        rows.append(Row("upper bound", "bound", {columns[0].score: bound.most}, None))
     return Table((*columns, SCANS), rows, compared, best, bound)
 
 
-def _summarise_bounds(played: Played) -> BoundSummary:
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
-    ends = np.array([own.bounds[-1] for own in played.shown_bounds]) / played.n_cells
-    gaps = np.array([own.gap for own in played.shown_bounds])
-    times = [own.cpu_seconds for own in played.shown_bounds if not math.isnan(own.cpu_seconds)]
+def _summarise_bounds(played: Played) -> BoundSummary | None:
+    rng, times = np.random.default_rng(BOOTSTRAP_SEED), list[float]()
+    if played.surface_bounds is not None:
+        most, choice, n_scans = played.surface_bounds
+        gaps = most / choice - 1
+    elif played.shown_bounds:
+        most = np.array([own.bounds[-1] for own in played.shown_bounds]) / played.n_cells
+        gaps = np.array([own.gap for own in played.shown_bounds])
+        times = [own.cpu_seconds for own in played.shown_bounds if not math.isnan(own.cpu_seconds)]
+        n_scans = len(played.shown_bounds[0].bounds) - 1
+    else:
+        return None
     return BoundSummary(
-        bootstrap_mean(ends, rng),
+        bootstrap_mean(most, rng),
         bootstrap_mean(gaps, rng),
+        n_scans,
         statistics.median(times) if times else math.nan,
     )

@@ -14,7 +14,8 @@ from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import Job, Policy, Result, make_policy, rollout, run_jobs
 from coopmap_env.evaluation.rollout import warm_up
 from coopmap_env.families import Family
-from coopmap_env.studies.families.play import CLAIRVOYANT, PLAYED_POLICIES
+from coopmap_env.studies.clairvoyant import CLAIRVOYANT
+from coopmap_env.studies.families.play import PLAYED_POLICIES
 
 
 def time_policies(

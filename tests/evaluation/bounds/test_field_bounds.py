@@ -10,7 +10,7 @@ pytest.importorskip("pybullet")
 pytest.importorskip("embreex")
 
 from coopmap_env import field_v1
-from coopmap_env.evaluation import make_policy, rollout
+from coopmap_env.evaluation import make_policy, make_surface_evaluator, rollout
 from coopmap_env.evaluation.bounds import (
     BoundFileError,
     BoundSearch,
@@ -20,6 +20,8 @@ from coopmap_env.evaluation.bounds import (
     load_bound,
     save_bound,
 )
+from coopmap_env.evaluation.bounds.field_views import list_samples_beside
+from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import make_mount
 from coopmap_env.sensing import DepthCamera
 
@@ -68,6 +70,52 @@ def test_what_a_robot_shows_from_a_pose_of_the_set_is_in_the_view(mount):
     assert n_shown > 1_000
     assert n_beside <= (0.001 if mount is EXACT_MAST else 0.15) * n_shown
     assert n_viewed <= 1.15 * n_shown
+
+
+def test_surface_views_are_what_a_map_covers_that_has_the_voxels_shown():
+    """One robot that scans once, whose encoders do not err: the voxels that it truly shows."""
+    env = field(n_robots=1, mount=EXACT_MAST, max_scans=1)
+    rng, n_exact = np.random.default_rng(3), 0
+    env.reset(seed=0)
+    evaluator = make_surface_evaluator(env, 0)
+    poses = env.belief().random_poses(0, 4, rng)
+    views = FieldViews.of_surface(env, evaluator, joints=[poses])
+    assert len(views.voxels) == evaluator.visible.sum()
+    assert not views.known.any()
+    for k, q in enumerate(poses):
+        env.reset(seed=0)
+        env.step({"robot_0": env.belief().action_for(0, q)})
+        shown = OccupancyMap(env.truth.grid)
+        shown.mark_occupied(np.flatnonzero(env.shown_mask & env.truth.occupied))
+        cells = views.pose_sets(np.array([k])).cells
+        assert len(set(cells.tolist())) == len(cells)
+        covered = evaluator.coverage(shown)
+        assert len(cells) / len(views.voxels) == pytest.approx(covered, abs=1e-3)
+        n_exact += len(cells) / len(views.voxels) == pytest.approx(covered, abs=1e-9)
+    assert n_exact >= 3  # a ray along the border of a voxel may differ
+    env.close()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_in_the_voxels_around_are_listed_once(seed):
+    rng = np.random.default_rng(seed)
+    shape = (5, 4, 3)
+    counts = rng.integers(3, size=np.prod(shape))
+    first = np.concatenate([[0], np.cumsum(counts)])
+    shown = [np.flatnonzero(rng.random(len(counts)) < 0.05).astype(np.int32) for _ in range(4)]
+    start = np.cumsum([0, *map(len, shown)])
+    out_start, cells = np.zeros(5, dtype=np.int64), np.concatenate(shown)
+    list_samples_beside(start, cells, shape, first, out_start, np.empty(0, np.int32))
+    samples = np.empty(out_start[-1], dtype=np.int32)
+    list_samples_beside(start, cells, shape, first, out_start, samples)
+    index = np.indices(shape).reshape(3, -1).T
+    for pose, own in enumerate(shown):
+        found = samples[out_start[pose] : out_start[pose + 1]].tolist()
+        wanted = []
+        for voxel, count in enumerate(counts):
+            is_near = (np.abs(index[own] - index[voxel]).max(axis=1, initial=0) <= 1).any()
+            wanted += list(range(first[voxel], first[voxel] + count)) if is_near else []
+        assert sorted(found) == wanted
 
 
 def test_no_choice_of_poses_shows_more_than_the_bound():
