@@ -73,8 +73,9 @@ def page_text(
 | budget | {", ".join(budget)} |
 
 Means over {n_worlds} worlds of the split "{split}" [95 % bootstrap intervals]. {about}\
-"Decision" is the CPU time that a decision of one robot takes in world 0. The last column compares with
-the best one-step planner, {table.best_one_step}, world by world, by {table.compared.title.rstrip(", %")}.
+"Decision" is the CPU time that a decision of one robot takes in world 0. The last column compares
+with the best one-step planner, {table.best_one_step}, world by world, by
+{table.compared.title.rstrip(", %")}.
 
 {table_text(table)}
 

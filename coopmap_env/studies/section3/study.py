@@ -117,7 +117,8 @@ class Section3:
     def table_1(self) -> dict[int | str, dict[str, Interval]]:
         """`TABLE_1_COLUMNS` by search or reference, with 95 % intervals."""
         rng = np.random.default_rng(BOOTSTRAP_SEED)
-        rows: dict[int | str, Evaluation] = {**self.searches, **self.references}
+        rows: dict[int | str, Evaluation] = dict(self.searches)
+        rows.update(self.references)
         return {
             search: {
                 column: bootstrap_mean(evaluation.table[column], rng) for column in TABLE_1_COLUMNS
