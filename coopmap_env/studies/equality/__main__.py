@@ -18,7 +18,7 @@ import numpy as np
 import coopmap_env
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log as log_line
-from coopmap_env.evaluation.jobs import Job, Result, run_jobs
+from coopmap_env.evaluation import Job, Result, run_jobs
 from coopmap_env.studies.common.records import significant
 from coopmap_env.studies.common.versions import versions
 from coopmap_env.studies.equality import (

@@ -25,11 +25,11 @@ from coopmap_env.evaluation import (
     episode_from_dict,
     is_episode,
     make_surface_evaluator,
+    policy_rng,
     run_episode,
     run_jobs,
 )
 from coopmap_env.evaluation.bounds import kept_bound
-from coopmap_env.evaluation.rollout import policy_rng
 from coopmap_env.families import Family
 from coopmap_env.studies.clairvoyant import (
     N_DRAWN,
