@@ -6,7 +6,9 @@ import argparse
 from pathlib import Path
 
 from coopmap_env import families
-from coopmap_env.studies.leaderboard.own_entries import LEARNED, PLANNERS, play_missing
+from coopmap_env.studies.leaderboard.own_entries import entries_of, play_missing
+
+PLANAR = [name for name, family in families.FAMILIES.items() if family.env_name == "planar"]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -17,13 +19,16 @@ def main(arguments: list[str] | None = None) -> None:
         "folder are kept: remove a file to play it again.",
     )
     parser.add_argument("folder", type=Path, help="of the submissions")
-    parser.add_argument("--families", nargs="+", default=["crowded", "narrow"], metavar="NAME",
-                        help=f"of {', '.join(families.FAMILIES)}")  # fmt: skip
+    names = ", ".join(families.FAMILIES)
+    parser.add_argument(
+        "--families", nargs="+", default=PLANAR, metavar="NAME",
+        help=f"of {names}; by default the planar ones",
+    )  # fmt: skip
     parser.add_argument("--worlds", type=int, default=20, help="the first ones of the test split")
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args(arguments)
     for name in options.families:
-        entries = PLANNERS | LEARNED[families.get(name).env_name]
+        entries = entries_of(families.get(name))
         play_missing(name, entries, options.folder, options.worlds, options.workers)
 
 

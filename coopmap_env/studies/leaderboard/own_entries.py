@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from coopmap_env.families import Family
 from coopmap_env.studies.leaderboard.play import submit
 from coopmap_env.studies.leaderboard.submission import (
     Options,
@@ -43,6 +44,12 @@ PLANNERS = {
     "lookahead": Entry("lookahead"),
     "lookahead-joint": Entry("lookahead:coordination=joint"),
 }
+WEIGHING = {
+    "lookahead-one-weighing": Entry("lookahead:horizon=1+motion_weight=0.015"),
+    "lookahead-weighing": Entry("lookahead:motion_weight=0.02"),
+}
+"""Planners that count what motions cost, where time ends planar episodes. The weights were chosen
+on training worlds of `motion-budget`."""
 LEARNED = {
     "planar": {
         "learned-100": Entry("learned:model=planar-candidates", candidates(100)),
@@ -54,6 +61,12 @@ LEARNED = {
     "field": {"learned-100": Entry("learned:model=field-candidates", candidates(100))},
 }
 """By the kind of environment."""
+
+
+def entries_of(family: Family) -> dict[str, Entry]:
+    """The entries that fit a family, by name."""
+    is_timed = family.env_name == "planar" and "max_time" in family.budget
+    return {**PLANNERS, **(WEIGHING if is_timed else {}), **LEARNED[family.env_name]}
 
 
 def is_current(path: Path, n_worlds: int) -> bool:

@@ -4,10 +4,18 @@ import pytest
 from plain.small_families import with_small_families
 
 from coopmap_agents.pretrained import pretrained_names
+from coopmap_env import families
 from coopmap_env.evaluation import make_policy
 from coopmap_env.studies.leaderboard import __main__ as command
 from coopmap_env.studies.leaderboard import own_entries
-from coopmap_env.studies.leaderboard.own_entries import LEARNED, PLANNERS, Entry, play_missing
+from coopmap_env.studies.leaderboard.own_entries import (
+    LEARNED,
+    PLANNERS,
+    WEIGHING,
+    Entry,
+    entries_of,
+    play_missing,
+)
 from coopmap_env.studies.leaderboard.submission import read_submission
 
 
@@ -19,8 +27,16 @@ def small_families():
 
 
 def test_all_planners_can_be_made():
-    for entry in PLANNERS.values():
+    for entry in {**PLANNERS, **WEIGHING}.values():
         make_policy(entry.policy)
+
+
+def test_planners_that_weigh_motion_play_where_time_ends_planar_episodes():
+    weighing = {
+        name for name in families.FAMILIES if set(WEIGHING) <= set(entries_of(families.get(name)))
+    }
+    assert weighing == {"motion-budget", "hasty"}
+    assert set(entries_of(families.get("time"))) == {*PLANNERS, *LEARNED["field"]}
 
 
 def test_learned_policies_are_the_pretrained_ones_in_the_mode_of_their_training():
@@ -49,8 +65,9 @@ def test_what_is_missing_or_on_other_worlds_is_played(tmp_path, monkeypatch):
 
 
 def test_the_command_fills_a_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "PLANNERS", {"raster": Entry("raster")})
-    monkeypatch.setattr(command, "LEARNED", {"planar": {"other": Entry("random")}})
+    monkeypatch.setattr(own_entries, "PLANNERS", {"raster": Entry("raster")})
+    monkeypatch.setattr(own_entries, "WEIGHING", {})
+    monkeypatch.setattr(own_entries, "LEARNED", {"planar": {"other": Entry("random")}})
     command.main([str(tmp_path), "--families", "tiny", "hasty", "--worlds", "2"])
     names = [f"{family}_{name}" for family in ("hasty", "tiny") for name in ("other", "raster")]
     assert [path.name for path in sorted(tmp_path.glob("*.gz"))] == [
