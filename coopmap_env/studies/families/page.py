@@ -104,11 +104,12 @@ def _about_bound(family: Family, table: Table) -> str:
         else ""
     )
     return (
-        f"\nThe [bound](../bounds.md#field-worlds) is of what {table.bound.n_scans} noise-free "
-        "scans of each robot cover from the true camera poses of that set: home, the grid of the "
-        "joint space and drawn poses, those that are free in the true world. It is certified for "
-        "these poses alone, in any order and however far they are apart: scans from other poses, "
-        "and noise, which puts voxels beside the surface, may cover more."
+        "\nThe [bound](../bounds.md#the-covered-surface) is of what "
+        f"{table.bound.n_scans} noise-free scans of each robot cover from the true camera poses "
+        "of that set: home, the grid of the joint space and drawn poses, those that are free in "
+        "the true world. It is certified for these poses alone, in any order and however "
+        "far they are apart: scans from other poses, and noise, which puts voxels "
+        "beside the surface, may cover more."
         f"{clock} {gap}\n"
     )
 
