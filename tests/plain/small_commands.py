@@ -96,7 +96,7 @@ def study_localization(out):
 
 def reproduce(out):
     def report(study, out, field):
-        write_tables(out, {"raster": study.raster, **study.searches, **study.house})
+        write_tables(out, {**study.references, **study.searches, **study.house})
 
     size = section3.Section3Size(1, 1, (0.2,), 1, 1, clairvoyant=False)
     run(

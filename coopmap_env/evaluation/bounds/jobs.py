@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from coopmap_env.evaluation.bounds.efficiency import scans_in_time
 from coopmap_env.evaluation.bounds.planar_views import PlanarViews
 from coopmap_env.evaluation.bounds.stored import kept_bound
 from coopmap_env.evaluation.env_specs import get_env_spec, make_env
+from coopmap_env.evaluation.hashes import file_hashes
 from coopmap_env.evaluation.jobs import Job, Result, run_jobs
 
 
@@ -80,18 +82,21 @@ def bound_worlds(
             raise ValueError(f"what can be shown is bounded in planar worlds only, not in {env}")
         values = settings_to_dict(env.settings)
     folder.mkdir(parents=True, exist_ok=True)
+    files = file_hashes("", str(env_kwargs.get("scene", "")), env_name)
     jobs: list[Job] = [
         {
             "version": __version__,
+            "files": files,
             "env_name": env_name,
             "env_kwargs": env_kwargs,
             "settings": values,
             "seed": seed,
-            "folder": str(folder),
         }
         for seed in seeds
     ]
-    results = run_jobs(run_bound_job, jobs, folder / "jobs", workers, progress, _is_bound)
+    results = run_jobs(
+        partial(run_bound_job, folder), jobs, folder / "jobs", workers, progress, _is_bound
+    )
     return [
         WorldBound(
             np.array(result["bounds"], dtype=np.int64),
@@ -102,14 +107,14 @@ def bound_worlds(
     ]
 
 
-def run_bound_job(job: Job) -> Result:
+def run_bound_job(folder: Path, job: Job) -> Result:
     """Bound what can be shown in a world, or check the bound that was found before."""
     env = _env(job["env_name"], job["env_kwargs"], job["settings"])
     env.reset(seed=job["seed"])
     assert isinstance(env, PlanarEnv)
     n_scans = scans_in_time(env.max_scans, env.max_time, env.settings.scan_time)
     views = PlanarViews.from_env(env, n_scans)
-    path = Path(job["folder"]) / f"{views.digest[:16]}.npz"
+    path = folder / f"{views.digest[:16]}.npz"
     is_searched, start = not path.exists(), time.process_time()
     found = kept_bound(path, views, n_scans)
     return {

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -93,11 +94,12 @@ def play_field_references(
             "policies": list(names),
             "n_drawn": N_DRAWN,
             "seed": seed,
-            "folder": str(folder),
         }
         for seed in seeds
     ]
-    results = run_jobs(run_references, jobs, folder / "jobs", workers, is_valid=_is_result)
+    results = run_jobs(
+        partial(run_references, folder), jobs, folder / "jobs", workers, is_valid=_is_result
+    )
     evaluations = {
         name: Evaluation(tuple(episode_from_dict(own["episodes"][name]) for own in results))
         for name in names
@@ -108,13 +110,13 @@ def play_field_references(
     return evaluations, SurfaceBounds(most, chosen, results[0]["n_scans"])
 
 
-def run_references(job: Job) -> Result:
+def run_references(folder: Path, job: Job) -> Result:
     """Play the references in a world, and bound it or check the bound that was found before."""
     env, seed = _env(json.dumps([job["family"], job["split"]])), job["seed"]
     env.reset(seed=seed)
     evaluator = make_surface_evaluator(env, seed)
     views = surface_views(env, policy_rng(seed), job["n_drawn"], evaluator)
-    bound_file = Path(job["folder"]) / f"{views.digest[:16]}.npz"
+    bound_file = folder / f"{views.digest[:16]}.npz"
     found = kept_bound(bound_file, views, views.n_scans)
     episodes = {}
     for name in job["policies"]:
