@@ -5,7 +5,6 @@ They are played together, a world at a time, as what poses of the set truly view
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env import families
-from coopmap_env.core.caches import thread_cache
+from coopmap_env.core.caches import json_cache
 from coopmap_env.core.version import __version__
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation import (
@@ -112,7 +111,7 @@ def play_field_references(
 
 def run_references(folder: Path, job: Job) -> Result:
     """Play the references in a world, and bound it or check the bound that was found before."""
-    env, seed = _env(json.dumps([job["family"], job["split"]])), job["seed"]
+    env, seed = _env(job["family"], job["split"]), job["seed"]
     env.reset(seed=seed)
     evaluator = make_surface_evaluator(env, seed)
     views = surface_views(env, policy_rng(seed), job["n_drawn"], evaluator)
@@ -131,9 +130,8 @@ def run_references(folder: Path, job: Job) -> Result:
     }
 
 
-@thread_cache(maxsize=2)
-def _env(arguments: str) -> FieldEnv:
-    name, split = json.loads(arguments)
+@json_cache(maxsize=2)
+def _env(name: str, split: str) -> FieldEnv:
     env = families.make(name, split, report_shown=True)
     assert isinstance(env, FieldEnv)
     return env
