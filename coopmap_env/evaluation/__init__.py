@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         compare,
         evaluate,
         with_efficiencies,
+        with_world_bounds,
         write_episodes,
     )
     from coopmap_env.evaluation.env_specs import EnvSpec, get_env_spec, make_env, make_vector_env
@@ -64,6 +65,7 @@ __all__ = [
     "run_jobs",
     "summarize",
     "with_efficiencies",
+    "with_world_bounds",
     "write_episodes",
 ]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from coopmap_env.core.files import write_atomically
 from coopmap_env.envs import MappingEnv
 from coopmap_env.envs.field import FieldEnv
-from coopmap_env.evaluation.bounds import Efficiency, bound_worlds, efficiency
+from coopmap_env.evaluation.bounds import Efficiency, WorldBound, bound_worlds, efficiency
 from coopmap_env.evaluation.env_specs import get_env_spec
 from coopmap_env.evaluation.episode import Episode, episode_from_dict, run_episode
 from coopmap_env.evaluation.episode_jobs import make_job, run_job
@@ -196,10 +196,25 @@ def with_efficiencies(
     bounds = bound_worlds(seeds, env_kwargs, bounds_dir, settings, workers, progress, env_name)
     with closing(get_env_spec(env_name).make(**env_kwargs, settings=settings)) as env:
         env.reset(seed=seeds[0])
-        n_cells, scan_time = env.belief().map.grid.n_cells, env.belief().scan_time
-    most = [own.bounds for own in bounds]
+        return with_world_bounds(evaluations, bounds, env)
+
+
+def with_world_bounds(
+    evaluations: Mapping[str, Evaluation], bounds: Sequence[WorldBound], env: MappingEnv[Any]
+) -> dict[str, Evaluation]:
+    """Evaluations with efficiencies by bounds that are known.
+
+    Parameters
+    ----------
+    evaluations : mapping of str to Evaluation
+    bounds : sequence of WorldBound
+        Of the worlds of each evaluation, in their order.
+    env : MappingEnv
+        Of these worlds, after a reset.
+    """
+    most, belief = [own.bounds for own in bounds], env.belief()
     return {
-        name: evaluation.with_bounds(most, n_cells, scan_time)
+        name: evaluation.with_bounds(most, belief.map.grid.n_cells, belief.scan_time)
         for name, evaluation in evaluations.items()
     }
 

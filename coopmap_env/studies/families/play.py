@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from coopmap_env.evaluation import Evaluation, compare, policy_names
+from coopmap_env.evaluation import Evaluation, compare, policy_names, with_world_bounds
 from coopmap_env.evaluation.bounds import WorldBound, bound_worlds
 from coopmap_env.families import Family
 from coopmap_env.studies.clairvoyant import CLAIRVOYANT, play_clairvoyant
@@ -152,10 +152,6 @@ def _with_bounds(
     bounds = bound_worlds(seeds, arguments, folder / "bounds", family.settings, workers)
     with closing(family.make(split)) as env:
         env.reset(seed=seeds[0])
-        n_cells, scan_time = env.belief().map.grid.n_cells, env.belief().scan_time
-    most = [own.bounds for own in bounds]
-    evaluations = {
-        name: evaluation.with_bounds(most, n_cells, scan_time)
-        for name, evaluation in played.evaluations.items()
-    }
+        evaluations = with_world_bounds(played.evaluations, bounds, env)
+        n_cells = env.belief().map.grid.n_cells
     return played._replace(evaluations=evaluations, shown_bounds=tuple(bounds), n_cells=n_cells)
