@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from coopmap_env.evaluation.metrics import SurfaceEvaluator
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import CollisionChecker
 from coopmap_env.studies.clairvoyant._true_views import BASE, TrueViews, choose_step, play_on
+from coopmap_env.studies.clairvoyant.policy import Played
 
 N_DRAWN = 300
 """Poses of each robot that are drawn beside home and the grid of its joint space."""
@@ -75,20 +76,6 @@ class FieldLookAhead(Settings):
     n_tried: PositiveInt = 24
     """Poses of each robot from which it plays on, at each decision: the best of a block of the
     joint space each."""
-
-
-class Played(NamedTuple):
-    """A plan, and what it covers."""
-
-    plan: NDArray[np.int64]
-    """Poses (h, n_robots); BASE where a robot stays."""
-    shown: NDArray[np.int64]
-    """Samples (h,) that each scan of the team newly covers."""
-
-    @property
-    def rank(self) -> tuple[int, int]:
-        """Better plans cover more in the end; of equal ones, those that cover it earlier."""
-        return int(self.shown.sum()), int(np.cumsum(self.shown).sum())
 
 
 class ClairvoyantFieldGreedy:

@@ -50,9 +50,9 @@ class Played(NamedTuple):
     """A plan, and what it shows."""
 
     plan: NDArray[np.int64]
-    """Pose ids (h, n_robots)."""
+    """Poses (h, n_robots)."""
     shown: NDArray[np.int64]
-    """Cells (h,) that each scan of the team newly shows."""
+    """Cells, or samples of a surface, (h,) that each scan of the team newly shows."""
 
     @property
     def rank(self) -> tuple[int, int]:
