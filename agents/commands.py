@@ -19,9 +19,10 @@ class Train(EnvironmentOptions, TrainingOptions):
     """Train a policy that all robots of a team share.
 
     Writes policy.safetensors (the best one on validation worlds, for `coopmap evaluate --policies
-    learned:model=...`), training.json (configuration and learning curve), a checkpoint and logs for
-    TensorBoard. The same command resumes an interrupted training, with the same result as without
-    the interruption. Needs the extra rl, and ray for --engine rllib.
+    learned:model=...`), policy.onnx (the same, for acting without torch), training.json
+    (configuration and learning curve), a checkpoint and logs for TensorBoard. The same command
+    resumes an interrupted training, with the same result as without the interruption. Needs the
+    extra rl, and ray for --engine rllib.
 
     Such as:
       coopmap train --out results/train --ppo.total-steps 100000

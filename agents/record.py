@@ -21,6 +21,7 @@ from coopmap_env.evaluation import file_hashes
 
 RECORD_FILE = "training.json"
 POLICY_FILE = "policy.safetensors"
+ONNX_FILE = "policy.onnx"
 
 Record = dict[str, Any]
 """JSON values, as `coopmap_agents._record_form.TrainingRecord` describes them."""

@@ -6,8 +6,9 @@ import pytest
 
 def test_importing_the_environment_needs_no_extra_and_the_evaluation_is_there_when_asked_for():
     heavy = (
-        "torch stable_baselines3 matplotlib jinja2 tyro PIL pygame rtbdata scipy.ndimage "
-        "scipy.spatial scipy.stats pybullet trimesh embreex ompl pyoctomap viser skimage"
+        "torch stable_baselines3 onnxruntime matplotlib jinja2 tyro PIL pygame rtbdata "
+        "scipy.ndimage scipy.spatial scipy.stats pybullet trimesh embreex ompl pyoctomap viser "
+        "skimage"
     )
     code = (
         "import sys, coopmap_env, coopmap_baselines\n"

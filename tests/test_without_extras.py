@@ -9,6 +9,7 @@ import pytest
 HIDDEN = (
     "pybullet", "pybullet_data", "trimesh", "embreex", "ompl", "pyoctomap", "viser",
     "skimage", "example_robot_data", "cmeel", "matplotlib", "torch", "stable_baselines3",
+    "onnxruntime",
 )  # fmt: skip
 HIDE = f"""
 import sys
@@ -48,6 +49,9 @@ CODES = {
     "from coopmap_env.mapping import OccupancyMap, VoxelGrid\n"
     "from coopmap_env.mapping.files import save_map\n"
     "save_map(OccupancyMap(VoxelGrid((2, 2, 2))), 'map.ot')": "pip install 'coopmap[octomap]'",
+    "from coopmap_env.evaluation import make_policy; make_policy('learned:model=planar-pose')": (
+        "pip install 'coopmap[onnx]'"
+    ),
     "from coopmap_env.cli import main\n"
     "main(['evaluate', '--env', 'field', '--out', 'nowhere'])": "pip install 'coopmap[field]'",
 }

@@ -14,8 +14,9 @@ from coopmap_agents.networks.factory import (
     parameter_shapes,
     set_actor_trainable,
 )
-from coopmap_agents.networks.features import ObservationFeatures, stack
+from coopmap_agents.networks.features import ObservationFeatures
 from coopmap_agents.networks.pose_policy import PosePolicy
+from coopmap_agents.observations import stack
 
 __all__ = [
     "CandidateScorer",

@@ -27,20 +27,16 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
+from coopmap_agents.architecture import (
+    MASKED_LOGIT,
+    MIN_STANDARD_DEVIATION,
+    RATING_FEATURE_INDEX,
+    RATING_GAIN,
+)
 from coopmap_agents.config import InitialPolicy
 from coopmap_agents.networks.features import ObservationFeatures, as_tensors
 from coopmap_agents.networks.layers import Tanh, mlp, sum_and_max
 from coopmap_env.core.arguments import check_choice
-
-MASKED_LOGIT = -1e8
-"""Its probability is exactly 0 in float32, and 0 times it is 0: no NaN in the entropy."""
-RATING_FEATURE_INDEX = -2
-"""Index of the rating (Eq. 9) in a candidate's features, planar and field."""
-RATING_GAIN = 30.0
-"""Logits per unit of the rating feature: on planar training worlds the best-rated of 32 candidates
-then has a probability of 0.77 on average, which leaves room to explore."""
-MIN_STANDARD_DEVIATION = 1e-3
-"""Of a feature over the feasible candidates; smaller differences are suppressed."""
 
 Observations = dict[str, torch.Tensor]
 

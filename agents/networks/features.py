@@ -5,7 +5,7 @@ Stable-Baselines3 converts all entries to float32; the map, from 0 to 255, is sc
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,16 +16,8 @@ from stable_baselines3.common.preprocessing import get_flattened_obs_dim, is_ima
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from coopmap_env.envs import Observation
-
-SPECIAL_KEYS = ("candidates", "action_mask", "teammates", "located", "state")
-"""Entries of an observation that are not simply concatenated."""
-
-
-def stack(observations: Iterable[Observation]) -> Observation:
-    """Stack the observations of n robots: each entry gets a first axis of length n."""
-    rows = list(observations)
-    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+from coopmap_agents.architecture import IMAGE_CONVOLUTIONS, TEAMMATE_FEATURES, n_image_values
+from coopmap_agents.observations import SPECIAL_KEYS
 
 
 def as_tensors(
@@ -71,7 +63,7 @@ class ObservationFeatures(BaseFeaturesExtractor):
         self,
         observation_space: spaces.Dict,
         image_features: int = 64,
-        teammate_features: int = 16,
+        teammate_features: int = TEAMMATE_FEATURES,
     ) -> None:
         parts = observation_space.spaces
         images = {k: box for k, box in parts.items() if is_image_space(box)}
@@ -149,21 +141,16 @@ class ByteConv2d(nn.Conv2d):
 
 
 def _image_encoder(shape: tuple[int, ...], n_features: int) -> nn.Sequential:
-    """Two padded convolutions, for images of any size.
-
-    Stable-Baselines3's NatureCNN fails below 36 pixels. Three convolutions with smaller strides
-    take twice the time, and the updates, not the simulation, dominate the time of a training.
-    """
+    """Two padded convolutions, for images of any size."""
     channels, height, width = shape
-    for stride in (4, 2):  # the convolutions below divide a side by this, rounded up
-        height, width = -(-height // stride), -(-width // stride)
+    first, second = IMAGE_CONVOLUTIONS
     return nn.Sequential(
         ChannelsLast(),
-        ByteConv2d(channels, 16, kernel_size=5, stride=4, padding=2),
+        ByteConv2d(channels, *first, padding=first.padding),
         nn.ReLU(),
-        nn.Conv2d(16, 32, kernel_size=3, stride=2, padding=1),
+        nn.Conv2d(first.channels, *second, padding=second.padding),
         nn.ReLU(),
         nn.Flatten(),
-        nn.Linear(32 * height * width, n_features),
+        nn.Linear(n_image_values(height, width), n_features),
         nn.ReLU(),
     )

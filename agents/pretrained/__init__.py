@@ -1,14 +1,29 @@
-"""Trained policies: as files, as policies of the evaluation, and those that ship with coopmap."""
+"""Trained policies: as files, as policies of the evaluation, and those that ship with coopmap.
 
-import coopmap_agents._require_rl  # noqa: F401
-from coopmap_agents.pretrained.learned_policy import LearnedPolicy, resolve_network
+What reads and writes networks of torch is loaded on first use: without torch, policies act from
+their ONNX files.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from coopmap_agents.pretrained.learned_policy import LearnedPolicy
 from coopmap_agents.pretrained.library import pretrained_names, pretrained_path, pretrained_record
 from coopmap_agents.pretrained.metadata import PolicyMetadata
-from coopmap_agents.pretrained.policy_file import load_policy, read_metadata, save_policy
+
+if TYPE_CHECKING:
+    from coopmap_agents.pretrained.policy_file import (
+        convert_policy,
+        load_policy,
+        read_metadata,
+        save_policy,
+    )
+    from coopmap_agents.pretrained.torch_network import resolve_network
 
 __all__ = [
     "LearnedPolicy",
     "PolicyMetadata",
+    "convert_policy",
     "load_policy",
     "pretrained_names",
     "pretrained_path",
@@ -17,3 +32,11 @@ __all__ = [
     "resolve_network",
     "save_policy",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("convert_policy", "load_policy", "read_metadata", "save_policy"):
+        return getattr(import_module("coopmap_agents.pretrained.policy_file"), name)
+    if name == "resolve_network":
+        return import_module("coopmap_agents.pretrained.torch_network").resolve_network
+    raise AttributeError(f"module 'coopmap_agents.pretrained' has no attribute {name!r}")

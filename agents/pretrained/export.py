@@ -13,13 +13,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from coopmap_agents.pretrained.policy_file import load_policy
+from coopmap_agents.pretrained.policy_file import convert_policy, load_policy
 from coopmap_agents.record import POLICY_FILE, RECORD_FILE, Record, read_record
 from coopmap_env.core.files import FileError, read_bytes, write_atomically
 
 
 def export(folder: Path, trainings: Sequence[Path]) -> None:
-    """Copy the policy of each training, and write the record of all of them.
+    """Copy the policy of each training, also as ONNX, and write the record of all of them.
 
     Parameters
     ----------
@@ -39,10 +39,11 @@ def export(folder: Path, trainings: Sequence[Path]) -> None:
     _check_same_config(trainings, records)
     names = [f"seed_{record['config']['seed']}.safetensors" for record in records]
     policies = dict(zip(names, map(_read_policy, trainings), strict=True))
-    for old in folder.glob("*.safetensors"):
+    for old in (*folder.glob("*.safetensors"), *folder.glob("*.onnx")):
         old.unlink()
     for name, content in policies.items():
         write_atomically(folder / name, content)
+        convert_policy(folder / name, (folder / name).with_suffix(".onnx"))
     write_atomically(folder / RECORD_FILE, json.dumps(_summary(records), indent=1) + "\n")
 
 

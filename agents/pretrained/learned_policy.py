@@ -1,36 +1,55 @@
-"""Trained networks as policies of the evaluation."""
+"""Trained networks as policies of the evaluation.
+
+Where torch is installed (extra ``rl``) it decides, as in trainings, so that results are those of
+the validation in training.json and of all records so far, bit for bit. Where it is missing, ONNX
+Runtime decides (extra ``onnx``), from the ONNX files of the pretrained policies. Its numbers differ
+by rounding, by less than 1e-5, and nearly always the same actions follow. A file that ends in
+``.onnx`` is run by ONNX Runtime in both cases.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
 from collections.abc import Iterable, Mapping
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from gymnasium import spaces
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.policies import ActorCriticPolicy
-from torch import nn
+from numpy.typing import NDArray
 
-from coopmap_agents.networks import CandidateScorer, actor_parameters, stack
-from coopmap_agents.pretrained.library import pretrained_names, pretrained_path
-from coopmap_agents.pretrained.policy_file import load_policy, read_metadata
-from coopmap_agents.record import POLICY_FILE
-from coopmap_env.core.files import brief
+from coopmap_agents.observations import VARIABLE_LENGTH_KEYS, stack
+from coopmap_agents.pretrained.library import find_policy, pretrained_names, pretrained_path
+from coopmap_agents.pretrained.onnx.file import read_onnx
+from coopmap_agents.pretrained.onnx.network import OnnxNetwork
 from coopmap_env.envs import Belief, Observation
 
-VARIABLE_LENGTH_KEYS = ("candidates", "action_mask", "teammates", "located")
-"""Entries of an observation whose first axis may differ in length from training."""
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.policies import ActorCriticPolicy
 
 Shapes = dict[str, tuple[int | str, ...]]
+
+
+class ActingNetwork(Protocol):
+    """What decides: a `TorchNetwork` or an `OnnxNetwork`."""
+
+    @property
+    def observation_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape of each entry of the observations in training."""
+
+    def weights(self) -> list[NDArray[np.float32]]:
+        """Weights of the actor, in the order of torch."""
+
+    def decide(self, rows: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        """The most probable actions for the observations of n robots."""
 
 
 class LearnedPolicy:
     """A trained network as a `Policy`: each robot takes its most probable action.
 
     It decides among any number of candidates. If it was trained with teammates, their number may be
-    any, including none.
+    any, including none. The module says whether torch or ONNX Runtime decides.
 
     Parameters
     ----------
@@ -45,6 +64,8 @@ class LearnedPolicy:
     ValueError
         If the file cannot be read, there is no pretrained policy of this name, or the model chooses
         among candidates and is not a `CandidateScorer`.
+    ImportError
+        With the pip command, if what the file needs is not installed.
     """
 
     def __init__(
@@ -53,43 +74,43 @@ class LearnedPolicy:
         seed: int | None = None,
     ) -> None:
         self._seed = seed
-        self._network = None if model is None else resolve_network(model, seed)
-        self._pretrained: dict[frozenset[Any], ActorCriticPolicy] = {}
+        self._network = None if model is None else _acting_network(model, seed)
+        self._pretrained: dict[frozenset[Any], ActingNetwork] = {}
         """Pretrained networks by the shapes of observations: files are searched once for each."""
 
-    def _load_compatible(self, observed: Mapping[str, tuple[int, ...]]) -> ActorCriticPolicy:
+    def _load_compatible(self, observed: Mapping[str, tuple[int, ...]]) -> ActingNetwork:
         kind = frozenset(observed.items())
         if kind not in self._pretrained:
-            self._pretrained[kind] = load_policy(
-                pretrained_path(_first_compatible(observed), self._seed)
-            )
+            self._pretrained[kind] = _acting_network(_first_compatible(observed), self._seed)
         return self._pretrained[kind]
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the weights; of all pretrained policies, where the observations decide which."""
+        """Hash of the weights; of all pretrained policies, where the observations decide which.
+
+        It is the same for both formats of a file, and for torch and ONNX Runtime.
+        """
         if self._network is not None:
-            weights = actor_parameters(self._network).values()
-            return _sha256(values.detach().cpu().numpy().tobytes() for values in weights)
+            return _sha256(values.tobytes() for values in self._network.weights())
         names = pretrained_names()
         return _sha256(pretrained_path(name, self._seed).read_bytes() for name in names)
 
     @property
     def n_parameters(self) -> int | None:
         """Numbers that acting needs; None before observations decide which network it is."""
-        parameters = self._actor()
-        return None if parameters is None else sum(values.numel() for values in parameters)
+        weights = self._weights()
+        return None if weights is None else sum(values.size for values in weights)
 
     @property
     def model_bytes(self) -> int | None:
         """Bytes of these."""
-        parameters = self._actor()
-        return None if parameters is None else sum(values.nbytes for values in parameters)
+        weights = self._weights()
+        return None if weights is None else sum(values.nbytes for values in weights)
 
-    def _actor(self) -> list[nn.Parameter] | None:
-        """Parameters of the network that decides: of pretrained ones, the last one that did."""
+    def _weights(self) -> list[NDArray[np.float32]] | None:
+        """Weights of the network that decides: of pretrained ones, the last one that did."""
         networks = [*self._pretrained.values(), *([self._network] if self._network else [])]
-        return list(actor_parameters(networks[-1]).values()) if networks else None
+        return networks[-1].weights() if networks else None
 
     def reset(self, rng: np.random.Generator) -> None:
         """Does nothing: the policy has no memory and is deterministic."""
@@ -106,27 +127,35 @@ class LearnedPolicy:
         rows = stack(observations[agent] for agent in belief.agents)
         observed = {key: values.shape[1:] for key, values in rows.items()}
         network = self._network or self._load_compatible(observed)
-        trained_on = network.observation_space
-        assert isinstance(trained_on, spaces.Dict)
-        trained = {key: box.shape or () for key, box in trained_on.spaces.items()}
+        trained = network.observation_shapes
         if not _is_compatible(trained, observed):
             raise ValueError(
                 f"this policy was trained on observations {_without_lengths(trained)}, but got "
                 f"{_without_lengths(observed)}: use the environment and action mode of its training"
             )
-        actions = _decide(network, rows)
-        return dict(zip(belief.agents, actions, strict=True))
+        return dict(zip(belief.agents, network.decide(rows), strict=True))
 
 
-def _decide(network: ActorCriticPolicy, rows: Mapping[str, Any]) -> Any:
-    """The most probable actions; weights that are finite can still be too large to compute with."""
+def _acting_network(model: Any, seed: int | None) -> ActingNetwork:
+    """What decides; see the module."""
+    is_path = isinstance(model, str | os.PathLike)
+    if is_path and Path(model).suffix == ".onnx":
+        return OnnxNetwork.from_path(find_policy(model, seed))
+    if is_path and model in pretrained_names() and not _has_torch():
+        return OnnxNetwork.from_path(find_policy(model, seed, "onnx"))
+    if is_path:
+        find_policy(model, seed)  # its errors come before that of a missing extra
+    from coopmap_agents.pretrained.torch_network import TorchNetwork, resolve_network
+
+    return TorchNetwork(resolve_network(model, seed))
+
+
+def _has_torch() -> bool:
     try:
-        actions, _ = network.predict(dict(rows), deterministic=True)
-    except ValueError as error:  # of torch, about the parameters of a distribution
-        raise ValueError(
-            f"this policy's network gives no actions for these observations: {error!s:.80}..."
-        ) from error
-    return actions
+        import coopmap_agents._require_rl  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 def _sha256(parts: Iterable[bytes]) -> str:
@@ -136,50 +165,11 @@ def _sha256(parts: Iterable[bytes]) -> str:
     return sha.hexdigest()
 
 
-def resolve_network(model: Any, seed: int | None = None) -> ActorCriticPolicy:
-    """The network of a model, of a file, or of a pretrained policy; see `LearnedPolicy`."""
-    if isinstance(model, BaseAlgorithm):
-        model = model.policy
-    if isinstance(model, ActorCriticPolicy):
-        if isinstance(model.action_space, spaces.Discrete) and not isinstance(
-            model, CandidateScorer
-        ):
-            raise ValueError(
-                "a model that chooses among candidates must have a CandidateScorer, "
-                f"got {type(model).__name__}"
-            )
-        return model
-    if isinstance(model, str) and model in pretrained_names():
-        return load_policy(pretrained_path(model, seed))
-    _check_is_file(model)
-    if seed is not None:
-        raise ValueError(
-            f"seed={seed} selects a training of a pretrained policy; {model} is a file"
-        )
-    return load_policy(model)
-
-
-def _check_is_file(model: Any) -> None:
-    is_path = isinstance(model, str | os.PathLike)
-    if is_path and os.path.isfile(model):
-        return
-    if is_path and os.path.isdir(model):
-        raise ValueError(
-            f"model {str(model)!r} is a folder: name a file in it, such as {POLICY_FILE}"
-        )
-    raise ValueError(
-        f"model {brief(model)} is neither a file nor one of the pretrained policies: "
-        f"{', '.join(pretrained_names()) or 'none'}"
-    )
-
-
 def _first_compatible(observed: Mapping[str, tuple[int, ...]]) -> str:
     """Name of the first pretrained policy that fits observations of these shapes."""
     for name in pretrained_names():
-        metadata = read_metadata(pretrained_path(name))
-        if _is_compatible(
-            {key: tuple(entry[1:]) for key, entry in metadata.observations.items()}, observed
-        ):
+        metadata = read_onnx(pretrained_path(name, file_format="onnx")).metadata
+        if _is_compatible(metadata.shapes(), observed):
             return name
     raise ValueError(
         f"no pretrained policy fits observations {_without_lengths(observed)}; there are "

@@ -1,19 +1,23 @@
 """The pretrained policies, which ship with coopmap: their names, files and records.
 
-Each is a folder of ``policies/``: one file for each training seed, and ``training.json`` with the
-commands, the hardware, the time and the learning curves.
+Each is a folder of ``policies/``: two files for each training seed, with the same weights as
+safetensors and as ONNX, and ``training.json`` with the commands, the hardware, the time and the
+learning curves.
 """
 
 from __future__ import annotations
 
+import os
 from importlib.resources import files
 from numbers import Integral
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from coopmap_agents._record_form import check_pretrained_record
-from coopmap_agents.record import RECORD_FILE
-from coopmap_env.core.files import FileError, read_json
+from coopmap_agents.record import POLICY_FILE, RECORD_FILE
+from coopmap_env.core.files import FileError, brief, read_json
+
+FileFormat = Literal["safetensors", "onnx"]
 
 
 def pretrained_names() -> list[str]:
@@ -44,7 +48,9 @@ def pretrained_record(name: str) -> dict[str, Any]:
     return record
 
 
-def pretrained_path(name: str, seed: int | None = None) -> Path:
+def pretrained_path(
+    name: str, seed: int | None = None, file_format: FileFormat = "safetensors"
+) -> Path:
     """File of a pretrained policy.
 
     Parameters
@@ -53,6 +59,8 @@ def pretrained_path(name: str, seed: int | None = None) -> Path:
         One of `pretrained_names`.
     seed : int, optional
         Seed of the training; by default the one with the largest reward on validation worlds.
+    file_format : {"safetensors", "onnx"}
+        Both files have the same weights and metadata.
 
     Raises
     ------
@@ -65,7 +73,39 @@ def pretrained_path(name: str, seed: int | None = None) -> Path:
     is_integer = isinstance(seed, Integral) and not isinstance(seed, bool)  # True and 1.0 equal 1
     if not is_integer or seed not in record["seeds"]:
         raise ValueError(f"{name} was trained with the seeds {record['seeds']}, got {seed!r:.80}")
-    return _folder() / name / f"seed_{int(seed)}.safetensors"
+    return _folder() / name / f"seed_{int(seed)}.{file_format}"
+
+
+def find_policy(model: Any, seed: int | None, file_format: FileFormat = "safetensors") -> Path:
+    """File of a policy: of a pretrained one, if `model` is its name, else of this path.
+
+    Raises
+    ------
+    ValueError
+        If there is neither, or a seed is given for a file.
+    """
+    if isinstance(model, str) and model in pretrained_names():
+        return pretrained_path(model, seed, file_format)
+    _check_is_file(model)
+    if seed is not None:
+        raise ValueError(
+            f"seed={seed} selects a training of a pretrained policy; {model} is a file"
+        )
+    return Path(model)
+
+
+def _check_is_file(model: Any) -> None:
+    is_path = isinstance(model, str | os.PathLike)
+    if is_path and os.path.isfile(model):
+        return
+    if is_path and os.path.isdir(model):
+        raise ValueError(
+            f"model {str(model)!r} is a folder: name a file in it, such as {POLICY_FILE}"
+        )
+    raise ValueError(
+        f"model {brief(model)} is neither a file nor one of the pretrained policies: "
+        f"{', '.join(pretrained_names()) or 'none'}"
+    )
 
 
 def _folder() -> Path:

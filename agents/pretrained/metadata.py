@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from math import prod
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium import spaces
-from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import make_network, parameter_shapes
-from coopmap_env.core.files import brief
+from coopmap_env.core.files import FileError, brief, read_bytes
 from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import PositiveInt, Settings, settings_from_dict
 from coopmap_env.core.version import __version__
 
+METADATA_KEY = "coopmap"
+"""Key of the JSON text in the file."""
 FORMAT = 2
 """Increased when the networks, the metadata or the meaning of observations change: older files can
 then no longer be read. Format 2 (0.2.0) has other keys of the metadata than format 1."""
@@ -27,6 +29,8 @@ MAX_ENTRIES = 64
 """Entries of an observation; each takes time, however small it is."""
 ARRAYS_PER_BOX = 4
 """Arrays of the size of an observation that its space holds: two bounds, and which are finite."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -78,35 +82,12 @@ class PolicyMetadata(Settings):
                     f"got {brief(entry)}"
                 )
 
-    @classmethod
-    def from_network(
-        cls, network: ActorCriticPolicy, settings: PPOSettings, training: Mapping[str, Any]
-    ) -> PolicyMetadata:
-        """Metadata of a network."""
-        observation_space, actions = network.observation_space, network.action_space
-        assert isinstance(observation_space, spaces.Dict)
-        is_discrete = isinstance(actions, spaces.Discrete)
-        return cls(
-            {
-                key: [np.dtype(space.dtype).name, *(space.shape or ())]
-                for key, space in observation_space.spaces.items()
-                if key != "state"
-            },
-            int(actions.n) if isinstance(actions, spaces.Discrete) else None,
-            None if is_discrete else int(np.prod(actions.shape or ())),
-            asdict(settings),
-            training,
-        )
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape of each entry of the observations in training."""
+        return {key: tuple(entry[1:]) for key, entry in self.observations.items()}
 
-    def make(self) -> ActorCriticPolicy:
-        """Make the network, with random weights and a critic of the local observation."""
-        return make_network(*self._spaces_and_settings())
-
-    def parameter_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of the network's parameters by name, before it is made."""
-        return parameter_shapes(*self._spaces_and_settings())
-
-    def _spaces_and_settings(self) -> tuple[spaces.Dict, spaces.Space[Any], PPOSettings]:
+    def spaces(self) -> tuple[spaces.Dict, spaces.Space[Any]]:
+        """Spaces of the observations and of the actions."""
         actions: spaces.Space[Any]
         if self.n_candidates is not None:
             actions = spaces.Discrete(self.n_candidates)
@@ -115,8 +96,55 @@ class PolicyMetadata(Settings):
         boxes: dict[str, spaces.Space[Any]] = {
             key: _box(*entry) for key, entry in self.observations.items()
         }
-        settings = settings_from_dict({**self.ppo, "critic": "local", "device": "cpu"}, PPOSettings)
-        return spaces.Dict(boxes), actions, settings
+        return spaces.Dict(boxes), actions
+
+    def settings(self) -> PPOSettings:
+        """Settings of the network, with a critic of the local observation.
+
+        Raises
+        ------
+        ValueError
+            With the field, if a value is not as described.
+        """
+        return settings_from_dict({**self.ppo, "critic": "local", "device": "cpu"}, PPOSettings)
+
+
+def read_with_metadata(
+    path: str | os.PathLike[str], split: Callable[[bytes], tuple[str, T]]
+) -> tuple[PolicyMetadata, str, T]:
+    """Read a policy's file: its metadata, their JSON text, and the rest of the content.
+
+    Parameters
+    ----------
+    path : path
+    split : callable
+        Takes the content apart into that text and the rest.
+
+    Raises
+    ------
+    FileError
+        If it is not a policy's file, or one of another format.
+    """
+    content = read_bytes(path)
+    try:
+        text, rest = split(content)
+        values = json.loads(text)
+        if values["format"] == FORMAT:
+            return PolicyMetadata(**values), text, rest
+        version = f"{values.get('version')!s:.40}"
+    except Exception as error:  # `split` raises many types of exceptions for a broken file
+        raise FileError(
+            f"{path} was not written by `coopmap train` or `save_policy`: {_reason(error)}"
+        ) from error
+    raise FileError(
+        f"{path} was written by coopmap {version} in format {brief(values['format'])}, "
+        f"this is {__version__} and reads format {FORMAT}: train the policy again, "
+        "or install the version that wrote it"
+    )
+
+
+def _reason(error: Exception) -> str:
+    return f"missing or unknown {error}" if isinstance(error, KeyError) else f"{error!s:.300}"
 
 
 def _check_observations(observations: Mapping[str, Any]) -> None:

@@ -1,4 +1,11 @@
-"""Policies as files: weights by name and JSON metadata, in safetensors' format; no code inside.
+"""Policies as files: weights by name and JSON metadata, in two formats; no code inside.
+
+================  ==============================================================================
+suffix            content
+================  ==============================================================================
+``.safetensors``  the weights: what training continues from, and what acts with torch
+``.onnx``         the weights and the operations of the network: acts with ONNX Runtime alone
+================  ==============================================================================
 
 The metadata say how to make the network (actions, observations, settings) and how it was trained.
 The weights are those of the actor, without the critic.
@@ -16,18 +23,23 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import coopmap_agents._require_rl  # noqa: F401
+
+# isort: split
+import numpy as np
 import torch
+from gymnasium import spaces
 from safetensors.torch import load, save
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import actor_parameters, is_of_actor
-from coopmap_agents.pretrained.metadata import FORMAT, PolicyMetadata
-from coopmap_env.core.files import FileError, brief, read_bytes, write_atomically
-from coopmap_env.core.version import __version__
+from coopmap_agents.networks import actor_parameters, is_of_actor, make_network, parameter_shapes
+from coopmap_agents.pretrained.metadata import METADATA_KEY, PolicyMetadata, read_with_metadata
+from coopmap_agents.pretrained.onnx.file import onnx_content, read_onnx
+from coopmap_agents.pretrained.weights import check_shapes, check_values
+from coopmap_env.core.files import FileError, write_atomically
 
-METADATA_KEY = "coopmap"
-"""Key of the JSON text in the file's header."""
+Weights = Mapping[str, torch.Tensor]
 
 
 def save_policy(
@@ -45,7 +57,7 @@ def save_policy(
     settings : PPOSettings
         Settings of the network.
     path : path
-        Ends in ``.safetensors``.
+        Ends in ``.safetensors`` or in ``.onnx``.
     training : mapping, optional
         JSON values, the origin of the weights.
 
@@ -56,22 +68,34 @@ def save_policy(
         not finite.
     """
     target = Path(path)
-    if target.suffix != ".safetensors":
-        raise ValueError(f"the suffix of a policy's file must be .safetensors, got {target}")
-    metadata = PolicyMetadata.from_network(network, settings, training or {})
+    metadata = _metadata_of(network, settings, training or {})
     weights = {
         name: values.detach().cpu().contiguous()
         for name, values in actor_parameters(network).items()
     }
     try:
-        _check_shapes(weights, metadata)
+        check_shapes(weights, _actor_shapes(metadata))
     except ValueError as error:
         raise ValueError(f"the network was made with other settings, {target}: {error}") from error
     try:
-        _check_values(weights)
+        check_values(weights)
     except ValueError as error:
         raise ValueError(f"{target} cannot be written: {error}") from error
-    write_atomically(target, save(weights, {METADATA_KEY: json.dumps(asdict(metadata))}))
+    _write(target, metadata, weights)
+
+
+def convert_policy(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
+    """Write the policy of a file in the format of another suffix, with the same metadata.
+
+    Raises
+    ------
+    FileError
+        As `load_policy`.
+    ValueError
+        If the target has another suffix than those of `save_policy`.
+    """
+    load_policy(source)
+    _write(Path(target), *_read(source))
 
 
 def read_metadata(path: str | os.PathLike[str]) -> PolicyMetadata:
@@ -96,10 +120,10 @@ def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
     """
     metadata, weights = _read(path)
     try:
-        _check_shapes(weights, metadata)
-        _check_values(weights)
+        check_shapes(weights, _actor_shapes(metadata))
+        check_values(weights)
         with torch.random.fork_rng(devices=[]):  # keeps the state of the global generator
-            network = metadata.make()
+            network = make_network(*metadata.spaces(), metadata.settings())
     except Exception as error:  # torch raises many types of exceptions for odd shapes
         raise FileError(f"{path}: {error}") from error
     for name, values in actor_parameters(network).items():
@@ -108,52 +132,55 @@ def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
     return network
 
 
-def _read(path: str | os.PathLike[str]) -> tuple[PolicyMetadata, dict[str, torch.Tensor]]:
-    """Metadata and weights of a file; the weights are not checked yet."""
-    content = read_bytes(path)
-    try:
-        weights = load(content)
-        header_length = int.from_bytes(content[:8], "little")
-        header = json.loads(content[8 : 8 + header_length])
-        values = json.loads(header["__metadata__"][METADATA_KEY])
-        if values["format"] == FORMAT:
-            return PolicyMetadata(**values), weights
-        version = f"{values.get('version')!s:.40}"
-    except Exception as error:  # safetensors raises many types of exceptions for a broken file
-        raise FileError(
-            f"{path} was not written by `coopmap train` or `save_policy`: {_reason(error)}"
-        ) from error
-    raise FileError(
-        f"{path} was written by coopmap {version} in format {brief(values['format'])}, "
-        f"this is {__version__} and reads format {FORMAT}: train the policy again, "
-        "or install the version that wrote it"
+def _read(path: str | os.PathLike[str]) -> tuple[PolicyMetadata, Weights]:
+    """Metadata and weights of a file; those of safetensors are not checked yet."""
+    if Path(path).suffix == ".onnx":
+        file = read_onnx(path)
+        return file.metadata, {k: torch.from_numpy(v.copy()) for k, v in file.weights.items()}
+    metadata, _, weights = read_with_metadata(path, _split)
+    return metadata, weights
+
+
+def _split(content: bytes) -> tuple[str, Weights]:
+    """JSON text of the metadata, and the weights."""
+    weights = load(content)
+    header_length = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + header_length])
+    return header["__metadata__"][METADATA_KEY], weights
+
+
+def _write(target: Path, metadata: PolicyMetadata, weights: Weights) -> None:
+    if target.suffix == ".safetensors":
+        content = save(dict(weights), {METADATA_KEY: json.dumps(asdict(metadata))})
+    elif target.suffix == ".onnx":
+        content = onnx_content(metadata, {name: values.numpy() for name, values in weights.items()})
+    else:
+        raise ValueError(
+            f"the suffix of a policy's file must be .safetensors or .onnx, got {target}"
+        )
+    write_atomically(target, content)
+
+
+def _metadata_of(
+    network: ActorCriticPolicy, settings: PPOSettings, training: Mapping[str, Any]
+) -> PolicyMetadata:
+    observation_space, actions = network.observation_space, network.action_space
+    assert isinstance(observation_space, spaces.Dict)
+    is_discrete = isinstance(actions, spaces.Discrete)
+    return PolicyMetadata(
+        {
+            key: [np.dtype(space.dtype).name, *(space.shape or ())]
+            for key, space in observation_space.spaces.items()
+            if key != "state"
+        },
+        int(actions.n) if isinstance(actions, spaces.Discrete) else None,
+        None if is_discrete else int(np.prod(actions.shape or ())),
+        asdict(settings),
+        training,
     )
 
 
-def _reason(error: Exception) -> str:
-    return f"missing or unknown {error}" if isinstance(error, KeyError) else f"{error!s:.300}"
-
-
-def _check_shapes(weights: Mapping[str, torch.Tensor], metadata: PolicyMetadata) -> None:
-    """ValueError unless the weights have the shapes of the network of the metadata.
-
-    They are compared before the network is made: a short text can describe a large network.
-    """
-    needed = {
-        name: shape for name, shape in metadata.parameter_shapes().items() if is_of_actor(name)
-    }
-    shapes = {name: tuple(values.shape) for name, values in weights.items()}
-    if shapes != needed:
-        name = min(key for key in shapes | needed if shapes.get(key) != needed.get(key))
-        raise ValueError(
-            "the weights do not belong to the metadata: "
-            f"{name} has the shape {shapes.get(name)}, not {needed.get(name)}"
-        )
-
-
-def _check_values(weights: Mapping[str, torch.Tensor]) -> None:
-    for name, values in weights.items():
-        if values.dtype != torch.float32:
-            raise ValueError(f"the weights {name} must be of type float32, not {values.dtype}")
-        if not values.isfinite().all():
-            raise ValueError(f"the weights {name} must be finite numbers")
+def _actor_shapes(metadata: PolicyMetadata) -> dict[str, tuple[int, ...]]:
+    """Shapes of the actor's weights by name, before the network is made."""
+    shapes = parameter_shapes(*metadata.spaces(), metadata.settings())
+    return {name: shape for name, shape in shapes.items() if is_of_actor(name)}

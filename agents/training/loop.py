@@ -5,6 +5,7 @@
     out/training.json        the record: configuration, and one row for every segment
     out/checkpoint-*.pt      what the next segment depends on, after the last one
     out/policy.safetensors   the policy with the largest reward on validation worlds
+    out/policy.onnx          the same, for acting without torch
     out/tensorboard/         logs
 
 A training is a chain of segments. Each depends only on the weights before it and on its number, so
@@ -30,6 +31,7 @@ from coopmap_agents.networks import copy_weights
 from coopmap_agents.ppo import PPOTrainer
 from coopmap_agents.pretrained import LearnedPolicy, resolve_network, save_policy
 from coopmap_agents.record import (
+    ONNX_FILE,
     POLICY_FILE,
     RECORD_FILE,
     VALIDATION_SCORES,
@@ -198,6 +200,7 @@ class _SegmentFinisher:
                 "steps": trainer.steps,
                 "validation": rows[-1]["validation"],
             }
-            save_policy(trainer.network, self.config.ppo, self.out / POLICY_FILE, origin)
+            for name in (POLICY_FILE, ONNX_FILE):
+                save_policy(trainer.network, self.config.ppo, self.out / name, origin)
         write_atomically(self.out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
         _remove_other_checkpoints(record, self.out)

@@ -231,7 +231,7 @@ def test_a_seed_may_be_any_integer():
 @BOTH
 def test_finite_weights_that_are_too_large_to_compute_with_are_one_error(actions):
     from coopmap_agents.networks import stack
-    from coopmap_agents.pretrained.learned_policy import _decide
+    from coopmap_agents.pretrained.torch_network import TorchNetwork
 
     network = tiny_network(actions)
     for values in network.parameters():
@@ -239,7 +239,7 @@ def test_finite_weights_that_are_too_large_to_compute_with_are_one_error(actions
     network.observation_space.seed(0)
     rows = stack([network.observation_space.sample()])
     with pytest.raises(ValueError, match="network gives no actions for these observations: Exp"):
-        _decide(network, rows)
+        TorchNetwork(network).decide(rows)
 
 
 def test_the_shapes_of_a_network_are_known_before_it_is_made():

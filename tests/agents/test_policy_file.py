@@ -100,7 +100,7 @@ def test_weights_of_another_network_are_refused_with_the_first_that_differs(tmp_
 
 def test_another_suffix_is_refused_and_nothing_written(tmp_path):
     model = make_model(small_world, SMALL, seed=0)
-    with pytest.raises(ValueError, match=r"must be \.safetensors, got .*policy\.zip"):
+    with pytest.raises(ValueError, match=r"must be \.safetensors or \.onnx, got .*policy\.zip"):
         save_policy(model.policy, SMALL, tmp_path / "policy.zip")
     assert not list(tmp_path.iterdir())
 

@@ -141,7 +141,15 @@ def trainings(tmp_path_factory):
 def test_trainings_of_several_seeds_become_a_pretrained_policy(trainings, tmp_path):
     export(tmp_path / "small", [trainings / "0", trainings / "1"])
     files = {path.name for path in (tmp_path / "small").iterdir()}
-    assert files == {"seed_0.safetensors", "seed_1.safetensors", "training.json"}
+    assert files == {
+        "seed_0.onnx", "seed_0.safetensors", "seed_1.onnx", "seed_1.safetensors", "training.json",
+    }  # fmt: skip
+    for seed in (0, 1):
+        first, second = (
+            read_metadata(tmp_path / "small" / f"seed_{seed}{suffix}")
+            for suffix in (".safetensors", ".onnx")
+        )
+        assert first == second
     record = json.loads((tmp_path / "small" / "training.json").read_text())
     assert record["seeds"] == [0, 1]
     assert record["trainings"]["1"]["command"] == "coopmap train --seed 1"

@@ -140,6 +140,7 @@ def test_the_policy_is_the_best_one_on_validation_worlds(whole):
     path = folder / "policy.safetensors"
     table = evaluate(ENV_CONFIG.make("validation"), LearnedPolicy(path), range(2)).table
     assert table["reward"].mean() == pytest.approx(max(rewards), abs=0)
+    assert read_metadata(folder / "policy.onnx") == read_metadata(path)
     origin = read_metadata(path).training
     assert origin["config"]["seed"] == 3
     assert origin["config"]["env"]["arguments"]["n_candidates"] == 6
