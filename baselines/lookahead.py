@@ -103,7 +103,7 @@ class LookaheadPolicy:
 
     def act(self, belief: Belief, observations: Observations) -> dict[str, Any]:
         """The first view of each robot's best sequence, as actions."""
-        start, robots = belief.planning.foresight(belief), range(len(belief.agents))
+        start, robots = self.foresight(belief), range(len(belief.agents))
         first = [candidate_poses(belief, robot, self.search, self.rng) for robot in robots]
         plans: dict[int, Sequence] = {}
         for robot in robots:
@@ -116,6 +116,10 @@ class LookaheadPolicy:
             agent: belief.action_for(robot, plans[robot].poses[0])
             for robot, agent in enumerate(belief.agents)
         }
+
+    def foresight(self, belief: Belief) -> Foresight:
+        """The map to look ahead from; a policy that predicts the unknown makes its own."""
+        return belief.planning.foresight(belief)
 
     def _respond_in_turns(
         self, belief: Belief, start: Foresight, first: list[Poses], plans: dict[int, Sequence]

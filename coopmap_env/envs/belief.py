@@ -143,8 +143,22 @@ class Planning(Protocol):
         As a fraction of the most that a camera can see.
         """
 
-    def foresight(self, belief: Any) -> Foresight:
-        """The map as it is, to look ahead from."""
+    def foresight(
+        self, belief: Any, unknown_occupancy: NDArray[np.float32] | None = None
+    ) -> Foresight:
+        """The map as it is, to look ahead from.
+
+        Parameters
+        ----------
+        belief : Belief
+        unknown_occupancy : ndarray of float32, shape (n_cells,), optional
+            Predicted probability that each cell is occupied; those of sampled cells are not used.
+
+        Raises
+        ------
+        ValueError
+            If the predictions are no probabilities of all cells, or the world takes none.
+        """
 
     def frontier_mask(self, belief: Any, robot: int) -> NDArray[np.bool_]:
         """Frontier cells of the map that a robot plans on, in the shape of its grid."""

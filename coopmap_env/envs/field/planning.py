@@ -83,8 +83,21 @@ class FieldPlanning:
         """`FieldBelief.unknown_fraction`: most of the space around a target is free."""
         return belief.unknown_fraction(robot, poses, reserved_mask)
 
-    def foresight(self, belief: FieldBelief) -> FieldForesight:
-        """See `FieldForesight`."""
+    def foresight(
+        self, belief: FieldBelief, unknown_occupancy: NDArray[np.float32] | None = None
+    ) -> FieldForesight:
+        """See `FieldForesight`, for which unknown voxels are free: it takes no predictions.
+
+        Raises
+        ------
+        ValueError
+            If there are predictions.
+        """
+        if unknown_occupancy is not None:
+            raise ValueError(
+                "views of a field camera take no predicted occupancy of unknown voxels: choose a "
+                "planner without predictions, such as lookahead"
+            )
         return FieldForesight.of_belief(belief)
 
     def frontier_mask(self, belief: FieldBelief, robot: int) -> NDArray[np.bool_]:

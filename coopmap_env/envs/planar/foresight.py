@@ -30,9 +30,14 @@ class PlanarForesight:
     sampling: PoseSampling
 
     @classmethod
-    def of_belief(cls, belief: PlanarBelief, views: PlanarExpectedViews) -> PlanarForesight:
+    def of_belief(
+        cls,
+        belief: PlanarBelief,
+        views: PlanarExpectedViews,
+        unknown_occupancy: NDArray[np.float32] | None = None,
+    ) -> PlanarForesight:
         """The map as it is; cameras may stay in their cells, whatever is known of them."""
-        cells = views.cells(belief.map)
+        cells = views.cells(belief.map, unknown_occupancy=unknown_occupancy)
         cells.free[[belief.cell(robot) for robot in range(len(belief.agents))]] = 1
         return cls(views, cells, belief.sampling)
 

@@ -77,9 +77,12 @@ class PlanarPlanning:
         cells = views.cells(belief.map, reserved_mask)
         return views.count(cells, pose_ids) / belief.rating_function.max_visible_cells
 
-    def foresight(self, belief: PlanarBelief) -> PlanarForesight:
-        """See `PlanarForesight`."""
-        return PlanarForesight.of_belief(belief, _expected_views(belief.rating_function))
+    def foresight(
+        self, belief: PlanarBelief, unknown_occupancy: NDArray[np.float32] | None = None
+    ) -> PlanarForesight:
+        """See `PlanarForesight` and `PlanarExpectedViews.cells`."""
+        views = _expected_views(belief.rating_function)
+        return PlanarForesight.of_belief(belief, views, unknown_occupancy)
 
     def frontier_mask(self, belief: PlanarBelief, robot: int) -> NDArray[np.bool_]:
         """Cells that are known to be free and border on the unknown."""

@@ -4,7 +4,8 @@ A beam that reaches an unknown cell ends there with a small probability, the *ha
 known surfaces it is lower than the occupancy of a cell, as occupied cells lie behind each other.
 Beside a known surface it is high: surfaces go on. So what lies deep in the unknown, or behind the
 gap between two pieces of a wall, counts little. A cell counts with the probability that a beam gets
-there, of the beam that most probably does.
+there, of the beam that most probably does. Where something predicts the occupancy of unknown cells,
+that is their hazard.
 
 A planner that looks ahead uses the same cells as a map of the future: what a view will probably
 have shown counts less for the next one, and free cells that it will probably have shown can be
@@ -69,31 +70,54 @@ class PlanarExpectedViews:
         self._fan = tuple(rating.fan.arrays(self._shape[1]))
         self._beams = tuple(BeamEntries.from_fan(rating.fan))
 
-    def cells(self, map_: OccupancyMap, reserved_mask: ReservedMask | None = None) -> ExpectedCells:
+    def cells(
+        self,
+        map_: OccupancyMap,
+        reserved_mask: ReservedMask | None = None,
+        unknown_occupancy: NDArray[np.float32] | None = None,
+    ) -> ExpectedCells:
         """What views are expected to meet; sampled cells end beams with their occupancy.
+
+        Parameters
+        ----------
+        map_ : OccupancyMap
+        reserved_mask : ndarray of uint8, shape (n_cells,), optional
+            1 at the cells that do not count.
+        unknown_occupancy : ndarray of float32, shape (n_cells,), optional
+            Predicted probability that each cell is occupied, in place of `HAZARDS`. Only those of
+            never-sampled cells are used.
 
         Raises
         ------
         ValueError
-            If the map is of another shape or clamp than those of the rating function.
+            If the map is of another shape or clamp than those of the rating function, or the
+            predictions are not one probability for each cell.
         """
-        from scipy.ndimage import distance_transform_cdt  # a third of a second, seldom needed
-
         self.rating.validate_map(map_)
         clamp = map_.log_odds_range.clamp
         pass_of_log_odds = (1.0 - map_.log_odds_range.probability).astype(np.float32)
         passing = pass_of_log_odds[map_.log_odds_fixed + clamp]
         unknown = map_.sampled_mask == 0
-        occupied = (map_.log_odds_fixed >= 0) & ~unknown
-        far = np.full(unknown.shape, len(HAZARDS))
-        if occupied.any():
-            steps = distance_transform_cdt(~occupied.reshape(self._shape), "chessboard")
-            far = np.minimum(steps.ravel(), far)
-        pass_of_steps = np.float32(1.0) - np.array([0.0, *HAZARDS], dtype=np.float32)
-        passing[unknown] = pass_of_steps[far[unknown]]
+        if unknown_occupancy is None:
+            unknown_occupancy = self._hazards(map_)
+        else:
+            _check_probabilities(unknown_occupancy, len(unknown))
+        passing[unknown] = np.float32(1.0) - unknown_occupancy[unknown]
         counts = unknown if reserved_mask is None else unknown & (reserved_mask == 0)
         free = free_mask(map_).astype(np.float32)
         return ExpectedCells(passing, unknown, counts.astype(np.float32), free)
+
+    def _hazards(self, map_: OccupancyMap) -> NDArray[np.float32]:
+        """Hazard of each cell (n_cells,) by its distance to the nearest known surface."""
+        from scipy.ndimage import distance_transform_cdt  # a third of a second, seldom needed
+
+        occupied = (map_.log_odds_fixed >= 0) & (map_.sampled_mask != 0)
+        far = np.full(occupied.shape, len(HAZARDS))
+        if occupied.any():
+            steps = distance_transform_cdt(~occupied.reshape(self._shape), "chessboard")
+            far = np.minimum(steps.ravel(), far)
+        hazards: NDArray[np.float32] = np.array([0.0, *HAZARDS], dtype=np.float32)[far]
+        return hazards
 
     def count(self, cells: ExpectedCells, pose_ids: ArrayLike) -> NDArray[np.float64]:
         """Expected number of new cells that each pose (k,) shows, shape (k,).
@@ -135,6 +159,19 @@ class PlanarExpectedViews:
         reached *= np.float32(probability)
         cells.weight[seen] *= 1 - reached
         cells.free[seen] = np.maximum(cells.free[seen], reached * cells.passing[seen])
+
+
+def _check_probabilities(values: NDArray[np.float32], n_cells: int) -> None:
+    if np.shape(values) != (n_cells,):
+        raise ValueError(
+            f"unknown_occupancy must have one value for each of {n_cells} cells, got an array of "
+            f"shape {np.shape(values)}"
+        )
+    if not (values.min() >= 0 and values.max() <= 1):  # so that NaN is refused too
+        raise ValueError(
+            "unknown_occupancy must be probabilities from 0 to 1, got "
+            f"{values.min()} to {values.max()}"
+        )
 
 
 @borrowing_kernel

@@ -126,3 +126,28 @@ def test_reserved_cells_are_not_new_but_may_end_beams():
     views = views_of(map_, PlanarCamera(1.0, 9.0, 1))
     cells = views.cells(map_, np.array([0, 1, 0], dtype=np.uint8))
     assert views.count(cells, [0])[0] == pytest.approx(0.99 * (1 - FAR), rel=1e-4)
+
+
+def test_predictions_of_unknown_cells_replace_the_hazards():
+    map_ = row(0.01, None, None, None, 0.99)
+    views = views_of(map_, PlanarCamera(1.0, 9.0, 1))
+    predicted = np.array([0.9, 0.25, 0.5, 0.0, 0.0], dtype=np.float32)  # of known cells: not used
+    cells = views.cells(map_, unknown_occupancy=predicted)
+    by_hand = 0.99 * (1 + 0.75 + 0.75 * 0.5)
+    assert views.count(cells, [0])[0] == pytest.approx(by_hand, rel=1e-4)
+    np.testing.assert_allclose(cells.passing, [0.99, 0.75, 0.5, 1.0, 0.01], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("predicted", "message"),
+    [
+        (np.zeros(4, np.float32), r"one value for each of 5 cells, got an array of shape \(4,\)"),
+        (np.full(5, np.nan, np.float32), "probabilities from 0 to 1, got nan to nan"),
+        (np.full(5, 1.5, np.float32), r"probabilities from 0 to 1, got 1\.5 to 1\.5"),
+    ],
+)
+def test_predictions_that_are_no_probabilities_are_refused(predicted, message):
+    map_ = row(0.01, None, None, None, 0.99)
+    views = views_of(map_, PlanarCamera(1.0, 9.0, 1))
+    with pytest.raises(ValueError, match=rf"^unknown_occupancy must .*{message}"):
+        views.cells(map_, unknown_occupancy=predicted)
