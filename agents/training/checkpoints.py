@@ -14,36 +14,42 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import nn
+from torch.optim import Optimizer
 
 from coopmap_env.core.files import FileError, brief, read_bytes, write_atomically
 
 
-def save_checkpoint(path: Path, network: ActorCriticPolicy, steps: int) -> None:
+def save_checkpoint(path: Path, network: nn.Module, optimizer: Optimizer, steps: int) -> None:
     """Write a checkpoint, atomically; it holds no code.
 
     Parameters
     ----------
     path : Path
-    network : ActorCriticPolicy
-        Its weights and those of its optimizer are written.
+    network : torch.nn.Module
+    optimizer : torch.optim.Optimizer
+        Of its weights; Adam or AdamW.
     steps : int
         Number of steps learned from.
     """
-    states = {"network": network.state_dict(), "optimizer": network.optimizer.state_dict()}
+    states = {"network": network.state_dict(), "optimizer": optimizer.state_dict()}
     content = io.BytesIO()
     torch.save({"steps": steps, **states}, content)
     write_atomically(path, content.getvalue())
 
 
-def load_checkpoint(path: Path, network: ActorCriticPolicy, steps: int | None = None) -> int:
-    """Load a checkpoint into a network; gives the number of steps.
+def load_checkpoint(
+    path: Path, network: nn.Module, optimizer: Optimizer, steps: int | None = None
+) -> int:
+    """Load a checkpoint into a network and its optimizer; gives the number of steps.
 
     Parameters
     ----------
     path : Path
-    network : ActorCriticPolicy
+    network : torch.nn.Module
         Made with the settings of the checkpoint.
+    optimizer : torch.optim.Optimizer
+        Likewise.
     steps : int, optional
         Number of steps that the checkpoint has to be of.
 
@@ -54,9 +60,9 @@ def load_checkpoint(path: Path, network: ActorCriticPolicy, steps: int | None = 
     """
     values = _read(path)
     try:
-        _check_values(values, network, steps)
+        _check_values(values, network, optimizer, steps)
         network.load_state_dict(values["network"])
-        network.optimizer.load_state_dict(values["optimizer"])
+        optimizer.load_state_dict(values["optimizer"])
     except Exception as error:  # torch raises many types of exceptions for odd values
         raise FileError(
             f"the checkpoint {path} is of another network: {error!s:.500}: "
@@ -84,16 +90,18 @@ def _read(path: Path) -> dict[str, Any]:
     return values
 
 
-def _check_values(values: dict[str, Any], network: ActorCriticPolicy, steps: int | None) -> None:
+def _check_values(
+    values: dict[str, Any], network: nn.Module, optimizer: Optimizer, steps: int | None
+) -> None:
     """ValueError if a value is not of a checkpoint of this network."""
     if type(values["steps"]) is not int or steps not in (None, values["steps"]):
         raise ValueError(f"it is after {brief(values['steps'])} steps, not {steps}")
     _check_tensors(values["network"], network.state_dict(), "the weights")
-    optimizer = values["optimizer"]
-    if optimizer["param_groups"] != network.optimizer.state_dict()["param_groups"]:
+    found = values["optimizer"]
+    if found["param_groups"] != optimizer.state_dict()["param_groups"]:
         raise ValueError("its optimizer has other settings")
-    parameters = [one for group in network.optimizer.param_groups for one in group["params"]]
-    for index, state in optimizer["state"].items():
+    parameters = [one for group in optimizer.param_groups for one in group["params"]]
+    for index, state in found["state"].items():
         needed = dict.fromkeys(("exp_avg", "exp_avg_sq"), parameters[index])
         _check_tensors(state, {"step": torch.zeros(()), **needed}, f"optimizer.state[{index}]")
 

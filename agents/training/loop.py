@@ -109,7 +109,10 @@ def _train(
     ):
         if record["rows"]:
             trainer.steps = load_checkpoint(
-                out / record["checkpoint"], trainer.network, record["rows"][-1]["steps"]
+                out / record["checkpoint"],
+                trainer.network,
+                trainer.network.optimizer,
+                record["rows"][-1]["steps"],
             )
         else:
             record["imitation"] = _initialize_network(trainer, config)
@@ -191,7 +194,8 @@ class _SegmentFinisher:
         record, rows = self.record, self.record["rows"]
         self.out.mkdir(parents=True, exist_ok=True)
         record["checkpoint"] = checkpoint_name(len(rows))
-        save_checkpoint(self.out / record["checkpoint"], trainer.network, trainer.steps)
+        network = trainer.network
+        save_checkpoint(self.out / record["checkpoint"], network, network.optimizer, trainer.steps)
         rewards = [row["validation"]["reward"] for row in rows]
         if rewards[-1] == max(rewards):
             record["best"] = len(rows) - 1

@@ -20,16 +20,21 @@ def checkpoint_of(folder, **changes):
     network.optimizer.zero_grad()
     sum(values.sum() for values in network.parameters()).backward()
     network.optimizer.step()
-    save_checkpoint(folder / "checkpoint-3.pt", network, 128)
+    save_checkpoint(folder / "checkpoint-3.pt", network, network.optimizer, 128)
     values = torch.load(folder / "checkpoint-3.pt", weights_only=True)
     torch.save({**values, **changes}, folder / "checkpoint-3.pt")
     return values, folder / "checkpoint-3.pt"
 
 
+def load(path, steps=None):
+    network = tiny_network()
+    return load_checkpoint(path, network, network.optimizer, steps)
+
+
 def test_a_checkpoint_gives_the_network_and_its_optimizer_back(tmp_path):
     values, path = checkpoint_of(tmp_path)
     network = tiny_network(seed=1)
-    assert load_checkpoint(path, network, 128) == 128
+    assert load_checkpoint(path, network, network.optimizer, 128) == 128
     assert network.optimizer.state_dict()["state"][0]["step"] == 1
     for name, weights in network.state_dict().items():
         np.testing.assert_array_equal(weights, values["network"][name])
@@ -42,7 +47,7 @@ def test_a_checkpoint_that_is_none_is_refused_by_name(content, tmp_path):
     with pytest.raises(
         FileError, match=rf"^the checkpoint {path} cannot be read .*remove its fold"
     ):
-        load_checkpoint(path, tiny_network())
+        load(path)
 
 
 def test_a_checkpoint_with_code_is_refused_and_the_code_does_not_run(tmp_path):
@@ -53,7 +58,7 @@ def test_a_checkpoint_with_code_is_refused_and_the_code_does_not_run(tmp_path):
     path = tmp_path / "checkpoint-3.pt"
     torch.save({"steps": 128, "network": Attack(), "optimizer": {}}, path)
     with pytest.raises(FileError, match=rf"^the checkpoint {path} cannot be read"):
-        load_checkpoint(path, tiny_network())
+        load(path)
     assert not (tmp_path / "attacked").exists()
 
 
@@ -62,10 +67,10 @@ def test_a_checkpoint_that_is_a_link_or_a_folder_is_refused(tmp_path):
     link = tmp_path / "checkpoint-4.pt"
     link.symlink_to(path)
     with pytest.raises(FileError, match=r"checkpoint-4\.pt cannot be read \(it is a link\)"):
-        load_checkpoint(link, tiny_network())
+        load(link)
     (tmp_path / "checkpoint-5.pt").mkdir()
     with pytest.raises(FileError, match=r"checkpoint-5\.pt cannot be read "):
-        load_checkpoint(tmp_path / "checkpoint-5.pt", tiny_network())
+        load(tmp_path / "checkpoint-5.pt")
 
 
 def test_a_checkpoint_that_is_larger_inside_is_refused_before_it_is_unpacked(tmp_path):
@@ -80,7 +85,7 @@ def test_a_checkpoint_that_is_larger_inside_is_refused_before_it_is_unpacked(tmp
             target.writestr(entry.filename, bytes(10**6) if "/data/" in entry.filename else content)
     path.write_bytes(packed.getvalue())
     with pytest.raises(FileError, match=r"cannot be read \(its records are larger than the file\)"):
-        load_checkpoint(path, tiny_network())
+        load(path)
 
 
 def test_a_checkpoint_of_other_values_is_refused_with_what_differs(tmp_path):
@@ -109,7 +114,7 @@ def test_a_checkpoint_of_other_values_is_refused_with_what_differs(tmp_path):
         with pytest.raises(
             FileError, match=rf"^the checkpoint {path} .*{named}.*remove its folder"
         ):
-            load_checkpoint(path, tiny_network(), 128)
+            load(path, 128)
 
 
 @cases(short=300, long=20_000)
@@ -119,7 +124,10 @@ def test_a_mutated_checkpoint_is_read_or_refused_by_name(n_cases, tmp_path):
     for mutant in mutants([path.read_bytes()], n_cases):
         path.write_bytes(mutant)
         steps = read_or_refuse(
-            lambda file: load_checkpoint(file, network, 128), path, FileError, "the checkpoint "
+            lambda file: load_checkpoint(file, network, network.optimizer, 128),
+            path,
+            FileError,
+            "the checkpoint ",
         )
         if steps is not None:
             assert all(values.isfinite().all() for values in network.parameters())

@@ -65,7 +65,8 @@ def test_a_record_can_name_no_file_but_its_own_checkpoint(name, tmp_path):
     precious = tmp_path / "precious.txt"
     precious.write_text("precious")
     folder = write(tmp_path / "training", {**good_record(), "checkpoint": name})
-    save_checkpoint(folder / "checkpoint-3.pt", tiny_network(), 128)
+    network = tiny_network()
+    save_checkpoint(folder / "checkpoint-3.pt", network, network.optimizer, 128)
     with pytest.raises(
         FileError, match=rf"^{folder}/training\.json is broken .*checkpoint.*: remove its folder to"
     ):

@@ -149,7 +149,7 @@ def test_a_resumed_training_ends_as_an_uninterrupted_one(train, workers, tmp_pat
     """
     settings = replace(TINY, total_steps=384)
     whole = train(strict_world, settings, workers=workers, segments=1)
-    save_checkpoint(tmp_path / "checkpoint.pt", whole.network, whole.steps)
+    save_checkpoint(tmp_path / "checkpoint.pt", whole.network, whole.network.optimizer, whole.steps)
     whole.learn(1)
     after, returns = parameters(whole.network).clone(), whole.report.returns
     assert whole.steps == 256
@@ -157,7 +157,9 @@ def test_a_resumed_training_ends_as_an_uninterrupted_one(train, workers, tmp_pat
         check_killed_worker_is_reported(whole, 2)
     whole.close()  # its workers have all the processors
     resumed = train(strict_world, settings, workers=workers)
-    resumed.steps = load_checkpoint(tmp_path / "checkpoint.pt", resumed.network)
+    resumed.steps = load_checkpoint(
+        tmp_path / "checkpoint.pt", resumed.network, resumed.network.optimizer
+    )
     resumed.learn(1)
     assert resumed.steps == 256
     assert torch.equal(parameters(resumed.network), after)
@@ -182,8 +184,8 @@ def test_networks_and_checkpoints_are_those_of_stable_baselines3(train, make_env
     ours, theirs = train(make_env), SB3Trainer(make_env, TINY, seed=0)
     assert torch.equal(parameters(ours.network), parameters(theirs.network))
     ours.learn(0)
-    save_checkpoint(tmp_path / "ours.pt", ours.network, ours.steps)
-    theirs.steps = load_checkpoint(tmp_path / "ours.pt", theirs.network)
+    save_checkpoint(tmp_path / "ours.pt", ours.network, ours.network.optimizer, ours.steps)
+    theirs.steps = load_checkpoint(tmp_path / "ours.pt", theirs.network, theirs.network.optimizer)
     assert theirs.steps == 128
     assert torch.equal(parameters(ours.network), parameters(theirs.network))
     momenta, own = (

@@ -263,9 +263,9 @@ def test_the_checkpoint_of_another_network_is_refused(tmp_path):
         make_model(ENV_CONFIG, replace(SETTINGS, hidden=hidden), seed=0).policy
         for hidden in ((16,), (8,))
     )
-    save_checkpoint(tmp_path / "other.pt", other, steps=64)
+    save_checkpoint(tmp_path / "other.pt", other, other.optimizer, steps=64)
     with pytest.raises(ValueError, match=r"other\.pt is of another network: "):
-        load_checkpoint(tmp_path / "other.pt", one)
+        load_checkpoint(tmp_path / "other.pt", one, one.optimizer)
 
 
 def test_a_training_can_start_with_imitation(tmp_path):
