@@ -1,0 +1,36 @@
+"""Prediction of what lies in the unknown part of a planar map, and planning with it.
+
+A network sees the team's map, and gives the probability that each unknown cell is occupied. It is
+trained on maps that planners made of training worlds, with the truth behind them.
+`PredictivePolicy` is the look-ahead planner on the predicted map. Other planners can use
+`MapPredictor.occupancy` too: `Planning.foresight` takes it::
+
+    coopmap train-map --out results/map
+    coopmap evaluate --family crowded --policies predictive lookahead:horizon=1
+"""
+
+import coopmap_agents._require_rl  # noqa: F401
+from coopmap_agents.map_prediction.config import MapTrainingConfig
+from coopmap_agents.map_prediction.examples import MapExamples, collect_examples, map_image
+from coopmap_agents.map_prediction.model_file import load_map_network, save_map_network
+from coopmap_agents.map_prediction.network import MapNetwork, MapNetworkSettings
+from coopmap_agents.map_prediction.policy import PredictivePolicy
+from coopmap_agents.map_prediction.predictor import MapPredictor
+from coopmap_agents.map_prediction.scores import PredictionScores, score_predictions
+from coopmap_agents.map_prediction.training import run_map_training
+
+__all__ = [
+    "MapExamples",
+    "MapNetwork",
+    "MapNetworkSettings",
+    "MapPredictor",
+    "MapTrainingConfig",
+    "PredictionScores",
+    "PredictivePolicy",
+    "collect_examples",
+    "load_map_network",
+    "map_image",
+    "run_map_training",
+    "save_map_network",
+    "score_predictions",
+]

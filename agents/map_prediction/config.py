@@ -1,0 +1,70 @@
+"""What decides the result of a training of a map network; needs no torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from coopmap_agents.map_prediction.network import MapNetworkSettings
+from coopmap_env.core.settings import (
+    Bounds,
+    NonNegative,
+    NonNegativeInt,
+    Positive,
+    PositiveInt,
+    Settings,
+)
+
+PLAYED_POLICIES = (
+    "lookahead:horizon=1",
+    "lookahead:horizon=1+search=30",
+    "lookahead:horizon=1",
+    "rating_function:search=100",
+)
+"""Policies that make the maps to learn from, in turns: good ones, as the network serves good ones,
+and others, so that it has seen what good ones leave out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapTrainingConfig(Settings):
+    """A training of a map network, in segments as `coopmap_agents.config` describes them."""
+
+    families: tuple[str, ...] = ("crowded", "long", "motion-budget", "narrow")
+    """Planar families on whose training worlds it learns."""
+    scenes: tuple[str, ...] = ("obstacles",)
+    """Planar scenes, with the default team and budget, on whose training worlds it learns too."""
+    seed: NonNegativeInt = 0
+    """Seed of the worlds, the weights and the order of the examples."""
+    episodes: PositiveInt = 250
+    """Training episodes of each family and scene."""
+    validation_episodes: PositiveInt = 30
+    """Validation episodes of each."""
+    maps_per_episode: PositiveInt = 8
+    """Maps that are kept of an episode. All stay in memory: 0.24 MB each with 200 x 200 cells."""
+    total_steps: PositiveInt = 6_000
+    """Gradient steps; each is of one family or scene, in turns."""
+    segment_steps: PositiveInt = 500
+    """Gradient steps from one checkpoint to the next."""
+    batch_size: PositiveInt = 12
+    """Maps of a gradient step."""
+    learning_rate: Positive = 2e-3
+    """Largest learning rate of AdamW: it rises over the first `warmup_steps` and falls, linearly,
+    to zero at the end."""
+    warmup_steps: PositiveInt = 50
+    weight_decay: NonNegative = 1e-4
+    max_gradient_norm: Positive = 1.0
+    """Gradients with a larger norm are clipped to it."""
+    shift: Annotated[int, Bounds(at_least=0, at_most=64)] = 8
+    """Maps are cut by up to this many cells on two sides, which shifts the network's blocks."""
+    network: MapNetworkSettings = field(default_factory=MapNetworkSettings)
+    """Size of the network."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.families and not self.scenes:
+            raise ValueError("a map network needs families or scenes to learn from, got none")
+
+    @property
+    def worlds(self) -> tuple[str, ...]:
+        """Names of all families and scenes."""
+        return self.families + self.scenes

@@ -1,0 +1,63 @@
+"""Look-ahead on a map whose unknown part is predicted."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from coopmap_agents.map_prediction.network import MapNetwork
+from coopmap_agents.map_prediction.predictor import MapPredictor
+from coopmap_baselines.lookahead import LookaheadPolicy
+from coopmap_env.envs import Belief, Foresight
+
+
+class PredictivePolicy(LookaheadPolicy):
+    """The look-ahead planner, with a network's prediction of the cells that are still unknown.
+
+    Where `LookaheadPolicy` expects the same of all unknown cells at the same distance from a known
+    surface, a network that has seen many worlds expects rooms behind doors, and walls that go on.
+
+    Parameters
+    ----------
+    model : MapNetwork or path, optional
+        By default the network that ships with coopmap.
+    horizon : int
+        Views of each robot that are planned together.
+    **options
+        As of `LookaheadPolicy`.
+
+    Raises
+    ------
+    ValueError
+        If an option is not one of its choices.
+    FileError
+        If the file is not of a map network.
+    """
+
+    def __init__(
+        self,
+        model: MapNetwork | str | os.PathLike[str] | None = None,
+        horizon: int = 1,
+        **options: Any,
+    ) -> None:
+        super().__init__(horizon, **options)
+        self.predictor = MapPredictor(model)
+
+    def foresight(self, belief: Belief) -> Foresight:
+        """The map with its predicted part."""
+        return belief.planning.foresight(belief, self.predictor.occupancy(belief.map))
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the weights."""
+        return self.predictor.fingerprint
+
+    @property
+    def n_parameters(self) -> int:
+        """Numbers of the network."""
+        return self.predictor.n_parameters
+
+    @property
+    def model_bytes(self) -> int:
+        """Bytes of these."""
+        return self.predictor.model_bytes

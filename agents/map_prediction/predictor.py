@@ -1,0 +1,85 @@
+"""Predicted occupancy of the cells of a map, and the networks that ship with coopmap."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from coopmap_agents.map_prediction.examples import map_image
+from coopmap_agents.map_prediction.model_file import load_map_network
+from coopmap_agents.map_prediction.network import MapNetwork
+from coopmap_agents.trainer import torch_threads
+from coopmap_env.mapping import OccupancyMap
+
+MODEL_FILE = "planar.safetensors"
+"""The network of planar maps that ships with coopmap."""
+LEVELS = 255
+"""Predictions are rounded to this fraction of one, so that the last bits of a processor's
+arithmetic hardly ever matter."""
+
+
+class MapPredictor:
+    """The probability that each cell of a planar map is occupied, as a network predicts it.
+
+    Parameters
+    ----------
+    model : MapNetwork or path, optional
+        By default the network that ships with coopmap.
+
+    Raises
+    ------
+    FileError
+        If the file is not of a map network.
+    """
+
+    def __init__(self, model: MapNetwork | str | os.PathLike[str] | None = None) -> None:
+        path = shipped_path() if model is None else model
+        self.network = path if isinstance(path, MapNetwork) else load_map_network(path)
+
+    def occupancy(self, map_: OccupancyMap) -> NDArray[np.float32]:
+        """Predicted P(occupied) (n_cells,), flat, a multiple of 1/255.
+
+        Raises
+        ------
+        ValueError
+            If the map is not planar.
+        """
+        if map_.grid.dimension != 2:
+            raise ValueError(
+                "predictions are of planar maps, and this one is in three dimensions: choose a "
+                "planner without predictions, such as lookahead"
+            )
+        with torch_threads(1), torch.inference_mode():
+            logits = self.network(torch.from_numpy(map_image(map_))[None])[0]
+            levels = (LEVELS * logits.sigmoid()).round() / LEVELS
+        occupancy: NDArray[np.float32] = levels.numpy().ravel()
+        return occupancy
+
+    @property
+    def n_parameters(self) -> int:
+        """Numbers of the network."""
+        return sum(values.numel() for values in self.network.parameters())
+
+    @property
+    def model_bytes(self) -> int:
+        """Bytes of these."""
+        return sum(values.nbytes for values in self.network.parameters())
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the weights."""
+        sha = hashlib.sha256()
+        for values in self.network.state_dict().values():
+            sha.update(values.numpy().tobytes())
+        return sha.hexdigest()
+
+
+def shipped_path() -> Path:
+    """File of the network that ships with coopmap."""
+    return Path(str(files("coopmap_agents.map_prediction") / "models" / MODEL_FILE))

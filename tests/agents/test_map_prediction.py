@@ -1,0 +1,229 @@
+"""The network that predicts unknown cells, its files and examples, and its planner."""
+
+import json
+from contextlib import closing
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from plain.fuzz import cases, mutants, read_or_refuse
+from plain.random_maps import random_map, set_cells
+from safetensors.torch import load_file, save
+
+import coopmap_baselines
+from coopmap_agents.map_prediction import (
+    MapNetwork,
+    MapNetworkSettings,
+    MapPredictor,
+    PredictivePolicy,
+    collect_examples,
+    load_map_network,
+    map_image,
+    save_map_network,
+    score_predictions,
+)
+from coopmap_agents.map_prediction.examples import cell_weights
+from coopmap_agents.map_prediction.model_file import METADATA_KEY
+from coopmap_env.core.files import FileError
+from coopmap_env.envs.field.planning import FieldPlanning
+from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.evaluation import make_policy, rollout
+from coopmap_env.mapping import OccupancyMap, VoxelGrid
+from coopmap_env.simulation.scenes.planar import Rooms
+
+TINY = MapNetworkSettings(widths=(4, 6, 8), stride=2)
+
+
+def tiny_network(seed=0, settings=TINY):
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        return MapNetwork(settings).eval()
+
+
+def small_env(**options):
+    return PlanarEnv(scene=Rooms(shape=(48, 40)), max_scans=4, **options)
+
+
+def test_the_image_of_a_map_by_hand():
+    map_ = OccupancyMap(VoxelGrid((2, 3)))
+    set_cells(map_, 0, 0.2)
+    set_cells(map_, 4, 0.5)
+    # a level of log-odds is 1 / 1024 nat
+    np.testing.assert_array_equal(map_image(map_), [[51, 255, 255], [255, 127, 255]])
+
+
+def test_cells_count_by_their_distance_from_known_free_ones():
+    image = np.full((3, 6), 255, np.uint8)
+    image[1, 0], image[1, 1] = 0, 254
+    steps = [[1, 1, 2, 3, 4, 5], [np.inf, np.inf, 2, 3, 4, 5], [1, 1, 2, 3, 4, 5]]
+    np.testing.assert_allclose(cell_weights(image), np.exp(-np.array(steps) / 12), rtol=1e-6)
+    np.testing.assert_array_equal(cell_weights(np.full((2, 2), 255, np.uint8)), 1)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (7, 13), (40, 48)])
+@pytest.mark.parametrize("stride", [1, 2, 3])
+def test_maps_of_any_size_get_a_logit_for_each_cell(shape, stride):
+    network = tiny_network(settings=replace(TINY, stride=stride))
+    images = torch.randint(0, 256, (2, *shape), dtype=torch.uint8)
+    logits = network(images)
+    assert logits.shape == (2, *shape)
+    assert logits.dtype == torch.float32
+    torch.testing.assert_close(network(images[1:])[0], logits[1], rtol=1e-4, atol=1e-5)
+
+
+def test_what_a_network_is_shown_of_a_cell():
+    network, image = tiny_network(), torch.full((1, 16, 16), 255, dtype=torch.uint8)
+    seen = []
+    for value in (255, 0, 60, 126, 127, 254):
+        image[0, 8, 8] = value
+        seen.append(network(image)[0, 8, 8].item())
+    assert len(set(seen)) == len(seen)  # unknown, and every probability, are told apart
+
+
+def test_predictions_are_those_of_the_network_in_steps_of_a_255th():
+    map_ = random_map(np.random.default_rng(0), (21, 17))
+    network = tiny_network()
+    occupancy = MapPredictor(network).occupancy(map_)
+    with torch.no_grad():
+        expected = network(torch.from_numpy(map_image(map_))[None])[0].sigmoid().ravel()
+    assert occupancy.shape == (21 * 17,)
+    np.testing.assert_allclose(occupancy, expected, atol=0.5 / 255 + 1e-6)
+    np.testing.assert_allclose(255 * occupancy, np.round(255 * occupancy), atol=1e-4)
+
+
+def test_predictions_do_not_depend_on_threads():
+    map_ = random_map(np.random.default_rng(1), (64, 64))
+    predictor, threads = MapPredictor(tiny_network()), torch.get_num_threads()
+    found = []
+    try:
+        for n in (1, 2, 5):
+            torch.set_num_threads(n)
+            found.append(predictor.occupancy(map_))
+            assert torch.get_num_threads() == n
+    finally:
+        torch.set_num_threads(threads)
+    np.testing.assert_array_equal(found[1], found[0])
+    np.testing.assert_array_equal(found[2], found[0])
+
+
+def test_only_planar_maps_are_predicted():
+    with pytest.raises(ValueError, match="predictions are of planar maps"):
+        MapPredictor(tiny_network()).occupancy(OccupancyMap(VoxelGrid((3, 3, 3))))
+    with pytest.raises(ValueError, match="take no predicted occupancy of unknown voxels"):
+        FieldPlanning().foresight(None, np.zeros(27, np.float32))
+
+
+def test_examples_are_the_maps_before_scans_with_their_worlds():
+    with closing(small_env()) as env:
+        policies = [make_policy("random"), make_policy("coverage:search=20")]
+        examples = collect_examples(env, policies, [5, 6], n_maps=3)
+        again = collect_examples(env, policies, [5, 6], n_maps=3)
+        played = {}
+        for number, seed in enumerate((5, 6)):
+            for step in rollout(env, policies[number], seed):
+                played.setdefault(seed, []).append(map_image(step.belief.map).tobytes())
+            own = examples.images[3 * number : 3 * number + 3]
+            assert {image.tobytes() for image in own} <= set(played[seed])
+            assert (examples.occupied[3 * number] == env.truth.occupied).all()
+    for one, other in zip(examples, again, strict=True):
+        assert one.shape == (6, 48, 40)
+        np.testing.assert_array_equal(one, other)
+
+
+def test_scores_of_predictions_by_hand():
+    p = np.array([0.75, 0.75, 0.0, 0.5], np.float32)
+    scores = score_predictions(p, np.array([True, False, False, True]), np.array([1, 1, 2, 0.0]))
+    logs = np.log(0.75) + np.log(0.25) + 2 * np.log(1 - 1e-3)
+    assert scores.log_loss == pytest.approx(-logs / 4)
+    assert scores.brier == pytest.approx((0.25**2 + 0.75**2) / 4)
+    # the bin of 0.75 is half occupied
+    assert scores.calibration_error == pytest.approx(2 * 0.25 / 4)
+
+
+def test_a_file_gives_the_network_back(tmp_path):
+    network = tiny_network()
+    save_map_network(network, tmp_path / "map.safetensors", {"steps": 3})
+    state = torch.random.get_rng_state()
+    loaded = load_map_network(tmp_path / "map.safetensors")
+    assert (torch.random.get_rng_state() == state).all()
+    assert loaded.settings == TINY
+    for name, values in network.state_dict().items():
+        assert (loaded.state_dict()[name] == values).all()
+    assert MapPredictor(loaded).fingerprint == MapPredictor(network).fingerprint
+    assert MapPredictor(tiny_network(1)).fingerprint != MapPredictor(network).fingerprint
+
+
+def changed(path, metadata=None, **weights):
+    """The same file with other metadata or weights."""
+    content = path.read_bytes()
+    header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+    values = {**json.loads(header["__metadata__"][METADATA_KEY]), **(metadata or {})}
+    path.write_bytes(save({**load_file(path), **weights}, {METADATA_KEY: json.dumps(values)}))
+
+
+@pytest.mark.parametrize(
+    ("metadata", "weights", "message"),
+    [
+        ({"format": 7}, {}, r"has the format 7, this is .* train the network again"),
+        ({"network": {"widths": [4, 6, 9]}}, {}, "its weights are not those of a network with"),
+        ({"network": {"widths": [4, 6, 1024]}}, {}, "its weights are not those of a network with"),
+        ({"network": {"widths": [4, 6, -1]}}, {}, r"widths must be .*got \(4, 6, -1\)"),
+        ({"network": 3}, {}, "is broken"),
+        ({}, {"up.0.bias": torch.zeros(3)}, "its weights are not those"),
+        ({}, {"up.0.bias": torch.full((24,), torch.nan)}, r"up\.0\.bias must be finite numbers"),
+        ({}, {"up.0.bias": torch.zeros(24, dtype=torch.float16)}, r"finite numbers of type float"),
+    ],
+)
+def test_a_file_of_another_network_is_refused_by_name(metadata, weights, message, tmp_path):
+    path = tmp_path / "map.safetensors"
+    save_map_network(tiny_network(), path)
+    changed(path, metadata, **weights)
+    with pytest.raises(FileError, match=rf"^{path}.*{message}"):
+        load_map_network(path)
+
+
+@cases(short=200, long=20_000)
+def test_a_mutated_file_is_read_or_refused_by_name(n_cases, tmp_path):
+    path = tmp_path / "map.safetensors"
+    save_map_network(tiny_network(), path)
+    for mutant in mutants([path.read_bytes()], n_cases):
+        path.write_bytes(mutant)
+        read_or_refuse(load_map_network, path, FileError, "")
+
+
+def test_with_the_truth_as_the_prediction_the_first_views_show_no_less():
+    class Oracle(PredictivePolicy):
+        def foresight(self, belief):
+            return belief.planning.foresight(belief, env.truth.occupied.ravel().astype(np.float32))
+
+    with closing(small_env(report_shown=True)) as env:
+        oracle = Oracle(tiny_network(), search="exhaustive", coordination="independent")
+        observations, _ = env.reset(seed=1)
+        oracle.reset(np.random.default_rng(0))
+        actions = oracle.act(env.belief(), observations)
+        gains = {}
+        for name, chosen in (("oracle", actions), ("best", None)):
+            if chosen is None:
+                planner = coopmap_baselines.make("lookahead", horizon=1, search="exhaustive")
+                chosen = planner.act(env.belief(), observations)
+            env.reset(seed=1)
+            infos = env.step(chosen)[4]
+            gains[name] = next(iter(infos.values()))["shown_fraction"]
+        assert gains["oracle"] >= gains["best"]
+
+
+def test_the_planner_with_predictions_plays_an_episode_and_repeats_it():
+    with closing(small_env(action_mode="candidates")) as env:
+        policy = PredictivePolicy(tiny_network(), horizon=2, samples=10)
+        runs = [[step.actions for step in rollout(env, policy, 3)] for _ in range(2)]
+    assert runs[0] == runs[1]
+    assert policy.n_parameters == sum(v.numel() for v in tiny_network().parameters())
+    assert policy.model_bytes == 4 * policy.n_parameters
+
+
+def test_wrong_options_are_named():
+    with pytest.raises(ValueError, match="horizon must"):
+        PredictivePolicy(tiny_network(), horizon=9)
+    with pytest.raises(FileError, match=r"nowhere\.safetensors"):
+        PredictivePolicy("nowhere.safetensors")
