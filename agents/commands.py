@@ -1,4 +1,4 @@
-"""The command `coopmap train`; torch is imported only when it runs."""
+"""The commands `coopmap train` and `coopmap train-map`; torch is imported only when they run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from coopmap_agents.config import EnvConfig, TrainingConfig, TrainingOptions
+from coopmap_agents.map_config import MapTrainingConfig
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
 from coopmap_env.envs import RewardName
@@ -62,3 +63,32 @@ class Train(EnvironmentOptions, TrainingOptions):
             f"policy: {self.out / POLICY_FILE}, after {best['steps']:,} steps; validation reward "
             f"{best['validation']['reward']:.4f}"
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainMap(MapTrainingConfig):
+    """Train a network that predicts the unknown part of planar maps.
+
+    Writes map.safetensors (the best one on validation worlds, for `coopmap evaluate --policies
+    predictive:model=...`), training.json (configuration and learning curve), a checkpoint, and the
+    maps that it learns from. The same command resumes an interrupted training, with the same result
+    as without the interruption. Needs the extra rl.
+
+    Such as:
+      coopmap train-map --out results/map
+      coopmap train-map --families crowded --scenes --episodes 100 --out results/map-crowded
+    """
+
+    out: Path
+    """Folder of the training."""
+
+    def run(self) -> None:
+        """Train, and say where the network is."""
+        from coopmap_agents.map_prediction import run_map_training
+        from coopmap_agents.map_prediction.record import progress_line
+        from coopmap_agents.map_prediction.training import MODEL_FILE
+
+        values = {option.name: getattr(self, option.name) for option in fields(MapTrainingConfig)}
+        command = shlex.join(["coopmap", *sys.argv[1:]])
+        record = run_map_training(MapTrainingConfig(**values), self.out, log, command)
+        log(f"network: {self.out / MODEL_FILE}; {progress_line(record).strip()}")

@@ -10,10 +10,10 @@ trained on maps that planners made of training worlds, with the truth behind the
 """
 
 import coopmap_agents._require_rl  # noqa: F401
-from coopmap_agents.map_prediction.config import MapTrainingConfig
+from coopmap_agents.map_config import MapNetworkSettings, MapTrainingConfig
 from coopmap_agents.map_prediction.examples import MapExamples, collect_examples, map_image
 from coopmap_agents.map_prediction.model_file import load_map_network, save_map_network
-from coopmap_agents.map_prediction.network import MapNetwork, MapNetworkSettings
+from coopmap_agents.map_prediction.network import MapNetwork
 from coopmap_agents.map_prediction.policy import PredictivePolicy
 from coopmap_agents.map_prediction.predictor import MapPredictor
 from coopmap_agents.map_prediction.scores import PredictionScores, score_predictions

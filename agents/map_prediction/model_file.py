@@ -14,7 +14,8 @@ from typing import Any
 import torch
 from safetensors.torch import load, save
 
-from coopmap_agents.map_prediction.network import MapNetwork, MapNetworkSettings
+from coopmap_agents.map_config import MapNetworkSettings
+from coopmap_agents.map_prediction.network import MapNetwork
 from coopmap_env.core.files import FileError, read_bytes, write_atomically
 from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 from coopmap_env.core.version import __version__

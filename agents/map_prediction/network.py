@@ -7,31 +7,17 @@ again to single cells. Maps may have any size: there is no layer that depends on
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import torch
 from torch import nn
 from torch.nn import functional
 
-from coopmap_env.core.settings import Bounds, Settings
+from coopmap_agents.map_config import MapNetworkSettings
 
 UNKNOWN = 255
 """Value of never-sampled cells in the image of a map; others are `KNOWN_SCALE` times P(occupied),
 rounded."""
 KNOWN_SCALE = 254
 N_CHANNELS = 4
-ChannelWidth = Annotated[int, Bounds(at_least=1, at_most=1024)]
-
-
-@dataclass(frozen=True)
-class MapNetworkSettings(Settings):
-    """Size of a `MapNetwork`."""
-
-    widths: tuple[ChannelWidth, ChannelWidth, ChannelWidth] = (16, 40, 56)
-    """Channels of the three levels."""
-    stride: Annotated[int, Bounds(at_least=1, at_most=16)] = 2
-    """Cells along the side of a pixel of the first level."""
 
 
 class MapNetwork(nn.Module):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_agents.map_prediction.config import MapTrainingConfig
+from coopmap_agents.map_config import MapTrainingConfig
 from coopmap_agents.map_prediction.scores import PredictionScores
 from coopmap_agents.record import RECORD_FILE, Record, machine_description
 from coopmap_env.core.files import FileError, brief, read_json

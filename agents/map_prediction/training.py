@@ -25,7 +25,7 @@ import torch
 from torch.nn import functional
 
 from coopmap_agents._record_form import checkpoint_name
-from coopmap_agents.map_prediction.config import MapTrainingConfig
+from coopmap_agents.map_config import MapTrainingConfig
 from coopmap_agents.map_prediction.examples import MapExamples, cell_weights
 from coopmap_agents.map_prediction.model_file import save_map_network
 from coopmap_agents.map_prediction.network import MapNetwork

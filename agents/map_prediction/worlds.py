@@ -6,7 +6,7 @@ from contextlib import closing
 
 import numpy as np
 
-from coopmap_agents.map_prediction.config import PLAYED_POLICIES, MapTrainingConfig
+from coopmap_agents.map_config import PLAYED_POLICIES, MapTrainingConfig
 from coopmap_agents.map_prediction.examples import MapExamples, collect_examples
 from coopmap_env import families
 from coopmap_env.envs.planar import PlanarEnv

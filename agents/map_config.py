@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from coopmap_agents.map_prediction.network import MapNetworkSettings
 from coopmap_env.core.settings import (
     Bounds,
     NonNegative,
@@ -14,6 +13,19 @@ from coopmap_env.core.settings import (
     PositiveInt,
     Settings,
 )
+
+ChannelWidth = Annotated[int, Bounds(at_least=1, at_most=1024)]
+
+
+@dataclass(frozen=True)
+class MapNetworkSettings(Settings):
+    """Size of a `MapNetwork`."""
+
+    widths: tuple[ChannelWidth, ChannelWidth, ChannelWidth] = (16, 40, 56)
+    """Channels of the three levels."""
+    stride: Annotated[int, Bounds(at_least=1, at_most=16)] = 2
+    """Cells along the side of a pixel of the first level."""
+
 
 PLAYED_POLICIES = (
     "lookahead:horizon=1",

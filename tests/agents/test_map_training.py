@@ -1,0 +1,129 @@
+"""Trainings of map networks in folders: what they learn, how they resume, and errors."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from coopmap_agents.map_config import MapNetworkSettings, MapTrainingConfig
+from coopmap_agents.map_prediction import load_map_network, run_map_training
+from coopmap_agents.map_prediction import training as map_training
+from coopmap_agents.map_prediction.examples import MapExamples, cell_weights
+from coopmap_agents.map_prediction.training import learning_rate, weighted_loss
+from coopmap_agents.map_prediction.worlds import make_world
+from coopmap_env.core.files import FileError
+
+CONFIG = MapTrainingConfig(
+    families=("crowded",),
+    scenes=("obstacles",),
+    total_steps=10,
+    segment_steps=4,
+    batch_size=4,
+    warmup_steps=2,
+    network=MapNetworkSettings(widths=(4, 6, 8)),
+)
+
+
+def stripes(n, seed):
+    """Worlds of walls across, one cell in five, of which the left half is known."""
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros((n, 20, 24), dtype=bool)
+    for world, first in enumerate(rng.integers(5, size=n)):
+        occupied[world, first::5] = True
+    images = np.where(occupied, 254, 0).astype(np.uint8)
+    images[:, :, 12:] = 255
+    weights = np.stack([cell_weights(image) for image in images])
+    return MapExamples(images, occupied, weights)
+
+
+@pytest.fixture
+def striped_worlds(monkeypatch):
+    """Examples that take no episodes to make; counts how often they are asked for."""
+    asked = []
+
+    def examples(name, config, split):
+        asked.append((name, split))
+        return stripes(24, seed=len(name) + (split == "train"))
+
+    monkeypatch.setattr(map_training, "world_examples", examples)
+    return asked
+
+
+def weights_of(folder):
+    return load_map_network(folder / "map.safetensors").state_dict()
+
+
+def test_a_network_learns_that_walls_go_on(striped_worlds, tmp_path):
+    config = replace(CONFIG, total_steps=200, segment_steps=200, learning_rate=1e-2)
+    record = run_map_training(config, tmp_path)
+    scores = record["rows"][-1]["validation"]["crowded"]
+    share = 0.2  # without the map, the best prediction is the share of walls
+    blind = -share * np.log(share) - (1 - share) * np.log(1 - share)
+    assert scores["log_loss"] < 0.85 * blind
+    assert scores["brier"] < 0.85 * share * (1 - share)
+
+
+def test_an_interrupted_training_ends_as_an_uninterrupted_one(striped_worlds, tmp_path):
+    whole = run_map_training(CONFIG, tmp_path / "whole")
+
+    class InterruptionError(Exception):
+        pass
+
+    def interrupt(line):
+        if "of 10 steps" in line:
+            raise InterruptionError
+
+    for _ in range(3):
+        with pytest.raises(InterruptionError):
+            run_map_training(CONFIG, tmp_path / "parts", interrupt)
+    assert len(striped_worlds) == 8  # the examples are kept
+    lines = []
+    parts = run_map_training(CONFIG, tmp_path / "parts", lines.append)
+    assert lines == [f"{tmp_path / 'parts'} is finished: 10 steps"]
+    for one, other in zip(whole["rows"], parts["rows"], strict=True):
+        assert {**one, "seconds": 0} == {**other, "seconds": 0}
+    assert [row["steps"] for row in parts["rows"]] == [4, 8, 10]
+    for name, values in weights_of(tmp_path / "whole").items():
+        assert (weights_of(tmp_path / "parts")[name] == values).all()
+    kept = sorted(path.name for path in (tmp_path / "parts").iterdir())
+    assert kept == [
+        "checkpoint-3.pt", "examples-crowded-train.npz", "examples-crowded-validation.npz",
+        "examples-obstacles-train.npz", "examples-obstacles-validation.npz", "map.safetensors",
+        "training.json",
+    ]  # fmt: skip
+
+
+def test_another_training_and_broken_records_are_refused_by_name(striped_worlds, tmp_path):
+    run_map_training(CONFIG, tmp_path)
+    with pytest.raises(ValueError, match=r"another training, with seed = 0, not 1: use another"):
+        run_map_training(replace(CONFIG, seed=1), tmp_path)
+    record = json.loads((tmp_path / "training.json").read_text())
+    for change in ({"rows": [3]}, {"best": 7}, {"config": {"seed": -1}}, {"rows": [{"steps": 1}]}):
+        (tmp_path / "training.json").write_text(json.dumps({**record, **change}))
+        with pytest.raises(FileError, match=r"training\.json is broken .*remove its folder"):
+            run_map_training(CONFIG, tmp_path)
+
+
+def test_the_learning_rate_rises_and_falls():
+    config = MapTrainingConfig(learning_rate=1.0, warmup_steps=4, total_steps=100)
+    rates = [learning_rate(config, step) for step in (0, 3, 50, 99)]
+    assert rates == pytest.approx([0.25, 0.97, 0.5, 0.01])
+
+
+def test_the_loss_by_hand():
+    logits, occupied = torch.tensor([[0.0, 2.0, 9.0]]), torch.tensor([[1.0, 0.0, 0.0]])
+    loss = weighted_loss(logits, occupied, torch.tensor([[1.0, 3.0, 0.0]]))
+    assert loss.item() == pytest.approx((np.log(2) + 3 * np.log1p(np.exp(2))) / 4, rel=1e-6)
+
+
+def test_worlds_are_of_families_and_scenes_of_the_plane():
+    env = make_world("obstacles", CONFIG, "validation")
+    assert env.split == "validation"
+    with pytest.raises(ValueError, match="the family 'occluded' is not"):
+        make_world("occluded", CONFIG, "train")
+    with pytest.raises(ValueError, match="unknown family 'nowhere'"):
+        make_world("nowhere", CONFIG, "train")
+    with pytest.raises(ValueError, match="needs families or scenes"):
+        MapTrainingConfig(families=(), scenes=())
