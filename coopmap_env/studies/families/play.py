@@ -25,6 +25,8 @@ class Entry(NamedTuple):
     """By default that of the environment."""
     is_for_time: bool = False
     """Whether it is played only where time ends episodes."""
+    is_planar: bool = False
+    """Whether it is played only in planar families."""
 
     @property
     def env_kwargs(self) -> dict[str, Any]:
@@ -55,6 +57,17 @@ PLAYED_POLICIES = {
     "look-ahead, joint": Entry("lookahead:coordination=joint", "look-ahead"),
     "look-ahead, weighing motion": Entry(
         "lookahead:motion_weight=0.02", "look-ahead", is_for_time=True
+    ),
+    "predicted map, one step": Entry("predictive", "learned", is_planar=True),
+    "predicted map, look-ahead": Entry("predictive:horizon=2", "learned", is_planar=True),
+    "predicted map, look-ahead, joint": Entry(
+        "predictive:horizon=2+coordination=joint", "learned", is_planar=True
+    ),
+    "predicted map, one step, weighing motion": Entry(
+        "predictive:motion_weight=0.015", "learned", is_for_time=True, is_planar=True
+    ),
+    "predicted map, look-ahead, weighing motion": Entry(
+        "predictive:horizon=2+motion_weight=0.02", "learned", is_for_time=True, is_planar=True
     ),
     "learned, 32 candidates": Entry("learned", "learned", "candidates"),
     "learned, 300 candidates": Entry("learned", "learned", "candidates", 300),
@@ -137,10 +150,13 @@ def play_family(
 def _usual_policies(family: Family) -> list[str]:
     """Names in the table that fit a family; the learned ones are missing without the extra rl."""
     installed, has_time = set(policy_names()), "max_time" in family.budget
+    is_planar = family.env_name == "planar"
     return [
         name
         for name, entry in PLAYED_POLICIES.items()
-        if entry.spec.split(":")[0] in installed and (has_time or not entry.is_for_time)
+        if entry.spec.split(":")[0] in installed
+        and (has_time or not entry.is_for_time)
+        and (is_planar or not entry.is_planar)
     ]
 
 

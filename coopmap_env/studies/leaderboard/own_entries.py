@@ -47,6 +47,8 @@ PLANNERS = {
 WEIGHING = {
     "lookahead-one-weighing": Entry("lookahead:horizon=1+motion_weight=0.015"),
     "lookahead-weighing": Entry("lookahead:motion_weight=0.02"),
+    "predictive-weighing": Entry("predictive:motion_weight=0.015"),
+    "predictive-two-weighing": Entry("predictive:horizon=2+motion_weight=0.02"),
 }
 """Planners that count what motions cost, where time ends planar episodes. The weights were chosen
 on training worlds of `motion-budget`."""
@@ -61,12 +63,21 @@ LEARNED = {
     "field": {"learned-100": Entry("learned:model=field-candidates", candidates(100))},
 }
 """By the kind of environment."""
+PREDICTIVE = {
+    "predictive": Entry("predictive"),
+    "predictive-two": Entry("predictive:horizon=2"),
+}
+"""On predicted maps, which are planar."""
 
 
 def entries_of(family: Family) -> dict[str, Entry]:
     """The entries that fit a family, by name."""
-    is_timed = family.env_name == "planar" and "max_time" in family.budget
-    return {**PLANNERS, **(WEIGHING if is_timed else {}), **LEARNED[family.env_name]}
+    entries = {**PLANNERS, **LEARNED[family.env_name]}
+    if family.env_name == "planar":
+        entries |= PREDICTIVE
+        if "max_time" in family.budget:
+            entries |= WEIGHING
+    return entries
 
 
 def is_current(path: Path, n_worlds: int) -> bool:
