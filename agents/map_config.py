@@ -53,11 +53,11 @@ class MapTrainingConfig(Settings):
     """Validation episodes of each."""
     maps_per_episode: PositiveInt = 8
     """Maps that are kept of an episode. All stay in memory: 0.24 MB each with 200 x 200 cells."""
-    total_steps: PositiveInt = 6_000
+    total_steps: PositiveInt = 4_000
     """Gradient steps; each is of one family or scene, in turns."""
     segment_steps: PositiveInt = 500
     """Gradient steps from one checkpoint to the next."""
-    batch_size: PositiveInt = 12
+    batch_size: PositiveInt = 8
     """Maps of a gradient step."""
     learning_rate: Positive = 2e-3
     """Largest learning rate of AdamW: it rises over the first `warmup_steps` and falls, linearly,
