@@ -16,6 +16,8 @@ from coopmap_agents.map_prediction import (
     MapNetwork,
     MapNetworkSettings,
     MapPredictor,
+    MapTrainingConfig,
+    PredictionScores,
     PredictivePolicy,
     collect_examples,
     load_map_network,
@@ -25,10 +27,14 @@ from coopmap_agents.map_prediction import (
 )
 from coopmap_agents.map_prediction.examples import cell_weights
 from coopmap_agents.map_prediction.model_file import METADATA_KEY
+from coopmap_agents.map_prediction.predictor import shipped_path
+from coopmap_env import families
 from coopmap_env.core.files import FileError
+from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.envs.field.planning import FieldPlanning
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import make_policy, rollout
+from coopmap_env.information import PlanarExpectedViews
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.simulation.scenes.planar import Rooms
 
@@ -227,3 +233,26 @@ def test_wrong_options_are_named():
         PredictivePolicy(tiny_network(), horizon=9)
     with pytest.raises(FileError, match=r"nowhere\.safetensors"):
         PredictivePolicy("nowhere.safetensors")
+
+
+def test_the_network_that_ships_predicts_better_than_constant_hazards():
+    assert shipped_path().stat().st_size < 1_000_000
+    predictor, losses = MapPredictor(), {"network": [], "hazards": []}
+    with closing(families.make("crowded", "validation")) as env:
+        for scan, step in enumerate(rollout(env, make_policy("coverage:search=30"), 500)):
+            if scan % 8 == 4:
+                map_, truth = step.belief.map, env.truth.occupied
+                weights = cell_weights(map_image(map_))
+                hazards = PlanarExpectedViews(step.belief.rating_function).cells(map_)
+                guesses = {"network": predictor.occupancy(map_), "hazards": 1 - hazards.passing}
+                for name, guess in guesses.items():
+                    losses[name].append(score_predictions(guess, truth, weights).log_loss)
+    assert np.mean(losses["network"]) < 0.75 * np.mean(losses["hazards"])
+
+
+def test_the_record_of_the_network_that_ships_is_of_its_training():
+    record = json.loads(shipped_path().with_suffix(".json").read_text())
+    assert record["config"] == json.loads(json.dumps(settings_to_dict(MapTrainingConfig())))
+    best = record["rows"][record["best"]]
+    for scores in best["validation"].values():
+        assert PredictionScores(**scores).calibration_error < 0.05
