@@ -8,6 +8,7 @@ from typing import Any
 from coopmap_agents.map_prediction.network import MapNetwork
 from coopmap_agents.map_prediction.predictor import MapPredictor
 from coopmap_baselines.lookahead import LookaheadPolicy
+from coopmap_baselines.planner import Search
 from coopmap_env.envs import Belief, Foresight
 
 
@@ -22,7 +23,10 @@ class PredictivePolicy(LookaheadPolicy):
     model : MapNetwork or path, optional
         By default the network that ships with coopmap.
     horizon : int
-        Views of each robot that are planned together.
+        Views of each robot that are planned one after another.
+    search : int or "exhaustive"
+        Number of random poses, of which the first view is one. A network takes as long as some
+        thousand views, so many of them are worth it.
     **options
         As of `LookaheadPolicy`.
 
@@ -38,9 +42,10 @@ class PredictivePolicy(LookaheadPolicy):
         self,
         model: MapNetwork | str | os.PathLike[str] | None = None,
         horizon: int = 1,
+        search: Search = 1000,
         **options: Any,
     ) -> None:
-        super().__init__(horizon, **options)
+        super().__init__(horizon, search=search, **options)
         self.predictor = MapPredictor(model)
 
     def foresight(self, belief: Belief) -> Foresight:

@@ -33,12 +33,12 @@ PREDICTIVE = {
     "predicted map, look-ahead": "predictive:horizon=2",
 }
 OPPONENTS = {
-    "expected coverage": "lookahead:horizon=1",
-    "look-ahead": "lookahead",
-    "coverage, sequential": "coverage:search=300+coordination=sequential",
-    "rating function, sequential": "rating_function:search=300+coordination=sequential",
+    "expected coverage": "lookahead:horizon=1+search=1000",
+    "look-ahead": "lookahead:search=1000",
+    "coverage, sequential": "coverage:search=1000+coordination=sequential",
+    "rating function, sequential": "rating_function:search=1000+coordination=sequential",
 }
-"""All choose the first view among 300 random poses, and coordinate."""
+"""All choose the first view among 1,000 random poses, and coordinate."""
 SCORES = {
     "efficiency": "efficiency, %",
     "efficiency_auc": "efficiency of the area, %",
@@ -125,7 +125,7 @@ def page_text(table: str, split: str, n_worlds: int) -> str:
 
 `predictive` is the planner `lookahead` on a map whose unknown part a network predicts
 ([how](map_prediction.md)). Here it plays beside planners without predictions. All choose each
-robot's next view among 300 random poses, one robot after another. Means over {n_worlds} worlds of
+robot's next view among 1,000 random poses, one robot after another. Means over {n_worlds} worlds of
 the split "{split}" [95 % bootstrap intervals]. The last column has differences of the efficiency at
 the end from the strongest of these planners on the same worlds. The network was trained on worlds
 of the families and of the setting of the paper; the other conditions are new to it.

@@ -47,8 +47,17 @@ PLAYED_POLICIES = {
         "coverage:search=300+coordination=sequential", "one step"
     ),
     "expected coverage, m = 300, sequential": Entry("lookahead:horizon=1", "one step"),
+    "expected coverage, m = 1000, sequential": Entry(
+        "lookahead:horizon=1+search=1000", "one step", is_planar=True
+    ),
     "expected coverage, weighing motion": Entry(
         "lookahead:horizon=1+motion_weight=0.015", "one step", is_for_time=True
+    ),
+    "expected coverage, m = 1000, weighing motion": Entry(
+        "lookahead:horizon=1+motion_weight=0.015+search=1000",
+        "one step",
+        is_for_time=True,
+        is_planar=True,
     ),
     "frontier, sequential": Entry("frontier:coordination=sequential", "look-ahead"),
     "allocation": Entry("allocation", "look-ahead"),
@@ -58,15 +67,12 @@ PLAYED_POLICIES = {
     "look-ahead, weighing motion": Entry(
         "lookahead:motion_weight=0.02", "look-ahead", is_for_time=True
     ),
-    "predicted map, one step": Entry("predictive", "learned", is_planar=True),
-    "predicted map, look-ahead": Entry("predictive:horizon=2", "learned", is_planar=True),
-    "predicted map, look-ahead, joint": Entry(
-        "predictive:horizon=2+coordination=joint", "learned", is_planar=True
-    ),
-    "predicted map, one step, weighing motion": Entry(
+    "predicted map, m = 1000": Entry("predictive", "learned", is_planar=True),
+    "predicted map, look-ahead, m = 1000": Entry("predictive:horizon=2", "learned", is_planar=True),
+    "predicted map, m = 1000, weighing motion": Entry(
         "predictive:motion_weight=0.015", "learned", is_for_time=True, is_planar=True
     ),
-    "predicted map, look-ahead, weighing motion": Entry(
+    "predicted map, look-ahead, m = 1000, weighing motion": Entry(
         "predictive:horizon=2+motion_weight=0.02", "learned", is_for_time=True, is_planar=True
     ),
     "learned, 32 candidates": Entry("learned", "learned", "candidates"),
