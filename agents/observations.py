@@ -12,6 +12,8 @@ SPECIAL_KEYS = ("candidates", "action_mask", "teammates", "located", "state")
 """Entries of an observation that are not simply concatenated."""
 VARIABLE_LENGTH_KEYS = ("candidates", "action_mask", "teammates", "located")
 """Entries of an observation whose first axis may differ in length from training."""
+LATER_KEYS = ("budget",)
+"""Entries that observations did not have when some policies were trained, which ignore them."""
 
 
 def stack(observations: Iterable[Observation]) -> Observation:

@@ -13,6 +13,7 @@ from torch import nn
 
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks.candidate_scorer import CandidateScorer
+from coopmap_agents.networks.features import ObservationFeatures
 from coopmap_agents.networks.pose_policy import PosePolicy
 from coopmap_env.core.limits import check_bytes
 
@@ -26,6 +27,13 @@ CRITIC_PREFIXES = (
     "features_extractor.state.",
 )
 """Prefixes of the names of parameters that only the critic uses."""
+CONTEXT_WEIGHTS = (
+    "network.from_summary.weight",
+    "network.value.0.0.weight",
+    "mlp_extractor.policy_net.0.weight",
+    "mlp_extractor.value_net.0.weight",
+)
+"""Weights whose first columns are those of `ObservationFeatures`, without the state."""
 
 
 def is_of_actor(name: str) -> bool:
@@ -99,12 +107,18 @@ def _make(
 def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
     """Copy the weights of a network; the critics may have different shapes, and are left out then.
 
+    Entries that only the target observes get weights of 0: it acts as the source does, at first.
+
     Raises
     ------
     ValueError
         With the first weight of the actor that has another shape.
     """
-    sources, targets = dict(source.named_parameters()), dict(target.named_parameters())
+    sources = {
+        name: _widened(values.detach(), source, target) if name in CONTEXT_WEIGHTS else values
+        for name, values in source.named_parameters()
+    }
+    targets = dict(target.named_parameters())
     shapes, needed = ({k: tuple(v.shape) for k, v in part.items()} for part in (sources, targets))
     differing = {k for k in shapes | needed if shapes.get(k) != needed.get(k)}
     for name in sorted(differing):
@@ -115,6 +129,22 @@ def copy_weights(source: ActorCriticPolicy, target: ActorCriticPolicy) -> None:
             )
     for name in set(targets) - differing:
         targets[name].data.copy_(sources[name])
+
+
+def _widened(
+    weights: torch.Tensor, source: ActorCriticPolicy, target: ActorCriticPolicy
+) -> torch.Tensor:
+    """Weights (h, k) of the context, with columns of 0 for what only the target observes."""
+    features = source.features_extractor, target.features_extractor
+    if not all(isinstance(one, ObservationFeatures) for one in features):
+        return weights
+    own, wanted = (one.widths for one in features)  # type: ignore[union-attr]
+    if not set(own) <= set(wanted):
+        return weights
+    *parts, rest = weights.split([*own.values(), weights.shape[1] - sum(own.values())], dim=1)
+    columns = dict(zip(own, parts, strict=True))
+    zeros = {key: weights.new_zeros(len(weights), width) for key, width in wanted.items()}
+    return torch.cat([*(zeros | columns).values(), rest], dim=1)
 
 
 def set_actor_trainable(network: nn.Module, trainable: bool) -> None:

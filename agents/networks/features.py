@@ -26,14 +26,15 @@ def as_tensors(
     """Tensors of one observation, or of n stacked ones; and whether they were stacked.
 
     Stable-Baselines3 requires the shapes of training. Here the number of candidates and teammates
-    may differ, and the state may be missing.
+    may differ, the state may be missing, and entries that are not of the space are left out.
     """
     assert isinstance(space, spaces.Dict)
-    key, values = next(iter(observation.items()))
+    known = {key: values for key, values in observation.items() if key in space.spaces}
+    key, values = next(iter(known.items()))
     rows = np.ndim(values) == len(space[key].shape or ()) + 1
     tensors = {
         key: torch.as_tensor(np.array(values if rows else values[None]), device=device)
-        for key, values in observation.items()
+        for key, values in known.items()
     }
     return tensors, rows
 
@@ -70,9 +71,14 @@ class ObservationFeatures(BaseFeaturesExtractor):
         flat = {k: box for k, box in parts.items() if k not in images and k not in SPECIAL_KEYS}
         include_located = int("located" in parts)
         self.state_dim = image_features if "state" in parts else 0
-        self.actor_dim = image_features * len(images) + include_located
-        self.actor_dim += sum(get_flattened_obs_dim(space) for space in flat.values())
-        self.actor_dim += 2 * teammate_features if "teammates" in parts else 0
+        self.widths: dict[str, int] = {
+            **dict.fromkeys(images, image_features),
+            **{key: get_flattened_obs_dim(space) for key, space in flat.items()},
+            **({"located": 1} if include_located else {}),
+            **({"teammates": 2 * teammate_features} if "teammates" in parts else {}),
+        }
+        """How many features each entry has, in their order; without the state."""
+        self.actor_dim = sum(self.widths.values())
         super().__init__(observation_space, self.actor_dim + self.state_dim)
         self.robot = nn.ModuleDict(
             {

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_agents.observations import VARIABLE_LENGTH_KEYS, stack
+from coopmap_agents.observations import LATER_KEYS, VARIABLE_LENGTH_KEYS, stack
 from coopmap_agents.pretrained.library import find_policy, pretrained_names, pretrained_path
 from coopmap_agents.pretrained.onnx.file import read_onnx
 from coopmap_agents.pretrained.onnx.network import OnnxNetwork
@@ -181,10 +181,10 @@ def _is_compatible(
     trained: Mapping[str, tuple[int, ...]], observed: Mapping[str, tuple[int, ...]]
 ) -> bool:
     """Whether a network trained on some shapes can decide on others."""
-    missing = set(trained) - set(observed)
-    if not missing <= {"state", "teammates"}:
+    missing, unknown = set(trained) - set(observed), set(observed) - set(trained)
+    if not (missing <= {"state", "teammates"} and unknown <= set(LATER_KEYS)):
         return False
-    return _without_lengths(trained, missing) == _without_lengths(observed)
+    return _without_lengths(trained, missing) == _without_lengths(observed, unknown)
 
 
 def _without_lengths(shapes: Mapping[str, tuple[int, ...]], without: Iterable[str] = ()) -> Shapes:

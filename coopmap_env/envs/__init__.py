@@ -7,7 +7,6 @@ from coopmap_env.envs.actions import InvalidActionError
 from coopmap_env.envs.belief import (
     ActionMode,
     Belief,
-    Budget,
     CameraFrames,
     Foresight,
     Observation,
@@ -15,6 +14,7 @@ from coopmap_env.envs.belief import (
     Planning,
     Poses,
 )
+from coopmap_env.envs.budget import Budget
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.rewards import REWARD_TERMS, RewardName, RewardScale, StepOutcome
 from coopmap_env.envs.step_data import Infos

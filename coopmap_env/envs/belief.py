@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopmap_env.envs.budget import Budget
 from coopmap_env.information import Ratings, RatingSettings, ReservedMask
 from coopmap_env.mapping import OccupancyMap
 
@@ -35,15 +35,6 @@ class Decoded(NamedTuple):
     def target(self) -> Any:
         """The pose to go to; None if it is rejected."""
         return None if self.rejected_reason else self.pose
-
-
-class Budget(NamedTuple):
-    """What is left of an episode."""
-
-    scans: int
-    """Of each robot."""
-    time: float = math.inf
-    """Seconds on the clock of the team; infinite without ``max_time``."""
 
 
 class ActionMode(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from math import prod
 from typing import Any, ClassVar, Generic
 
 import numpy as np
@@ -15,7 +16,8 @@ from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.actions import CandidateMode, action_of_each
 from coopmap_env.envs.arguments import MappingArguments
-from coopmap_env.envs.belief import ActionMode, Budget, Observation, Observer
+from coopmap_env.envs.belief import ActionMode, Observation, Observer
+from coopmap_env.envs.budget import BUDGET_SIZE, Budget, budget_fractions, budget_space
 from coopmap_env.envs.step_data import (
     RESET_INFO_TYPES,
     STEP_INFO_TYPES,
@@ -66,13 +68,20 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         actions: ActionMode,
         observer: Observer,
     ) -> None:
-        """Set the parts that depend on the kind of world, and declare the spaces."""
+        """Set the parts that depend on the kind of world, and declare the spaces.
+
+        What is left of the episode is observed in both kinds of world: it is added here.
+        """
         self._actions = actions
         self._observer = observer
         agents = list(enumerate(self.possible_agents))
         self.action_spaces = {agent: actions.space(robot) for robot, agent in agents}
-        self.observation_spaces = {agent: observer.space(robot) for robot, agent in agents}
-        self.state_space = observer.state_space()
+        self.observation_spaces = {
+            agent: spaces.Dict({**observer.space(robot).spaces, "budget": budget_space()})
+            for robot, agent in agents
+        }
+        size = prod(observer.state_space().shape) + BUDGET_SIZE
+        self.state_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     @property
     def reports_shown(self) -> bool:
@@ -120,6 +129,13 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if self.max_time is None:
             return Budget(scans)
         return Budget(scans, max(self.max_time - self._elapsed_time, 0.0))
+
+    @property
+    def _budget_fractions(self) -> NDArray[np.float32]:
+        """The same as it is observed, a new array."""
+        return budget_fractions(
+            self._scans_done, self._elapsed_time, self.max_scans, self.max_time
+        )
 
     @property
     def _has_ended(self) -> bool:
@@ -181,7 +197,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self.agents = list(self.possible_agents)
         self._trails = [[] for _ in self.agents]
         self._record_positions()
-        observations = dict(zip(self.agents, observed, strict=True))
+        observations = self._observations_of_agents(observed)
         infos = {agent: self._common_info() for agent in self.agents}
         copy_action_masks(observations, infos)
         if self.render_mode == "human":
@@ -211,7 +227,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         step = self._advance(action_of_each(self.agents, actions))
         self._belief = step.belief
         self._record_positions()
-        observations = dict(zip(self.agents, step.observations, strict=True))
+        observations = self._observations_of_agents(step.observations)
         rewards = self._assign_rewards(step.reward_terms)
         infos = self._step_infos(step)
         copy_action_masks(observations, infos)
@@ -226,7 +242,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
 
     def state(self) -> NDArray[np.float32]:
         """Observation of a centralised critic; see the world's `observations`."""
-        return self._observer.state(self.belief())
+        state = self._observer.state(self.belief())
+        return np.concatenate([state, self._budget_fractions], dtype=np.float32)
 
     def belief(self) -> BeliefT:
         """What the robots know: the input of planners. Never the truth.
@@ -282,6 +299,13 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     def _require_reset(self) -> None:
         if not self._has_reset:
             raise RuntimeError("call reset() first: there is no world yet")
+
+    def _observations_of_agents(self, observed: Sequence[Observation]) -> dict[str, Observation]:
+        """Observations of all robots by their names, with what is left of the episode."""
+        return {
+            agent: {**observation, "budget": self._budget_fractions}
+            for agent, observation in zip(self.agents, observed, strict=True)
+        }
 
     def _record_positions(self) -> None:
         """Append the known camera positions to the trails, which pictures show."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.arguments import check_count
 from coopmap_env.envs import REWARD_TERMS
+from coopmap_env.envs.budget import budget_fractions
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.planar.actions import MASKED, rejected_reason
 from coopmap_env.envs.planar.env import PlanarWorldView
@@ -107,7 +108,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
             own = self._draw_worlds(reset, seeds)
             self._worlds.start(worlds, own)
             self._worlds.observe(worlds, self._observations[buffer])
-            self._write_common_infos(buffer, worlds)
+            self._write_common(buffer, worlds)
         if stepped:
             worlds = np.array(stepped)
             n_offered = self._worlds.arrays.n_candidates.copy()
@@ -129,7 +130,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
                 draw.follow(mine)
         return own
 
-    def _write_common_infos(self, buffer: int, worlds: NDArray[np.int64]) -> None:
+    def _write_common(self, buffer: int, worlds: NDArray[np.int64]) -> None:
         arrays, ours, at = self._buffers[buffer], self._worlds.arrays, self._at(worlds)
         n_cells = self._env.task.grid.n_cells
         arrays.infos["n_scans"][at] = ours.n_scans[at, None]
@@ -137,6 +138,10 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         arrays.infos["observed_fraction"][at] = ours.n_observed[at, None] / n_cells
         if self._worlds.shown is not None:
             arrays.infos["shown_fraction"][at] = self._worlds.shown.counts[at, None] / n_cells
+        left = budget_fractions(
+            ours.n_scans[at], ours.elapsed[at], self._env.max_scans, self._env.max_time
+        )
+        arrays.observations["budget"][at] = np.tile(left, self._env.task.n_robots)
         if "state" in arrays.observations:
             for world in worlds.tolist():
                 state = self.world(world).state()
@@ -147,7 +152,7 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
     ) -> None:
         arrays, results, at = self._buffers[buffer], self._worlds.results, self._at(worlds)
         infos = arrays.infos
-        self._write_common_infos(buffer, worlds)
+        self._write_common(buffer, worlds)
         arrays.rewards[at] = results.rewards[at]
         arrays.terminations[at] = False
         arrays.truncations[at] = self._has_ended(at)[:, None]

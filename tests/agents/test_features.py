@@ -19,7 +19,7 @@ def batch(space, n=2, seed=0):
 def test_features_are_the_map_the_vectors_and_the_teammates():
     space = small_world(n_robots=3).observation_space("robot_0")
     features = ObservationFeatures(space, 10, 5)
-    assert features.features_dim == features.actor_dim == 10 + 4 + 2 * 5
+    assert features.features_dim == features.actor_dim == 10 + 4 + 2 + 2 * 5
     assert features(batch(space)).shape == (2, features.features_dim)
 
 
@@ -47,7 +47,7 @@ def test_the_order_of_the_entries_does_not_matter():
 def test_features_do_not_depend_on_candidates():
     space = masked_world().observation_space("robot_0")
     features, values = ObservationFeatures(space, 10, 5), batch(space)
-    assert features.features_dim == 10 + 4 + 2 * 5
+    assert features.features_dim == 10 + 4 + 2 + 2 * 5
     result = features(values)
     assert result.shape == (2, features.features_dim)
     for key in ("candidates", "action_mask"):
@@ -63,9 +63,9 @@ def test_duplicated_teammates_count_once():
     torch.testing.assert_close(features(twice), features(values))
 
 
-def test_features_of_a_single_robot_are_its_map_and_its_pose():
+def test_features_of_a_single_robot_are_its_map_its_pose_and_what_is_left():
     space = small_world(n_robots=1).observation_space("robot_0")
-    assert ObservationFeatures(space, 10, 5).features_dim == 10 + 4
+    assert ObservationFeatures(space, 10, 5).features_dim == 10 + 4 + 2
 
 
 def test_features_of_missing_teammates_are_zero():
@@ -83,7 +83,7 @@ def test_the_state_comes_last_and_acting_does_not_need_it():
     parts = small_world(n_robots=2).observation_space("robot_0").spaces
     space = spaces.Dict({**parts, "state": spaces.Box(-1.0, 1.0, (30,))})
     features, values = ObservationFeatures(space, 10, 5), batch(space)
-    assert (features.actor_dim, features.state_dim) == (10 + 4 + 2 * 5, 10)
+    assert (features.actor_dim, features.state_dim) == (10 + 4 + 2 + 2 * 5, 10)
     whole = features(values)
     del values["state"]
     without = features(values)

@@ -9,8 +9,13 @@ from stable_baselines3 import PPO
 from vec_envs import shared
 
 from coopmap_agents.config import PPOSettings
-from coopmap_agents.networks import ObservationFeatures, actor_parameters
-from coopmap_agents.pretrained import LearnedPolicy, save_policy
+from coopmap_agents.networks import (
+    ObservationFeatures,
+    actor_parameters,
+    copy_weights,
+    make_network,
+)
+from coopmap_agents.pretrained import LearnedPolicy, resolve_network, save_policy
 from coopmap_agents.sb3 import make_model, train
 from coopmap_env import planar_v1
 from coopmap_env.evaluation import Policy, evaluate
@@ -111,3 +116,46 @@ def test_the_size_of_a_pretrained_policy_is_that_of_the_one_that_decides():
     env = planar_v1.parallel_env(action_mode="candidates", max_scans=1)
     evaluate(env, policy, [0])
     assert policy.n_parameters == LearnedPolicy("planar-candidates").n_parameters
+
+
+@pytest.mark.parametrize("name", ["planar-candidates", "planar-pose"])
+def test_a_policy_ignores_what_is_left_if_it_was_trained_without(name):
+    policy = LearnedPolicy(name)
+    mode = name.split("-")[1]
+    env = planar_v1.parallel_env(action_mode=mode, max_scans=3)
+    observations, _ = env.reset(seed=0)
+    while env.agents:
+        actions = policy.act(env.belief(), observations)
+        without = {agent: dict(own) for agent, own in observations.items()}
+        for own in without.values():
+            del own["budget"]
+        as_before = policy.act(env.belief(), without)
+        for agent, action in actions.items():
+            np.testing.assert_array_equal(action, as_before[agent])
+        observations, *_ = env.step(actions)
+
+
+def test_a_policy_trained_with_what_is_left_needs_it():
+    policy = LearnedPolicy(make_model(small_world, TINY, seed=0))
+    env = small_world()
+    observations, _ = env.reset(seed=0)
+    for own in observations.values():
+        del own["budget"]
+    with pytest.raises(ValueError, match=r"trained on .*budget.* but got"):
+        policy.act(env.belief(), observations)
+
+
+@pytest.mark.parametrize("name", ["planar-candidates", "planar-pose"])
+def test_a_network_that_observes_more_can_start_from_a_policy_and_acts_as_it(name):
+    env = planar_v1.parallel_env(action_mode=name.split("-")[1], max_scans=3)
+    spaces = env.observation_space("robot_0"), env.action_space("robot_0")
+    source, target = resolve_network(name), make_network(*spaces, PPOSettings())
+    copy_weights(source, target)
+    observations, _ = env.reset(seed=0)
+    while env.agents:
+        actions = LearnedPolicy(source).act(env.belief(), observations)
+        same = LearnedPolicy(target).act(env.belief(), observations)
+        for agent, action in actions.items():
+            # sums of more numbers, the others zeros, round differently
+            np.testing.assert_allclose(same[agent], action, atol=1e-5)
+        observations, *_ = env.step(actions)

@@ -73,7 +73,7 @@ def test_at_the_start_a_robot_knows_only_the_space_around_its_vehicle(make):
         assert len(belief.occluder_spheres(robot)[0]) == 0
         assert (observations[f"robot_{robot}"]["teammates"] == 0).all()
         assert (observations[f"robot_{robot}"]["located"] == 0).all()
-    assert (env.state()[-27:] == 0).all()  # cameras of nobody
+    assert (env.state()[-29:-2] == 0).all()  # cameras of nobody
 
 
 def test_all_robots_begin_alike_wherever_they_stand(make):

@@ -178,7 +178,7 @@ def test_teammates_are_in_the_own_frame_and_in_order_of_their_numbers():
     np.testing.assert_allclose(observation_of(env, 2)["teammates"], expected, atol=1e-7)
 
 
-def test_the_state_is_the_map_row_by_row_then_the_poses():
+def test_the_state_is_the_map_row_by_row_then_the_poses_then_the_budget():
     env = env_of(2, open_world(10, 8))
     belief = set_poses(env, (3, 4, 0), (9, 7, 8))
     set_cells(belief.map, [11], 0.25)
@@ -189,7 +189,8 @@ def test_the_state_is_the_map_row_by_row_then_the_poses():
     np.testing.assert_allclose(state[:80], known, atol=1e-3)  # a level is 1/1024 nat
     np.testing.assert_array_equal(np.flatnonzero(state[80:160]), [11, 28, 79])
     poses = [0.35, 4.5 / 8, 1, 0, 0.95, 7.5 / 8, -1, 0]
-    np.testing.assert_allclose(state[160:], poses, atol=1e-6)
+    np.testing.assert_allclose(state[160:-2], poses, atol=1e-6)
+    np.testing.assert_array_equal(state[-2:], [1.0, 1.0])
 
 
 def test_candidate_features_by_hand():

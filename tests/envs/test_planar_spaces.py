@@ -11,6 +11,7 @@ from coopmap_env.information import PlanarRatingSettings
 DTYPES = {
     "map": np.uint8,
     "pose": np.float32,
+    "budget": np.float32,
     "teammates": np.float32,
     "candidates": np.float32,
     "action_mask": np.int8,
@@ -99,14 +100,15 @@ def test_spaces_are_those_of_the_page():
     assert {key: part.shape for key, part in space.spaces.items()} == {
         "map": (4, 64, 64),
         "pose": (4,),
+        "budget": (2,),
         "teammates": (2, 4),
         "candidates": (10, 9),
         "action_mask": (10,),
     }
     assert env.action_space("robot_1") == spaces.Discrete(10)
-    assert env.state_space.shape == (2 * 200 * 200 + 4 * 3,)
+    assert env.state_space.shape == (2 * 200 * 200 + 4 * 3 + 2,)
     alone = PlanarEnv(1).observation_space("robot_0")
-    assert set(alone.spaces) == {"map", "pose"}
+    assert set(alone.spaces) == {"map", "pose", "budget"}
     assert PlanarEnv(1).action_space("robot_0") == spaces.Box(-1, 1, (3,), np.float32)
 
 

@@ -65,21 +65,24 @@ def digest(value) -> bytes:
 def episode_digest(env, seed, act) -> bytes:
     """Everything that one episode returns: observations, rewards, ends, infos, states, the map.
 
-    But for the time, which infos did not have when the hashes were recorded.
+    But for the time and what is left of the episode, which nothing had when the hashes were
+    recorded.
     """
-    shown = [timeless(env.reset(seed=seed)), env.state()]
+    shown = [timeless(env.reset(seed=seed)), env.state()[:-2]]
     while env.agents:
-        shown += [timeless(env.step(act(env))), env.state()]
+        shown += [timeless(env.step(act(env))), env.state()[:-2]]
     belief = env.belief()
     return digest([shown, belief.map.log_odds_fixed, belief.positions])
 
 
 def timeless(returned):
-    """What `reset` or `step` returned, without ``elapsed_time`` in the infos."""
-    *others, infos = returned
+    """What `reset` or `step` returned, without ``budget`` and ``elapsed_time``."""
+    observations, *others, infos = returned
+    for observation in observations.values():
+        del observation["budget"]
     for info in infos.values():
         del info["elapsed_time"]
-    return (*others, infos)
+    return (observations, *others, infos)
 
 
 def random_episode(env, seed) -> bytes:

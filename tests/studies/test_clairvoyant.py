@@ -8,7 +8,7 @@ from plain.planar_worlds import NO_NOISE, env_with_world, world_from_text
 from plain.small_worlds import SETTINGS, small_world
 from scipy import ndimage
 
-from coopmap_env.envs.belief import Budget
+from coopmap_env.envs import Budget
 from coopmap_env.evaluation import rollout
 from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown
 from coopmap_env.studies.clairvoyant import ClairvoyantGreedy, ClairvoyantLookAhead, LookAhead

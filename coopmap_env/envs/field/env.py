@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
 from coopmap_env.envs.actions import CandidateMode
-from coopmap_env.envs.belief import Budget, Observation
+from coopmap_env.envs.belief import Observation
+from coopmap_env.envs.budget import Budget
 from coopmap_env.envs.field._episode_world import (
     check_bases_in_search_range,
     check_cameras_in_map,

@@ -34,6 +34,15 @@ zeros until both robots are located.
 With ``initialization="search"``, ``located``: int8 (n_robots,), 1 for each located robot, the own
 one first, teammates as above. Until a robot is located, ``map`` shows its own map.
 
+``budget``: float32 (2,) in [0, 1], what is left of the episode.
+
+=======  =====================================================================
+index    content
+=======  =====================================================================
+0        scans of each robot, as a fraction of ``max_scans``
+1        time, as a fraction of ``max_time``; 1 where time does not end it
+=======  =====================================================================
+
 In "candidates" mode also ``candidates``: float32 (m, n + 11) for n joints, zeros where masked, and
 ``action_mask``: int8 (m,), 1 where the candidate can be taken.
 
@@ -99,6 +108,9 @@ class ShownCrop(NamedTuple):
 
 class FieldObserver:
     """Computes observations and declares their spaces; one object per environment.
+
+    The entry ``budget`` and the end of the state are the same in all environments: `MappingEnv`
+    adds them.
 
     Parameters
     ----------
@@ -168,7 +180,10 @@ class FieldObserver:
         return [self._observe(belief, robot) for robot in range(len(self._n_joints))]
 
     def state_space(self) -> spaces.Box:
-        """Box (2 Z V V + sum of (n + 9)) float32 in [-1, 1]; see `state`."""
+        """Box (2 Z V V + sum of (n + 9)) float32 in [-1, 1]; see `state`.
+
+        That of the environment has the two values of ``budget`` behind them.
+        """
         side, height = self._settings.crop_cells
         size = (
             2 * height * side * side + sum(self._n_joints) + N_CAMERA_VALUES * len(self._n_joints)

@@ -34,6 +34,15 @@ index    content
 2, 3     cosine and sine of the teammate's heading relative to the own
 =======  ================================================================
 
+``budget``: float32 (2,) in [0, 1], what is left of the episode.
+
+=======  =====================================================================
+index    content
+=======  =====================================================================
+0        scans of each robot, as a fraction of ``max_scans``
+1        time, as a fraction of ``max_time``; 1 where time does not end it
+=======  =====================================================================
+
 In "candidates" mode also ``candidates``: float32 (m, 9), zeros where masked, and ``action_mask``:
 int8 (m,), 1 where the candidate can be taken.
 
@@ -110,6 +119,9 @@ def observation_tables(task: PlanarTask, rating: PlanarRatingFunction) -> Observ
 class PlanarObserver:
     """Declares the spaces of observations, and makes them of the arrays of a step.
 
+    The entry ``budget`` and the end of the state are the same in all environments: `MappingEnv`
+    adds them.
+
     Raises
     ------
     ValueError
@@ -157,7 +169,10 @@ class PlanarObserver:
         return parts
 
     def state_space(self) -> spaces.Box:
-        """Box (2 nx ny + 4 n_robots,) float32 in [-1, 1]; see `state`."""
+        """Box (2 nx ny + 4 n_robots,) float32 in [-1, 1]; see `state`.
+
+        That of the environment has the two values of ``budget`` behind them.
+        """
         size = 2 * self._task.grid.n_cells + 4 * self._task.n_robots
         return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
