@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, ParamSpec, TypeVar, cast
 
 from coopmap_env.core.settings import Bounds, Positive, PositiveInt, Settings
-from coopmap_env.envs.rewards import RewardName
+from coopmap_env.envs.rewards import TRUE_TERMS, RewardName
 
 Parameters = ParamSpec("Parameters")
 Env = TypeVar("Env")
@@ -33,7 +33,8 @@ class TaskArguments(Settings):
     """Any pose (in the field: joints of the mount), or a choice among random feasible poses; see
     `coopmap_env.envs.actions`."""
     reward: RewardName = "rating"
-    """Term that is paid; see `coopmap_env.envs.rewards`. All terms are in `infos`."""
+    """Term that is paid; see `coopmap_env.envs.rewards`. All terms are in `infos`; "shown", which
+    is for training only, if it is paid or with ``report_shown=True``."""
     team_reward: Literal["individual", "shared"] = "individual"
     """Each robot its own reward, or all robots the mean of the team."""
     max_scans: PositiveInt = 16
@@ -55,7 +56,13 @@ class MappingArguments(TaskArguments):
     """Whether `render` returns an image, or shows it in a window."""
     report_shown: bool = False
     """Whether `infos` have ``shown_fraction``, for scoring: the cells that beams without noise have
-    crossed up to the first true surface, and those known at the start, as a fraction of all."""
+    crossed up to the first true surface, and those known at the start, as a fraction of all. With
+    ``reward="shown"`` they always do."""
+
+    @property
+    def keeps_shown(self) -> bool:
+        """Whether the environment keeps what scans truly show: to report it, or to pay for it."""
+        return self.report_shown or self.reward in TRUE_TERMS
 
 
 def takes_arguments(

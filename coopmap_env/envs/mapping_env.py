@@ -18,6 +18,7 @@ from coopmap_env.envs.actions import CandidateMode, action_of_each
 from coopmap_env.envs.arguments import MappingArguments
 from coopmap_env.envs.belief import ActionMode, Observation, Observer
 from coopmap_env.envs.budget import BUDGET_SIZE, Budget, budget_fractions, budget_space
+from coopmap_env.envs.rewards import REWARD_TERMS, TRUE_TERMS
 from coopmap_env.envs.step_data import (
     RESET_INFO_TYPES,
     STEP_INFO_TYPES,
@@ -56,7 +57,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             CandidateMode(arguments.n_candidates) if arguments.action_mode == "candidates" else None
         )
         self._reward_term = arguments.reward
-        self._reports_shown = arguments.report_shown
+        self._reports_shown = arguments.keeps_shown
         self._shares_reward = arguments.team_reward == "shared"
         self._window: HumanWindow | None = None
         self._seed_draws = SeedDraws()
@@ -96,7 +97,9 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     @property
     def step_info_types(self) -> dict[str, Any]:
         """The same after a step."""
-        return {**self.reset_info_types, **STEP_INFO_TYPES, **self._own_info_types}
+        names = [name for name in REWARD_TERMS if self.reports_shown or name not in TRUE_TERMS]
+        terms = {"reward_terms": dict.fromkeys(names, float)}
+        return {**self.reset_info_types, **STEP_INFO_TYPES, **terms, **self._own_info_types}
 
     @abstractmethod
     def _start(self, seeds: EpisodeSeeds) -> tuple[BeliefT, list[Observation]]:
@@ -133,9 +136,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     @property
     def _budget_fractions(self) -> NDArray[np.float32]:
         """The same as it is observed, a new array."""
-        return budget_fractions(
-            self._scans_done, self._elapsed_time, self.max_scans, self.max_time
-        )
+        return budget_fractions(self._scans_done, self._elapsed_time, self.max_scans, self.max_time)
 
     @property
     def _has_ended(self) -> bool:

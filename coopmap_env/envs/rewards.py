@@ -1,8 +1,11 @@
 """Rewards: named terms, each a small function of the outcome of one robot's step.
 
 Where teammates scan the same cells in a step, the overlap is paid once, to the robot of the lower
-index: "rating" does not count the cells in view of earlier robots for a robot, "information" and
-"coverage" count what a scan adds to the scans of earlier robots.
+index: "rating" does not count the cells in view of earlier robots for a robot, "information",
+"coverage" and "shown" count what a scan adds to the scans of earlier robots.
+
+"shown" depends on the true world, and not on the map alone: it is for training. Robots do not know
+it, and only environments that keep what scans show have it.
 """
 
 from __future__ import annotations
@@ -34,6 +37,8 @@ class StepOutcome(NamedTuple):
     """What the scan added to the map."""
     collision_cost: float = 0.0
     """Cost of a collision, as a fraction of the largest NI; 0 without a collision."""
+    newly_shown: int = 0
+    """Cells that the scan truly showed first; 0 where that is not kept."""
 
 
 class RewardScale(NamedTuple):
@@ -78,14 +83,26 @@ def coverage(outcome: StepOutcome, scale: RewardScale) -> float:
     return outcome.gain.new_cells / scale.n_cells - outcome.collision_cost
 
 
-RewardName = Literal["rating", "information", "coverage"]
+@kernel
+def shown(outcome: StepOutcome, scale: RewardScale) -> float:
+    """Cells that beams without noise crossed first, as a fraction of the world.
+
+    It is what evaluations count as `shown`: the sum over an episode is their increase.
+    """
+    return outcome.newly_shown / scale.n_cells - outcome.collision_cost
+
+
+RewardName = Literal["rating", "information", "coverage", "shown"]
 """The choices of the argument `reward`; a new term is named here and in `REWARD_TERMS`, and written
 by `write_reward_terms`. The tests compare the three, and the commands offer it by themselves."""
 REWARD_TERMS: dict[RewardName, Callable[[StepOutcome, RewardScale], float]] = {
     "rating": rating,
     "information": information,
     "coverage": coverage,
+    "shown": shown,
 }
+TRUE_TERMS = ("shown",)
+"""Terms that only environments have that keep what scans truly show."""
 
 
 @kernel
@@ -94,10 +111,19 @@ def write_reward_terms(outcome: StepOutcome, scale: RewardScale, out: NDArray[np
     out[0] = rating(outcome, scale)
     out[1] = information(outcome, scale)
     out[2] = coverage(outcome, scale)
+    out[3] = shown(outcome, scale)
 
 
-def reward_terms(outcome: StepOutcome, scale: RewardScale) -> dict[str, float]:
-    """Every term by its name."""
+def reward_terms(
+    outcome: StepOutcome, scale: RewardScale, keeps_shown: bool = False
+) -> dict[str, float]:
+    """Every term by its name; see `name_terms`."""
     out = np.full(len(REWARD_TERMS), np.nan)
     write_reward_terms(outcome, scale, out)
-    return dict(zip(REWARD_TERMS, out.tolist(), strict=True))
+    return name_terms(out, keeps_shown)
+
+
+def name_terms(terms: NDArray[np.float64], keeps_shown: bool) -> dict[str, float]:
+    """Terms (terms,) by their names; without `TRUE_TERMS` where what is shown is not kept."""
+    named = zip(REWARD_TERMS, terms.tolist(), strict=True)
+    return {name: term for name, term in named if keeps_shown or name not in TRUE_TERMS}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.seed_sequences import seed_states
 from coopmap_env.envs.belief import Belief, Observation
-from coopmap_env.envs.rewards import REWARD_TERMS, StepOutcome
+from coopmap_env.envs.rewards import StepOutcome
 from coopmap_env.simulation.scenes import world_seed_words
 
 BeliefT = TypeVar("BeliefT", bound=Belief)
@@ -29,13 +29,12 @@ STEP_INFO_TYPES: dict[str, Any] = {
     **RESET_INFO_TYPES,
     "rejected_reason": str,
     "collided": bool,
-    "reward_terms": dict.fromkeys(REWARD_TERMS, float),
     "new_information": float,
     "distance": float,
     "new_cells": int,
     "entropy_reduction": float,
 }
-"""The same after a step; `outcome_info` fills it in."""
+"""The same after a step, without ``reward_terms``; `outcome_info` fills it in."""
 
 
 SCENE, START, NOISE, CANDIDATES, SEEDS, VEHICLES, STREAMS = range(7)

@@ -105,6 +105,7 @@ class FieldSimulator:
         self._renderer, hidden = _renderer(world, self._chains)
         self._visible_bodies = [self._renderer.visible_bodies(bodies) for bodies in hidden]
         self._shown: NDArray[np.uint8] | None = None
+        self._newly_shown = [0] * len(mounts)
         self._camera_rays = CameraRays.from_directions(camera.directions)
         self._frames = [
             _rendered_frames(chain, base)
@@ -160,7 +161,7 @@ class FieldSimulator:
             self._camera_rays, pose.arrays, self._body_poses, self._visible_bodies[robot]
         )
         if self._shown is not None:
-            mark_depth_image(
+            self._newly_shown[robot] = mark_depth_image(
                 tuple(self.world.grid.geometry),
                 tuple(pose.arrays),
                 self.camera.directions,
@@ -208,6 +209,11 @@ class FieldSimulator:
         if self._shown is None:
             raise RuntimeError("what scans show is not kept: call keep_shown first")
         return self._shown.astype(np.bool_)
+
+    @property
+    def newly_shown(self) -> list[int]:
+        """Voxels that the last scan of each robot showed first; 0 where that is not kept."""
+        return list(self._newly_shown)
 
     def true_camera_pose(self, robot: int) -> Pose:
         """True T_world_camera: for scores, and for robots that are given their pose."""

@@ -57,32 +57,26 @@ def list_planar_view(
     return count
 
 
-@kernel
-def mark_planar_scans(
-    which: NDArray[np.int64],
+@borrowing_kernel
+def mark_planar_view(
     occupied: NDArray[np.bool_],
     shape: tuple[int, int],
-    pose_ids: NDArray[np.int64],
-    plain_fan: PlainTuple,
+    cell: int,
+    heading: int,
+    fan: FanArrays,
+    alive: NDArray[np.uint64],
+    cells: NDArray[np.int32],
     mask: NDArray[np.uint8],
-    counts: NDArray[np.int64],
-) -> None:
-    """Mark what the scans of some worlds show, given by their numbers, in `mask` (E, n_cells).
+) -> int:
+    """Mark what a scan shows in `mask` (n_cells,); return how many cells were not marked before.
 
-    The robots are at `pose_ids` (E, N) in the true worlds `occupied` (E, n_cells); the new cells
-    are added to `counts` (E,).
+    The other arguments are those of `list_planar_view`.
     """
-    fan = FanArrays(*plain_fan)
-    n_headings, alive = len(fan.start) - 1, np.empty(len(fan.all_beams), np.uint64)
-    cells = np.empty(fan.max_visible_cells, np.int32)
-    for e in which:
-        for pose_id in pose_ids[e]:
-            n = list_planar_view(
-                occupied[e], shape, pose_id // n_headings, pose_id % n_headings, fan, alive, cells
-            )
-            for cell in cells[:n]:
-                counts[e] += 1 - mask[e, cell]
-                mask[e, cell] = 1
+    count = 0
+    for k in range(list_planar_view(occupied, shape, cell, heading, fan, alive, cells)):
+        count += 1 - mask[cells[k]]
+        mask[cells[k]] = 1
+    return count
 
 
 @borrowing_kernel
@@ -118,8 +112,8 @@ def mark_depth_image(
     near: float,
     far: float,
     mask: NDArray[np.uint8],
-) -> None:
-    """Mark the voxels that a depth image shows in `mask` (n_voxels,).
+) -> int:
+    """Mark the voxels that a depth image shows in `mask` (n_voxels,); return how many are new.
 
     `distances` (n,) are the true ones along the rays (n, 3) of the camera, metres; a surface nearer
     than `near` hides what its ray would show, and one beyond `far` is not seen. The camera may be
@@ -127,6 +121,7 @@ def mark_depth_image(
     """
     lower, resolution, shape = grid
     R, t = plain_camera
+    count = 0
     start = (
         (t[0] - lower[0]) / resolution,
         (t[1] - lower[1]) / resolution,
@@ -156,5 +151,7 @@ def mark_depth_image(
         ray, position = start_ray(entry, direction, shape)
         end = min(length - before, ray.end)
         while position.distance < end:
+            count += 1 - mask[position.cell]
             mask[position.cell] = 1
             position = step_ray(ray, position)
+    return count

@@ -136,8 +136,8 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         arrays.infos["n_scans"][at] = ours.n_scans[at, None]
         arrays.infos["elapsed_time"][at] = ours.elapsed[at, None]
         arrays.infos["observed_fraction"][at] = ours.n_observed[at, None] / n_cells
-        if self._worlds.shown is not None:
-            arrays.infos["shown_fraction"][at] = self._worlds.shown.counts[at, None] / n_cells
+        if self._env.reports_shown:
+            arrays.infos["shown_fraction"][at] = ours.n_shown[at, None] / n_cells
         left = budget_fractions(
             ours.n_scans[at], ours.elapsed[at], self._env.max_scans, self._env.max_time
         )
@@ -159,7 +159,8 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
         for key in ("collided", "new_information", "distance", "new_cells", "entropy_reduction"):
             infos[key][at] = getattr(results, key)[at]
         for number, name in enumerate(REWARD_TERMS):
-            infos["reward_terms"][name][at] = results.reward_terms[at, :, number]
+            if name in infos["reward_terms"]:
+                infos["reward_terms"][name][at] = results.reward_terms[at, :, number]
         rejections = results.rejections[at]
         infos["rejected_reason"][at] = REASONS[rejections]
         for k, robot in np.argwhere(rejections == MASKED).tolist():

@@ -183,8 +183,12 @@ def test_all_terms_at_once_are_the_single_ones():
     scale = RewardScale(full_view_entropy=300.0, max_information=2.5, n_cells=40_000)
     for _ in range(20):
         gain = ScanGain(int(rng.integers(400)), float(rng.normal(50.0, 30.0)))
-        outcome = StepOutcome(*rng.uniform(0.0, 3.0, 4).tolist(), gain, float(rng.uniform()))
+        rated, shown = rng.uniform(0.0, 3.0, 4).tolist(), int(rng.integers(400))
+        outcome = StepOutcome(*rated, gain, float(rng.uniform()), shown)
         single = {name: term(outcome, scale) for name, term in REWARD_TERMS.items()}
+        assert single["shown"] == shown / 40_000 - outcome.collision_cost
+        assert reward_terms(outcome, scale, keeps_shown=True) == single
+        del single["shown"]
         assert reward_terms(outcome, scale) == single
 
 
@@ -200,11 +204,9 @@ def test_infos_contain_all_terms_and_the_shared_reward_is_the_mean(reward):
         _, rewards, _, _, infos = own.step(actions)
         _, means, _, _, same = shared.step(actions)
         for agent, info in infos.items():
-            assert (
-                set(info["reward_terms"])
-                == set(REWARD_TERMS)
-                == {"rating", "information", "coverage"}
-            )
+            known = {"rating", "information", "coverage"}
+            assert set(REWARD_TERMS) == known | {"shown"}
+            assert set(info["reward_terms"]) == known | ({"shown"} & {reward})
             assert type(rewards[agent]) is float
             assert rewards[agent] == info["reward_terms"][reward]
             assert means[agent] == pytest.approx(sum(rewards.values()) / 3, rel=1e-12, abs=1e-15)

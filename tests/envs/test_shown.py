@@ -4,13 +4,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from plain.planar_worlds import NO_NOISE
+from plain.planar_worlds import NO_NOISE, env_with_world, open_world, set_poses
 from plain.rollouts import random_actions
 from plain.small_worlds import SETTINGS, small_world
 
-from coopmap_env import field_v1
+from coopmap_env import field_v1, planar_v1
 from coopmap_env.evaluation import evaluate
 from coopmap_env.evaluation.policy import make_policy
+from coopmap_env.sensing import PlanarCamera
 
 FIELD = {"settings": field_v1.FieldSettings(crop_cells=(8, 4)), "max_scans": 3}
 
@@ -26,6 +27,7 @@ def field(**arguments):
 
 
 BOTH = pytest.mark.parametrize("make", [planar, field])
+COLLISION_COST = {planar: 0.0, field: field_v1.FieldSettings().collision_cost}
 
 
 @BOTH
@@ -45,6 +47,58 @@ def test_infos_say_how_much_is_shown_and_the_mask_which_cells(make):
         before = mask
     assert before.mean() > infos["robot_0"]["observed_fraction"] * 0.8
     env.close()
+
+
+@BOTH
+@pytest.mark.parametrize("team_reward", ["individual", "shared"])
+def test_the_reward_pays_each_robot_for_what_its_scan_shows_first(make, team_reward):
+    env = make(report_shown=False, reward="shown", team_reward=team_reward)
+    _, infos = env.reset(seed=3)
+    before, n_cells = infos["robot_0"]["shown_fraction"], env.belief().map.grid.n_cells
+    rng = np.random.default_rng(0)
+    while env.agents:
+        _, rewards, *_, infos = env.step(random_actions(env, rng))
+        terms = [info["reward_terms"]["shown"] for info in infos.values()]
+        costs = [COLLISION_COST[make] * info["collided"] for info in infos.values()]
+        own = [term + cost for term, cost in zip(terms, costs, strict=True)]
+        now = infos["robot_0"]["shown_fraction"]
+        assert sum(own) == pytest.approx(now - before, abs=1e-12)
+        assert all(round(one * n_cells, 6).is_integer() for one in own)
+        if team_reward == "shared":
+            assert set(rewards.values()) == {sum(terms) / 2}
+        else:
+            assert list(rewards.values()) == terms
+        before = now
+    env.close()
+
+
+def test_the_reward_by_hand():
+    """A camera with one beam, in a room: the second robot is paid only for what the first left."""
+    camera = PlanarCamera(field_of_view=1.0, depth_of_field=5.0, n_beams=1)
+    settings = planar_v1.PlanarSettings(camera=camera)
+    world = open_world(walls=[(23, 20)])
+    env = env_with_world(world, settings=settings, n_robots=2, reward="shown")
+    set_poses(env, (20, 20, 0), (21, 20, 0))
+    env._worlds.arrays.shown_mask[0] = 0  # nothing is known of the place where they started
+    stay = {agent: np.zeros(3) for agent in env.agents}
+    _, rewards, *_ = env.step(stay)
+    # the first shows the cells 20 to 23; the second, whose beam crosses 21 to 23, nothing new
+    assert np.argwhere(env.shown_mask).tolist() == [[x, 20] for x in range(20, 24)]
+    assert rewards == {"robot_0": 4 / 40**2, "robot_1": 0.0}
+    assert set(env.step(stay)[1].values()) == {0.0}
+
+
+def test_only_who_keeps_it_has_the_term():
+    actions = np.random.default_rng(0)
+    for arguments, has in [
+        ({"report_shown": False}, False), ({}, True), ({"reward": "shown"}, True),
+    ]:  # fmt: skip
+        env = planar(**arguments)
+        env.reset(seed=0)
+        *_, infos = env.step(random_actions(env, actions))
+        assert ("shown" in infos["robot_0"]["reward_terms"]) == has
+        assert ("shown" in env.step_info_types["reward_terms"]) == has
+        assert env.reports_shown == has
 
 
 @BOTH

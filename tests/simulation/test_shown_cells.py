@@ -10,7 +10,7 @@ from coopmap_env.geometry import random_rotation
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import BeamFan, PlanarCamera
-from coopmap_env.simulation.shown_cells import SURFACE_DEPTH, mark_depth_image, mark_planar_scans
+from coopmap_env.simulation.shown_cells import SURFACE_DEPTH, mark_depth_image, mark_planar_view
 
 CAMERAS = [
     pytest.param(PlanarCamera(), id="default"),
@@ -21,14 +21,17 @@ CAMERAS = [
 
 
 def mark_planar(occupied, pose_ids, fan, mask):
-    counts = np.zeros(1, dtype=np.int64)
-    nx, ny = occupied.shape
-    arrays = tuple(fan.arrays(ny))
-    mark_planar_scans(
-        np.zeros(1, dtype=np.int64), occupied.reshape(1, -1), (nx, ny), np.array([pose_ids]),
-        arrays, mask.reshape(1, -1), counts,
+    arrays = fan.arrays(occupied.shape[1])
+    n_headings = len(arrays.start) - 1
+    alive = np.empty(len(arrays.all_beams), dtype=np.uint64)
+    cells = np.empty(arrays.max_visible_cells, dtype=np.int32)
+    return sum(
+        mark_planar_view(
+            occupied.ravel(), occupied.shape, pose_id // n_headings, pose_id % n_headings,
+            arrays, alive, cells, mask.reshape(-1),
+        )
+        for pose_id in pose_ids
     )  # fmt: skip
-    return int(counts[0])
 
 
 def plain_view(occupied, pose, camera):

@@ -174,7 +174,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         rated = belief.rate_team(move.poses)
         fused = self._fuse_scans(belief.with_poses(move.poses), rng)
         costs = [self.settings.collision_cost if name else 0.0 for name in move.collided_with]
-        outcomes = step_outcomes(rated, fused.gains, costs)
+        outcomes = step_outcomes(rated, fused.gains, costs, self._require_simulator().newly_shown)
         self._last_scans = fused.scans
         self._n_scans += 1
         self._seconds += move.duration + self.settings.scan_time
@@ -182,7 +182,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         return TeamStep(
             belief,
             outcomes,
-            [reward_terms(outcome, self._reward_scale) for outcome in outcomes],
+            [reward_terms(one, self._reward_scale, self.reports_shown) for one in outcomes],
             move.collided_with,
             [one.rejected_reason for one in decoded],
             self._observer.observe(belief),

@@ -63,7 +63,10 @@ class FusedScans(NamedTuple):
 
 
 def step_outcomes(
-    rated: Ratings, gains: Sequence[ScanGain], collision_costs: Sequence[float]
+    rated: Ratings,
+    gains: Sequence[ScanGain],
+    collision_costs: Sequence[float],
+    newly_shown: Sequence[int],
 ) -> list[StepOutcome]:
     """The outcome of each robot, from the ratings of the executed poses and its scan's gain."""
     return [
@@ -75,6 +78,7 @@ def step_outcomes(
             rated.rating.tolist(),
             gains,
             collision_costs,
+            newly_shown,
             strict=True,
         )
     ]

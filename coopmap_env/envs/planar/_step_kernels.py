@@ -55,6 +55,7 @@ from coopmap_env.robots.planar.reachable_regions import (
 )
 from coopmap_env.sensing import ScanArrays
 from coopmap_env.simulation.planar_scans import scan_from_lattice
+from coopmap_env.simulation.shown_cells import mark_planar_view
 
 CLEARED_TOGETHER = 64
 """Cells."""
@@ -216,6 +217,20 @@ def _fuse_scan(
 
 
 @borrowing_kernel
+def _mark_shown(
+    worlds: WorldArrays, e: int, pose_id: int, constants: StepConstants, scratch: StepScratch
+) -> int:
+    """Mark what a scan truly shows; return how many cells no scan has shown before."""
+    n, (nx, ny, _) = constants.sampling.lattice.n_headings, constants.grid.shape
+    new = mark_planar_view(
+        worlds.occupied[e], (nx, ny), pose_id // n, pose_id % n, constants.fan,
+        scratch.shown_beams, scratch.shown_cells, worlds.shown_mask[e],
+    )  # fmt: skip
+    worlds.n_shown[e] += new
+    return new
+
+
+@borrowing_kernel
 def _scan_and_fuse(
     worlds: WorldArrays,
     e: int,
@@ -248,6 +263,8 @@ def _scan_and_fuse(
         worlds.n_observed[e] += new
         results.new_cells[e, robot] = new
         results.entropy_reduction[e, robot] = reduction
+        if worlds.shown_mask.shape[1] > 0:
+            results.newly_shown[e, robot] = _mark_shown(worlds, e, pose_id, constants, scratch)
     clamp_log_odds(arrays.log_odds_fixed, scratch.touched[:n_touched], constants.clamp)
     update_codes(
         arrays.log_odds_fixed, arrays.sampled_mask, scratch.touched, n_touched,
@@ -270,6 +287,7 @@ def _write_rewards(e: int, constants: StepConstants, results: StepResults) -> No
             results.rating[e, robot],
             ScanGain(results.new_cells[e, robot], results.entropy_reduction[e, robot]),
             0.0,
+            results.newly_shown[e, robot],
         )
         terms = results.reward_terms[e, robot]
         write_reward_terms(outcome, scale, terms)
@@ -452,6 +470,10 @@ def _start_world(
             worlds.n_observed[e] += 1 - sampled[cell]
             log_odds[cell], sampled[cell] = -constants.clamp, 1
             codes[cell] = constants.code_of_log_odds[0]
+    if worlds.shown_mask.shape[1] > 0:
+        for cell in range(len(sampled)):
+            worlds.shown_mask[e, cell] = sampled[cell]
+        worlds.n_shown[e] = worlds.n_observed[e]
     arrays, regions = map_of(worlds, e, constants), regions_of(worlds, e, scratch)
     label_regions(arrays, pose_ids, start.n_headings, regions)
 

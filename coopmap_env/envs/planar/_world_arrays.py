@@ -36,7 +36,7 @@ from coopmap_env.sensing import NoiseParameters
 from coopmap_env.sensing.beam_fan import FanArrays
 from coopmap_env.simulation.planar_scans import PlanarCameraArrays
 
-N_REWARD_TERMS = 3
+N_REWARD_TERMS = 4
 
 
 class WorldArrays(NamedTuple):
@@ -76,10 +76,20 @@ class WorldArrays(NamedTuple):
     """Scans of each robot so far (E,)."""
     elapsed: NDArray[np.float64]
     """Seconds on the clock of the team (E,)."""
+    shown_mask: NDArray[np.uint8]
+    """1 at the cells that scans have truly shown or that were known at the start (E, n), for
+    scores and rewards only; (E, 0) where that is not kept."""
+    n_shown: NDArray[np.int64]
+    """How many they are (E,)."""
 
     @classmethod
     def empty(
-        cls, occupied: NDArray[np.bool_], n_robots: int, m: int, surfaces: SurfaceArrays
+        cls,
+        occupied: NDArray[np.bool_],
+        n_robots: int,
+        m: int,
+        surfaces: SurfaceArrays,
+        keeps_shown: bool,
     ) -> WorldArrays:
         """Worlds of these truths (E, n) with empty maps; m is 0 in "pose" mode."""
         n_worlds, team = len(occupied), (len(occupied), n_robots)
@@ -102,6 +112,8 @@ class WorldArrays(NamedTuple):
             np.zeros(n_worlds, dtype=np.int64),
             np.zeros(n_worlds, dtype=np.int64),
             np.zeros(n_worlds),
+            np.zeros(cells if keeps_shown else (n_worlds, 0), dtype=np.uint8),
+            np.zeros(n_worlds, dtype=np.int64),
         )
 
 
@@ -124,6 +136,8 @@ class StepResults(NamedTuple):
     """Cells sampled for the first time (E, N)."""
     entropy_reduction: NDArray[np.float64]
     """Nats (E, N)."""
+    newly_shown: NDArray[np.int64]
+    """Cells truly shown for the first time (E, N); 0 where that is not kept."""
     rejections: NDArray[np.int8]
     """FEASIBLE, or why the action was rejected (E, N): results of `feasibility`, or MASKED."""
     collided: NDArray[np.bool_]
@@ -148,6 +162,7 @@ class StepResults(NamedTuple):
             np.zeros(team),
             np.zeros(team, dtype=np.int64),
             np.zeros(team),
+            np.zeros(team, dtype=np.int64),
             np.zeros(team, dtype=np.int8),
             np.zeros(team, dtype=np.bool_),
             np.zeros((*team, n_beams, 2)),
@@ -220,6 +235,10 @@ class StepScratch(NamedTuple):
     unknown: NDArray[np.int64]
     candidate_ids: NDArray[np.int64]
     start_ids: NDArray[np.int64]
+    shown_cells: NDArray[np.int32]
+    """Cells that a scan truly shows."""
+    shown_beams: NDArray[np.uint64]
+    """Bits of the beams that have met no surface (words,)."""
 
     @classmethod
     def empty(cls, constants: StepConstants, n_robots: int, m: int) -> StepScratch:
@@ -247,6 +266,8 @@ class StepScratch(NamedTuple):
             np.empty(n_rated, dtype=np.int64),
             np.empty(n_rated, dtype=np.int64),
             np.empty(n_rated, dtype=np.int64),
+            np.empty(constants.fan.max_visible_cells, dtype=np.int32),
+            np.empty(len(constants.fan.all_beams), dtype=np.uint64),
         )
 
 
@@ -255,7 +276,7 @@ def name_worlds(t: PlainTuple) -> WorldArrays:
     """Name the parts of a plain `WorldArrays`; the other functions do likewise."""
     return WorldArrays(
         t[0], t[1], t[2], t[3], SurfaceArrays(*t[4]), t[5], t[6], t[7], t[8], t[9], t[10], t[11],
-        t[12], t[13], t[14], t[15], t[16],
+        t[12], t[13], t[14], t[15], t[16], t[17], t[18],
     )  # fmt: skip
 
 
@@ -282,4 +303,5 @@ def name_scratch(t: PlainTuple) -> StepScratch:
     return StepScratch(
         UpdateBuffers(*t[0]), t[1], beam, t[3], t[4], ViewBuffers(*t[5]), ReservedCells(*t[6]),
         t[7], StartBuffers(*t[8]), t[9], t[10], t[11], t[12], t[13], t[14], t[15], t[16], t[17],
+        t[18], t[19],
     )  # fmt: skip

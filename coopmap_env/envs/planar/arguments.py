@@ -31,5 +31,5 @@ class PlanarArguments(MappingArguments):
             self.n_candidates if self.action_mode == "candidates" else 0,
             self.reward,
             self.team_reward == "shared",
-            self.report_shown,
+            self.keeps_shown,
         )

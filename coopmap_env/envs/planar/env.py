@@ -153,15 +153,13 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
         }
 
     def _shown_mask(self) -> NDArray[np.bool_]:
-        shown = self._worlds.shown
-        assert shown is not None
-        return shown.mask[self._index].astype(np.bool_)
+        return self._worlds.arrays.shown_mask[self._index].astype(np.bool_)
 
     def _shown_info(self) -> dict[str, float]:
-        shown = self._worlds.shown
-        if shown is None:
+        if not self.reports_shown:
             return {}
-        return {"shown_fraction": int(shown.counts[self._index]) / self._map.grid.n_cells}
+        n_shown = int(self._worlds.arrays.n_shown[self._index])
+        return {"shown_fraction": n_shown / self._map.grid.n_cells}
 
     @property
     def truth(self) -> PlanarWorld:

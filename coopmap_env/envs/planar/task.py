@@ -19,4 +19,5 @@ class PlanarTask(NamedTuple):
     """m; 0 in "pose" mode."""
     reward: RewardName
     is_reward_shared: bool
-    report_shown: bool = False
+    keeps_shown: bool = False
+    """Whether what scans truly show is kept, to report it or to pay for it."""

@@ -21,10 +21,9 @@ from coopmap_env.envs.planar._world_arrays import (
     WorldArrays,
 )
 from coopmap_env.envs.planar.observations import observation_tables
-from coopmap_env.envs.planar.shown_cells import ShownCells
 from coopmap_env.envs.planar.task import PlanarTask
 from coopmap_env.envs.planar.true_worlds import TrueWorlds
-from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome
+from coopmap_env.envs.rewards import REWARD_TERMS, RewardScale, StepOutcome, name_terms
 from coopmap_env.envs.step_data import STREAMS, EpisodeSeeds
 from coopmap_env.information import PlanarRatingFunction
 from coopmap_env.information.planar.view_arrays import ViewTables
@@ -81,9 +80,8 @@ class PlanarWorlds:
             n,
             m,
             SurfaceArrays(*(a.reshape(n_worlds, -1, *a.shape[1:]) for a in surfaces)),
+            task.keeps_shown,
         )
-        self.shown = ShownCells(self.arrays, self.constants) if task.report_shown else None
-        """For scoring only."""
         self.results = StepResults.empty(n_worlds, n, s.camera.n_beams)
         scratch = [StepScratch.empty(self.constants, n, m) for _ in range(n_threads)]
         self._queue = scratch[0].queue
@@ -112,8 +110,6 @@ class PlanarWorlds:
             stream[worlds, KEY_WORDS:] = 0
         self._run(start_worlds, worlds, (self._plain_arrays, self._plain_constants))
         self._has_started[worlds] = True
-        if self.shown is not None:
-            self.shown.start(worlds)
 
     def observe(self, worlds: NDArray[np.int64], observations: TeamObservations) -> None:
         """Write the first observations of some worlds; see `observe_worlds`."""
@@ -130,8 +126,6 @@ class PlanarWorlds:
         """Step some worlds with valid actions of all; see `step_worlds`."""
         parts = (self._plain_arrays, self._plain_constants, self._plain_results)
         self._run(step_worlds, worlds, (actions, choices, *parts, make_plain(observations)))
-        if self.shown is not None:
-            self.shown.add_scans(worlds)
 
     def _run(
         self, kernel: Callable[..., None], worlds: NDArray[np.int64], arguments: tuple[Any, ...]
@@ -181,12 +175,14 @@ class PlanarWorlds:
         r = self.results
         rated = (r.new_information, r.distance, r.motion_cost, r.rating)
         gains = map(ScanGain, r.new_cells[e].tolist(), r.entropy_reduction[e].tolist())
-        return list(map(StepOutcome, *(part[e].tolist() for part in rated), gains))
+        free = [0.0] * self.task.n_robots
+        parts = (part[e].tolist() for part in rated)
+        return list(map(StepOutcome, *parts, gains, free, r.newly_shown[e].tolist()))
 
     def reward_terms(self, e: int) -> list[dict[str, float]]:
         """Every reward term of the last step of a world by its name, for each robot."""
-        rows = self.results.reward_terms[e].tolist()
-        return [dict(zip(REWARD_TERMS, row, strict=True)) for row in rows]
+        rows = self.results.reward_terms[e]
+        return [name_terms(row, self.task.keeps_shown) for row in rows]
 
     def candidates(self, e: int) -> tuple[NDArray[np.int64], ...] | None:
         """Candidates of each robot of a world, as new arrays; None in "pose" mode."""
