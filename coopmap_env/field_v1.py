@@ -10,7 +10,8 @@ agents             ``robot_0`` ... , 2 by default
 actions            `coopmap_env.envs.field.actions`: ``Box(-1, 1, (n,))``, the mount's
                    joints, or `coopmap_env.envs.actions`: ``Discrete(m)``
 observations       `coopmap_env.envs.field.observations`, index by index
-rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage"
+rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage",
+                   "shown" (for training: it depends on the true world)
 settings           `FieldSettings`: camera, noise, map, rating function, motion, physics
 mounts             `make_mount`: "mast", "husky_panda", "tiago", or a `Mount` of any URDF
 scenes             "worksite", "clutter", "rubble", "occluded", or a YAML file of meshes and URDFs
@@ -59,7 +60,7 @@ Entries of ``infos[agent]`` after a step:
 ========================  ==========================================================================
 key                       content
 ========================  ==========================================================================
-``reward_terms``          every reward term by name
+``reward_terms``          every reward term by name; "shown" only if it is paid or reported
 ``rejected_reason``       why the pose was rejected and the mount stayed; "" if it was not
 ``collided``               whether the mount collided
 ``collided_with``         name of what it collided with, or ""
@@ -81,9 +82,10 @@ key                       content
 ``camera_angle_error``    radians, likewise
 ``base_error``            metres, of the base; None until it is located; for scoring only
 ``base_angle_error``      radians, likewise
-``shown_fraction``        only with ``report_shown=True``: voxels that were truly shown or known at
-                          the start, as a fraction of the grid; for scoring only. Scans of
-                          robots that are not located count, and the space around all true bases
+``shown_fraction``        only with ``report_shown=True`` or ``reward="shown"``: voxels that were
+                          truly shown or known at the start, as a fraction of the grid; for
+                          scoring only. Scans of robots that are not located count, and the space
+                          around all true bases
 ``action_mask``           int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 ========================  ==========================================================================
 

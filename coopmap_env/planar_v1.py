@@ -9,7 +9,8 @@ agents             ``robot_0`` ... , 2 by default
 actions            `coopmap_env.envs.planar.actions`: ``Box(-1, 1, (3,))``, or
                    `coopmap_env.envs.actions`: ``Discrete(m)``
 observations       `coopmap_env.envs.planar.observations`, index by index
-rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage"
+rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage",
+                   "shown" (for training: it depends on the true world)
 settings           `PlanarSettings`: camera, noise, map, rating function, reach
 paper              V. A. Sujan and S. Dubowsky, "Cooperative mapping by robot teams"
 end                truncation after ``max_scans`` scans of each robot, or when ``max_time``
@@ -31,7 +32,7 @@ Entries of ``infos[agent]`` after a step:
 =====================  =============================================================================
 key                    content
 =====================  =============================================================================
-``reward_terms``       every reward term by name
+``reward_terms``       every reward term by name; "shown" only if it is paid or reported
 ``rejected_reason``    why the pose was rejected and the camera stayed; "" if it was not
 ``collided``           whether the camera collided with an obstacle that is mapped as free
 ``new_information``    NI (Eqs. 6-8) of the executed pose, nats
@@ -43,8 +44,8 @@ key                    content
                        motion (`PlanarSettings.speed`, `turn_rate`) and the scans (`scan_time`)
 ``observed_fraction``  observed cells of the team map, as a fraction of all cells of the world; the
                        insides of obstacles count too, so that it does not reach 1
-``shown_fraction``     only with ``report_shown=True``: cells that were truly shown or known at the
-                       start, as a fraction of all; for scoring only
+``shown_fraction``     only with ``report_shown=True`` or ``reward="shown"``: cells that were truly
+                       shown or known at the start, as a fraction of all; for scoring only
 ``action_mask``        int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 =====================  =============================================================================
 
