@@ -135,10 +135,10 @@ def _widened(
     weights: torch.Tensor, source: ActorCriticPolicy, target: ActorCriticPolicy
 ) -> torch.Tensor:
     """Weights (h, k) of the context, with columns of 0 for what only the target observes."""
-    features = source.features_extractor, target.features_extractor
-    if not all(isinstance(one, ObservationFeatures) for one in features):
+    features, others = source.features_extractor, target.features_extractor
+    if not (isinstance(features, ObservationFeatures) and isinstance(others, ObservationFeatures)):
         return weights
-    own, wanted = (one.widths for one in features)  # type: ignore[union-attr]
+    own, wanted = features.widths, others.widths
     if not set(own) <= set(wanted):
         return weights
     *parts, rest = weights.split([*own.values(), weights.shape[1] - sum(own.values())], dim=1)
