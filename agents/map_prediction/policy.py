@@ -7,7 +7,7 @@ from typing import Any
 
 from coopmap_agents.map_prediction.network import MapNetwork
 from coopmap_agents.map_prediction.predictor import MapPredictor
-from coopmap_baselines.lookahead import LookaheadPolicy
+from coopmap_baselines import LookaheadPolicy
 from coopmap_baselines.planner import Search
 from coopmap_env.envs import Belief, Foresight
 
