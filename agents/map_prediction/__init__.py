@@ -6,7 +6,7 @@ trained on maps that planners made of training worlds, with the truth behind the
 `MapPredictor.occupancy` too: `Planning.foresight` takes it::
 
     coopmap train-map --out results/map
-    coopmap evaluate --family crowded --policies predictive lookahead:horizon=1
+    coopmap evaluate --family crowded --policies predictive,lookahead:horizon=1
 """
 
 import coopmap_agents._require_rl  # noqa: F401

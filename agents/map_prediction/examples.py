@@ -65,7 +65,12 @@ def collect_examples(
     seeds : sequence of int
         Of the worlds; they also decide which maps are kept.
     n_maps : int
-        Maps of each episode, at most.
+        Maps of each episode, at most: fewer where time ends it.
+
+    Raises
+    ------
+    ValueError
+        If no map was kept.
     """
     images, occupied = [], []
     for number, seed in enumerate(seeds):
@@ -76,5 +81,10 @@ def collect_examples(
             if scan in kept:
                 images.append(map_image(step.belief.map))
                 occupied.append(env.truth.occupied.copy())
+    if not images:
+        raise ValueError(
+            f"none of the scans whose maps were to be kept was played in {len(seeds)} episodes: "
+            "take more maps of each, or more episodes"
+        )
     weights = [cell_weights(image) for image in images]
     return MapExamples(np.stack(images), np.stack(occupied), np.stack(weights))

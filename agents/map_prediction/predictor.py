@@ -15,6 +15,7 @@ from coopmap_agents.map_prediction.examples import map_image
 from coopmap_agents.map_prediction.model_file import load_map_network
 from coopmap_agents.map_prediction.network import MapNetwork
 from coopmap_agents.trainer import torch_threads
+from coopmap_env.core.files import brief
 from coopmap_env.mapping import OccupancyMap
 
 MODEL_FILE = "planar.safetensors"
@@ -34,11 +35,15 @@ class MapPredictor:
 
     Raises
     ------
+    ValueError
+        If it is none of these.
     FileError
         If the file is not of a map network.
     """
 
     def __init__(self, model: MapNetwork | str | os.PathLike[str] | None = None) -> None:
+        if model is not None and not isinstance(model, MapNetwork | str | os.PathLike):
+            raise ValueError(f"model must be a file or a MapNetwork, got {brief(model)}")
         path = shipped_path() if model is None else model
         self.network = path if isinstance(path, MapNetwork) else load_map_network(path)
 
@@ -48,7 +53,7 @@ class MapPredictor:
         Raises
         ------
         ValueError
-            If the map is not planar.
+            If the map is not planar, or the weights are too large to compute with.
         """
         if map_.grid.dimension != 2:
             raise ValueError(
@@ -59,6 +64,8 @@ class MapPredictor:
             logits = self.network(torch.from_numpy(map_image(map_))[None])[0]
             levels = (LEVELS * logits.sigmoid()).round() / LEVELS
         occupancy: NDArray[np.float32] = levels.numpy().ravel()
+        if not np.isfinite(occupancy).all():
+            raise ValueError("this map network gives no predictions for this map")
         return occupancy
 
     @property

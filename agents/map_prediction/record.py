@@ -51,6 +51,9 @@ def new_record(config: MapTrainingConfig, command: str) -> Record:
 def read_record(folder: Path) -> Record | None:
     """Read the record of a training's folder; None if it has none.
 
+    Those of other versions, and of policies, are not checked any further: `check_same_training`
+    refuses them.
+
     Raises
     ------
     FileError
@@ -61,18 +64,42 @@ def read_record(folder: Path) -> Record | None:
         return None
     try:
         record: Record = read_json(path)
-        settings_from_dict(record["config"], MapTrainingConfig)
-        for row in record["rows"]:
-            settings_from_dict(row, SegmentRow)
-            for scores in row["validation"].values():
-                PredictionScores(**scores)
-        if record["rows"] and record["best"] not in range(len(record["rows"])):
-            raise ValueError(f"best is {brief(record['best'])}, of {len(record['rows'])} rows")
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        raise FileError(
-            f"{path} is broken ({error!s:.300}): remove its folder to start again"
-        ) from error
+        if not isinstance(record, dict) or not isinstance(record.get("version"), str):
+            raise ValueError("it has no version")
+    except (ValueError, RecursionError) as error:
+        raise _broken(path, error) from error
+    if record["version"] == __version__ and "engine" not in _config_of(record):
+        try:
+            _check_form(record)
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+            raise _broken(path, error) from error
     return record
+
+
+def _broken(path: Path, error: Exception) -> FileError:
+    reason = str(error).removeprefix(f"{path}: ")
+    return FileError(f"{path} is broken ({reason:.300}): remove its folder to start again")
+
+
+def _config_of(record: Record) -> Any:
+    config = record.get("config")
+    return config if isinstance(config, dict) else {}
+
+
+def _check_form(record: Record) -> None:
+    """ValueError, or what odd values lead to, unless it is a record of a map network."""
+    config = settings_from_dict(record["config"], MapTrainingConfig)
+    rows, best = record["rows"], record["best"]
+    if not isinstance(rows, list):
+        raise ValueError(f"rows must be a list, got {brief(rows)}")
+    for row in rows:
+        settings_from_dict(row, SegmentRow)
+        if sorted(row["validation"]) != sorted(config.worlds):
+            raise ValueError(f"validation is of {brief(sorted(row['validation']))}")
+        for scores in row["validation"].values():
+            settings_from_dict(scores, PredictionScores)
+    if best is not None if not rows else type(best) is not int or not 0 <= best < len(rows):
+        raise ValueError(f"best is {brief(best)}, of {len(rows)} rows")
 
 
 def check_same_training(record: Record, config: MapTrainingConfig, out: Path) -> None:
@@ -83,6 +110,8 @@ def check_same_training(record: Record, config: MapTrainingConfig, out: Path) ->
     ValueError
         With the first difference.
     """
+    if "engine" in _config_of(record):
+        raise ValueError(f"{out} holds the training of a policy: use another folder")
     requested = new_record(config, "")
     if record["version"] != requested["version"]:
         raise ValueError(

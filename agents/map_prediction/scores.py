@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.settings import NonNegative, Settings, UnitInterval
+
 N_BINS = 20
 """Bins of probability, equally wide, in which predictions are compared with what was there."""
 SMALLEST = 1e-3
@@ -14,14 +16,14 @@ SMALLEST = 1e-3
 
 
 @dataclass(frozen=True)
-class PredictionScores:
+class PredictionScores(Settings):
     """Means over unknown cells, weighted as in training."""
 
-    log_loss: float
+    log_loss: NonNegative
     """Mean of -ln of the probability of what was there, nats."""
-    brier: float
+    brier: UnitInterval
     """Mean squared difference between the probability and 0 or 1 (Brier 1950)."""
-    calibration_error: float
+    calibration_error: UnitInterval
     """Expected calibration error (Naeini et al. 2015): mean difference, over the bins of
     probability, between the mean prediction and the fraction that is occupied."""
 

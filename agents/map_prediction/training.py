@@ -7,8 +7,8 @@
     out/checkpoint-*.pt     what the next segment depends on, after the last one
     out/map.safetensors     the network with the smallest loss on validation worlds
 
-As in `coopmap_agents.training`, each segment depends only on the weights before it and on its
-number, and training.json is written last.
+As in `coopmap_agents.training`, each segment depends only on its checkpoint and on its number, and
+training.json is written last; before the first segment, too, so that examples belong to it.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from coopmap_agents.map_prediction.record import (
     read_record,
 )
 from coopmap_agents.map_prediction.scores import PredictionScores, score_predictions
-from coopmap_agents.map_prediction.worlds import world_examples
+from coopmap_agents.map_prediction.worlds import make_world, world_examples
 from coopmap_agents.record import RECORD_FILE, Record
 from coopmap_agents.trainer import torch_threads
 from coopmap_agents.training import load_checkpoint, save_checkpoint
 from coopmap_env.core.array_files import read_arrays, write_arrays
-from coopmap_env.core.files import write_atomically
+from coopmap_env.core.files import FileError, write_atomically
 from coopmap_env.core.locks import folder_lock
 
 MODEL_FILE = "map.safetensors"
@@ -78,8 +78,16 @@ def run_map_training(
         If another process trains in the folder.
     """
     with folder_lock(out), torch_threads(1):
-        record = read_record(out) or new_record(config, command)
+        record = read_record(out)
+        if record is None:
+            record = new_record(config, command)
+            for name in config.worlds:
+                make_world(name, config, "train").close()  # wrong names are refused here
+            for left in out.glob("examples-*.npz"):
+                left.unlink()
+            _write_record(record, out)
         check_same_training(record, config, out)
+        _remove_other_checkpoints(record, out)
         if record["rows"] and record["rows"][-1]["steps"] >= config.total_steps:
             log(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
             return record
@@ -101,6 +109,14 @@ def _examples(
         log(f"{name}, {split}: {len(images)} maps")
     arrays = read_arrays(path, ["images", "occupied"])
     images, occupied = arrays["images"].copy(), arrays["occupied"].copy()  # they are read-only
+    is_good = images.dtype == np.uint8 and occupied.dtype == np.bool_ and images.ndim == 3
+    if not is_good or images.shape != occupied.shape or 0 in images.shape:
+        raise FileError(f"{path} is broken: remove it, and its maps are played again")
+    if min(images.shape[1:]) <= config.shift:
+        raise ValueError(
+            f"MapTrainingConfig.shift must be less than the sides of the maps, got {config.shift} "
+            f"with maps of {images.shape[1]} x {images.shape[2]} cells of {name}"
+        )
     return MapExamples(images, occupied, np.stack([cell_weights(image) for image in images]))
 
 
@@ -127,6 +143,11 @@ def _train(
         start = time.perf_counter()
         loss = _learn_segment(config, network, optimizer, train, steps, len(rows))
         steps = min(steps + config.segment_steps, config.total_steps)
+        if not np.isfinite(loss):
+            raise ValueError(
+                f"the training diverged before {steps} steps: choose a "
+                f"MapTrainingConfig.learning_rate below {config.learning_rate}"
+            )
         scores = {name: asdict(validate(network, validation[name])) for name in validation}
         seconds = time.perf_counter() - start
         rows.append({"steps": steps, "loss": loss, "seconds": seconds, "validation": scores})
@@ -136,10 +157,21 @@ def _train(
             record["best"] = len(rows) - 1
             origin = {"config": record["config"], "steps": steps, "validation": scores}
             save_map_network(network, out / MODEL_FILE, origin)
-        write_atomically(out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
-        (out / checkpoint_name(len(rows) - 1)).unlink(missing_ok=True)
+        _write_record(record, out)
+        _remove_other_checkpoints(record, out)
         log(progress_line(record))
     return record
+
+
+def _write_record(record: Record, out: Path) -> None:
+    write_atomically(out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
+
+
+def _remove_other_checkpoints(record: Record, out: Path) -> None:
+    """Remove the checkpoint before the recorded one, and one that a killed training left behind."""
+    for other in out.glob("checkpoint-*.pt"):
+        if other.name != checkpoint_name(len(record["rows"])):
+            other.unlink()
 
 
 def _learn_segment(
@@ -163,6 +195,8 @@ def _learn_segment(
         torch.nn.utils.clip_grad_norm_(network.parameters(), config.max_gradient_norm)
         optimizer.step()
         losses.append(loss.item())
+        if not np.isfinite(losses[-1]):
+            break
     _set_learning_rate(optimizer, config.learning_rate)  # as checkpoints have it
     network.eval()
     return float(np.mean(losses))

@@ -87,7 +87,8 @@ def coverage(outcome: StepOutcome, scale: RewardScale) -> float:
 def shown(outcome: StepOutcome, scale: RewardScale) -> float:
     """Cells that beams without noise crossed first, as a fraction of the world.
 
-    It is what evaluations count as `shown`: the sum over an episode is their increase.
+    It is what evaluations count as `shown`: without collisions, the sum over an episode is their
+    increase.
     """
     return outcome.newly_shown / scale.n_cells - outcome.collision_cost
 

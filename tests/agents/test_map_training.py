@@ -14,6 +14,7 @@ from coopmap_agents.map_prediction.examples import MapExamples, cell_weights
 from coopmap_agents.map_prediction.training import learning_rate, weighted_loss
 from coopmap_agents.map_prediction.worlds import make_world
 from coopmap_env.core.files import FileError
+from coopmap_env.core.version import __version__
 
 CONFIG = MapTrainingConfig(
     families=("crowded",),
@@ -95,12 +96,108 @@ def test_an_interrupted_training_ends_as_an_uninterrupted_one(striped_worlds, tm
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize(
+    "name", ["write_arrays", "save_checkpoint", "save_map_network", "_write_record"]
+)
+def test_a_training_that_is_ended_while_it_writes_goes_on(
+    name, when, striped_worlds, tmp_path, monkeypatch
+):
+    config = replace(CONFIG, scenes=(), total_steps=4, segment_steps=2)
+    whole = run_map_training(config, tmp_path / "whole")
+    write, calls = getattr(map_training, name), []
+
+    def end(*arguments):
+        calls.append(name)
+        if len(calls) % 2 == 0:  # the second time, and so on
+            return write(*arguments)
+        if when == "after":
+            write(*arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(map_training, name, end)
+    for _ in range(8):
+        try:
+            parts = run_map_training(config, tmp_path / "parts")
+            break
+        except KeyboardInterrupt:
+            continue
+    assert len(calls) > 1
+    for one, other in zip(whole["rows"], parts["rows"], strict=True):
+        assert {**one, "seconds": 0} == {**other, "seconds": 0}
+    for key, values in weights_of(tmp_path / "whole").items():
+        assert (weights_of(tmp_path / "parts")[key] == values).all()
+    assert len(list((tmp_path / "parts").glob("checkpoint-*.pt"))) == 1
+
+
+def test_examples_belong_to_their_training(striped_worlds, tmp_path):
+    def interrupt(line):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_map_training(CONFIG, tmp_path, interrupt)
+    with pytest.raises(ValueError, match="another training, with seed = 0, not 1"):
+        run_map_training(replace(CONFIG, seed=1), tmp_path)
+    (tmp_path / "training.json").unlink()
+    run_map_training(replace(CONFIG, seed=1, total_steps=1), tmp_path)
+    assert striped_worlds.count(("crowded", "train")) == 2
+
+
+def test_what_cannot_be_learned_from_is_named(striped_worlds, tmp_path):
+    with pytest.raises(ValueError, match=r"diverged before 4 steps: choose a .*below 1e\+30"):
+        run_map_training(replace(CONFIG, learning_rate=1e30), tmp_path / "a")
+    with pytest.raises(ValueError, match=r"shift must be less .* 20 with maps of 20 x 24 cells"):
+        run_map_training(replace(CONFIG, shift=20), tmp_path / "b")
+    with pytest.raises(ValueError, match="unknown family 'nowhere'"):
+        run_map_training(replace(CONFIG, families=("crowded", "nowhere")), tmp_path / "c")
+    assert ("nowhere", "train") not in striped_worlds
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"images": np.zeros((3, 20), np.uint8)},
+        {"images": np.zeros((3, 20, 24), np.float32)},
+        {"occupied": np.zeros((2, 20, 24), bool)},
+        {"images": np.zeros((0, 20, 24), np.uint8), "occupied": np.zeros((0, 20, 24), bool)},
+    ],
+)
+def test_broken_examples_are_named(change, striped_worlds, tmp_path):
+    run_map_training(replace(CONFIG, total_steps=4), tmp_path)
+    record = json.loads((tmp_path / "training.json").read_text())
+    record["rows"], record["best"] = [], None
+    (tmp_path / "training.json").write_text(json.dumps(record))
+    path = tmp_path / "examples-crowded-train.npz"
+    arrays = dict(np.load(path))
+    np.savez(path, **{**arrays, **change})
+    with pytest.raises(FileError, match=rf"^{path} is broken: remove it"):
+        run_map_training(replace(CONFIG, total_steps=4), tmp_path)
+
+
+def test_the_training_of_a_policy_and_of_another_version_are_not_called_broken(tmp_path):
+    record = {"version": __version__, "config": {"engine": "ppo", "ppo": {}}, "rows": []}
+    (tmp_path / "training.json").write_text(json.dumps(record))
+    with pytest.raises(ValueError, match="holds the training of a policy: use another folder"):
+        run_map_training(CONFIG, tmp_path)
+    (tmp_path / "training.json").write_text(json.dumps({"version": "0.0.1", "config": {"a": 1}}))
+    with pytest.raises(ValueError, match=r"a training by coopmap '0\.0\.1', this is"):
+        run_map_training(CONFIG, tmp_path)
+
+
 def test_another_training_and_broken_records_are_refused_by_name(striped_worlds, tmp_path):
     run_map_training(CONFIG, tmp_path)
     with pytest.raises(ValueError, match=r"another training, with seed = 0, not 1: use another"):
         run_map_training(replace(CONFIG, seed=1), tmp_path)
     record = json.loads((tmp_path / "training.json").read_text())
-    for change in ({"rows": [3]}, {"best": 7}, {"config": {"seed": -1}}, {"rows": [{"steps": 1}]}):
+    row = record["rows"][0]
+    scores = {"log_loss": "a", "brier": 0.0, "calibration_error": 0.0}
+    for change in (
+        {"rows": [3]}, {"rows": {}}, {"rows": ""}, {"rows": [{"steps": 1}]}, {"best": 7},
+        {"best": 1.0}, {"best": None}, {"config": {"seed": -1}}, {"version": None},
+        {"rows": [{**row, "validation": {}}]},
+        {"rows": [{**row, "validation": {"crowded": scores, "obstacles": scores}}], "best": 0},
+    ):  # fmt: skip
         (tmp_path / "training.json").write_text(json.dumps({**record, **change}))
         with pytest.raises(FileError, match=r"training\.json is broken .*remove its folder"):
             run_map_training(CONFIG, tmp_path)

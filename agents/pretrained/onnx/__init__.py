@@ -4,7 +4,8 @@
 module        content
 ============  ==================================================================================
 ``graph``     `policy_graph`: the operations of a policy, from its metadata
-``encoding``  `encode_model`, `decode_model`: the format of ONNX, as far as these files need it
+``encoding``  `encode_model`, `split_model`, `decode_tensors`: the format of ONNX, as far as these
+              files need it
 ``file``      `onnx_content`, `read_onnx`: graph, weights and metadata as a file
 ``network``   `OnnxNetwork`: decides by ONNX Runtime
 ============  ==================================================================================

@@ -45,6 +45,8 @@ DIMENSIONS = {
 }
 """Names of the first dimensions of entries whose length is free."""
 RANKS = {"candidates": 2, "action_mask": 1, "teammates": 2, "located": 1}
+RESERVED_NAMES = ("logits", "action_mean", "action_log_std", "log_std")
+"""Names of outputs and weights, which no observation can have."""
 FLOAT, BOOL = 1, 9
 """ONNX's numbers of types."""
 
@@ -162,6 +164,8 @@ def _checked_shapes(metadata: PolicyMetadata) -> dict[str, tuple[int, ...]]:
     for key, shape in shapes.items():
         if not key or "." in key or "/" in key:
             raise ValueError(f"observations.{key:.80} must have a name without . and /")
+        if key in RESERVED_NAMES:
+            raise ValueError(f"observations.{key} has the name of an output or weight of graphs")
         if len(shape) != RANKS.get(key, len(shape)):
             raise ValueError(f"observations.{key} must have {RANKS[key]} sizes, got {list(shape)}")
     if "candidates" in shapes and shapes["candidates"][-1] < -RATING_FEATURE_INDEX:

@@ -101,6 +101,7 @@ class PlanarExpectedViews:
         if unknown_occupancy is None:
             unknown_occupancy = self._hazards(map_)
         else:
+            unknown_occupancy = np.asarray(unknown_occupancy, dtype=np.float32)
             _check_probabilities(unknown_occupancy, len(unknown))
         passing[unknown] = np.float32(1.0) - unknown_occupancy[unknown]
         counts = unknown if reserved_mask is None else unknown & (reserved_mask == 0)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from coopmap_env.evaluation import Evaluation, compare, policy_names, with_world_bounds
+from coopmap_env.evaluation import Evaluation, compare, with_world_bounds
 from coopmap_env.evaluation.bounds import WorldBound, bound_worlds
 from coopmap_env.families import Family
 from coopmap_env.studies.clairvoyant import CLAIRVOYANT, play_clairvoyant
@@ -155,12 +156,13 @@ def play_family(
 
 def _usual_policies(family: Family) -> list[str]:
     """Names in the table that fit a family; the learned ones are missing without the extra rl."""
-    installed, has_time = set(policy_names()), "max_time" in family.budget
+    can_learn = all(find_spec(name) for name in ("torch", "stable_baselines3", "safetensors"))
+    has_time = "max_time" in family.budget
     is_planar = family.env_name == "planar"
     return [
         name
         for name, entry in PLAYED_POLICIES.items()
-        if entry.spec.split(":")[0] in installed
+        if (can_learn or entry.kind != "learned")
         and (has_time or not entry.is_for_time)
         and (is_planar or not entry.is_planar)
     ]
