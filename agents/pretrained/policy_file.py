@@ -92,7 +92,8 @@ def convert_policy(source: str | os.PathLike[str], target: str | os.PathLike[str
     FileError
         As `load_policy`.
     ValueError
-        If the target has another suffix than those of `save_policy`.
+        If the target has another suffix than those of `save_policy`, or an entry of the
+        observations a name that ONNX files cannot have.
     """
     load_policy(source)
     _write(Path(target), *_read(source))

@@ -182,6 +182,7 @@ def test_a_network_of_other_settings_is_refused_before_it_is_made(original, chan
         ("located", ["int8", 2, 2], r"observations\.located must have 1 sizes, got \[2, 2\]"),
         ("a.b", ["uint8", 4, 8, 8], r"observations\.a\.b must have a name without \. and /"),
         ("/3", ["float32", 4], r"observations\./3 must have a name without \. and /"),
+        ("logits", ["float32", 4], r"observations\.logits has the name of an output or weight"),
         ("depth", ["uint8", 4, 8, 8], r"weights do not belong to the metadata: "),
     ],
 )
