@@ -19,7 +19,14 @@ ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = {
     name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("vector_environments", "bounds", "leaderboard", "families")
+    for name in (
+        "vector_environments",
+        "bounds",
+        "leaderboard",
+        "families",
+        "map_prediction",
+        "what_was_tried",
+    )
 }
 FENCE = re.compile(r"(<!-- slow -->\n)?```(python|bash)\n(.*?)```", re.DOTALL)
 BLOCKS = FENCE.findall(TEXT)
