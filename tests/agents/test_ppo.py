@@ -175,12 +175,13 @@ class Missing:
 
 sys.meta_path.insert(0, Missing)
 import coopmap_agents.commands, coopmap_agents.record, coopmap_env.vector  # need neither
+import coopmap_agents.pretrained  # policies act by ONNX Runtime too
 for module in (
     "trainer",
     "networks",
     "networks.features",
-    "pretrained",
-    "pretrained.policy_file",
+    "pretrained.torch_network",
+    "map_prediction",
     "sb3",
     "sb3.vec_env",
     "training",

@@ -96,8 +96,17 @@ def test_planners_that_weigh_motion_play_where_time_ends_episodes():
     }
     assert names["motion-budget"] - names["crowded"] == {
         "expected coverage, weighing motion",
+        "expected coverage, m = 1000, weighing motion",
         "look-ahead, weighing motion",
+        "predicted map, m = 1000, weighing motion",
+        "predicted map, look-ahead, m = 1000, weighing motion",
     }
+
+
+def test_planar_policies_do_not_play_field_families():
+    planar = {name for name, entry in PLAYED_POLICIES.items() if entry.is_planar}
+    assert len(planar) == 6
+    assert not planar & set(_usual_policies(families.get("time")))
 
 
 def test_references_of_the_field_are_played_with_a_bound(tmp_path, monkeypatch):
@@ -183,4 +192,4 @@ def test_a_family_is_admitted_if_it_separates_policies(random, one_step, clairvo
 
 def test_names_of_the_table_are_policies_that_are_installed():
     specs = {entry.spec.split(":")[0] for entry in PLAYED_POLICIES.values()}
-    assert specs <= {*coopmap_baselines.POLICIES, "learned"}
+    assert specs <= {*coopmap_baselines.POLICIES, "learned", "predictive"}
