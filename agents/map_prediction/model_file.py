@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors.torch import load, save
+from safetensors.torch import save
 
 from coopmap_agents.map_config import MapNetworkSettings
 from coopmap_agents.map_prediction.network import MapNetwork
+from coopmap_agents.pretrained.policy_file import split_safetensors
 from coopmap_env.core.files import FileError, read_bytes, write_atomically
 from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 from coopmap_env.core.version import __version__
@@ -59,10 +60,8 @@ def load_map_network(path: str | os.PathLike[str]) -> MapNetwork:
     """
     content = read_bytes(path)
     try:
-        weights = load(content)
-        header_length = int.from_bytes(content[:8], "little")
-        header = json.loads(content[8 : 8 + header_length])
-        metadata = json.loads(header["__metadata__"][METADATA_KEY])
+        text, weights = split_safetensors(content, METADATA_KEY)
+        metadata = json.loads(text)
         found = metadata["format"]
     except Exception as error:  # safetensors raises many types of exceptions for a broken file
         raise FileError(

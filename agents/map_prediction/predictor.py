@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from importlib.resources import files
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from coopmap_agents.map_prediction.examples import map_image
 from coopmap_agents.map_prediction.model_file import load_map_network
 from coopmap_agents.map_prediction.network import MapNetwork
+from coopmap_agents.pretrained.weights import fingerprint_of
 from coopmap_agents.trainer import torch_threads
 from coopmap_env.core.files import brief
 from coopmap_env.mapping import OccupancyMap
@@ -81,10 +81,8 @@ class MapPredictor:
     @property
     def fingerprint(self) -> str:
         """Hash of the weights."""
-        sha = hashlib.sha256()
-        for values in self.network.state_dict().values():
-            sha.update(values.numpy().tobytes())
-        return sha.hexdigest()
+        weights = self.network.state_dict().values()
+        return fingerprint_of(values.numpy().tobytes() for values in weights)
 
 
 def shipped_path() -> Path:

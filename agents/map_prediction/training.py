@@ -40,7 +40,11 @@ from coopmap_agents.map_prediction.scores import PredictionScores, score_predict
 from coopmap_agents.map_prediction.worlds import make_world, world_examples
 from coopmap_agents.record import RECORD_FILE, Record
 from coopmap_agents.trainer import torch_threads
-from coopmap_agents.training import load_checkpoint, save_checkpoint
+from coopmap_agents.training.checkpoints import (
+    load_checkpoint,
+    remove_other_checkpoints,
+    save_checkpoint,
+)
 from coopmap_env.core.array_files import read_arrays, write_arrays
 from coopmap_env.core.files import FileError, write_atomically
 from coopmap_env.core.locks import folder_lock
@@ -87,7 +91,7 @@ def run_map_training(
                 left.unlink()
             _write_record(record, out)
         check_same_training(record, config, out)
-        _remove_other_checkpoints(record, out)
+        remove_other_checkpoints(out, len(record["rows"]))
         if record["rows"] and record["rows"][-1]["steps"] >= config.total_steps:
             log(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
             return record
@@ -158,20 +162,13 @@ def _train(
             origin = {"config": record["config"], "steps": steps, "validation": scores}
             save_map_network(network, out / MODEL_FILE, origin)
         _write_record(record, out)
-        _remove_other_checkpoints(record, out)
+        remove_other_checkpoints(out, len(rows))
         log(progress_line(record))
     return record
 
 
 def _write_record(record: Record, out: Path) -> None:
     write_atomically(out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
-
-
-def _remove_other_checkpoints(record: Record, out: Path) -> None:
-    """Remove the checkpoint before the recorded one, and one that a killed training left behind."""
-    for other in out.glob("checkpoint-*.pt"):
-        if other.name != checkpoint_name(len(record["rows"])):
-            other.unlink()
 
 
 def _learn_segment(

@@ -9,7 +9,6 @@ by rounding, by less than 1e-5, and nearly always the same actions follow. A fil
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -22,6 +21,7 @@ from coopmap_agents.observations import LATER_KEYS, VARIABLE_LENGTH_KEYS, stack
 from coopmap_agents.pretrained.library import find_policy, pretrained_names, pretrained_path
 from coopmap_agents.pretrained.onnx.file import read_onnx
 from coopmap_agents.pretrained.onnx.network import OnnxNetwork
+from coopmap_agents.pretrained.weights import fingerprint_of
 from coopmap_env.envs import Belief, Observation
 
 if TYPE_CHECKING:
@@ -91,9 +91,9 @@ class LearnedPolicy:
         It is the same for both formats of a file, and for torch and ONNX Runtime.
         """
         if self._network is not None:
-            return _sha256(values.tobytes() for values in self._network.weights())
+            return fingerprint_of(values.tobytes() for values in self._network.weights())
         names = pretrained_names()
-        return _sha256(pretrained_path(name, self._seed).read_bytes() for name in names)
+        return fingerprint_of(pretrained_path(name, self._seed).read_bytes() for name in names)
 
     @property
     def n_parameters(self) -> int | None:
@@ -156,13 +156,6 @@ def _has_torch() -> bool:
     except ImportError:
         return False
     return True
-
-
-def _sha256(parts: Iterable[bytes]) -> str:
-    sha = hashlib.sha256()
-    for part in parts:
-        sha.update(part)
-    return sha.hexdigest()
 
 
 def _first_compatible(observed: Mapping[str, tuple[int, ...]]) -> str:

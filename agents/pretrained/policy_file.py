@@ -20,6 +20,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -138,16 +139,21 @@ def _read(path: str | os.PathLike[str]) -> tuple[PolicyMetadata, Weights]:
     if Path(path).suffix == ".onnx":
         file = read_onnx(path)
         return file.metadata, {k: torch.from_numpy(v.copy()) for k, v in file.weights.items()}
-    metadata, _, weights = read_with_metadata(path, _split)
+    metadata, _, weights = read_with_metadata(
+        path, partial(split_safetensors, metadata_key=METADATA_KEY)
+    )
     return metadata, weights
 
 
-def _split(content: bytes) -> tuple[str, Weights]:
-    """JSON text of the metadata, and the weights."""
-    weights = load(content)
+def split_safetensors(content: bytes, metadata_key: str) -> tuple[str, dict[str, torch.Tensor]]:
+    """The text of a key of the metadata of a file, and its weights.
+
+    What is broken raises any of many types of exceptions.
+    """
+    weights: dict[str, torch.Tensor] = load(content)
     header_length = int.from_bytes(content[:8], "little")
     header = json.loads(content[8 : 8 + header_length])
-    return header["__metadata__"][METADATA_KEY], weights
+    return header["__metadata__"][metadata_key], weights
 
 
 def _write(target: Path, metadata: PolicyMetadata, weights: Weights) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -40,3 +41,11 @@ def check_values(weights: Mapping[str, Any]) -> None:
             raise ValueError(f"the weights {name} must be of type float32, not {values.dtype}")
         if not np.isfinite(np.asarray(values)).all():
             raise ValueError(f"the weights {name} must be finite numbers")
+
+
+def fingerprint_of(parts: Iterable[bytes]) -> str:
+    """Hash of weights, or of files of them, in this order."""
+    sha = hashlib.sha256()
+    for part in parts:
+        sha.update(part)
+    return sha.hexdigest()

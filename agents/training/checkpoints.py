@@ -17,6 +17,7 @@ import torch
 from torch import nn
 from torch.optim import Optimizer
 
+from coopmap_agents._record_form import checkpoint_name
 from coopmap_env.core.files import FileError, brief, read_bytes, write_atomically
 
 
@@ -69,6 +70,12 @@ def load_checkpoint(
             "remove its folder to start again"
         ) from error
     return int(values["steps"])
+
+
+def remove_other_checkpoints(folder: Path, n_rows: int) -> None:
+    """Remove the checkpoint before that of so many rows, and one that a killed training left."""
+    for other in (n_rows - 1, n_rows + 1):
+        (folder / checkpoint_name(other)).unlink(missing_ok=True)
 
 
 def _read(path: Path) -> dict[str, Any]:

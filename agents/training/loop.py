@@ -45,7 +45,11 @@ from coopmap_agents.record import (
 )
 from coopmap_agents.sb3 import SB3Trainer
 from coopmap_agents.trainer import Trainer, torch_threads
-from coopmap_agents.training.checkpoints import load_checkpoint, save_checkpoint
+from coopmap_agents.training.checkpoints import (
+    load_checkpoint,
+    remove_other_checkpoints,
+    save_checkpoint,
+)
 from coopmap_agents.training.imitation import behavior_clone
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.locks import folder_lock
@@ -97,7 +101,7 @@ def _train(
 ) -> Record:
     record = read_record(out) or new_record(config, command, workers)
     check_same_training(record, config, workers, out)
-    _remove_other_checkpoints(record, out)
+    remove_other_checkpoints(out, len(record["rows"]))
     if record["rows"] and record["rows"][-1]["steps"] >= config.ppo.total_steps:
         log(f"{out} is finished: {record['rows'][-1]['steps']:,} steps")
         return record
@@ -125,12 +129,6 @@ def _train(
                 trainer.learn(len(record["rows"]) - 1)
                 finisher.finish_segment(trainer)
     return record
-
-
-def _remove_other_checkpoints(record: Record, out: Path) -> None:
-    """Remove the checkpoint before the recorded one, and one that a killed training left behind."""
-    for other in (len(record["rows"]) - 1, len(record["rows"]) + 1):
-        (out / checkpoint_name(other)).unlink(missing_ok=True)
 
 
 def _make_trainer(config: TrainingConfig, workers: int, logs: Path) -> Trainer:
@@ -207,4 +205,4 @@ class _SegmentFinisher:
             for name in (POLICY_FILE, ONNX_FILE):
                 save_policy(trainer.network, self.config.ppo, self.out / name, origin)
         write_atomically(self.out / RECORD_FILE, json.dumps(record, indent=1) + "\n")
-        _remove_other_checkpoints(record, self.out)
+        remove_other_checkpoints(self.out, len(rows))

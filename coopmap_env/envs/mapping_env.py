@@ -303,8 +303,9 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
 
     def _observations_of_agents(self, observed: Sequence[Observation]) -> dict[str, Observation]:
         """Observations of all robots by their names, with what is left of the episode."""
+        left = self._budget_fractions
         return {
-            agent: {**observation, "budget": self._budget_fractions}
+            agent: {**observation, "budget": left.copy()}
             for agent, observation in zip(self.agents, observed, strict=True)
         }
 

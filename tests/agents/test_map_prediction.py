@@ -87,7 +87,7 @@ def test_what_a_network_is_shown_of_a_cell():
     for value in (255, 0, 60, 126, 127, 254):
         image[0, 8, 8] = value
         seen.append(network(image)[0, 8, 8].item())
-    assert len(set(seen)) == len(seen)  # unknown, and every probability, are told apart
+    assert len(set(seen)) == len(seen)  # unknown and each probability differ
 
 
 def test_predictions_are_those_of_the_network_in_steps_of_a_255th():
