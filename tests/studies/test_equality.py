@@ -1,6 +1,8 @@
 """The equality study: a short run of it, and differences that it must find."""
 
 import json
+import subprocess
+import sys
 from collections import Counter
 from dataclasses import replace
 
@@ -12,10 +14,10 @@ from coopmap_env.studies.equality import (
     Counts,
     DifferenceError,
     field_cases,
+    jobs,
     planar_cases,
     play_case,
 )
-from coopmap_env.studies.equality import __main__ as command
 from coopmap_env.studies.equality.__main__ import main
 from coopmap_env.studies.equality.shown import first_difference
 from coopmap_env.vector import PlanarVectorEnv
@@ -173,13 +175,22 @@ def test_finished_cases_are_kept_as_long_as_the_sources_are_the_same(tmp_path, m
         played.append(n_steps)
         return Counts(n_steps, 2 * n_steps, 1, 3, Counter({"goal is unknown": 1}))
 
-    monkeypatch.setattr(command, "play_case", play)
-    first = command.play_cases("field", 7, 0, tmp_path)
+    monkeypatch.setattr(jobs, "play_case", play)
+    first = jobs.play_cases("field", 7, 0, tmp_path)
     assert played == [1] * 7
     assert (first["steps"], first["robot_steps"], first["collisions"]) == (7, 14, 21)
     assert first["rejections"] == {"goal is unknown": 7}
-    assert command.play_cases("field", 7, 0, tmp_path) == first
+    assert jobs.play_cases("field", 7, 0, tmp_path) == first
     assert len(played) == 7
-    monkeypatch.setattr(command, "sources_hash", lambda: "others")
-    command.play_cases("field", 7, 0, tmp_path)
+    monkeypatch.setattr(jobs, "sources_hash", lambda: "others")
+    jobs.play_cases("field", 7, 0, tmp_path)
     assert len(played) == 14
+
+
+def test_the_command_plays_cases_beside_each_other(tmp_path):
+    command = [sys.executable, "-m", "coopmap_env.studies.equality", str(tmp_path / "record.json")]
+    options = ["--planar-steps", "2", "--field-steps", "0", "--workers", "2"]
+    subprocess.run([*command, *options], check=True, capture_output=True)
+    record = json.loads((tmp_path / "record.json").read_text())
+    assert len(record["planar"]["cases"]) == 2
+    assert record["planar"]["differences"] == []
