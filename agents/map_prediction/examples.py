@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_cdt
+from scipy.ndimage import binary_dilation, distance_transform_cdt
 
 from coopmap_agents.map_prediction.network import KNOWN_SCALE, UNKNOWN
 from coopmap_env.envs.planar import PlanarEnv
@@ -27,7 +27,7 @@ class MapExamples(NamedTuple):
     occupied: NDArray[np.bool_]
     """The true world."""
     weights: NDArray[np.float32]
-    """How much a cell counts: 0 if it is known; see `cell_weights`."""
+    """How much a cell counts: 0 if it is known or out of sight; see `cell_weights`."""
 
 
 def map_image(map_: OccupancyMap) -> NDArray[np.uint8]:
@@ -38,17 +38,21 @@ def map_image(map_: OccupancyMap) -> NDArray[np.uint8]:
     return image.reshape(map_.grid.shape)
 
 
-def cell_weights(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Weights of the cells of an image: 0 if known, else exp(-d / `NEAR_CELLS`).
+def cell_weights(image: NDArray[np.uint8], occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Weights of the cells of an image: exp(-d / `NEAR_CELLS`), and 0 if known or out of sight.
 
     d is the distance to the nearest cell that is known to be free, by the longer of dx and dy, in
-    cells.
+    cells. Out of sight are occupied cells without a free neighbour in the true world `occupied`:
+    no beam ends there. So a network learns the fraction of surfaces among the cells that beams get
+    to, which is what they need: the fraction of all occupied cells is far larger where obstacles
+    are thick.
     """
+    counts = (image == UNKNOWN) & binary_dilation(~occupied, np.ones((3, 3), dtype=bool))
     free = image < KNOWN_SCALE / 2
     if not free.any():
-        return (image == UNKNOWN).astype(np.float32)
+        return counts.astype(np.float32)
     steps = distance_transform_cdt(~free, "chessboard")
-    return (np.exp(-steps / NEAR_CELLS) * (image == UNKNOWN)).astype(np.float32)
+    return (np.exp(-steps / NEAR_CELLS) * counts).astype(np.float32)
 
 
 def collect_examples(
@@ -65,26 +69,21 @@ def collect_examples(
     seeds : sequence of int
         Of the worlds; they also decide which maps are kept.
     n_maps : int
-        Maps of each episode, at most: fewer where time ends it.
+        Maps of each episode, drawn from its scans; all if it has fewer.
 
     Raises
     ------
     ValueError
-        If no map was kept.
+        If there is none to keep.
     """
     images, occupied = [], []
     for number, seed in enumerate(seeds):
         policy = policies[number % len(policies)]
-        scans = range(env.max_scans)
-        kept = set(np.random.default_rng(seed).permutation(scans)[:n_maps].tolist())
-        for scan, step in enumerate(rollout(env, policy, seed)):
-            if scan in kept:
-                images.append(map_image(step.belief.map))
-                occupied.append(env.truth.occupied.copy())
+        played = [map_image(step.belief.map) for step in rollout(env, policy, seed)]
+        for scan in np.random.default_rng(seed).permutation(len(played))[:n_maps]:
+            images.append(played[scan])
+            occupied.append(env.truth.occupied.copy())
     if not images:
-        raise ValueError(
-            f"none of the scans whose maps were to be kept was played in {len(seeds)} episodes: "
-            "take more maps of each, or more episodes"
-        )
-    weights = [cell_weights(image) for image in images]
+        raise ValueError("examples need seeds of episodes, and one map of each at least")
+    weights = [cell_weights(*example) for example in zip(images, occupied, strict=True)]
     return MapExamples(np.stack(images), np.stack(occupied), np.stack(weights))

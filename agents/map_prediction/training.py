@@ -121,7 +121,8 @@ def _examples(
             f"MapTrainingConfig.shift must be less than the sides of the maps, got {config.shift} "
             f"with maps of {images.shape[1]} x {images.shape[2]} cells of {name}"
         )
-    return MapExamples(images, occupied, np.stack([cell_weights(image) for image in images]))
+    weights = [cell_weights(*example) for example in zip(images, occupied, strict=True)]
+    return MapExamples(images, occupied, np.stack(weights))
 
 
 def _train(

@@ -37,10 +37,6 @@ from coopmap_env.information import PlanarExpectedViews
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.simulation.scenes.planar import Rooms
 
-UNLUCKY = next(
-    seed for seed in range(9) if np.random.default_rng(seed).permutation(range(4))[0] != 0
-)
-"""A seed that does not keep the map before the first of four scans."""
 TINY = MapNetworkSettings(widths=(4, 6, 8), stride=2)
 
 
@@ -66,8 +62,21 @@ def test_cells_count_by_their_distance_from_known_free_ones():
     image = np.full((3, 6), 255, np.uint8)
     image[1, 0], image[1, 1] = 0, 254
     steps = [[1, 1, 2, 3, 4, 5], [np.inf, np.inf, 2, 3, 4, 5], [1, 1, 2, 3, 4, 5]]
-    np.testing.assert_allclose(cell_weights(image), np.exp(-np.array(steps) / 12), rtol=1e-6)
-    np.testing.assert_array_equal(cell_weights(np.full((2, 2), 255, np.uint8)), 1)
+    world = image == 254
+    weights = cell_weights(image, world)
+    np.testing.assert_allclose(weights, np.exp(-np.array(steps) / 12), rtol=1e-6)
+    np.testing.assert_array_equal(cell_weights(np.full((2, 2), 255, np.uint8), world[:2, 2:4]), 1)
+
+
+def test_the_inside_of_obstacles_does_not_count():
+    world = np.zeros((5, 7), bool)
+    world[:, 2:] = True
+    world[4, 6] = False
+    weights = cell_weights(np.full((5, 7), 255, np.uint8), world)
+    expected = np.ones((5, 7))
+    expected[:, 3:] = 0
+    expected[3:, 5:] = 1  # around the free corner
+    np.testing.assert_array_equal(weights, expected)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (7, 13), (40, 48)])
@@ -239,12 +248,15 @@ def test_wrong_options_are_named():
             PredictivePolicy(model)
 
 
-def test_episodes_without_a_map_are_named():
-    with (
-        closing(small_env(max_time=1e-3)) as env,  # only the first scan is played
-        pytest.raises(ValueError, match="take more maps of each, or more episodes"),
-    ):
-        collect_examples(env, [make_policy("random")], [UNLUCKY], n_maps=1)
+def test_maps_are_drawn_from_the_scans_that_are_played():
+    with closing(small_env(max_time=1e-3)) as env:  # only the first scan is played
+        examples = collect_examples(env, [make_policy("random")], [0, 1, 2], n_maps=2)
+    assert len(examples.images) == 3
+
+
+def test_examples_of_no_episode_are_refused():
+    with closing(small_env()) as env, pytest.raises(ValueError, match="need seeds of episodes"):
+        collect_examples(env, [make_policy("random")], [], n_maps=1)
 
 
 def test_the_network_that_ships_predicts_better_than_constant_hazards():
@@ -254,7 +266,7 @@ def test_the_network_that_ships_predicts_better_than_constant_hazards():
         for scan, step in enumerate(rollout(env, make_policy("coverage:search=30"), 500)):
             if scan % 8 == 4:
                 map_, truth = step.belief.map, env.truth.occupied
-                weights = cell_weights(map_image(map_))
+                weights = cell_weights(map_image(map_), truth)
                 hazards = PlanarExpectedViews(step.belief.rating_function).cells(map_)
                 guesses = {"network": predictor.occupancy(map_), "hazards": 1 - hazards.passing}
                 for name, guess in guesses.items():

@@ -35,8 +35,8 @@ def stripes(n, seed):
         occupied[world, first::5] = True
     images = np.where(occupied, 254, 0).astype(np.uint8)
     images[:, :, 12:] = 255
-    weights = np.stack([cell_weights(image) for image in images])
-    return MapExamples(images, occupied, weights)
+    weights = [cell_weights(*example) for example in zip(images, occupied, strict=True)]
+    return MapExamples(images, occupied, np.stack(weights))
 
 
 @pytest.fixture
