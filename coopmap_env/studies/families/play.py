@@ -64,6 +64,7 @@ PLAYED_POLICIES = {
     "allocation": Entry("allocation", "look-ahead"),
     "tour": Entry("tour", "look-ahead"),
     "look-ahead": Entry("lookahead", "look-ahead"),
+    "look-ahead, m = 1000": Entry("lookahead:search=1000", "look-ahead", is_planar=True),
     "look-ahead, joint": Entry("lookahead:coordination=joint", "look-ahead"),
     "look-ahead, weighing motion": Entry(
         "lookahead:motion_weight=0.02", "look-ahead", is_for_time=True

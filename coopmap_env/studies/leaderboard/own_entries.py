@@ -63,18 +63,20 @@ LEARNED = {
     "field": {"learned-100": Entry("learned:model=field-candidates", candidates(100))},
 }
 """By the kind of environment."""
-PREDICTIVE = {
+MANY_POSES = {
+    "lookahead-one-1000": Entry("lookahead:horizon=1+search=1000"),
+    "lookahead-1000": Entry("lookahead:search=1000"),
     "predictive": Entry("predictive"),
     "predictive-two": Entry("predictive:horizon=2"),
 }
-"""On predicted maps, which are planar."""
+"""Planners with 1,000 poses to choose from, on maps as they are and on predicted ones: planar."""
 
 
 def entries_of(family: Family) -> dict[str, Entry]:
     """The entries that fit a family, by name."""
     entries = {**PLANNERS, **LEARNED[family.env_name]}
     if family.env_name == "planar":
-        entries |= PREDICTIVE
+        entries |= MANY_POSES
         if "max_time" in family.budget:
             entries |= WEIGHING
     return entries

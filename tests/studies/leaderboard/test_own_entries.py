@@ -10,8 +10,8 @@ from coopmap_env.studies.leaderboard import __main__ as command
 from coopmap_env.studies.leaderboard import own_entries
 from coopmap_env.studies.leaderboard.own_entries import (
     LEARNED,
+    MANY_POSES,
     PLANNERS,
-    PREDICTIVE,
     WEIGHING,
     Entry,
     entries_of,
@@ -28,7 +28,7 @@ def small_families():
 
 
 def test_all_planners_can_be_made():
-    for entry in {**PLANNERS, **WEIGHING, **PREDICTIVE}.values():
+    for entry in {**PLANNERS, **WEIGHING, **MANY_POSES}.values():
         make_policy(entry.policy)
 
 
@@ -68,7 +68,7 @@ def test_what_is_missing_or_on_other_worlds_is_played(tmp_path, monkeypatch):
 def test_the_command_fills_a_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(own_entries, "PLANNERS", {"raster": Entry("raster")})
     monkeypatch.setattr(own_entries, "WEIGHING", {})
-    monkeypatch.setattr(own_entries, "PREDICTIVE", {})
+    monkeypatch.setattr(own_entries, "MANY_POSES", {})
     monkeypatch.setattr(own_entries, "LEARNED", {"planar": {"other": Entry("random")}})
     command.main([str(tmp_path), "--families", "tiny", "hasty", "--worlds", "2"])
     names = [f"{family}_{name}" for family in ("hasty", "tiny") for name in ("other", "raster")]
