@@ -182,7 +182,7 @@ def test_finished_cases_are_kept_as_long_as_the_sources_are_the_same(tmp_path, m
     assert first["rejections"] == {"goal is unknown": 7}
     assert jobs.play_cases("field", 7, 0, tmp_path) == first
     assert len(played) == 7
-    monkeypatch.setattr(jobs, "sources_hash", lambda: "others")
+    monkeypatch.setattr(jobs, "source_hash", lambda: "others")
     jobs.play_cases("field", 7, 0, tmp_path)
     assert len(played) == 14
 

@@ -34,6 +34,10 @@ class Score:
     others hold, but efficiencies by them can be too low."""
     efficiency: bool = True
     """Whether to compare with the bounds."""
+    replays: Path | None = None
+    """Folder of yours in which finished replays are kept, so that an interrupted command goes on.
+    They count again as long as the record of the episode and coopmap itself are the same. By
+    default, everything is replayed."""
     salt: Path | None = None
     """File of the salt, for private worlds."""
     workers: int = 1
@@ -56,7 +60,9 @@ class Score:
         failed: dict[Path, str] = {}
         for path in paths:
             try:
-                scored.append(score.score_file(path, salt, bounds, self.workers))
+                scored.append(
+                    score.score_file(path, salt, bounds, self.workers, replays=self.replays)
+                )
             except FileError as error:
                 failed[path] = str(error)
                 continue

@@ -5,7 +5,6 @@ Worker processes import what they run by its module's name, and a package's ``__
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Iterable
 from itertools import pairwise
@@ -14,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-import coopmap_env
 from coopmap_env.core.progress import log as log_line
+from coopmap_env.core.source_hash import source_hash
 from coopmap_env.evaluation import Job, Result, run_jobs
 from coopmap_env.studies.common.records import significant
 from coopmap_env.studies.equality.cases import Case, field_cases, planar_cases
@@ -42,7 +41,7 @@ def play_cases(
     workers : int
         Cases at a time.
     """
-    cases, sources = list(CASES[kind]()), sources_hash()
+    cases, sources = list(CASES[kind]()), source_hash()
     goals = [n_steps * k // len(cases) for k in range(len(cases) + 1)]
     parts = [last - first for first, last in pairwise(goals)]
     jobs: list[Job] = [
@@ -84,13 +83,3 @@ def play_job(job: Job) -> Result:
 def _is_result(value: Any) -> bool:
     """Whether a kept case is equal; what differed is played again."""
     return isinstance(value, dict) and value.get("difference", value) is None
-
-
-def sources_hash() -> str:
-    """Hash of all modules of `coopmap_env`."""
-    (folder,) = coopmap_env.__path__
-    sha = hashlib.sha256()
-    for path in sorted(Path(folder).rglob("*.py")):
-        content = path.read_bytes()
-        sha.update(f"{path.relative_to(folder).as_posix()} {len(content)}\0".encode() + content)
-    return sha.hexdigest()[:16]

@@ -6,11 +6,14 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from coopmap_env import families
 from coopmap_env.core.files import FileError
+from coopmap_env.core.json_types import has_type
+from coopmap_env.core.source_hash import source_hash
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Job, Result, run_jobs
 from coopmap_env.evaluation.comparison import EFFICIENCY_SCORES
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
@@ -61,6 +64,7 @@ def score_file(
     bounds: Path | None = None,
     workers: int = 1,
     progress: bool = True,
+    replays: Path | None = None,
 ) -> Scored:
     """Replay all episodes of a submission and score them.
 
@@ -76,6 +80,9 @@ def score_file(
         Episodes at a time; the result does not depend on it.
     progress : bool
         Show a bar (extra ``cli``).
+    replays : Path, optional
+        Folder in which finished replays are kept. They count again as long as the episode's record
+        and the modules of coopmap are the same. By default none is kept.
 
     Raises
     ------
@@ -94,12 +101,14 @@ def score_file(
             "is_private": used is not None,
             "record": record,
             "bounds": None if bounds is None else str(bounds),
+            "sources": source_hash(),
         }
         for record in submission["episodes"]
     ]
     try:
         with tempfile.TemporaryDirectory() as folder:  # nothing is believed without a replay
-            found = run_jobs(score_job, jobs, Path(folder), workers, progress)
+            kept = replays or Path(folder)
+            found = run_jobs(score_job, jobs, kept, workers, progress, is_valid=_is_result)
     except ReplayError as error:
         raise SubmissionError(f"{path}: does not replay: {error}") from error
     records = submission["episodes"]
@@ -110,6 +119,12 @@ def score_file(
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     scores = {name: bootstrap_mean(values, rng) for name, values in columns.items()}
     return Scored(path, submission, scores, columns)
+
+
+def _is_result(value: Any) -> bool:
+    """Whether a kept replay can be used."""
+    pair = value.get("efficiency", []) if has_type(value, dict[str, list[float] | None]) else []
+    return pair is None or len(pair) == len(EFFICIENCY_SCORES)
 
 
 def _defined(score: float | None) -> float:

@@ -13,6 +13,7 @@ from coopmap_env.core.files import FileError
 from coopmap_env.evaluation import evaluate, make_policy, rollout
 from coopmap_env.studies.leaderboard import play, score
 from coopmap_env.studies.leaderboard.private_worlds import Salt, read_salt
+from coopmap_env.studies.leaderboard.replay import replay_episode
 from coopmap_env.studies.leaderboard.reported import own_versions
 from coopmap_env.studies.leaderboard.score import score_file
 from coopmap_env.studies.leaderboard.submission import (
@@ -327,6 +328,29 @@ def test_an_episode_goes_on_until_its_time_is_over(files, tmp_path):
     path = tampered(files["hasty"], tmp_path, steps(lambda a: a.pop()))
     with pytest.raises(SubmissionError, match=r"world 2: there are \d steps, and .* goes on"):
         rescore(path)
+
+
+def test_kept_replays_count_again_for_the_same_records_alone(files, tmp_path, monkeypatch):
+    path, kept = files["pose"], tmp_path / "replays"
+    first = rescore(path, replays=kept)
+    replayed = []
+
+    def replay(env, family, seed, record, is_private):
+        replayed.append(record["world"])
+        return replay_episode(env, family, seed, record, is_private)
+
+    monkeypatch.setattr(score, "replay_episode", replay)
+    assert rescore(path, replays=kept) == first
+    assert replayed == []
+    sorted(kept.glob("*.json"))[0].write_text('{"efficiency": "high"}')
+    assert rescore(path, replays=kept) == first
+    assert len(replayed) == 1
+    with pytest.raises(SubmissionError, match="does not replay"):
+        rescore(tampered(path, tmp_path, scores(1, shown=0.9)), replays=kept)
+    monkeypatch.setattr(score, "source_hash", lambda: "others")
+    replayed.clear()
+    rescore(path, replays=kept)
+    assert replayed == [0, 1, 2]
 
 
 def test_the_last_bit_of_a_logarithm_may_differ(files, tmp_path):
