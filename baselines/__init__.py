@@ -11,6 +11,7 @@ allocation            the same, each robot in another cluster of frontier cells 
 projection            most frontier projected into the view as ellipsoids, minus motion
 tour                  the first of a few viewpoints that cover the unknown, on a short path
 lookahead             the first of the next few views that are expected to show most
+surface               most new surface expected in view, in the field
 raster                the next of the available poses, in sequence
 random                any feasible pose
 ====================  ==========================================================================
@@ -27,6 +28,7 @@ from coopmap_baselines.projection import ProjectionPolicy
 from coopmap_baselines.random_poses import RandomPolicy
 from coopmap_baselines.raster import RasterPolicy
 from coopmap_baselines.rating_function import RatingFunctionPolicy
+from coopmap_baselines.surface import SurfacePolicy
 from coopmap_baselines.tour import TourPolicy
 from coopmap_env.core.files import brief
 from coopmap_env.evaluation import Policy
@@ -42,6 +44,7 @@ __all__ = [
     "RandomPolicy",
     "RasterPolicy",
     "RatingFunctionPolicy",
+    "SurfacePolicy",
     "TourPolicy",
     "make",
 ]
@@ -55,6 +58,7 @@ POLICIES: dict[str, type[Policy]] = {
     "projection": ProjectionPolicy,
     "tour": TourPolicy,
     "lookahead": LookaheadPolicy,
+    "surface": SurfacePolicy,
     "raster": RasterPolicy,
     "random": RandomPolicy,
 }

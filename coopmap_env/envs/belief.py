@@ -84,7 +84,10 @@ class Foresight(Protocol):
         """The same future; what is taken from now on changes one of the two."""
 
     def gain(self, robot: int, poses: Poses) -> NDArray[np.float64]:
-        """New cells that each pose is expected to show, as a fraction of a full view, (k,)."""
+        """What each pose is expected to show, as a fraction of a full view, (k,).
+
+        New cells; in the field, with predictions, those of them that are occupied.
+        """
 
     def take(self, robot: int, pose: Any) -> None:
         """Scan from a pose: its cells are no longer new, and may be entered."""
@@ -148,7 +151,7 @@ class Planning(Protocol):
         Raises
         ------
         ValueError
-            If the predictions are no probabilities of all cells, or the world takes none.
+            If the predictions are no probabilities of all cells.
         """
 
     def frontier_mask(self, belief: Any, robot: int) -> NDArray[np.bool_]:

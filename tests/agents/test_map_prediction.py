@@ -30,7 +30,6 @@ from coopmap_agents.map_prediction.predictor import shipped_path
 from coopmap_env import families
 from coopmap_env.core.files import FileError
 from coopmap_env.core.settings import settings_to_dict
-from coopmap_env.envs.field.planning import FieldPlanning
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import make_policy, rollout
 from coopmap_env.information import PlanarExpectedViews
@@ -135,8 +134,6 @@ def test_weights_that_are_too_large_are_named_when_they_are_used():
 def test_only_planar_maps_are_predicted():
     with pytest.raises(ValueError, match="predictions are of planar maps"):
         MapPredictor(tiny_network()).occupancy(OccupancyMap(VoxelGrid((3, 3, 3))))
-    with pytest.raises(ValueError, match="take no predicted occupancy of unknown voxels"):
-        FieldPlanning().foresight(None, np.zeros(27, np.float32))
 
 
 def test_examples_are_the_maps_before_scans_with_their_worlds():

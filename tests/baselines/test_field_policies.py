@@ -7,8 +7,13 @@ import pytest
 
 import coopmap_baselines
 from coopmap_env.envs.field import FieldEnv, FieldSettings
+from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import run_episode
-from coopmap_env.information import adjacent_to_unknown, first_visible_point
+from coopmap_env.information import (
+    adjacent_to_unknown,
+    first_visible_point,
+    near_surface_chances,
+)
 
 pytest.importorskip("pybullet")
 
@@ -22,6 +27,7 @@ POLICIES = {
     "projection": {"search": 10},
     "tour": {"search": 10, "viewpoints": 2},
     "lookahead": {"search": 10, "width": 2, "samples": 5},
+    "surface": {"search": 10},
     "raster": {},
     "random": {},
 }
@@ -156,3 +162,41 @@ def test_information_gain_expects_what_the_world_has(belief):
     other = coopmap_baselines.make("information_gain", prior=0.2)
     np.testing.assert_array_equal(by_default, stated.score(belief, 0, poses, None))
     assert not np.allclose(by_default, other.score(belief, 0, poses, None))
+
+
+def test_expected_surface_is_that_of_the_new_voxels_in_view(belief):
+    rng, n = np.random.default_rng(5), belief.map.grid.n_cells
+    predicted = rng.random(n, dtype=np.float32)
+    future, poses = belief.planning.foresight(belief, predicted), belief.random_poses(0, 4, rng)
+    left = np.where(belief.map.sampled, 0.0, predicted.reshape(belief.map.grid.shape)).ravel()
+    for pose in [None, *poses[:2]]:
+        if pose is not None:
+            future.take(0, pose)
+            left[belief.visible_cells(0, pose)] = 0.0
+        sums = [left[belief.visible_cells(0, one)].sum(dtype=float) for one in poses]
+        expected = np.array(sums) / belief.rating_function.max_visible_cells
+        np.testing.assert_allclose(future.gain(0, poses), expected, rtol=1e-9, atol=1e-12)
+    assert future.gain(0, poses)[0] == 0.0
+
+
+@pytest.mark.parametrize("values", [np.full(8, 0.1), np.full(128 * 128 * 40, 1.5)])
+def test_predictions_that_are_no_probabilities_of_all_voxels_are_named(belief, values):
+    with pytest.raises(ValueError, match="unknown_occupancy must"):
+        belief.planning.foresight(belief, values)
+
+
+def test_the_surface_planner_takes_the_pose_with_most_expected_surface(belief):
+    policy = coopmap_baselines.make("surface", search=20, motion_weight=0.0)
+    policy.reset(np.random.default_rng(3))
+    chosen = policy.act(belief, {})["robot_0"]
+    poses = belief.random_poses(0, 20, np.random.default_rng(3))
+    chances = np.where(belief.map.sampled_mask == 0, near_surface_chances(belief.map), 0.0)
+    sums = [chances[belief.visible_cells(0, pose)].sum(dtype=float) for pose in poses]
+    np.testing.assert_array_equal(chosen, belief.action_for(0, poses[np.argmax(sums)]))
+
+
+def test_the_surface_planner_refuses_planar_worlds():
+    env = PlanarEnv(max_scans=2)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="this one is planar: choose lookahead or predictive"):
+        coopmap_baselines.make("surface").act(env.belief(), {})

@@ -9,7 +9,7 @@ import coopmap_baselines
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 
 POLICIES = [
-    *((name, {}) for name in coopmap_baselines.POLICIES),
+    *((name, {}) for name in coopmap_baselines.POLICIES if name != "surface"),  # field only
     ("rating_function", {"search": "exhaustive"}),
     ("rating_function", {"search": 10, "coordination": "sequential"}),
     ("information_gain", {"search": "exhaustive", "coordination": "sequential"}),

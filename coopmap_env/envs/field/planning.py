@@ -86,19 +86,8 @@ class FieldPlanning:
     def foresight(
         self, belief: FieldBelief, unknown_occupancy: NDArray[np.float32] | None = None
     ) -> FieldForesight:
-        """See `FieldForesight`, for which unknown voxels are free: it takes no predictions.
-
-        Raises
-        ------
-        ValueError
-            If there are predictions.
-        """
-        if unknown_occupancy is not None:
-            raise ValueError(
-                "views of a field camera take no predicted occupancy of unknown voxels: choose a "
-                "planner without predictions, such as lookahead"
-            )
-        return FieldForesight.of_belief(belief)
+        """See `FieldForesight`; views pass unknown voxels, predicted ones too."""
+        return FieldForesight.of_belief(belief, unknown_occupancy)
 
     def frontier_mask(self, belief: FieldBelief, robot: int) -> NDArray[np.bool_]:
         """Voxels that are sampled, can be seen through (P < 1/2) and border on the unknown."""

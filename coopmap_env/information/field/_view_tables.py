@@ -22,6 +22,7 @@ from coopmap_env.information.field.view_calls import (
     find_visible_cells,
     plain_camera,
     plain_map,
+    sum_poses,
 )
 from coopmap_env.information.field.views import PoseArrays
 from coopmap_env.information.gray_levels import GrayBins, GrayLevelTable
@@ -163,6 +164,21 @@ class ViewTables:
             self.plain_camera, self.plain_gray, ni, unknown,
         )  # fmt: skip
         return ni, unknown
+
+    def sum_weights(
+        self,
+        viewed: ViewedMap,
+        weights: NDArray[np.float32],
+        poses: CameraPoses,
+        occluder_spheres: Spheres | None,
+    ) -> NDArray[np.float64]:
+        """Sum of the weights of the voxels in view of each pose, (k,)."""
+        cameras, spheres = self.to_cell_poses(poses), self.to_cell_spheres(occluder_spheres)
+        out = np.empty(len(cameras.positions))
+        sum_poses(
+            plain_map(viewed), weights, tuple(cameras), tuple(spheres), self.plain_camera, out
+        )
+        return out
 
     def evaluate_team(
         self,

@@ -109,6 +109,32 @@ class FieldRatingFunction:
         tables, viewed, _ = self.checked_inputs(map_)
         return tables.visible_cells(viewed, pose, context.occluder_spheres)
 
+    def visible_weight(
+        self,
+        map_: OccupancyMap,
+        poses: CameraPoses,
+        weights: NDArray[np.float32],
+        context: ViewContext = WHOLE_VIEW,
+    ) -> NDArray[np.float64]:
+        """Sum of the weights (n_cells,) of the voxels that each pose would see, shape (k,).
+
+        Voxels that do not count have no weight: the reserved mask is not used. The resolution is
+        that of the map.
+
+        Raises
+        ------
+        ValueError
+            If the weights are not one float32 for each voxel, or the map does not fit.
+        """
+        tables, viewed, _ = self.checked_inputs(map_)
+        usable = np.ascontiguousarray(weights)
+        if usable.shape != (self.grid.n_cells,) or usable.dtype != np.float32:
+            raise ValueError(
+                f"weights must be float32 of shape ({self.grid.n_cells},), got {usable.dtype} of "
+                f"shape {usable.shape}"
+            )
+        return tables.sum_weights(viewed, usable, poses, context.occluder_spheres)
+
     def sequential_new_information(
         self,
         map_: OccupancyMap,

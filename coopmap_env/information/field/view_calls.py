@@ -14,6 +14,7 @@ from coopmap_env.information.field.views import (
     evaluate_views,
     list_visible_cells,
     sequential_new_information,
+    sum_views,
 )
 from coopmap_env.information.gray_levels import GrayBins
 from coopmap_env.mapping import MapArrays
@@ -74,6 +75,22 @@ def evaluate_team(
     sequential_new_information(
         _viewed(map_tuple), reserved_mask, PoseArrays(*poses), SphereArrays(*spheres), ends,
         _camera(camera_tuple), GrayBins(*gray_tuple), ni,
+    )  # fmt: skip
+
+
+@kernel
+def sum_poses(
+    map_tuple: PlainTuple,
+    weights: NDArray[np.float32],
+    poses: PlainTuple,
+    spheres: PlainTuple,
+    camera_tuple: PlainTuple,
+    out: NDArray[np.float64],
+) -> None:
+    """`sum_views`."""
+    sum_views(
+        _viewed(map_tuple), weights, PoseArrays(*poses), SphereArrays(*spheres),
+        _camera(camera_tuple), out,
     )  # fmt: skip
 
 

@@ -216,6 +216,42 @@ def sequential_new_information(
 
 
 @unchecked_division_kernel
+def _sum_weights(
+    weights: NDArray[np.float32], n: int, step: NDArray[np.float64], view: ViewBuffers
+) -> float:
+    """Sum of the weights of the visible voxels of n runs, in the order of the voxels."""
+    limits, stride, runs = view.depth.limits, view.depth.stride, view.runs
+    total = 0.0
+    for r in range(n):
+        X, U, V = runs.x[r], runs.u[r], runs.v[r]
+        for cell in range(runs.first[r], runs.first[r] + runs.length[r]):
+            inverse = 1.0 / X
+            is_visible = limits[int(U * inverse) * stride + int(V * inverse)] >= X
+            total += weights[cell] if is_visible else np.float32(0.0)
+            X += step[0]
+            U += step[1]
+            V += step[2]
+    return total
+
+
+@kernel
+def sum_views(
+    viewed: ViewedMap,
+    weights: NDArray[np.float32],
+    poses: PoseArrays,
+    spheres: SphereArrays,
+    camera: CameraArrays,
+    out: NDArray[np.float64],
+) -> None:
+    """Write the sum of the weights (n_voxels,) of the voxels in view of each pose (k,)."""
+    view = allocate_view(camera)
+    for p in range(len(poses.positions)):
+        pose = RigidTransform(poses.rotations[p], poses.positions[p])
+        n, step = trace_view(viewed, pose, spheres, camera, view)
+        out[p] = _sum_weights(weights, n, step, view)
+
+
+@unchecked_division_kernel
 def list_visible_cells(
     viewed: ViewedMap, pose: RigidTransform, spheres: SphereArrays, camera: CameraArrays
 ) -> NDArray[np.int32]:

@@ -23,6 +23,7 @@ from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.information._mutual_information import MIN_REACH_PROBABILITY
 from coopmap_env.information.planar.mutual_information import BeamEntries
 from coopmap_env.information.planar.rating import PlanarRatingFunction
+from coopmap_env.information.predictions import checked_probabilities
 from coopmap_env.information.ratings import ReservedMask
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import free_mask
@@ -101,8 +102,7 @@ class PlanarExpectedViews:
         if unknown_occupancy is None:
             unknown_occupancy = self._hazards(map_)
         else:
-            unknown_occupancy = np.asarray(unknown_occupancy, dtype=np.float32)
-            _check_probabilities(unknown_occupancy, len(unknown))
+            unknown_occupancy = checked_probabilities(unknown_occupancy, len(unknown))
         passing[unknown] = np.float32(1.0) - unknown_occupancy[unknown]
         counts = unknown if reserved_mask is None else unknown & (reserved_mask == 0)
         free = free_mask(map_).astype(np.float32)
@@ -160,19 +160,6 @@ class PlanarExpectedViews:
         reached *= np.float32(probability)
         cells.weight[seen] *= 1 - reached
         cells.free[seen] = np.maximum(cells.free[seen], reached * cells.passing[seen])
-
-
-def _check_probabilities(values: NDArray[np.float32], n_cells: int) -> None:
-    if np.shape(values) != (n_cells,):
-        raise ValueError(
-            f"unknown_occupancy must have one value for each of {n_cells} cells, got an array of "
-            f"shape {np.shape(values)}"
-        )
-    if not (values.min() >= 0 and values.max() <= 1):  # so that NaN is refused too
-        raise ValueError(
-            "unknown_occupancy must be probabilities from 0 to 1, got "
-            f"{values.min()} to {values.max()}"
-        )
 
 
 @borrowing_kernel

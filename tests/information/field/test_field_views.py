@@ -52,6 +52,30 @@ def test_a_view_is_that_of_the_plain_depth_buffer(camera, n_bodies):
             assert sorted(found.tolist()) == np.flatnonzero(seen).tolist()
 
 
+def test_a_weighted_view_is_the_sum_over_the_plain_depth_buffer():
+    rng = np.random.default_rng(1)
+    map_ = random_voxel_map(rng, (22, 18, 15), 8, 4, origin=(-1.0, 0.3, -0.2))
+    rating = FieldRatingFunction(SMALL, map_.grid)
+    weights = rng.random(map_.grid.n_cells, dtype=np.float32)
+    R, t = random_poses(rng, map_, 8, any_orientation=True)
+    spheres = t[0] + rng.normal(0, 0.5, (3, 3)), rng.uniform(0.03, 0.25, 3)
+    found = rating.visible_weight(map_, (R, t), weights, ViewContext(occluder_spheres=spheres))
+    hiding = list(zip(in_cells(map_, spheres[0]), spheres[1] / 0.1, strict=True))
+    for k in range(8):
+        position, frustum = in_cells(map_, t[k]), rating.fine.frustum
+        seen, _ = dense_views.visible_mask(blocked_cells(map_), position, R[k], frustum, hiding)
+        assert found[k] == pytest.approx(weights[seen].sum(dtype=float), rel=1e-12)
+    assert rating.visible_weight(map_, (R[:0], t[:0]), weights).shape == (0,)
+
+
+@pytest.mark.parametrize("weights", [np.ones(8, np.float32), np.ones(31**3), 1.0])
+def test_weights_of_another_shape_or_type_are_named(weights):
+    map_ = empty_map()
+    rating = FieldRatingFunction(SMALL, map_.grid)
+    with pytest.raises(ValueError, match=r"weights must be float32 of shape \(29791,\), got float"):
+        rating.visible_weight(map_, (ALONG_X[None], np.ones((1, 3))), weights)
+
+
 def test_the_number_of_unknown_voxels_is_that_of_dense_rays_and_so_is_the_best_pose():
     """Rays that pass four to a voxel at the far end; the camera and grid are the default ones."""
     for seed in range(2):

@@ -1,0 +1,43 @@
+"""How probable it is that a never-sampled voxel is surface, by its distance to the known surface.
+
+Surfaces go on: most of what is still to be found of an object lies beside the part that is known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopmap_env.mapping import OccupancyMap
+
+NEAR_SURFACE = (0.12, 0.06, 0.03, 0.015, 0.008, 0.004)
+"""Of never-sampled voxels that are 1, 2, ..., 6 or more voxels (the longest of dx, dy and dz) from
+the nearest one that is known to be occupied.
+
+On training worlds of all field scenes, 12 to 17 % of those next to the known surface are surface.
+The others fall faster here than there (8 % at 2, 5 % at 10 voxels), and of the tables that were
+tried this one covers most: what lies farther away is shown by later scans."""
+
+
+def near_surface_chances(map_: OccupancyMap) -> NDArray[np.float32]:
+    """Probability that each voxel is surface, (n_cells,); only those never sampled mean something.
+
+    Raises
+    ------
+    ValueError
+        If the map is planar.
+    """
+    if map_.grid.dimension != 3:
+        raise ValueError(
+            "new surface is counted in maps of three dimensions, and this one is planar: choose "
+            "lookahead or predictive"
+        )
+    from scipy.ndimage import distance_transform_cdt  # a third of a second, seldom needed
+
+    occupied = (map_.log_odds_fixed >= 0) & (map_.sampled_mask != 0)
+    steps = np.full(occupied.shape, len(NEAR_SURFACE))
+    if occupied.any():
+        far = distance_transform_cdt(~occupied.reshape(map_.grid.shape), "chessboard").ravel()
+        steps = np.minimum(far, len(NEAR_SURFACE))
+    chances: NDArray[np.float32] = np.array([0.0, *NEAR_SURFACE], dtype=np.float32)[steps]
+    return chances
