@@ -37,7 +37,7 @@ class SurfacePolicy(LookaheadPolicy):
         self,
         horizon: int = 1,
         search: Search = 100,
-        motion_weight: float = 4e-5,
+        motion_weight: float = 2e-4,
         **options: Any,
     ) -> None:
         super().__init__(horizon, search=search, motion_weight=motion_weight, **options)

@@ -1,4 +1,4 @@
-"""Prediction of what lies in the unknown part of a planar map, and planning with it.
+"""Prediction of what lies in the unknown part of a map, and planning with it.
 
 A network sees the team's map, and gives the probability that each unknown cell is occupied. It is
 trained on maps that planners made of training worlds, with the truth behind them.
@@ -14,7 +14,7 @@ from coopmap_agents.map_config import MapNetworkSettings, MapTrainingConfig
 from coopmap_agents.map_prediction.examples import MapExamples, collect_examples, map_image
 from coopmap_agents.map_prediction.model_file import load_map_network, save_map_network
 from coopmap_agents.map_prediction.network import MapNetwork
-from coopmap_agents.map_prediction.policy import PredictivePolicy
+from coopmap_agents.map_prediction.policy import PredictivePolicy, PredictiveSurfacePolicy
 from coopmap_agents.map_prediction.predictor import MapPredictor
 from coopmap_agents.map_prediction.scores import PredictionScores, score_predictions
 from coopmap_agents.map_prediction.training import run_map_training
@@ -27,6 +27,7 @@ __all__ = [
     "MapTrainingConfig",
     "PredictionScores",
     "PredictivePolicy",
+    "PredictiveSurfacePolicy",
     "collect_examples",
     "load_map_network",
     "map_image",

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_cdt
 
 from coopmap_agents.map_prediction.network import KNOWN_SCALE, UNKNOWN
-from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import Policy, rollout
 from coopmap_env.mapping import OccupancyMap
 
@@ -20,12 +20,12 @@ known free ones, from where the next views will look at it."""
 
 
 class MapExamples(NamedTuple):
-    """Maps of one world size, each with the truth; arrays of shape (n, nx, ny)."""
+    """Maps of one world size, each with the truth; arrays (n, nx, ny) or (n, nx, ny, nz)."""
 
     images: NDArray[np.uint8]
     """See `map_image`."""
     occupied: NDArray[np.bool_]
-    """The true world."""
+    """What is predicted; see `predicted_cells`."""
     weights: NDArray[np.float32]
     """How much a cell counts: 0 if it is known or out of sight; see `cell_weights`."""
 
@@ -38,16 +38,31 @@ def map_image(map_: OccupancyMap) -> NDArray[np.uint8]:
     return image.reshape(map_.grid.shape)
 
 
+def predicted_cells(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What a network is to predict of the true world: in the plane, the occupied cells.
+
+    In space, surface alone: occupied voxels with a free neighbour. There, views are expected to
+    show what they would if unknown voxels were free, so the inside of solids must not count.
+    """
+    return occupied & _beside_free(occupied) if occupied.ndim == 3 else occupied.copy()
+
+
+def _beside_free(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which cells are free or have a free neighbour, diagonal ones too."""
+    neighbours = np.ones((3,) * occupied.ndim, dtype=bool)
+    beside: NDArray[np.bool_] = binary_dilation(~occupied, neighbours)
+    return beside
+
+
 def cell_weights(image: NDArray[np.uint8], occupied: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Weights of the cells of an image: exp(-d / `NEAR_CELLS`), and 0 if known or out of sight.
 
-    d is the distance to the nearest cell that is known to be free, by the longer of dx and dy, in
-    cells. Out of sight are occupied cells without a free neighbour in the true world `occupied`:
-    no beam ends there. So a network learns the fraction of surfaces among the cells that beams get
-    to, which is what they need: the fraction of all occupied cells is far larger where obstacles
-    are thick.
+    d is the distance to the nearest cell that is known to be free, by the longest of dx, dy and dz,
+    in cells. Out of sight are occupied cells without a free neighbour: no beam ends there. So a
+    planar network learns the fraction of surfaces among the cells that beams get to, which is what
+    they need: the fraction of all occupied cells is far larger where obstacles are thick.
     """
-    counts = (image == UNKNOWN) & binary_dilation(~occupied, np.ones((3, 3), dtype=bool))
+    counts = (image == UNKNOWN) & _beside_free(occupied)
     free = image < KNOWN_SCALE / 2
     if not free.any():
         return counts.astype(np.float32)
@@ -56,13 +71,13 @@ def cell_weights(image: NDArray[np.uint8], occupied: NDArray[np.bool_]) -> NDArr
 
 
 def collect_examples(
-    env: PlanarEnv, policies: Sequence[Policy], seeds: Sequence[int], n_maps: int
+    env: MappingEnv[Any], policies: Sequence[Policy], seeds: Sequence[int], n_maps: int
 ) -> MapExamples:
     """Let policies play, and keep the map before some of the scans of each episode.
 
     Parameters
     ----------
-    env : PlanarEnv
+    env : MappingEnv
         Its worlds have one size.
     policies : sequence of Policy
         They take turns from episode to episode.
@@ -82,7 +97,7 @@ def collect_examples(
         played = [map_image(step.belief.map) for step in rollout(env, policy, seed)]
         for scan in np.random.default_rng(seed).permutation(len(played))[:n_maps]:
             images.append(played[scan])
-            occupied.append(env.truth.occupied.copy())
+            occupied.append(predicted_cells(env.truth.occupied))
     if not images:
         raise ValueError("examples need seeds of episodes, and one map of each at least")
     weights = [cell_weights(*example) for example in zip(images, occupied, strict=True)]

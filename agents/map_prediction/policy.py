@@ -1,4 +1,4 @@
-"""Look-ahead on a map whose unknown part is predicted."""
+"""Look-ahead on maps whose unknown part is predicted, in the plane and in the field."""
 
 from __future__ import annotations
 
@@ -12,8 +12,35 @@ from coopmap_baselines.planner import Search
 from coopmap_env.envs import Belief, Foresight
 
 
-class PredictivePolicy(LookaheadPolicy):
-    """The look-ahead planner, with a network's prediction of the cells that are still unknown.
+class _OnPredictedMaps(LookaheadPolicy):
+    """The look-ahead planner, with a network's prediction of the cells that are still unknown."""
+
+    def __init__(self, predictor: MapPredictor, **options: Any) -> None:
+        super().__init__(**options)
+        self.predictor = predictor
+
+    def foresight(self, belief: Belief) -> Foresight:
+        """The map with its predicted part."""
+        return belief.planning.foresight(belief, self.predictor.occupancy(belief.map))
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the weights."""
+        return self.predictor.fingerprint
+
+    @property
+    def n_parameters(self) -> int:
+        """Numbers of the network."""
+        return self.predictor.n_parameters
+
+    @property
+    def model_bytes(self) -> int:
+        """Bytes of these."""
+        return self.predictor.model_bytes
+
+
+class PredictivePolicy(_OnPredictedMaps):
+    """The look-ahead planner on predicted planar maps.
 
     Where `LookaheadPolicy` expects the same of all unknown cells at the same distance from a known
     surface, a network that has seen many worlds expects rooms behind doors, and walls that go on.
@@ -45,24 +72,41 @@ class PredictivePolicy(LookaheadPolicy):
         search: Search = 1000,
         **options: Any,
     ) -> None:
-        super().__init__(horizon, search=search, **options)
-        self.predictor = MapPredictor(model)
+        super().__init__(MapPredictor(model), horizon=horizon, search=search, **options)
 
-    def foresight(self, belief: Belief) -> Foresight:
-        """The map with its predicted part."""
-        return belief.planning.foresight(belief, self.predictor.occupancy(belief.map))
 
-    @property
-    def fingerprint(self) -> str:
-        """Hash of the weights."""
-        return self.predictor.fingerprint
+class PredictiveSurfacePolicy(_OnPredictedMaps):
+    """The planner of new surface on predicted field maps.
 
-    @property
-    def n_parameters(self) -> int:
-        """Numbers of the network."""
-        return self.predictor.n_parameters
+    `SurfacePolicy` expects the same of all unknown voxels at the same distance from the known
+    surface; a network that has seen many scenes expects the far side of an object.
 
-    @property
-    def model_bytes(self) -> int:
-        """Bytes of these."""
-        return self.predictor.model_bytes
+    Parameters
+    ----------
+    model : MapNetwork or path, optional
+        By default the network that ships with coopmap.
+    horizon, search, motion_weight
+        See `SurfacePolicy`.
+    **options
+        As of `LookaheadPolicy`.
+
+    Raises
+    ------
+    ValueError
+        If an option is not one of its choices.
+    FileError
+        If the file is not of a map network.
+    """
+
+    def __init__(
+        self,
+        model: MapNetwork | str | os.PathLike[str] | None = None,
+        horizon: int = 1,
+        search: Search = 100,
+        motion_weight: float = 2e-4,
+        **options: Any,
+    ) -> None:
+        predictor = MapPredictor(model, dimension=3)
+        super().__init__(
+            predictor, horizon=horizon, search=search, motion_weight=motion_weight, **options
+        )

@@ -18,20 +18,22 @@ from coopmap_agents.trainer import torch_threads
 from coopmap_env.core.files import brief
 from coopmap_env.mapping import OccupancyMap
 
-MODEL_FILE = "planar.safetensors"
-"""The network of planar maps that ships with coopmap."""
+MODEL_FILES = {2: "planar.safetensors", 3: "field.safetensors"}
+"""The networks that ship with coopmap, by the dimension of their maps."""
 LEVELS = 255
 """Predictions are rounded to this fraction of one, so that the last bits of a processor's
 arithmetic hardly ever matter."""
 
 
 class MapPredictor:
-    """The probability that each cell of a planar map is occupied, as a network predicts it.
+    """The probability that each cell of a map is occupied, as a network predicts it.
 
     Parameters
     ----------
     model : MapNetwork or path, optional
-        By default the network that ships with coopmap.
+        By default the network that ships with coopmap for maps of this dimension.
+    dimension : {2, 3}
+        Of the maps, for the default.
 
     Raises
     ------
@@ -41,10 +43,12 @@ class MapPredictor:
         If the file is not of a map network.
     """
 
-    def __init__(self, model: MapNetwork | str | os.PathLike[str] | None = None) -> None:
+    def __init__(
+        self, model: MapNetwork | str | os.PathLike[str] | None = None, dimension: int = 2
+    ) -> None:
         if model is not None and not isinstance(model, MapNetwork | str | os.PathLike):
             raise ValueError(f"model must be a file or a MapNetwork, got {brief(model)}")
-        path = shipped_path() if model is None else model
+        path = shipped_path(dimension) if model is None else model
         self.network = path if isinstance(path, MapNetwork) else load_map_network(path)
 
     def occupancy(self, map_: OccupancyMap) -> NDArray[np.float32]:
@@ -53,12 +57,14 @@ class MapPredictor:
         Raises
         ------
         ValueError
-            If the map is not planar, or the weights are too large to compute with.
+            If the map is of another dimension than the network's, or the weights are too large to
+            compute with.
         """
-        if map_.grid.dimension != 2:
+        needed = self.network.settings.dimension
+        if map_.grid.dimension != needed:
             raise ValueError(
-                "predictions are of planar maps, and this one is in three dimensions: choose a "
-                "planner without predictions, such as lookahead"
+                f"this map network predicts maps of {needed} dimensions, and this one has "
+                f"{map_.grid.dimension}: choose another model"
             )
         with torch_threads(1), torch.inference_mode():
             logits = self.network(torch.from_numpy(map_image(map_))[None])[0]
@@ -85,6 +91,6 @@ class MapPredictor:
         return fingerprint_of(values.numpy().tobytes() for values in weights)
 
 
-def shipped_path() -> Path:
-    """File of the network that ships with coopmap."""
-    return Path(str(files("coopmap_agents.map_prediction") / "models" / MODEL_FILE))
+def shipped_path(dimension: int = 2) -> Path:
+    """File of the network that ships with coopmap for maps of 2 or 3 dimensions."""
+    return Path(str(files("coopmap_agents.map_prediction") / "models" / MODEL_FILES[dimension]))

@@ -113,10 +113,11 @@ def _examples(
         log(f"{name}, {split}: {len(images)} maps")
     arrays = read_arrays(path, ["images", "occupied"])
     images, occupied = arrays["images"].copy(), arrays["occupied"].copy()  # they are read-only
-    is_good = images.dtype == np.uint8 and occupied.dtype == np.bool_ and images.ndim == 3
+    is_good = images.dtype == np.uint8 and occupied.dtype == np.bool_
+    is_good &= images.ndim == 1 + config.network.dimension
     if not is_good or images.shape != occupied.shape or 0 in images.shape:
         raise FileError(f"{path} is broken: remove it, and its maps are played again")
-    if min(images.shape[1:]) <= config.shift:
+    if min(images.shape[1:3]) <= config.shift:
         raise ValueError(
             f"MapTrainingConfig.shift must be less than the sides of the maps, got {config.shift} "
             f"with maps of {images.shape[1]} x {images.shape[2]} cells of {name}"
@@ -223,7 +224,7 @@ def weighted_loss(
 def _draw_batch(
     examples: MapExamples, config: MapTrainingConfig, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Some maps, turned, mirrored and shifted; images as bytes, the others as float32."""
+    """Some maps, turned, mirrored and shifted in the plane; images as bytes, others as float32."""
     chosen = rng.integers(len(examples.images), size=config.batch_size)
     turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
     cut = rng.integers(config.shift + 1, size=2)

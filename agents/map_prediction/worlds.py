@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from contextlib import closing
+from typing import Any
 
 import numpy as np
 
 from coopmap_agents.map_config import PLAYED_POLICIES, MapTrainingConfig
 from coopmap_agents.map_prediction.examples import MapExamples, collect_examples
 from coopmap_env import families
-from coopmap_env.envs.planar import PlanarEnv
+from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import make_env, make_policy
 
 
-def make_world(name: str, config: MapTrainingConfig, split: str) -> PlanarEnv:
+def make_world(name: str, config: MapTrainingConfig, split: str) -> MappingEnv[Any]:
     """The environment of a family or a scene of a training.
 
     Raises
     ------
     ValueError
-        If the name is unknown, or is not of planar worlds.
+        If the name is unknown, or is not of the environment of the training.
     """
     if name in config.scenes:
-        env = make_env("planar", {"scene": name, "split": split}, None)
-    else:
-        env = families.make(name, split)
-    if not isinstance(env, PlanarEnv):
-        env.close()
-        raise ValueError(f"map networks are of planar worlds, and the family {name!r} is not")
-    return env
+        return make_env(config.env_name, {"scene": name, "split": split}, None)
+    found = families.get(name).env_name
+    if found != config.env_name:
+        raise ValueError(f"this training is of {config.env_name} worlds, and {name!r} of {found}")
+    return families.make(name, split)
 
 
 def world_examples(name: str, config: MapTrainingConfig, split: str) -> MapExamples:
@@ -37,5 +36,5 @@ def world_examples(name: str, config: MapTrainingConfig, split: str) -> MapExamp
     draws = np.random.SeedSequence([config.seed, {"train": 0, "validation": 1}[split]])
     seeds = draws.generate_state(n).tolist()
     with closing(make_world(name, config, split)) as env:
-        policies = [make_policy(spec) for spec in PLAYED_POLICIES]
+        policies = [make_policy(spec) for spec in PLAYED_POLICIES[config.env_name]]
         return collect_examples(env, policies, seeds, config.maps_per_episode)

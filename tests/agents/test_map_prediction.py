@@ -10,6 +10,7 @@ import torch
 from plain.fuzz import cases, mutants, read_or_refuse
 from plain.random_maps import random_map, set_cells
 from safetensors.torch import load_file, save
+from torch.nn import functional
 
 from coopmap_agents.map_prediction import (
     MapNetwork,
@@ -18,25 +19,31 @@ from coopmap_agents.map_prediction import (
     MapTrainingConfig,
     PredictionScores,
     PredictivePolicy,
+    PredictiveSurfacePolicy,
     collect_examples,
     load_map_network,
     map_image,
     save_map_network,
     score_predictions,
 )
-from coopmap_agents.map_prediction.examples import cell_weights
+from coopmap_agents.map_prediction.examples import cell_weights, predicted_cells
 from coopmap_agents.map_prediction.model_file import METADATA_KEY
+from coopmap_agents.map_prediction.network import fold, unfold
 from coopmap_agents.map_prediction.predictor import shipped_path
 from coopmap_env import families
 from coopmap_env.core.files import FileError
-from coopmap_env.core.settings import settings_to_dict
+from coopmap_env.core.settings import settings_from_dict
+from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import make_policy, rollout
-from coopmap_env.information import PlanarExpectedViews
+from coopmap_env.information import PlanarExpectedViews, near_surface_chances
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.simulation.scenes.planar import Rooms
 
 TINY = MapNetworkSettings(widths=(4, 6, 8), stride=2)
+
+
+SMALL = MapNetworkSettings(dimension=3, widths=(3, 4, 5), stride=4)
 
 
 def tiny_network(seed=0, settings=TINY):
@@ -78,15 +85,37 @@ def test_the_inside_of_obstacles_does_not_count():
     np.testing.assert_array_equal(weights, expected)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (7, 13), (40, 48)])
+def test_in_space_surface_alone_is_predicted():
+    world = np.zeros((5, 5, 5), bool)
+    world[1:4, 1:4, 1:4] = True
+    surface = world.copy()
+    surface[2, 2, 2] = False
+    np.testing.assert_array_equal(predicted_cells(world), surface)
+    np.testing.assert_array_equal(cell_weights(np.full((5, 5, 5), 255, np.uint8), surface), 1)
+    np.testing.assert_array_equal(predicted_cells(world[2]), world[2])
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (7, 13), (40, 48), (1, 1, 1), (9, 16, 5)])
 @pytest.mark.parametrize("stride", [1, 2, 3])
 def test_maps_of_any_size_get_a_logit_for_each_cell(shape, stride):
-    network = tiny_network(settings=replace(TINY, stride=stride))
+    network = tiny_network(settings=replace(TINY, dimension=len(shape), stride=stride))
     images = torch.randint(0, 256, (2, *shape), dtype=torch.uint8)
     logits = network(images)
     assert logits.shape == (2, *shape)
     assert logits.dtype == torch.float32
     torch.testing.assert_close(network(images[1:])[0], logits[1], rtol=1e-4, atol=1e-5)
+
+
+def test_blocks_are_folded_as_torch_does_and_back():
+    image, blocks = torch.rand(2, 3, 8, 12), torch.rand(2, 12, 4, 6)
+    assert torch.equal(fold(image, 2), functional.pixel_unshuffle(image, 2))
+    assert torch.equal(unfold(blocks, 2), functional.pixel_shuffle(blocks, 2))
+    voxels = torch.arange(2.0 * 4 * 6 * 2).reshape(1, 2, 4, 6, 2)
+    folded = fold(voxels, 2)
+    assert folded.shape == (1, 16, 2, 3, 1)
+    # the first channel has the first voxel of each block
+    assert torch.equal(folded[0, 0, :, :, 0], voxels[0, 0, ::2, ::2, 0])
+    assert torch.equal(unfold(folded, 2), voxels)
 
 
 def test_what_a_network_is_shown_of_a_cell():
@@ -131,9 +160,11 @@ def test_weights_that_are_too_large_are_named_when_they_are_used():
         MapPredictor(network).occupancy(random_map(np.random.default_rng(1), (16, 16)))
 
 
-def test_only_planar_maps_are_predicted():
-    with pytest.raises(ValueError, match="predictions are of planar maps"):
-        MapPredictor(tiny_network()).occupancy(OccupancyMap(VoxelGrid((3, 3, 3))))
+@pytest.mark.parametrize(("network", "shape"), [("TINY", (3, 3, 3)), ("SMALL", (5, 5))])
+def test_maps_of_another_dimension_are_refused(network, shape):
+    predictor = MapPredictor(tiny_network(settings=globals()[network]))
+    with pytest.raises(ValueError, match=rf"this one has {len(shape)}: choose another model"):
+        predictor.occupancy(OccupancyMap(VoxelGrid(shape)))
 
 
 def test_examples_are_the_maps_before_scans_with_their_worlds():
@@ -257,7 +288,6 @@ def test_examples_of_no_episode_are_refused():
 
 
 def test_the_network_that_ships_predicts_better_than_constant_hazards():
-    assert shipped_path().stat().st_size < 1_000_000
     predictor, losses = MapPredictor(), {"network": [], "hazards": []}
     with closing(families.make("crowded", "validation")) as env:
         for scan, step in enumerate(rollout(env, make_policy("coverage:search=30"), 500)):
@@ -271,9 +301,48 @@ def test_the_network_that_ships_predicts_better_than_constant_hazards():
     assert np.mean(losses["network"]) < 0.75 * np.mean(losses["hazards"])
 
 
-def test_the_record_of_the_network_that_ships_is_of_its_training():
-    record = json.loads(shipped_path().with_suffix(".json").read_text())
-    assert record["config"] == json.loads(json.dumps(settings_to_dict(MapTrainingConfig())))
+@pytest.mark.parametrize("config", [MapTrainingConfig(), MapTrainingConfig.of_field()])
+def test_the_record_of_a_network_that_ships_is_of_its_training(config):
+    path = shipped_path(config.network.dimension)
+    record = json.loads(path.with_suffix(".json").read_text())
+    assert load_map_network(path).settings == config.network
+    assert path.stat().st_size < 1_000_000
+    assert settings_from_dict(record["config"], MapTrainingConfig) == config
     best = record["rows"][record["best"]]
     for scores in best["validation"].values():
         assert PredictionScores(**scores).calibration_error < 0.05
+
+
+def test_the_planner_of_surface_counts_what_its_network_predicts():
+    pytest.importorskip("pybullet")
+    settings = FieldSettings(crop_cells=(8, 4), max_grid_poses=243)
+    with closing(FieldEnv(max_scans=2, settings=settings)) as env:
+        policy = PredictiveSurfacePolicy(tiny_network(settings=SMALL), search=10)
+        belief = next(iter(rollout(env, policy, 3))).belief
+        poses, occupancy = belief.feasible_poses(0)[:5], policy.predictor.occupancy(belief.map)
+        gains = policy.foresight(belief).gain(0, poses)
+        expected = belief.planning.foresight(belief, occupancy).gain(0, poses)
+        np.testing.assert_array_equal(gains, expected)
+        runs = [[step.actions for step in rollout(env, policy, 3)] for _ in range(2)]
+    for one, other in zip(*runs, strict=True):
+        for agent, action in one.items():
+            np.testing.assert_array_equal(action, other[agent])
+
+
+def test_the_field_network_that_ships_predicts_better_than_distances_alone():
+    pytest.importorskip("pybullet")
+    predictor, losses = MapPredictor(dimension=3), {"network": [], "distances": []}
+    with closing(families.make("occluded", "validation")) as env:
+        for scan, step in enumerate(rollout(env, make_policy("surface:search=20"), 500)):
+            if scan in (2, 5):
+                map_, surface = step.belief.map, predicted_cells(env.truth.occupied)
+                weights = cell_weights(map_image(map_), surface)
+                shape = surface.shape
+                guesses = {
+                    "network": predictor.occupancy(map_),
+                    "distances": near_surface_chances(map_),
+                }
+                for name, guess in guesses.items():
+                    scores = score_predictions(guess.reshape(shape), surface, weights)
+                    losses[name].append(scores.log_loss)
+    assert np.mean(losses["network"]) < 0.75 * np.mean(losses["distances"])

@@ -103,10 +103,14 @@ def test_planners_that_weigh_motion_play_where_time_ends_episodes():
     }
 
 
-def test_planar_policies_do_not_play_field_families():
-    planar = {name for name, entry in PLAYED_POLICIES.items() if entry.is_planar}
-    assert len(planar) == 6
-    assert not planar & set(_usual_policies(families.get("time")))
+def test_policies_of_one_kind_of_environment_do_not_play_the_other():
+    only = {
+        kind: {name for name, entry in PLAYED_POLICIES.items() if entry.only == kind}
+        for kind in ("planar", "field")
+    }
+    assert (len(only["planar"]), len(only["field"])) == (7, 2)
+    assert not only["planar"] & set(_usual_policies(families.get("time")))
+    assert not only["field"] & set(_usual_policies(families.get("motion-budget")))
 
 
 def test_references_of_the_field_are_played_with_a_bound(tmp_path, monkeypatch):
@@ -192,4 +196,4 @@ def test_a_family_is_admitted_if_it_separates_policies(random, one_step, clairvo
 
 def test_names_of_the_table_are_policies_that_are_installed():
     specs = {entry.spec.split(":")[0] for entry in PLAYED_POLICIES.values()}
-    assert specs <= {*coopmap_baselines.POLICIES, "learned", "predictive"}
+    assert specs <= {*coopmap_baselines.POLICIES, "learned", "predictive", "predictive_surface"}

@@ -227,7 +227,7 @@ def _sum_weights(
         for cell in range(runs.first[r], runs.first[r] + runs.length[r]):
             inverse = 1.0 / X
             is_visible = limits[int(U * inverse) * stride + int(V * inverse)] >= X
-            total += weights[cell] if is_visible else np.float32(0.0)
+            total += float(weights[cell]) if is_visible else 0.0
             X += step[0]
             U += step[1]
             V += step[2]

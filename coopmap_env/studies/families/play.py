@@ -26,8 +26,8 @@ class Entry(NamedTuple):
     """By default that of the environment."""
     is_for_time: bool = False
     """Whether it is played only where time ends episodes."""
-    is_planar: bool = False
-    """Whether it is played only in planar families."""
+    only: str | None = None
+    """The kind of environment, "planar" or "field", if it is played only there."""
 
     @property
     def env_kwargs(self) -> dict[str, Any]:
@@ -49,7 +49,7 @@ PLAYED_POLICIES = {
     ),
     "expected coverage, m = 300, sequential": Entry("lookahead:horizon=1", "one step"),
     "expected coverage, m = 1000, sequential": Entry(
-        "lookahead:horizon=1+search=1000", "one step", is_planar=True
+        "lookahead:horizon=1+search=1000", "one step", only="planar"
     ),
     "expected coverage, weighing motion": Entry(
         "lookahead:horizon=1+motion_weight=0.015", "one step", is_for_time=True
@@ -58,25 +58,27 @@ PLAYED_POLICIES = {
         "lookahead:horizon=1+motion_weight=0.015+search=1000",
         "one step",
         is_for_time=True,
-        is_planar=True,
+        only="planar",
     ),
     "frontier, sequential": Entry("frontier:coordination=sequential", "look-ahead"),
     "allocation": Entry("allocation", "look-ahead"),
     "tour": Entry("tour", "look-ahead"),
     "look-ahead": Entry("lookahead", "look-ahead"),
-    "look-ahead, m = 1000": Entry("lookahead:search=1000", "look-ahead", is_planar=True),
+    "look-ahead, m = 1000": Entry("lookahead:search=1000", "look-ahead", only="planar"),
     "look-ahead, joint": Entry("lookahead:coordination=joint", "look-ahead"),
     "look-ahead, weighing motion": Entry(
         "lookahead:motion_weight=0.02", "look-ahead", is_for_time=True
     ),
-    "predicted map, m = 1000": Entry("predictive", "learned", is_planar=True),
-    "predicted map, look-ahead, m = 1000": Entry("predictive:horizon=2", "learned", is_planar=True),
+    "predicted map, m = 1000": Entry("predictive", "learned", only="planar"),
+    "predicted map, look-ahead, m = 1000": Entry("predictive:horizon=2", "learned", only="planar"),
     "predicted map, m = 1000, weighing motion": Entry(
-        "predictive:motion_weight=0.015", "learned", is_for_time=True, is_planar=True
+        "predictive:motion_weight=0.015", "learned", is_for_time=True, only="planar"
     ),
     "predicted map, look-ahead, m = 1000, weighing motion": Entry(
-        "predictive:horizon=2+motion_weight=0.02", "learned", is_for_time=True, is_planar=True
+        "predictive:horizon=2+motion_weight=0.02", "learned", is_for_time=True, only="planar"
     ),
+    "surface, m = 100": Entry("surface", "one step", only="field"),
+    "predicted surface, m = 100": Entry("predictive_surface", "learned", only="field"),
     "learned, 32 candidates": Entry("learned", "learned", "candidates"),
     "learned, 300 candidates": Entry("learned", "learned", "candidates", 300),
 }
@@ -159,13 +161,12 @@ def _usual_policies(family: Family) -> list[str]:
     """Names in the table that fit a family; the learned ones are missing without the extra rl."""
     can_learn = all(find_spec(name) for name in ("torch", "stable_baselines3", "safetensors"))
     has_time = "max_time" in family.budget
-    is_planar = family.env_name == "planar"
     return [
         name
         for name, entry in PLAYED_POLICIES.items()
         if (can_learn or entry.kind != "learned")
         and (has_time or not entry.is_for_time)
-        and (is_planar or not entry.is_planar)
+        and entry.only in (None, family.env_name)
     ]
 
 

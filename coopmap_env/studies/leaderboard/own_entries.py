@@ -71,14 +71,19 @@ MANY_POSES = {
 }
 """Planners with 1,000 poses to choose from, on maps as they are and on predicted ones: planar."""
 
+SURFACE = {
+    "surface": Entry("surface"),
+    "predictive-surface": Entry("predictive_surface"),
+}
+"""Planners of new surface, in the field."""
+
 
 def entries_of(family: Family) -> dict[str, Entry]:
     """The entries that fit a family, by name."""
     entries = {**PLANNERS, **LEARNED[family.env_name]}
-    if family.env_name == "planar":
-        entries |= MANY_POSES
-        if "max_time" in family.budget:
-            entries |= WEIGHING
+    entries |= MANY_POSES if family.env_name == "planar" else SURFACE
+    if family.env_name == "planar" and "max_time" in family.budget:
+        entries |= WEIGHING
     return entries
 
 

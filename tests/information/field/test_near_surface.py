@@ -10,12 +10,12 @@ from coopmap_env.mapping import OccupancyMap, VoxelGrid
 
 
 def test_chances_fall_with_the_distance_from_the_known_surface():
-    map_ = OccupancyMap(VoxelGrid((10, 3, 3)))
-    cells = np.arange(90).reshape(10, 3, 3)
+    map_ = OccupancyMap(VoxelGrid((20, 3, 3)))
+    cells = np.arange(180).reshape(20, 3, 3)
     set_cells(map_, cells[0, 0, 0], 0.9)
-    set_cells(map_, cells[9, 2, 2], 0.3)  # known, and free
-    chances = near_surface_chances(map_).reshape(10, 3, 3)
-    far = [NEAR_SURFACE[-1]] * 3  # the table ends after six voxels
+    set_cells(map_, cells[19, 2, 2], 0.3)  # known, and free
+    chances = near_surface_chances(map_).reshape(20, 3, 3)
+    far = [NEAR_SURFACE[-1]] * 4  # the table ends after 15 voxels
     np.testing.assert_array_equal(chances[:, 0, 0], np.float32([0, *NEAR_SURFACE, *far]))
     # the longest of dx, dy and dz counts
     np.testing.assert_array_equal(chances[2:, 2, 1], np.float32([*NEAR_SURFACE[1:], *far]))

@@ -12,6 +12,7 @@ from coopmap_env.studies.leaderboard.own_entries import (
     LEARNED,
     MANY_POSES,
     PLANNERS,
+    SURFACE,
     WEIGHING,
     Entry,
     entries_of,
@@ -28,7 +29,7 @@ def small_families():
 
 
 def test_all_planners_can_be_made():
-    for entry in {**PLANNERS, **WEIGHING, **MANY_POSES}.values():
+    for entry in {**PLANNERS, **WEIGHING, **MANY_POSES, **SURFACE}.values():
         make_policy(entry.policy)
 
 
@@ -37,7 +38,7 @@ def test_planners_that_weigh_motion_play_where_time_ends_planar_episodes():
         name for name in families.FAMILIES if set(WEIGHING) <= set(entries_of(families.get(name)))
     }
     assert weighing == {"motion-budget", "hasty"}
-    assert set(entries_of(families.get("time"))) == {*PLANNERS, *LEARNED["field"]}
+    assert set(entries_of(families.get("time"))) == {*PLANNERS, *LEARNED["field"], *SURFACE}
 
 
 def test_learned_policies_are_the_pretrained_ones_in_the_mode_of_their_training():
