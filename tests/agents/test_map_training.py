@@ -215,12 +215,31 @@ def test_the_loss_by_hand():
     assert loss.item() == pytest.approx((np.log(2) + 3 * np.log1p(np.exp(2))) / 4, rel=1e-6)
 
 
-def test_worlds_are_of_families_and_scenes_of_the_plane():
+def test_worlds_are_of_families_and_scenes_of_the_environment():
     env = make_world("obstacles", CONFIG, "validation")
     assert env.split == "validation"
-    with pytest.raises(ValueError, match="the family 'occluded' is not"):
+    with pytest.raises(ValueError, match="is of planar worlds, and 'occluded' of field"):
         make_world("occluded", CONFIG, "train")
     with pytest.raises(ValueError, match="unknown family 'nowhere'"):
         make_world("nowhere", CONFIG, "train")
+    with pytest.raises(ValueError, match="is of field worlds, and 'crowded' of planar"):
+        make_world("crowded", MapTrainingConfig.of_field(), "train")
     with pytest.raises(ValueError, match="needs families or scenes"):
         MapTrainingConfig(families=(), scenes=())
+    with pytest.raises(ValueError, match=r"network\.dimension must be 3 for field maps, got 2"):
+        MapTrainingConfig.of_field(network=MapNetworkSettings())
+
+
+def test_a_network_learns_from_maps_in_space(monkeypatch, tmp_path):
+    def examples(name, config, split):
+        flat = stripes(6, seed=len(name) + (split == "train"))
+        return MapExamples(*(np.repeat(part[..., None], 6, axis=-1) for part in flat))
+
+    monkeypatch.setattr(map_training, "world_examples", examples)
+    network = MapNetworkSettings(dimension=3, widths=(3, 4, 5), stride=2)
+    config = MapTrainingConfig.of_field(
+        families=(), scenes=("worksite",), total_steps=4, segment_steps=2, network=network
+    )
+    record = run_map_training(config, tmp_path)
+    assert [row["steps"] for row in record["rows"]] == [2, 4]
+    assert load_map_network(tmp_path / "map.safetensors").settings == network
