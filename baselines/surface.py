@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from coopmap_baselines.lookahead import LookaheadPolicy
+from coopmap_baselines.lookahead import LookaheadPolicy, TeamCoordination
 from coopmap_baselines.planner import Search
 from coopmap_env.envs import Belief, Foresight
 from coopmap_env.information import near_surface_chances
@@ -16,16 +14,7 @@ class SurfacePolicy(LookaheadPolicy):
     Never-sampled voxels near the known surface count most, as surfaces go on: `coverage` and
     `lookahead` count all alike, and most of them are air.
 
-    Parameters
-    ----------
-    horizon : int
-        See `LookaheadPolicy`.
-    search : int or "exhaustive"
-        Number of random poses, of which the first view is one.
-    motion_weight : float
-        Gain, as a fraction of a full view, that is worth one unit of d (Eq. 5).
-    **options
-        The others of `LookaheadPolicy`.
+    Parameters are those of `LookaheadPolicy`, with other defaults.
 
     Raises
     ------
@@ -36,11 +25,14 @@ class SurfacePolicy(LookaheadPolicy):
     def __init__(
         self,
         horizon: int = 1,
+        width: int = 16,
         search: Search = 100,
+        samples: int = 150,
+        coordination: TeamCoordination = "sequential",
+        discount: float = 0.5,
         motion_weight: float = 2e-4,
-        **options: Any,
     ) -> None:
-        super().__init__(horizon, search=search, motion_weight=motion_weight, **options)
+        super().__init__(horizon, width, search, samples, coordination, discount, motion_weight)
 
     def foresight(self, belief: Belief) -> Foresight:
         """The map with the probability that each unknown voxel is surface."""
