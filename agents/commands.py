@@ -67,12 +67,12 @@ class Train(EnvironmentOptions, TrainingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class TrainMap(MapTrainingConfig):
-    """Train a network that predicts the unknown part of planar maps.
+    """Train a network that predicts the unknown part of maps.
 
     Writes map.safetensors (the best one on validation worlds, for `coopmap evaluate --policies
-    predictive:model=...`), training.json (configuration and learning curve), a checkpoint, and the
-    maps that it learns from. The same command resumes an interrupted training, with the same result
-    as without the interruption. Needs the extra rl.
+    predictive:model=...`, in the field predictive_surface:model=...), training.json (configuration
+    and learning curve), a checkpoint, and the maps that it learns from. The same command resumes an
+    interrupted training, with the same result as without the interruption. Needs the extra rl.
 
     Such as:
       coopmap train-map --out results/map

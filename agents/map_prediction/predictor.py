@@ -64,7 +64,8 @@ class MapPredictor:
         if map_.grid.dimension != needed:
             raise ValueError(
                 f"this map network predicts maps of {needed} dimensions, and this one has "
-                f"{map_.grid.dimension}: choose another model"
+                f"{map_.grid.dimension}: choose predictive in the plane, predictive_surface in the "
+                "field, or another model"
             )
         with torch_threads(1), torch.inference_mode():
             logits = self.network(torch.from_numpy(map_image(map_))[None])[0]

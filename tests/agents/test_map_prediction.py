@@ -163,7 +163,7 @@ def test_weights_that_are_too_large_are_named_when_they_are_used():
 @pytest.mark.parametrize(("network", "shape"), [("TINY", (3, 3, 3)), ("SMALL", (5, 5))])
 def test_maps_of_another_dimension_are_refused(network, shape):
     predictor = MapPredictor(tiny_network(settings=globals()[network]))
-    with pytest.raises(ValueError, match=rf"this one has {len(shape)}: choose another model"):
+    with pytest.raises(ValueError, match=rf"this one has {len(shape)}: choose predictive in"):
         predictor.occupancy(OccupancyMap(VoxelGrid(shape)))
 
 
