@@ -25,6 +25,7 @@ PAGES = {
         "leaderboard",
         "families",
         "map_prediction",
+        "predicted_maps",
         "what_was_tried",
     )
 }

@@ -108,7 +108,7 @@ def test_policies_of_one_kind_of_environment_do_not_play_the_other():
         kind: {name for name, entry in PLAYED_POLICIES.items() if entry.only == kind}
         for kind in ("planar", "field")
     }
-    assert (len(only["planar"]), len(only["field"])) == (7, 2)
+    assert (len(only["planar"]), len(only["field"])) == (8, 2)
     assert not only["planar"] & set(_usual_policies(families.get("time")))
     assert not only["field"] & set(_usual_policies(families.get("motion-budget")))
 
