@@ -21,8 +21,8 @@ module              content
                     network as a policy of the evaluation; `pretrained_names`: policies that ship
                     with coopmap
 ``map_config``      `MapTrainingConfig`: how a map network is trained
-``map_prediction``  `MapPredictor`: a network that predicts the unknown part of a planar map;
-                    `PredictivePolicy` plans on it; `run_map_training`
+``map_prediction``  `MapPredictor`: a network that predicts the unknown part of a map;
+                    `PredictivePolicy` and `PredictiveSurfacePolicy` plan on it; `run_map_training`
 ``commands``        `coopmap train`, `coopmap train-map`
 ==================  ================================================================================
 

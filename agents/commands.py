@@ -77,6 +77,8 @@ class TrainMap(MapTrainingConfig):
     Such as:
       coopmap train-map --out results/map
       coopmap train-map --families crowded --scenes --episodes 100 --out results/map-crowded
+      coopmap train-map --env-name field --families occluded --scenes worksite clutter rubble
+        --network.dimension 3 --network.stride 4 --total-steps 1000 --out results/map-field
     """
 
     out: Path

@@ -5,7 +5,7 @@ from __future__ import annotations
 from coopmap_baselines.lookahead import LookaheadPolicy, TeamCoordination
 from coopmap_baselines.planner import Search
 from coopmap_env.envs import Belief, Foresight
-from coopmap_env.information import near_surface_chances
+from coopmap_env.information import near_surface_weights
 
 
 class SurfacePolicy(LookaheadPolicy):
@@ -14,7 +14,8 @@ class SurfacePolicy(LookaheadPolicy):
     Never-sampled voxels near the known surface count most, as surfaces go on: `coverage` and
     `lookahead` count all alike, and most of them are air.
 
-    Parameters are those of `LookaheadPolicy`, with other defaults.
+    Parameters are those of `LookaheadPolicy`, with other defaults. Of motion weights from 0 to
+    0.0004, 0.0002 covered most on training worlds, with less motion than `coverage`.
 
     Raises
     ------
@@ -35,5 +36,5 @@ class SurfacePolicy(LookaheadPolicy):
         super().__init__(horizon, width, search, samples, coordination, discount, motion_weight)
 
     def foresight(self, belief: Belief) -> Foresight:
-        """The map with the probability that each unknown voxel is surface."""
-        return belief.planning.foresight(belief, near_surface_chances(belief.map))
+        """The map, with how much each unknown voxel counts as surface."""
+        return belief.planning.foresight(belief, near_surface_weights(belief.map))

@@ -1,9 +1,10 @@
 """Prediction of what lies in the unknown part of a map, and planning with it.
 
-A network sees the team's map, and gives the probability that each unknown cell is occupied. It is
-trained on maps that planners made of training worlds, with the truth behind them.
-`PredictivePolicy` is the look-ahead planner on the predicted map. Other planners can use
-`MapPredictor.occupancy` too: `Planning.foresight` takes it::
+A network sees the team's map, and gives the probability that a beam that reaches an unknown cell
+ends there; in space, that an unknown voxel is surface. It is trained on maps that planners made of
+training worlds, with the truth behind them. `PredictivePolicy` is the look-ahead planner on the
+predicted planar map, `PredictiveSurfacePolicy` the planner of new surface on the predicted field
+map. Other planners can use `MapPredictor.occupancy` too: `Planning.foresight` takes it::
 
     coopmap train-map --out results/map
     coopmap evaluate --family crowded --policies predictive,lookahead:horizon=1

@@ -27,7 +27,7 @@ class MapExamples(NamedTuple):
     occupied: NDArray[np.bool_]
     """What is predicted; see `predicted_cells`."""
     weights: NDArray[np.float32]
-    """How much a cell counts: 0 if it is known or out of sight; see `cell_weights`."""
+    """How much a cell counts: 0 if it is known; see `cell_weights`."""
 
 
 def map_image(map_: OccupancyMap) -> NDArray[np.uint8]:
@@ -42,7 +42,7 @@ def predicted_cells(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """What a network is to predict of the true world: in the plane, the occupied cells.
 
     In space, surface alone: occupied voxels with a free neighbour. There, views are expected to
-    show what they would if unknown voxels were free, so the inside of solids must not count.
+    show what they would if unknown voxels were free, so the inside of solids has to count as none.
     """
     return occupied & _beside_free(occupied) if occupied.ndim == 3 else occupied.copy()
 
@@ -58,9 +58,10 @@ def cell_weights(image: NDArray[np.uint8], occupied: NDArray[np.bool_]) -> NDArr
     """Weights of the cells of an image: exp(-d / `NEAR_CELLS`), and 0 if known or out of sight.
 
     d is the distance to the nearest cell that is known to be free, by the longest of dx, dy and dz,
-    in cells. Out of sight are occupied cells without a free neighbour: no beam ends there. So a
-    planar network learns the fraction of surfaces among the cells that beams get to, which is what
-    they need: the fraction of all occupied cells is far larger where obstacles are thick.
+    in cells. Out of sight are cells of `occupied` without a neighbour that is not: no beam ends
+    there. Of `predicted_cells` in space there are none. So a planar network learns the fraction of
+    surfaces among the cells that beams get to, which is what they need: the fraction of all
+    occupied cells is far larger where obstacles are thick.
     """
     counts = (image == UNKNOWN) & _beside_free(occupied)
     free = image < KNOWN_SCALE / 2
@@ -98,7 +99,7 @@ def collect_examples(
         for scan in np.random.default_rng(seed).permutation(len(played))[:n_maps]:
             images.append(played[scan])
             occupied.append(predicted_cells(env.truth.occupied))
-    if not images:
+    if not images or n_maps < 1:
         raise ValueError("examples need seeds of episodes, and one map of each at least")
     weights = [cell_weights(*example) for example in zip(images, occupied, strict=True)]
     return MapExamples(np.stack(images), np.stack(occupied), np.stack(weights))

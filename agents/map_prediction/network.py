@@ -107,20 +107,23 @@ class _Layers:
     """The layers of a network of some dimension."""
 
     def __init__(self, dimension: int) -> None:
-        self.kind = nn.Conv2d if dimension == 2 else nn.Conv3d
+        self._convolution = nn.Conv2d if dimension == 2 else nn.Conv3d
         self._block_size = 3 if dimension == 2 else 1
         self._parts = 2**dimension
 
     def block_layer(self, n_in: int, n_out: int) -> nn.Module:
-        """Of the channels that are cells of a block; in space, more of them would take longest."""
-        return self.kind(n_in, n_out, self._block_size, padding=self._block_size // 2)
+        """To or from channels that are the cells of blocks.
+
+        In space 1 x 1 x 1: larger kernels on so many channels would take most of the time.
+        """
+        return self._convolution(n_in, n_out, self._block_size, padding=self._block_size // 2)
 
     def convolution(self, n_in: int, n_out: int | None = None, dilation: int = 1) -> nn.Sequential:
-        layer = self.kind(n_in, n_out or n_in, 3, padding=dilation, dilation=dilation)
+        layer = self._convolution(n_in, n_out or n_in, 3, padding=dilation, dilation=dilation)
         return nn.Sequential(layer, nn.ReLU())
 
     def halving(self, n_in: int, n_out: int) -> nn.Sequential:
-        return nn.Sequential(self.kind(n_in, n_out, 4, stride=2, padding=1), nn.ReLU())
+        return nn.Sequential(self._convolution(n_in, n_out, 4, stride=2, padding=1), nn.ReLU())
 
     def doubling(self, n_in: int, n_out: int) -> nn.Sequential:
-        return nn.Sequential(self.kind(n_in, self._parts * n_out, 1), nn.ReLU(), _Unfold())
+        return nn.Sequential(self._convolution(n_in, self._parts * n_out, 1), nn.ReLU(), _Unfold())

@@ -85,8 +85,10 @@ class PredictiveSurfacePolicy(_OnPredictedMaps):
     ----------
     model : MapNetwork or path, optional
         By default the network that ships with coopmap.
-    horizon, search
-        See `SurfacePolicy`.
+    horizon : int
+        Views of each robot that are planned one after another.
+    search : int or "exhaustive"
+        Number of random poses, of which the first view is one.
     motion_weight : float
         Gain, as a fraction of a full view, that is worth one unit of d (Eq. 5). On validation
         worlds, 0.001 covers as much as less does, and 0.002 a little less for less motion.

@@ -26,19 +26,22 @@ arithmetic hardly ever matter."""
 
 
 class MapPredictor:
-    """The probability that each cell of a map is occupied, as a network predicts it.
+    """What lies in the unknown cells of a map, as a network predicts it.
+
+    In the plane, the probability that a beam that reaches a cell ends there; in space, that a voxel
+    is surface.
 
     Parameters
     ----------
     model : MapNetwork or path, optional
-        By default the network that ships with coopmap for maps of this dimension.
+        By default the network that ships with coopmap.
     dimension : {2, 3}
-        Of the maps, for the default.
+        Of the maps.
 
     Raises
     ------
     ValueError
-        If it is none of these.
+        If it is none of these, or of another dimension.
     FileError
         If the file is not of a map network.
     """
@@ -48,11 +51,19 @@ class MapPredictor:
     ) -> None:
         if model is not None and not isinstance(model, MapNetwork | str | os.PathLike):
             raise ValueError(f"model must be a file or a MapNetwork, got {brief(model)}")
+        if dimension not in MODEL_FILES:
+            raise ValueError(f"dimension must be one of {[*MODEL_FILES]}, got {brief(dimension)}")
         path = shipped_path(dimension) if model is None else model
         self.network = path if isinstance(path, MapNetwork) else load_map_network(path)
+        found = self.network.settings.dimension
+        if found != dimension:
+            raise ValueError(
+                f"a network for maps of {dimension} dimensions is needed, and this one is for "
+                f"{found}: {brief(model)}"
+            )
 
     def occupancy(self, map_: OccupancyMap) -> NDArray[np.float32]:
-        """Predicted P(occupied) (n_cells,), flat, a multiple of 1/255.
+        """Prediction for each cell (n_cells,), flat, a multiple of 1/255.
 
         Raises
         ------

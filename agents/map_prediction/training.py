@@ -75,7 +75,8 @@ def run_map_training(
     Raises
     ------
     ValueError
-        If the folder holds another training, or a family or scene is unknown or not planar.
+        If the folder holds another training, or a family or scene is unknown or not of its
+        environment.
     FileError
         If the folder holds broken files; the message says what to do.
     FolderInUseError

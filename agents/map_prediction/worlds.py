@@ -26,7 +26,10 @@ def make_world(name: str, config: MapTrainingConfig, split: str) -> MappingEnv[A
         return make_env(config.env_name, {"scene": name, "split": split}, None)
     found = families.get(name).env_name
     if found != config.env_name:
-        raise ValueError(f"this training is of {config.env_name} worlds, and {name!r} of {found}")
+        raise ValueError(
+            f"this training is of {config.env_name} worlds, and {name!r} of {found}: choose other "
+            "families, or another env_name"
+        )
     return families.make(name, split)
 
 

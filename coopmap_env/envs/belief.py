@@ -146,7 +146,8 @@ class Planning(Protocol):
         ----------
         belief : Belief
         unknown_occupancy : ndarray of float32, shape (n_cells,), optional
-            Predicted probability that each cell is occupied; those of sampled cells are not used.
+            Predicted probability that a beam that reaches a cell ends there, or in the field that a
+            voxel is surface; those of sampled cells are not used.
 
         Raises
         ------

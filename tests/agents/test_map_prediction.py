@@ -36,7 +36,7 @@ from coopmap_env.core.settings import settings_from_dict
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import make_policy, rollout
-from coopmap_env.information import PlanarExpectedViews, near_surface_chances
+from coopmap_env.information import PlanarExpectedViews, near_surface_weights
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.simulation.scenes.planar import Rooms
 
@@ -160,9 +160,9 @@ def test_weights_that_are_too_large_are_named_when_they_are_used():
         MapPredictor(network).occupancy(random_map(np.random.default_rng(1), (16, 16)))
 
 
-@pytest.mark.parametrize(("network", "shape"), [("TINY", (3, 3, 3)), ("SMALL", (5, 5))])
-def test_maps_of_another_dimension_are_refused(network, shape):
-    predictor = MapPredictor(tiny_network(settings=globals()[network]))
+@pytest.mark.parametrize(("settings", "shape"), [(TINY, (3, 3, 3)), (SMALL, (5, 5))])
+def test_maps_of_another_dimension_are_refused(settings, shape):
+    predictor = MapPredictor(tiny_network(settings=settings), dimension=settings.dimension)
     with pytest.raises(ValueError, match=rf"this one has {len(shape)}: choose predictive in"):
         predictor.occupancy(OccupancyMap(VoxelGrid(shape)))
 
@@ -271,6 +271,12 @@ def test_wrong_options_are_named():
         PredictivePolicy(tiny_network(), horizon=9)
     with pytest.raises(FileError, match=r"nowhere\.safetensors"):
         PredictivePolicy("nowhere.safetensors")
+    with pytest.raises(ValueError, match="maps of 3 dimensions is needed, and this one is for 2"):
+        PredictiveSurfacePolicy(tiny_network())
+    with pytest.raises(ValueError, match="maps of 2 dimensions is needed, and this one is for 3"):
+        PredictivePolicy(shipped_path(3))
+    with pytest.raises(ValueError, match=r"dimension must be one of \[2, 3\], got 4"):
+        MapPredictor(dimension=4)
     for model in (True, 3, 3.5, b"nowhere"):
         with pytest.raises(ValueError, match="model must be a file or a MapNetwork, got"):
             PredictivePolicy(model)
@@ -283,8 +289,9 @@ def test_maps_are_drawn_from_the_scans_that_are_played():
 
 
 def test_examples_of_no_episode_are_refused():
-    with closing(small_env()) as env, pytest.raises(ValueError, match="need seeds of episodes"):
-        collect_examples(env, [make_policy("random")], [], n_maps=1)
+    for seeds, n_maps in (([], 1), ([0], 0), ([0], -1)):
+        with closing(small_env()) as env, pytest.raises(ValueError, match="need seeds of episodes"):
+            collect_examples(env, [make_policy("random")], seeds, n_maps)
 
 
 def test_the_network_that_ships_predicts_better_than_constant_hazards():
@@ -320,9 +327,10 @@ def test_the_planner_of_surface_counts_what_its_network_predicts():
         policy = PredictiveSurfacePolicy(tiny_network(settings=SMALL), search=10)
         belief = next(iter(rollout(env, policy, 3))).belief
         poses, occupancy = belief.feasible_poses(0)[:5], policy.predictor.occupancy(belief.map)
-        gains = policy.foresight(belief).gain(0, poses)
-        expected = belief.planning.foresight(belief, occupancy).gain(0, poses)
-        np.testing.assert_array_equal(gains, expected)
+        new = np.where(belief.map.sampled_mask == 0, occupancy, 0.0)
+        sums = [new[belief.visible_cells(0, pose)].sum(dtype=float) for pose in poses]
+        expected = np.array(sums) / belief.rating_function.max_visible_cells
+        np.testing.assert_allclose(policy.foresight(belief).gain(0, poses), expected, rtol=1e-9)
         runs = [[step.actions for step in rollout(env, policy, 3)] for _ in range(2)]
     for one, other in zip(*runs, strict=True):
         for agent, action in one.items():
@@ -340,7 +348,7 @@ def test_the_field_network_that_ships_predicts_better_than_distances_alone():
                 shape = surface.shape
                 guesses = {
                     "network": predictor.occupancy(map_),
-                    "distances": near_surface_chances(map_),
+                    "distances": near_surface_weights(map_),
                 }
                 for name, guess in guesses.items():
                     scores = score_predictions(guess.reshape(shape), surface, weights)

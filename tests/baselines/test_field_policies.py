@@ -12,7 +12,7 @@ from coopmap_env.evaluation import run_episode
 from coopmap_env.information import (
     adjacent_to_unknown,
     first_visible_point,
-    near_surface_chances,
+    near_surface_weights,
 )
 
 pytest.importorskip("pybullet")
@@ -190,13 +190,13 @@ def test_the_surface_planner_takes_the_pose_with_most_expected_surface(belief):
     policy.reset(np.random.default_rng(3))
     chosen = policy.act(belief, {})["robot_0"]
     poses = belief.random_poses(0, 20, np.random.default_rng(3))
-    chances = np.where(belief.map.sampled_mask == 0, near_surface_chances(belief.map), 0.0)
-    sums = [chances[belief.visible_cells(0, pose)].sum(dtype=float) for pose in poses]
+    weights = np.where(belief.map.sampled_mask == 0, near_surface_weights(belief.map), 0.0)
+    sums = [weights[belief.visible_cells(0, pose)].sum(dtype=float) for pose in poses]
     np.testing.assert_array_equal(chosen, belief.action_for(0, poses[np.argmax(sums)]))
 
 
 def test_the_surface_planner_refuses_planar_worlds():
     env = PlanarEnv(max_scans=2)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="this one is planar: choose lookahead or predictive"):
+    with pytest.raises(ValueError, match="this one is planar: choose lookahead"):
         coopmap_baselines.make("surface").act(env.belief(), {})

@@ -18,15 +18,15 @@ class FieldForesight:
     """See `Foresight`; views show voxels but open no new poses: vehicles stand still.
 
     What a view brings are all never-sampled voxels that it shows, or with predictions the number of
-    them that are expected to be occupied: the surface. Robots that are not located know nothing of
-    the map of the predictions, and count all voxels of their own.
+    them that are expected to be surface. Robots that are not located know nothing of the map of the
+    predictions, and count all voxels of their own: some ten times more, so that motion weighs less.
     """
 
     belief: FieldBelief
     seen_mask: ReservedMask
     """Voxels that views will have shown (n_cells,); changed by `take`."""
     surface: NDArray[np.float32] | None = None
-    """Probability that each voxel is occupied and new (n_cells,)."""
+    """Probability that each voxel is surface and new (n_cells,)."""
 
     @classmethod
     def of_belief(

@@ -119,7 +119,7 @@ class FieldRatingFunction:
         """Sum of the weights (n_cells,) of the voxels that each pose would see, shape (k,).
 
         Voxels that do not count have no weight: the reserved mask is not used. The resolution is
-        that of the map.
+        that of the map, also where the context asks for half of it. Weights have to be finite.
 
         Raises
         ------

@@ -36,8 +36,8 @@ class Score:
     """Whether to compare with the bounds."""
     replays: Path | None = None
     """Folder of yours in which finished replays are kept, so that an interrupted command goes on.
-    They count again as long as the record of the episode and coopmap itself are the same. By
-    default, everything is replayed."""
+    They count again as long as the record of the episode, coopmap and its libraries are the same.
+    By default, everything is replayed."""
     salt: Path | None = None
     """File of the salt, for private worlds."""
     workers: int = 1

@@ -81,8 +81,10 @@ SURFACE = {
 def entries_of(family: Family) -> dict[str, Entry]:
     """The entries that fit a family, by name."""
     entries = {**PLANNERS, **LEARNED[family.env_name]}
-    entries |= MANY_POSES if family.env_name == "planar" else SURFACE
-    if family.env_name == "planar" and "max_time" in family.budget:
+    if family.env_name != "planar":
+        return entries | SURFACE
+    entries |= MANY_POSES
+    if "max_time" in family.budget:
         entries |= WEIGHING
     return entries
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +24,7 @@ from coopmap_env.studies.common.pages import format_interval
 from coopmap_env.studies.leaderboard.play import remembered_env
 from coopmap_env.studies.leaderboard.private_worlds import Salt, world_seed
 from coopmap_env.studies.leaderboard.replay import ReplayError, replay_episode
-from coopmap_env.studies.leaderboard.reported import other_versions
+from coopmap_env.studies.leaderboard.reported import other_versions, own_versions
 from coopmap_env.studies.leaderboard.submission import (
     Submission,
     SubmissionError,
@@ -81,8 +84,10 @@ def score_file(
     progress : bool
         Show a bar (extra ``cli``).
     replays : Path, optional
-        Folder in which finished replays are kept. They count again as long as the episode's record
-        and the modules of coopmap are the same. By default none is kept.
+        Folder in which finished replays are kept, with their efficiencies. They count again as long
+        as the episode's record, the modules of coopmap, the versions of libraries and the folder of
+        the bounds are the same; bounds that are kept there are not read again. By default
+        everything is replayed.
 
     Raises
     ------
@@ -100,15 +105,16 @@ def score_file(
             "seed": world_seed(used, submission["family"], record["world"]),
             "is_private": used is not None,
             "record": record,
-            "bounds": None if bounds is None else str(bounds),
-            "sources": source_hash(),
+            "bounds": None if bounds is None else str(bounds.resolve()),
+            "versions": {**own_versions(), "sources": source_hash()},
         }
         for record in submission["episodes"]
     ]
     try:
-        with tempfile.TemporaryDirectory() as folder:  # nothing is believed without a replay
-            kept = replays or Path(folder)
-            found = run_jobs(score_job, jobs, kept, workers, progress, is_valid=_is_result)
+        with _folder_of(replays) as folder:
+            found = run_jobs(
+                score_job, jobs, folder, workers, progress, is_valid=partial(_is_result, bounds)
+            )
     except ReplayError as error:
         raise SubmissionError(f"{path}: does not replay: {error}") from error
     records = submission["episodes"]
@@ -121,10 +127,24 @@ def score_file(
     return Scored(path, submission, scores, columns)
 
 
-def _is_result(value: Any) -> bool:
-    """Whether a kept replay can be used."""
-    pair = value.get("efficiency", []) if has_type(value, dict[str, list[float] | None]) else []
-    return pair is None or len(pair) == len(EFFICIENCY_SCORES)
+@contextmanager
+def _folder_of(replays: Path | None) -> Iterator[Path]:
+    """The folder of kept replays, or an empty one for the time of the context."""
+    if replays is not None:
+        yield replays
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
+def _is_result(bounds: Path | None, value: Any) -> bool:
+    """Whether a kept replay can be used; it has an efficiency if there are bounds."""
+    if not has_type(value, dict[str, list[float] | None]) or set(value) != {"efficiency"}:
+        return False
+    pair = value["efficiency"]
+    if pair is None:
+        return bounds is None
+    return len(pair) == len(EFFICIENCY_SCORES) and all(math.isfinite(score) for score in pair)
 
 
 def _defined(score: float | None) -> float:

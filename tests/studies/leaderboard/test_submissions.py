@@ -342,9 +342,10 @@ def test_kept_replays_count_again_for_the_same_records_alone(files, tmp_path, mo
     monkeypatch.setattr(score, "replay_episode", replay)
     assert rescore(path, replays=kept) == first
     assert replayed == []
-    sorted(kept.glob("*.json"))[0].write_text('{"efficiency": "high"}')
-    assert rescore(path, replays=kept) == first
-    assert len(replayed) == 1
+    for broken in ("high", [0.5], [0.5, "high"]):
+        sorted(kept.glob("*.json"))[0].write_text(json.dumps({"efficiency": broken}))
+        assert rescore(path, replays=kept) == first
+    assert len(replayed) == 3
     with pytest.raises(SubmissionError, match="does not replay"):
         rescore(tampered(path, tmp_path, scores(1, shown=0.9)), replays=kept)
     monkeypatch.setattr(score, "source_hash", lambda: "others")
