@@ -113,6 +113,19 @@ def test_policies_of_one_kind_of_environment_do_not_play_the_other():
     assert not only["field"] & set(_usual_policies(families.get("motion-budget")))
 
 
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("greedy", "unknown policy 'greedy'; choose from random; rating"),
+        ("surface, m = 100", "'surface, m = 100' is for field families, and 'crowded' is a planar"),
+    ],
+)
+def test_names_that_do_not_fit_are_refused_before_the_first_episode(name, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        play_family(families.get("crowded"), "test", [0, 1], tmp_path, names=["random", name])
+    assert not list(tmp_path.iterdir())
+
+
 def test_references_of_the_field_are_played_with_a_bound(tmp_path, monkeypatch):
     pytest.importorskip("pybullet")
     pytest.importorskip("embreex")

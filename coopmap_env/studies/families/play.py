@@ -128,9 +128,15 @@ def play_family(
     names : sequence of str, optional
         Keys of `PLAYED_POLICIES` and `CLAIRVOYANT`; by default all that are installed and fit the
         family.
+
+    Raises
+    ------
+    ValueError
+        If a name is none of these, or is of a policy for the other kind of environment.
     """
     is_planar = family.env_name == "planar"
     chosen = list(names or [*_usual_policies(family), *CLAIRVOYANT])
+    _check_names(family, chosen)
     evaluations: dict[str, Evaluation] = {}
     entries = {n: PLAYED_POLICIES[n] for n in chosen if n in PLAYED_POLICIES}
     modes = dict.fromkeys((entry.action_mode, entry.n_candidates) for entry in entries.values())
@@ -159,6 +165,19 @@ def play_family(
     ordered = {name: evaluations[name] for name in chosen}
     played = Played(ordered, kinds, len(seeds), surface_bounds=bounds)
     return _with_bounds(family, split, seeds, folder, workers, played) if is_planar else played
+
+
+def _check_names(family: Family, names: Sequence[str]) -> None:
+    for name in names:
+        entry = PLAYED_POLICIES.get(name)
+        if entry is None and name not in CLAIRVOYANT:
+            choices = "; ".join([*PLAYED_POLICIES, *CLAIRVOYANT])
+            raise ValueError(f"unknown policy {name!r}; choose from {choices}")
+        if entry is not None and entry.only not in (None, family.env_name):
+            raise ValueError(
+                f"{name!r} is for {entry.only} families, and {family.name!r} is a "
+                f"{family.env_name} one"
+            )
 
 
 def _usual_policies(family: Family) -> list[str]:
