@@ -1,7 +1,7 @@
 """Prediction of what lies in the unknown part of a map, and planning with it.
 
 A network sees the team's map, and gives the probability that a beam that reaches an unknown cell
-ends there; in space, that an unknown voxel is surface. It is trained on maps that planners made of
+ends there; in 3-D, that an unknown voxel is surface. It is trained on maps that planners made of
 training worlds, with the truth behind them. `PredictivePolicy` is the look-ahead planner on the
 predicted planar map, `PredictiveSurfacePolicy` the planner of new surface on the predicted field
 map. Other planners can use `MapPredictor.occupancy` too: `Planning.foresight` takes it::

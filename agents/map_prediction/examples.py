@@ -39,9 +39,9 @@ def map_image(map_: OccupancyMap) -> NDArray[np.uint8]:
 
 
 def predicted_cells(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """What a network is to predict of the true world: in the plane, the occupied cells.
+    """What a network is to predict of the true world: of a planar one, the occupied cells.
 
-    In space, surface alone: occupied voxels with a free neighbour. There, views are expected to
+    In 3-D, surface alone: occupied voxels with a free neighbour. There, views are expected to
     show what they would if unknown voxels were free, so the inside of solids has to count as none.
     """
     return occupied & _beside_free(occupied) if occupied.ndim == 3 else occupied.copy()
@@ -59,7 +59,7 @@ def cell_weights(image: NDArray[np.uint8], occupied: NDArray[np.bool_]) -> NDArr
 
     d is the distance to the nearest cell that is known to be free, by the longest of dx, dy and dz,
     in cells. Out of sight are cells of `occupied` without a neighbour that is not: no beam ends
-    there. Of `predicted_cells` in space there are none. So a planar network learns the fraction of
+    there. Of `predicted_cells` in 3-D there are none. So a planar network learns the fraction of
     surfaces among the cells that beams get to, which is what they need: the fraction of all
     occupied cells is far larger where obstacles are thick.
     """

@@ -114,7 +114,7 @@ class _Layers:
     def block_layer(self, n_in: int, n_out: int) -> nn.Module:
         """To or from channels that are the cells of blocks.
 
-        In space 1 x 1 x 1: larger kernels on so many channels would take most of the time.
+        In 3-D 1 x 1 x 1: larger kernels on so many channels would take most of the time.
         """
         return self._convolution(n_in, n_out, self._block_size, padding=self._block_size // 2)
 

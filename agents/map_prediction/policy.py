@@ -1,4 +1,4 @@
-"""Look-ahead on maps whose unknown part is predicted, in the plane and in the field."""
+"""Look-ahead on maps whose unknown part is predicted, planar and field ones."""
 
 from __future__ import annotations
 

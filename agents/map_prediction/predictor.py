@@ -28,8 +28,8 @@ arithmetic hardly ever matter."""
 class MapPredictor:
     """What lies in the unknown cells of a map, as a network predicts it.
 
-    In the plane, the probability that a beam that reaches a cell ends there; in space, that a voxel
-    is surface.
+    In 2-D, the probability that a beam that reaches a cell ends there; in 3-D, that a voxel is
+    surface.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ class MapPredictor:
         if map_.grid.dimension != needed:
             raise ValueError(
                 f"this map network predicts maps of {needed} dimensions, and this one has "
-                f"{map_.grid.dimension}: choose predictive in the plane, predictive_surface in the "
-                "field, or another model"
+                f"{map_.grid.dimension}: choose predictive in 2-D, predictive_surface in 3-D, "
+                "or another model"
             )
         with torch_threads(1), torch.inference_mode():
             logits = self.network(torch.from_numpy(map_image(map_))[None])[0]

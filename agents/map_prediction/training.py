@@ -225,7 +225,7 @@ def weighted_loss(
 def _draw_batch(
     examples: MapExamples, config: MapTrainingConfig, rng: np.random.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Some maps, turned, mirrored and shifted in the plane; images as bytes, others as float32."""
+    """Some maps, turned, mirrored and shifted horizontally; images as bytes, others as float32."""
     chosen = rng.integers(len(examples.images), size=config.batch_size)
     turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
     cut = rng.integers(config.shift + 1, size=2)
