@@ -128,8 +128,13 @@ def make_plan(
     return BenchmarkPlan(tuple(main), tuple(sweeps), tuple(generalization), tuple(notes))
 
 
-PREDICTED_MAP = predicting_method("predictive:search=100", "predicted map, m = 100")
-PREDICTED_SURFACE = predicting_method("predictive_surface:search=100", "predicted surface, m = 100")
+PREDICTED_MAP, PREDICTED_SURFACE = (
+    predicting_method(f"{spec}:search=100", f"{label}, m = 100", POSE_MODE, plotted=True)
+    for spec, label in (
+        ("predictive", "predicted map"),
+        ("predictive_surface", "predicted surface"),
+    )
+)
 """They choose among as many poses as the planners beside them."""
 PLANAR_CANDIDATES, FIELD_CANDIDATES = (
     learned_method(
@@ -140,6 +145,7 @@ PLANAR_CANDIDATES, FIELD_CANDIDATES = (
 PLANAR_POSES = learned_method("planar-pose", "learned, poses", POSE_MODE, plotted=True)
 PLANAR_METHODS = (
     PREDICTED_MAP,
+    predicting_method("predictive", f"predicted map, {N_CANDIDATES} candidates", CANDIDATE_MODE),
     PLANAR_CANDIDATES,
     learned_method(
         "planar-candidates-rating",
@@ -166,6 +172,9 @@ PLANAR_METHODS = (
 """Methods of the main condition, besides the tuned planners."""
 FIELD_METHODS = (
     PREDICTED_SURFACE,
+    predicting_method(
+        "predictive_surface", f"predicted surface, {N_CANDIDATES} candidates", CANDIDATE_MODE
+    ),
     FIELD_CANDIDATES,
     planner_method("rating_function", CANDIDATE_MODE, plotted=True),
     planner_method("rating_function:search=100", POSE_MODE),
