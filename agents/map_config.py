@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, Literal
 
 from coopmap_env.core.settings import (
@@ -131,7 +131,7 @@ class MapTrainingOptions(Settings):
     """Gradients with a larger norm are clipped to it."""
     shift: Annotated[int, Bounds(at_least=0, at_most=64)] = 8
     """Maps are cut by up to this many cells on two sides, which shifts the network's blocks."""
-    network: MapNetworkOptions = field(default_factory=MapNetworkOptions)
+    network: MapNetworkOptions = MapNetworkOptions()
     """Size of the network."""
 
 
