@@ -7,7 +7,7 @@ blocks (n, s**d, *blocks).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ def folded_images(images: NDArray[np.uint8], stride: int) -> NDArray[np.float32]
 def cells_of(blocks: ArrayT, stride: int, shape: tuple[int, ...]) -> ArrayT:
     """Values (n, *shape) of the cells of maps, of the output of a network."""
     cells = unfold(blocks, stride)[:, 0]
-    return cast(ArrayT, cells[(slice(None), *(slice(size) for size in shape))])
+    return cells[(slice(None), *(slice(size) for size in shape))]
 
 
 def _channels(images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -76,7 +76,7 @@ def unfold(blocks: ArrayT, side: int) -> ArrayT:
     parts = blocks.reshape(n, channels // side**d, *[side] * d, *shape)
     axes = unfolding_axes(d)
     cells = parts.transpose(*axes) if isinstance(parts, np.ndarray) else parts.permute(*axes)
-    return cast(ArrayT, cells.reshape(n, channels // side**d, *(side * size for size in shape)))
+    return cells.reshape(n, channels // side**d, *(side * size for size in shape))
 
 
 def unfolding_axes(dimension: int) -> tuple[int, ...]:

@@ -102,9 +102,7 @@ class MapPredictor:
         probability = self.network.probability(map_image(map_)[None]).ravel()
         if not np.isfinite(probability).all():
             raise ValueError("this map network gives no predictions for this map")
-        levels = np.float32(LEVELS)
-        occupancy: NDArray[np.float32] = np.round(levels * probability) / levels
-        return occupancy
+        return (np.round(LEVELS * probability) / LEVELS).astype(np.float32)
 
     @property
     def n_parameters(self) -> int:
