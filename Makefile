@@ -26,7 +26,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Plays an episode in each action mode and with planners, in the environments of some ids.
 PLAY := PYTHONPATH=tests $(BIN)/python -P -m plain.golden 1
 
-.PHONY: setup check kernels test speed reproduce policies $(POLICIES) planners leaderboard engines pictures clean
+.PHONY: setup check kernels test speed reproduce policies $(POLICIES) map-networks planners leaderboard engines pictures clean
 
 setup: .venv/.package
 
@@ -81,6 +81,13 @@ $(POLICIES): setup
 		OMP_NUM_THREADS=1 $(BIN)/coopmap train --out results/$@/$$seed --seed $$seed $($@) || exit 1; \
 	done
 	$(BIN)/python -m coopmap_agents.pretrained.export agents/pretrained/policies/$@ $(addprefix results/$@/,$(SEEDS))
+
+# The networks that predict maps, trained again: about two hours on one core.
+map-networks: setup
+	for env in planar field; do \
+		OMP_NUM_THREADS=1 $(BIN)/coopmap train-map --env-name $$env --out results/map-$$env || exit 1; \
+	done
+	$(BIN)/python -m coopmap_agents.map_prediction.export results/map-planar results/map-field
 
 # The strongest planners by training worlds, which `coopmap compare` plays against.
 planners: setup

@@ -1,7 +1,7 @@
 """The numbers of the networks' architecture; needs no torch.
 
 `coopmap_agents.networks` makes the networks of them for training, `coopmap_agents.pretrained.onnx`
-their graphs for acting without torch.
+their graphs for acting without torch; `coopmap_agents.map_prediction` does both for map networks.
 """
 
 from __future__ import annotations
@@ -46,3 +46,15 @@ def n_image_values(height: int, width: int) -> int:
     for convolution in IMAGE_CONVOLUTIONS:
         height, width = -(-height // convolution.stride), -(-width // convolution.stride)
     return IMAGE_CONVOLUTIONS[-1].channels * height * width
+
+
+BOTTOM_DILATIONS = (1, 2, 4, 1)
+"""Of the convolutions in the lowest level of a map network."""
+
+
+def block_layer_size(dimension: int) -> int:
+    """Cells along the side of the convolutions of a map network to and from the cells of blocks.
+
+    In 3-D 1 x 1 x 1: larger kernels on so many channels would take most of the time.
+    """
+    return 3 if dimension == 2 else 1

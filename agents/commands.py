@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from coopmap_agents.config import EnvConfig, TrainingConfig, TrainingOptions
-from coopmap_agents.map_config import MapTrainingConfig
+from coopmap_agents.map_config import MapTrainingConfig, MapTrainingOptions
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.progress import log
 from coopmap_env.envs import RewardName
@@ -66,7 +66,7 @@ class Train(EnvironmentOptions, TrainingOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainMap(MapTrainingConfig):
+class TrainMap(MapTrainingOptions):
     """Train a network that predicts the unknown part of maps.
 
     Writes map.safetensors (the best one on validation worlds, for `coopmap evaluate --policies
@@ -77,8 +77,7 @@ class TrainMap(MapTrainingConfig):
     Such as:
       coopmap train-map --out results/map
       coopmap train-map --families crowded --scenes --episodes 100 --out results/map-crowded
-      coopmap train-map --env-name field --families occluded --scenes worksite clutter rubble
-        --network.dimension 3 --network.stride 4 --total-steps 1000 --out results/map-field
+      coopmap train-map --env-name field --out results/map-field
     """
 
     out: Path
@@ -90,7 +89,7 @@ class TrainMap(MapTrainingConfig):
         from coopmap_agents.map_prediction.record import progress_line
         from coopmap_agents.map_prediction.training import MODEL_FILE
 
-        values = {option.name: getattr(self, option.name) for option in fields(MapTrainingConfig)}
+        values = {option.name: getattr(self, option.name) for option in fields(MapTrainingOptions)}
         command = shlex.join(["coopmap", *sys.argv[1:]])
         record = run_map_training(MapTrainingConfig(**values), self.out, log, command)
         log(f"network: {self.out / MODEL_FILE}; {progress_line(record).strip()}")

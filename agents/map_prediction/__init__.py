@@ -8,17 +8,29 @@ map. Other planners can use `MapPredictor.occupancy` too: `Planning.foresight` t
 
     coopmap train-map --out results/map
     coopmap evaluate --family crowded --policies predictive,lookahead:horizon=1
+
+What trains, and what reads and writes networks of torch, is loaded on first use: without torch,
+networks predict from their ONNX files.
 """
 
-import coopmap_agents._require_rl  # noqa: F401
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from coopmap_agents.map_config import MapNetworkSettings, MapTrainingConfig
-from coopmap_agents.map_prediction.examples import MapExamples, collect_examples, map_image
-from coopmap_agents.map_prediction.model_file import load_map_network, save_map_network
-from coopmap_agents.map_prediction.network import MapNetwork
+from coopmap_agents.map_prediction.examples import MapExamples, collect_examples
+from coopmap_agents.map_prediction.images import map_image
 from coopmap_agents.map_prediction.policy import PredictivePolicy, PredictiveSurfacePolicy
 from coopmap_agents.map_prediction.predictor import MapPredictor
 from coopmap_agents.map_prediction.scores import PredictionScores, score_predictions
-from coopmap_agents.map_prediction.training import run_map_training
+
+if TYPE_CHECKING:
+    from coopmap_agents.map_prediction.model_file import (
+        convert_map_network,
+        load_map_network,
+        save_map_network,
+    )
+    from coopmap_agents.map_prediction.network import MapNetwork
+    from coopmap_agents.map_prediction.training import run_map_training
 
 __all__ = [
     "MapExamples",
@@ -30,9 +42,24 @@ __all__ = [
     "PredictivePolicy",
     "PredictiveSurfacePolicy",
     "collect_examples",
+    "convert_map_network",
     "load_map_network",
     "map_image",
     "run_map_training",
     "save_map_network",
     "score_predictions",
 ]
+_OF_TORCH = {
+    "MapNetwork": "network",
+    "convert_map_network": "model_file",
+    "load_map_network": "model_file",
+    "run_map_training": "training",
+    "save_map_network": "model_file",
+}
+"""Modules of the names that need torch: they are loaded on first use."""
+
+
+def __getattr__(name: str) -> Any:
+    if name in _OF_TORCH:
+        return getattr(import_module(f"coopmap_agents.map_prediction.{_OF_TORCH[name]}"), name)
+    raise AttributeError(f"module 'coopmap_agents.map_prediction' has no attribute {name!r}")

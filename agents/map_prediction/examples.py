@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_cdt
 
-from coopmap_agents.map_prediction.network import KNOWN_SCALE, UNKNOWN
+from coopmap_agents.map_prediction.images import KNOWN_SCALE, UNKNOWN, map_image
 from coopmap_env.envs import MappingEnv
 from coopmap_env.evaluation import Policy, rollout
-from coopmap_env.mapping import OccupancyMap
 
 NEAR_CELLS = 12.0
 """Cells over which the weight of an unknown cell falls by a factor of e with its distance from
@@ -28,14 +27,6 @@ class MapExamples(NamedTuple):
     """What is predicted; see `predicted_cells`."""
     weights: NDArray[np.float32]
     """How much a cell counts: 0 if it is known; see `cell_weights`."""
-
-
-def map_image(map_: OccupancyMap) -> NDArray[np.uint8]:
-    """The map as bytes, in the shape of its grid: 255 if never sampled, else 254 P, rounded."""
-    p_by_log_odds = np.round(KNOWN_SCALE * map_.log_odds_range.probability).astype(np.uint8)
-    image = p_by_log_odds[map_.log_odds_fixed + map_.log_odds_range.clamp]
-    image[map_.sampled_mask == 0] = UNKNOWN
-    return image.reshape(map_.grid.shape)
 
 
 def predicted_cells(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:

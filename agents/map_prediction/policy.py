@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from coopmap_agents.map_prediction.network import MapNetwork
 from coopmap_agents.map_prediction.predictor import MapPredictor
 from coopmap_baselines import LookaheadPolicy
 from coopmap_baselines.planner import Search
 from coopmap_env.envs import Belief, Foresight
+
+if TYPE_CHECKING:
+    from coopmap_agents.map_prediction.network import MapNetwork
 
 
 class _OnPredictedMaps(LookaheadPolicy):
@@ -63,6 +65,8 @@ class PredictivePolicy(_OnPredictedMaps):
         If an option is not one of its choices.
     FileError
         If the file is not of a map network.
+    ImportError
+        With the pip command, if what the file needs is not installed.
     """
 
     def __init__(
@@ -101,6 +105,8 @@ class PredictiveSurfacePolicy(_OnPredictedMaps):
         If an option is not one of its choices.
     FileError
         If the file is not of a map network.
+    ImportError
+        With the pip command, if what the file needs is not installed.
     """
 
     def __init__(

@@ -1,35 +1,56 @@
-"""Predicted occupancy of the cells of a map, and the networks that ship with coopmap."""
+"""Predicted occupancy of the cells of a map, and the networks that ship with coopmap.
+
+Where torch is installed (extra ``rl``) it predicts, as in trainings. Where it is missing, ONNX
+Runtime does (extra ``onnx``), from the ONNX files of the networks that ship with coopmap. Its
+numbers differ by rounding, by less than 1e-5, and nearly always the same decisions follow. A file
+that ends in ``.onnx`` is run by ONNX Runtime in both cases.
+"""
 
 from __future__ import annotations
 
 import os
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from coopmap_agents.map_prediction.examples import map_image
-from coopmap_agents.map_prediction.model_file import load_map_network
-from coopmap_agents.map_prediction.network import MapNetwork
-from coopmap_agents.pretrained.weights import fingerprint_of
-from coopmap_agents.trainer import torch_threads
+from coopmap_agents._backends import has_torch, require_torch
+from coopmap_agents.map_config import USUAL_TRAININGS, MapNetworkSettings, usual_environment
+from coopmap_agents.map_prediction.images import map_image
+from coopmap_agents.map_prediction.onnx_network import OnnxMapNetwork
+from coopmap_agents.weights import fingerprint_of
 from coopmap_env.core.files import brief
 from coopmap_env.mapping import OccupancyMap
 
-MODEL_FILES = {2: "planar.safetensors", 3: "field.safetensors"}
-"""The networks that ship with coopmap, by the dimension of their maps."""
+if TYPE_CHECKING:
+    from coopmap_agents.map_prediction.network import MapNetwork
+
 LEVELS = 255
 """Predictions are rounded to this fraction of one, so that the last bits of a processor's
 arithmetic hardly ever matter."""
+
+
+class PredictingNetwork(Protocol):
+    """What predicts: a `TorchMapNetwork` or an `OnnxMapNetwork`."""
+
+    @property
+    def settings(self) -> MapNetworkSettings:
+        """Size of the network."""
+
+    def weights(self) -> list[NDArray[np.float32]]:
+        """Weights of the network, in the order of torch."""
+
+    def probability(self, images: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Prediction for each cell of images (n, *shape); see `map_image`."""
 
 
 class MapPredictor:
     """What lies in the unknown cells of a map, as a network predicts it.
 
     In 2-D, the probability that a beam that reaches a cell ends there; in 3-D, that a voxel is
-    surface.
+    surface. The module says whether torch or ONNX Runtime predicts.
 
     Parameters
     ----------
@@ -44,17 +65,17 @@ class MapPredictor:
         If it is none of these, or of another dimension.
     FileError
         If the file is not of a map network.
+    ImportError
+        With the pip command, if what the file needs is not installed.
     """
 
     def __init__(
         self, model: MapNetwork | str | os.PathLike[str] | None = None, dimension: int = 2
     ) -> None:
-        if model is not None and not isinstance(model, MapNetwork | str | os.PathLike):
-            raise ValueError(f"model must be a file or a MapNetwork, got {brief(model)}")
-        if dimension not in MODEL_FILES:
-            raise ValueError(f"dimension must be one of {[*MODEL_FILES]}, got {brief(dimension)}")
-        path = shipped_path(dimension) if model is None else model
-        self.network = path if isinstance(path, MapNetwork) else load_map_network(path)
+        choices = [usual.network.dimension for usual in USUAL_TRAININGS.values()]
+        if dimension not in choices:
+            raise ValueError(f"dimension must be one of {choices}, got {brief(dimension)}")
+        self.network = _predicting_network(model, dimension)
         found = self.network.settings.dimension
         if found != dimension:
             raise ValueError(
@@ -78,31 +99,54 @@ class MapPredictor:
                 f"{map_.grid.dimension}: choose predictive in 2-D, predictive_surface in 3-D, "
                 "or another model"
             )
-        with torch_threads(1), torch.inference_mode():
-            logits = self.network(torch.from_numpy(map_image(map_))[None])[0]
-            levels = (LEVELS * logits.sigmoid()).round() / LEVELS
-        occupancy: NDArray[np.float32] = levels.numpy().ravel()
-        if not np.isfinite(occupancy).all():
+        probability = self.network.probability(map_image(map_)[None]).ravel()
+        if not np.isfinite(probability).all():
             raise ValueError("this map network gives no predictions for this map")
-        return occupancy
+        return (np.round(LEVELS * probability) / LEVELS).astype(np.float32)
 
     @property
     def n_parameters(self) -> int:
         """Numbers of the network."""
-        return sum(values.numel() for values in self.network.parameters())
+        return sum(values.size for values in self.network.weights())
 
     @property
     def model_bytes(self) -> int:
         """Bytes of these."""
-        return sum(values.nbytes for values in self.network.parameters())
+        return sum(values.nbytes for values in self.network.weights())
 
     @property
     def fingerprint(self) -> str:
-        """Hash of the weights."""
-        weights = self.network.state_dict().values()
-        return fingerprint_of(values.numpy().tobytes() for values in weights)
+        """Hash of the weights, the same for both formats of a file."""
+        return fingerprint_of(values.tobytes() for values in self.network.weights())
 
 
-def shipped_path(dimension: int = 2) -> Path:
-    """File of the network that ships with coopmap for maps of 2 or 3 dimensions."""
-    return Path(str(files("coopmap_agents.map_prediction") / "models" / MODEL_FILES[dimension]))
+def _predicting_network(model: Any, dimension: int) -> PredictingNetwork:
+    """What predicts; see the module."""
+    if model is None:
+        model = shipped_path(dimension, "safetensors" if has_torch() else "onnx")
+    is_path = isinstance(model, str | os.PathLike)
+    if is_path and Path(model).suffix == ".onnx":
+        return OnnxMapNetwork.from_path(model)
+    if is_path:
+        require_torch(model)
+    elif not has_torch():
+        raise ValueError(f"model must be a file or a MapNetwork, got {brief(model)}")
+    from coopmap_agents.map_prediction.model_file import load_map_network
+    from coopmap_agents.map_prediction.network import MapNetwork
+    from coopmap_agents.map_prediction.torch_network import TorchMapNetwork
+
+    network = load_map_network(model) if is_path else model
+    if not isinstance(network, MapNetwork):
+        raise ValueError(f"model must be a file or a MapNetwork, got {brief(model)}")
+    return TorchMapNetwork(network)
+
+
+def shipped_path(
+    dimension: int = 2, file_format: Literal["safetensors", "onnx"] = "safetensors"
+) -> Path:
+    """File of the network that ships with coopmap for maps of 2 or 3 dimensions.
+
+    Both files have the same weights and metadata.
+    """
+    folder = files("coopmap_agents.map_prediction") / "models"
+    return Path(str(folder / f"{usual_environment(dimension)}.{file_format}"))

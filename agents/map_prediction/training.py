@@ -6,6 +6,7 @@
     out/examples-*.npz      maps and truths of each family and scene
     out/checkpoint-*.pt     what the next segment depends on, after the last one
     out/map.safetensors     the network with the smallest loss on validation worlds
+    out/map.onnx            the same, for predicting without torch
 
 As in `coopmap_agents.training`, each segment depends only on its checkpoint and on its number, and
 training.json is written last; before the first segment, too, so that examples belong to it.
@@ -20,6 +21,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import coopmap_agents._require_rl  # noqa: F401
+
+# isort: split
 import numpy as np
 import torch
 from torch.nn import functional
@@ -50,6 +54,7 @@ from coopmap_env.core.files import FileError, write_atomically
 from coopmap_env.core.locks import folder_lock
 
 MODEL_FILE = "map.safetensors"
+ONNX_FILE = "map.onnx"
 Split = dict[str, MapExamples]
 """Examples by family or scene."""
 
@@ -163,7 +168,8 @@ def _train(
         if losses[-1] == min(losses):
             record["best"] = len(rows) - 1
             origin = {"config": record["config"], "steps": steps, "validation": scores}
-            save_map_network(network, out / MODEL_FILE, origin)
+            for name in (MODEL_FILE, ONNX_FILE):
+                save_map_network(network, out / name, origin)
         _write_record(record, out)
         remove_other_checkpoints(out, len(rows))
         log(progress_line(record))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_agents.map_config import PLAYED_POLICIES, MapTrainingConfig
+from coopmap_agents.map_config import USUAL_TRAININGS, MapTrainingConfig
 from coopmap_agents.map_prediction.examples import MapExamples, collect_examples
 from coopmap_env import families
 from coopmap_env.envs import MappingEnv
@@ -39,5 +39,6 @@ def world_examples(name: str, config: MapTrainingConfig, split: str) -> MapExamp
     draws = np.random.SeedSequence([config.seed, {"train": 0, "validation": 1}[split]])
     seeds = draws.generate_state(n).tolist()
     with closing(make_world(name, config, split)) as env:
-        policies = [make_policy(spec) for spec in PLAYED_POLICIES[config.env_name]]
+        specs = USUAL_TRAININGS[config.env_name].example_policies
+        policies = [make_policy(spec) for spec in specs]
         return collect_examples(env, policies, seeds, config.maps_per_episode)

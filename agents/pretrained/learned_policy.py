@@ -17,11 +17,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_agents._backends import has_torch, require_torch
+from coopmap_agents.model_files import read_onnx
 from coopmap_agents.observations import LATER_KEYS, VARIABLE_LENGTH_KEYS, stack
 from coopmap_agents.pretrained.library import find_policy, pretrained_names, pretrained_path
-from coopmap_agents.pretrained.onnx.file import read_onnx
+from coopmap_agents.pretrained.onnx.file_kind import POLICIES
 from coopmap_agents.pretrained.onnx.network import OnnxNetwork
-from coopmap_agents.pretrained.weights import fingerprint_of
+from coopmap_agents.weights import fingerprint_of
 from coopmap_env.envs import Belief, Observation
 
 if TYPE_CHECKING:
@@ -141,27 +143,19 @@ def _acting_network(model: Any, seed: int | None) -> ActingNetwork:
     is_path = isinstance(model, str | os.PathLike)
     if is_path and Path(model).suffix == ".onnx":
         return OnnxNetwork.from_path(find_policy(model, seed))
-    if is_path and model in pretrained_names() and not _has_torch():
+    if is_path and model in pretrained_names() and not has_torch():
         return OnnxNetwork.from_path(find_policy(model, seed, "onnx"))
     if is_path:
-        find_policy(model, seed)  # its errors come before that of a missing extra
+        require_torch(find_policy(model, seed))  # the errors about the file come first
     from coopmap_agents.pretrained.torch_network import TorchNetwork, resolve_network
 
     return TorchNetwork(resolve_network(model, seed))
 
 
-def _has_torch() -> bool:
-    try:
-        import coopmap_agents._require_rl  # noqa: F401
-    except ImportError:
-        return False
-    return True
-
-
 def _first_compatible(observed: Mapping[str, tuple[int, ...]]) -> str:
     """Name of the first pretrained policy that fits observations of these shapes."""
     for name in pretrained_names():
-        metadata = read_onnx(pretrained_path(name, file_format="onnx")).metadata
+        metadata = read_onnx(pretrained_path(name, file_format="onnx"), POLICIES).metadata
         if _is_compatible(metadata.shapes(), observed):
             return name
     raise ValueError(

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import prod
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from coopmap_agents.config import PPOSettings
-from coopmap_env.core.files import FileError, brief, read_bytes
+from coopmap_env.core.files import brief
 from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import PositiveInt, Settings, settings_from_dict
 from coopmap_env.core.version import __version__
@@ -29,8 +27,6 @@ MAX_ENTRIES = 64
 """Entries of an observation; each takes time, however small it is."""
 ARRAYS_PER_BOX = 4
 """Arrays of the size of an observation that its space holds: two bounds, and which are finite."""
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -107,44 +103,6 @@ class PolicyMetadata(Settings):
             With the field, if a value is not as described.
         """
         return settings_from_dict({**self.ppo, "critic": "local", "device": "cpu"}, PPOSettings)
-
-
-def read_with_metadata(
-    path: str | os.PathLike[str], split: Callable[[bytes], tuple[str, T]]
-) -> tuple[PolicyMetadata, str, T]:
-    """Read a policy's file: its metadata, their JSON text, and the rest of the content.
-
-    Parameters
-    ----------
-    path : path
-    split : callable
-        Takes the content apart into that text and the rest.
-
-    Raises
-    ------
-    FileError
-        If it is not a policy's file, or one of another format.
-    """
-    content = read_bytes(path)
-    try:
-        text, rest = split(content)
-        values = json.loads(text)
-        if values["format"] == FORMAT:
-            return PolicyMetadata(**values), text, rest
-        version = f"{values.get('version')!s:.40}"
-    except Exception as error:  # `split` raises many types of exceptions for a broken file
-        raise FileError(
-            f"{path} was not written by `coopmap train` or `save_policy`: {_reason(error)}"
-        ) from error
-    raise FileError(
-        f"{path} was written by coopmap {version} in format {brief(values['format'])}, "
-        f"this is {__version__} and reads format {FORMAT}: train the policy again, "
-        "or install the version that wrote it"
-    )
-
-
-def _reason(error: Exception) -> str:
-    return f"missing or unknown {error}" if isinstance(error, KeyError) else f"{error!s:.300}"
 
 
 def _check_observations(observations: Mapping[str, Any]) -> None:

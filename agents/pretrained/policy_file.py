@@ -1,26 +1,14 @@
-"""Policies as files: weights by name and JSON metadata, in two formats; no code inside.
-
-================  ==============================================================================
-suffix            content
-================  ==============================================================================
-``.safetensors``  the weights: what training continues from, and what acts with torch
-``.onnx``         the weights and the operations of the network: acts with ONNX Runtime alone
-================  ==============================================================================
+"""Policies as files, as safetensors or ONNX: see `coopmap_agents.model_files`.
 
 The metadata say how to make the network (actions, observations, settings) and how it was trained.
 The weights are those of the actor, without the critic.
-
-Files of others can be read: nothing in them is executed, they name no other file, and the network
-is made only if it is as large as the weights in the file.
 """
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,17 +18,15 @@ import coopmap_agents._require_rl  # noqa: F401
 import numpy as np
 import torch
 from gymnasium import spaces
-from safetensors.torch import load, save
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from coopmap_agents.config import PPOSettings
+from coopmap_agents.model_files import read_model, write_model
 from coopmap_agents.networks import actor_parameters, is_of_actor, make_network, parameter_shapes
-from coopmap_agents.pretrained.metadata import METADATA_KEY, PolicyMetadata, read_with_metadata
-from coopmap_agents.pretrained.onnx.file import onnx_content, read_onnx
-from coopmap_agents.pretrained.weights import check_shapes, check_values
-from coopmap_env.core.files import FileError, write_atomically
-
-Weights = Mapping[str, torch.Tensor]
+from coopmap_agents.pretrained.metadata import PolicyMetadata
+from coopmap_agents.pretrained.onnx.file_kind import POLICIES
+from coopmap_agents.weights import check_shapes, check_values
+from coopmap_env.core.files import FileError
 
 
 def save_policy(
@@ -71,7 +57,7 @@ def save_policy(
     target = Path(path)
     metadata = _metadata_of(network, settings, training or {})
     weights = {
-        name: values.detach().cpu().contiguous()
+        name: values.detach().cpu().contiguous().numpy()
         for name, values in actor_parameters(network).items()
     }
     try:
@@ -82,7 +68,7 @@ def save_policy(
         check_values(weights)
     except ValueError as error:
         raise ValueError(f"{target} cannot be written: {error}") from error
-    _write(target, metadata, weights)
+    write_model(target, POLICIES, metadata, weights)
 
 
 def convert_policy(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
@@ -97,7 +83,7 @@ def convert_policy(source: str | os.PathLike[str], target: str | os.PathLike[str
         observations a name that ONNX files cannot have.
     """
     load_policy(source)
-    _write(Path(target), *_read(source))
+    write_model(target, POLICIES, *read_model(source, POLICIES))
 
 
 def read_metadata(path: str | os.PathLike[str]) -> PolicyMetadata:
@@ -108,7 +94,7 @@ def read_metadata(path: str | os.PathLike[str]) -> PolicyMetadata:
     FileError
         If it is not a policy's file, or one of another format.
     """
-    return _read(path)[0]
+    return read_model(path, POLICIES)[0]
 
 
 def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
@@ -120,7 +106,7 @@ def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
         As `read_metadata`, or if the weights do not belong to the network of the metadata, or are
         not finite.
     """
-    metadata, weights = _read(path)
+    metadata, weights = read_model(path, POLICIES)
     try:
         check_shapes(weights, _actor_shapes(metadata))
         check_values(weights)
@@ -129,43 +115,9 @@ def load_policy(path: str | os.PathLike[str]) -> ActorCriticPolicy:
     except Exception as error:  # torch raises many types of exceptions for odd shapes
         raise FileError(f"{path}: {error}") from error
     for name, values in actor_parameters(network).items():
-        values.data.copy_(weights[name])
+        values.data.copy_(torch.from_numpy(weights[name].copy()))
     network.set_training_mode(False)
     return network
-
-
-def _read(path: str | os.PathLike[str]) -> tuple[PolicyMetadata, Weights]:
-    """Metadata and weights of a file; those of safetensors are not checked yet."""
-    if Path(path).suffix == ".onnx":
-        file = read_onnx(path)
-        return file.metadata, {k: torch.from_numpy(v.copy()) for k, v in file.weights.items()}
-    metadata, _, weights = read_with_metadata(
-        path, partial(split_safetensors, metadata_key=METADATA_KEY)
-    )
-    return metadata, weights
-
-
-def split_safetensors(content: bytes, metadata_key: str) -> tuple[str, dict[str, torch.Tensor]]:
-    """The text of a key of the metadata of a file, and its weights.
-
-    What is broken raises any of many types of exceptions.
-    """
-    weights: dict[str, torch.Tensor] = load(content)
-    header_length = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + header_length])
-    return header["__metadata__"][metadata_key], weights
-
-
-def _write(target: Path, metadata: PolicyMetadata, weights: Weights) -> None:
-    if target.suffix == ".safetensors":
-        content = save(dict(weights), {METADATA_KEY: json.dumps(asdict(metadata))})
-    elif target.suffix == ".onnx":
-        content = onnx_content(metadata, {name: values.numpy() for name, values in weights.items()})
-    else:
-        raise ValueError(
-            f"the suffix of a policy's file must be .safetensors or .onnx, got {target}"
-        )
-    write_atomically(target, content)
 
 
 def _metadata_of(

@@ -9,17 +9,22 @@ import pytest
 from plain.fuzz import cases, mutants, read_or_refuse
 from tiny_policies import CANDIDATES, POSES, SETTINGS, tiny_network
 
+from coopmap_agents import model_files
 from coopmap_agents.config import PPOSettings
+from coopmap_agents.onnx import encoding
+from coopmap_agents.onnx.encoding import decode_tensors, encode_model, split_model
 from coopmap_agents.pretrained import LearnedPolicy, load_policy, save_policy
-from coopmap_agents.pretrained.metadata import FORMAT
-from coopmap_agents.pretrained.onnx import encoding
-from coopmap_agents.pretrained.onnx.encoding import decode_tensors, encode_model, split_model
-from coopmap_agents.pretrained.onnx.file import read_onnx
+from coopmap_agents.pretrained.metadata import FORMAT, METADATA_KEY
+from coopmap_agents.pretrained.onnx.file_kind import POLICIES
 from coopmap_agents.pretrained.onnx.graph import policy_graph
 from coopmap_env.core.files import FileError
 
 NOT_OURS = r"^.*policy\.onnx was not written by .*"
 ANOTHER_GRAPH = "its graph is not the one of its metadata"
+
+
+def read_onnx(path):
+    return model_files.read_onnx(path, POLICIES)
 
 
 @pytest.fixture(scope="module", params=[CANDIDATES, POSES], ids=["candidates", "poses"])
@@ -36,14 +41,14 @@ def path(tmp_path):
 
 
 def metadata_of(file):
-    return json.loads(split_model(file.content)[0])
+    return json.loads(split_model(file.content, METADATA_KEY)[0])
 
 
 def write(path, file, metadata=None, weights=None, graph=None):
     """Write a file with other metadata, weights or another graph."""
     graph = graph or policy_graph(file.metadata)
-    text = split_model(file.content)[0] if metadata is None else json.dumps(metadata)
-    path.write_bytes(encode_model(graph, {**file.weights, **(weights or {})}, text))
+    text = split_model(file.content, METADATA_KEY)[0] if metadata is None else json.dumps(metadata)
+    path.write_bytes(encode_model(graph, {**file.weights, **(weights or {})}, METADATA_KEY, text))
 
 
 def test_a_file_that_is_written_again_is_the_same(original, path):
@@ -233,16 +238,15 @@ def test_a_file_of_another_format_names_both(original, path):
 @pytest.mark.parametrize("metadata", [[], 3, None, {"format": FORMAT}, {"owner": "me"}])
 def test_metadata_of_another_form_are_refused(original, metadata, path):
     graph = policy_graph(original.metadata)
-    path.write_bytes(encode_model(graph, original.weights, json.dumps(metadata)))
+    path.write_bytes(encode_model(graph, original.weights, METADATA_KEY, json.dumps(metadata)))
     with pytest.raises(FileError, match=NOT_OURS):
         read_onnx(path)
 
 
-def test_metadata_under_another_key_are_refused(original, path, monkeypatch):
-    metadata = metadata_of(original)
-    with monkeypatch.context() as patch:
-        patch.setattr(encoding, "METADATA_KEY", "another")
-        write(path, original, metadata)
+def test_metadata_under_another_key_are_refused(original, path):
+    text = split_model(original.content, METADATA_KEY)[0]
+    graph = policy_graph(original.metadata)
+    path.write_bytes(encode_model(graph, original.weights, "another", text))
     with pytest.raises(FileError, match=NOT_OURS + "metadata have no entry coopmap"):
         read_onnx(path)
 
@@ -256,7 +260,7 @@ def test_a_network_of_other_settings_is_not_written(path):
 def test_no_more_fields_are_read_than_the_graph_has(original):
     fields = b"\x08\x00" * 1000
     assert decode_tensors(memoryview(fields), 10) == {}
-    _, graph = split_model(original.content)
+    _, graph = split_model(original.content, METADATA_KEY)
     tensor = decode_tensors(graph, 10_000)
     assert len(decode_tensors(graph, len(graph))) == len(tensor)
 
@@ -265,8 +269,8 @@ def test_no_more_fields_are_read_than_the_graph_has(original):
 def test_a_mutated_file_is_read_or_refused_by_name(original, n_cases, path):
     graph = policy_graph(original.metadata)
     without_weights = {name: np.zeros(0, np.float32) for name in graph.weights}
-    text = split_model(original.content)[0]
-    short = encode_model(graph, without_weights, text)
+    text = split_model(original.content, METADATA_KEY)[0]
+    short = encode_model(graph, without_weights, METADATA_KEY, text)
     for mutant in mutants([original.content, short], n_cases):
         path.write_bytes(mutant)
         file = read_or_refuse(read_onnx, path, FileError)

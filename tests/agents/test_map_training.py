@@ -1,20 +1,37 @@
 """Trainings of map networks in folders: what they learn, how they resume, and errors."""
 
 import json
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import binary_erosion
 
-from coopmap_agents.map_config import MapNetworkSettings, MapTrainingConfig
-from coopmap_agents.map_prediction import load_map_network, run_map_training
+from coopmap_agents.map_config import (
+    USUAL_TRAININGS,
+    MapNetworkOptions,
+    MapNetworkSettings,
+    MapTrainingConfig,
+)
+from coopmap_agents.map_prediction import (
+    PredictiveSurfacePolicy,
+    load_map_network,
+    run_map_training,
+    worlds,
+)
 from coopmap_agents.map_prediction import training as map_training
 from coopmap_agents.map_prediction.examples import MapExamples, cell_weights
+from coopmap_agents.map_prediction.record import new_record
 from coopmap_agents.map_prediction.training import learning_rate, weighted_loss
 from coopmap_agents.map_prediction.worlds import make_world
+from coopmap_env.cli import main
 from coopmap_env.core.files import FileError
+from coopmap_env.core.settings import settings_from_dict
 from coopmap_env.core.version import __version__
+from coopmap_env.envs.field import FieldEnv, FieldSettings
+from coopmap_env.evaluation import rollout
 
 CONFIG = MapTrainingConfig(
     families=("crowded",),
@@ -91,8 +108,8 @@ def test_an_interrupted_training_ends_as_an_uninterrupted_one(striped_worlds, tm
     kept = sorted(path.name for path in (tmp_path / "parts").iterdir())
     assert kept == [
         "checkpoint-3.pt", "examples-crowded-train.npz", "examples-crowded-validation.npz",
-        "examples-obstacles-train.npz", "examples-obstacles-validation.npz", "map.safetensors",
-        "training.json",
+        "examples-obstacles-train.npz", "examples-obstacles-validation.npz", "map.onnx",
+        "map.safetensors", "training.json",
     ]  # fmt: skip
 
 
@@ -109,7 +126,7 @@ def test_a_training_that_is_ended_while_it_writes_goes_on(
 
     def end(*arguments):
         calls.append(name)
-        if len(calls) % 2 == 0:  # the second time, and so on
+        if len(calls) % 3 != 1:  # the second and the third time, and so on
             return write(*arguments)
         if when == "after":
             write(*arguments)
@@ -223,11 +240,11 @@ def test_worlds_are_of_families_and_scenes_of_the_environment():
     with pytest.raises(ValueError, match="unknown family 'nowhere'"):
         make_world("nowhere", CONFIG, "train")
     with pytest.raises(ValueError, match="is of field worlds, and 'crowded' of planar"):
-        make_world("crowded", MapTrainingConfig.of_field(), "train")
+        make_world("crowded", MapTrainingConfig(env_name="field"), "train")
     with pytest.raises(ValueError, match="needs families or scenes"):
         MapTrainingConfig(families=(), scenes=())
     with pytest.raises(ValueError, match=r"network\.dimension must be 3 for field maps, got 2"):
-        MapTrainingConfig.of_field(network=MapNetworkSettings())
+        MapTrainingConfig(env_name="field", network=MapNetworkSettings())
 
 
 def test_a_network_learns_from_maps_in_space(monkeypatch, tmp_path):
@@ -237,9 +254,79 @@ def test_a_network_learns_from_maps_in_space(monkeypatch, tmp_path):
 
     monkeypatch.setattr(map_training, "world_examples", examples)
     network = MapNetworkSettings(dimension=3, widths=(3, 4, 5), stride=2)
-    config = MapTrainingConfig.of_field(
-        families=(), scenes=("worksite",), total_steps=4, segment_steps=2, network=network
-    )
+    config = MapTrainingConfig(
+        env_name="field", families=(), scenes=("worksite",), total_steps=4, segment_steps=2,
+        network=network,
+    )  # fmt: skip
     record = run_map_training(config, tmp_path)
     assert [row["steps"] for row in record["rows"]] == [2, 4]
     assert load_map_network(tmp_path / "map.safetensors").settings == network
+
+
+def test_options_that_are_left_out_are_those_of_the_environment():
+    config = MapTrainingConfig(env_name="field", total_steps=7, episodes=None)
+    usual = USUAL_TRAININGS["field"]
+    assert (config.total_steps, config.episodes) == (7, usual.episodes)
+    assert (config.families, config.network) == (usual.families, usual.network)
+    wider = MapTrainingConfig(env_name="field", network=MapNetworkOptions(widths=(8, 8, 8)))
+    assert wider.network == MapNetworkSettings(widths=(8, 8, 8), stride=4, dimension=3)
+    assert MapTrainingConfig(scenes=()).scenes == ()
+    # what is recorded is what was meant, and is read again
+    recorded = new_record(config, "")["config"]
+    assert recorded["network"] == {"widths": [12, 20, 32], "stride": 4, "dimension": 3}
+    assert settings_from_dict(recorded, MapTrainingConfig) == config
+    with pytest.raises(ValueError, match="env_name must be one of 'planar', 'field', got 'sea'"):
+        MapTrainingConfig(env_name="sea")
+
+
+def test_the_command_line_has_the_options_of_the_environment(monkeypatch, tmp_path, capsys):
+    asked = []
+
+    def train(config, out, log, command):
+        asked.append(config)
+        row = {"steps": 1, "loss": 0.5, "seconds": 1.0, "validation": {"a": {"log_loss": 0.5}}}
+        return {"config": {"total_steps": 1}, "rows": [row], "best": 0}
+
+    monkeypatch.setattr(map_training, "run_map_training", train)
+    main(["train-map", "--env-name", "field", "--out", str(tmp_path)])
+    main(["train-map", "--scenes", "--network.stride", "4", "--seed", "1", "--out", str(tmp_path)])
+    assert asked[0] == MapTrainingConfig(env_name="field")
+    size = MapNetworkSettings(stride=4)
+    assert asked[1] == MapTrainingConfig(scenes=(), network=size, seed=1)
+
+
+SMALL_SCENE = """
+grid: {shape: [64, 64, 20], resolution: 0.2, origin: [-6.4, -6.4, -0.35]}
+objects:
+  - {box: [1.6, 1.2, 1.4], position: [0, 0, 0.7], target: true}
+  - {box: [0.8, 2.0, 1.0], position: [1.5, 2, 0.5]}
+"""
+
+
+def test_a_network_learns_from_surface_in_a_small_field_world(monkeypatch, tmp_path):
+    pytest.importorskip("pybullet")
+    pytest.importorskip("yaml")
+    (tmp_path / "boxes.yaml").write_text(SMALL_SCENE)
+    settings = FieldSettings(crop_cells=(8, 4), max_grid_poses=243)
+
+    def small_world(name, config, split):
+        scene = tmp_path / f"{name}.yaml"
+        return FieldEnv(scene=str(scene), max_scans=3, settings=settings, split=split)
+
+    monkeypatch.setattr(worlds, "make_world", small_world)
+    monkeypatch.setattr(map_training, "make_world", small_world)
+    config = MapTrainingConfig(
+        env_name="field", families=(), scenes=("boxes",), episodes=2, validation_episodes=1,
+        maps_per_episode=2, total_steps=30, segment_steps=15, batch_size=2, warmup_steps=2,
+        network=MapNetworkSettings(widths=(4, 6, 8), stride=4, dimension=3),
+    )  # fmt: skip
+    record = run_map_training(config, tmp_path / "out")
+    occupied = np.load(tmp_path / "out" / "examples-boxes-train.npz")["occupied"]
+    assert occupied.shape == (4, 64, 64, 20)
+    assert occupied.any()
+    assert not binary_erosion(occupied, np.ones((1, 3, 3, 3), bool)).any()  # surface alone
+    losses = [row["validation"]["boxes"]["log_loss"] for row in record["rows"]]
+    assert losses[1] < losses[0]
+    policy = PredictiveSurfacePolicy(tmp_path / "out" / "map.onnx", search=5)
+    with closing(small_world("boxes", config, "test")) as env:
+        assert len(list(rollout(env, policy, 0))) == 3

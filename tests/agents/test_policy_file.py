@@ -11,8 +11,7 @@ from vec_envs import shared
 import coopmap_env
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.pretrained import LearnedPolicy, load_policy, read_metadata, save_policy
-from coopmap_agents.pretrained.metadata import FORMAT
-from coopmap_agents.pretrained.policy_file import METADATA_KEY
+from coopmap_agents.pretrained.metadata import FORMAT, METADATA_KEY
 from coopmap_agents.sb3 import make_model
 from coopmap_env.evaluation import evaluate
 

@@ -175,13 +175,14 @@ class Missing:
 
 sys.meta_path.insert(0, Missing)
 import coopmap_agents.commands, coopmap_agents.record, coopmap_env.vector  # need neither
-import coopmap_agents.pretrained  # policies act by ONNX Runtime too
+import coopmap_agents.pretrained, coopmap_agents.map_prediction  # by ONNX Runtime, too
 for module in (
     "trainer",
     "networks",
     "networks.features",
     "pretrained.torch_network",
-    "map_prediction",
+    "map_prediction.network",
+    "map_prediction.training",
     "sb3",
     "sb3.vec_env",
     "training",
@@ -194,5 +195,5 @@ for module in (
 """
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     lines = run.stdout.splitlines()
-    assert len(lines) == 9
+    assert len(lines) == 10
     assert all("pip install 'coopmap[rl]'" in line for line in lines)

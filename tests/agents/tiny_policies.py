@@ -10,7 +10,7 @@ from safetensors.torch import load_file, save
 from coopmap_agents.config import PPOSettings
 from coopmap_agents.networks import make_network
 from coopmap_agents.pretrained import save_policy
-from coopmap_agents.pretrained.policy_file import METADATA_KEY
+from coopmap_agents.pretrained.metadata import METADATA_KEY
 
 SETTINGS = PPOSettings(hidden=(16, 8), image_features=8)
 CANDIDATES, POSES = spaces.Discrete(6), spaces.Box(-1, 1, (3,), np.float32)

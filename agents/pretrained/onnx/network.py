@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_agents.pretrained.onnx.file import OnnxFile, read_onnx
-from coopmap_env.core.extras import import_optional
-from coopmap_env.core.files import FileError
+from coopmap_agents.model_files import OnnxFile, read_onnx
+from coopmap_agents.onnx.session import OnnxSession
+from coopmap_agents.pretrained.metadata import PolicyMetadata
+from coopmap_agents.pretrained.onnx.file_kind import POLICIES
 
-ERRORS_ONLY = 3
-"""Of what ONNX Runtime logs to the standard error."""
+PolicyFile = OnnxFile[PolicyMetadata]
 
 
 class OnnxNetwork:
@@ -23,6 +23,7 @@ class OnnxNetwork:
     Parameters
     ----------
     file : OnnxFile
+        From `read_onnx`.
 
     Raises
     ------
@@ -30,10 +31,9 @@ class OnnxNetwork:
         With the pip command, if ONNX Runtime is not installed.
     """
 
-    def __init__(self, file: OnnxFile) -> None:
+    def __init__(self, file: PolicyFile) -> None:
         self._file = file
-        self._session = _session(file.content)
-        self._inputs = {one.name: one.shape for one in self._session.get_inputs()}
+        self._session = OnnxSession(file.content, file.path)
 
     @classmethod
     def from_path(cls, path: str | os.PathLike[str]) -> OnnxNetwork:
@@ -44,15 +44,9 @@ class OnnxNetwork:
         FileError
             As `read_onnx`, or if ONNX Runtime refuses the file.
         """
-        file = read_onnx(path)
-        try:
-            return cls(file)
-        except ImportError:
-            raise
-        except Exception as error:  # ONNX Runtime's exceptions have no common type
-            raise FileError(f"{path}: ONNX Runtime cannot read it: {error!s:.300}") from error
+        return cls(read_onnx(path, POLICIES))
 
-    def __reduce__(self) -> tuple[type[OnnxNetwork], tuple[OnnxFile]]:
+    def __reduce__(self) -> tuple[type[OnnxNetwork], tuple[PolicyFile]]:
         """A session cannot be sent to another process, its file can."""
         return OnnxNetwork, (self._file,)
 
@@ -89,17 +83,6 @@ class OnnxNetwork:
             name: rows[name].astype(np.float32)
             if name in rows  # without teammates, the entry is missing
             else np.zeros((n_robots, 0, shape[-1]), np.float32)
-            for name, shape in self._inputs.items()
+            for name, shape in self._session.inputs.items()
         }
-        names = [one.name for one in self._session.get_outputs()]
-        return dict(zip(names, self._session.run(names, inputs), strict=True))
-
-
-def _session(content: bytes) -> Any:
-    """A session of one thread, so that results do not depend on the number of processors."""
-    onnxruntime = import_optional("onnxruntime", "onnx")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.use_deterministic_compute = True
-    options.log_severity_level = ERRORS_ONLY
-    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        return self._session.outputs(inputs)

@@ -1,4 +1,4 @@
-"""The encoding of ONNX files, as far as a policy's graph needs it: messages of `onnx.proto`.
+"""The encoding of ONNX files, as far as our graphs need it: messages of `onnx.proto`.
 
 A message is a sequence of fields, each a number and a value. Equal models have equal bytes here,
 which protocol buffers do not promise in general. Numbers are those of the specification,
@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_agents.pretrained.metadata import METADATA_KEY
-from coopmap_agents.pretrained.onnx.graph import FLOAT, Graph, Node, Shape
+from coopmap_agents.onnx.graph import FLOAT, Graph, Node, Shape
 
 IR_VERSION, OPERATIONS_VERSION = 8, 18
 """Versions of the format and of its operations; ONNX Runtime reads them since 1.14 (2023)."""
@@ -28,13 +27,15 @@ VARINT, BYTES = 0, 2
 """Types of fields: an integer in groups of 7 bits, and bytes after their number."""
 MAX_VARINT_BYTES = 10
 MAX_FIELDS = 16
-"""Fields of a model, of its metadata and of a tensor; a policy's file has fewer."""
+"""Fields of a model, of its metadata and of a tensor; our files have fewer."""
 
 Message = Sequence[tuple[int, Any]]
 """Fields, whose values are integers, texts, bytes or messages."""
 
 
-def encode_model(graph: Graph, weights: Mapping[str, NDArray[np.float32]], metadata: str) -> bytes:
+def encode_model(
+    graph: Graph, weights: Mapping[str, NDArray[np.float32]], metadata_key: str, metadata: str
+) -> bytes:
     """Content of the file of a graph with weights of its names and shapes, and with metadata."""
     tensors = {name: weights[name] for name in graph.weights} | graph.constants
     body = [
@@ -50,13 +51,13 @@ def encode_model(graph: Graph, weights: Mapping[str, NDArray[np.float32]], metad
             (2, PRODUCER),
             (7, body),
             (8, [(1, ""), (2, OPERATIONS_VERSION)]),
-            (14, [(1, METADATA_KEY), (2, metadata)]),
+            (14, [(1, metadata_key), (2, metadata)]),
         ]
     )
 
 
-def split_model(content: bytes) -> tuple[str, memoryview]:
-    """Metadata of a file, and its graph, which is not looked at yet.
+def split_model(content: bytes, metadata_key: str) -> tuple[str, memoryview]:
+    """Metadata of a file under their key, and its graph, which is not looked at yet.
 
     Raises
     ------
@@ -65,8 +66,8 @@ def split_model(content: bytes) -> tuple[str, memoryview]:
     """
     model = _decode(memoryview(content), MAX_FIELDS)
     entry = _decode(model[14], MAX_FIELDS)
-    if bytes(entry[1]) != METADATA_KEY.encode():
-        raise ValueError(f"its metadata have no entry {METADATA_KEY}")
+    if bytes(entry[1]) != metadata_key.encode():
+        raise ValueError(f"its metadata have no entry {metadata_key}")
     return bytes(entry[2]).decode(), model[7]
 
 
