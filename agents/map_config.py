@@ -86,7 +86,7 @@ USUAL_TRAININGS: dict[str, UsualMapTraining] = {
         episodes=60,
         validation_episodes=8,
         maps_per_episode=4,
-        total_steps=2_000,
+        total_steps=1_000,
         segment_steps=100,
         batch_size=4,
     ),
