@@ -1,6 +1,6 @@
 """Learned policies and their training, installed as `coopmap_agents`; needs the extra ``rl``.
 
-Without it, trained policies act from their ONNX files (extra ``onnx``).
+Without it, trained policies act, and map networks predict, from ONNX files (extra ``onnx``).
 
 ==================  ================================================================================
 module              content
@@ -23,6 +23,8 @@ module              content
 ``map_config``      `MapTrainingConfig`: how a map network is trained
 ``map_prediction``  `MapPredictor`: a network that predicts the unknown part of a map;
                     `PredictivePolicy` and `PredictiveSurfacePolicy` plan on it; `run_map_training`
+``model_files``     networks as files, with their weights and metadata; ``onnx``: graphs of their
+                    operations, for ONNX Runtime; ``weights``: checks and fingerprints
 ``commands``        `coopmap train`, `coopmap train-map`
 ==================  ================================================================================
 

@@ -21,9 +21,24 @@ UNKNOWN = 255
 """Value of never-sampled cells in the image of a map; others are `KNOWN_SCALE` times P(occupied),
 rounded."""
 KNOWN_SCALE = 254
-N_CHANNELS = 4
 LEVEL_BLOCKS = 4
 """The three levels of a network need this many blocks along each axis, or a multiple."""
+
+
+def _channels() -> NDArray[np.float32]:
+    """What the network gets of each value (4, 256) of an image.
+
+    Inside the map; unknown; P(occupied) if known; known to be occupied.
+    """
+    values = np.arange(256)
+    unknown = values == UNKNOWN
+    known = np.where(unknown, 0, values).astype(np.float32) / np.float32(KNOWN_SCALE)
+    parts = np.ones_like(known), unknown, known, known >= 0.5
+    return np.stack([part.astype(np.float32) for part in parts])
+
+
+CHANNELS = _channels()
+N_CHANNELS = len(CHANNELS)
 
 ArrayT = TypeVar("ArrayT", NDArray[Any], "torch.Tensor")
 
@@ -38,22 +53,19 @@ def map_image(map_: OccupancyMap) -> NDArray[np.uint8]:
 
 def folded_images(images: NDArray[np.uint8], stride: int) -> NDArray[np.float32]:
     """Input of a network, of the images (n, *shape) of maps; what is missing in a block is 0."""
-    missing = [(0, -size % (LEVEL_BLOCKS * stride)) for size in images.shape[1:]]
-    return fold(np.pad(_channels(images), [(0, 0), (0, 0), *missing]), stride)
+    n, *shape = images.shape
+    side = LEVEL_BLOCKS * stride
+    cells = np.zeros((n, N_CHANNELS, *(size + -size % side for size in shape)), np.float32)
+    inside = tuple(slice(size) for size in shape)
+    for channel, values in enumerate(CHANNELS):
+        cells[:, channel, *inside] = values[images]
+    return fold(cells, stride)
 
 
 def cells_of(blocks: ArrayT, stride: int, shape: tuple[int, ...]) -> ArrayT:
     """Values (n, *shape) of the cells of maps, of the output of a network."""
     cells = unfold(blocks, stride)[:, 0]
     return cells[(slice(None), *(slice(size) for size in shape))]
-
-
-def _channels(images: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Inside the map, unknown, P(occupied) if known, known to be occupied: (n, 4, *shape)."""
-    unknown = images == UNKNOWN
-    known = np.where(unknown, np.float32(0), images.astype(np.float32)) / np.float32(KNOWN_SCALE)
-    parts = np.ones_like(known), unknown, known, known >= 0.5
-    return np.stack([part.astype(np.float32) for part in parts], axis=1)
 
 
 def fold(cells: NDArray[np.float32], side: int) -> NDArray[np.float32]:

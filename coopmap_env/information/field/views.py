@@ -219,7 +219,10 @@ def sequential_new_information(
 def _sum_weights(
     weights: NDArray[np.float32], n: int, step: NDArray[np.float64], view: ViewBuffers
 ) -> float:
-    """Sum of the weights of the visible voxels of n runs, in the order of the voxels."""
+    """Sum of the weights of the visible voxels of n runs, in the order of the voxels.
+
+    Listed first, as `list_visible_cells` does, and then summed, views take a third longer.
+    """
     limits, stride, runs = view.depth.limits, view.depth.stride, view.runs
     total = 0.0
     for r in range(n):
