@@ -27,13 +27,16 @@ A robot can move to a cell that is known to be free, along a path through such c
 an obstacle look free. A camera that is sent into it collides and stays, and the map marks the cell
 as occupied. In the true world only the goal is tested: a path may lead through an obstacle.
 
-Entries of ``infos[agent]`` after a step:
+Entries of ``infos[agent]``, numbers, after a reset and after each step:
 
 =====================  =============================================================================
 key                    content
 =====================  =============================================================================
-``reward_terms``       every reward term by name; "shown" only if it is paid or reported
-``rejected_reason``    why the pose was rejected and the camera stayed; "" if it was not
+``reward_rating``,     every reward term, of the step (this and the next seven are 0 after a
+``reward_information`` reset); ``reward_shown`` only if it is paid or reported
+``reward_coverage``
+``rejected_reason``    why the pose was rejected and the camera stayed, a `RejectedReason`; 0 if it
+                       was not. `MappingEnv.explain` says it in words
 ``collided``           whether the camera collided with an obstacle that is mapped as free
 ``new_information``    NI (Eqs. 6-8) of the executed pose, nats
 ``distance``           d of Eq. 5 that the camera moved
@@ -46,11 +49,10 @@ key                    content
                        insides of obstacles count too, so that it does not reach 1
 ``shown_fraction``     only with ``report_shown=True`` or ``reward="shown"``: cells that were truly
                        shown or known at the start, as a fraction of all; for scoring only
-``action_mask``        int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 =====================  =============================================================================
 
-After a reset there are only ``n_scans``, ``elapsed_time``, ``observed_fraction``,
-``shown_fraction`` and ``action_mask``.
+The mask of candidates is in the observations only (``action_mask``): engines look there first, and
+some take a second one in the infos for an error.
 
 Version history
 ---------------
@@ -64,6 +66,7 @@ its points (`coopmap_env.mapping.surface_mean`) instead of Eq. 4. `PlanarSetting
 v0: first version.
 """
 
+from coopmap_env.envs import RejectedReason
 from coopmap_env.envs.arguments import takes_arguments
 from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarSettings, PlanarTeamEnv
 from coopmap_env.vector import PlanarVectorEnv
@@ -72,4 +75,11 @@ parallel_env = takes_arguments(PlanarArguments)(PlanarEnv)
 team_env = takes_arguments(PlanarArguments)(PlanarTeamEnv)
 vector_env = PlanarVectorEnv
 
-__all__ = ["PlanarArguments", "PlanarSettings", "parallel_env", "team_env", "vector_env"]
+__all__ = [
+    "PlanarArguments",
+    "PlanarSettings",
+    "RejectedReason",
+    "parallel_env",
+    "team_env",
+    "vector_env",
+]

@@ -20,14 +20,15 @@ from coopmap_env.envs.belief import ActionMode, Observation, Observer
 from coopmap_env.envs.budget import BUDGET_SIZE, Budget, budget_fractions, budget_space
 from coopmap_env.envs.rewards import REWARD_TERMS, TRUE_TERMS
 from coopmap_env.envs.step_data import (
-    RESET_INFO_TYPES,
-    STEP_INFO_TYPES,
+    COMMON_INFO_TYPES,
+    OUTCOME_INFO_TYPES,
+    REWARD_PREFIX,
     BeliefT,
     EpisodeSeeds,
     Infos,
+    InfoTypes,
     SeedDraws,
     TeamStep,
-    copy_action_masks,
     outcome_info,
 )
 from coopmap_env.rendering import HumanWindow
@@ -42,8 +43,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
-    _own_info_types: ClassVar[dict[str, Any]] = {}
-    """Types of the entries of infos that only this kind of world has after a step."""
+    _own_info_types: ClassVar[InfoTypes] = {}
+    """Types of the entries of infos that only this kind of world has."""
     _belief: BeliefT
 
     def __init__(self, arguments: MappingArguments) -> None:
@@ -90,16 +91,16 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         return self._reports_shown
 
     @property
-    def reset_info_types(self) -> dict[str, Any]:
-        """Types of the entries of infos after a reset; vector environments make arrays of them."""
-        return {**RESET_INFO_TYPES, **({"shown_fraction": float} if self.reports_shown else {})}
-
-    @property
-    def step_info_types(self) -> dict[str, Any]:
-        """The same after a step."""
+    def info_types(self) -> InfoTypes:
+        """Types of the entries of infos; vector environments make arrays of them."""
         names = [name for name in REWARD_TERMS if self.reports_shown or name not in TRUE_TERMS]
-        terms = {"reward_terms": dict.fromkeys(names, float)}
-        return {**self.reset_info_types, **STEP_INFO_TYPES, **terms, **self._own_info_types}
+        return {
+            **COMMON_INFO_TYPES,
+            **({"shown_fraction": float} if self.reports_shown else {}),
+            **OUTCOME_INFO_TYPES,
+            **{f"{REWARD_PREFIX}{name}": float for name in names},
+            **self._own_info_types,
+        }
 
     @abstractmethod
     def _start(self, seeds: EpisodeSeeds) -> tuple[BeliefT, list[Observation]]:
@@ -156,9 +157,13 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     def _render_frame(self) -> NDArray[np.uint8]:
         """Draw a picture (H, W, 3) of the truth, the map and the team."""
 
-    def _extra_info(self, robot: int, step: TeamStep[BeliefT]) -> dict[str, Any]:
+    def _own_info(self, robot: int) -> dict[str, Any]:
         """Entries of a robot's info that only this kind of world has."""
         return {}
+
+    @abstractmethod
+    def _explain(self, robot: int) -> dict[str, str]:
+        """See `explain`; entries may be empty."""
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Space of one robot's observations; always the same object."""
@@ -199,8 +204,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._trails = [[] for _ in self.agents]
         self._record_positions()
         observations = self._observations_of_agents(observed)
-        infos = {agent: self._common_info() for agent in self.agents}
-        copy_action_masks(observations, infos)
+        blank = {key: kind() for key, kind in self.info_types.items()}
+        infos = self._infos([blank] * len(self.agents))
         if self.render_mode == "human":
             self.render()
         return observations, infos
@@ -211,7 +216,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         """Move all cameras, scan with all of them, fuse the scans, reward, observe.
 
         A pose that is infeasible on the known map does not move the camera: it scans from where it
-        is, and ``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the robot
+        is, and ``infos[agent]["rejected_reason"]`` is why, a `RejectedReason`. Where the map is
+        wrong, the robot
         collides with what is there and is stopped: ``infos[agent]["collided"]`` is true.
 
         Raises
@@ -230,8 +236,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._record_positions()
         observations = self._observations_of_agents(step.observations)
         rewards = self._assign_rewards(step.reward_terms)
-        infos = self._step_infos(step)
-        copy_action_masks(observations, infos)
+        infos = self._infos([outcome_info(step, robot) for robot in range(len(self.agents))])
         ended = self._has_ended
         terminations = dict.fromkeys(self.agents, False)
         truncations = dict.fromkeys(self.agents, ended)
@@ -256,6 +261,21 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         """
         self._require_reset()
         return self._belief
+
+    def explain(self, agent: str) -> dict[str, str]:
+        """What the codes in a robot's last infos mean, in words, with names and figures.
+
+        Only the entries that there are: ``rejected_reason``, ``collided``, in the field also
+        ``localization_failure`` and ``correction_failure``.
+
+        Raises
+        ------
+        RuntimeError
+            Before the first reset.
+        """
+        self._require_reset()
+        words = self._explain(self.possible_agents.index(agent))
+        return {key: text for key, text in words.items() if text}
 
     @property
     @abstractmethod
@@ -325,11 +345,12 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             rewards = [total(rewards) / len(rewards)] * len(rewards)
         return dict(zip(self.agents, rewards, strict=True))
 
-    def _step_infos(self, step: TeamStep[BeliefT]) -> Infos:
+    def _infos(self, outcomes: Sequence[dict[str, Any]]) -> Infos:
+        """Infos of all robots, from what came of the step of each."""
         common = self._common_info()
         return {
-            agent: {**common, **outcome_info(step, robot), **self._extra_info(robot, step)}
-            for robot, agent in enumerate(self.agents)
+            agent: {**outcome, **common, **self._own_info(robot)}
+            for robot, (agent, outcome) in enumerate(zip(self.agents, outcomes, strict=True))
         }
 
     def _common_info(self) -> dict[str, Any]:
