@@ -3,6 +3,7 @@
 =================  =====================================================================
 import             ``from coopmap_env import field_v1`` (extra ``field``)
 many worlds        `vector_env`: a `gymnasium.vector.VectorEnv`, see `coopmap_env.vector`
+in turns           `env` and `raw_env`: PettingZoo "AEC", by its own conversion
 ids                ``coopmap/Field-v1`` and, with the search for the target and fiducials,
                    ``coopmap/FieldSearch-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
@@ -115,12 +116,15 @@ from gymnasium.vector import AutoresetMode
 from coopmap_env.envs import RejectedReason
 from coopmap_env.envs.arguments import takes_arguments
 from coopmap_env.envs.field import FieldArguments, FieldEnv, FieldSettings, FieldTeamEnv
+from coopmap_env.envs.turns import in_turns, with_order
 from coopmap_env.localization import CorrectionFailure, LocalizationFailure
 from coopmap_env.robots import Mount, make_mount, mount_from_urdf
 from coopmap_env.vector import RowName, WorkerVectorEnv
 
 parallel_env = takes_arguments(FieldArguments)(FieldEnv)
 team_env = takes_arguments(FieldArguments)(FieldTeamEnv)
+raw_env = takes_arguments(FieldArguments)(in_turns(FieldEnv))
+env = takes_arguments(FieldArguments)(with_order(raw_env))
 
 
 def vector_env(
@@ -162,9 +166,11 @@ __all__ = [
     "LocalizationFailure",
     "Mount",
     "RejectedReason",
+    "env",
     "make_mount",
     "mount_from_urdf",
     "parallel_env",
+    "raw_env",
     "team_env",
     "vector_env",
 ]

@@ -3,6 +3,7 @@
 =================  =====================================================================
 import             ``from coopmap_env import planar_v1``
 many worlds        `vector_env`: a `gymnasium.vector.VectorEnv`, see `coopmap_env.vector`
+in turns           `env` and `raw_env`: PettingZoo "AEC", by its own conversion
 id                 ``coopmap/Planar-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
 agents             ``robot_0`` ... , 2 by default
@@ -69,17 +70,22 @@ v0: first version.
 from coopmap_env.envs import RejectedReason
 from coopmap_env.envs.arguments import takes_arguments
 from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarSettings, PlanarTeamEnv
+from coopmap_env.envs.turns import in_turns, with_order
 from coopmap_env.vector import PlanarVectorEnv
 
 parallel_env = takes_arguments(PlanarArguments)(PlanarEnv)
 team_env = takes_arguments(PlanarArguments)(PlanarTeamEnv)
+raw_env = takes_arguments(PlanarArguments)(in_turns(PlanarEnv))
+env = takes_arguments(PlanarArguments)(with_order(raw_env))
 vector_env = PlanarVectorEnv
 
 __all__ = [
     "PlanarArguments",
     "PlanarSettings",
     "RejectedReason",
+    "env",
     "parallel_env",
+    "raw_env",
     "team_env",
     "vector_env",
 ]

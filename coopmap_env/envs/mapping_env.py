@@ -39,7 +39,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """Conducts an episode and computes nothing itself: decode, move, scan, fuse, reward, observe.
 
     A world's environment calls `_set_up` once and provides `_start`, `_advance`, `_scans_done`,
-    `_elapsed_time`, `last_scans`, `_shown_mask`, `_render_frame` and `truth`.
+    `_elapsed_time`, `last_scans`, `_shown_mask`, `_explain`, `_render_frame` and `truth`.
+
+    `copy.deepcopy` and `pickle` keep the episode: a copy goes on as the original does. It is made
+    by playing the episode again, so that it takes as long as the steps so far.
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
@@ -48,9 +51,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     _belief: BeliefT
 
     def __init__(self, arguments: MappingArguments) -> None:
+        self._arguments = arguments
         self.possible_agents = [f"robot_{i}" for i in range(arguments.n_robots)]
         self.agents: list[str] = []
-        self.max_scans = arguments.max_scans
+        self.max_scans = arguments.n_scans
         self.max_time = arguments.max_time
         self.split = arguments.split
         self.render_mode = arguments.render_mode
@@ -63,6 +67,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._window: HumanWindow | None = None
         self._seed_draws = SeedDraws()
         self._has_reset = False
+        self._episode: tuple[EpisodeSeeds, list[dict[str, Any]]] | None = None
+        """Seeds of the episode and the actions so far: they determine all else."""
         self._trails: list[list[NDArray[np.float64]]] = []
 
     def _set_up(
@@ -196,13 +202,9 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if options is not None and not isinstance(options, Mapping):
             raise ValueError(f"options must be a dict or None, got {brief(options)}")
         seeds = self._seed_draws.seeds_of(self.split, seed)
-        self._belief, observed = self._start(seeds)
+        observed = self._begin(seeds)
         if seed is not None:
             self._seed_draws.follow(seeds)
-        self._has_reset = True
-        self.agents = list(self.possible_agents)
-        self._trails = [[] for _ in self.agents]
-        self._record_positions()
         observations = self._observations_of_agents(observed)
         blank = {key: kind() for key, kind in self.info_types.items()}
         infos = self._infos([blank] * len(self.agents))
@@ -231,9 +233,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._require_reset()
         if not self.agents:
             raise RuntimeError(f"the episode ended after {self._scans_done} scans: call reset()")
-        step = self._advance(action_of_each(self.agents, actions))
-        self._belief = step.belief
-        self._record_positions()
+        step = self._play(action_of_each(self.agents, actions))
         observations = self._observations_of_agents(step.observations)
         rewards = self._assign_rewards(step.reward_terms)
         infos = self._infos([outcome_info(step, robot) for robot in range(len(self.agents))])
@@ -316,6 +316,47 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if self._window is not None:
             self._window.close()
             self._window = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """How to come to the same state: copies and pickles play the episode again."""
+        return {
+            "arguments": vars(self._arguments),
+            "spaces": (self.action_spaces, self.observation_spaces),
+            "seed_draws": self._seed_draws,
+            "episode": self._episode,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Play the episode up to the same step."""
+        type(self).__init__(self, **state["arguments"])
+        self.action_spaces, self.observation_spaces = state["spaces"]  # with their random numbers
+        self._seed_draws = state["seed_draws"]
+        if state["episode"] is not None:
+            seeds, actions = state["episode"]
+            self._begin(seeds)
+            for one in actions:
+                self._play(one)
+            if self._has_ended:
+                self.agents = []
+
+    def _begin(self, seeds: EpisodeSeeds) -> list[Observation]:
+        """Begin the episode of these seeds; what the robots observe."""
+        self._belief, observed = self._start(seeds)
+        self._episode = seeds, []
+        self._has_reset = True
+        self.agents = list(self.possible_agents)
+        self._trails = [[] for _ in self.agents]
+        self._record_positions()
+        return observed
+
+    def _play(self, actions: dict[str, Any]) -> TeamStep[BeliefT]:
+        """Take one step of the episode."""
+        assert self._episode is not None
+        step = self._advance(actions)
+        self._episode[1].append({agent: np.array(one) for agent, one in actions.items()})
+        self._belief = step.belief
+        self._record_positions()
+        return step
 
     def _require_reset(self) -> None:
         if not self._has_reset:

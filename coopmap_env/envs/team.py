@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
@@ -19,7 +18,7 @@ from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.step_data import Infos
 
 
-class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
+class TeamEnv(gymnasium.Env[Observation, Any]):
     """A parallel environment seen by a single agent; takes the same arguments.
 
     Observations are those of the robots, each entry concatenated along its first axis (maps along
@@ -33,7 +32,6 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
     """The parallel environment; set by each subclass."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        EzPickle.__init__(self, *args, **kwargs)
         self.parallel = type(self).parallel_env(*args, **kwargs)
         self.render_mode = self.parallel.render_mode
         agents = self.parallel.possible_agents

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
@@ -60,7 +59,7 @@ from coopmap_env.simulation.physics import MAX_VEHICLES
 from coopmap_env.simulation.scenes.field import FieldWorld, make_field_scene
 
 
-class FieldEnv(MappingEnv[FieldBelief], EzPickle):
+class FieldEnv(MappingEnv[FieldBelief]):
     """Cooperative active mapping with depth cameras on mounts; see `coopmap_env.field_v1`.
 
     Parameters
@@ -98,7 +97,6 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         arguments = FieldArguments(*args, **kwargs)
-        EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
         if arguments.n_robots > MAX_VEHICLES:
             raise ValueError(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from coopmap_env.envs.actions import CandidateMode
@@ -33,7 +32,7 @@ NO_POSES = np.empty((1, 0, 3))
 NO_CHOICES = np.empty((1, 0), dtype=np.int64)
 
 
-class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
+class PlanarEnv(MappingEnv[PlanarBelief]):
     """Cooperative active mapping with planar cameras; see `coopmap_env.planar_v1`.
 
     Parameters
@@ -59,7 +58,6 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         arguments = PlanarArguments(*args, **kwargs)
-        EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
         self.scene = scene = make_planar_scene(arguments.scene)
         grid = VoxelGrid(scene.shape, scene.resolution, scene.origin)
