@@ -49,7 +49,7 @@ def rest(env, n_steps, rng=1):
     return hash_of(*shown)
 
 
-@pytest.mark.parametrize(("mode", "way"), zip(MODES, COPIES, strict=True))
+@pytest.mark.parametrize(("mode", "way"), list(zip(MODES, COPIES, strict=True)))
 def test_of_every_id_the_robots_go_on_from_where_they_are(name, mode, way):
     env = pettingzoo.make("parallel", name, **arguments_of(name, mode)).unwrapped
     env.reset(seed=3)
@@ -60,7 +60,7 @@ def test_of_every_id_the_robots_go_on_from_where_they_are(name, mode, way):
     other.close()
 
 
-@pytest.mark.parametrize(("mode", "way"), zip(MODES, reversed(COPIES), strict=True))
+@pytest.mark.parametrize(("mode", "way"), list(zip(MODES, reversed(COPIES), strict=True)))
 def test_of_every_id_the_team_goes_on_from_where_it_is(name, mode, way):
     env = gymnasium.make(name, **arguments_of(name, mode))
     env.reset(seed=3)
