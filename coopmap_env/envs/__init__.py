@@ -16,8 +16,9 @@ from coopmap_env.envs.belief import (
 )
 from coopmap_env.envs.budget import Budget
 from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.envs.reasons import RejectedReason
 from coopmap_env.envs.rewards import REWARD_TERMS, RewardName, RewardScale, StepOutcome
-from coopmap_env.envs.step_data import Infos
+from coopmap_env.envs.step_data import Infos, InfoTypes
 from coopmap_env.envs.team import TeamEnv
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Budget",
     "CameraFrames",
     "Foresight",
+    "InfoTypes",
     "Infos",
     "InvalidActionError",
     "MappingEnv",
@@ -34,6 +36,7 @@ __all__ = [
     "Observations",
     "Planning",
     "Poses",
+    "RejectedReason",
     "RewardName",
     "RewardScale",
     "StepOutcome",

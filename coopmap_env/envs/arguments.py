@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal, ParamSpec, TypeVar, cast
 
 from coopmap_env.core.settings import Bounds, Positive, PositiveInt, Settings
@@ -58,6 +58,13 @@ class MappingArguments(TaskArguments):
     """Whether `infos` have ``shown_fraction``, for scoring: the cells that beams without noise have
     crossed up to the first true surface, and those known at the start, as a fraction of all. With
     ``reward="shown"`` they always do."""
+    max_cycles: PositiveInt | None = field(default=None, kw_only=True)
+    """PettingZoo's name of ``max_scans``, which it replaces where it is given."""
+
+    @property
+    def n_scans(self) -> int:
+        """Scans of each robot until truncation, by either name."""
+        return self.max_scans if self.max_cycles is None else self.max_cycles
 
     @property
     def keeps_shown(self) -> bool:
