@@ -14,13 +14,18 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, ParamSpec, TypeVar, cast
 
 from coopmap_env.core.settings import Bounds, Positive, PositiveInt, Settings
-from coopmap_env.envs.rewards import TRUE_TERMS, RewardName
 
 Parameters = ParamSpec("Parameters")
 Env = TypeVar("Env")
 
 ActionModeName = Literal["pose", "candidates"]
 SplitName = Literal["train", "validation", "test"]
+RewardName = Literal["rating", "information", "coverage", "shown"]
+"""The choices of the argument `reward`: a new term is named here and in `rewards.REWARD_TERMS`, and
+written by `rewards.write_reward_terms`. The tests compare the three, and the commands offer it by
+themselves."""
+TRUE_TERMS = ("shown",)
+"""Terms that only environments have that keep what scans truly show."""
 
 
 @dataclass(frozen=True)

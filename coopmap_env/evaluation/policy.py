@@ -10,12 +10,14 @@ import ast
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from coopmap_env.core.files import brief
-from coopmap_env.envs import Belief, Observation
+
+if TYPE_CHECKING:  # what a policy sees takes longer to load than to say that its name is unknown
+    from coopmap_env.envs import Belief, Observation
 
 ENTRY_POINT_GROUP = "coopmap.policies"
 
