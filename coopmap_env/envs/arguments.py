@@ -35,8 +35,8 @@ class TaskArguments(Settings):
     n_robots: Annotated[int, Bounds(at_least=1, largest=1_000)] = 2
     """Robots in the team."""
     action_mode: ActionModeName = "pose"
-    """Any pose (in the field: joints of the mount), or a choice among random feasible poses; see
-    `coopmap_env.envs.actions`."""
+    """Any pose, or a choice among random feasible poses. In the field, a pose is that of the joints
+    of the mount; see `coopmap_env.envs.actions`."""
     reward: RewardName = "rating"
     """Term that is paid; see `coopmap_env.envs.rewards`. All terms are in `infos`; "shown", which
     is for training only, if it is paid or with ``report_shown=True``."""
@@ -45,7 +45,7 @@ class TaskArguments(Settings):
     max_scans: PositiveInt = 16
     """Scans of each robot until truncation."""
     max_time: Positive | None = None
-    """Seconds until truncation, on a clock that the team shares: each step lasts as long as the
+    """Seconds until truncation, on a clock that the team shares. Each step lasts as long as the
     slowest motion and the scans. The step in which it runs out is the last one."""
     n_candidates: Annotated[int, Bounds(at_least=1, largest=65_536)] = 32
     """Number of candidates m, in "candidates" mode."""

@@ -7,7 +7,7 @@ policies on the same worlds, and ``summarize`` gives their scores with confidenc
 from typing import TYPE_CHECKING
 
 from coopmap_env.core.lazy import load_on_first_use
-from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
+from coopmap_env.evaluation.policy import Policy, check_policy, make_policy, policy_names
 from coopmap_env.evaluation.rollout import Step, policy_rng, rollout
 
 # Loaded on first use: planners import this package and need no statistics.
@@ -49,6 +49,7 @@ __all__ = [
     "Result",
     "Step",
     "SurfaceResult",
+    "check_policy",
     "compare",
     "episode_from_dict",
     "evaluate",

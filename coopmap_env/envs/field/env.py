@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from coopmap_env.core.choices import check_keywords
 from coopmap_env.core.files import brief
 from coopmap_env.envs.actions import CandidateMode
 from coopmap_env.envs.belief import Observation
@@ -98,6 +99,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
     _observer: FieldObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        check_keywords("coopmap_env.field_v1", kwargs, FieldArguments)
         arguments = FieldArguments(*args, **kwargs)
         EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)

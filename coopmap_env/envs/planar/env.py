@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from coopmap_env.core.choices import check_keywords
 from coopmap_env.envs.actions import CandidateMode
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
@@ -56,6 +57,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
     _observer: PlanarObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        check_keywords("coopmap_env.planar_v1", kwargs, PlanarArguments)
         arguments = PlanarArguments(*args, **kwargs)
         EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
