@@ -8,7 +8,6 @@ option is answered at once.
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import time
@@ -17,10 +16,11 @@ from pathlib import Path
 from typing import cast
 
 from coopmap_env.cli.commands import Command, find_commands, first_screen
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.cli.results import duration
 from coopmap_env.core.choices import unknown
 from coopmap_env.core.extras import require_extras
-from coopmap_env.core.processes import WorkerError, exit_status, interrupted_by_signals
+from coopmap_env.core.processes import exit_status, interrupted_by_signals
 from coopmap_env.core.progress import log
 from coopmap_env.core.version import __version__
 
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     start = time.monotonic()
     out: Path | None = None
     try:
-        with interrupted_by_signals(INTERRUPTED):
+        with errors_as_lines(), interrupted_by_signals(INTERRUPTED):
             command = parse_command(arguments)
             out = getattr(command, "out", None)
             require_extras(getattr(command, "extras", list)())
@@ -71,31 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt as interruption:
         log(INTERRUPTED if out is None else f"{INTERRUPTED}, with --out {out}")
         raise SystemExit(getattr(interruption, "exit_status", EXIT_INTERRUPTED)) from None
-    except BrokenPipeError:  # the reader of our output has ended, as `head` does
-        with open(os.devnull, "w") as nowhere:
-            os.dup2(nowhere.fileno(), sys.stdout.fileno())
-        raise SystemExit(1) from None
-    except (ValueError, ImportError, OSError, WorkerError) as error:
-        raise SystemExit(one_line(error)) from None
-    except (MemoryError, RuntimeError) as error:
-        if not is_out_of_memory(error):
-            raise
-        raise SystemExit(f"{one_line(error)}: memory is short; use fewer workers") from None
 
 
 def end_line(out: Path | None, seconds: float) -> str:
     """Where the results are, and how long a command took."""
     where = "" if out is None else f"; results: {out}"
     return f"done in {duration(seconds)}{where}"
-
-
-def one_line(error: BaseException) -> str:
-    """The message of an error, for the terminal."""
-    return f"coopmap: {' '.join(str(error).split()) or type(error).__name__}"
-
-
-def is_out_of_memory(error: BaseException) -> bool:
-    """Whether memory was short; torch raises a RuntimeError."""
-    return isinstance(error, MemoryError) or any(
-        text in str(error) for text in ("can't allocate memory", "out of memory")
-    )

@@ -20,6 +20,8 @@ SCENES = {
 """Names of `PLANAR_SCENES` and `FIELD_SCENES`."""
 MOUNTS = ("mast", "husky_panda", "tiago")
 """Names that `make_mount` knows."""
+URDF_OPTIONS = ("joints", "camera_link", "home")
+"""Options that belong to a URDF as mount."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,19 @@ class EnvironmentOptions(TaskArguments):
     ROS map_server file; field: worksite (default), clutter, rubble, occluded, or a file of meshes,
     URDFs and boxes."""
     mount: str | None = None
-    """field: mast (default), husky_panda or tiago. Or one for each robot, separated by commas."""
+    """field: mast (default), husky_panda, tiago, or a URDF. Or names for each robot, separated by
+    commas. A URDF needs --joints and --camera-link."""
+    joints: tuple[str, ...] = ()
+    """Joints of the URDF that move the camera. All others are fixed."""
+    camera_link: str | None = None
+    """Link of the URDF that the camera is fixed to. Its x is the optical axis, and its y points
+    left."""
+    optical_frame: bool = False
+    """The camera link is an optical frame. Its z is the optical axis, and its x points right."""
+    home: tuple[float, ...] = ()
+    """Values of the joints of the URDF at the start. By default 0, or the nearest limit."""
+    root_height: float = 0.0
+    """Height of the root link of the URDF above ground, metres."""
     physics: Literal["kinematic", "stepped"] | None = None
     """field: kinematic (default) or stepped physics. See FieldSettings.physics."""
     initialization: Literal["located", "search"] | None = None
@@ -87,8 +101,8 @@ class EnvironmentOptions(TaskArguments):
             raise ValueError(str(error).removeprefix("TaskArguments.")) from error
         if self.scene is not None:
             check_scene(self.scene, self.env_name)
-        if self.mount is not None:
-            arguments["mount"] = parse_mounts(self.mount)
+        if (mount := self._mount()) is not None:
+            arguments["mount"] = mount
         for name in ("scene", "initialization", "motion_correction"):
             if getattr(self, name):
                 arguments[name] = getattr(self, name)
@@ -102,6 +116,29 @@ class EnvironmentOptions(TaskArguments):
         if self.family not in FAMILIES:
             raise ValueError(unknown("family", self.family, FAMILIES))
         return FAMILIES[self.family].lower()
+
+    def _mount(self) -> str | list[str] | dict[str, Any] | None:
+        """The argument `mount`: names, or `MountFields` of a URDF."""
+        given = [name for name in URDF_OPTIONS if getattr(self, name) not in ((), None)]
+        if self.mount is None or not is_urdf(self.mount):
+            if given:
+                raise ValueError(f"--{given[0].replace('_', '-')} belongs to --mount FILE.urdf")
+            return None if self.mount is None else parse_mounts(self.mount)
+        if not Path(self.mount).is_file():
+            raise ValueError(f"--mount {self.mount}: there is no such file")
+        if not self.joints or self.camera_link is None:
+            raise ValueError(
+                f"--mount {self.mount} needs --joints, those that move the camera, and "
+                "--camera-link, the link that it is fixed to"
+            )
+        return {
+            "urdf": self.mount,
+            "joints": list(self.joints),
+            "camera_link": self.camera_link,
+            "home": list(self.home) or None,
+            "root_height": self.root_height,
+            "optical_frame": self.optical_frame,
+        }
 
     def extras(self) -> list[str]:
         """Extras that the environment needs."""
@@ -129,7 +166,7 @@ class EnvironmentOptions(TaskArguments):
             value = getattr(self, option.name)
             if option.name in FREE_ARGUMENTS:
                 arguments[option.name] = value
-            elif option.name != "family" and value is not None:
+            elif option.name != "family" and value not in (None, option.default):
                 raise ValueError(
                     f"--{option.name.replace('_', '-')} belongs to --family {self.family}, which "
                     "has its own: leave it out"
@@ -161,6 +198,11 @@ def parse_mounts(text: str) -> str | list[str]:
         if name not in MOUNTS:
             raise ValueError(unknown("mount", name, MOUNTS))
     return text.split(",") if "," in text else text
+
+
+def is_urdf(mount: str) -> bool:
+    """Whether a mount is a file and no name."""
+    return Path(mount).suffix.lower() in (".urdf", ".xml", ".xacro")
 
 
 def is_file(scene: str | None) -> bool:

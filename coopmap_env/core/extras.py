@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from types import ModuleType
 
@@ -82,6 +83,12 @@ def pip_command(extras: Iterable[str]) -> str:
 
 def _is_installed(module: str) -> bool:
     try:
-        return find_spec(module) is not None
+        if find_spec(module) is not None:
+            return True
     except (ModuleNotFoundError, ValueError):  # hidden, or in the place of a module without a spec
         return False
+    try:
+        distribution(module)  # one of files without a module, as example-robot-data
+    except PackageNotFoundError:
+        return False
+    return True
