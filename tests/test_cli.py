@@ -22,6 +22,7 @@ from coopmap_env.core.processes import Interruption, WorkerError
 from coopmap_env.envs.arguments import TaskArguments
 from coopmap_env.envs.field import FieldArguments
 from coopmap_env.envs.planar import PlanarArguments
+from coopmap_env.evaluation.saved_run import load_run
 from coopmap_env.robots import mount_library
 from coopmap_env.simulation import Physics
 from coopmap_env.simulation.scenes.field import FIELD_SCENES
@@ -55,6 +56,8 @@ def test_evaluate_writes_a_row_for_each_policy_and_world_and_a_summary(tmp_path,
     assert "probability_of_improvement" in summary["policies"]["raster"]["comparison"]
     printed = capsys.readouterr()
     assert "raster" in printed.out
+    assert "| rating_function:search=10 | 2 " in (tmp_path / "report.md").read_text()
+    assert list(load_run(tmp_path).evaluations) == ["rating_function:search=10", "raster"]
     assert re.fullmatch(rf"done in \d.*; results: {tmp_path}", printed.err.splitlines()[-1])
 
 
@@ -77,6 +80,18 @@ def test_options_have_the_names_of_scenes_and_mounts():
         "field": tuple(FIELD_SCENES),
     } == environment.SCENES
     assert tuple(mount_library.MOUNTS) == environment.MOUNTS
+
+
+def test_a_urdf_is_a_mount_with_its_joints_and_its_camera(tmp_path):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text("<robot/>")
+    options = EnvironmentOptions(env="field", mount=str(urdf), joints=("pan",), camera_link="eye")
+    assert options.env_kwargs()["mount"] == {
+        "urdf": str(urdf), "joints": ["pan"], "camera_link": "eye", "home": None,
+        "root_height": 0.0, "optical_frame": False,
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=r"arm.urdf needs --joints, .* and --camera-link"):
+        EnvironmentOptions(env="field", mount=str(urdf), joints=("pan",)).env_kwargs()
 
 
 def test_commands_have_an_option_for_each_argument_of_a_task():
@@ -154,6 +169,10 @@ def test_the_program_prints_its_help():
         (["--physics", "stepped"], "--physics belongs to --env field"),
         (["--motion-correction", "exact"], "--motion-correction belongs to --env field"),
         (["--env", "field", "--mount", "mast,crane"], "unknown mount 'crane'"),
+        (["--env", "field", "--mount", "arm.urdf"], "--mount arm.urdf: there is no such file"),
+        (["--env", "field", "--mount", __file__ + ".urdf"], "there is no such file"),
+        (["--env", "field", "--joints", "pan"], "--joints belongs to --mount FILE.urdf"),
+        (["--env", "field", "--camera-link", "eye"], "--camera-link belongs to --mount FILE.urdf"),
         (["--env", "field", "--mount", "mast,mast,mast"], "one for each of 2 robots, got 3"),
     ],
 )

@@ -12,6 +12,7 @@ ENTRY_POINT_GROUP = "coopmap.commands"
 BUILTIN_COMMANDS = {
     "evaluate": "coopmap_env.cli.evaluate:Evaluate",
     "replay": "coopmap_env.cli.replay:Replay",
+    "report": "coopmap_env.cli.report:Report",
 }
 """Class of each command of this package."""
 PURPOSES = (

@@ -21,8 +21,9 @@ MAX_EPISODES = 1_000_000
 class Evaluate(EnvironmentOptions):
     """Compare policies on the same worlds.
 
-    Writes episodes.csv (one row per policy and world) and summary.json (means, interquartile
-    means, probability of improvement over the first policy; 95 % bootstrap intervals).
+    Writes episodes.csv (one row per policy and world), summary.json (means, interquartile means,
+    probability of improvement over the first policy; 95 % bootstrap intervals), report.md, and with
+    the extra report figure.png. `coopmap report` compares the folders of several runs.
 
     Such as:
       coopmap evaluate --policies rating_function:search=100,raster --episodes 50
@@ -83,7 +84,7 @@ class Evaluate(EnvironmentOptions):
             results = self._play_and_write(names)
         for name, result in results.items():
             print(f"{name:<40} {summary_line(result.table)}")
-        log(f"tables: {self.out / 'episodes.csv'}, {self.out / 'summary.json'}")
+        log(f"coopmap report {self.out} compares it with other runs")
 
     def _play_and_write(self, names: list[str]) -> dict[str, Any]:
         """Play all episodes and write the files; evaluations by policy."""
@@ -92,6 +93,8 @@ class Evaluate(EnvironmentOptions):
         from coopmap_env.core.settings import settings_to_dict
         from coopmap_env.core.version import __version__
         from coopmap_env.evaluation import write_episodes
+        from coopmap_env.evaluation.report import write_report
+        from coopmap_env.evaluation.saved_run import SavedRun, save_run
 
         arguments = {**self.env_kwargs(), "split": self.split}
         seeds = range(self.seed, self.seed + self.episodes)
@@ -119,6 +122,9 @@ class Evaluate(EnvironmentOptions):
             },
             "policies": evaluation.summarize(results, names[0]),
         }
+        run = SavedRun(summary["env"], results)
+        save_run(run, self.out)
+        write_report(run, self.out, f"{env.metadata['name']}, split {self.split}")
         write_episodes(results, self.out / "episodes.csv")
         write_atomically(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         return results
