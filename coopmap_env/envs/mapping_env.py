@@ -15,10 +15,10 @@ from pettingzoo import ParallelEnv
 from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.actions import CandidateMode, action_of_each
-from coopmap_env.envs.arguments import MappingArguments
+from coopmap_env.envs.arguments import TRUE_TERMS, MappingArguments
 from coopmap_env.envs.belief import ActionMode, Observation, Observer
 from coopmap_env.envs.budget import BUDGET_SIZE, Budget, budget_fractions, budget_space
-from coopmap_env.envs.rewards import REWARD_TERMS, TRUE_TERMS
+from coopmap_env.envs.rewards import REWARD_TERMS
 from coopmap_env.envs.step_data import (
     COMMON_INFO_TYPES,
     OUTCOME_INFO_TYPES,

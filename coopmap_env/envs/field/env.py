@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.choices import check_keywords
 from coopmap_env.core.files import brief
 from coopmap_env.envs.actions import CandidateMode
 from coopmap_env.envs.belief import Observation
@@ -96,6 +97,7 @@ class FieldEnv(MappingEnv[FieldBelief]):
     _observer: FieldObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        check_keywords("coopmap_env.field_v1", kwargs, FieldArguments)
         arguments = FieldArguments(*args, **kwargs)
         super().__init__(arguments)
         if arguments.n_robots > MAX_VEHICLES:

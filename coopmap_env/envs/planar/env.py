@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.core.choices import check_keywords
 from coopmap_env.envs.actions import CandidateMode
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
@@ -57,6 +58,7 @@ class PlanarEnv(MappingEnv[PlanarBelief]):
     _observer: PlanarObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        check_keywords("coopmap_env.planar_v1", kwargs, PlanarArguments)
         arguments = PlanarArguments(*args, **kwargs)
         super().__init__(arguments)
         self.scene = scene = make_planar_scene(arguments.scene)
