@@ -24,6 +24,7 @@ extensions = [
 exclude_patterns = ["leaderboard"]
 # Docstrings name code in single backticks: where it is documented, they become links.
 default_role = "py:obj"
+suppress_warnings = ["ref.python"]  # `shape` is an attribute of several classes: no link
 myst_heading_anchors = 3
 napoleon_google_docstring = False
 napoleon_use_param = False  # types are prose, as in "shape (n, 3)": no links from their words
