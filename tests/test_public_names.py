@@ -1,12 +1,14 @@
 """Each public name has one import path; modules with an underscore stay inside of their package."""
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
 from coopmap_env.core.lazy import typing_imports
 
 ROOT = Path(__file__).parents[1]
+API = ROOT / "docs" / "api" / "index.rst"
 FOLDERS = {
     "coopmap": "coopmap",
     "coopmap_env": "coopmap_env",
@@ -101,3 +103,11 @@ def test_underscored_modules_stay_inside_of_their_package():
         return last.startswith("_") and not f"{importer}.".startswith(f"{package}.")
 
     assert [found for found in imports() if escapes(*found)] == []
+
+
+def test_the_api_reference_has_every_package_with_public_names():
+    """The pages of the environments have `planar_v1`, `field_v1`; `coopmap_env` only gathers."""
+    listed = re.findall(r"^   (coopmap_[\w.]+)$", API.read_text(encoding="utf-8"), re.MULTILINE)
+    packages = {module for module, names in all_exports().items() if names}
+    modules = {"coopmap_env", "coopmap_env.envs.planar.observations"}
+    assert sorted(listed) == sorted(packages - modules)
