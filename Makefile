@@ -8,7 +8,7 @@ OUT ?= results/section3
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 NEVER_IMPORTED := /(tests?|_inductor|torch/testing|sqlalchemy|debugpy|fontTools|pygments|setuptools)/
 LOADED_FROM_ELSEWHERE := <(script|img|iframe|source)[^>]* src="(https?:)?//|<link[^>]* href="(https?:)?//[^>]*stylesheet|stylesheet"[^>]* href="(https?:)?//|url\([^)]?(https?:)?//
-PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name __pycache__)
+PACKAGE_FOLDERS := $(shell find coopmap coopmap_env baselines agents -type d -not -name __pycache__)
 
 SEEDS := 0 1 2
 # How each policy that ships is trained, beside its seed.

@@ -120,7 +120,8 @@ def score_file(
             )
     except ReplayError as error:
         raise SubmissionError(f"{path}: does not replay: {error}") from error
-    records, names = submission["episodes"], SCORES
+    records = submission["episodes"]
+    names: tuple[str, ...] = SCORES
     if _is_field(submission):
         names += FIELD_SCORES
     columns = {name: [_defined(record["scores"][name]) for record in records] for name in names}
