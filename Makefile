@@ -82,7 +82,7 @@ $(POLICIES): setup
 	done
 	$(BIN)/python -m coopmap_agents.pretrained.export agents/pretrained/policies/$@ $(addprefix results/$@/,$(SEEDS))
 
-# The networks that predict maps, trained again: about two hours on one core.
+# The networks that predict maps, trained again: one to two hours on one core.
 map-networks: setup
 	for env in planar field; do \
 		OMP_NUM_THREADS=1 $(BIN)/coopmap train-map --env-name $$env --out results/map-$$env || exit 1; \

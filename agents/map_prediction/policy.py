@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from coopmap_agents.map_prediction.predictor import MapPredictor
 from coopmap_baselines import LookaheadPolicy
 from coopmap_baselines.planner import Search
+from coopmap_env.core.settings import UnitInterval, checked_value
 from coopmap_env.envs import Belief, Foresight
 
 if TYPE_CHECKING:
@@ -56,6 +59,11 @@ class PredictivePolicy(_OnPredictedMaps):
     search : int or "exhaustive"
         Number of random poses, of which the first view is one. A network takes as long as some
         thousand views, so many of them are worth it.
+    hazard_scale : float
+        Factor of the predicted hazards, in [0, 1]. The cells along a beam are not independent: if
+        the first one behind a gap is free, those behind it probably are, too. Their product would
+        expect too little of views deep into the unknown. Chosen on validation worlds, see
+        `docs/what_was_tried.md`.
     **options
         As of `LookaheadPolicy`.
 
@@ -74,9 +82,16 @@ class PredictivePolicy(_OnPredictedMaps):
         model: MapNetwork | str | os.PathLike[str] | None = None,
         horizon: int = 1,
         search: Search = 1000,
+        hazard_scale: float = 0.5,
         **options: Any,
     ) -> None:
         super().__init__(MapPredictor(model), horizon=horizon, search=search, **options)
+        self.hazard_scale: float = checked_value("hazard_scale", hazard_scale, UnitInterval)
+
+    def foresight(self, belief: Belief) -> Foresight:
+        """The map with its predicted hazards."""
+        hazards = np.float32(self.hazard_scale) * self.predictor.occupancy(belief.map)
+        return belief.planning.foresight(belief, hazards)
 
 
 class PredictiveSurfacePolicy(_OnPredictedMaps):

@@ -3,11 +3,11 @@
 from coopmap_env.information.entropy import entropy
 from coopmap_env.information.field.frustum import Frustum
 from coopmap_env.information.field.mutual_information import FieldMutualInformation
-from coopmap_env.information.field.near_surface import near_surface_weights
 from coopmap_env.information.field.point_visibility import first_visible_point
 from coopmap_env.information.field.rating import FieldRatingFunction
 from coopmap_env.information.frontier import adjacent_to_unknown
 from coopmap_env.information.gray_levels import gray_bin, sampled_gray_level, unknown_gray_level
+from coopmap_env.information.near_surface import near_surface_hazards, near_surface_weights
 from coopmap_env.information.planar.expected_views import ExpectedCells, PlanarExpectedViews
 from coopmap_env.information.planar.information_cache import NewInformationCache
 from coopmap_env.information.planar.mutual_information import PlanarMutualInformation
@@ -48,6 +48,7 @@ __all__ = [
     "gray_bin",
     "joint_distance",
     "motion_distance",
+    "near_surface_hazards",
     "near_surface_weights",
     "sampled_gray_level",
     "unknown_gray_level",

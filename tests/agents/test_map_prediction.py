@@ -254,9 +254,12 @@ def test_the_planner_counts_what_its_network_predicts():
         env.reset(seed=1)
         belief = env.belief()
         poses, planning = belief.feasible_poses(0), belief.planning
-        occupancy = policy.predictor.occupancy(belief.map)
+        hazards = policy.predictor.occupancy(belief.map) / 2
         gains = policy.foresight(belief).gain(0, poses)
-        np.testing.assert_array_equal(gains, planning.foresight(belief, occupancy).gain(0, poses))
+        np.testing.assert_array_equal(gains, planning.foresight(belief, hazards).gain(0, poses))
+        whole = PredictivePolicy(tiny_network(), hazard_scale=1).foresight(belief).gain(0, poses)
+        assert (whole < gains).any()
+        assert (whole <= gains).all()
         assert (gains != planning.foresight(belief).gain(0, poses)).any()
 
 
@@ -272,6 +275,8 @@ def test_the_planner_with_predictions_plays_an_episode_and_repeats_it():
 def test_wrong_options_are_named():
     with pytest.raises(ValueError, match="horizon must"):
         PredictivePolicy(tiny_network(), horizon=9)
+    with pytest.raises(ValueError, match="hazard_scale must"):
+        PredictivePolicy(tiny_network(), hazard_scale=1.5)
     with pytest.raises(FileError, match=r"nowhere\.safetensors"):
         PredictivePolicy("nowhere.safetensors")
     with pytest.raises(ValueError, match="maps of 3 dimensions is needed, and this one is for 2"):

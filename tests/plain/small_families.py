@@ -2,6 +2,7 @@
 
 from plain.small_worlds import SETTINGS
 
+from coopmap_env.envs.field import FieldSettings
 from coopmap_env.families import FAMILIES, Family, worlds
 from coopmap_env.families.freeze import hashes_of
 
@@ -17,13 +18,18 @@ SMALL_FAMILIES = (
         SETTINGS,
     ),
 )
+SHORT_FIELD = Family(
+    "short", "field", "Few scans.", {"name": "worksite"}, {"n_robots": 1, "max_scans": 2},
+    FieldSettings(),
+)  # fmt: skip
+"""Its worlds take longer to make."""
 N_FROZEN = 4
 
 
-def with_small_families(monkeypatch):
+def with_small_families(monkeypatch, small_families=SMALL_FAMILIES):
     """Let the registry of families have these, and their first test worlds be frozen."""
     frozen = {}
-    for family in SMALL_FAMILIES:
+    for family in small_families:
         monkeypatch.setitem(FAMILIES, family.name, family)
         frozen[family.name] = hashes_of(family, {"test": N_FROZEN})
     monkeypatch.setattr(worlds, "frozen_hashes", frozen.__getitem__)

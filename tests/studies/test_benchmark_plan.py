@@ -19,8 +19,10 @@ def test_the_plan_has_the_documented_methods_and_conditions():
     whole = make_plan(FULL, ("planar", "field"))
     planar, field = whole.main
     assert (planar.n_worlds, field.n_worlds) == (100, 50)
-    assert len([method for method in planar.methods if method.family == LEARNED]) == 5
-    first = planar.methods[0]
+    assert len([method for method in planar.methods if method.family == LEARNED]) == 7
+    assert planar.methods[0].policy_specs == ("predictive:search=100",)
+    assert field.methods[0].policy_specs == ("predictive_surface:search=100",)
+    first = planar.methods[2]
     assert first.policy_specs == tuple(
         f"learned:model=planar-candidates+seed={k}" for k in (0, 1, 2)
     )

@@ -6,6 +6,7 @@ from coopmap_env.evaluation.statistics import Interval
 from coopmap_env.studies.benchmark.tables import equal_motion_table, verdict_table
 from coopmap_env.studies.benchmark.verdicts import (
     equal_motion_sentence,
+    headlines,
     interval_verdict,
     verdict_sentence,
 )
@@ -81,3 +82,17 @@ def test_a_row_of_the_table_has_the_spec_and_each_training_run():
     assert row[1].startswith("coverage:motion_weight=0+coordination=sequential, the same actions")
     assert row[1].endswith("(strongest)")
     assert row[3:] == ["+0.20 [+0.10, +0.30]", "higher", "+0.10, +0.20"]
+
+
+def test_headlines_are_of_the_first_learned_method_of_each_kind_of_actions():
+    kinds = {"map": "pose", "poses": "pose", "scorer": "candidates", "scorer 2": "candidates"}
+    methods = {
+        label: {"family": "learned", "env_kwargs": {"action_mode": mode}}
+        for label, mode in kinds.items()
+    }
+    methods["coverage"] = {"family": "coverage", "env_kwargs": {"action_mode": "pose"}}
+    part = {"env_name": "planar", "methods": methods}
+    stated = [a_verdict(1e-3, 2e-3, 3e-3, learned=label) for label in kinds]
+    stated.append(a_verdict(1e-3, 2e-3, 3e-3, learned="map", is_strongest=False))
+    lines = headlines({"main": [part], "verdicts": stated, "sweeps": []})
+    assert [line.split(": ")[1].split(" is ")[0] for line in lines] == ["map", "scorer"]

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.kernels import PlainTuple, borrowing_kernel, kernel
 from coopmap_env.information._mutual_information import MIN_REACH_PROBABILITY
+from coopmap_env.information.near_surface import near_surface_hazards
 from coopmap_env.information.planar.mutual_information import BeamEntries
 from coopmap_env.information.planar.rating import PlanarRatingFunction
 from coopmap_env.information.predictions import checked_probabilities
@@ -28,15 +29,6 @@ from coopmap_env.information.ratings import ReservedMask
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import free_mask
 from coopmap_env.sensing.beam_fan import FanArrays
-
-HAZARDS = (0.55, 0.22, 0.08, 0.08, 0.03)
-"""Hazard of never-sampled cells that are 1, 2, 3, 4, and 5 or more cells (the longer of dx and dy)
-from the nearest cell that is known to be occupied.
-
-About the fractions of such cells beside known free ones that are occupied, on training worlds of
-rooms, the house and obstacles: 0.5 to 0.7, 0.16 to 0.28, 0.05 to 0.14 and, from 5 on, 0.01 to 0.06.
-The true numbers of new cells are 0.95 to 1.25 times the expected ones; their correlation is 0.84 to
-0.94, against 0.80 to 0.89 with a hazard of 0.03 everywhere."""
 
 
 class ExpectedCells(NamedTuple):
@@ -85,7 +77,7 @@ class PlanarExpectedViews:
         reserved_mask : ndarray of uint8, shape (n_cells,), optional
             1 at the cells that do not count.
         unknown_occupancy : ndarray of float32, shape (n_cells,), optional
-            Predicted probability that each cell is occupied, in place of `HAZARDS`. Only those of
+            Predicted hazard of each cell, in place of `near_surface_hazards`. Only those of
             never-sampled cells are used.
 
         Raises
@@ -100,25 +92,13 @@ class PlanarExpectedViews:
         passing = pass_of_log_odds[map_.log_odds_fixed + clamp]
         unknown = map_.sampled_mask == 0
         if unknown_occupancy is None:
-            unknown_occupancy = self._hazards(map_)
+            unknown_occupancy = near_surface_hazards(map_)
         else:
             unknown_occupancy = checked_probabilities(unknown_occupancy, len(unknown))
         passing[unknown] = np.float32(1.0) - unknown_occupancy[unknown]
         counts = unknown if reserved_mask is None else unknown & (reserved_mask == 0)
         free = free_mask(map_).astype(np.float32)
         return ExpectedCells(passing, unknown, counts.astype(np.float32), free)
-
-    def _hazards(self, map_: OccupancyMap) -> NDArray[np.float32]:
-        """Hazard of each cell (n_cells,) by its distance to the nearest known surface."""
-        from scipy.ndimage import distance_transform_cdt  # a third of a second, seldom needed
-
-        occupied = (map_.log_odds_fixed >= 0) & (map_.sampled_mask != 0)
-        far = np.full(occupied.shape, len(HAZARDS))
-        if occupied.any():
-            steps = distance_transform_cdt(~occupied.reshape(self._shape), "chessboard")
-            far = np.minimum(steps.ravel(), far)
-        hazards: NDArray[np.float32] = np.array([0.0, *HAZARDS], dtype=np.float32)[far]
-        return hazards
 
     def count(self, cells: ExpectedCells, pose_ids: ArrayLike) -> NDArray[np.float64]:
         """Expected number of new cells that each pose (k,) shows, shape (k,).

@@ -182,6 +182,13 @@ def learned_method(model: str, label: str, env_kwargs: EnvKwargs, plotted: bool 
     return Method(label, policy_specs, env_kwargs, LEARNED, plotted)
 
 
+def predicting_method(
+    spec: str, label: str, env_kwargs: EnvKwargs, plotted: bool = False
+) -> Method:
+    """A planner on maps that a pretrained network completes: it is learned, too."""
+    return Method(label, (spec,), env_kwargs, LEARNED, plotted)
+
+
 def clairvoyant_method(name: str) -> Method:
     """A reference that knows the true planar world."""
     return Method(name, (name,), POSE_MODE, CLAIRVOYANT)

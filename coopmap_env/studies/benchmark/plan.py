@@ -25,6 +25,7 @@ from coopmap_env.studies.benchmark.methods import (
     clairvoyant_method,
     learned_method,
     planner_method,
+    predicting_method,
     unique_methods,
     with_n_candidates,
 )
@@ -127,10 +128,25 @@ def make_plan(
     return BenchmarkPlan(tuple(main), tuple(sweeps), tuple(generalization), tuple(notes))
 
 
-PLANAR_METHODS = (
+PREDICTED_MAP, PREDICTED_SURFACE = (
+    predicting_method(f"{spec}:search=100", f"{label}, m = 100", POSE_MODE, plotted=True)
+    for spec, label in (
+        ("predictive", "predicted map"),
+        ("predictive_surface", "predicted surface"),
+    )
+)
+"""They choose among as many poses as the planners beside them."""
+PLANAR_CANDIDATES, FIELD_CANDIDATES = (
     learned_method(
-        "planar-candidates", f"learned, {N_CANDIDATES} candidates", CANDIDATE_MODE, plotted=True
-    ),
+        f"{name}-candidates", f"learned, {N_CANDIDATES} candidates", CANDIDATE_MODE, plotted=True
+    )
+    for name in ("planar", "field")
+)
+PLANAR_POSES = learned_method("planar-pose", "learned, poses", POSE_MODE, plotted=True)
+PLANAR_METHODS = (
+    PREDICTED_MAP,
+    predicting_method("predictive", f"predicted map, {N_CANDIDATES} candidates", CANDIDATE_MODE),
+    PLANAR_CANDIDATES,
     learned_method(
         "planar-candidates-rating",
         f"learned on the rating, {N_CANDIDATES} candidates",
@@ -141,25 +157,29 @@ PLANAR_METHODS = (
         learned_method("planar-candidates", f"learned, {m} candidates", with_n_candidates(m))
         for m in (100, 300)
     ),
-    learned_method("planar-pose", "learned, poses", POSE_MODE, plotted=True),
+    PLANAR_POSES,
     planner_method("rating_function", CANDIDATE_MODE, plotted=True),
     *(planner_method("rating_function", with_n_candidates(m)) for m in (100, 300)),
     *(
         planner_method(f"rating_function:search={m}", POSE_MODE)
         for m in (10, 50, 100, 200, 300, "exhaustive")
     ),
+    planner_method("lookahead:horizon=1+search=100", POSE_MODE),
     planner_method("raster", POSE_MODE),
     planner_method("random", POSE_MODE, plotted=True),
     clairvoyant_method("clairvoyant, greedy"),
 )
 """Methods of the main condition, besides the tuned planners."""
 FIELD_METHODS = (
-    learned_method(
-        "field-candidates", f"learned, {N_CANDIDATES} candidates", CANDIDATE_MODE, plotted=True
+    PREDICTED_SURFACE,
+    predicting_method(
+        "predictive_surface", f"predicted surface, {N_CANDIDATES} candidates", CANDIDATE_MODE
     ),
+    FIELD_CANDIDATES,
     planner_method("rating_function", CANDIDATE_MODE, plotted=True),
     planner_method("rating_function:search=100", POSE_MODE),
     planner_method("rating_function:search=300", POSE_MODE),
+    planner_method("surface:search=100", POSE_MODE),
     planner_method("raster", POSE_MODE),
     planner_method("random", POSE_MODE, plotted=True),
 )
@@ -247,7 +267,7 @@ def planar_generalization(n_worlds: int, cases: Sequence[TunedCase]) -> list[Con
         "a real house": {"scene": "house"},
         "32 scans each": {"max_scans": 32},
     }
-    learned = (PLANAR_METHODS[0], learned_method("planar-pose", "learned, poses", POSE_MODE))
+    learned = (PREDICTED_MAP, PLANAR_CANDIDATES, PLANAR_POSES)
     return _generalization("planar", learned, conditions, n_worlds, cases)
 
 
@@ -259,7 +279,8 @@ def field_generalization(n_worlds: int, cases: Sequence[TunedCase]) -> list[Cond
         "clutter": {"scene": "clutter"},
         "rubble": {"scene": "rubble"},
     }
-    return _generalization("field", FIELD_METHODS[:1], conditions, n_worlds, cases)
+    learned = (PREDICTED_SURFACE, FIELD_CANDIDATES)
+    return _generalization("field", learned, conditions, n_worlds, cases)
 
 
 def team_label(n_robots: int) -> str:
@@ -277,8 +298,8 @@ def _generalization(
     """The planners are those that are strongest under the condition of the training."""
     opponents = tuple(
         opponent
-        for method in learned
-        if (case := find_case(cases, env_name, method.env_kwargs))
+        for env_kwargs in _different_actions(learned)
+        if (case := find_case(cases, env_name, env_kwargs))
         for opponent in case.opponents()
         if opponent.score == AREAS[env_name][0]
     )

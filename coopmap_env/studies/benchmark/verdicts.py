@@ -120,27 +120,34 @@ def _sentence(verdict: dict[str, Any], opponent: str) -> str:
 
 
 def headlines(summary: dict[str, Any]) -> list[str]:
-    """Sentences about the first learned method of each environment.
+    """Sentences about the first learned method of each kind of actions, in each environment.
 
     By each score: compared with the strongest planner of all families with the same actions, with
     the strongest with any pose, and with all planners of the sweep at equal motion.
     """
     lines = []
     for part in summary["main"]:
-        learned = next(
-            (label for label, m in part["methods"].items() if m["family"] == LEARNED), None
-        )
-        for score in verdict_scores(part["env_name"]):
-            topic = {"env_name": part["env_name"], "learned": learned, "score": score}
-            lines += [
-                verdict_sentence(verdict)
-                for verdict in summary["verdicts"]
-                if topic.items() <= verdict.items() and verdict["is_strongest"]
-            ]
-            lines += [
-                equal_motion_sentence(verdict)
-                for sweep in summary["sweeps"]
-                for verdict in sweep["equal_motion"]
-                if topic.items() <= verdict.items() and verdict["planners"] == ALL_PLANNERS
-            ]
+        for learned in _first_learned(part):
+            for score in verdict_scores(part["env_name"]):
+                topic = {"env_name": part["env_name"], "learned": learned, "score": score}
+                lines += [
+                    verdict_sentence(verdict)
+                    for verdict in summary["verdicts"]
+                    if topic.items() <= verdict.items() and verdict["is_strongest"]
+                ]
+                lines += [
+                    equal_motion_sentence(verdict)
+                    for sweep in summary["sweeps"]
+                    for verdict in sweep["equal_motion"]
+                    if topic.items() <= verdict.items() and verdict["planners"] == ALL_PLANNERS
+                ]
     return lines
+
+
+def _first_learned(part: dict[str, Any]) -> list[str]:
+    """Labels of the first learned methods that choose among candidates, and among any poses."""
+    first: dict[str, str] = {}
+    for label, method in part["methods"].items():
+        if method["family"] == LEARNED:
+            first.setdefault(method["env_kwargs"]["action_mode"], label)
+    return list(first.values())

@@ -20,7 +20,7 @@ class Score:
 
     For example:
       coopmap score results/board/frontier.json
-      coopmap score results/board --page results/board/index.html
+      coopmap score results/board --page results/board/index.html --tables results/board/tables.md
       coopmap score --no-efficiency --salt salt results/private
     """
 
@@ -28,6 +28,8 @@ class Score:
     """Submissions, or folders with them."""
     page: Path | None = None
     """HTML page with a table for each family."""
+    tables: Path | None = None
+    """The tables in Markdown."""
     bounds: Path | None = None
     """Folder in which upper bounds of worlds are kept, by default one for temporary files that is
     yours alone. Those that are missing are searched: seconds to a minute for a world. Those of
@@ -46,7 +48,7 @@ class Score:
     def run(self) -> None:
         """Replay all files, print their lines, write the page."""
         from coopmap_env.studies.leaderboard import score
-        from coopmap_env.studies.leaderboard.page import write_page
+        from coopmap_env.studies.leaderboard.page import write_page, write_tables
         from coopmap_env.studies.leaderboard.private_worlds import read_salt
         from coopmap_env.studies.leaderboard.submission import SubmissionError
         from coopmap_env.studies.leaderboard.world_bounds import own_folder
@@ -72,5 +74,8 @@ class Score:
         if self.page is not None:
             write_page(self.page, scored, failed)
             log(f"page: {self.page}")
+        if self.tables is not None:
+            write_tables(self.tables, scored)
+            log(f"tables: {self.tables}")
         if failed:
             raise SubmissionError("; ".join(failed.values()))

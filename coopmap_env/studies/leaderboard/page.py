@@ -1,82 +1,23 @@
-"""The page of the leaderboard: one table for each family and number of worlds.
-
-Means over other worlds are other scores: easy worlds may be among the first ones. So submissions
-are ranked among those on the same worlds.
-"""
+"""The leaderboard as a page of HTML, and its tables in Markdown."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-import numpy as np
-
-from coopmap_env import families
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.version import __version__
-from coopmap_env.evaluation import BOOTSTRAP_SEED
-from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
-from coopmap_env.studies.common.pages import render_template
+from coopmap_env.studies.common.pages import format_interval, render_template
+from coopmap_env.studies.leaderboard.ranking import Ranking, rank
 from coopmap_env.studies.leaderboard.score import Scored, model_size_texts
 
 FINGERPRINT_DIGITS = 12
 """That are shown."""
-
-
-@dataclass(frozen=True)
-class Ranking:
-    """The submissions to one family on the same worlds, the best first."""
-
-    family: str
-    summary: str
-    private: str | None
-    """Hash of the salt, if the worlds are private."""
-    n_worlds: int
-    score: str
-    """What ranks: the efficiency of the area, or where bounds are missing the area of shown."""
-    entries: tuple[Scored, ...]
-
-    @property
-    def behind(self) -> list[Interval]:
-        """How far each entry is behind the first in this score: means of differences by world."""
-        first, rng = self.entries[0], np.random.default_rng(BOOTSTRAP_SEED)
-        pairs = [(first.by_world[self.score], entry.by_world[self.score]) for entry in self.entries]
-        return [bootstrap_mean(np.subtract(*pair), rng) for pair in pairs]
-
-    @property
-    def machines(self) -> dict[str, list[str]]:
-        """What was reported of machines and versions, and the files with it."""
-        found: dict[str, list[str]] = {}
-        for entry in self.entries:
-            reported = entry.submission["reported"]
-            items = {**reported["machine"], **reported["versions"]}
-            text = ", ".join(f"{name} {value}" for name, value in items.items())
-            found.setdefault(text, []).append(entry.path.name)
-        return found
-
-
-def rank(scored: Sequence[Scored]) -> list[Ranking]:
-    """Sort submissions into tables of the same worlds, and by score within them.
-
-    Of a family, public worlds come before private ones, and more worlds before fewer.
-    """
-    groups: dict[tuple[str, str, int], list[Scored]] = {}
-    for one in scored:
-        submission = one.submission
-        key = (submission["family"], submission["private"] or "", -submission["n_worlds"])
-        groups.setdefault(key, []).append(one)
-    return [_ranking(*key, groups[key]) for key in sorted(groups)]
-
-
-def _ranking(family: str, private: str, minus_n_worlds: int, entries: list[Scored]) -> Ranking:
-    is_bounded = all("efficiency_auc" in one.scores for one in entries)
-    score = "efficiency_auc" if is_bounded else "shown_auc"
-    order = sorted(entries, key=lambda one: (-one.scores[score].estimate, str(one.path)))
-    summary = families.get(family).summary
-    return Ranking(family, summary, private or None, -minus_n_worlds, score, tuple(order))
+INTRODUCTION = """Policies on the test worlds of the benchmark families. `coopmap score` replayed
+every submission and computed every score again. Means over the worlds with 95 % bootstrap
+intervals. "Behind" is the mean of the differences to the first of the table, world by world."""
 
 
 def write_page(path: Path, scored: Sequence[Scored], failed: Mapping[Path, str]) -> None:
@@ -104,6 +45,28 @@ def write_page(path: Path, scored: Sequence[Scored], failed: Mapping[Path, str])
         link=lambda file: link_from(path.parent, file),
     )
     write_atomically(path, text)
+
+
+def write_tables(path: Path, scored: Sequence[Scored]) -> None:
+    """Write the tables in Markdown."""
+    parts = ["# Leaderboard", INTRODUCTION, *map(_markdown, rank(scored))]
+    write_atomically(path, "\n\n".join(parts) + "\n")
+
+
+def _markdown(ranking: Ranking) -> str:
+    first, *others = (column.title for column in ranking.columns)
+    titles = ["", "policy", "acts by", first, "behind, points", *others, "decision, ms (reported)"]
+    rows = [titles, ["---"] * len(titles)]
+    for k, (one, behind) in enumerate(zip(ranking.entries, ranking.behind, strict=True)):
+        scores = [
+            format_interval(one.scores[score], scale, 1) if score in one.scores else "-"
+            for _, score, scale in ranking.columns
+        ]
+        scores.insert(1, format_interval(behind, 100, 1) if k else "")
+        policy, ms = one.submission["policy"], one.submission["reported"]["decision_ms"]
+        rows.append([str(k + 1), f"`{policy}`", one.mode, *scores, f"{ms:.3g}"])
+    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return f"## {ranking.title}\n\n{ranking.text}\n\n{table}"
 
 
 def model_texts(one: Scored) -> list[str]:

@@ -34,6 +34,8 @@ from coopmap_env.studies.leaderboard.world_bounds import episode_efficiency
 
 SCORES = ("shown", "shown_auc", "coverage", "coverage_auc", "motion_distance")
 """Columns of `Episode.row` that are reported."""
+FIELD_SCORES = ("surface_coverage", "surface_coverage_auc", "f_score")
+"""Those of field families besides."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,8 @@ class Scored:
     path: Path
     submission: Submission
     scores: dict[str, Interval]
-    """Means over the worlds with 95 % intervals: `SCORES`, and `EFFICIENCY_SCORES` where bounds are
-    known."""
+    """Means over the worlds with 95 % intervals: `SCORES`, in the field `FIELD_SCORES`, and where
+    bounds are known `EFFICIENCY_SCORES`."""
     by_world: dict[str, list[float]]
     """The same scores of each world."""
 
@@ -98,6 +100,7 @@ def score_file(
     """
     submission = read_submission(path)
     used = _salt_of(path, submission, salt)
+    has_bounds = bounds is not None and not _is_field(submission)
     jobs: list[Job] = [
         {
             "family": submission["family"],
@@ -113,12 +116,14 @@ def score_file(
     try:
         with _folder_of(replays) as folder:
             found = run_jobs(
-                score_job, jobs, folder, workers, progress, is_valid=partial(_is_result, bounds)
+                score_job, jobs, folder, workers, progress, is_valid=partial(_is_result, has_bounds)
             )
     except ReplayError as error:
         raise SubmissionError(f"{path}: does not replay: {error}") from error
-    records = submission["episodes"]
-    columns = {name: [_defined(record["scores"][name]) for record in records] for name in SCORES}
+    records, names = submission["episodes"], SCORES
+    if _is_field(submission):
+        names += FIELD_SCORES
+    columns = {name: [_defined(record["scores"][name]) for record in records] for name in names}
     if found[0]["efficiency"] is not None:
         pairs = zip(*(one["efficiency"] for one in found), strict=True)
         columns |= dict(zip(EFFICIENCY_SCORES, map(list, pairs), strict=True))
@@ -137,14 +142,22 @@ def _folder_of(replays: Path | None) -> Iterator[Path]:
         yield Path(folder)
 
 
-def _is_result(bounds: Path | None, value: Any) -> bool:
+def _is_field(submission: Submission) -> bool:
+    return families.get(submission["family"]).env_name == "field"
+
+
+def _is_result(has_bounds: bool, value: Any) -> bool:
     """Whether a kept replay can be used; it has an efficiency if there are bounds."""
     if not has_type(value, dict[str, list[float] | None]) or set(value) != {"efficiency"}:
         return False
     pair = value["efficiency"]
     if pair is None:
-        return bounds is None
-    return len(pair) == len(EFFICIENCY_SCORES) and all(math.isfinite(score) for score in pair)
+        return not has_bounds
+    return (
+        has_bounds
+        and len(pair) == len(EFFICIENCY_SCORES)
+        and all(math.isfinite(score) for score in pair)
+    )
 
 
 def _defined(score: float | None) -> float:
@@ -220,6 +233,7 @@ def line(scored: Scored) -> str:
                 ("efficiency: end", "efficiency"),
                 ("area", "efficiency_auc"),
                 ("shown", "shown"),
+                ("surface", "surface_coverage"),
             )
             if name in scores
         ),

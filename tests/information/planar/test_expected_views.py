@@ -9,7 +9,7 @@ from plain.random_maps import random_map, set_cells
 from coopmap_env.geometry import traverse
 from coopmap_env.information import PlanarExpectedViews, PlanarRatingFunction, PlanarRatingSettings
 from coopmap_env.information._mutual_information import MIN_REACH_PROBABILITY
-from coopmap_env.information.planar.expected_views import HAZARDS
+from coopmap_env.information.near_surface import HAZARDS
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.robots import PoseLattice
 from coopmap_env.sensing import PlanarCamera

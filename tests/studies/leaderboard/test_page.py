@@ -14,8 +14,9 @@ from coopmap_env.evaluation.comparison import EFFICIENCY_SCORES
 from coopmap_env.evaluation.statistics import Interval
 from coopmap_env.studies.commands.score import Score
 from coopmap_env.studies.commands.submit import Submit
-from coopmap_env.studies.leaderboard.page import link_from, rank, write_page
-from coopmap_env.studies.leaderboard.score import SCORES, Scored, line
+from coopmap_env.studies.leaderboard.page import link_from, write_page, write_tables
+from coopmap_env.studies.leaderboard.ranking import rank
+from coopmap_env.studies.leaderboard.score import FIELD_SCORES, SCORES, Scored, line
 from coopmap_env.studies.leaderboard.submission import SubmissionError
 
 HOSTILE = "</td><script>alert(1)</script>&\"'"
@@ -80,9 +81,44 @@ def test_the_area_ranks_and_where_bounds_are_missing_what_was_shown(tmp_path):
     assert ranking.score == "shown_auc"
     write_page(tmp_path / "page.html", ranking.entries, {})
     page = (tmp_path / "page.html").read_text()
-    assert "bounds are not known for all entries" in page
+    assert "bounds are not known for all entries" in page.replace("\n", " ")
     assert rows(page)[1].count("<td>–</td>") == 3  # the model, too
     assert "80.0<" in rows(page)[1]  # behind the first one
+
+
+def field_entry(policy, area):
+    entry = made_up(policy, shown_auc=1 - area)
+    for name in FIELD_SCORES:
+        entry.scores[name] = Interval(area, area - 0.01, area + 0.01)
+        entry.by_world[name] = [area, area]
+    return entry
+
+
+def test_in_the_field_the_covered_surface_ranks(tmp_path):
+    entries = [field_entry("air", 0.2), field_entry("surface", 0.7)]
+    (ranking,) = rank(entries)
+    assert [one.submission["policy"] for one in ranking.entries] == ["surface", "air"]
+    write_page(tmp_path / "page.html", entries, {})
+    page = (tmp_path / "page.html").read_text()
+    assert "Ranked by the area under the curve of the covered surface" in page
+    assert "<th>surface area, %</th>" in page
+    assert "efficiency, area" not in page
+    assert ">surface</a>" in rows(page)[0]
+    assert "surface 20.0 [19.0, 21.0] %" in line(entries[0])
+
+
+def test_tables_in_markdown_have_the_rows_of_the_page(tmp_path):
+    write_tables(tmp_path / "tables.md", [made_up("low", 0.4), made_up("high", 0.6)])
+    text = (tmp_path / "tables.md").read_text()
+    assert "## tiny, 200 worlds" in text
+    high, low = (row for row in text.splitlines() if "`" in row and row.startswith("| "))
+    assert high.startswith("| 1 | `high` | candidates (7) | 60.0 [59.0, 61.0] |  | 75.0 [74.0, ")
+    assert low.startswith("| 2 | `low` | candidates (7) | 40.0 [39.0, 41.0] | 20.0 [20.0, 20.0] | ")
+    assert low.endswith("| 50.0 [50.0, 50.0] | 1.25 |")
+    write_tables(tmp_path / "tables.md", [made_up("unbounded", None)])
+    assert (
+        "| `unbounded` | candidates (7) | - |  | - | 50.0" in (tmp_path / "tables.md").read_text()
+    )
 
 
 def test_how_far_an_entry_is_behind_is_counted_world_by_world():

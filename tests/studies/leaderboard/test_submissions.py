@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from plain.small_families import N_FROZEN, with_small_families
+from plain.small_families import N_FROZEN, SHORT_FIELD, with_small_families
 
 from coopmap_env import families
 from coopmap_env.core.files import FileError
@@ -68,6 +68,21 @@ def test_a_submission_replays_with_the_scores_of_an_evaluation(kind, files):
         np.testing.assert_array_equal(stated, table[name])
     assert "efficiency" not in scored.scores
     assert scored.notes == []
+
+
+def test_field_submissions_are_scored_by_their_surface(tmp_path, monkeypatch):
+    pytest.importorskip("pybullet")
+    with_small_families(monkeypatch, [SHORT_FIELD])
+    path = play_to(tmp_path / "field.json", family="short", n_worlds=2)
+    options = {"bounds": tmp_path / "bounds", "replays": tmp_path / "replays"}
+    scored = rescore(path, **options)
+    env = families.make("short", "test", report_shown=True, **POSES)
+    table = evaluate(env, make_policy("random"), range(2)).table
+    for name in ("surface_coverage", "surface_coverage_auc", "f_score", "shown"):
+        assert scored.scores[name].estimate == pytest.approx(table[name].mean(), rel=1e-12)
+    assert "efficiency" not in scored.scores  # bounds are those of planar worlds
+    monkeypatch.setattr(score, "replay_episode", None)  # so kept replays are not played again
+    assert rescore(path, **options) == scored
 
 
 def test_actions_are_read_back_to_the_same_bits(files):
