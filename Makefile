@@ -7,6 +7,7 @@ BIN := .venv/bin
 OUT ?= results/section3
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 NEVER_IMPORTED := /(tests?|_inductor|torch/testing|sqlalchemy|debugpy|fontTools|pygments|setuptools)/
+LOADED_FROM_ELSEWHERE := <(script|img|iframe|source)[^>]* src="(https?:)?//|<link[^>]* href="(https?:)?//[^>]*stylesheet|stylesheet"[^>]* href="(https?:)?//|url\([^)]?(https?:)?//
 PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name __pycache__)
 
 SEEDS := 0 1 2
@@ -27,7 +28,8 @@ export PYTHONDONTWRITEBYTECODE :=
 # Plays an episode in each action mode and with planners, in the environments of some ids.
 PLAY := PYTHONPATH=tests $(BIN)/python -P -m plain.golden 1
 
-.PHONY: setup check kernels test speed reproduce policies $(POLICIES) map-networks planners leaderboard engines pictures clean
+.PHONY: setup check kernels docs test speed reproduce policies $(POLICIES) map-networks planners leaderboard \
+	engines pictures clean
 
 setup: .venv/.package
 
@@ -59,10 +61,17 @@ kernels: setup
 	$(PLAY) coopmap/Planar-v1 > /dev/null & \
 		$(PLAY) coopmap/Field-v1 coopmap/FieldSearch-v1 > /dev/null & wait
 
+# The site, in build/docs. Warnings are errors, and nothing may be loaded from elsewhere.
+docs: setup
+	$(BIN)/python -P -m sphinx --fresh-env --jobs auto --fail-on-warning --keep-going --quiet \
+		--doctree-dir build/doctrees docs build/docs
+	! grep -rlE '$(LOADED_FROM_ELSEWHERE)' --include='*.html' --include='*.css' build/docs
+
 # `python -m pytest` would import from this folder, and the programs that tests start from the
 # installed links: numba would compile all kernels for both.
 test: setup
 	$(MAKE) --no-print-directory --jobs 2 check kernels
+	$(MAKE) --no-print-directory docs
 	$(BIN)/pytest --numprocesses auto --dist worksteal
 	$(MAKE) --no-print-directory speed
 
@@ -106,7 +115,7 @@ leaderboard: setup
 engines: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m coopmap_env.studies.engine_comparison results/engines --seeds $(SEEDS)
 
-# The pictures of the README, from the full runs.
+# The pictures of the site, from the full runs.
 pictures: setup
 	$(BIN)/coopmap reproduce --out results/section3-full --workers 2
 	cp $(addprefix results/section3-full/,figure7.png figure8.png render.png field_surface.png) docs/

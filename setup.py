@@ -6,6 +6,7 @@ Setuptools' own discovery cannot rename the folders `agents` and `baselines`.
 from setuptools import find_packages, setup
 
 FOLDERS = {
+    "coopmap": "coopmap",
     "coopmap_env": "coopmap_env",
     "baselines": "coopmap_baselines",
     "agents": "coopmap_agents",

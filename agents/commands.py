@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 from coopmap_agents.config import EnvConfig, TrainingConfig, TrainingOptions
 from coopmap_agents.map_config import MapTrainingConfig, MapTrainingOptions
 from coopmap_env.cli.environment import EnvironmentOptions
+from coopmap_env.cli.results import new_results_path
 from coopmap_env.core.progress import log
 from coopmap_env.envs import RewardName
 from coopmap_env.envs.arguments import ActionModeName
@@ -21,9 +24,9 @@ class Train(EnvironmentOptions, TrainingOptions):
 
     Writes policy.safetensors (the best one on validation worlds, for `coopmap evaluate --policies
     learned:model=...`), policy.onnx (the same, for acting without torch), training.json
-    (configuration and learning curve), a checkpoint and logs for TensorBoard. The same command
-    resumes an interrupted training, with the same result as without the interruption. Needs the
-    extra rl, and ray for --engine rllib.
+    (configuration and learning curve), a checkpoint and logs for TensorBoard. The same command with
+    --out resumes an interrupted training, with the same result as without the interruption. Needs
+    the extra rl, and ray for --engine rllib.
 
     Such as:
       coopmap train --out results/train --ppo.total-steps 100000
@@ -31,14 +34,20 @@ class Train(EnvironmentOptions, TrainingOptions):
       coopmap train --engine rllib --workers 2 --out results/train-ray
     """
 
-    out: Path
-    """Folder of the training."""
+    PURPOSE: ClassVar[str] = "train policies"
+
+    out: Path = field(default_factory=partial(new_results_path, "train"))
+    """Folder of the training. With that of an interrupted one, it goes on."""
     workers: int = 0
-    """Processes for the environments; 0 steps them in this one."""
+    """Processes for the environments. 0 steps them in this one."""
     action_mode: ActionModeName = "candidates"
     """Any pose (field: joints of the mount), or a choice among random candidates."""
     reward: RewardName = "coverage"
     """The reward that is learned from."""
+
+    def extras(self) -> list[str]:
+        """Extras of the environment and the training."""
+        return [*super().extras(), "rl", *(["ray"] if self.engine == "rllib" else [])]
 
     def run(self) -> None:
         """Train, and say where the policy is."""
@@ -71,8 +80,9 @@ class TrainMap(MapTrainingOptions):
 
     Writes map.safetensors (the best one on validation worlds, for `coopmap evaluate --policies
     predictive:model=...`, in the field predictive_surface:model=...), training.json (configuration
-    and learning curve), a checkpoint, and the maps that it learns from. The same command resumes an
-    interrupted training, with the same result as without the interruption. Needs the extra rl.
+    and learning curve), a checkpoint, and the maps that it learns from. The same command with --out
+    resumes an interrupted training, with the same result as without the interruption. Needs the
+    extra rl.
 
     Such as:
       coopmap train-map --out results/map
@@ -80,8 +90,14 @@ class TrainMap(MapTrainingOptions):
       coopmap train-map --env-name field --out results/map-field
     """
 
-    out: Path
-    """Folder of the training."""
+    PURPOSE: ClassVar[str] = "train policies"
+
+    out: Path = field(default_factory=partial(new_results_path, "train-map"))
+    """Folder of the training. With that of an interrupted one, it goes on."""
+
+    def extras(self) -> list[str]:
+        """Extras of the training."""
+        return ["rl"]
 
     def run(self) -> None:
         """Train, and say where the network is."""

@@ -13,8 +13,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from coopmap_env import evaluation
 from coopmap_env.core.files import brief
 from coopmap_env.core.limits import check_cells
 from coopmap_env.core.settings import (
@@ -27,9 +28,10 @@ from coopmap_env.core.settings import (
     Settings,
     UnitInterval,
 )
-from coopmap_env.envs import MappingEnv
-from coopmap_env.evaluation import make_env, make_vector_env
-from coopmap_env.vector import MappingVectorEnv
+
+if TYPE_CHECKING:  # the command line loads this module to say that an option is unknown
+    from coopmap_env.envs import MappingEnv
+    from coopmap_env.vector import MappingVectorEnv
 
 EngineName = Literal["ppo", "sb3", "rllib"]
 InitialPolicy = Literal["random", "rating"]
@@ -156,14 +158,14 @@ class EnvConfig:
 
     def make(self, split: str) -> MappingEnv[Any]:
         """Make an environment of a split."""
-        return make_env(self.name, {**self.arguments, "split": split}, self._settings())
+        return evaluation.make_env(self.name, {**self.arguments, "split": split}, self._settings())
 
     def vector_env(
         self, n_envs: int, split: str = "train", **options: Any
     ) -> MappingVectorEnv[Any]:
         """Make a vector environment of a split; `options` are those of its constructor."""
         arguments = {**self.arguments, "split": split}
-        return make_vector_env(self.name, n_envs, arguments, self._settings(), **options)
+        return evaluation.make_vector_env(self.name, n_envs, arguments, self._settings(), **options)
 
     def _settings(self) -> dict[str, Any] | None:
         return None if self.settings is None else dict(self.settings)
@@ -176,20 +178,20 @@ class TrainingOptions(Settings):
     seed: NonNegativeInt = 0
     """Seed of everything: worlds, exploration and networks."""
     engine: EngineName = "ppo"
-    """What trains: the loop of `coopmap_agents.ppo`, which is the fastest, Stable-Baselines3, or
-    RLlib on Ray (on the cluster that RAY_ADDRESS names)."""
+    """What trains: our own loop, the fastest, Stable-Baselines3, or RLlib. The loop is that of
+    `coopmap_agents.ppo`; RLlib runs on Ray, on the cluster that RAY_ADDRESS names."""
     init_from: str = ""
     """Policy whose weights to start from: a file, or the name of a pretrained one; empty for random
     weights."""
     imitate: str = ""
-    """Policy to imitate first, such as rating_function, with options as in `coopmap evaluate`;
-    empty for none. Let the critic learn alone for a while then (critic_warmup_steps)."""
+    """Policy to imitate first, such as rating_function; empty for none. Options are written as in
+    `coopmap evaluate`. Let the critic learn alone for a while then (critic_warmup_steps)."""
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
     """Settings of the imitation."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     """Settings of proximal policy optimisation."""
     validation_episodes: PositiveInt = 40
-    """Episodes on validation worlds after each segment: with 40 planar ones the area under the
+    """Episodes on validation worlds after each segment. With 40 planar ones the area under the
     coverage curve is known to 3 %."""
 
 

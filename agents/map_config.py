@@ -86,7 +86,7 @@ USUAL_TRAININGS: dict[str, UsualMapTraining] = {
         episodes=60,
         validation_episodes=8,
         maps_per_episode=4,
-        total_steps=2_000,
+        total_steps=1_000,
         segment_steps=100,
         batch_size=4,
     ),
@@ -123,14 +123,14 @@ class MapTrainingOptions(Settings):
     batch_size: PositiveInt | None = None
     """Maps of a gradient step."""
     learning_rate: Positive = 2e-3
-    """Largest learning rate of AdamW: it rises over the first `warmup_steps` and falls, linearly,
+    """Largest learning rate of AdamW. It rises over the first `warmup_steps` and falls, linearly,
     to zero at the end."""
     warmup_steps: PositiveInt = 50
     weight_decay: NonNegative = 1e-4
     max_gradient_norm: Positive = 1.0
     """Gradients with a larger norm are clipped to it."""
     shift: Annotated[int, Bounds(at_least=0, at_most=64)] = 8
-    """Maps are cut by up to this many cells on two sides, which shifts the network's blocks."""
+    """Maps are cut by up to this many cells on two sides. That shifts the network's blocks."""
     network: MapNetworkOptions = MapNetworkOptions()
     """Size of the network."""
 

@@ -30,7 +30,7 @@ from coopmap_baselines.raster import RasterPolicy
 from coopmap_baselines.rating_function import RatingFunctionPolicy
 from coopmap_baselines.surface import SurfacePolicy
 from coopmap_baselines.tour import TourPolicy
-from coopmap_env.core.files import brief
+from coopmap_env.core.choices import check_keywords, unknown
 from coopmap_env.evaluation import Policy
 
 __all__ = [
@@ -82,8 +82,9 @@ def make(name: str, **options: Any) -> Policy:
         If the name is unknown or an option's value is not accepted.
     """
     if not isinstance(name, str) or name not in POLICIES:
-        raise ValueError(f"unknown policy {brief(name)}; choose from {', '.join(POLICIES)}")
+        raise ValueError(unknown("policy", name, POLICIES))
     try:
+        check_keywords(name, options, POLICIES[name])
         return POLICIES[name](**options)
     except TypeError as error:
         raise ValueError(f"policy {name!r}: {error}") from error

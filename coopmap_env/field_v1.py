@@ -3,6 +3,7 @@
 =================  =====================================================================
 import             ``from coopmap_env import field_v1`` (extra ``field``)
 many worlds        `vector_env`: a `gymnasium.vector.VectorEnv`, see `coopmap_env.vector`
+in turns           `env` and `raw_env`: PettingZoo "AEC", by its own conversion
 ids                ``coopmap/Field-v1`` and, with the search for the target and fiducials,
                    ``coopmap/FieldSearch-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
@@ -27,11 +28,11 @@ map.
 
 A motion must keep clear of the own vehicle, of teammates and of every voxel that is not known to be
 free (P >= 0.05 or never sampled), along its whole path. Otherwise the mount stays, and
-``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the mount collides, is
-stopped, and pays `FieldSettings.collision_cost`. It has no touch sensors, so the map learns nothing
-of the collision (the planar environment marks the cell). Surfaces seen at a grazing angle, and
-voxels that a surface only touches, may be mapped as free. The space in which a vehicle was parked
-is known.
+``infos[agent]["rejected_reason"]`` is why, a `RejectedReason`. Where the map is wrong, the mount
+collides, is stopped, and pays `FieldSettings.collision_cost`. It has no touch sensors, so the map
+learns nothing of the collision (the planar environment marks the cell). Surfaces seen at a grazing
+angle, and voxels that a surface only touches, may be mapped as free. The space in which a vehicle
+was parked is known.
 
 Vehicles stand on springs: a mount that reaches out tilts its vehicle, so that the true camera pose
 differs from that of the encoders. The map is made with the robot's estimate of the camera pose,
@@ -55,42 +56,43 @@ of its scans. Once it is located, its scans are transferred to the team's map, w
 before, and are not rewarded again. Located robots know each other as obstacles. A robot that never
 finds the target contributes nothing to the team's map.
 
-Entries of ``infos[agent]`` after a step:
+Entries of ``infos[agent]``, numbers, after a reset and after each step:
 
 ========================  ==========================================================================
 key                       content
 ========================  ==========================================================================
-``reward_terms``          every reward term by name; "shown" only if it is paid or reported
-``rejected_reason``       why the pose was rejected and the mount stayed; "" if it was not
-``collided``               whether the mount collided
-``collided_with``         name of what it collided with, or ""
+``reward_rating``,        every reward term, of the step (this and the next seven are 0 after a
+``reward_information``,   reset); ``reward_shown`` only if it is paid or reported
+``reward_coverage``
+``rejected_reason``       why the pose was rejected and the mount stayed, a `RejectedReason`; 0 if
+                          it was not. `MappingEnv.explain` says it in words, with names and figures
+``collided``              whether the mount collided; `MappingEnv.explain` says with what
 ``new_information``       NI (Eqs. 6-8) of the executed pose, nats
 ``distance``              d of Eq. 5 that the joints moved
 ``new_cells``             voxels observed for the first time by this robot's scan
 ``entropy_reduction``     decrease of the map's entropy by this robot's scan, nats
-``n_scans``                 scans of each robot so far
-``elapsed_time``            seconds on the clock of the team: each step lasts as long as the slowest
-                            motion, by the speeds in the URDFs, and the scans
-                            (`FieldSettings.scan_time`)
+``n_scans``               scans of each robot so far
+``elapsed_time``          seconds on the clock of the team: each step lasts as long as the slowest
+                          motion, by the speeds in the URDFs, and the scans
+                          (`FieldSettings.scan_time`)
 ``observed_fraction``     observed voxels of the team map, as a fraction of the grid
 ``located``               whether the robot knows its base pose
-``localization_failure``  why it is not located, or ""
+``localization_failure``  why it is not located, a `LocalizationFailure`; 0 if it is
 ``corrected_directions``  number of the camera pose's six directions in which fiducials are more
                           precise than kinematics
-``correction_failure``    why fiducials corrected nothing, or ""
+``correction_failure``    why fiducials corrected nothing, a `CorrectionFailure`; 0 otherwise
 ``camera_error``          metres between the true and the estimated camera; for scoring only
 ``camera_angle_error``    radians, likewise
-``base_error``            metres, of the base; None until it is located; for scoring only
+``base_error``            metres, of the base; infinite until it is located; for scoring only
 ``base_angle_error``      radians, likewise
 ``shown_fraction``        only with ``report_shown=True`` or ``reward="shown"``: voxels that were
                           truly shown or known at the start, as a fraction of the grid; for
                           scoring only. Scans of robots that are not located count, and the space
                           around all true bases
-``action_mask``           int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 ========================  ==========================================================================
 
-After a reset there are only ``n_scans``, ``elapsed_time``, ``observed_fraction``,
-``shown_fraction`` and ``action_mask``.
+The mask of candidates is in the observations only (``action_mask``): engines look there first, and
+some take a second one in the infos for an error.
 
 Version history
 ---------------
@@ -111,13 +113,18 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
+from coopmap_env.envs import RejectedReason
 from coopmap_env.envs.arguments import takes_arguments
 from coopmap_env.envs.field import FieldArguments, FieldEnv, FieldSettings, FieldTeamEnv
+from coopmap_env.envs.turns import in_turns, with_order
+from coopmap_env.localization import CorrectionFailure, LocalizationFailure
 from coopmap_env.robots import Mount, make_mount, mount_from_urdf
 from coopmap_env.vector import RowName, WorkerVectorEnv
 
 parallel_env = takes_arguments(FieldArguments)(FieldEnv)
 team_env = takes_arguments(FieldArguments)(FieldTeamEnv)
+raw_env = takes_arguments(FieldArguments)(in_turns(FieldEnv))
+env = takes_arguments(FieldArguments)(with_order(raw_env))
 
 
 def vector_env(
@@ -153,12 +160,17 @@ def vector_env(
 
 
 __all__ = [
+    "CorrectionFailure",
     "FieldArguments",
     "FieldSettings",
+    "LocalizationFailure",
     "Mount",
+    "RejectedReason",
+    "env",
     "make_mount",
     "mount_from_urdf",
     "parallel_env",
+    "raw_env",
     "team_env",
     "vector_env",
 ]

@@ -3,6 +3,7 @@
 =================  =====================================================================
 import             ``from coopmap_env import planar_v1``
 many worlds        `vector_env`: a `gymnasium.vector.VectorEnv`, see `coopmap_env.vector`
+in turns           `env` and `raw_env`: PettingZoo "AEC", by its own conversion
 id                 ``coopmap/Planar-v1`` (PettingZoo "parallel", and Gymnasium for one
                    controller that moves the whole team)
 agents             ``robot_0`` ... , 2 by default
@@ -27,13 +28,16 @@ A robot can move to a cell that is known to be free, along a path through such c
 an obstacle look free. A camera that is sent into it collides and stays, and the map marks the cell
 as occupied. In the true world only the goal is tested: a path may lead through an obstacle.
 
-Entries of ``infos[agent]`` after a step:
+Entries of ``infos[agent]``, numbers, after a reset and after each step:
 
 =====================  =============================================================================
 key                    content
 =====================  =============================================================================
-``reward_terms``       every reward term by name; "shown" only if it is paid or reported
-``rejected_reason``    why the pose was rejected and the camera stayed; "" if it was not
+``reward_rating``,     every reward term, of the step (this and the next seven are 0 after a
+``reward_information`` reset); ``reward_shown`` only if it is paid or reported
+``reward_coverage``
+``rejected_reason``    why the pose was rejected and the camera stayed, a `RejectedReason`; 0 if it
+                       was not. `MappingEnv.explain` says it in words
 ``collided``           whether the camera collided with an obstacle that is mapped as free
 ``new_information``    NI (Eqs. 6-8) of the executed pose, nats
 ``distance``           d of Eq. 5 that the camera moved
@@ -46,11 +50,10 @@ key                    content
                        insides of obstacles count too, so that it does not reach 1
 ``shown_fraction``     only with ``report_shown=True`` or ``reward="shown"``: cells that were truly
                        shown or known at the start, as a fraction of all; for scoring only
-``action_mask``        int8 (m,), only in "candidates" mode: 1 where a candidate can be taken
 =====================  =============================================================================
 
-After a reset there are only ``n_scans``, ``elapsed_time``, ``observed_fraction``,
-``shown_fraction`` and ``action_mask``.
+The mask of candidates is in the observations only (``action_mask``): engines look there first, and
+some take a second one in the infos for an error.
 
 Version history
 ---------------
@@ -64,12 +67,25 @@ its points (`coopmap_env.mapping.surface_mean`) instead of Eq. 4. `PlanarSetting
 v0: first version.
 """
 
+from coopmap_env.envs import RejectedReason
 from coopmap_env.envs.arguments import takes_arguments
 from coopmap_env.envs.planar import PlanarArguments, PlanarEnv, PlanarSettings, PlanarTeamEnv
+from coopmap_env.envs.turns import in_turns, with_order
 from coopmap_env.vector import PlanarVectorEnv
 
 parallel_env = takes_arguments(PlanarArguments)(PlanarEnv)
 team_env = takes_arguments(PlanarArguments)(PlanarTeamEnv)
+raw_env = takes_arguments(PlanarArguments)(in_turns(PlanarEnv))
+env = takes_arguments(PlanarArguments)(with_order(raw_env))
 vector_env = PlanarVectorEnv
 
-__all__ = ["PlanarArguments", "PlanarSettings", "parallel_env", "team_env", "vector_env"]
+__all__ = [
+    "PlanarArguments",
+    "PlanarSettings",
+    "RejectedReason",
+    "env",
+    "parallel_env",
+    "raw_env",
+    "team_env",
+    "vector_env",
+]

@@ -1,10 +1,13 @@
-"""Paths and names on the architecture page exist."""
+"""Paths and names on the pages about the code exist."""
 
 import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+PAGE = "\n".join(
+    (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("architecture", "extending")
+)
 FOLDERS = "coopmap_env|agents|baselines|examples|tests"
 
 

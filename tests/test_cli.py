@@ -3,16 +3,18 @@ import errno
 import inspect
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 from dataclasses import fields
-from typing import get_args, get_type_hints
+from types import UnionType
+from typing import Union, get_args, get_origin, get_type_hints
 
 import pytest
 
 from coopmap_env import cli
-from coopmap_env.cli import main
+from coopmap_env.cli import environment, main
 from coopmap_env.cli.environment import EnvironmentOptions
 from coopmap_env.core.files import FileError
 from coopmap_env.core.locks import folder_lock
@@ -20,6 +22,11 @@ from coopmap_env.core.processes import Interruption, WorkerError
 from coopmap_env.envs.arguments import TaskArguments
 from coopmap_env.envs.field import FieldArguments
 from coopmap_env.envs.planar import PlanarArguments
+from coopmap_env.evaluation.saved_run import load_run
+from coopmap_env.robots import mount_library
+from coopmap_env.simulation import Physics
+from coopmap_env.simulation.scenes.field import FIELD_SCENES
+from coopmap_env.simulation.scenes.planar import PLANAR_SCENES
 
 
 def run(*arguments):
@@ -47,7 +54,11 @@ def test_evaluate_writes_a_row_for_each_policy_and_world_and_a_summary(tmp_path,
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["env"]["split"] == "validation"
     assert "probability_of_improvement" in summary["policies"]["raster"]["comparison"]
-    assert "raster" in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert "raster" in printed.out
+    assert "| rating_function:search=10 | 2 " in (tmp_path / "report.md").read_text()
+    assert list(load_run(tmp_path).evaluations) == ["rating_function:search=10", "raster"]
+    assert re.fullmatch(rf"done in \d.*; results: {tmp_path}", printed.err.splitlines()[-1])
 
 
 def test_evaluate_scores_robots_that_are_not_located(tmp_path):
@@ -63,21 +74,48 @@ def test_evaluate_scores_robots_that_are_not_located(tmp_path):
     assert summary["env"]["initialization"] == "search"
 
 
+def test_options_have_the_names_of_scenes_and_mounts():
+    assert {
+        "planar": tuple(PLANAR_SCENES),
+        "field": tuple(FIELD_SCENES),
+    } == environment.SCENES
+    assert tuple(mount_library.MOUNTS) == environment.MOUNTS
+
+
+def test_a_urdf_is_a_mount_with_its_joints_and_its_camera(tmp_path):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text("<robot/>")
+    options = EnvironmentOptions(env="field", mount=str(urdf), joints=("pan",), camera_link="eye")
+    assert options.env_kwargs()["mount"] == {
+        "urdf": str(urdf), "joints": ["pan"], "camera_link": "eye", "home": None,
+        "root_height": 0.0, "optical_frame": False,
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=r"arm.urdf needs --joints, .* and --camera-link"):
+        EnvironmentOptions(env="field", mount=str(urdf), joints=("pan",)).env_kwargs()
+
+
 def test_commands_have_an_option_for_each_argument_of_a_task():
     assert issubclass(EnvironmentOptions, TaskArguments)
     task = {field.name for field in fields(TaskArguments)}
     assert set(EnvironmentOptions(env="field").env_kwargs()) == task
 
 
+def choices_of(hint):
+    """Choices of a `Literal`, or types, without None."""
+    if get_origin(hint) in (Union, UnionType):
+        return set().union(*map(choices_of, get_args(hint))) - {type(None)}
+    return set(get_args(hint)) or {hint}
+
+
 @pytest.mark.parametrize("arguments", [PlanarArguments, FieldArguments])
 def test_options_have_the_choices_of_the_environment_arguments(arguments):
     found, expected = get_type_hints(EnvironmentOptions), get_type_hints(arguments)
-    choices = {name: set(get_args(hint)) for name, hint in expected.items()}
     others = {"split", "render_mode", "settings", "scene", "mount", "report_shown"}
     numbers = {"n_robots", "max_scans"}  # None is the default
     for name in set(expected) - others - numbers:
-        assert set(get_args(found[name])) - {""} == choices[name]
-        assert getattr(EnvironmentOptions, name) in ("", getattr(arguments, name))
+        assert choices_of(found[name]) == choices_of(expected[name])
+        assert getattr(EnvironmentOptions, name) in (None, getattr(arguments, name))
+    assert choices_of(found["physics"]) == choices_of(Physics)
     for name in numbers:
         default = getattr(arguments, name)
         assert EnvironmentOptions().env_kwargs()[name] == default
@@ -124,10 +162,17 @@ def test_the_program_prints_its_help():
         (["--seed", "-3"], "seed"),
         (["--workers", "0"], "workers must be at least 1"),
         (["--policies", ","], "names no policy"),
+        (["--policies", "raster,raste"], "unknown policy 'raste'; did you mean 'raster'?"),
+        (["--policies", "raster:search=5"], "raster has no argument 'search'; it takes none"),
+        (["--family", "crowd"], "unknown family 'crowd'; did you mean 'crowded'?"),
         (["--mount", "mast"], "--mount belongs to --env field"),
         (["--physics", "stepped"], "--physics belongs to --env field"),
         (["--motion-correction", "exact"], "--motion-correction belongs to --env field"),
         (["--env", "field", "--mount", "mast,crane"], "unknown mount 'crane'"),
+        (["--env", "field", "--mount", "arm.urdf"], "--mount arm.urdf: there is no such file"),
+        (["--env", "field", "--mount", __file__ + ".urdf"], "there is no such file"),
+        (["--env", "field", "--joints", "pan"], "--joints belongs to --mount FILE.urdf"),
+        (["--env", "field", "--camera-link", "eye"], "--camera-link belongs to --mount FILE.urdf"),
         (["--env", "field", "--mount", "mast,mast,mast"], "one for each of 2 robots, got 3"),
     ],
 )

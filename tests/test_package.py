@@ -3,6 +3,32 @@ import sys
 
 import pytest
 
+import coopmap_env
+
+
+def test_importing_coopmap_loads_no_compiler_and_registers_the_environments():
+    heavy = "numba llvmlite scipy torch tyro matplotlib coopmap_env.envs.planar"
+    code = (
+        "import sys, coopmap\n"
+        f"print(*(name for name in {heavy.split()} if name in sys.modules))\n"
+        "import gymnasium, pettingzoo\n"
+        "print(gymnasium.spec('coopmap/Planar-v1').id)\n"
+        "print('coopmap/Field-v1' in pettingzoo.parallel_registry)\n"
+        "print(coopmap.PlanarSettings.__name__, 'torch' in sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["", "coopmap/Planar-v1", "True", "PlanarSettings False"]
+
+
+def test_coopmap_shows_its_public_names_only():
+    import coopmap
+
+    assert dir(coopmap) == sorted(coopmap.__all__)
+    assert coopmap.__version__ == coopmap_env.__version__
+    with pytest.raises(AttributeError, match="module 'coopmap' has no attribute 'evaluat'"):
+        coopmap.evaluat  # noqa: B018
+
 
 def test_importing_the_environment_needs_no_extra_and_the_evaluation_is_there_when_asked_for():
     heavy = (
@@ -11,7 +37,8 @@ def test_importing_the_environment_needs_no_extra_and_the_evaluation_is_there_wh
         "skimage"
     )
     code = (
-        "import sys, coopmap_env, coopmap_baselines\n"
+        "import sys, coopmap_baselines\n"
+        "import coopmap_env.planar_v1, coopmap_env.field_v1\n"
         f"print(*(name for name in {heavy.split()} if name in sys.modules))\n"
         "print(coopmap_env.evaluation.evaluate.__name__)"
     )

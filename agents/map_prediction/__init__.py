@@ -13,8 +13,7 @@ What trains, and what reads and writes networks of torch, is loaded on first use
 networks predict from their ONNX files.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from coopmap_agents.map_config import MapNetworkSettings, MapTrainingConfig
 from coopmap_agents.map_prediction.examples import MapExamples, collect_examples
@@ -22,6 +21,7 @@ from coopmap_agents.map_prediction.images import map_image
 from coopmap_agents.map_prediction.policy import PredictivePolicy, PredictiveSurfacePolicy
 from coopmap_agents.map_prediction.predictor import MapPredictor
 from coopmap_agents.map_prediction.scores import PredictionScores, score_predictions
+from coopmap_env.core.lazy import load_on_first_use
 
 if TYPE_CHECKING:
     from coopmap_agents.map_prediction.model_file import (
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     )
     from coopmap_agents.map_prediction.network import MapNetwork
     from coopmap_agents.map_prediction.training import run_map_training
+else:
+    __getattr__ = load_on_first_use(__name__)
 
 __all__ = [
     "MapExamples",
@@ -49,17 +51,3 @@ __all__ = [
     "save_map_network",
     "score_predictions",
 ]
-_OF_TORCH = {
-    "MapNetwork": "network",
-    "convert_map_network": "model_file",
-    "load_map_network": "model_file",
-    "run_map_training": "training",
-    "save_map_network": "model_file",
-}
-"""Modules of the names that need torch: they are loaded on first use."""
-
-
-def __getattr__(name: str) -> Any:
-    if name in _OF_TORCH:
-        return getattr(import_module(f"coopmap_agents.map_prediction.{_OF_TORCH[name]}"), name)
-    raise AttributeError(f"module 'coopmap_agents.map_prediction' has no attribute {name!r}")

@@ -4,12 +4,12 @@ What reads and writes networks of torch is loaded on first use: without torch, p
 their ONNX files.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from coopmap_agents.pretrained.learned_policy import LearnedPolicy
 from coopmap_agents.pretrained.library import pretrained_names, pretrained_path, pretrained_record
 from coopmap_agents.pretrained.metadata import PolicyMetadata
+from coopmap_env.core.lazy import load_on_first_use
 
 if TYPE_CHECKING:
     from coopmap_agents.pretrained.policy_file import (
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
         save_policy,
     )
     from coopmap_agents.pretrained.torch_network import resolve_network
+else:
+    __getattr__ = load_on_first_use(__name__)
 
 __all__ = [
     "LearnedPolicy",
@@ -32,11 +34,3 @@ __all__ = [
     "resolve_network",
     "save_policy",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name in ("convert_policy", "load_policy", "read_metadata", "save_policy"):
-        return getattr(import_module("coopmap_agents.pretrained.policy_file"), name)
-    if name == "resolve_network":
-        return import_module("coopmap_agents.pretrained.torch_network").resolve_network
-    raise AttributeError(f"module 'coopmap_agents.pretrained' has no attribute {name!r}")

@@ -189,11 +189,8 @@ def _by_row(infos: Mapping[str, Any], n_rows: int) -> list[Info]:
     for key, values in infos.items():
         if key.startswith(("_", "final_")):
             continue
-        if isinstance(values, Mapping):
-            own: Sequence[Any] = _by_row(values, n_rows)
-        else:
-            own = list(values.copy()) if values.ndim > 1 else values.tolist()
-        for info, value, has_value in zip(by_row, own, infos[f"_{key}"].tolist(), strict=True):
+        own, mask = values.tolist(), infos[f"_{key}"].tolist()
+        for info, value, has_value in zip(by_row, own, mask, strict=True):
             if has_value:
                 info[key] = value
     return by_row

@@ -1,87 +1,79 @@
 """The command `coopmap`, with one file for each of its own commands.
 
 More commands are registered under the entry-point group ``coopmap.commands``, as those of the
-studies and of `coopmap_agents` are. A command is a dataclass with a method `run`.
+studies and of `coopmap_agents` are. A command is a dataclass with a method `run`; see `Command`.
+A command is loaded when it is chosen, and it loads what it needs when it runs: a wrong name or
+option is answered at once.
 """
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
-from importlib.metadata import entry_points
-from typing import Any, Protocol
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
 
-from coopmap_env.cli.evaluate import Evaluate
-from coopmap_env.cli.replay import Replay
-from coopmap_env.core.extras import import_optional
-from coopmap_env.core.processes import WorkerError, exit_status, interrupted_by_signals
+from coopmap_env.cli.commands import Command, find_commands, first_screen
+from coopmap_env.cli.errors import errors_as_lines
+from coopmap_env.cli.results import duration
+from coopmap_env.core.choices import unknown
+from coopmap_env.core.extras import require_extras
+from coopmap_env.core.processes import exit_status, interrupted_by_signals
 from coopmap_env.core.progress import log
+from coopmap_env.core.version import __version__
 
-ENTRY_POINT_GROUP = "coopmap.commands"
-BUILTIN_COMMANDS: dict[str, Any] = {
-    "evaluate": Evaluate,
-    "replay": Replay,
-}
+__all__ = ["Command", "main", "parse_command"]
+
 EXIT_INTERRUPTED = exit_status(signal.SIGINT)
+EXIT_USAGE = 2
 INTERRUPTED = "interrupted; finished results are kept, and the same command resumes the run"
 
 
-class Command(Protocol):
-    """A command with its options."""
+def parse_command(arguments: Sequence[str] | None = None) -> Command:
+    """Parse the arguments (default: those of the process) into a command.
 
-    def run(self) -> None:
-        """Run the command."""
+    What asks for help or the version, or is no command, prints that and exits.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    commands = find_commands()
+    name = given[0] if given else "--help"
+    if name in ("-h", "--help"):
+        print(first_screen(commands))
+        raise SystemExit(0)
+    if name == "--version":
+        print(f"coopmap {__version__}")
+        raise SystemExit(0)
+    if name not in commands:
+        print(f"coopmap: {unknown('command', name, commands)}", file=sys.stderr)
+        raise SystemExit(EXIT_USAGE)
+    from coopmap_env.cli.options import parse_options  # tyro
 
-
-def parse_command(arguments: list[str] | None = None) -> Command:
-    """Parse the arguments (default: those of the process) into a command."""
-    tyro = import_optional("tyro", "cli")
-    command: Command = tyro.extras.subcommand_cli_from_dict(
-        {
-            **BUILTIN_COMMANDS,
-            **{
-                entry_point.name: entry_point.load()
-                for entry_point in entry_points(group=ENTRY_POINT_GROUP)
-            },
-        },
-        prog="coopmap",
-        description="Cooperative active mapping: environments, planners, evaluation.",
-        args=arguments,
-    )
-    return command
+    return cast("Command", parse_options(commands[name](), f"coopmap {name}", given[1:]))
 
 
-def main(arguments: list[str] | None = None) -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point; bad input and a failure of the machine print one line and exit with status 1.
 
-    A signal (Ctrl-C, SIGTERM, SIGHUP) exits with 128 plus its number.
+    A wrong command or option exits with 2, a signal (Ctrl-C, SIGTERM, SIGHUP) with 128 plus its
+    number.
     """
+    start = time.monotonic()
+    out: Path | None = None
     try:
-        with interrupted_by_signals(INTERRUPTED):
-            parse_command(arguments).run()
+        with errors_as_lines(), interrupted_by_signals(INTERRUPTED):
+            command = parse_command(arguments)
+            out = getattr(command, "out", None)
+            require_extras(getattr(command, "extras", list)())
+            command.run()
+            log(end_line(out, time.monotonic() - start))
     except KeyboardInterrupt as interruption:
-        log(INTERRUPTED)
+        log(INTERRUPTED if out is None else f"{INTERRUPTED}, with --out {out}")
         raise SystemExit(getattr(interruption, "exit_status", EXIT_INTERRUPTED)) from None
-    except BrokenPipeError:  # the reader of our output has ended, as `head` does
-        with open(os.devnull, "w") as nowhere:
-            os.dup2(nowhere.fileno(), sys.stdout.fileno())
-        raise SystemExit(1) from None
-    except (ValueError, ImportError, OSError, WorkerError) as error:
-        raise SystemExit(one_line(error)) from None
-    except (MemoryError, RuntimeError) as error:
-        if not is_out_of_memory(error):
-            raise
-        raise SystemExit(f"{one_line(error)}: memory is short; use fewer workers") from None
 
 
-def one_line(error: BaseException) -> str:
-    """The message of an error, for the terminal."""
-    return f"coopmap: {' '.join(str(error).split()) or type(error).__name__}"
-
-
-def is_out_of_memory(error: BaseException) -> bool:
-    """Whether memory was short; torch raises a RuntimeError."""
-    return isinstance(error, MemoryError) or any(
-        text in str(error) for text in ("can't allocate memory", "out of memory")
-    )
+def end_line(out: Path | None, seconds: float) -> str:
+    """Where the results are, and how long a command took."""
+    where = "" if out is None else f"; results: {out}"
+    return f"done in {duration(seconds)}{where}"

@@ -3,46 +3,72 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from coopmap_env.envs import MappingEnv
+from coopmap_env.core.choices import unknown
 from coopmap_env.envs.arguments import TaskArguments
-from coopmap_env.envs.field.arguments import Initialization, MotionCorrection
-from coopmap_env.simulation import Physics
+from coopmap_env.envs.registration import FAMILIES
+
+if TYPE_CHECKING:  # what makes an environment takes longer to load than to refuse an option
+    from coopmap_env.envs import MappingEnv
+
+SCENES = {
+    "planar": ("obstacles", "rooms", "corridors", "house"),
+    "field": ("worksite", "clutter", "rubble", "occluded"),
+}
+"""Names of `PLANAR_SCENES` and `FIELD_SCENES`."""
+MOUNTS = ("mast", "husky_panda", "tiago")
+"""Names that `make_mount` knows."""
+URDF_OPTIONS = ("joints", "camera_link", "home")
+"""Options that belong to a URDF as mount."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentOptions(TaskArguments):
     """Which environment, and its arguments.
 
-    Those of all environments are inherited. Of those declared here, an empty text or None stands
-    for the environment's default: what is given beside a family is noticed, also if it is the
-    default.
+    Those of all environments are inherited. Of those declared here, None stands for the
+    environment's default: what is given beside a family is noticed, also if it is the default.
     """
 
     DEFAULT_ENV: ClassVar[Literal["planar", "field"]] = "planar"
     """Kind of the environment without ``--env`` and ``--family``."""
 
-    family: str = ""
-    """Benchmark family, such as crowded, instead of a scene, a team and a budget of your own; see
+    family: str | None = None
+    """Benchmark family, such as crowded. It stands for a scene, a team and a budget; see
     coopmap_env.families."""
-    env: Literal["", "planar", "field"] = ""
-    """2-D (planar; default) or 3-D (field); "field" needs the extra of that name."""
+    env: Literal["planar", "field"] | None = None
+    """2-D (planar; default) or 3-D (field). The latter needs the extra of that name."""
     n_robots: int | None = None  # type: ignore[assignment]  # an option may be left out
     """Robots in the team, 2 by default."""
     max_scans: int | None = None  # type: ignore[assignment]
     """Scans of each robot until truncation, 16 by default."""
-    scene: str = ""
-    """planar: obstacles (default), rooms, corridors, house, or a ROS map_server YAML file; field:
-    worksite (default), clutter, rubble, occluded, or a YAML file of meshes."""
-    mount: str = ""
-    """field: mast (default), husky_panda or tiago; or one for each robot, separated by commas."""
-    physics: Literal["", Physics] = ""
-    """field: kinematic (default) or stepped; see FieldSettings.physics."""
-    initialization: Literal["", Initialization] = ""
-    """field: located (default), or search: robots localize themselves on the target first."""
-    motion_correction: Literal["", MotionCorrection] = ""
-    """field: source of camera poses: encoders, kinematic (default), fiducials or exact."""
+    scene: str | None = None
+    """Name of a scene, or a YAML file. planar: obstacles (default), rooms, corridors, house, or a
+    ROS map_server file; field: worksite (default), clutter, rubble, occluded, or a file of meshes,
+    URDFs and boxes."""
+    mount: str | None = None
+    """field: mast (default), husky_panda, tiago, or a URDF. Or names for each robot, separated by
+    commas. A URDF needs --joints and --camera-link."""
+    joints: tuple[str, ...] = ()
+    """Joints of the URDF that move the camera. All others are fixed."""
+    camera_link: str | None = None
+    """Link of the URDF that the camera is fixed to. Its x is the optical axis, and its y points
+    left."""
+    optical_frame: bool = False
+    """The camera link is an optical frame. Its z is the optical axis, and its x points right."""
+    home: tuple[float, ...] = ()
+    """Values of the joints of the URDF at the start. By default 0, or the nearest limit."""
+    root_height: float = 0.0
+    """Height of the root link of the URDF above ground, metres."""
+    physics: Literal["kinematic", "stepped"] | None = None
+    """field: kinematic (default) or stepped physics. See FieldSettings.physics."""
+    initialization: Literal["located", "search"] | None = None
+    """field: located (default), or search for the target first. Robots then localize themselves on
+    it."""
+    motion_correction: Literal["encoders", "kinematic", "fiducials", "exact"] | None = None
+    """field: source of the camera poses, kinematic by default."""
 
     def __post_init__(self) -> None:
         """Accept any value: the environment checks it, outside of the parser of the command line.
@@ -56,10 +82,10 @@ class EnvironmentOptions(TaskArguments):
         Raises
         ------
         ValueError
-            If an option of the field environment is given for the planar one, or one that belongs
-            to the family is given beside it.
+            If a value is not accepted, an option of the field environment is given for the planar
+            one, or one that belongs to the family is given beside it.
         """
-        if self.family:
+        if self.family is not None:
             return self._family_kwargs()
         for name in ("mount", "physics", "initialization", "motion_correction"):
             if self.env_name != "field" and getattr(self, name):
@@ -69,8 +95,14 @@ class EnvironmentOptions(TaskArguments):
         for argument in fields(TaskArguments):
             value = getattr(self, argument.name)
             arguments[argument.name] = argument.default if value is None else value
-        if self.mount:
-            arguments["mount"] = parse_mounts(self.mount)
+        try:
+            TaskArguments(**arguments)
+        except ValueError as error:
+            raise ValueError(str(error).removeprefix("TaskArguments.")) from error
+        if self.scene is not None:
+            check_scene(self.scene, self.env_name)
+        if (mount := self._mount()) is not None:
+            arguments["mount"] = mount
         for name in ("scene", "initialization", "motion_correction"):
             if getattr(self, name):
                 arguments[name] = getattr(self, name)
@@ -79,7 +111,45 @@ class EnvironmentOptions(TaskArguments):
     @property
     def env_name(self) -> str:
         """Kind of the environment: "planar" or "field"."""
-        return self._family().env_name if self.family else self.env or self.DEFAULT_ENV
+        if self.family is None:
+            return self.env or self.DEFAULT_ENV
+        if self.family not in FAMILIES:
+            raise ValueError(unknown("family", self.family, FAMILIES))
+        return FAMILIES[self.family].lower()
+
+    def _mount(self) -> str | list[str] | dict[str, Any] | None:
+        """The argument `mount`: names, or `MountFields` of a URDF."""
+        given = [name for name in URDF_OPTIONS if getattr(self, name) not in ((), None)]
+        if self.mount is None or not is_urdf(self.mount):
+            if given:
+                raise ValueError(f"--{given[0].replace('_', '-')} belongs to --mount FILE.urdf")
+            return None if self.mount is None else parse_mounts(self.mount)
+        if not Path(self.mount).is_file():
+            raise ValueError(f"--mount {self.mount}: there is no such file")
+        if not self.joints or self.camera_link is None:
+            raise ValueError(
+                f"--mount {self.mount} needs --joints, those that move the camera, and "
+                "--camera-link, the link that it is fixed to"
+            )
+        return {
+            "urdf": self.mount,
+            "joints": list(self.joints),
+            "camera_link": self.camera_link,
+            "home": list(self.home) or None,
+            "root_height": self.root_height,
+            "optical_frame": self.optical_frame,
+        }
+
+    def extras(self) -> list[str]:
+        """Extras that the environment needs."""
+        needed = ["field"] if self.env_name == "field" else []
+        if "tiago" in (self.mount or ""):
+            needed.append("mounts")
+        if self.scene == "house":
+            needed.append("data")
+        if is_file(self.scene):
+            needed.append("maps")
+        return needed
 
     def _family(self) -> Any:
         from coopmap_env import families
@@ -88,6 +158,7 @@ class EnvironmentOptions(TaskArguments):
 
     def _family_kwargs(self) -> dict[str, Any]:
         """Arguments of the family, and those that it leaves free."""
+        _ = self.env_name  # an unknown family is told before anything is loaded
         from coopmap_env.families import FREE_ARGUMENTS
 
         arguments = self._family().env_kwargs
@@ -95,7 +166,7 @@ class EnvironmentOptions(TaskArguments):
             value = getattr(self, option.name)
             if option.name in FREE_ARGUMENTS:
                 arguments[option.name] = value
-            elif option.name != "family" and value not in ("", None):
+            elif option.name != "family" and value not in (None, option.default):
                 raise ValueError(
                     f"--{option.name.replace('_', '-')} belongs to --family {self.family}, which "
                     "has its own: leave it out"
@@ -106,7 +177,7 @@ class EnvironmentOptions(TaskArguments):
         """Settings of the environment, or None for the defaults."""
         from coopmap_env.evaluation import get_env_spec
 
-        if self.family:
+        if self.family is not None:
             return self._family().settings
         if not self.physics:
             return None
@@ -123,4 +194,34 @@ class EnvironmentOptions(TaskArguments):
 
 def parse_mounts(text: str) -> str | list[str]:
     """One mount for all robots, or a list with one for each if there is a comma."""
+    for name in text.split(","):
+        if name not in MOUNTS:
+            raise ValueError(unknown("mount", name, MOUNTS))
     return text.split(",") if "," in text else text
+
+
+def is_urdf(mount: str) -> bool:
+    """Whether a mount is a file and no name."""
+    return Path(mount).suffix.lower() in (".urdf", ".xml", ".xacro")
+
+
+def is_file(scene: str | None) -> bool:
+    """Whether a scene is a file and no name."""
+    return scene is not None and Path(scene).suffix.lower() in (".yaml", ".yml")
+
+
+def check_scene(scene: str, env_name: str) -> None:
+    """Check that a scene is a file that exists, or a name.
+
+    Raises
+    ------
+    ValueError
+        If it is neither; with the choices.
+    """
+    if is_file(scene):
+        if not Path(scene).is_file():
+            raise ValueError(f"--scene {scene}: there is no such file")
+    elif scene not in SCENES[env_name]:
+        raise ValueError(
+            f"{unknown('scene', scene, SCENES[env_name])}, or a path ending in .yaml or .yml"
+        )

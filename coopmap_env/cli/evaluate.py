@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
+from coopmap_env.cli.results import new_results_path
 from coopmap_env.core.progress import log
 from coopmap_env.envs.arguments import SplitName
 
@@ -19,44 +21,57 @@ MAX_EPISODES = 1_000_000
 class Evaluate(EnvironmentOptions):
     """Compare policies on the same worlds.
 
-    Writes episodes.csv (one row per policy and world) and summary.json (means, interquartile
-    means, probability of improvement over the first policy; 95 % bootstrap intervals).
+    Writes episodes.csv (one row per policy and world), summary.json (means, interquartile means,
+    probability of improvement over the first policy; 95 % bootstrap intervals), report.md, and with
+    the extra report figure.png. `coopmap report` compares the folders of several runs.
 
     Such as:
-      coopmap evaluate --policies rating_function:search=100,raster --episodes 50 --out results/e
+      coopmap evaluate --policies rating_function:search=100,raster --episodes 50
       coopmap evaluate --policies frontier,random --scene my_map.yaml --max-scans 32 --out results/m
       coopmap evaluate --policies rating_function:search=50+coordination=sequential --out results/s
       coopmap evaluate --env field --policies rating_function,random --episodes 4 --out results/f
       coopmap evaluate --policies learned,rating_function --action-mode candidates --out results/l
     """
 
-    out: Path
-    """Folder of the results."""
+    PURPOSE: ClassVar[str] = "play and compare policies"
+
+    out: Path = field(default_factory=partial(new_results_path, "evaluate"))
+    """Folder of the results. With that of an interrupted run, it goes on."""
     policies: str = "rating_function:search=100,raster"
-    """Names with options: name:key=value+key=value, separated by commas."""
+    """Names with options, separated by commas: name:key=value+key=value."""
     episodes: int = 50
     """Worlds for each policy."""
     split: SplitName = "test"
     """Split of the worlds."""
     seed: int = 0
-    """Seed of the first world; the other worlds have the following seeds."""
+    """Seed of the first world. The other worlds have the following seeds."""
     efficiency: bool = False
-    """Bound what any policy can show in each world, which takes seconds, and add the columns
-    efficiency and efficiency_auc. The certificates are kept in the folder bounds. Planar only."""
+    """Compare with a bound of what any policy can show in a world. It takes seconds for each, and
+    adds the columns efficiency and efficiency_auc. The certificates are kept in the folder bounds.
+    Planar only."""
     workers: int = 1
-    """Episodes at a time; only planning times depend on it."""
+    """Episodes at a time. Only planning times depend on it."""
     backend: Literal["processes", "ray"] = "processes"
-    """Kind of the workers: processes of this machine, or tasks of Ray (extra ray) on the cluster
-    that the environment variable RAY_ADDRESS names ("auto": the one of this machine). Its nodes
-    need this package and the files named here. Without RAY_ADDRESS, Ray runs on this machine."""
+    """Kind of the workers: processes of this machine, or tasks of Ray (extra ray). Ray runs them on
+    the cluster that the environment variable RAY_ADDRESS names ("auto": the one of this machine).
+    Its nodes need this package and the files named here. Without RAY_ADDRESS, Ray runs on this
+    machine."""
+
+    def extras(self) -> list[str]:
+        """Extras that the environment and the workers need."""
+        return [*super().extras(), *(["ray"] if self.backend == "ray" else [])]
 
     def run(self) -> None:
         """Play all episodes, write the files, print a summary."""
         from coopmap_env.core.locks import folder_lock
+        from coopmap_env.evaluation import check_policy
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]
         if not names:
             raise ValueError("--policies names no policy")
+        for name in names:
+            check_policy(name)
+        self.env_kwargs()
         if self.episodes < 1:
             raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
         if self.episodes > MAX_EPISODES:
@@ -69,7 +84,7 @@ class Evaluate(EnvironmentOptions):
             results = self._play_and_write(names)
         for name, result in results.items():
             print(f"{name:<40} {summary_line(result.table)}")
-        log(f"tables: {self.out / 'episodes.csv'}, {self.out / 'summary.json'}")
+        log(f"coopmap report {self.out} compares it with other runs")
 
     def _play_and_write(self, names: list[str]) -> dict[str, Any]:
         """Play all episodes and write the files; evaluations by policy."""
@@ -78,6 +93,8 @@ class Evaluate(EnvironmentOptions):
         from coopmap_env.core.settings import settings_to_dict
         from coopmap_env.core.version import __version__
         from coopmap_env.evaluation import write_episodes
+        from coopmap_env.evaluation.report import write_report
+        from coopmap_env.evaluation.saved_run import SavedRun, save_run
 
         arguments = {**self.env_kwargs(), "split": self.split}
         seeds = range(self.seed, self.seed + self.episodes)
@@ -105,6 +122,9 @@ class Evaluate(EnvironmentOptions):
             },
             "policies": evaluation.summarize(results, names[0]),
         }
+        run = SavedRun(summary["env"], results)
+        save_run(run, self.out)
+        write_report(run, self.out, f"{env.metadata['name']}, split {self.split}")
         write_episodes(results, self.out / "episodes.csv")
         write_atomically(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         return results

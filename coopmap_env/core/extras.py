@@ -1,7 +1,30 @@
 """Optional dependencies: imported where they are used, named when they are missing."""
 
+from __future__ import annotations
+
 import importlib
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, distribution
+from importlib.util import find_spec
 from types import ModuleType
+
+EXTRAS: dict[str, tuple[str, ...]] = {
+    "maps": ("yaml", "PIL"),
+    "render": ("PIL", "pygame"),
+    "report": ("matplotlib", "jinja2"),
+    "data": ("rtbdata", "skimage"),
+    "field": ("pybullet", "trimesh", "embreex"),
+    "mounts": ("example_robot_data",),
+    "paths": ("ompl",),
+    "octomap": ("pyoctomap",),
+    "replay": ("viser",),
+    "rl": ("torch", "safetensors"),
+    "onnx": ("onnxruntime",),
+    "ray": ("ray",),
+    "bench": ("mpe2", "psutil"),
+    "tuning": ("optuna",),
+}
+"""Modules that everything needs that needs an extra; ``pyproject.toml`` has the distributions."""
 
 
 def import_optional(module: str, extra: str) -> ModuleType:
@@ -23,5 +46,49 @@ def import_optional(module: str, extra: str) -> ModuleType:
         return importlib.import_module(module)
     except ImportError as error:
         raise ImportError(
-            f"{module} is needed here and is not installed: pip install 'coopmap[{extra}]'"
+            f"{module} is needed here and is not installed: {pip_command([extra])}"
         ) from error
+
+
+def missing_extras(extras: Iterable[str]) -> dict[str, list[str]]:
+    """Extras of which a module is not installed, with those modules; nothing is imported."""
+    missing = {
+        extra: [module for module in EXTRAS[extra] if not _is_installed(module)]
+        for extra in dict.fromkeys(extras)
+    }
+    return {extra: modules for extra, modules in missing.items() if modules}
+
+
+def require_extras(extras: Iterable[str]) -> None:
+    """Check that extras are installed, before long work begins.
+
+    Raises
+    ------
+    ImportError
+        With all that are missing and one pip command.
+    """
+    if missing := missing_extras(extras):
+        modules = ", ".join(module for modules in missing.values() for module in modules)
+        one = modules.count(",") == 0
+        raise ImportError(
+            f"{modules} {'is' if one else 'are'} needed here and {'is' if one else 'are'} not "
+            f"installed: {pip_command(missing)}"
+        )
+
+
+def pip_command(extras: Iterable[str]) -> str:
+    """Command that installs extras."""
+    return f"pip install 'coopmap[{','.join(extras)}]'"
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        if find_spec(module) is not None:
+            return True
+    except (ModuleNotFoundError, ValueError):  # hidden, or in the place of a module without a spec
+        return False
+    try:
+        distribution(module)  # one of files without a module, as example-robot-data
+    except PackageNotFoundError:
+        return False
+    return True

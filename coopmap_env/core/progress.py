@@ -6,8 +6,6 @@ import sys
 from collections.abc import Iterable
 from typing import TypeVar
 
-from coopmap_env.core.extras import import_optional
-
 Item = TypeVar("Item")
 
 
@@ -37,14 +35,10 @@ def progress_bar(
     show : bool
         Whether to show the bar; the items are returned as they are otherwise.
 
-    Raises
-    ------
-    ImportError
-        If tqdm is not installed (extra ``cli``).
     """
     if not show:
         return items
-    bar: Iterable[Item] = import_optional("tqdm", "cli").tqdm(
-        items, total=total, initial=done, unit=unit, smoothing=0.1
-    )
+    from tqdm import tqdm
+
+    bar: Iterable[Item] = tqdm(items, total=total, initial=done, unit=unit, smoothing=0.1)
     return bar

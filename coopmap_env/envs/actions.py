@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
 from coopmap_env.envs.belief import Belief, Decoded, Poses
+from coopmap_env.envs.reasons import RejectedReason
 
 _USUAL = (np.ndarray, np.int64, int)
 
@@ -91,11 +92,6 @@ def parse_pose_action(agent: str, action: Any, names: tuple[str, ...]) -> NDArra
     return numbers.astype(np.float64)
 
 
-def masked_reason(index: int, n_candidates: int) -> str:
-    """Why an action that chooses a masked candidate is rejected."""
-    return f"candidate {index} is masked out: only {n_candidates} poses are feasible"
-
-
 class CandidateMode:
     """A choice among random feasible poses: the paper's random-m search."""
 
@@ -132,8 +128,8 @@ class CandidateMode:
         index = self.parse(agent, action)
         candidates = self._candidates_of(belief, belief.agents.index(agent))
         if index >= len(candidates):
-            return Decoded(None, masked_reason(index, len(candidates)))
-        return Decoded(candidates[index], "")
+            return Decoded(None, RejectedReason.MASKED)
+        return Decoded(candidates[index], RejectedReason.NONE)
 
     def encode(self, robot: int, pose: Any, belief: Belief) -> np.int64:
         """Index of the pose among the candidates."""

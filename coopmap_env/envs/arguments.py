@@ -10,17 +10,22 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal, ParamSpec, TypeVar, cast
 
 from coopmap_env.core.settings import Bounds, Positive, PositiveInt, Settings
-from coopmap_env.envs.rewards import TRUE_TERMS, RewardName
 
 Parameters = ParamSpec("Parameters")
 Env = TypeVar("Env")
 
 ActionModeName = Literal["pose", "candidates"]
 SplitName = Literal["train", "validation", "test"]
+RewardName = Literal["rating", "information", "coverage", "shown"]
+"""The choices of the argument `reward`: a new term is named here and in `rewards.REWARD_TERMS`, and
+written by `rewards.write_reward_terms`. The tests compare the three, and the commands offer it by
+themselves."""
+TRUE_TERMS = ("shown",)
+"""Terms that only environments have that keep what scans truly show."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +35,8 @@ class TaskArguments(Settings):
     n_robots: Annotated[int, Bounds(at_least=1, largest=1_000)] = 2
     """Robots in the team."""
     action_mode: ActionModeName = "pose"
-    """Any pose (in the field: joints of the mount), or a choice among random feasible poses; see
-    `coopmap_env.envs.actions`."""
+    """Any pose, or a choice among random feasible poses. In the field, a pose is that of the joints
+    of the mount; see `coopmap_env.envs.actions`."""
     reward: RewardName = "rating"
     """Term that is paid; see `coopmap_env.envs.rewards`. All terms are in `infos`; "shown", which
     is for training only, if it is paid or with ``report_shown=True``."""
@@ -40,7 +45,7 @@ class TaskArguments(Settings):
     max_scans: PositiveInt = 16
     """Scans of each robot until truncation."""
     max_time: Positive | None = None
-    """Seconds until truncation, on a clock that the team shares: each step lasts as long as the
+    """Seconds until truncation, on a clock that the team shares. Each step lasts as long as the
     slowest motion and the scans. The step in which it runs out is the last one."""
     n_candidates: Annotated[int, Bounds(at_least=1, largest=65_536)] = 32
     """Number of candidates m, in "candidates" mode."""
@@ -58,6 +63,13 @@ class MappingArguments(TaskArguments):
     """Whether `infos` have ``shown_fraction``, for scoring: the cells that beams without noise have
     crossed up to the first true surface, and those known at the start, as a fraction of all. With
     ``reward="shown"`` they always do."""
+    max_cycles: PositiveInt | None = field(default=None, kw_only=True)
+    """PettingZoo's name of ``max_scans``, which it replaces where it is given."""
+
+    @property
+    def n_scans(self) -> int:
+        """Scans of each robot until truncation, by either name."""
+        return self.max_scans if self.max_cycles is None else self.max_cycles
 
     @property
     def keeps_shown(self) -> bool:

@@ -12,6 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.envs.budget import Budget
+from coopmap_env.envs.reasons import RejectedReason
 from coopmap_env.information import Ratings, RatingSettings, ReservedMask
 from coopmap_env.mapping import OccupancyMap
 
@@ -28,8 +29,8 @@ class Decoded(NamedTuple):
 
     pose: Any
     """The requested pose."""
-    rejected_reason: str
-    """Why the pose is infeasible, so that the camera stays; empty if it is feasible."""
+    rejected_reason: RejectedReason
+    """Why the pose is infeasible, so that the camera stays; `NONE` if it is feasible."""
 
     @property
     def target(self) -> Any:

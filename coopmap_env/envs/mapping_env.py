@@ -15,19 +15,20 @@ from pettingzoo import ParallelEnv
 from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.actions import CandidateMode, action_of_each
-from coopmap_env.envs.arguments import MappingArguments
+from coopmap_env.envs.arguments import TRUE_TERMS, MappingArguments
 from coopmap_env.envs.belief import ActionMode, Observation, Observer
 from coopmap_env.envs.budget import BUDGET_SIZE, Budget, budget_fractions, budget_space
-from coopmap_env.envs.rewards import REWARD_TERMS, TRUE_TERMS
+from coopmap_env.envs.rewards import REWARD_TERMS
 from coopmap_env.envs.step_data import (
-    RESET_INFO_TYPES,
-    STEP_INFO_TYPES,
+    COMMON_INFO_TYPES,
+    OUTCOME_INFO_TYPES,
+    REWARD_PREFIX,
     BeliefT,
     EpisodeSeeds,
     Infos,
+    InfoTypes,
     SeedDraws,
     TeamStep,
-    copy_action_masks,
     outcome_info,
 )
 from coopmap_env.rendering import HumanWindow
@@ -38,18 +39,22 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     """Conducts an episode and computes nothing itself: decode, move, scan, fuse, reward, observe.
 
     A world's environment calls `_set_up` once and provides `_start`, `_advance`, `_scans_done`,
-    `_elapsed_time`, `last_scans`, `_shown_mask`, `_render_frame` and `truth`.
+    `_elapsed_time`, `last_scans`, `_shown_mask`, `_explain`, `_render_frame` and `truth`.
+
+    `copy.deepcopy` and `pickle` keep the episode: a copy goes on as the original does. It is made
+    by playing the episode again, so that it takes as long as the steps so far.
     """
 
     metadata: ClassVar[dict[str, Any]] = {}
-    _own_info_types: ClassVar[dict[str, Any]] = {}
-    """Types of the entries of infos that only this kind of world has after a step."""
+    _own_info_types: ClassVar[InfoTypes] = {}
+    """Types of the entries of infos that only this kind of world has."""
     _belief: BeliefT
 
     def __init__(self, arguments: MappingArguments) -> None:
+        self._arguments = arguments
         self.possible_agents = [f"robot_{i}" for i in range(arguments.n_robots)]
         self.agents: list[str] = []
-        self.max_scans = arguments.max_scans
+        self.max_scans = arguments.n_scans
         self.max_time = arguments.max_time
         self.split = arguments.split
         self.render_mode = arguments.render_mode
@@ -62,6 +67,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._window: HumanWindow | None = None
         self._seed_draws = SeedDraws()
         self._has_reset = False
+        self._episode: tuple[EpisodeSeeds, list[dict[str, Any]]] | None = None
+        """Seeds of the episode and the actions so far: they determine all else."""
         self._trails: list[list[NDArray[np.float64]]] = []
 
     def _set_up(
@@ -90,16 +97,16 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         return self._reports_shown
 
     @property
-    def reset_info_types(self) -> dict[str, Any]:
-        """Types of the entries of infos after a reset; vector environments make arrays of them."""
-        return {**RESET_INFO_TYPES, **({"shown_fraction": float} if self.reports_shown else {})}
-
-    @property
-    def step_info_types(self) -> dict[str, Any]:
-        """The same after a step."""
+    def info_types(self) -> InfoTypes:
+        """Types of the entries of infos; vector environments make arrays of them."""
         names = [name for name in REWARD_TERMS if self.reports_shown or name not in TRUE_TERMS]
-        terms = {"reward_terms": dict.fromkeys(names, float)}
-        return {**self.reset_info_types, **STEP_INFO_TYPES, **terms, **self._own_info_types}
+        return {
+            **COMMON_INFO_TYPES,
+            **({"shown_fraction": float} if self.reports_shown else {}),
+            **OUTCOME_INFO_TYPES,
+            **{f"{REWARD_PREFIX}{name}": float for name in names},
+            **self._own_info_types,
+        }
 
     @abstractmethod
     def _start(self, seeds: EpisodeSeeds) -> tuple[BeliefT, list[Observation]]:
@@ -156,9 +163,13 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
     def _render_frame(self) -> NDArray[np.uint8]:
         """Draw a picture (H, W, 3) of the truth, the map and the team."""
 
-    def _extra_info(self, robot: int, step: TeamStep[BeliefT]) -> dict[str, Any]:
+    def _own_info(self, robot: int) -> dict[str, Any]:
         """Entries of a robot's info that only this kind of world has."""
         return {}
+
+    @abstractmethod
+    def _explain(self, robot: int) -> dict[str, str]:
+        """See `explain`; entries may be empty."""
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Space of one robot's observations; always the same object."""
@@ -191,16 +202,12 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         if options is not None and not isinstance(options, Mapping):
             raise ValueError(f"options must be a dict or None, got {brief(options)}")
         seeds = self._seed_draws.seeds_of(self.split, seed)
-        self._belief, observed = self._start(seeds)
+        observed = self._begin(seeds)
         if seed is not None:
             self._seed_draws.follow(seeds)
-        self._has_reset = True
-        self.agents = list(self.possible_agents)
-        self._trails = [[] for _ in self.agents]
-        self._record_positions()
         observations = self._observations_of_agents(observed)
-        infos = {agent: self._common_info() for agent in self.agents}
-        copy_action_masks(observations, infos)
+        blank = {key: kind() for key, kind in self.info_types.items()}
+        infos = self._infos([blank] * len(self.agents))
         if self.render_mode == "human":
             self.render()
         return observations, infos
@@ -211,7 +218,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         """Move all cameras, scan with all of them, fuse the scans, reward, observe.
 
         A pose that is infeasible on the known map does not move the camera: it scans from where it
-        is, and ``infos[agent]["rejected_reason"]`` says why. Where the map is wrong, the robot
+        is, and ``infos[agent]["rejected_reason"]`` is why, a `RejectedReason`. Where the map is
+        wrong, the robot
         collides with what is there and is stopped: ``infos[agent]["collided"]`` is true.
 
         Raises
@@ -225,13 +233,10 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         self._require_reset()
         if not self.agents:
             raise RuntimeError(f"the episode ended after {self._scans_done} scans: call reset()")
-        step = self._advance(action_of_each(self.agents, actions))
-        self._belief = step.belief
-        self._record_positions()
+        step = self._play(action_of_each(self.agents, actions))
         observations = self._observations_of_agents(step.observations)
         rewards = self._assign_rewards(step.reward_terms)
-        infos = self._step_infos(step)
-        copy_action_masks(observations, infos)
+        infos = self._infos([outcome_info(step, robot) for robot in range(len(self.agents))])
         ended = self._has_ended
         terminations = dict.fromkeys(self.agents, False)
         truncations = dict.fromkeys(self.agents, ended)
@@ -256,6 +261,21 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         """
         self._require_reset()
         return self._belief
+
+    def explain(self, agent: str) -> dict[str, str]:
+        """What the codes in a robot's last infos mean, in words, with names and figures.
+
+        Only the entries that there are: ``rejected_reason``, ``collided``, in the field also
+        ``localization_failure`` and ``correction_failure``.
+
+        Raises
+        ------
+        RuntimeError
+            Before the first reset.
+        """
+        self._require_reset()
+        words = self._explain(self.possible_agents.index(agent))
+        return {key: text for key, text in words.items() if text}
 
     @property
     @abstractmethod
@@ -297,6 +317,47 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             self._window.close()
             self._window = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """How to come to the same state: copies and pickles play the episode again."""
+        return {
+            "arguments": vars(self._arguments),
+            "spaces": (self.action_spaces, self.observation_spaces),
+            "seed_draws": self._seed_draws,
+            "episode": self._episode,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Play the episode up to the same step."""
+        type(self).__init__(self, **state["arguments"])
+        self.action_spaces, self.observation_spaces = state["spaces"]  # with their random numbers
+        self._seed_draws = state["seed_draws"]
+        if state["episode"] is not None:
+            seeds, actions = state["episode"]
+            self._begin(seeds)
+            for one in actions:
+                self._play(one)
+            if self._has_ended:
+                self.agents = []
+
+    def _begin(self, seeds: EpisodeSeeds) -> list[Observation]:
+        """Begin the episode of these seeds; what the robots observe."""
+        self._belief, observed = self._start(seeds)
+        self._episode = seeds, []
+        self._has_reset = True
+        self.agents = list(self.possible_agents)
+        self._trails = [[] for _ in self.agents]
+        self._record_positions()
+        return observed
+
+    def _play(self, actions: dict[str, Any]) -> TeamStep[BeliefT]:
+        """Take one step of the episode."""
+        assert self._episode is not None
+        step = self._advance(actions)
+        self._episode[1].append({agent: np.array(one) for agent, one in actions.items()})
+        self._belief = step.belief
+        self._record_positions()
+        return step
+
     def _require_reset(self) -> None:
         if not self._has_reset:
             raise RuntimeError("call reset() first: there is no world yet")
@@ -325,11 +386,12 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
             rewards = [total(rewards) / len(rewards)] * len(rewards)
         return dict(zip(self.agents, rewards, strict=True))
 
-    def _step_infos(self, step: TeamStep[BeliefT]) -> Infos:
+    def _infos(self, outcomes: Sequence[dict[str, Any]]) -> Infos:
+        """Infos of all robots, from what came of the step of each."""
         common = self._common_info()
         return {
-            agent: {**common, **outcome_info(step, robot), **self._extra_info(robot, step)}
-            for robot, agent in enumerate(self.agents)
+            agent: {**outcome, **common, **self._own_info(robot)}
+            for robot, (agent, outcome) in enumerate(zip(self.agents, outcomes, strict=True))
         }
 
     def _common_info(self) -> dict[str, Any]:

@@ -11,13 +11,14 @@ it, and only environments that keep what scans show have it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import log
 from coopmap_env.core.kernels import kernel
+from coopmap_env.envs.arguments import TRUE_TERMS, RewardName
 from coopmap_env.mapping import ScanGain
 
 
@@ -93,17 +94,13 @@ def shown(outcome: StepOutcome, scale: RewardScale) -> float:
     return outcome.newly_shown / scale.n_cells - outcome.collision_cost
 
 
-RewardName = Literal["rating", "information", "coverage", "shown"]
-"""The choices of the argument `reward`; a new term is named here and in `REWARD_TERMS`, and written
-by `write_reward_terms`. The tests compare the three, and the commands offer it by themselves."""
 REWARD_TERMS: dict[RewardName, Callable[[StepOutcome, RewardScale], float]] = {
     "rating": rating,
     "information": information,
     "coverage": coverage,
     "shown": shown,
 }
-TRUE_TERMS = ("shown",)
-"""Terms that only environments have that keep what scans truly show."""
+"""All terms by name; `RewardName` names them too."""
 
 
 @kernel

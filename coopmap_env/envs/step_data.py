@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +15,28 @@ from coopmap_env.simulation.scenes import world_seed_words
 
 BeliefT = TypeVar("BeliefT", bound=Belief)
 Infos = dict[str, dict[str, Any]]
-"""Info of each agent."""
+"""Info of each agent: numbers by name, with the same names after a reset and after each step."""
 
-
-RESET_INFO_TYPES: dict[str, Any] = {
+InfoTypes: TypeAlias = "Mapping[str, type[bool] | type[int] | type[float]]"
+"""Type of each entry of a robot's info, after a reset and after each step."""
+COMMON_INFO_TYPES: InfoTypes = {
     "n_scans": int,
     "elapsed_time": float,
     "observed_fraction": float,
 }
-"""Type of each entry of a robot's info after a reset, without the action mask; see
-`coopmap_env.vector`."""
-STEP_INFO_TYPES: dict[str, Any] = {
-    **RESET_INFO_TYPES,
-    "rejected_reason": str,
+"""What is the same for all robots."""
+OUTCOME_INFO_TYPES: InfoTypes = {
+    "rejected_reason": int,
     "collided": bool,
     "new_information": float,
     "distance": float,
     "new_cells": int,
     "entropy_reduction": float,
 }
-"""The same after a step, without ``reward_terms``; `outcome_info` fills it in."""
+"""What came of the step, without the reward terms; `outcome_info` fills it in, and zeros stand
+there after a reset."""
+REWARD_PREFIX = "reward_"
+"""Before the name of a reward term, in infos."""
 
 
 SCENE, START, NOISE, CANDIDATES, SEEDS, VEHICLES, STREAMS = range(7)
@@ -149,10 +151,9 @@ class TeamStep(NamedTuple, Generic[BeliefT]):
     belief: BeliefT
     outcomes: Sequence[StepOutcome]
     reward_terms: Sequence[dict[str, float]]
-    collided_with: Sequence[str]
-    """Name of what each robot collided with; empty if nothing."""
-    rejected_reasons: Sequence[str]
-    """Why the action of each robot was rejected; empty if it was not."""
+    collided: Sequence[bool]
+    rejected_reasons: Sequence[int]
+    """Why the action of each robot was rejected: values of `RejectedReason`."""
     observations: Sequence[Observation]
 
 
@@ -160,18 +161,11 @@ def outcome_info(step: TeamStep[Any], robot: int) -> dict[str, Any]:
     """Entries of a robot's info that say what came of its step."""
     outcome = step.outcomes[robot]
     return {
-        "rejected_reason": step.rejected_reasons[robot],
-        "collided": bool(step.collided_with[robot]),
-        "reward_terms": step.reward_terms[robot],
+        "rejected_reason": int(step.rejected_reasons[robot]),
+        "collided": bool(step.collided[robot]),
         "new_information": outcome.new_information,
         "distance": outcome.distance,
         "new_cells": outcome.gain.new_cells,
         "entropy_reduction": outcome.gain.entropy_reduction,
+        **{f"{REWARD_PREFIX}{name}": term for name, term in step.reward_terms[robot].items()},
     }
-
-
-def copy_action_masks(observations: Mapping[str, Observation], infos: Infos) -> None:
-    """Put the action masks into the infos too, where some RL libraries expect them."""
-    for agent, observation in observations.items():
-        if "action_mask" in observation:
-            infos[agent]["action_mask"] = observation["action_mask"].copy()

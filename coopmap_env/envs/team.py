@@ -8,30 +8,30 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
 
 from coopmap_env.core.files import brief
 from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.actions import InvalidActionError, to_number_array
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
+from coopmap_env.envs.step_data import Infos
 
 
-class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
+class TeamEnv(gymnasium.Env[Observation, Any]):
     """A parallel environment seen by a single agent; takes the same arguments.
 
     Observations are those of the robots, each entry concatenated along its first axis (maps along
     their channels). The action is the robots' actions one after another: a ``Box(-1, 1)`` of
     all their values, or ``MultiDiscrete([m] * n_robots)``. The reward is the *sum* over the robots
     (with ``team_reward="shared"``, the parallel environment pays each of them the *mean*, which has
-    the same sum); their infos are in ``info["robots"]``, by robot.
+    the same sum). Entries of the info are arrays (n_robots,) of those of the robots.
     """
 
     parallel_env: ClassVar[Callable[..., MappingEnv[Any]]]
     """The parallel environment; set by each subclass."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        EzPickle.__init__(self, *args, **kwargs)
         self.parallel = type(self).parallel_env(*args, **kwargs)
         self.render_mode = self.parallel.render_mode
         agents = self.parallel.possible_agents
@@ -40,6 +40,7 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         actions: list[Any] = [self.parallel.action_space(agent) for agent in agents]
         self.action_space: spaces.Space[Any] = team_action_space(actions)
         lengths = [action.shape[0] if action.shape else 1 for action in actions]
+        self._masks: NDArray[np.bool_] | None = None
         self._split_indices = np.cumsum(lengths)[:-1].tolist()
 
     def reset(
@@ -48,7 +49,7 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         """Start an episode; see `MappingEnv.reset`."""
         observations, infos = self.parallel.reset(seed=seed, options=options)
         super().reset(seed=None if seed is None else int(seed))  # after the check of the seed
-        return self._concatenate(observations), {"robots": infos}
+        return self._concatenate(observations), self._stack(infos)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move and scan with all robots; see `MappingEnv.step`.
@@ -76,8 +77,26 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
             total(rewards.values()),
             False,
             truncated,
-            {"robots": infos},
+            self._stack(infos),
         )
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Mask (n_robots * m,) of the candidates that can be taken now, those of a robot together.
+
+        sb3-contrib's MaskablePPO calls it.
+
+        Raises
+        ------
+        AttributeError
+            In "pose" mode.
+        RuntimeError
+            Before the first reset.
+        """
+        if not isinstance(self.action_space, spaces.MultiDiscrete):
+            raise AttributeError("actions have no mask: make it with action_mode='candidates'")
+        if self._masks is None:
+            raise RuntimeError("call reset() first: there are no candidates yet")
+        return self._masks.copy()
 
     def render(self) -> Any:
         """See `MappingEnv.render`."""
@@ -87,10 +106,16 @@ class TeamEnv(gymnasium.Env[Observation, Any], EzPickle):
         """See `MappingEnv.close`."""
         self.parallel.close()
 
-    @staticmethod
-    def _concatenate(observations: dict[str, Observation]) -> Observation:
+    def _concatenate(self, observations: dict[str, Observation]) -> Observation:
         each = list(observations.values())
-        return {key: np.concatenate([o[key] for o in each]) for key in each[0]}
+        team = {key: np.concatenate([o[key] for o in each]) for key in each[0]}
+        if "action_mask" in team:
+            self._masks = team["action_mask"].astype(np.bool_)
+        return team
+
+    def _stack(self, infos: Infos) -> dict[str, NDArray[Any]]:
+        types, each = self.parallel.info_types, infos.values()
+        return {key: np.array([info[key] for info in each], kind) for key, kind in types.items()}
 
 
 def team_observation_space(robots: Sequence[spaces.Dict]) -> spaces.Dict:

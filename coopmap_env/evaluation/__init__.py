@@ -4,12 +4,13 @@
 policies on the same worlds, and ``summarize`` gives their scores with confidence intervals.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from coopmap_env.evaluation.policy import Policy, make_policy, policy_names
+from coopmap_env.core.lazy import load_on_first_use
+from coopmap_env.evaluation.policy import Policy, check_policy, make_policy, policy_names
 from coopmap_env.evaluation.rollout import Step, policy_rng, rollout
 
+# Loaded on first use: planners import this package and need no statistics.
 if TYPE_CHECKING:
     from coopmap_env.evaluation.comparison import (
         Evaluation,
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from coopmap_env.evaluation.jobs import Job, Result, ray_session, ray_workers_checked, run_jobs
     from coopmap_env.evaluation.stored_episode import is_episode
     from coopmap_env.evaluation.summary import BOOTSTRAP_SEED, summarize
+else:
+    __getattr__ = load_on_first_use(__name__)
 
 __all__ = [
     "BOOTSTRAP_SEED",
@@ -46,6 +49,7 @@ __all__ = [
     "Result",
     "Step",
     "SurfaceResult",
+    "check_policy",
     "compare",
     "episode_from_dict",
     "evaluate",
@@ -68,17 +72,3 @@ __all__ = [
     "with_world_bounds",
     "write_episodes",
 ]
-
-_SUBMODULES = (
-    "env_specs", "episode", "hashes", "jobs", "stored_episode", "comparison", "summary",
-)  # fmt: skip
-"""Loaded on first use: planners import this package and need no statistics."""
-
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        for submodule in _SUBMODULES:
-            module = import_module(f"coopmap_env.evaluation.{submodule}")
-            if hasattr(module, name):
-                return getattr(module, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

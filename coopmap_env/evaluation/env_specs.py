@@ -10,6 +10,7 @@ from coopmap_env.core.settings import settings_from_dict
 from coopmap_env.envs import MappingEnv, TeamEnv
 from coopmap_env.envs.field import FieldEnv, FieldSettings, FieldTeamEnv
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings, PlanarTeamEnv
+from coopmap_env.robots import mount_from_json
 from coopmap_env.simulation.scenes.field import FIELD_SCENES
 from coopmap_env.simulation.scenes.planar import PLANAR_SCENES
 from coopmap_env.vector import MappingVectorEnv
@@ -37,27 +38,37 @@ class EnvSpec(NamedTuple):
         ----------
         **arguments
             Of its constructor. A scene may also be a JSON object with the fields of the scene of
-            that name, such as ``{"name": "obstacles", "shape": [150, 150]}``.
+            that name, such as ``{"name": "obstacles", "shape": [150, 150]}``, a mount one with
+            `MountFields`: ``{"urdf": "arm.urdf", "joints": ["pan"], "camera_link": "eye"}``.
 
         Raises
         ------
         ValueError
             If an argument is not accepted, such as a scene's name or field.
         """
-        return self.constructor(**self._with_scene(arguments))
+        return self.constructor(**self._with_objects(arguments))
 
     def make_team(self, **arguments: Any) -> TeamEnv:
         """Make an environment of one controller for the whole team; see `make`."""
-        return self.team_constructor(**self._with_scene(arguments))
+        return self.team_constructor(**self._with_objects(arguments))
 
     def make_vector(self, n_envs: int, **arguments: Any) -> MappingVectorEnv[Any]:
         """Make a vector environment of `n_envs` worlds; see `make`."""
-        return self.vector_constructor(n_envs, **self._with_scene(arguments))
+        return self.vector_constructor(n_envs, **self._with_objects(arguments))
 
-    def _with_scene(self, arguments: dict[str, Any]) -> dict[str, Any]:
-        scene = arguments.get("scene")
-        made = {"scene": self._make_scene(dict(scene))} if isinstance(scene, Mapping) else {}
-        return {**arguments, **made}
+    def _with_objects(self, arguments: dict[str, Any]) -> dict[str, Any]:
+        """The arguments with the scene and the mounts that are given as JSON objects."""
+        made = dict(arguments)
+        if isinstance(scene := arguments.get("scene"), Mapping):
+            made["scene"] = self._make_scene(dict(scene))
+        mount = arguments.get("mount")
+        if isinstance(mount, Mapping):
+            made["mount"] = mount_from_json(mount)
+        elif isinstance(mount, list | tuple):
+            made["mount"] = [
+                mount_from_json(one) if isinstance(one, Mapping) else one for one in mount
+            ]
+        return made
 
     def _make_scene(self, fields: dict[str, Any]) -> Any:
         name = fields.pop("name", None)

@@ -29,9 +29,9 @@ def make_job(
 ) -> Job:
     """One episode as JSON values. They determine its result: equal jobs have equal results.
 
-    Files that are named by the policy's options or by the scene (its YAML file, images, meshes and
-    URDFs) enter by the hash of their content. So does the `fingerprint` of a policy that has one:
-    learned weights can change under the same name.
+    Files that are named by the policy's options, by the scene (its YAML file, images, meshes and
+    URDFs) or by the mount (its URDF and meshes) enter by the hash of their content. So does the
+    `fingerprint` of a policy that has one: learned weights can change under the same name.
 
     Parameters
     ----------
@@ -46,7 +46,12 @@ def make_job(
     """
     return {
         "version": __version__,
-        "files": file_hashes(policy, str(env_kwargs.get("scene", "")), env_name),
+        "files": file_hashes(
+            policy,
+            str(env_kwargs.get("scene", "")),
+            env_name,
+            mount if isinstance(mount := env_kwargs.get("mount"), dict) else None,
+        ),
         "policy": policy,
         "fingerprint": _fingerprint(policy),
         "seed": seed,

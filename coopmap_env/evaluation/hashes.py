@@ -5,16 +5,20 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from coopmap_env.core.files import read_bytes
 from coopmap_env.core.yaml_files import read_yaml_mapping
+from coopmap_env.robots import mount_files
 from coopmap_env.simulation.scenes.field import read_user_scene
 
 
-def file_hashes(policy: str, scene: str, env_name: str) -> dict[str, str]:
-    """SHA-256 of the files that a policy's spec and a scene name, by path.
+def file_hashes(
+    policy: str, scene: str, env_name: str, mount: Mapping[str, Any] | None = None
+) -> dict[str, str]:
+    """SHA-256 of the files that a policy's spec, a scene and a mount's `MountFields` name, by path.
 
     Raises
     ------
@@ -22,7 +26,8 @@ def file_hashes(policy: str, scene: str, env_name: str) -> dict[str, str]:
         If one of them is broken or too large.
     """
     named = re.split("[=+:]", policy)
-    return _sha256_of_files(named) | _scene_hashes(scene, env_name)
+    robot = [] if mount is None else map(str, mount_files(mount))
+    return _sha256_of_files([*named, *robot]) | _scene_hashes(scene, env_name)
 
 
 def _scene_hashes(scene: str, env_name: str) -> dict[str, str]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from coopmap_env.envs import Belief, Infos, MappingEnv, Observation
 from coopmap_env.evaluation.policy import Policy
+
+if TYPE_CHECKING:
+    from coopmap_env.envs import Belief, Infos, MappingEnv, Observation
 
 POLICY_SPAWN_KEY = 0xAC7
 """Spawn key of the policies' own random numbers: the same for every policy on a world."""

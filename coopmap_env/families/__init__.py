@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from coopmap_env.core.files import brief
+from coopmap_env.core.choices import unknown
 from coopmap_env.envs import MappingEnv, TeamEnv
 from coopmap_env.families.family import FREE_ARGUMENTS, Family
 from coopmap_env.families.field import FIELD_FAMILIES
@@ -61,7 +61,7 @@ def get(name: str) -> Family:
         With the choices, if the name is unknown.
     """
     if not isinstance(name, str) or name not in FAMILIES:
-        raise ValueError(f"unknown family {brief(name)}; choose from {', '.join(FAMILIES)}")
+        raise ValueError(unknown("family", name, FAMILIES))
     return FAMILIES[name]
 
 

@@ -28,6 +28,7 @@ from coopmap_env.localization.correction.tracking import (
     TrackingSettings,
     track_fiducials,
 )
+from coopmap_env.localization.failures import CorrectionFailure, LocalizationFailure
 from coopmap_env.localization.registration.acceptance import AcceptanceSettings, Fitness
 from coopmap_env.localization.registration.alignment import AlignmentSettings
 from coopmap_env.localization.registration.icp import Refiner, SmallGicp
@@ -44,6 +45,7 @@ from coopmap_env.localization.target import TargetModel
 __all__ = [
     "AcceptanceSettings",
     "AlignmentSettings",
+    "CorrectionFailure",
     "CorrectionSettings",
     "DegenerateGeometryError",
     "FiducialMatches",
@@ -52,6 +54,7 @@ __all__ = [
     "Fiducials",
     "Fitness",
     "GaussianPose",
+    "LocalizationFailure",
     "PoseCorrection",
     "PoseCorrector",
     "RecursiveMoments",

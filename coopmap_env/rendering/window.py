@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.core.quiet import native_stderr_muted
 
 
 class HumanWindow:
@@ -49,7 +50,8 @@ class HumanWindow:
             os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
             self._pygame = import_optional("pygame", "render")
         display = self._pygame.display
-        display.init()
+        with native_stderr_muted():  # libraries of displays that are not there complain
+            display.init()
         screen = display.get_surface()
         if screen is None or screen.get_size() != (width, height):
             screen = display.set_mode((width, height))

@@ -26,6 +26,7 @@ from coopmap_env.robots.kinematics.urdf import UrdfModel
 from coopmap_env.robots.kinematics.urdf_elements import UrdfJoint, UrdfLink, UrdfShape
 from coopmap_env.robots.kinematics.urdf_xml import UrdfError
 from coopmap_env.robots.mount import Mount
+from coopmap_env.robots.mount_json import MountFields, mount_files, mount_from_json
 from coopmap_env.robots.mount_library import R_OPTICAL_CAMERA, make_mount, mount_from_urdf
 from coopmap_env.robots.planar.pose_lattice import LatticeGeometry, PoseLattice, pose_from_id
 from coopmap_env.robots.planar.reachable_cells import (
@@ -49,6 +50,7 @@ __all__ = [
     "KinematicTree",
     "LatticeGeometry",
     "Mount",
+    "MountFields",
     "PoseEstimate",
     "PoseLattice",
     "PredictedContact",
@@ -67,6 +69,8 @@ __all__ = [
     "filter_robot_points",
     "free_mask",
     "make_mount",
+    "mount_files",
+    "mount_from_json",
     "mount_from_urdf",
     "mounted_frame_poses",
     "plan_path",

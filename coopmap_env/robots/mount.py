@@ -81,8 +81,8 @@ class Mount:
     def chain(self, with_suspension: bool = False) -> Chain:
         """The mount's kinematics, read once per process.
 
-        With the suspension, q is [heave, roll, pitch, *joints]: what physics moves. Without it, the
-        suspension is at rest: what the robot assumes.
+        With the suspension, q is ``[heave, roll, pitch, *joints]``: what physics moves. Without it,
+        the suspension is at rest: what the robot assumes.
 
         Raises
         ------

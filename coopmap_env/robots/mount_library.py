@@ -5,11 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from coopmap_env.core.choices import unknown
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import brief
 from coopmap_env.core.settings import checked_value
@@ -33,7 +35,7 @@ def mount_from_urdf(
     urdf: str | Path,
     joints: Sequence[str],
     camera_link: str,
-    home: Sequence[float],
+    home: Sequence[float] | None = None,
     *,
     name: str = "",
     suspension: Suspension | None = None,
@@ -55,8 +57,8 @@ def mount_from_urdf(
     joints : sequence of str
         The joints that move the camera.
     camera_link : str
-    home : sequence of float
-        Joint values at the start.
+    home : sequence of float, optional
+        Joint values at the start; by default 0, or the limit that is nearest to it.
     name : str, optional
         The URDF's file name, if not given.
     suspension : Suspension, optional
@@ -104,7 +106,7 @@ def _suspended_mount(
     name: str,
     joints: Sequence[str],
     camera_link: str,
-    home: Sequence[float],
+    home: Sequence[float] | None,
     suspension: Suspension,
     root_height: float,
     wheels: Sequence[str],
@@ -121,11 +123,18 @@ def _suspended_mount(
         urdf=write_urdf_cached(tree, name),
         camera_link=camera_link,
         joints=tuple(joints),
-        home=tuple(home),
+        home=(0.0,) * len(joints) if home is None else tuple(home),
         suspension=suspension,
         **settings,
     )
-    mount.chain()  # a wrong name or value raises here, not at the first use
+    try:
+        if home is None:
+            chain = mount.chain(with_suspension=True)  # with it, home is not checked
+            lower, upper = (limits[-len(joints) :] for limits in (chain.lower, chain.upper))
+            mount = replace(mount, home=tuple(np.clip(0.0, lower, upper).tolist()))
+        mount.chain()  # a wrong name or value raises here, not at the first use
+    except ValueError as error:  # it names the file that was written, which the user does not know
+        raise type(error)(str(error).replace(str(mount.urdf), str(path))) from error
     return mount
 
 
@@ -250,5 +259,11 @@ def make_mount(mount: str | Mount) -> Mount:
     if isinstance(mount, Mount):
         return mount
     if not isinstance(mount, str) or mount not in MOUNTS:
-        raise ValueError(f"unknown mount {mount!r}; choose one of {sorted(MOUNTS)} or give a Mount")
+        if str(mount).endswith((".urdf", ".xacro", ".xml")):
+            raise ValueError(
+                f"a URDF alone does not say what moves and where the camera is: give mount="
+                f"coopmap.mount_from_urdf({str(mount)!r}, joints=[...], camera_link=...), or on "
+                "the command line --joints and --camera-link"
+            )
+        raise ValueError(f"{unknown('mount', mount, MOUNTS)}, or give a Mount")
     return MOUNTS[mount]()

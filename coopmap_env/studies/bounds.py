@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.progress import log as log_line
 from coopmap_env.evaluation import get_env_spec
 from coopmap_env.evaluation.bounds import BoundSearch, PlanarViews, bound_shown, save_bound
@@ -133,4 +134,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("bounds"):
+        main()

@@ -26,6 +26,7 @@ from coopmap_agents.ppo import PPOTrainer
 from coopmap_agents.sb3 import SB3Trainer
 from coopmap_agents.trainer import Trainer
 from coopmap_agents.training import run_training
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log
 from coopmap_env.studies.common.records import significant
@@ -109,4 +110,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("engine_comparison"):
+        main()

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log
 from coopmap_env.envs.planar import PlanarSettings
@@ -165,4 +166,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("predicted_maps"):
+        main()

@@ -18,8 +18,7 @@ terminations,      bool (rows,); robots of a world end together
 truncations
 infos              dict of arrays: the entries of the environment's infos, and beside each ``key``
                    the mask ``_key``, bool (rows,), of the rows that have it; (rows,) for robots,
-                   (rows, n_robots) for teams; text as fixed-width text ("" where there is none),
-                   None as NaN; ``reward_terms`` is a dict of arrays
+                   (rows, n_robots) for teams
 =================  ==============================================================================
 
 *Arrays are written in place.* They are valid until the next `step` or `reset`, or, with
@@ -51,14 +50,13 @@ of it where it is, in its worker: planners decide by ``env.belief()`` there.
 from coopmap_env.vector.planar_env import PlanarVectorEnv
 from coopmap_env.vector.rows import RowName
 from coopmap_env.vector.step_arrays import StepArrays
-from coopmap_env.vector.team_spaces import InfoTypes, TeamSpaces
+from coopmap_env.vector.team_spaces import TeamSpaces
 from coopmap_env.vector.vector_env import MappingVectorEnv
 from coopmap_env.vector.worker_env import WorkerVectorEnv
 from coopmap_env.vector.world_block import EnvFactory
 
 __all__ = [
     "EnvFactory",
-    "InfoTypes",
     "MappingVectorEnv",
     "PlanarVectorEnv",
     "RowName",

@@ -13,20 +13,25 @@ from coopmap_env.core.arguments import check_count
 from coopmap_env.envs import REWARD_TERMS
 from coopmap_env.envs.budget import budget_fractions
 from coopmap_env.envs.planar import PlanarEnv
-from coopmap_env.envs.planar.actions import MASKED, rejected_reason
 from coopmap_env.envs.planar.env import PlanarWorldView
 from coopmap_env.envs.planar.observations import ObservationArrays, TeamObservations
 from coopmap_env.envs.planar.worlds import PlanarWorlds
-from coopmap_env.envs.step_data import EpisodeSeeds, SeedDraws
-from coopmap_env.robots.planar.reachable_regions import INFEASIBILITY_REASONS
+from coopmap_env.envs.step_data import REWARD_PREFIX, EpisodeSeeds, SeedDraws
 from coopmap_env.vector.rows import RowName
 from coopmap_env.vector.step_arrays import StepArrays
 from coopmap_env.vector.team_spaces import TeamSpaces
 from coopmap_env.vector.vector_env import MappingVectorEnv
 from coopmap_env.vector.world_access import naming_world
 
-REASONS = np.array([*INFEASIBILITY_REASONS, ""])
-"""Text of each rejection; that of a masked candidate names its numbers."""
+OUTCOMES = {
+    "rejected_reason": "rejections",
+    "collided": "collided",
+    "new_information": "new_information",
+    "distance": "distance",
+    "new_cells": "new_cells",
+    "entropy_reduction": "entropy_reduction",
+}
+"""Fields of a step's results that are the entries of infos."""
 
 
 class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
@@ -108,13 +113,14 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
             own = self._draw_worlds(reset, seeds)
             self._worlds.start(worlds, own)
             self._worlds.observe(worlds, self._observations[buffer])
+            for values in self._buffers[buffer].infos.values():
+                values[worlds] = 0
             self._write_common(buffer, worlds)
         if stepped:
             worlds = np.array(stepped)
-            n_offered = self._worlds.arrays.n_candidates.copy()
             poses = self._poses.astype(np.float64)  # as those of a single environment: one kernel
             self._worlds.step(worlds, poses, self._choices, self._observations[buffer])
-            self._write_results(buffer, worlds, n_offered)
+            self._write_results(buffer, worlds)
 
     def _draw_worlds(
         self, worlds: Sequence[int], seeds: Sequence[int | None]
@@ -147,27 +153,19 @@ class PlanarVectorEnv(MappingVectorEnv[PlanarEnv]):
                 state = self.world(world).state()
                 arrays.observations["state"][world] = np.tile(state, self._rows.per_world)
 
-    def _write_results(
-        self, buffer: int, worlds: NDArray[np.int64], n_offered: NDArray[np.int64]
-    ) -> None:
+    def _write_results(self, buffer: int, worlds: NDArray[np.int64]) -> None:
         arrays, results, at = self._buffers[buffer], self._worlds.results, self._at(worlds)
         infos = arrays.infos
         self._write_common(buffer, worlds)
         arrays.rewards[at] = results.rewards[at]
         arrays.terminations[at] = False
         arrays.truncations[at] = self._has_ended(at)[:, None]
-        for key in ("collided", "new_information", "distance", "new_cells", "entropy_reduction"):
-            infos[key][at] = getattr(results, key)[at]
+        for key, name in OUTCOMES.items():
+            infos[key][at] = getattr(results, name)[at]
         for number, name in enumerate(REWARD_TERMS):
-            if name in infos["reward_terms"]:
-                infos["reward_terms"][name][at] = results.reward_terms[at, :, number]
-        rejections = results.rejections[at]
-        infos["rejected_reason"][at] = REASONS[rejections]
-        for k, robot in np.argwhere(rejections == MASKED).tolist():
-            one = worlds[k], robot
-            infos["rejected_reason"][one] = rejected_reason(
-                MASKED, int(self._choices[one]), int(n_offered[one])
-            )
+            key = f"{REWARD_PREFIX}{name}"
+            if key in infos:
+                infos[key][at] = results.reward_terms[at, :, number]
 
     def _has_ended(self, at: Any) -> NDArray[np.bool_]:
         """Which of some worlds have no scan or no time left."""

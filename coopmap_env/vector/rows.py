@@ -20,7 +20,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.envs.team import team_action_space, team_observation_space
-from coopmap_env.vector.step_arrays import StepArrays, Tree, map_tree
+from coopmap_env.vector.step_arrays import StepArrays
 from coopmap_env.vector.team_spaces import TeamSpaces
 
 RowName = Literal["agents", "teams"]
@@ -33,7 +33,7 @@ class RowViews(NamedTuple):
     rewards: NDArray[np.float64]
     terminations: NDArray[np.bool_]
     truncations: NDArray[np.bool_]
-    infos: Tree
+    infos: dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Rows:
             np.zeros(self.n_worlds) if is_team else self.flat(arrays.rewards),
             arrays.terminations[:, 0] if is_team else self.flat(arrays.terminations),
             arrays.truncations[:, 0] if is_team else self.flat(arrays.truncations),
-            map_tree(self.flat, arrays.infos),
+            {key: self.flat(values) for key, values in arrays.infos.items()},
         )
 
     def flat(self, values: NDArray[Any]) -> NDArray[Any]:

@@ -6,7 +6,7 @@ from one process to another. The first axis is the world.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import accumulate, pairwise
 from math import prod
 from typing import Any, NamedTuple, TypeAlias
@@ -16,13 +16,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopmap_env.core.limits import check_bytes
-from coopmap_env.vector.team_spaces import InfoTypes, TeamSpaces
+from coopmap_env.vector.team_spaces import TeamSpaces
 
-TEXT_LENGTH = 128
-"""Characters of a text in infos; a longer one is cut."""
 ALIGNMENT = 64
 """Bytes: each array starts a line of the processor's cache."""
-NUMBERS = {bool: "?", int: "<i8", float: "<f8", str: f"<U{TEXT_LENGTH}"}
+NUMBERS = {bool: "?", int: "<i8", float: "<f8"}
 
 Tree: TypeAlias = "dict[str, Any]"
 """Arrays, or their shapes and types, by name; entries may be trees."""
@@ -47,8 +45,8 @@ class StepArrays(NamedTuple):
     """(E, n)"""
     truncations: NDArray[np.bool_]
     """(E, n)"""
-    infos: Tree
-    """Entries (E, n); a tree where an info is a dictionary. Text is cut to `TEXT_LENGTH`."""
+    infos: dict[str, NDArray[Any]]
+    """Entries (E, n)."""
 
 
 class ArrayPlan(NamedTuple):
@@ -69,7 +67,7 @@ class ArrayPlan(NamedTuple):
             "rewards": ArraySpec(shape, "<f8"),
             "terminations": ArraySpec(shape, "?"),
             "truncations": ArraySpec(shape, "?"),
-            "infos": _info_specs({**team.reset_infos, **team.step_infos}, shape),
+            "infos": {key: ArraySpec(shape, NUMBERS[t]) for key, t in team.info_types.items()},
         }
         return cls(
             {
@@ -155,15 +153,6 @@ def _concatenated(
         length, *rest = team.state.shape
         entries["state"] = [length] * n_states, tuple(rest), np.dtype(team.state.dtype).str
     return entries
-
-
-def _info_specs(types: InfoTypes, shape: tuple[int, ...]) -> Tree:
-    return {
-        key: _info_specs(kind, shape)
-        if isinstance(kind, Mapping)
-        else ArraySpec(shape, NUMBERS[kind])
-        for key, kind in types.items()
-    }
 
 
 def _aligned_bytes(spec: ArraySpec) -> int:

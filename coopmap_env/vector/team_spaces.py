@@ -9,9 +9,9 @@ from typing import Any, TypeAlias
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 
+from coopmap_env.envs import InfoTypes
+
 Team: TypeAlias = "ParallelEnv[str, Any, Any]"
-InfoTypes: TypeAlias = "Mapping[str, Any]"
-"""Type of each entry of a robot's info: bool, int, float, str, or a mapping of further entries."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,8 @@ class TeamSpaces:
     """Action space of each robot."""
     state: spaces.Box | None
     """Space of the state, if it is observed."""
-    reset_infos: InfoTypes
-    """Entries of a robot's info after a reset."""
-    step_infos: InfoTypes
-    """Entries of a robot's info after a step, with those above."""
+    info_types: InfoTypes
+    """Entries of a robot's info."""
     metadata: Mapping[str, Any]
     render_mode: str | None
 
@@ -66,8 +64,7 @@ class TeamSpaces:
             tuple(env.observation_space(robot) for robot in robots),
             tuple(env.action_space(robot) for robot in robots),
             state,
-            dict(getattr(env, "reset_info_types", {})),
-            dict(getattr(env, "step_info_types", {})),
+            dict(getattr(env, "info_types", {})),
             dict(env.metadata),
             getattr(env, "render_mode", None),
         )

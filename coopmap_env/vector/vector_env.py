@@ -16,7 +16,7 @@ from coopmap_env.core.files import brief
 from coopmap_env.envs import Observation
 from coopmap_env.vector.reset_arguments import parse_reset_mask, parse_seeds
 from coopmap_env.vector.row_actions import ActionParser
-from coopmap_env.vector.row_infos import all_arrays, select_infos, step_info_arrays
+from coopmap_env.vector.row_infos import all_arrays, select_infos
 from coopmap_env.vector.rows import RowName, Rows, RowViews
 from coopmap_env.vector.step_arrays import ArrayPlan, StepArrays
 from coopmap_env.vector.team_spaces import TeamSpaces
@@ -99,7 +99,7 @@ class MappingVectorEnv(
         """Step some worlds by `_actions`, and reset others.
 
         Writes into the arrays of the buffer: the observations and infos of both, rewards and ends
-        of the stepped ones. Entries of infos that a reset does not have are left as they are.
+        of the stepped ones.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class MappingVectorEnv(
             self._copy_worlds(last, self._buffers[self._current], ~resets)
         self._run(np.zeros_like(resets), resets, seeds, others or None)
         self._ended[resets] = False
-        return dict(self._views[self._current].observations), self._infos(resets, ~resets & resets)
+        return dict(self._views[self._current].observations), self._infos(resets)
 
     def step(self, actions: Any) -> Step:
         """Step all worlds; see `coopmap_env.vector` for what becomes of those that have ended.
@@ -185,7 +185,7 @@ class MappingVectorEnv(
             final = self._store_final(resets)
             self._run(np.zeros_like(resets), resets, keep_ends=True)
         observations = dict(views.observations)
-        infos = self._infos(np.ones_like(resets), ~resets) | final
+        infos = self._infos(np.ones_like(resets)) | final
         return observations, views.rewards, views.terminations, views.truncations, infos
 
     @property
@@ -196,10 +196,9 @@ class MappingVectorEnv(
         """
         return self._rows.views(self._final_arrays()).observations
 
-    def _infos(self, fresh: NDArray[np.bool_], stepped: NDArray[np.bool_]) -> dict[str, Any]:
-        """Infos of the worlds that were stepped or reset, with those of a step where stepped."""
-        rows, views = self._rows, self._views[self._current]
-        return select_infos(rows, views, rows.of_worlds(fresh), rows.of_worlds(stepped))
+    def _infos(self, fresh: NDArray[np.bool_]) -> dict[str, Any]:
+        """Infos of the worlds that were stepped or reset."""
+        return select_infos(self._views[self._current], self._rows.of_worlds(fresh))
 
     def _run(
         self,
@@ -216,12 +215,9 @@ class MappingVectorEnv(
         self._ready = self._ready & ~(stepped | reset)
         self._advance(self._current, np.flatnonzero(stepped).tolist(), resets, drawn, options)
         self._ready = was_ready | reset
-        if resets:
-            for values in step_info_arrays(self.team, arrays):
-                values[reset] = np.zeros((), values.dtype)
-            if not keep_ends:
-                arrays.rewards[reset] = 0.0
-                arrays.terminations[reset] = arrays.truncations[reset] = False
+        if resets and not keep_ends:
+            arrays.rewards[reset] = 0.0
+            arrays.terminations[reset] = arrays.truncations[reset] = False
 
     def _finish_rewards(self) -> RowViews:
         """Views of the current buffer, with the rewards of teams."""
@@ -243,7 +239,7 @@ class MappingVectorEnv(
         return {
             "final_obs": observations,
             "_final_obs": mask,
-            "final_info": select_infos(rows, views, mask, mask),
+            "final_info": select_infos(views, mask),
             "_final_info": mask,
         }
 

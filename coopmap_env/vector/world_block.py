@@ -6,7 +6,6 @@ The same code runs in the main process and in each worker.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import nan
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -69,7 +68,7 @@ class WorldBlock:
             with naming_world(world):
                 env = self._envs[world]
                 observations, infos = env.reset(seed=seed, options=options)
-                self._write(arrays, world, observations, infos, self.team.reset_infos)
+                self._write(arrays, world, observations, infos)
         for world in stepped:
             with naming_world(world):
                 self._step(arrays, world)
@@ -107,7 +106,7 @@ class WorldBlock:
         if done.any() != done.all():
             ends = dict(zip(robots, done.tolist(), strict=True))
             raise RuntimeError(f"robots must end their episode together, got {ends}")
-        self._write(arrays, world, observations, infos, self.team.step_infos)
+        self._write(arrays, world, observations, infos)
 
     def _actions_of(self, world: int) -> dict[str, Any]:
         robots, actions = self.team.robots, self._actions[world]
@@ -127,26 +126,12 @@ class WorldBlock:
         world: int,
         observations: Mapping[str, Any],
         infos: Mapping[str, Any],
-        types: Mapping[str, Any],
     ) -> None:
         for index, (robot, parts) in enumerate(zip(self.team.robots, self._slices, strict=True)):
             for key, part in parts.items():
                 arrays.observations[key][world, part] = observations[robot][key]
-            _write_info(arrays.infos, (world, index), infos[robot], types)
+            for key, values in arrays.infos.items():
+                values[world, index] = infos[robot][key]
         if self.team.state is not None:
             state = self._envs[world].state()
             arrays.observations["state"][world] = np.concatenate([state] * self._n_states)
-
-
-def _write_info(
-    arrays: Mapping[str, Any],
-    at: tuple[int, int],
-    info: Mapping[str, Any],
-    types: Mapping[str, Any],
-) -> None:
-    for key, kind in types.items():
-        if isinstance(kind, Mapping):
-            _write_info(arrays[key], at, info[key], kind)
-        else:
-            value = info[key]
-            arrays[key][at] = nan if value is None else value

@@ -21,7 +21,7 @@ def poses_of(policy, belief):
     found = []
     for agent, action in policy.act(belief, {}).items():
         pose, reason = belief.actions.decode(agent, action, belief)
-        assert reason == ""
+        assert reason == 0
         found.append((*divmod(int(pose) // N, belief.map.grid.shape[1]), int(pose) % N))
     return found
 

@@ -36,7 +36,7 @@ def cells_of(policy, belief):
     poses = []
     for agent, action in policy.act(belief, {}).items():
         pose, reason = belief.actions.decode(agent, action, belief)
-        assert reason == ""
+        assert reason == 0
         poses.append(int(pose) // N // belief.map.grid.shape[1])
     return poses
 

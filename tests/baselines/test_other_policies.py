@@ -30,7 +30,7 @@ def chosen(policy, belief, robot=0):
     """Pose number of a robot's action."""
     agent = belief.agents[robot]
     pose, reason = belief.actions.decode(agent, policy.act(belief, {})[agent], belief)
-    assert reason == ""
+    assert reason == 0
     return pose
 
 

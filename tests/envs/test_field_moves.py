@@ -7,7 +7,7 @@ import pytest
 from plain.rollouts import random_actions
 from scipy.spatial.transform import Rotation
 
-from coopmap_env.envs import InvalidActionError
+from coopmap_env.envs import InvalidActionError, RejectedReason
 from coopmap_env.envs.field import FieldEnv, FieldSettings
 from coopmap_env.information import ViewContext
 from coopmap_env.mapping import VoxelGrid
@@ -65,7 +65,7 @@ def test_an_action_moves_every_joint_to_that_fraction_of_its_limits(make):
     chain = belief.vehicles[0].chain
     action = 2 * (q - chain.lower) / (chain.upper - chain.lower) - 1
     _, _, _, _, infos = env.step({"robot_0": action.astype(np.float32)})
-    assert infos["robot_0"]["rejected_reason"] == ""
+    assert infos["robot_0"]["rejected_reason"] == RejectedReason.NONE
     np.testing.assert_allclose(env.belief().joints[0], q, atol=1e-6)
 
 
@@ -86,7 +86,7 @@ def test_encoders_read_the_target_and_the_truth_differs_by_noise_and_suspension(
     }
     *_, infos = env.step(actions)
     for robot, agent in enumerate(env.agents):
-        assert infos[agent]["rejected_reason"] == ""
+        assert infos[agent]["rejected_reason"] == RejectedReason.NONE
         np.testing.assert_allclose(env.belief().joints[robot], targets[robot], atol=1e-9)
         assert 1e-4 < infos[agent]["camera_error"] < 0.1
 
@@ -102,8 +102,10 @@ def test_a_pose_in_unknown_space_is_rejected_with_link_and_reason_and_the_mount_
         0, belief.joint_spaces[0].denormalize(action)
     )
     *_, infos = env.step({"robot_0": action})
-    assert infos["robot_0"]["rejected_reason"].startswith("link ")
-    assert "unknown space" in infos["robot_0"]["rejected_reason"]
+    assert infos["robot_0"]["rejected_reason"] == RejectedReason.TOUCHES_MAP
+    words = env.explain("robot_0")["rejected_reason"]
+    assert words.startswith("link ")
+    assert "unknown space" in words
     assert infos["robot_0"]["distance"] == 0.0
     np.testing.assert_array_equal(env.belief().joints[0], before)
 
@@ -135,7 +137,7 @@ def test_what_the_map_did_not_know_stops_the_mount_is_reported_and_charged(make)
     _, rewards, _, _, infos = env.step({"robot_0": belief.action_for(0, swing)})
     info = infos["robot_0"]
     assert info["collided"]
-    assert info["collided_with"] == "crate in the way"
+    assert env.explain("robot_0")["collided"] == "crate in the way"
     assert np.abs(env.belief().joints[0] - swing).max() > 0.1
     free = info["new_information"] - FAST.rating.K * info["distance"]
     p = env.belief().rating_function.occupancy(belief.map, env.belief().positions)
@@ -298,7 +300,7 @@ def test_ompl_plans_a_path_where_the_straight_motion_is_blocked(make):
             if other.infeasibility_reason(0, q) == "":
                 found += 1
                 *_, infos = around.step({"robot_0": other.action_for(0, q)})
-                assert infos["robot_0"]["rejected_reason"] == ""
+                assert infos["robot_0"]["rejected_reason"] == RejectedReason.NONE
                 np.testing.assert_allclose(around.belief().joints[0], q, atol=0.02)
                 break
     assert found

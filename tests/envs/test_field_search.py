@@ -5,7 +5,7 @@ import pytest
 
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.geometry import Pose, displacement_between
-from coopmap_env.localization import Registration
+from coopmap_env.localization import LocalizationFailure, Registration
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.sensing import transform_cloud
 
@@ -185,7 +185,8 @@ def test_moving_in_is_not_paid_again(make):
 
 def test_a_robot_that_is_not_located_leaves_nothing_in_the_teams_map(make, monkeypatch):
     def lost(*_, **__):
-        return Registration(False, "nothing in view could be the target")
+        nothing = LocalizationFailure.NOTHING_ALIKE
+        return Registration(nothing, nothing.words)
 
     monkeypatch.setattr("coopmap_env.envs.field.target_search.register", lost)
     env = make(max_scans=4)
@@ -195,7 +196,8 @@ def test_a_robot_that_is_not_located_leaves_nothing_in_the_teams_map(make, monke
     assert belief.map.observed_fraction == 0.0
     assert belief.located == (False, False)
     assert belief.planning_map(0).observed_fraction > 0.0
-    assert infos["robot_0"]["base_error"] is None
+    assert np.isinf(infos["robot_0"]["base_error"])
+    assert infos["robot_0"]["localization_failure"] == LocalizationFailure.NOTHING_ALIKE
     assert infos["robot_0"]["located"] is False
     assert env.localizer.registrations[0].reason.startswith("nothing")
 
@@ -226,7 +228,7 @@ def test_infos_contain_why_a_robot_is_not_located(make):
     first = wander(env, rng, lambda env: env.last_scans)
     assert any(info["localization_failure"] for info in first.values())
     last = wander(env, rng, all_located)
-    assert all(info["localization_failure"] == "" for info in last.values())
+    assert all(info["localization_failure"] == 0 for info in last.values())
 
 
 def test_headings_of_a_scene_file_are_kept_and_bases_out_of_range_rejected(make, tmp_path):
@@ -252,14 +254,16 @@ bases:
 def test_a_match_that_puts_the_camera_outside_of_the_map_is_rejected(make, monkeypatch):
     def far_off(*_, **__):
         there = Pose(np.array([50.0, 0.0, 0.0]), np.eye(3))
-        return Registration(True, "", there, 1e-4 * np.eye(6), None, (there,))
+        return Registration(LocalizationFailure.NONE, "", there, 1e-4 * np.eye(6), None, (there,))
 
     monkeypatch.setattr("coopmap_env.envs.field.target_search.register", far_off)
     env = make(max_scans=4)
     env.reset(seed=0)
     infos = wander(env, np.random.default_rng(0))
     assert env.belief().located == (False, False)
-    assert any("outside of the map" in info["localization_failure"] for info in infos.values())
+    outside = LocalizationFailure.OUTSIDE_MAP
+    (lost, *_) = [agent for agent, i in infos.items() if i["localization_failure"] == outside]
+    assert "outside of the map" in env.explain(lost)["localization_failure"]
 
 
 def test_local_frames_do_not_change_the_gain_of_a_scan(make):

@@ -5,7 +5,7 @@ from plain.random_maps import set_cells
 from plain.rollouts import MODES, random_rollout
 
 import coopmap_baselines
-from coopmap_env.envs import InvalidActionError
+from coopmap_env.envs import InvalidActionError, RejectedReason
 from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 
 SETTINGS = PlanarSettings(noise=NO_NOISE)
@@ -36,7 +36,7 @@ def test_a_feasible_pose_is_taken():
     env = alone(box(slice(18, 30), slice(18, 23)))
     info = step(env, 5, -2, turn=0.25)
     assert env.belief().pose_ids == (pose_id(env, 25, 18, heading=2),)
-    assert info["rejected_reason"] == ""
+    assert info["rejected_reason"] == RejectedReason.NONE
     assert info["distance"] == pytest.approx(np.hypot(5, 2))
     assert info["n_scans"] == 1
 
@@ -44,12 +44,12 @@ def test_a_feasible_pose_is_taken():
 @pytest.mark.parametrize(
     ("ahead", "left", "reason"),
     [
-        (15, 0, "goal is unknown"),
-        (-20, 0, "goal is unknown"),
-        (0, 19.6, "outside the world"),
-        (4, 2, "goal is not known to be free"),  # known to be occupied
-        (4, -2, "goal is not known to be free"),  # seen, but P is above 0.05
-        (8, 0, "no path through known free space leads there"),
+        (15, 0, RejectedReason.GOAL_UNKNOWN),
+        (-20, 0, RejectedReason.GOAL_UNKNOWN),
+        (0, 19.6, RejectedReason.OUTSIDE_WORLD),
+        (4, 2, RejectedReason.GOAL_NOT_FREE),  # known to be occupied
+        (4, -2, RejectedReason.GOAL_NOT_FREE),  # seen, but P is above 0.05
+        (8, 0, RejectedReason.NO_PATH),
     ],
 )
 def test_an_infeasible_pose_does_not_move_the_camera(ahead, left, reason):
@@ -63,6 +63,7 @@ def test_an_infeasible_pose_does_not_move_the_camera(ahead, left, reason):
     c, s = np.cos(heading), np.sin(heading)
     info = step(env, c * ahead + s * left, c * left - s * ahead, turn=0.5)
     assert info["rejected_reason"] == reason
+    assert env.explain("robot_0") == {"rejected_reason": reason.words}
     assert env.belief().pose_ids == before
     assert info["distance"] == 0
     assert info["n_scans"] == 1
@@ -73,7 +74,7 @@ def test_where_the_robot_stands_it_may_always_turn():
     env = alone()
     set_cells(env.belief().map, [20 * 40 + 20], 0.7)  # teammates' readings may be wrong
     info = step(env, 0, 0, turn=-0.5)
-    assert info["rejected_reason"] == ""
+    assert info["rejected_reason"] == RejectedReason.NONE
     assert env.belief().pose_ids == (pose_id(env, 20, 20, heading=12),)
 
 
@@ -81,20 +82,17 @@ def test_a_path_may_lead_around_an_obstacle():
     known = box(slice(15, 26), slice(15, 26))
     known[22, 15:25] = False
     env = alone(known)
-    assert step(env, 4, 0)["rejected_reason"] == ""
+    assert step(env, 4, 0)["rejected_reason"] == RejectedReason.NONE
     known[22, 25] = False
     env = alone(known)
-    assert step(env, 4, 0)["rejected_reason"] == "no path through known free space leads there"
+    assert step(env, 4, 0)["rejected_reason"] == RejectedReason.NO_PATH
 
 
 def test_no_path_slips_between_two_cells_that_touch_at_a_corner():
     known = box(slice(18, 21), slice(18, 21)) | box(slice(21, 24), slice(21, 24))
-    assert (
-        step(alone(known), 2, 2)["rejected_reason"]
-        == "no path through known free space leads there"
-    )
+    assert step(alone(known), 2, 2)["rejected_reason"] == RejectedReason.NO_PATH
     known[20, 21] = True
-    assert step(alone(known), 2, 2)["rejected_reason"] == ""
+    assert step(alone(known), 2, 2)["rejected_reason"] == RejectedReason.NONE
 
 
 def test_a_masked_candidate_does_not_move_the_camera():
@@ -105,10 +103,8 @@ def test_a_masked_candidate_does_not_move_the_camera():
     before = env.belief().pose_ids  # two cells of 16 headings are 32 candidates
     assert len(env.belief().candidates[0]) == 32
     *_, infos = env.step({"robot_0": 32})
-    assert (
-        infos["robot_0"]["rejected_reason"]
-        == "candidate 32 is masked out: only 32 poses are feasible"
-    )
+    assert infos["robot_0"]["rejected_reason"] == RejectedReason.MASKED
+    assert env.explain("robot_0") == {"rejected_reason": "candidate is masked out"}
     assert env.belief().pose_ids == before
     assert infos["robot_0"]["new_cells"] > 0
 
@@ -159,8 +155,8 @@ def test_every_feasible_pose_has_an_action_that_leads_there(resolution, n_headin
             action = belief.action_for(0, pose)
             assert action.dtype == np.float32
             assert env.action_space("robot_0").contains(action)
-            assert belief.actions.decode("robot_0", action, belief) == (pose, "")
-            assert belief.actions.decode("robot_0", action.astype(float), belief) == (pose, "")
+            assert belief.actions.decode("robot_0", action, belief) == (pose, 0)
+            assert belief.actions.decode("robot_0", action.astype(float), belief) == (pose, 0)
 
 
 def test_a_pose_out_of_reach_has_no_action():
@@ -206,7 +202,7 @@ def test_candidates_are_feasible_distinct_and_reproducible():
             for index, pose in enumerate(offer.tolist()):
                 assert belief.action_for(robot, pose) == index
                 agent = belief.agents[robot]
-                assert belief.actions.decode(agent, np.int64(index), belief) == (pose, "")
+                assert belief.actions.decode(agent, np.int64(index), belief) == (pose, 0)
             offered.append(offer.tobytes())
         env.step(dict.fromkeys(env.agents, 0))
         same.step(dict.fromkeys(same.agents, 0))
@@ -245,13 +241,15 @@ def test_a_collision_with_a_wall_that_is_mapped_as_free_corrects_the_map():
     action = env.belief().action_for(0, pose_id(env, 23, 20))
     _, _, _, _, infos = env.step({"robot_0": action})
     assert infos["robot_0"]["collided"] is True
-    assert infos["robot_0"]["rejected_reason"] == ""
+    what = {"collided": "an obstacle in a cell that is mapped as free"}
+    assert env.explain("robot_0") == what
+    assert infos["robot_0"]["rejected_reason"] == RejectedReason.NONE
     assert infos["robot_0"]["distance"] == 0
     assert env.belief().pose_ids == (here,)
     assert env.belief().map.probability[23, 20] == pytest.approx(0.9999, abs=1e-6)
     _, _, _, _, infos = env.step({"robot_0": action})
     assert infos["robot_0"]["collided"] is False
-    assert infos["robot_0"]["rejected_reason"] == "goal is not known to be free"
+    assert infos["robot_0"]["rejected_reason"] == RejectedReason.GOAL_NOT_FREE
 
 
 @pytest.mark.parametrize("scene", ["obstacles", "rooms"])

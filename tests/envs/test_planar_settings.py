@@ -31,10 +31,7 @@ def test_scaled_settings_play_the_same_episode_in_cells_of_any_size(resolution):
         for agent, reward in scaled_rewards.items():
             assert reward == pytest.approx(rewards[agent], rel=1e-12)
             assert other_infos[agent]["rejected_reason"] == infos[agent]["rejected_reason"]
-            assert (
-                other_infos[agent]["reward_terms"]["coverage"]
-                == infos[agent]["reward_terms"]["coverage"]
-            )
+            assert other_infos[agent]["reward_coverage"] == infos[agent]["reward_coverage"]
             np.testing.assert_array_equal(same[agent]["map"], observations[agent]["map"])
             np.testing.assert_allclose(
                 same[agent]["teammates"], observations[agent]["teammates"], atol=1e-7

@@ -144,8 +144,9 @@ def test_the_team_environment_joins_its_robots_along_the_first_axis():
         each, rewards, _, truncations, infos = robots.step(actions)
         assert reward == sum(rewards.values())
         assert truncated == truncations["robot_0"]
-        assert set(info) == {"robots"}
-        assert info["robots"]["robot_2"]["reward_terms"] == infos["robot_2"]["reward_terms"]
+        assert info.keys() == infos["robot_2"].keys()
+        for key, values in info.items():
+            assert values.tolist() == [own[key] for own in infos.values()]
     assert truncated
 
 

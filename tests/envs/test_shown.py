@@ -27,6 +27,7 @@ def field(**arguments):
 
 
 BOTH = pytest.mark.parametrize("make", [planar, field])
+TRUE_ENTRIES = {"shown_fraction", "reward_shown"}
 COLLISION_COST = {planar: 0.0, field: field_v1.FieldSettings().collision_cost}
 
 
@@ -58,7 +59,7 @@ def test_the_reward_pays_each_robot_for_what_its_scan_shows_first(make, team_rew
     rng = np.random.default_rng(0)
     while env.agents:
         _, rewards, *_, infos = env.step(random_actions(env, rng))
-        terms = [info["reward_terms"]["shown"] for info in infos.values()]
+        terms = [info["reward_shown"] for info in infos.values()]
         costs = [COLLISION_COST[make] * info["collided"] for info in infos.values()]
         own = [term + cost for term, cost in zip(terms, costs, strict=True)]
         now = infos["robot_0"]["shown_fraction"]
@@ -96,8 +97,8 @@ def test_only_who_keeps_it_has_the_term():
         env = planar(**arguments)
         env.reset(seed=0)
         *_, infos = env.step(random_actions(env, actions))
-        assert ("shown" in infos["robot_0"]["reward_terms"]) == has
-        assert ("shown" in env.step_info_types["reward_terms"]) == has
+        assert ("reward_shown" in infos["robot_0"]) == has
+        assert ("reward_shown" in env.info_types) == has
         assert env.reports_shown == has
 
 
@@ -110,7 +111,7 @@ def test_it_changes_nothing_else(make):
         for one, other in zip(first, second, strict=True):
             for agent in other if isinstance(other, dict) else ():
                 if isinstance(other[agent], dict):
-                    assert set(other[agent]) - set(one[agent]) <= {"shown_fraction"}
+                    assert set(other[agent]) - set(one[agent]) <= TRUE_ENTRIES
         np.testing.assert_array_equal(
             silent.belief().map.log_odds_fixed, reporting.belief().map.log_odds_fixed
         )

@@ -7,6 +7,7 @@ hold on every x86-64 processor.
 
 import hashlib
 import json
+import math
 import os
 import subprocess
 import sys
@@ -65,24 +66,51 @@ def digest(value) -> bytes:
 def episode_digest(env, seed, act) -> bytes:
     """Everything that one episode returns: observations, rewards, ends, infos, states, the map.
 
-    But for the time and what is left of the episode, which nothing had when the hashes were
-    recorded.
+    In the form that it had when the hashes were recorded.
     """
-    shown = [timeless(env.reset(seed=seed)), env.state()[:-2]]
+    shown = [as_recorded(env.reset(seed=seed)), env.state()[:-2]]
     while env.agents:
-        shown += [timeless(env.step(act(env))), env.state()[:-2]]
+        shown += [as_recorded(env.step(act(env))), env.state()[:-2]]
     belief = env.belief()
     return digest([shown, belief.map.log_odds_fixed, belief.positions])
 
 
-def timeless(returned):
-    """What `reset` or `step` returned, without ``budget`` and ``elapsed_time``."""
+AFTER_A_RESET = ("n_scans", "observed_fraction", "shown_fraction")
+"""Entries that infos had after a reset."""
+REASONS = ("rejected_reason", "localization_failure", "correction_failure")
+"""Entries that were texts, and empty without a reason."""
+
+
+def as_recorded(returned):
+    """What `reset` or `step` returned, as it was when the hashes were recorded.
+
+    Nothing knew of the time and what is left of the episode. Infos had action masks and texts,
+    reward terms in a dict, None where a number is not known, and less after a reset.
+    """
     observations, *others, infos = returned
-    for observation in observations.values():
+    old = {}
+    for agent, observation in observations.items():
         del observation["budget"]
-    for info in infos.values():
+        info = infos[agent]
         del info["elapsed_time"]
-    return (observations, *others, infos)
+        old[agent] = old_info(info) if others else {k: info[k] for k in AFTER_A_RESET if k in info}
+        if "action_mask" in observation:
+            old[agent]["action_mask"] = observation["action_mask"]
+    return (observations, *others, old)
+
+
+def old_info(info):
+    """The info after a step in its old form; the names of its entries do not count."""
+    old = {key: value for key, value in info.items() if not key.startswith("reward_")}
+    old["reward_terms"] = {key: info[key] for key in info if key not in old}
+    for key in REASONS:
+        if key in old:
+            old[key] = "some reason" if old[key] else ""
+    if "located" in old:
+        old["collided_with"] = "something" if old["collided"] else ""
+        for key in ("base_error", "base_angle_error"):
+            old[key] = None if math.isinf(old[key]) else old[key]
+    return old
 
 
 def random_episode(env, seed) -> bytes:

@@ -16,8 +16,7 @@ class ConstantReward(ParallelEnv):
     """
 
     metadata: ClassVar = {"name": "constant_reward"}
-    reset_info_types: ClassVar = {"episode_number": float}
-    step_info_types: ClassVar = {"step": int}
+    info_types: ClassVar = {"episode_number": float, "step": int}
 
     def __init__(self, n_steps=5, truncates=True, n_robots=2, clock=True, render_mode=None):
         self.n_steps = n_steps
@@ -44,7 +43,7 @@ class ConstantReward(ParallelEnv):
         self.step_number = 0
         self.episode = self.rng.random()
         self.agents = list(self.possible_agents)
-        return self.observe(), {agent: {"episode_number": self.episode} for agent in self.agents}
+        return self.observe(), self.infos()
 
     def step(self, actions):
         self.calls.append(actions)
@@ -59,8 +58,12 @@ class ConstantReward(ParallelEnv):
             dict.fromkeys(names, 1.0),
             dict.fromkeys(names, over and not self.truncates),
             dict.fromkeys(names, over and self.truncates),
-            {name: {"step": self.step_number} for name in names},
+            self.infos(),
         )
+
+    def infos(self):
+        own = {"episode_number": self.episode, "step": self.step_number}
+        return {agent: dict(own) for agent in self.possible_agents}
 
     def observe(self):
         fraction = self.step_number / self.n_steps if self.clock else 0.0

@@ -152,9 +152,7 @@ def test_origins_survive_being_written(rpy):
 
 
 def test_unknown_mounts_are_answered_by_the_choices():
-    with pytest.raises(
-        ValueError, match=r"'crane'; choose one of \['husky_panda', 'mast', 'tiago'"
-    ):
+    with pytest.raises(ValueError, match="unknown mount 'crane'; choose from mast, husky_panda"):
         make_mount("crane")
 
 

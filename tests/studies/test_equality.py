@@ -116,8 +116,8 @@ def test_what_only_the_replay_does_is_found(monkeypatch):
 @pytest.mark.parametrize(
     ("entry", "change"),
     [
-        ("info rejected_reason", lambda infos: infos["rejected_reason"].__setitem__(1, "!")),
-        ("info reward_terms coverage", lambda i: one_unit_more(i["reward_terms"]["coverage"], 1)),
+        ("info rejected_reason", lambda infos: infos["rejected_reason"].__setitem__(1, 7)),
+        ("info reward_coverage", lambda infos: one_unit_more(infos["reward_coverage"], 1)),
         ("info _collided", lambda infos: infos.__setitem__("_collided", ~infos["_collided"])),
         ("info distance", lambda infos: infos.pop("distance")),
     ],

@@ -132,7 +132,7 @@ def test_rows_of_teams_are_gymnasium_s_loop_of_team_environments(kind, mode):
     ours, theirs = env.reset(seed=4), plain.reset(seed=4)
     for step in range(N_STEPS):
         assert_same(ours[0], theirs[0])
-        assert_same_infos(ours[-1], theirs[-1], env.robots)
+        assert_same_infos(ours[-1], theirs[-1])
         actions = actions_of(env, rng)
         ours, theirs = env.step(actions), plain.step(actions)
         for one, other in zip(ours[1:4], theirs[1:4], strict=True):
@@ -161,7 +161,7 @@ def test_worlds_that_end_at_different_steps_are_reset_by_themselves(mode):
     theirs = plain.reset(options={"reset_mask": mask})
     for _ in range(N_STEPS):
         assert_same(ours[0], theirs[0])
-        assert_same_infos(ours[-1], theirs[-1], env.robots)
+        assert_same_infos(ours[-1], theirs[-1])
         actions = actions_of(env, rng)
         ours, theirs = env.step(actions), plain.step(actions)
         for one, other in zip(ours[1:4], theirs[1:4], strict=True):

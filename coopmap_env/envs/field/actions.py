@@ -35,7 +35,7 @@ class FieldPoseMode:
         """The requested joints."""
         robot = belief.agents.index(agent)
         q = self._spaces[robot].denormalize(parse_pose_action(agent, action, self._names[robot]))
-        return Decoded(q, belief.infeasibility_reason(robot, q))
+        return Decoded(q, belief.rejected_reason(robot, q))
 
     def encode(
         self, robot: int, pose: NDArray[np.float64], belief: FieldBelief

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,10 +62,10 @@ class FieldDiagnostics:
         own = self.belief.vehicles[robot].T_world_base
         return self.world.base_poses[robot] @ own.inverse() @ estimated
 
-    def pose_errors(self, robot: int) -> dict[str, Any]:
+    def pose_errors(self, robot: int) -> dict[str, float]:
         """Errors of a robot's estimated camera and base poses, metres and radians.
 
-        Those of the base are None until the robot is located.
+        Those of the base are infinite until the robot is located.
         """
         true_camera, true_base = self.true_cameras[robot], self.world.base_poses[robot]
         camera = displacement_between(self.estimated_camera_pose(robot), true_camera)
@@ -74,6 +74,6 @@ class FieldDiagnostics:
         return {
             "camera_error": length(camera[:3]),
             "camera_angle_error": length(camera[3:]),
-            "base_error": length(base[:3]) if located else None,
-            "base_angle_error": length(base[3:]) if located else None,
+            "base_error": length(base[:3]) if located else math.inf,
+            "base_angle_error": length(base[3:]) if located else math.inf,
         }

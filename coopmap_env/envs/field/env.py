@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from coopmap_env.core.choices import check_keywords
 from coopmap_env.core.files import brief
 from coopmap_env.envs.actions import CandidateMode
 from coopmap_env.envs.belief import Observation
@@ -48,7 +48,7 @@ from coopmap_env.envs.field.transition import (
 from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.rewards import RewardScale, reward_terms
-from coopmap_env.envs.step_data import EpisodeSeeds, TeamStep
+from coopmap_env.envs.step_data import EpisodeSeeds, InfoTypes, TeamStep
 from coopmap_env.envs.team import TeamEnv
 from coopmap_env.information import FieldRatingFunction
 from coopmap_env.mapping import OccupancyMap, VoxelGrid
@@ -60,7 +60,7 @@ from coopmap_env.simulation.physics import MAX_VEHICLES
 from coopmap_env.simulation.scenes.field import FieldWorld, make_field_scene
 
 
-class FieldEnv(MappingEnv[FieldBelief], EzPickle):
+class FieldEnv(MappingEnv[FieldBelief]):
     """Cooperative active mapping with depth cameras on mounts; see `coopmap_env.field_v1`.
 
     Parameters
@@ -82,12 +82,11 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         "render_fps": 2,
         "is_parallelizable": True,
     }
-    _own_info_types: ClassVar[dict[str, Any]] = {
-        "collided_with": str,
+    _own_info_types: ClassVar[InfoTypes] = {
         "located": bool,
-        "localization_failure": str,
+        "localization_failure": int,
         "corrected_directions": int,
-        "correction_failure": str,
+        "correction_failure": int,
         "camera_error": float,
         "camera_angle_error": float,
         "base_error": float,
@@ -98,8 +97,8 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
     _observer: FieldObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        check_keywords("coopmap_env.field_v1", kwargs, FieldArguments)
         arguments = FieldArguments(*args, **kwargs)
-        EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
         if arguments.n_robots > MAX_VEHICLES:
             raise ValueError(
@@ -149,6 +148,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             self._rating.max_visible_cells, s.rating.n_gray_bins, grid.n_cells
         )
         self._last_scans: list[Scan] = []
+        self._outcome_words: list[dict[str, str]] = []
         self._n_scans, self._seconds = 0, 0.0
 
     @property
@@ -163,6 +163,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         belief = self._reset_world(rngs)
         self._rngs = rngs
         self._last_scans = []
+        self._outcome_words = [{} for _ in self.possible_agents]
         self._n_scans, self._seconds = 0, 0.0
         belief = self._with_candidates(replace(belief, budget=self._budget))
         return belief, self._observer.observe(belief)
@@ -170,7 +171,17 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
     def _advance(self, actions: dict[str, Any]) -> TeamStep[FieldBelief]:
         belief, rng = self._belief, self._rngs.noise
         decoded = [self._actions.decode(agent, action, belief) for agent, action in actions.items()]
+        rejections = [
+            belief.infeasibility_reason(robot, one.pose)
+            if one.rejected_reason and one.pose is not None
+            else one.rejected_reason.words
+            for robot, one in enumerate(decoded)
+        ]
         move = self._move(belief, [one.target for one in decoded], rng)
+        self._outcome_words = [
+            {"rejected_reason": rejection, "collided": name}
+            for rejection, name in zip(rejections, move.collided_with, strict=True)
+        ]
         rated = belief.rate_team(move.poses)
         fused = self._fuse_scans(belief.with_poses(move.poses), rng)
         costs = [self.settings.collision_cost if name else 0.0 for name in move.collided_with]
@@ -183,7 +194,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
             belief,
             outcomes,
             [reward_terms(one, self._reward_scale, self.reports_shown) for one in outcomes],
-            move.collided_with,
+            [bool(name) for name in move.collided_with],
             [one.rejected_reason for one in decoded],
             self._observer.observe(belief),
         )
@@ -294,16 +305,24 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
         true_cameras = [simulator.true_camera_pose(robot) for robot in robots]
         return self._localizer.fuse(belief, clouds, true_cameras)
 
-    def _extra_info(self, robot: int, step: TeamStep[FieldBelief]) -> dict[str, Any]:
-        localizer, located = self._localizer, step.belief.located[robot]
+    def _own_info(self, robot: int) -> dict[str, Any]:
+        localizer, located = self._localizer, self._belief.located[robot]
         correction = localizer.corrections[robot]
         return {
-            "collided_with": step.collided_with[robot],
             "located": located,
-            "localization_failure": "" if located else localizer.failure_reason(robot),
+            "localization_failure": 0 if located else int(localizer.failure(robot)[0]),
             "corrected_directions": correction.n_directions if correction else 0,
-            "correction_failure": correction.reason if correction else "",
+            "correction_failure": int(correction.failure) if correction else 0,
             **self.diagnostics.pose_errors(robot),
+        }
+
+    def _explain(self, robot: int) -> dict[str, str]:
+        localizer, located = self._localizer, self._belief.located[robot]
+        correction = localizer.corrections[robot]
+        return {
+            **self._outcome_words[robot],
+            "localization_failure": "" if located else localizer.failure(robot)[1],
+            "correction_failure": correction.reason if correction else "",
         }
 
     @property

@@ -30,7 +30,13 @@ from coopmap_env.envs.field.target_search import TargetSearch
 from coopmap_env.envs.field.transition import FusedScans
 from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.geometry import Pose
-from coopmap_env.localization import PoseCorrection, PoseCorrector, Registration, TargetModel
+from coopmap_env.localization import (
+    LocalizationFailure,
+    PoseCorrection,
+    PoseCorrector,
+    Registration,
+    TargetModel,
+)
 from coopmap_env.mapping import ScanGain
 from coopmap_env.robots import PoseEstimate
 from coopmap_env.sensing import PointCloud, Scan, transform_cloud
@@ -113,10 +119,10 @@ class TeamLocalizer:
     def _target_search(self) -> TargetSearch:
         return TargetSearch(self._settings, self._target, self._true_poses)
 
-    def failure_reason(self, robot: int) -> str:
-        """Why a robot has not been located yet."""
-        last = self.registrations[robot]
-        return "too little was in view so far" if last is None else last.reason
+    def failure(self, robot: int) -> tuple[LocalizationFailure, str]:
+        """Why a robot has not been located yet, and the same in words, with the figures."""
+        last, blank = self.registrations[robot], LocalizationFailure.NOT_SEARCHED
+        return (blank, blank.words) if last is None else (last.failure, last.reason)
 
     def revised_estimates(self) -> list[PoseEstimate] | None:
         """Camera pose of each corrected scan by all scans until now; None without fiducials."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.envs.field._joint_space import JointSpace
 from coopmap_env.envs.field.team_state import Joints, TeamState
-from coopmap_env.robots import CollisionChecker, CollisionSettings, plan_path
+from coopmap_env.robots import CollisionChecker, CollisionSettings, PredictedContact, plan_path
 
 PLANNER_SEED = 1
 """Seed of the motion planner: the same query gets the same path."""
@@ -53,11 +53,12 @@ class Reachability:
             )
         return self._checkers[robot]
 
-    def infeasibility_reason(self, robot: int, q: Joints) -> str:
-        """Why this pose is infeasible; empty if it is feasible."""
-        reason = self.collision_checker(robot).infeasibility_reason(self._team.joints[robot], q)
-        planner_helps = reason and self._limits.use_motion_planner and len(self.path(robot, q))
-        return "" if planner_helps else reason
+    def predicted_contact(self, robot: int, q: Joints) -> PredictedContact | None:
+        """What keeps the robot from this pose; None if it is feasible."""
+        start = self._team.joints[robot]
+        contact = self.collision_checker(robot).first_contact(start, q, goal_first=True)
+        planner_helps = contact and self._limits.use_motion_planner and len(self.path(robot, q))
+        return None if planner_helps else contact
 
     def path(self, robot: int, q: Joints) -> Joints:
         """Waypoints (w, n) of a motion to a pose, without the start; none if there is no path."""

@@ -10,6 +10,7 @@ from coopmap_env.envs.field.belief import FieldBelief
 from coopmap_env.envs.field.settings import FieldSettings
 from coopmap_env.envs.field.true_poses import TruePoses
 from coopmap_env.localization import (
+    LocalizationFailure,
     Registration,
     TargetModel,
     View,
@@ -85,5 +86,7 @@ def _reject_outside_map(grid: VoxelGrid, found: Registration, views: list[View])
     cameras = [found.T_target_base.transform(v.estimate.pose.translation) for v in views]
     if grid.contains(grid.index(cameras)).all():
         return found
-    reason = "what could be the target would put the camera outside of the map"
-    return replace(found, located=False, T_target_base=None, covariance=None, reason=reason)
+    outside = LocalizationFailure.OUTSIDE_MAP
+    return replace(
+        found, failure=outside, reason=outside.words, T_target_base=None, covariance=None
+    )

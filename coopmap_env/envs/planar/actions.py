@@ -14,7 +14,6 @@ index    content
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -22,15 +21,15 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.elementary import sin_cos
 from coopmap_env.core.kernels import kernel
-from coopmap_env.envs.actions import InvalidActionError, masked_reason, parse_pose_action
+from coopmap_env.envs.actions import InvalidActionError, parse_pose_action
 from coopmap_env.envs.belief import Decoded
 from coopmap_env.envs.planar.belief import PlanarBelief
+from coopmap_env.envs.reasons import RejectedReason
 from coopmap_env.geometry import to_camera_frame
 from coopmap_env.robots import LatticeGeometry, pose_from_id
 from coopmap_env.robots.planar.pose_lattice import nearest_pose_id
-from coopmap_env.robots.planar.reachable_regions import INFEASIBILITY_REASONS
 
-MASKED = len(INFEASIBILITY_REASONS)
+MASKED = int(RejectedReason.MASKED)
 """Rejection of an action that chooses a candidate which does not exist; other rejections are the
 results of `feasibility`."""
 
@@ -83,7 +82,7 @@ class PlanarPoseMode:
             belief.pose_ids[robot], self.parse(agent, action), float(belief.reach), grid.shape_3d,
             belief.lattice.geometry,
         )  # fmt: skip
-        return Decoded(pose_id, belief.infeasibility_reason(robot, pose_id))
+        return Decoded(pose_id, belief.rejected_reason(robot, pose_id))
 
     def encode(self, robot: int, pose_id: int, belief: PlanarBelief) -> NDArray[np.float32]:
         """The relative pose, as fractions of the reach and of half a turn."""
@@ -94,10 +93,3 @@ class PlanarPoseMode:
                 f"{belief.agents[robot]}: pose {pose_id} is out of reach: {relative} from here"
             )
         return np.clip(action, -1, 1).astype(np.float32)
-
-
-def rejected_reason(rejection: int, action: Any, n_candidates: int) -> str:
-    """Why an action was rejected, in words; empty if it was not."""
-    if rejection == MASKED:
-        return masked_reason(action, n_candidates)
-    return INFEASIBILITY_REASONS[rejection]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.random_streams import draw_stream
 from coopmap_env.envs.belief import Belief
+from coopmap_env.envs.reasons import RejectedReason
 from coopmap_env.information import (
     PlanarRatingFunction,
     Ratings,
@@ -27,8 +28,6 @@ from coopmap_env.robots.planar.feasible_poses import (
 )
 from coopmap_env.robots.planar.motion_time import LatticeSpeeds, write_motion_times
 from coopmap_env.robots.planar.reachable_regions import (
-    INFEASIBILITY_REASONS,
-    OUTSIDE_WORLD,
     RegionArrays,
     feasibility,
     find_regions,
@@ -156,11 +155,15 @@ class PlanarBelief(Belief):
 
     def infeasibility_reason(self, robot: int, pose_id: int) -> str:
         """Why this pose is infeasible; empty if it is feasible."""
+        return self.rejected_reason(robot, pose_id).words
+
+    def rejected_reason(self, robot: int, pose_id: int) -> RejectedReason:
+        """The same as a code."""
         if not 0 <= pose_id < self.lattice.n_poses:
-            return INFEASIBILITY_REASONS[OUTSIDE_WORLD]
+            return RejectedReason.OUTSIDE_WORLD
         goal = pose_id // self.lattice.n_headings
         arrays, start = self.map.arrays, self.cell(robot)
-        return INFEASIBILITY_REASONS[feasibility(arrays, self.regions, robot, start, goal)]
+        return RejectedReason(feasibility(arrays, self.regions, robot, start, goal))
 
     def with_poses(self, pose_ids: tuple[int, ...]) -> PlanarBelief:
         """The same belief with the cameras at other poses, and without candidates.

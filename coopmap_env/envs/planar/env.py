@@ -5,20 +5,21 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from coopmap_env.core.choices import check_keywords
 from coopmap_env.envs.actions import CandidateMode
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
 from coopmap_env.envs.planar._observation_kernels import TeamObservations
-from coopmap_env.envs.planar.actions import PlanarPoseMode, rejected_reason
+from coopmap_env.envs.planar.actions import PlanarPoseMode
 from coopmap_env.envs.planar.arguments import PlanarArguments
 from coopmap_env.envs.planar.belief import PlanarBelief
 from coopmap_env.envs.planar.observations import PlanarObserver
 from coopmap_env.envs.planar.planning import PlanarPlanning
 from coopmap_env.envs.planar.settings import PlanarSettings
 from coopmap_env.envs.planar.worlds import PlanarWorlds
+from coopmap_env.envs.reasons import RejectedReason
 from coopmap_env.envs.step_data import EpisodeSeeds, TeamStep
 from coopmap_env.envs.team import TeamEnv
 from coopmap_env.mapping import VoxelGrid
@@ -27,11 +28,12 @@ from coopmap_env.sensing import Scan
 from coopmap_env.simulation.scenes.planar import PlanarWorld, make_planar_scene
 
 ONE_WORLD = np.zeros(1, dtype=np.int64)
+OBSTACLE = "an obstacle in a cell that is mapped as free"
 NO_POSES = np.empty((1, 0, 3))
 NO_CHOICES = np.empty((1, 0), dtype=np.int64)
 
 
-class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
+class PlanarEnv(MappingEnv[PlanarBelief]):
     """Cooperative active mapping with planar cameras; see `coopmap_env.planar_v1`.
 
     Parameters
@@ -56,8 +58,8 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
     _observer: PlanarObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        check_keywords("coopmap_env.planar_v1", kwargs, PlanarArguments)
         arguments = PlanarArguments(*args, **kwargs)
-        EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
         self.scene = scene = make_planar_scene(arguments.scene)
         grid = VoxelGrid(scene.shape, scene.resolution, scene.origin)
@@ -87,22 +89,17 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
     def _advance(self, actions: dict[str, Any]) -> TeamStep[PlanarBelief]:
         worlds = self._worlds
         parsed = [self._actions.parse(agent, action) for agent, action in actions.items()]
-        n_offered = worlds.arrays.n_candidates[0].tolist()
         observations = worlds.empty_observations()
         if worlds.task.n_candidates:
             worlds.step(ONE_WORLD, NO_POSES, np.array([parsed]), observations)
         else:
             worlds.step(ONE_WORLD, np.array([parsed]), NO_CHOICES, observations)
-        rejections = worlds.results.rejections[0].tolist()
         return TeamStep(
             self._current_belief(),
             worlds.outcomes(0),
             worlds.reward_terms(0),
-            ["an occupied cell" if one else "" for one in worlds.results.collided[0].tolist()],
-            [
-                rejected_reason(rejection, action, n)
-                for rejection, action, n in zip(rejections, parsed, n_offered, strict=True)
-            ],
+            worlds.results.collided[0].tolist(),
+            worlds.results.rejections[0].tolist(),
             self._observations_of_robots(observations),
         )
 
@@ -160,6 +157,15 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
             return {}
         n_shown = int(self._worlds.arrays.n_shown[self._index])
         return {"shown_fraction": n_shown / self._map.grid.n_cells}
+
+    def _explain(self, robot: int) -> dict[str, str]:
+        if not self._scans_done:
+            return {}
+        results, at = self._worlds.results, (self._index, robot)
+        return {
+            "rejected_reason": RejectedReason(results.rejections[at]).words,
+            "collided": OBSTACLE if results.collided[at] else "",
+        }
 
     @property
     def truth(self) -> PlanarWorld:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from coopmap_env.envs.arguments import RewardName
 from coopmap_env.envs.planar.settings import PlanarSettings
-from coopmap_env.envs.rewards import RewardName
 from coopmap_env.mapping import VoxelGrid
 
 

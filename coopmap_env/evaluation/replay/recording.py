@@ -135,7 +135,7 @@ def record_replay(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> 
     robots = len(env.possible_agents)
     frames = [_make_frame(env, (0.0,) * robots, ("",) * robots)]
     for step in steps:
-        notes = tuple(_note(step.infos[agent]) for agent in env.possible_agents)
+        notes = tuple(_note(env, agent, step.infos[agent]) for agent in env.possible_agents)
         rewards = tuple(float(step.rewards[agent]) for agent in env.possible_agents)
         frames.append(_make_frame(env, rewards, notes))
     world = env.truth
@@ -167,10 +167,10 @@ def _make_frame(env: FieldEnv, rewards: Sequence[float], notes: Sequence[str]) -
     )
 
 
-def _note(info: dict[str, Any]) -> str:
+def _note(env: FieldEnv, agent: str, info: dict[str, Any]) -> str:
     """What kept the robot from doing what its action asked for."""
     if info["rejected_reason"]:
-        return f"stayed: {info['rejected_reason']}"
+        return f"stayed: {env.explain(agent)['rejected_reason']}"
     if info["collided"]:
-        return f"collided with {info.get('collided_with') or 'something'}"
+        return f"collided with {env.explain(agent)['collided']}"
     return "" if info["located"] else "not located yet"

@@ -29,6 +29,7 @@ from coopmap_env.localization.correction.fiducials import (
 )
 from coopmap_env.localization.correction.settings import CorrectionSettings
 from coopmap_env.localization.correction.tracking import TrackingSettings, track_fiducials
+from coopmap_env.localization.failures import CorrectionFailure
 from coopmap_env.localization.target import TargetModel
 from coopmap_env.mapping import OccupancyMap
 from coopmap_env.robots import PoseEstimate, Vehicle
@@ -97,6 +98,11 @@ class PoseCorrection(NamedTuple):
     says little of the fiducial's position."""
     pose_index: int
     """Index of the scan among `PoseCorrector.revised_estimates`."""
+
+    @property
+    def failure(self) -> CorrectionFailure:
+        """Why nothing was corrected."""
+        return CorrectionFailure.FEW_FIDUCIALS if self.reason else CorrectionFailure.NONE
 
 
 class PoseCorrector:

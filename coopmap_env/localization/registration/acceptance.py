@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coopmap_env.core.settings import NonNegative, NonNegativeInt, Settings, UnitInterval
+from coopmap_env.localization.failures import LocalizationFailure
 from coopmap_env.localization.registration._pixel_residuals import AGREES, SEEN_THROUGH, UNDECIDED
 from coopmap_env.localization.registration._shared_pose import view_chi2
 from coopmap_env.localization.registration.alignment import Alignment
@@ -127,32 +128,50 @@ def _view_p_value(best: Alignment, points: int) -> float:
     return float(min(p_values.min() * enough.sum(), 1.0))  # of so many tries (Bonferroni)
 
 
-def rejection_reason(best: Alignment, fit: Fitness, settings: AcceptanceSettings) -> str:
-    """Why a pose is rejected, with the figures; empty if it is accepted."""
+def rejection_reason(
+    best: Alignment, fit: Fitness, settings: AcceptanceSettings
+) -> tuple[LocalizationFailure, str]:
+    """Why a pose is rejected, and the same in words, with the figures; empty if it is accepted."""
+    found = _first_failure(best, fit, settings)
+    return (LocalizationFailure.NONE, "") if found is None else found
+
+
+def _first_failure(
+    best: Alignment, fit: Fitness, settings: AcceptanceSettings
+) -> tuple[LocalizationFailure, str] | None:
     std = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
     position, yaw = float(std[:2].max()), float(std[5])
+    code = LocalizationFailure
     if fit.n_points < settings.min_points:
-        return f"points on the target: {fit.n_points}, needed: {settings.min_points}"
+        text = f"points on the target: {fit.n_points}, needed: {settings.min_points}"
+        return code.FEW_POINTS, text
     if fit.area < settings.min_area:
-        return f"area of the target with points: {fit.area:.2f} m^2, needed: {settings.min_area}"
+        text = f"area of the target with points: {fit.area:.2f} m^2, needed: {settings.min_area}"
+        return code.SMALL_AREA, text
     if fit.confirmed_fraction < settings.min_confirmed_fraction:
-        return f"only {fit.confirmed_fraction:.0%} of the expected target pixels see the target"
+        text = f"only {fit.confirmed_fraction:.0%} of the expected target pixels see the target"
+        return code.UNCONFIRMED, text
     if fit.contradicted_fraction > settings.max_contradicted_fraction:
-        return f"{fit.contradicted_fraction:.0%} of the expected target pixels see through it"
+        text = f"{fit.contradicted_fraction:.0%} of the expected target pixels see through it"
+        return code.SEEN_THROUGH, text
     if 1.0 - fit.inlier_fraction > settings.max_off_surface_fraction:
-        return f"{1.0 - fit.inlier_fraction:.0%} of the points in the target's box are not on it"
+        text = f"{1.0 - fit.inlier_fraction:.0%} of the points in the target's box are not on it"
+        return code.OFF_SURFACE, text
     if fit.chi2 > settings.max_chi2:
-        return f"mean squared residual of the points is {fit.chi2:.2f} times their variance"
+        text = f"mean squared residual of the points is {fit.chi2:.2f} times their variance"
+        return code.LARGE_RESIDUALS, text
     if position > settings.max_position_std or yaw > settings.max_yaw_std:
-        return (
+        return code.UNDETERMINED, (
             f"visible shape does not determine the pose: standard deviations of {position:.2f} m "
             f"and {math.degrees(yaw):.1f} degrees"
         )
     if fit.evidence_margin < settings.min_evidence_margin:
-        return f"another pose has {1.0 - fit.evidence_margin:.0%} of the evidence"
+        text = f"another pose has {1.0 - fit.evidence_margin:.0%} of the evidence"
+        return code.AMBIGUOUS, text
     if fit.min_view_confirmed_fraction < settings.min_view_confirmed_fraction:
         fraction = fit.min_view_confirmed_fraction
-        return f"only {fraction:.0%} of the expected target pixels of a view see the target"
+        text = f"only {fraction:.0%} of the expected target pixels of a view see the target"
+        return code.VIEW_UNCONFIRMED, text
     if fit.view_p_value < settings.min_view_p_value:
-        return f"views disagree, with a p-value of {fit.view_p_value:.1g}"
-    return ""
+        return code.VIEWS_DISAGREE, f"views disagree, with a p-value of {fit.view_p_value:.1g}"
+    return None

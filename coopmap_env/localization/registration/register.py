@@ -27,6 +27,7 @@ from coopmap_env.geometry import (
     rotation_about_z,
     rotvec_from_rotation,
 )
+from coopmap_env.localization.failures import LocalizationFailure
 from coopmap_env.localization.registration.acceptance import (
     AcceptanceSettings,
     Fitness,
@@ -77,9 +78,10 @@ class RegistrationSettings(Settings):
 class Registration:
     """The pose of a robot's base, or why it is not known yet."""
 
-    located: bool
+    failure: LocalizationFailure
+    """Why it is not located; `NONE` if it is."""
     reason: str
-    """Why it is not located; empty if it is."""
+    """The same in words, with the figures; empty if it is located."""
     T_target_base: Pose | None = None
     """None unless it is located."""
     covariance: NDArray[np.float64] | None = None
@@ -88,6 +90,11 @@ class Registration:
     """Fitness of the best hypothesis, accepted or not; None if there is none."""
     equivalent_poses: tuple[Pose, ...] = ()
     """All poses that fit alike with a symmetric target: `T_target_base` first."""
+
+    @property
+    def located(self) -> bool:
+        """Whether the pose is known."""
+        return self.failure is LocalizationFailure.NONE
 
 
 def register(
@@ -124,7 +131,8 @@ def register(
     batch = ViewBatch.from_views(views, camera)
     found = _aligned_hypotheses(model, batch, noise, settings, refiner)
     if not found:
-        return Registration(False, "nothing in view could be the target")
+        nothing = LocalizationFailure.NOTHING_ALIKE
+        return Registration(nothing, nothing.words)
     best = max(found, key=evidence)
     accept = settings.acceptance
     if best.counts.agreeing >= accept.min_points:
@@ -138,10 +146,10 @@ def register(
         )
     ]
     fitness = evaluate_fitness(best, max(map(evidence, rivals), default=0.0), accept)
-    reason = rejection_reason(best, fitness, accept)
-    if reason:
-        return Registration(False, reason, fitness=fitness)
-    return Registration(True, "", best.T_target_base, best.covariance, fitness, equivalent)
+    failure, reason = rejection_reason(best, fitness, accept)
+    if failure:
+        return Registration(failure, reason, fitness=fitness)
+    return Registration(failure, "", best.T_target_base, best.covariance, fitness, equivalent)
 
 
 def _aligned_hypotheses(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.linear_algebra import product
 from coopmap_env.geometry import Pose
+from coopmap_env.localization.failures import LocalizationFailure
 from coopmap_env.localization.registration.register import Registration
 from coopmap_env.localization.registration.views import View
 from coopmap_env.localization.target import TargetModel
@@ -80,7 +81,11 @@ def resolve_symmetry(
             f"distinguish them ({n_voxels} voxels, {margin:.2f} nats)"
         )
         return replace(
-            registration, located=False, T_target_base=None, covariance=None, reason=reason
+            registration,
+            failure=LocalizationFailure.SYMMETRIC,
+            reason=reason,
+            T_target_base=None,
+            covariance=None,
         )
     return in_equivalent_frame(registration, poses[order[0]])
 

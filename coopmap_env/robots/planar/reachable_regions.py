@@ -27,14 +27,7 @@ MAX_LABEL = 60_000
 """Labels are 16 bits wide; before they run out, all regions are searched again."""
 _N_SIDES = 4
 FEASIBLE, OUTSIDE_WORLD, GOAL_UNKNOWN, GOAL_NOT_FREE, NO_PATH = range(5)
-INFEASIBILITY_REASONS = (
-    "",
-    "outside the world",
-    "goal is unknown",
-    "goal is not known to be free",
-    "no path through known free space leads there",
-)
-"""Why a robot cannot go to a cell, by the result of `feasibility`."""
+"""Why a robot cannot go to a cell: results of `feasibility`."""
 
 
 class RegionArrays(NamedTuple):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.linear_algebra import eigh
+from coopmap_env.core.quiet import native_stderr_muted
 from coopmap_env.geometry import Pose
 from coopmap_env.robots import Mount
 
@@ -25,7 +26,8 @@ class BulletClient:
     """A connection to a physics engine in this process; `close` or garbage collection ends it."""
 
     def __init__(self) -> None:
-        self.p = import_optional("pybullet", "field")
+        with native_stderr_muted():  # it prints when it was built
+            self.p = import_optional("pybullet", "field")
         self._id = self.p.connect(self.p.DIRECT)
         if self._id < 0:
             raise RuntimeError("PyBullet allows no further client: close other worlds first")

@@ -60,7 +60,7 @@ NO_CONTACT = ArmContact(0.0, "")
 class BulletWorld:
     """Solids and vehicles in a physics engine of their own.
 
-    Configurations q (m,) are [heave, roll, pitch, *joints], or the joints alone where a vehicle
+    Configurations q (m,) are ``[heave, roll, pitch, *joints]``, or the joints alone where a vehicle
     has no suspension. Vehicles begin at home.
 
     Parameters

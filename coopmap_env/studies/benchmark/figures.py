@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from coopmap_env.evaluation.figures import COLORS, import_pyplot, save_figure
 from coopmap_env.studies.benchmark.methods import FAMILIES
-from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figure
 
 AREA_LABELS = {
     "coverage_auc": "area under the coverage curve, %",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from coopmap_agents.pretrained import pretrained_names, pretrained_record
-from coopmap_env.studies.common.figures import import_pyplot, save_figure
+from coopmap_env.evaluation.figures import import_pyplot, save_figure
 
 
 def draw_learning_curves(path: Path, score: str = "coverage_auc") -> None:

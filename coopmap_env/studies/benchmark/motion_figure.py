@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from coopmap_env.evaluation.figures import import_pyplot, save_figure
 from coopmap_env.studies.benchmark.figures import FAMILY_COLORS
 from coopmap_env.studies.benchmark.methods import LEARNED, MOTION
 from coopmap_env.studies.benchmark.tables import training_text
 from coopmap_env.studies.benchmark.verdicts import ENV_LABELS, SCORE_TEXTS
-from coopmap_env.studies.common.figures import import_pyplot, save_figure
 
 LEARNED_MARKERS = ("*", "P", "X", "D")
 """Markers of the learned policies, in order."""

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.locks import folder_lock
 from coopmap_env.core.progress import log as log_line
@@ -159,4 +160,5 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("tuning"):
+        main()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.progress import log
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation import get_env_spec
@@ -66,4 +67,5 @@ def make_env(options: argparse.Namespace) -> PlanarEnv:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("clairvoyant"):
+        main()

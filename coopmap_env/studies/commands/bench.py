@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
+from coopmap_env.cli.results import new_results_path
 from coopmap_env.core.progress import log
 
 
@@ -22,12 +24,19 @@ class Bench:
       coopmap bench --out results/bench.json
     """
 
-    out: Path
+    PURPOSE: ClassVar[str] = "this machine"
+
+    out: Path = field(default_factory=partial(new_results_path, "bench", ".json"))
     """JSON file of the results."""
     env: Literal["planar", "field", "all"] = "all"
-    """Environments; "field" needs the extras field, octomap and bench."""
+    """Environments. "field" needs the extras field, octomap and bench."""
     rounds: int = 5
-    """Rounds: more of them give shorter times on a busy machine, and better quartiles."""
+    """Rounds. More of them give shorter times on a busy machine, and better quartiles."""
+
+    def extras(self) -> list[str]:
+        """Extras of the environments that are measured."""
+        of_field = [] if self.env == "planar" else ["field", "octomap"]
+        return ["bench", *of_field]
 
     def run(self) -> None:
         """Measure, write the file, print it."""

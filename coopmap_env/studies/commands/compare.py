@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
+from coopmap_env.cli.results import new_results_path
 from coopmap_env.core.progress import log
 
 
@@ -13,8 +16,8 @@ class Compare:
     """Compare the pretrained policies with the strongest planners on the same test worlds.
 
     Writes report.html, summary.json, table.md, figures and a row for each episode into the folder.
-    After an interruption, the same command continues. Needs the extras rl, report, cli and data,
-    and the extra field for that environment.
+    After an interruption, the same command with --out continues. Needs the extras rl, report and
+    data, and the extra field for that environment.
 
     For example:
       coopmap compare --out results/comparison --quick
@@ -22,18 +25,24 @@ class Compare:
       coopmap compare --out results/planar --envs planar --n-worlds 24 --no-generalization
     """
 
-    out: Path
-    """Folder of the results."""
+    PURPOSE: ClassVar[str] = "studies of the paper and of this benchmark"
+
+    out: Path = field(default_factory=partial(new_results_path, "compare"))
+    """Folder of the results. With that of an interrupted run, it goes on."""
     quick: bool = False
     """A few worlds for each condition, as a trial."""
     workers: int = 1
-    """Processes; the results do not depend on it, except planning times."""
+    """Processes. The results do not depend on it, except planning times."""
     envs: str = "planar,field"
     """Environments, separated by commas."""
     n_worlds: int | None = None
-    """At most this many worlds for each condition; all of the full comparison by default."""
+    """At most this many worlds for each condition. All of the full comparison by default."""
     generalization: bool = True
     """Whether to play the conditions that differ from the training, too."""
+
+    def extras(self) -> list[str]:
+        """Extras of the policies, the report and the environments."""
+        return ["rl", "report", "data", *(["field"] if "field" in self.envs else [])]
 
     def run(self) -> None:
         """Run the comparison, write its files, print its table and verdicts."""

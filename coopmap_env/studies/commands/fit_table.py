@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
+from coopmap_env.cli.results import new_results_path
 from coopmap_env.core.progress import log
 
 
@@ -14,21 +17,27 @@ class FitTable:
 
     Plays training worlds only. Keeps all trials in the folder and writes record.json there: the
     best constants, and how well the table determines each. The first trial has the constants so
-    far. After an interruption, the same command continues; a folder with trials of other settings
-    or of another version is refused. Needs the extras tuning and cli.
+    far. After an interruption, the same command with --out continues; a folder with trials of other
+    settings or of another version is refused. Needs the extra tuning.
 
     For example:
       coopmap fit-table --out results/table-fit --trials 400
     """
 
-    out: Path
-    """Folder of the results."""
+    PURPOSE: ClassVar[str] = "studies of the paper and of this benchmark"
+
+    out: Path = field(default_factory=partial(new_results_path, "fit-table"))
+    """Folder of the results. With that of an interrupted run, it goes on."""
     trials: int = 400
-    """Trials of the search; some five seconds each, less where one is soon behind."""
+    """Trials of the search. Some five seconds each, less where one is soon behind."""
     workers: int = 1
-    """Processes of the profile around the optimum; trials follow one another."""
+    """Processes of the profile around the optimum. Trials follow one another."""
     printed: bool = False
     """Read Eqs. 7 and 8a as printed, as version v0 did."""
+
+    def extras(self) -> list[str]:
+        """Extras of the search."""
+        return ["tuning"]
 
     def run(self) -> None:
         """Search, write the record, print the best constants."""

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from importlib.util import find_spec
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
+from coopmap_env.cli.results import new_results_path
+from coopmap_env.core.extras import missing_extras, pip_command
 from coopmap_env.core.progress import log
+
+EXTRAS_OF_THE_FIELD = ("field", "octomap", "replay")
 
 
 @dataclass(frozen=True)
@@ -15,19 +20,26 @@ class Reproduce:
 
     Writes report.html, table1.csv, figure7.png, figure8.png, summary.json, field_replay.html and
     more figures into the folder, and prints Table 1 beside the paper's. After an interruption, the
-    same command continues. Without the extras of the field environment, only Section 3 is run.
+    same command with --out continues. Without the extras field, octomap and replay, only Section 3
+    is run.
 
     For example:
       coopmap reproduce --out results/section3 --quick
       coopmap reproduce --out results/section3 --workers 2
     """
 
-    out: Path
-    """Folder of the results."""
+    PURPOSE: ClassVar[str] = "studies of the paper and of this benchmark"
+
+    out: Path = field(default_factory=partial(new_results_path, "reproduce"))
+    """Folder of the results. With that of an interrupted run, it goes on."""
     quick: bool = False
-    """Fewer worlds: under two minutes instead of about half an hour."""
+    """Fewer worlds. They take under two minutes instead of about half an hour."""
     workers: int = 1
-    """Processes; the results do not depend on it."""
+    """Processes. The results do not depend on it."""
+
+    def extras(self) -> list[str]:
+        """Extras of the recorded log and the report."""
+        return ["data", "report"]
 
     def run(self) -> None:
         """Run the study, write its files, print the table."""
@@ -43,8 +55,8 @@ class Reproduce:
         with folder_lock(self.out):
             study = section3.run_section3(episodes, size, self.workers, log)
             field = None
-            if missing := missing_extras_hint():
-                log(f"without the 3-D study, which needs: {missing}")
+            if missing := missing_extras(EXTRAS_OF_THE_FIELD):
+                log(f"without the 3-D study, which needs: {pip_command(missing)}")
             else:
                 field = field_study.run_field_study(episodes, field_size, self.workers, log)
             write_report(study, self.out, field)
@@ -52,19 +64,3 @@ class Reproduce:
         if field is not None:
             print(field_text_table(field))
         log(f"report: {self.out / 'report.html'}")
-
-
-def missing_extras_hint() -> str:
-    """Command that installs the extras of the 3-D study; empty if nothing is missing."""
-    needed = {
-        "field": ("pybullet", "trimesh", "embreex"),
-        "octomap": ("pyoctomap",),
-        "replay": ("viser",),
-        "data": ("skimage",),
-    }
-    extras = [
-        extra
-        for extra, modules in needed.items()
-        if any(find_spec(name) is None for name in modules)
-    ]
-    return f"pip install 'coopmap[{','.join(extras)}]'" if extras else ""

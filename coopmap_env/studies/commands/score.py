@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
-from tyro.conf import Positional  # the command line, which loads this module, needs it too
+from tyro.conf import Positional
 
 from coopmap_env.core.files import FileError
 from coopmap_env.core.progress import log
@@ -16,13 +17,15 @@ class Score:
     """Replay submissions, compute all of their scores again, and rank them.
 
     Prints a line for each file. Exits with 1 and says why if a file is broken or does not replay
-    bit for bit. Needs the extra cli, and the extra report for a page.
+    bit for bit. Needs the extra report for a page.
 
     For example:
       coopmap score results/board/frontier.json
       coopmap score results/board --page results/board/index.html --tables results/board/tables.md
       coopmap score --no-efficiency --salt salt results/private
     """
+
+    PURPOSE: ClassVar[str] = "benchmark families"
 
     files: Positional[tuple[Path, ...]]
     """Submissions, or folders with them."""
@@ -31,19 +34,23 @@ class Score:
     tables: Path | None = None
     """The tables in Markdown."""
     bounds: Path | None = None
-    """Folder in which upper bounds of worlds are kept, by default one for temporary files that is
+    """Folder in which upper bounds of worlds are kept. By default one for temporary files that is
     yours alone. Those that are missing are searched: seconds to a minute for a world. Those of
     others hold, but efficiencies by them can be too low."""
     efficiency: bool = True
     """Whether to compare with the bounds."""
     replays: Path | None = None
-    """Folder of yours in which finished replays are kept, so that an interrupted command goes on.
-    They count again as long as the record of the episode, coopmap and its libraries are the same.
-    By default, everything is replayed."""
+    """Folder of yours in which finished replays are kept. So an interrupted command goes on: they
+    count again as long as the record of the episode, coopmap and its libraries are the same. By
+    default, everything is replayed."""
     salt: Path | None = None
     """File of the salt, for private worlds."""
     workers: int = 1
-    """Episodes at a time; the results do not depend on it."""
+    """Episodes at a time. The results do not depend on it."""
+
+    def extras(self) -> list[str]:
+        """Extras of the page."""
+        return [] if self.page is None else ["report"]
 
     def run(self) -> None:
         """Replay all files, print their lines, write the page."""

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
+from coopmap_env.cli.results import new_results_path
+from coopmap_env.core.choices import unknown
 from coopmap_env.core.progress import log
 from coopmap_env.envs.arguments import ActionModeName
+from coopmap_env.envs.registration import FAMILIES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,7 +19,7 @@ class Submit:
     """Play a policy on the test worlds of a benchmark family and write a submission.
 
     The file has all actions and scores; `coopmap score` replays it. After an interruption, the same
-    command continues. Needs the extra cli, and the extra field for families of field worlds.
+    command with --out continues. Needs the extra field for families of field worlds.
 
     For example:
       coopmap submit --family crowded --policy frontier --out results/board/frontier.json
@@ -23,11 +28,13 @@ class Submit:
     """
 
     family: str
-    """Name of the family; see coopmap_env.families."""
+    """Name of the family. See coopmap_env.families."""
     policy: str
     """Name with options: name:key=value+key=value."""
-    out: Path
-    """The file, packed with gzip if the name ends in .gz. Finished episodes are kept in the folder
+    PURPOSE: ClassVar[str] = "benchmark families"
+
+    out: Path = field(default_factory=partial(new_results_path, "submit", ".json"))
+    """The file, packed with gzip if its name ends in .gz. Finished episodes are kept in the folder
     of the same name that ends in .episodes, which can be removed afterwards."""
     episodes: int = 200
     """Worlds, from the first one on."""
@@ -36,12 +43,21 @@ class Submit:
     n_candidates: int = 32
     """Number of candidates, in "candidates" mode."""
     salt: Path | None = None
-    """File with at least 16 random bytes, for private worlds: those that nobody else can make."""
+    """File with at least 16 random bytes, for private worlds. Nobody else can make them."""
     workers: int = 1
-    """Episodes at a time; only the times of decisions depend on it."""
+    """Episodes at a time. Only the times of decisions depend on it."""
+
+    def extras(self) -> list[str]:
+        """Extras of the family."""
+        return ["field"] if FAMILIES.get(self.family) == "Field" else []
 
     def run(self) -> None:
         """Play all episodes and write the file."""
+        from coopmap_env.evaluation import check_policy
+
+        if self.family not in FAMILIES:
+            raise ValueError(unknown("family", self.family, FAMILIES))
+        check_policy(self.policy)
         from coopmap_env.studies.leaderboard.play import submit
         from coopmap_env.studies.leaderboard.private_worlds import read_salt
         from coopmap_env.studies.leaderboard.submission import Options
@@ -49,4 +65,4 @@ class Submit:
         options: Options = {"action_mode": self.action_mode, "n_candidates": self.n_candidates}
         salt = None if self.salt is None else read_salt(self.salt)
         submit(self.family, self.policy, self.episodes, options, self.out, self.workers, salt)
-        log(f"submission: {self.out}; coopmap score {self.out} replays it")
+        log(f"coopmap score {self.out} replays it")

@@ -7,10 +7,10 @@
 Each `Case` is a vector environment and as many single environments. They are reset with the same
 seeds and get the same actions, some of them random, others directed to what random ones seldom meet
 (`ActionMaker`): collisions, rejections, masked candidates. The vector environment then plays the
-same seeds and actions again. Observations, rewards, reward terms, all other infos, ends, and what
-`SameStep` resets keep must be the same bytes in all three, and so must the maps at the end. A
-difference ends its case, and at the end the study with exit code 1. Finished cases are kept in the
-folder ``OUT.cases``: an interrupted study goes on where it was, if the sources have not changed.
+same seeds and actions again. Observations, rewards, infos, ends, and what `SameStep` resets keep
+must be the same bytes in all three, and so must the maps at the end. A difference ends its case,
+and at the end the study with exit code 1. Finished cases are kept in the folder ``OUT.cases``: an
+interrupted study goes on where it was, if the sources have not changed.
 
 A step is one action of each robot of one world. Each is played three times.
 """

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log as log_line
 from coopmap_env.studies.common.versions import versions
@@ -48,4 +49,5 @@ def own_versions() -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("equality"):
+        main()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_env.envs import MappingEnv
+from coopmap_env.envs import MappingEnv, RejectedReason
 from coopmap_env.studies.equality.actions import ActionMaker
 from coopmap_env.studies.equality.cases import Case
 from coopmap_env.studies.equality.shown import (
@@ -42,12 +42,12 @@ class Counts:
 
     def add(self, entries: Entries) -> None:
         """Count the rows that were stepped."""
-        if "info collided" not in entries:
+        if not entries:
             return
-        self.robot_steps += int(entries["info _collided"].sum())
+        self.robot_steps += int((entries["info n_scans"] > 0).sum())
         self.collisions += int(entries["info collided"].sum())
-        reasons = entries["info rejected_reason"].tolist()
-        self.rejections.update(_kind_of(reason) for reason in reasons if reason)
+        reasons = map(RejectedReason, entries["info rejected_reason"].tolist())
+        self.rejections.update(reason.words for reason in reasons if reason)
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON values, the most frequent rejections first."""
@@ -181,8 +181,3 @@ def map_state(env: MappingEnv[Any]) -> tuple[NDArray[Any], ...]:
     """Copies of the arrays of the team's map, and of the true cells."""
     map_ = env.belief().map
     return map_.log_odds_fixed.copy(), map_.sampled_mask.copy(), np.asarray(env.truth.occupied)
-
-
-def _kind_of(reason: str) -> str:
-    """The reason without the numbers of a candidate."""
-    return "masked candidate" if reason.startswith("candidate ") else reason

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from coopmap_env.vector.step_arrays import TEXT_LENGTH
 
 Entries = dict[str, NDArray[Any]]
 """Arrays by name; the first axis is the row, a robot of a world."""
@@ -81,40 +78,17 @@ class Shown(NamedTuple):
 RESULTS = ("reward", "terminated", "truncated")
 
 
-def _vector_infos(infos: Mapping[str, Any], prefix: str = "info ") -> Entries:
+def _vector_infos(infos: Mapping[str, NDArray[Any]]) -> Entries:
+    return {f"info {key}": values.copy() for key, values in infos.items()}
+
+
+def stack_infos(infos: list[Mapping[str, Any]]) -> Entries:
+    """Infos of single environments by row as `coopmap_env.vector` gives them: with masks."""
     entries: Entries = {}
-    for key, value in infos.items():
-        if isinstance(value, Mapping):
-            entries |= _vector_infos(value, f"{prefix}{key} ")
-        else:
-            entries[prefix + key] = value.copy()
+    for key in infos[0]:
+        entries[f"info {key}"] = np.array([info[key] for info in infos])
+        entries[f"info _{key}"] = np.ones(len(infos), dtype=bool)
     return entries
-
-
-def stack_infos(infos: list[Mapping[str, Any]], prefix: str = "info ") -> Entries:
-    """Infos of single environments by row as `coopmap_env.vector` gives them: with masks.
-
-    Rows that lack an entry have a zero, False or "".
-    """
-    entries: Entries = {}
-    for key in dict.fromkeys(key for info in infos for key in info):
-        mask = np.array([key in info for info in infos])
-        some = next(info[key] for info in infos if key in info)
-        entries[f"{prefix}_{key}"] = mask
-        if isinstance(some, Mapping):
-            own = [info.get(key, {}) for info in infos]
-            entries |= stack_infos(own, f"{prefix}{key} ")
-            continue
-        blank = np.zeros_like(some) if isinstance(some, np.ndarray) else type(some)()
-        values = [info.get(key, blank) for info in infos]
-        entries[prefix + key] = _info_array([nan if one is None else one for one in values])
-    return entries
-
-
-def _info_array(values: list[Any]) -> NDArray[Any]:
-    if isinstance(values[0], str):
-        return np.array(values, dtype=f"<U{TEXT_LENGTH}")
-    return np.array(values)
 
 
 def first_difference(found: Entries, expected: Entries) -> tuple[int, str, str, str] | None:

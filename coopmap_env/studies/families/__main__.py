@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 
 from coopmap_env import families
+from coopmap_env.cli.errors import errors_as_lines
+from coopmap_env.core.choices import unknown
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log
 from coopmap_env.simulation.scenes import SPLITS
@@ -21,7 +23,7 @@ def main(arguments: list[str] | None = None) -> None:
         prog="python -m coopmap_env.studies.families",
         description="Policies and references on the worlds of benchmark families.",
     )
-    parser.add_argument("names", nargs="+", help=", ".join(families.FAMILIES))
+    parser.add_argument("names", nargs="+", metavar="name", help=", ".join(families.FAMILIES))
     parser.add_argument("--split", choices=SPLITS, default="train")
     parser.add_argument("--worlds", type=int, default=10, help="two or more, from seed 0 on")
     parser.add_argument("--workers", type=int, default=1)
@@ -29,6 +31,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--pages", type=Path, help="folder in which pages are written")
     parser.add_argument("--policies", help="names in the table, separated by semicolons")
     options = parser.parse_args(arguments)
+    for name in options.names:
+        if name not in families.FAMILIES:
+            parser.error(unknown("family", name, families.FAMILIES))
     chosen = [families.get(name) for name in options.names]
     names = None if options.policies is None else options.policies.split(";")
     if options.worlds < 2:
@@ -56,4 +61,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("families"):
+        main()

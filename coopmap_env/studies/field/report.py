@@ -7,8 +7,8 @@ from typing import Any
 
 from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.evaluation import summarize
+from coopmap_env.evaluation.figures import draw_coverage_curves, save_frame
 from coopmap_env.evaluation.replay import write_replay
-from coopmap_env.studies.common.figures import draw_coverage_curves, save_frame
 from coopmap_env.studies.field import stereo
 from coopmap_env.studies.field.study import SCANS_EACH, FieldStudy
 

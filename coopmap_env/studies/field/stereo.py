@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.evaluation.figures import import_pyplot
 from coopmap_env.evaluation.statistics import Interval, percentile_bounds
 from coopmap_env.mapping import BeamModel, OccupancyMap, VoxelGrid
 from coopmap_env.sensing import RangeNoise, Scan
-from coopmap_env.studies.common.figures import import_pyplot
 from coopmap_env.studies.field.stereo_matching import (
     CENTER_X,
     CENTER_Y,

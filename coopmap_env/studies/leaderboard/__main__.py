@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from coopmap_env import families
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.studies.leaderboard.own_entries import entries_of, play_missing
 
 PLANAR = [name for name, family in families.FAMILIES.items() if family.env_name == "planar"]
@@ -33,4 +34,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("leaderboard"):
+        main()

@@ -221,13 +221,13 @@ class RecordedPoses:
 def _scan_record(env: FieldEnv, robot: int, info: dict[str, Any]) -> dict[str, Any]:
     """What a scan saw, and what its correction found."""
     true = env.diagnostics.true_cameras[robot]
+    correction = env.localizer.corrections[robot]
     out: dict[str, Any] = {
         "corrected_directions": info["corrected_directions"],
-        "correction_failure": info["correction_failure"],
+        "correction_failure": "" if correction is None else correction.reason,
         "n_hits": int(env.last_scans[robot].hit.sum()),
         "noise_floor": _encoder_noise_error(env, robot),
     }
-    correction = env.localizer.corrections[robot]
     if correction is not None:
         out["correction_ms"] = 1e3 * env.localizer.correction_times[robot]
         out["n_fiducials"] = int(correction.matches.inlier_mask.sum())

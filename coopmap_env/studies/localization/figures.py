@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figure
+from coopmap_env.evaluation.figures import COLORS, import_pyplot, save_figure
 from coopmap_env.studies.localization.estimator_comparison import ESTIMATORS, NOISE_FACTORS
 from coopmap_env.studies.localization.study import LocalizationStudy
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation
+from coopmap_env.evaluation.figures import COLORS, import_pyplot, save_figure
 from coopmap_env.evaluation.statistics import bootstrap_mean
-from coopmap_env.studies.common.figures import COLORS, import_pyplot, save_figure
 from coopmap_env.studies.section3.snapshots import EpisodeSnapshot
 
 UNKNOWN_COLOR = (0.55, 0.63, 0.72)

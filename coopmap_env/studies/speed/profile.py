@@ -24,6 +24,7 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 import coopmap_env
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.progress import log
 from coopmap_env.studies.speed.cases import CASES, Run
 
@@ -145,4 +146,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("profile"):
+        main()

@@ -27,6 +27,7 @@ from tempfile import TemporaryDirectory
 from threading import Timer
 
 import coopmap_env
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.studies.speed import cases
 from coopmap_env.studies.speed.cases import CASES, Timings
 from coopmap_env.studies.speed.measure import Case, measure, ratio
@@ -214,4 +215,5 @@ def _git(repository: Path, *arguments: str) -> bytes:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("regression"):
+        main()

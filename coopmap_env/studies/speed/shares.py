@@ -20,6 +20,7 @@ from unittest.mock import patch
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
+from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.progress import log
 from coopmap_env.envs import MappingEnv
 from coopmap_env.studies.speed.cases import CASES, Run
@@ -118,4 +119,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with errors_as_lines("shares"):
+        main()

@@ -7,6 +7,7 @@ import pytest
 from plain.triangle_camera import box, look_at_pose, render_scan
 
 from coopmap_env.geometry import Pose, rotation_about_z
+from coopmap_env.localization import LocalizationFailure
 from coopmap_env.localization.registration.register import Registration
 from coopmap_env.localization.registration.symmetry import (
     GROUND_HEIGHT,
@@ -68,7 +69,9 @@ def views_of(*things, towards=((0, 0, 0.5), (1.2, 1.6, 0.5), (-1.3, -1.5, 0.3)),
 
 def found(first=TRUE):
     """As by the target alone: one of its two frames; the other one fits alike."""
-    return Registration(True, "", first, COVARIANCE, None, (first, HALF @ first))
+    return Registration(
+        LocalizationFailure.NONE, "", first, COVARIANCE, None, (first, HALF @ first)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +95,7 @@ def test_with_nothing_but_the_target_seen_it_is_not_located(mapped, model):
     assert not agreed.located
     assert agreed.T_target_base is None
     assert agreed.covariance is None
+    assert agreed.failure is LocalizationFailure.SYMMETRIC
     assert "target has 2 equivalent poses" in agreed.reason
     assert "(0 voxels, 0.00 nats)" in agreed.reason
     assert len(agreed.equivalent_poses) == 2
@@ -150,7 +154,7 @@ def test_the_covariance_is_that_of_turned_displacements():
 
 def test_a_robot_that_is_not_located_has_no_frame():
     with pytest.raises(ValueError, match="robot is not located: too far"):
-        in_equivalent_frame(Registration(False, "too far"), TRUE)
+        in_equivalent_frame(Registration(LocalizationFailure.OUTSIDE_MAP, "too far"), TRUE)
 
 
 def test_by_hand_the_support_of_points_is_the_mean_of_their_voxels_nats(model):

@@ -1,4 +1,4 @@
-"""What the figures of all studies share; they are PNG files (extra ``report``)."""
+"""What figures of policies share; they are PNG files (extra ``report``)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation
+from coopmap_env.evaluation.comparison import Evaluation
 from coopmap_env.evaluation.statistics import bootstrap_mean
+from coopmap_env.evaluation.summary import BOOTSTRAP_SEED
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's colour-blind-safe palette."""
@@ -56,8 +57,22 @@ def draw_coverage_curves(
     dashed : str
         Policy that is drawn with a dashed line.
     """
-    plt = import_pyplot()
-    figure, axis = plt.subplots(figsize=(7.5, 5))
+    figure, axis = import_pyplot().subplots(figsize=(7.5, 5))
+    plot_curves(axis, evaluations, n_robots, curve, label, dashed)
+    axis.set_title(title)
+    axis.legend(fontsize=8)
+    save_figure(figure, path)
+
+
+def plot_curves(
+    axis: Any,
+    evaluations: Mapping[str, Evaluation],
+    n_robots: int,
+    curve: str,
+    label: str,
+    dashed: str = "raster",
+) -> None:
+    """Plot the curves of `draw_coverage_curves` on an axis."""
     for k, (name, evaluation) in enumerate(evaluations.items()):
         curves = 100 * evaluation.curves[curve]
         scans = n_robots * np.arange(curves.shape[1])
@@ -77,12 +92,9 @@ def draw_coverage_curves(
             )
     axis.set_xlabel("scans of the team")
     axis.set_ylabel(label)
-    axis.set_title(title)
     axis.set_xlim(left=0)
     axis.set_ylim(bottom=0)
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=8)
-    save_figure(figure, path)
 
 
 def save_frame(frame: NDArray[np.uint8], path: Path) -> None:

@@ -1,0 +1,5 @@
+"""``python -m coopmap``."""
+
+from coopmap_env.cli import main
+
+main()

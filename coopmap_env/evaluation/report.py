@@ -1,0 +1,179 @@
+"""A small report of runs: a table with 95 % intervals, and one figure of what a policy costs.
+
+The figure has the score against scans, and the final score against the time of a decision and
+against motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from coopmap_env.core.extras import missing_extras
+from coopmap_env.core.files import write_atomically
+from coopmap_env.evaluation.comparison import Evaluation
+from coopmap_env.evaluation.figures import COLORS, import_pyplot, plot_curves, save_figure
+from coopmap_env.evaluation.saved_run import SavedRun
+from coopmap_env.evaluation.summary import summarize
+
+REPORT_FILE, FIGURE_FILE = "report.md", "figure.png"
+SHARED = ("id", "scene", "n_robots", "max_scans", "max_time", "split", "mount")
+"""Entries of an environment in which runs may differ, so that a note has to say so."""
+
+
+class Column(NamedTuple):
+    """A column of the table."""
+
+    score: str
+    title: str
+    scale: float
+    digits: int
+
+
+COLUMNS = (
+    Column("surface_coverage", "surface, %", 100.0, 1),
+    Column("coverage", "observed, %", 100.0, 2),
+    Column("coverage_auc", "area under its curve, %", 100.0, 2),
+    Column("f_score", "F-score", 1.0, 3),
+    Column("log_loss", "log-loss", 1.0, 4),
+    Column("efficiency", "efficiency, %", 100.0, 1),
+    Column("motion_distance", "motion", 1.0, 1),
+    Column("planning_time_ms", "decision, ms", 1.0, 2),
+)
+"""Those of which a run has no score are left out."""
+MOTION, TIME = "motion_distance", "planning_time_ms"
+
+
+def join_runs(runs: Mapping[str, SavedRun]) -> SavedRun:
+    """The policies of several runs in one.
+
+    A policy that several runs have is named with its run.
+
+    Parameters
+    ----------
+    runs : mapping of str to SavedRun
+        By name, at least one.
+    """
+    names = [name for run in runs.values() for name in run.evaluations]
+    joined = {
+        f"{name} ({folder})" if names.count(name) > 1 else name: evaluation
+        for folder, run in runs.items()
+        for name, evaluation in run.evaluations.items()
+    }
+    return SavedRun(next(iter(runs.values())).env, joined)
+
+
+def differences(runs: Mapping[str, SavedRun]) -> list[str]:
+    """What runs do not share: notes for readers, empty if they played the same worlds."""
+    notes = []
+    for entry in SHARED:
+        values = {name: run.env.get(entry) for name, run in runs.items()}
+        if len({str(value) for value in values.values()}) > 1:
+            shown = "; ".join(f"{value} in {name}" for name, value in values.items())
+            notes.append(f"{entry} differs: {shown}")
+    evaluations = [one for run in runs.values() for one in run.evaluations.values()]
+    if len({tuple(episode.seed for episode in one.episodes) for one in evaluations}) > 1:
+        notes.append("the worlds differ: differences between policies contain those of the worlds")
+    return notes
+
+
+def table_lines(evaluations: Mapping[str, Evaluation]) -> list[str]:
+    """The table as Markdown, which terminals show too: means over the worlds [95 % intervals]."""
+    scored = summarize(dict(evaluations), None)
+    tables = {name: evaluation.table for name, evaluation in evaluations.items()}
+    columns = [
+        column for column in COLUMNS if all(column.score in table for table in tables.values())
+    ]
+    rows = [["policy", "worlds", *(column.title for column in columns)]]
+    for name, table in tables.items():
+        cells = [_cell(scored[name].get(c.score), table[c.score], c) for c in columns]
+        rows.append([name, str(len(table["seed"])), *cells])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = [" | ".join(map(str.ljust, row, widths)) for row in rows]
+    lines.insert(1, "-|-".join("-" * width for width in widths))
+    return [f"| {line} |" if k != 1 else f"|-{line}-|" for k, line in enumerate(lines)]
+
+
+def write_report(run: SavedRun, folder: Path, title: str, notes: Sequence[str] = ()) -> list[Path]:
+    """Write report.md and, with the extra ``report``, figure.png.
+
+    Parameters
+    ----------
+    run : SavedRun
+    folder : Path
+    title : str
+    notes : sequence of str
+        Sentences below the table.
+
+    Returns
+    -------
+    list of Path
+        The files that were written.
+    """
+    paths = [folder / REPORT_FILE]
+    lines = [f"# {title}", "", "Means over the worlds [95 % bootstrap intervals].", ""]
+    lines += table_lines(run.evaluations)
+    lines += ["", *(f"- {note}" for note in notes)]
+    if not missing_extras(["report"]):
+        draw_costs(run, folder / FIGURE_FILE)
+        paths.append(folder / FIGURE_FILE)
+        lines += ["", f"![Score against scans, decision time and motion]({FIGURE_FILE})"]
+    write_atomically(paths[0], "\n".join(lines).rstrip() + "\n")
+    return paths
+
+
+def draw_costs(run: SavedRun, path: Path) -> None:
+    """Draw the score against scans, and the final score against decision time and motion.
+
+    The score is the visible surface where all episodes have it, else the observed fraction.
+    """
+    curves = [evaluation.curves for evaluation in run.evaluations.values()]
+    has_surface = all("surface_coverage" in one for one in curves)
+    score = "surface_coverage" if has_surface else "coverage"
+    label = "% of visible surface covered" if has_surface else "% of world observed"
+    figure, axes = import_pyplot().subplots(1, 3, figsize=(15, 4.4), sharey=True)
+    plot_curves(axes[0], run.evaluations, run.n_robots, score, label)
+    summary = summarize(run.evaluations, None)
+    for axis, cost, text in (
+        (axes[1], TIME, "time of a decision of one robot, ms"),
+        (axes[2], MOTION, "motion of the team"),
+    ):
+        for k, (name, evaluation) in enumerate(run.evaluations.items()):
+            x, y = (
+                _with_bars(summary[name].get(key), evaluation.table[key], scale)
+                for key, scale in ((cost, 1.0), (score, 100.0))
+            )
+            axis.errorbar(
+                x[0], y[0], xerr=[[x[1]], [x[2]]], yerr=[[y[1]], [y[2]]],
+                fmt="o", color=COLORS[k % len(COLORS)], label=name, capsize=2,
+            )  # fmt: skip
+        axis.set_xlabel(text)
+        axis.grid(alpha=0.3)
+    axes[1].set_xscale("log")
+    axes[0].legend(fontsize=8)
+    figure.tight_layout()
+    save_figure(figure, path)
+
+
+def _cell(interval: dict[str, Any] | None, values: Any, column: Column) -> str:
+    """A mean with its interval; the mean alone where one world has no interval."""
+    if interval is None:
+        return f"{column.scale * np.nanmean(values):.{column.digits}f}"
+    mean, low, high = (
+        f"{column.scale * interval['mean'][key]:.{column.digits}f}"
+        for key in ("estimate", "low", "high")
+    )
+    return f"{mean} [{low}, {high}]"
+
+
+def _with_bars(
+    interval: dict[str, Any] | None, values: Any, scale: float
+) -> tuple[float, float, float]:
+    """A mean, and the lengths of its interval below and above."""
+    if interval is None:
+        return scale * float(np.nanmean(values)), 0.0, 0.0
+    mean, low, high = (scale * interval["mean"][key] for key in ("estimate", "low", "high"))
+    return mean, max(mean - low, 0.0), max(high - mean, 0.0)
