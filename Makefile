@@ -11,6 +11,7 @@ LOADED_FROM_ELSEWHERE := <(script|img|iframe|source)[^>]* src="(https?:)?//|<lin
 PACKAGE_FOLDERS := $(shell find coopmap coopmap_env baselines agents -type d -not -name __pycache__)
 
 SEEDS := 0 1 2
+MAP_SEEDS := 0
 # How each policy that ships is trained, beside its seed.
 planar-candidates := --engine sb3 --validation-episodes 100
 planar-candidates-rating := --engine sb3 --reward rating --ppo.initial-policy rating \
@@ -91,12 +92,14 @@ $(POLICIES): setup
 	done
 	$(BIN)/python -m coopmap_agents.pretrained.export agents/pretrained/policies/$@ $(addprefix results/$@/,$(SEEDS))
 
-# The networks that predict maps, trained again: about two hours on one core.
+# The networks that predict maps, trained again: one to two hours on one core for each seed.
 map-networks: setup
-	for env in planar field; do \
-		OMP_NUM_THREADS=1 $(BIN)/coopmap train-map --env-name $$env --out results/map-$$env || exit 1; \
-	done
-	$(BIN)/python -m coopmap_agents.map_prediction.export results/map-planar results/map-field
+	for env in planar field; do for seed in $(MAP_SEEDS); do \
+		OMP_NUM_THREADS=1 $(BIN)/coopmap train-map --env-name $$env --seed $$seed \
+			--out results/map-$$env/$$seed || exit 1; \
+	done; done
+	$(BIN)/python -m coopmap_agents.map_prediction.export \
+		$(addprefix results/map-planar/,$(MAP_SEEDS)) $(addprefix results/map-field/,$(MAP_SEEDS))
 
 # The strongest planners by training worlds, which `coopmap compare` plays against.
 planners: setup

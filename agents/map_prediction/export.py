@@ -2,10 +2,10 @@
 
 ::
 
-    python -m coopmap_agents.map_prediction.export results/map-planar results/map-field
+    python -m coopmap_agents.map_prediction.export results/map-planar/* results/map-field/*
 
-copies the networks of some trainings and their records, and writes the ONNX files of all networks
-that ship, as they are then. See `make map-networks`.
+replaces the networks of the environments of these trainings by theirs, with their records, one for
+each seed, and writes the ONNX files of all networks that ship. See `make map-networks`.
 """
 
 from __future__ import annotations
@@ -13,51 +13,85 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from coopmap_agents.map_config import USUAL_TRAININGS
+from coopmap_agents.map_config import USUAL_TRAININGS, MapTrainingConfig
+from coopmap_agents.map_prediction.library import network_file, shipped_seeds
 from coopmap_agents.map_prediction.model_file import convert_map_network, load_map_network
-from coopmap_agents.map_prediction.predictor import shipped_path
 from coopmap_agents.map_prediction.record import read_record
 from coopmap_agents.map_prediction.training import MODEL_FILE
 from coopmap_agents.record import RECORD_FILE
 from coopmap_env.core.files import FileError, read_bytes, write_atomically
+from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 
 
-def export(trainings: Sequence[Path] = ()) -> None:
+class _Training(NamedTuple):
+    """What is copied of a training."""
+
+    folder: Path
+    config: MapTrainingConfig
+    network: bytes
+    record: bytes
+
+
+def export(folders: Sequence[Path] = ()) -> None:
     """Copy the networks of finished trainings, and write the ONNX files of all that ship.
 
     Parameters
     ----------
-    trainings : sequence of Path
-        Folders of `run_map_training`, one for each environment at most.
+    folders : sequence of Path
+        Of `run_map_training`. Those of one environment differ in the seed only.
 
     Raises
     ------
     ValueError
-        If two trainings are of one environment, or one is unfinished.
+        If trainings of an environment differ in more than their seeds, have equal seeds, or one is
+        unfinished.
     FileError
         If a file of theirs is broken.
     """
-    exported = {shipped_path(_finished_dimension(folder)): folder for folder in trainings}
-    if len(exported) < len(trainings):
-        raise ValueError("two trainings are of the same environment: name the one that is to ship")
-    for path, folder in exported.items():
-        write_atomically(path, read_bytes(folder / MODEL_FILE))
-        write_atomically(path.with_suffix(".json"), read_bytes(folder / RECORD_FILE))
-    for usual in USUAL_TRAININGS.values():
-        path = shipped_path(usual.network.dimension)
-        convert_map_network(path, path.with_suffix(".onnx"))
+    trainings = [_read(folder) for folder in folders]
+    for env_name, usual in USUAL_TRAININGS.items():
+        dimension = usual.network.dimension
+        exported = [training for training in trainings if training.config.env_name == env_name]
+        _check_same_config(exported)
+        if exported:
+            for old in network_file(dimension, 0).parent.glob("seed_*"):
+                old.unlink()
+        for training in exported:
+            seed = training.config.seed
+            write_atomically(network_file(dimension, seed), training.network)
+            write_atomically(network_file(dimension, seed, "json"), training.record)
+        seeds = [training.config.seed for training in exported] or shipped_seeds(dimension)
+        for seed in seeds:
+            path = network_file(dimension, seed)
+            convert_map_network(path, path.with_suffix(".onnx"))
 
 
-def _finished_dimension(folder: Path) -> int:
-    """Dimension of the maps of a training that has reached its steps."""
+def _read(folder: Path) -> _Training:
+    """A training that has reached its steps, with a network that can be loaded."""
     record = read_record(folder)
     if record is None:
         raise FileError(f"{folder / RECORD_FILE}: there is no such file")
-    total_steps = record["config"]["total_steps"]
-    if not record["rows"] or record["rows"][-1]["steps"] < total_steps:
-        raise ValueError(f"{folder} is unfinished: it has not reached {total_steps} steps")
-    return load_map_network(folder / MODEL_FILE).settings.dimension
+    config = settings_from_dict(record["config"], MapTrainingConfig)
+    if not record["rows"] or record["rows"][-1]["steps"] < config.total_steps:
+        raise ValueError(f"{folder} is unfinished: it has not reached {config.total_steps} steps")
+    load_map_network(folder / MODEL_FILE)
+    return _Training(
+        folder, config, read_bytes(folder / MODEL_FILE), read_bytes(folder / RECORD_FILE)
+    )
+
+
+def _check_same_config(trainings: Sequence[_Training]) -> None:
+    seeds = [training.config.seed for training in trainings]
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(f"the seeds of trainings must differ, got {seeds}")
+    configs = [{**settings_to_dict(training.config), "seed": None} for training in trainings]
+    for training, config in zip(trainings, configs, strict=True):
+        if config != configs[0]:
+            raise ValueError(
+                f"{training.folder} and {trainings[0].folder} differ in more than their seeds"
+            )
 
 
 if __name__ == "__main__":

@@ -56,9 +56,9 @@ def folded_images(images: NDArray[np.uint8], stride: int) -> NDArray[np.float32]
     n, *shape = images.shape
     side = LEVEL_BLOCKS * stride
     cells = np.zeros((n, N_CHANNELS, *(size + -size % side for size in shape)), np.float32)
-    inside = tuple(slice(size) for size in shape)
+    inside = (slice(None), *(slice(size) for size in shape))
     for channel, values in enumerate(CHANNELS):
-        cells[:, channel, *inside] = values[images]
+        cells[:, channel][inside] = values[images]
     return fold(cells, stride)
 
 

@@ -64,13 +64,15 @@ class PredictivePolicy(_OnPredictedMaps):
         the first one behind a gap is free, those behind it probably are, too. Their product would
         expect too little of views deep into the unknown. Chosen on validation worlds, see
         `docs/what_was_tried.md`.
+    seed : int, optional
+        Seed of the training, for a network that ships with coopmap: 0 by default.
     **options
         As of `LookaheadPolicy`.
 
     Raises
     ------
     ValueError
-        If an option is not one of its choices.
+        If an option is not one of its choices, or no network of this seed ships.
     FileError
         If the file is not of a map network.
     ImportError
@@ -83,9 +85,10 @@ class PredictivePolicy(_OnPredictedMaps):
         horizon: int = 1,
         search: Search = 1000,
         hazard_scale: float = 0.5,
+        seed: int | None = None,
         **options: Any,
     ) -> None:
-        super().__init__(MapPredictor(model), horizon=horizon, search=search, **options)
+        super().__init__(MapPredictor(model, seed=seed), horizon=horizon, search=search, **options)
         self.hazard_scale: float = checked_value("hazard_scale", hazard_scale, UnitInterval)
 
     def foresight(self, belief: Belief) -> Foresight:
@@ -111,13 +114,15 @@ class PredictiveSurfacePolicy(_OnPredictedMaps):
     motion_weight : float
         Gain, as a fraction of a full view, that is worth one unit of d (Eq. 5). On validation
         worlds, 0.001 covers as much as less does, and 0.002 a little less for less motion.
+    seed : int, optional
+        Seed of the training, for a network that ships with coopmap: 0 by default.
     **options
         As of `LookaheadPolicy`.
 
     Raises
     ------
     ValueError
-        If an option is not one of its choices.
+        If an option is not one of its choices, or no network of this seed ships.
     FileError
         If the file is not of a map network.
     ImportError
@@ -130,9 +135,10 @@ class PredictiveSurfacePolicy(_OnPredictedMaps):
         horizon: int = 1,
         search: Search = 100,
         motion_weight: float = 1e-3,
+        seed: int | None = None,
         **options: Any,
     ) -> None:
-        predictor = MapPredictor(model, dimension=3)
+        predictor = MapPredictor(model, dimension=3, seed=seed)
         super().__init__(
             predictor, horizon=horizon, search=search, motion_weight=motion_weight, **options
         )

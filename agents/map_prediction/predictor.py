@@ -9,16 +9,16 @@ that ends in ``.onnx`` is run by ONNX Runtime in both cases.
 from __future__ import annotations
 
 import os
-from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_agents._backends import has_torch, require_torch
-from coopmap_agents.map_config import USUAL_TRAININGS, MapNetworkSettings, usual_environment
+from coopmap_agents.map_config import USUAL_TRAININGS, MapNetworkSettings
 from coopmap_agents.map_prediction.images import map_image
+from coopmap_agents.map_prediction.library import shipped_path
 from coopmap_agents.map_prediction.onnx_network import OnnxMapNetwork
 from coopmap_agents.weights import fingerprint_of
 from coopmap_env.core.files import brief
@@ -58,11 +58,14 @@ class MapPredictor:
         By default the network that ships with coopmap.
     dimension : {2, 3}
         Of the maps.
+    seed : int, optional
+        Seed of the training, for a network that ships with coopmap; see `shipped_path`.
 
     Raises
     ------
     ValueError
-        If it is none of these, or of another dimension.
+        If it is none of these, or of another dimension, there is no network of this seed, or a seed
+        is given beside a model.
     FileError
         If the file is not of a map network.
     ImportError
@@ -70,12 +73,15 @@ class MapPredictor:
     """
 
     def __init__(
-        self, model: MapNetwork | str | os.PathLike[str] | None = None, dimension: int = 2
+        self,
+        model: MapNetwork | str | os.PathLike[str] | None = None,
+        dimension: int = 2,
+        seed: int | None = None,
     ) -> None:
         choices = [usual.network.dimension for usual in USUAL_TRAININGS.values()]
         if dimension not in choices:
             raise ValueError(f"dimension must be one of {choices}, got {brief(dimension)}")
-        self.network = _predicting_network(model, dimension)
+        self.network = _predicting_network(model, dimension, seed)
         found = self.network.settings.dimension
         if found != dimension:
             raise ValueError(
@@ -120,10 +126,15 @@ class MapPredictor:
         return fingerprint_of(values.tobytes() for values in self.network.weights())
 
 
-def _predicting_network(model: Any, dimension: int) -> PredictingNetwork:
+def _predicting_network(model: Any, dimension: int, seed: int | None) -> PredictingNetwork:
     """What predicts; see the module."""
     if model is None:
-        model = shipped_path(dimension, "safetensors" if has_torch() else "onnx")
+        model = shipped_path(dimension, "safetensors" if has_torch() else "onnx", seed)
+    elif seed is not None:
+        raise ValueError(
+            f"seed={seed!r:.80} selects a network that ships with coopmap; {brief(model)} is a "
+            "model of its own"
+        )
     is_path = isinstance(model, str | os.PathLike)
     if is_path and Path(model).suffix == ".onnx":
         return OnnxMapNetwork.from_path(model)
@@ -139,14 +150,3 @@ def _predicting_network(model: Any, dimension: int) -> PredictingNetwork:
     if not isinstance(network, MapNetwork):
         raise ValueError(f"model must be a file or a MapNetwork, got {brief(model)}")
     return TorchMapNetwork(network)
-
-
-def shipped_path(
-    dimension: int = 2, file_format: Literal["safetensors", "onnx"] = "safetensors"
-) -> Path:
-    """File of the network that ships with coopmap for maps of 2 or 3 dimensions.
-
-    Both files have the same weights and metadata.
-    """
-    folder = files("coopmap_agents.map_prediction") / "models"
-    return Path(str(folder / f"{usual_environment(dimension)}.{file_format}"))

@@ -23,9 +23,9 @@ from coopmap_agents.map_prediction import (
     save_map_network,
 )
 from coopmap_agents.map_prediction.graph import map_graph
+from coopmap_agents.map_prediction.library import shipped_path
 from coopmap_agents.map_prediction.metadata import MAP_NETWORKS, METADATA_KEY
 from coopmap_agents.map_prediction.onnx_network import OnnxMapNetwork
-from coopmap_agents.map_prediction.predictor import shipped_path
 from coopmap_agents.onnx.encoding import encode_model, split_model
 from coopmap_env.core.files import FileError
 from coopmap_env.envs.field import FieldEnv, FieldSettings

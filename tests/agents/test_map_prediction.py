@@ -28,8 +28,8 @@ from coopmap_agents.map_prediction import (
 )
 from coopmap_agents.map_prediction.examples import cell_weights, predicted_cells
 from coopmap_agents.map_prediction.images import fold, unfold
+from coopmap_agents.map_prediction.library import network_file, shipped_path, shipped_seeds
 from coopmap_agents.map_prediction.metadata import METADATA_KEY
-from coopmap_agents.map_prediction.predictor import shipped_path
 from coopmap_env import families
 from coopmap_env.core.files import FileError
 from coopmap_env.core.settings import settings_from_dict
@@ -316,17 +316,35 @@ def test_the_network_that_ships_predicts_better_than_constant_hazards():
     assert np.mean(losses["network"]) < 0.75 * np.mean(losses["hazards"])
 
 
-@pytest.mark.parametrize("config", [MapTrainingConfig(), MapTrainingConfig(env_name="field")])
-def test_the_record_of_a_network_that_ships_is_of_its_training(config):
-    path = shipped_path(config.network.dimension)
-    record = json.loads(path.with_suffix(".json").read_text())
-    assert load_map_network(path).settings == config.network
-    assert path.stat().st_size < 1_000_000
-    recorded = settings_from_dict(record["config"], MapTrainingConfig)
-    assert recorded == replace(config, total_steps=recorded.total_steps)
-    best = record["rows"][record["best"]]
-    for scores in best["validation"].values():
-        assert PredictionScores(**scores).calibration_error < 0.05
+@pytest.mark.parametrize("env_name", ["planar", "field"])
+def test_the_record_of_a_network_that_ships_is_of_its_training(env_name):
+    config = MapTrainingConfig(env_name=env_name)
+    dimension = config.network.dimension
+    for seed in shipped_seeds(dimension):
+        path = shipped_path(dimension, seed=seed)
+        assert load_map_network(path).settings == config.network
+        assert path.stat().st_size < 1_000_000
+        record = json.loads(shipped_path(dimension, "json", seed).read_text())
+        recorded = settings_from_dict(record["config"], MapTrainingConfig)
+        assert recorded == replace(config, seed=seed)
+        best = record["rows"][record["best"]]
+        for scores in best["validation"].values():
+            assert PredictionScores(**scores).calibration_error < 0.05
+
+
+def test_a_seed_selects_a_network_that_ships(tmp_path):
+    assert 0 in shipped_seeds(2)
+    for seed in shipped_seeds(2):
+        assert PredictivePolicy(seed=seed).fingerprint == MapPredictor(seed=seed).fingerprint
+    assert shipped_path(2) == shipped_path(2, seed=0) == network_file(2, 0)
+    for seed in (10_000, -1, True, 0.0, "0"):
+        match = rf"the networks of planar maps were trained with the seeds \[0.*got {seed!r}"
+        with pytest.raises(ValueError, match=match):
+            PredictivePolicy(seed=seed)
+    with pytest.raises(ValueError, match="networks of field maps were trained with the seeds"):
+        make_policy("predictive_surface:seed=10000")
+    with pytest.raises(ValueError, match="seed=0 selects a network that ships with coopmap; "):
+        PredictivePolicy(tiny_network(), seed=0)
 
 
 def test_the_planner_of_surface_counts_what_its_network_predicts():
