@@ -36,6 +36,7 @@ class Scores(Model):
         self.body = nn.Sequential(nn.Linear(width, 32), nn.Tanh(), nn.Linear(32, 1))
 
     def scores(self, inputs):
+        """A score of each candidate, and which of them can be taken."""
         seen = unflatten_tensorized_space(self.observation_space, inputs["observations"])
         return self.body(seen["candidates"].float())[..., 0], seen["action_mask"] == 1
 
@@ -48,6 +49,7 @@ class Policy(CategoricalMixin, Scores):
         CategoricalMixin.__init__(self)
 
     def compute(self, inputs, role):
+        """Scores as logits; a masked candidate is not chosen."""
         scores, mask = self.scores(inputs)
         return scores.masked_fill(~mask, -1e9), {}
 
@@ -60,6 +62,7 @@ class Value(DeterministicMixin, Scores):
         DeterministicMixin.__init__(self)
 
     def compute(self, inputs, role):
+        """One number for each row."""
         return self.scores(inputs)[0].mean(-1, keepdim=True), {}
 
 

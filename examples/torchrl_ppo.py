@@ -8,7 +8,6 @@ import warnings
 import torch
 from tensordict.nn import TensorDictModule
 from torch import nn
-from torchrl.collectors import Collector
 from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.modules import MaskedCategorical, ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
@@ -36,6 +35,7 @@ class Scores(nn.Module):
         self.body = nn.Sequential(nn.Linear(width, 64), nn.Tanh(), nn.Linear(64, 2))
 
     def forward(self, candidates):
+        """Scores (..., m) and a value (..., 1)."""
         scores, parts = self.body(candidates).unbind(-1)
         return scores, parts.mean(-1, keepdim=True)
 
@@ -66,15 +66,9 @@ advantages.set_keys(
     terminated=("robot", "terminated"),  # none: an episode is cut off, what would follow counts
 )
 optimizer = torch.optim.Adam(loss.parameters(), 1e-3)
-frames = N_SCANS * N_EPISODES
-collector = Collector(
-    env,
-    actor,
-    frames_per_batch=frames,
-    total_frames=frames * ITERATIONS,
-    auto_register_policy_transforms=False,
-)
-for iteration, played in enumerate(collector):
+for iteration in range(ITERATIONS):
+    with torch.no_grad():
+        played = torch.cat([env.rollout(N_SCANS, actor) for _ in range(N_EPISODES)])
     for _ in range(EPOCHS):
         advantages(played)
         parts = loss(played)
@@ -83,4 +77,4 @@ for iteration, played in enumerate(collector):
         optimizer.step()
     observed = played["next", "robot", "info", "observed_fraction"][played["next", "done"][:, 0]]
     print(f"iteration {iteration}: coverage {observed.mean():.1%}")
-collector.shutdown()
+env.close()
