@@ -14,6 +14,9 @@ NEEDS = {
     "train_policy": ("stable_baselines3",),
     "vector_ppo": ("stable_baselines3", "safetensors"),
     "planar_episode": ("PIL",),
+    "torchrl_ppo": ("torchrl",),
+    "skrl_ippo": ("skrl",),
+    "maskable_ppo": ("sb3_contrib",),
 }
 """Modules of the extras that an example uses."""
 ARGUMENTS = {"vector_ppo": ["--steps", "1"]}

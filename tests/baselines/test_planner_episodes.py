@@ -45,7 +45,7 @@ def test_whole_episodes_without_a_rejection_repeat_with_the_same_generator(
     env = PlanarEnv(2, mode, scene=small_scene, max_scans=4, n_candidates=12)
     policy = coopmap_baselines.make(name, **options)
     first = episode(env, policy)
-    assert all(reasons == ("", "") for _, reasons in first)
+    assert all(reasons == (0, 0) for _, reasons in first)
     episode(env, policy, seed=5, rng=3)  # a used policy starts afresh
     assert episode(env, policy) == first
     assert episode(env, coopmap_baselines.make(name, **options)) == first

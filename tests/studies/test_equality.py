@@ -43,7 +43,7 @@ def test_planar_vector_environments_are_single_ones_in_a_short_run():
         "goal is unknown",
         "goal is not known to be free",
         "no path through known free space leads there",
-        "masked candidate",
+        "candidate is masked out",
     }
 
 
