@@ -135,6 +135,8 @@ def test_options_have_the_choices_of_the_environment_arguments(arguments):
         "fit-table",
         "submit",
         "score",
+        "report",
+        "warm-up",
     ],
 )
 def test_help_shows_examples(command, capsys):

@@ -13,6 +13,7 @@ BUILTIN_COMMANDS = {
     "evaluate": "coopmap_env.cli.evaluate:Evaluate",
     "replay": "coopmap_env.cli.replay:Replay",
     "report": "coopmap_env.cli.report:Report",
+    "warm-up": "coopmap_env.cli.warm_up:WarmUp",
 }
 """Class of each command of this package."""
 PURPOSES = (

@@ -36,6 +36,8 @@ class Report:
         """Read the runs, write the report, print its table."""
         if not self.runs:
             raise ValueError("name the folder of at least one run, which coopmap evaluate wrote")
+        if self.out.is_file():
+            raise ValueError(f"--out {self.out} is a file: the report is a folder")
         from coopmap_env.evaluation.report import (
             differences,
             join_runs,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
@@ -25,6 +26,8 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "tuning": ("optuna",),
 }
 """Modules that everything needs that needs an extra; ``pyproject.toml`` has the distributions."""
+WITHOUT_WHEELS = {"pybullet": (3, 12)}
+"""Modules that have no wheels from a version of Python on, which no pip command changes."""
 
 
 def import_optional(module: str, extra: str) -> ModuleType:
@@ -46,7 +49,7 @@ def import_optional(module: str, extra: str) -> ModuleType:
         return importlib.import_module(module)
     except ImportError as error:
         raise ImportError(
-            f"{module} is needed here and is not installed: {pip_command([extra])}"
+            f"{module} is needed here and is not installed: {_remedy([module], [extra])}"
         ) from error
 
 
@@ -68,17 +71,28 @@ def require_extras(extras: Iterable[str]) -> None:
         With all that are missing and one pip command.
     """
     if missing := missing_extras(extras):
-        modules = ", ".join(module for modules in missing.values() for module in modules)
-        one = modules.count(",") == 0
+        modules = [module for modules in missing.values() for module in modules]
+        verb = "is" if len(modules) == 1 else "are"
         raise ImportError(
-            f"{modules} {'is' if one else 'are'} needed here and {'is' if one else 'are'} not "
-            f"installed: {pip_command(missing)}"
+            f"{', '.join(modules)} {verb} needed here and {verb} not installed: "
+            f"{_remedy(modules, missing)}"
         )
 
 
 def pip_command(extras: Iterable[str]) -> str:
     """Command that installs extras."""
     return f"pip install 'coopmap[{','.join(extras)}]'"
+
+
+def _remedy(modules: Iterable[str], extras: Iterable[str]) -> str:
+    """The pip command, and what it cannot install for this version of Python."""
+    notes = [
+        f" ({module} has no wheels from Python {major}.{minor} on: use an earlier one for it)"
+        for module in modules
+        if module in WITHOUT_WHEELS and sys.version_info >= WITHOUT_WHEELS[module]
+        for major, minor in [WITHOUT_WHEELS[module]]
+    ]
+    return "".join([pip_command(extras), *notes])
 
 
 def _is_installed(module: str) -> bool:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import multiprocessing
 import pickle
 import sys
 import warnings
@@ -29,6 +30,7 @@ import numba
 import numpy as np
 
 from coopmap_env.core.files import write_atomically
+from coopmap_env.core.progress import log
 
 FunctionCache: Any
 _Intrinsic: Any
@@ -45,6 +47,12 @@ except ImportError:
 
 Dispatcher = Any
 """A function with numba's decorator."""
+COMPILING = (
+    "coopmap: compiling kernels for this processor, once for each installation; this takes a "
+    "minute or two, and `coopmap warm-up` does it beforehand"
+)
+compiled_kernels: list[str] = []
+"""Names of those that this process has compiled."""
 
 
 def attach_cache(dispatcher: Dispatcher, variant: str = "") -> None:
@@ -71,6 +79,14 @@ def _warn_of_unknown_numba() -> None:
         RuntimeWarning,
         stacklevel=2,
     )
+
+
+@cache
+def _say_that_kernels_are_compiled() -> None:
+    """Print one line of progress; in workers none, as the process that started them has its own."""
+    is_ray_worker = Path(sys.argv[0]).name == "default_worker.py"
+    if multiprocessing.parent_process() is None and not is_ray_worker:
+        log(COMPILING)
 
 
 class KernelCache:
@@ -110,11 +126,15 @@ class KernelCache:
         return self._numba_cache.cache_path
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """The kernel compiled for a signature, or None."""
-        return self._numba_cache.load_overload(signature, target_context)
+        """The kernel compiled for a signature; None if numba has to compile it now."""
+        found = self._numba_cache.load_overload(signature, target_context)
+        if found is None:
+            _say_that_kernels_are_compiled()
+        return found
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Keep a compiled kernel; a full disk costs the next process the time to compile it."""
+        compiled_kernels.append(self._dispatcher.py_func.__qualname__)
         with suppress(OSError):
             self._numba_cache.save_overload(signature, compiled)
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coopmap_env.core.extras import missing_extras
+from coopmap_env.core.extras import import_optional, missing_extras
 from coopmap_env.core.files import write_atomically
 from coopmap_env.evaluation.comparison import Evaluation
 from coopmap_env.evaluation.figures import COLORS, import_pyplot, plot_curves, save_figure
@@ -116,7 +116,8 @@ def write_report(run: SavedRun, folder: Path, title: str, notes: Sequence[str] =
     paths = [folder / REPORT_FILE]
     lines = [f"# {title}", "", "Means over the worlds [95 % bootstrap intervals].", ""]
     lines += table_lines(run.evaluations)
-    lines += ["", *(f"- {note}" for note in notes)]
+    if notes:
+        lines += ["", *(f"- {note}" for note in notes)]
     if not missing_extras(["report"]):
         draw_costs(run, folder / FIGURE_FILE)
         paths.append(folder / FIGURE_FILE)
@@ -152,10 +153,19 @@ def draw_costs(run: SavedRun, path: Path) -> None:
             )  # fmt: skip
         axis.set_xlabel(text)
         axis.grid(alpha=0.3)
-    axes[1].set_xscale("log")
+    _scale_by_decades(axes[1])
     axes[0].legend(fontsize=8)
     figure.tight_layout()
     save_figure(figure, path)
+
+
+def _scale_by_decades(axis: Any) -> None:
+    """A logarithmic scale with few numbers that are written out."""
+    ticker = import_optional("matplotlib.ticker", "report")
+    axis.set_xscale("log")
+    axis.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(ticker.NullFormatter())
 
 
 def _cell(interval: dict[str, Any] | None, values: Any, column: Column) -> str:

@@ -1,3 +1,4 @@
+import sys
 import tomllib
 from pathlib import Path
 
@@ -37,6 +38,16 @@ def test_all_missing_extras_are_named_at_once(some_missing):
     with pytest.raises(ImportError, match="ompl is needed here and is not installed"):
         require_extras(["paths"])
     require_extras(["maps"])
+
+
+def test_what_has_no_wheels_for_this_python_is_said(monkeypatch):
+    monkeypatch.setattr(extras, "_is_installed", lambda name: name != "pybullet")
+    monkeypatch.setattr(sys, "version_info", (3, 12, 1))
+    with pytest.raises(ImportError, match=r"\[field\]' \(pybullet has no wheels from Python 3\.12"):
+        require_extras(["field"])
+    monkeypatch.setattr(sys, "version_info", (3, 11, 9))
+    with pytest.raises(ImportError, match=r"\[field\]'$"):
+        require_extras(["field"])
 
 
 def test_a_hidden_module_is_missing(monkeypatch):

@@ -270,3 +270,32 @@ def test_every_kernel_of_the_package_has_a_fingerprint_of_its_own():
             kernels |= {value for value in found if isinstance(value, Dispatcher)}
     assert len(kernels) > 200
     assert len({fingerprint(each) for each in kernels}) == len(kernels)
+
+
+@pytest.fixture
+def said(capsys):
+    """Lines of progress since the last call, as in a new process."""
+
+    def lines():
+        kernel_cache._say_that_kernels_are_compiled.cache_clear()
+        return capsys.readouterr().err.splitlines()
+
+    lines()
+    yield lines
+    lines()
+
+
+def test_one_line_says_that_kernels_are_compiled_and_none_that_they_are_loaded(load, said):
+    n_before = len(kernel_cache.compiled_kernels)
+    load()(1.0)
+    assert said() == [kernel_cache.COMPILING]
+    assert kernel_cache.compiled_kernels[n_before:] == ["scale", "double"]
+    load()(1.0)
+    assert said() == []
+    assert len(kernel_cache.compiled_kernels) == n_before + 2
+
+
+def test_workers_say_nothing(load, said, monkeypatch):
+    monkeypatch.setattr(kernel_cache.multiprocessing, "parent_process", lambda: "a process")
+    load()(1.0)
+    assert said() == []
