@@ -33,7 +33,7 @@ napoleon_use_rtype = False
 templates_path = ["_templates"]
 autosummary_imported_members = True  # packages list what users need in `__all__`
 autosummary_ignore_module_all = False
-# Each page would copy the names of all pages for its side bar: half a minute for the whole site.
+# The side bar of each page would copy the names of all pages.
 toc_object_entries = False
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
