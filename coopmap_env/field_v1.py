@@ -16,7 +16,7 @@ rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", 
 settings           `FieldSettings`: camera, noise, map, rating function, motion, physics
 mounts             `make_mount`: "mast", "husky_panda", "tiago", or a `Mount` of any URDF
 scenes             "worksite", "clutter", "rubble", "occluded", or a YAML file of meshes and URDFs
-paper              V. A. Sujan and S. Dubowsky, "Cooperative mapping by robot teams"
+paper              Sujan and Dubowsky, "Cooperative mapping by robot teams"
 end                truncation after ``max_scans`` scans of each robot, or when ``max_time``
                    seconds have passed; no termination
 =================  =====================================================================

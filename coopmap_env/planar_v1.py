@@ -13,7 +13,7 @@ observations       `coopmap_env.envs.planar.observations`, index by index
 rewards            `coopmap_env.envs.rewards`: "rating" (Eq. 9), "information", "coverage",
                    "shown" (for training: it depends on the true world)
 settings           `PlanarSettings`: camera, noise, map, rating function, reach
-paper              V. A. Sujan and S. Dubowsky, "Cooperative mapping by robot teams"
+paper              Sujan and Dubowsky, "Cooperative mapping by robot teams"
 end                truncation after ``max_scans`` scans of each robot, or when ``max_time``
                    seconds have passed; no termination
 =================  =====================================================================

@@ -24,6 +24,7 @@ extensions = [
 exclude_patterns = ["leaderboard"]
 # Docstrings name code in single backticks: where it is documented, they become links.
 default_role = "py:obj"
+smartquotes = False  # many quotes are code
 suppress_warnings = ["ref.python"]  # `shape` is an attribute of several classes: no link
 myst_heading_anchors = 3
 napoleon_google_docstring = False
@@ -32,7 +33,7 @@ napoleon_use_rtype = False
 templates_path = ["_templates"]
 autosummary_imported_members = True  # packages list what users need in `__all__`
 autosummary_ignore_module_all = False
-# Each page would copy the names of all pages for its side bar: half a minute for the whole site.
+# The side bar of each page would copy the names of all pages.
 toc_object_entries = False
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
@@ -43,7 +44,7 @@ html_title = f"coopmap {version}"
 html_copy_source = False
 # Nothing is loaded from elsewhere: the pages work without a network.
 html_static_path = ["_static"]
-html_css_files = ["tables.css"]
+html_css_files = ["site.css"]
 
 
 def resolve_short_name(
@@ -54,7 +55,9 @@ def resolve_short_name(
         return None
     python = env.domains.python_domain
     ends = f".{node['reftarget']}"
-    found = [name for name in python.objects if name.endswith(ends)]
+    found = [
+        name for name, entry in python.objects.items() if name.endswith(ends) and not entry.aliased
+    ]
     if len(found) != 1:
         return None
     node["reftarget"] = found[0]

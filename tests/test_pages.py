@@ -166,7 +166,7 @@ def test_pictures_and_linked_files_exist():
 
 
 def test_names_on_the_page_of_the_paper_exist():
-    names = re.findall(r"`(coopmap_\w+(?:\.\w+)+)`", PAGES["docs/paper.md"])
+    names = re.findall(r"\]\(#(coopmap_\w+(?:\.\w+)+)\)", PAGES["docs/paper.md"])
     assert len(names) > 20
     for name in names:
         package, _, last = name.rpartition(".")
