@@ -91,7 +91,7 @@ class EnvironmentOptions(TaskArguments):
             if self.env_name != "field" and getattr(self, name):
                 option = name.replace("_", "-")
                 raise ValueError(f"--{option} belongs to --env field, not to --env {self.env_name}")
-        arguments = {}
+        arguments: dict[str, Any] = {}
         for argument in fields(TaskArguments):
             value = getattr(self, argument.name)
             arguments[argument.name] = argument.default if value is None else value
@@ -154,6 +154,7 @@ class EnvironmentOptions(TaskArguments):
     def _family(self) -> Any:
         from coopmap_env import families
 
+        assert self.family is not None
         return families.get(self.family)
 
     def _family_kwargs(self) -> dict[str, Any]:
