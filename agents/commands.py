@@ -79,10 +79,12 @@ class TrainMap(MapTrainingOptions):
     """Train a network that predicts the unknown part of maps.
 
     Writes map.safetensors (the best one on validation worlds, for `coopmap evaluate --policies
-    predictive:model=...`, in the field predictive_surface:model=...), training.json (configuration
-    and learning curve), a checkpoint, and the maps that it learns from. The same command with --out
-    resumes an interrupted training, with the same result as without the interruption. Needs the
-    extra rl.
+    predictive:model=...`, in the field predictive_surface:model=...), map.onnx (the same, for
+    predicting without torch), training.json (configuration and learning curve), a checkpoint, and
+    the maps that it learns from. The same command with --out resumes an interrupted training, with
+    the same result as without the interruption. Needs the extra rl.
+
+    Options that are left out are those of the network that ships with coopmap for the environment.
 
     Such as:
       coopmap train-map --out results/map

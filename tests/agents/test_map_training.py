@@ -9,6 +9,7 @@ import pytest
 import torch
 from scipy.ndimage import binary_erosion
 
+from coopmap_agents import map_prediction
 from coopmap_agents.map_config import (
     USUAL_TRAININGS,
     MapNetworkOptions,
@@ -279,7 +280,7 @@ def test_options_that_are_left_out_are_those_of_the_environment():
         MapTrainingConfig(env_name="sea")
 
 
-def test_the_command_line_has_the_options_of_the_environment(monkeypatch, tmp_path, capsys):
+def test_the_command_line_has_the_options_of_the_environment(monkeypatch, tmp_path):
     asked = []
 
     def train(config, out, log, command):
@@ -287,7 +288,7 @@ def test_the_command_line_has_the_options_of_the_environment(monkeypatch, tmp_pa
         row = {"steps": 1, "loss": 0.5, "seconds": 1.0, "validation": {"a": {"log_loss": 0.5}}}
         return {"config": {"total_steps": 1}, "rows": [row], "best": 0}
 
-    monkeypatch.setattr(map_training, "run_map_training", train)
+    monkeypatch.setattr(map_prediction, "run_map_training", train)
     main(["train-map", "--env-name", "field", "--out", str(tmp_path)])
     main(["train-map", "--scenes", "--network.stride", "4", "--seed", "1", "--out", str(tmp_path)])
     assert asked[0] == MapTrainingConfig(env_name="field")
