@@ -6,7 +6,7 @@ pip install "coopmap[rl]" torchrl
 import warnings
 
 import torch
-from tensordict.nn import TensorDictModule
+from tensordict.nn import InteractionType, TensorDictModule
 from torch import nn
 from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.modules import MaskedCategorical, ProbabilisticActor
@@ -45,6 +45,7 @@ actor = ProbabilisticActor(
     in_keys={"logits": ("robot", "logits"), "mask": ("robot", "action_mask")},
     out_keys=[env.action_key],
     distribution_class=MaskedCategorical,
+    default_interaction_type=InteractionType.RANDOM,
     return_log_prob=True,
     log_prob_key=("robot", "log_prob"),
 )
