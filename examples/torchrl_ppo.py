@@ -19,6 +19,7 @@ N_SCANS, N_EPISODES, ITERATIONS, EPOCHS, GAMMA = 8, 8, 4, 4, 0.9
 
 warnings.filterwarnings("ignore", message="PettingZoo in TorchRL is tested using")
 torch.manual_seed(0)
+torch.set_num_threads(1)
 env = PettingZooWrapper(
     planar_v1.parallel_env(action_mode="candidates", reward="coverage", max_scans=N_SCANS)
 )
