@@ -7,7 +7,7 @@ their actions.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ParamSpec
+from typing import Any, ParamSpec, TypeAlias
 
 from pettingzoo import AECEnv
 from pettingzoo.utils import parallel_to_aec
@@ -16,7 +16,8 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from coopmap_env.envs.mapping_env import MappingEnv
 
 Parameters = ParamSpec("Parameters")
-TurnEnv = AECEnv[str, Any, Any]
+TurnEnv: TypeAlias = "AECEnv[str, Any, Any]"
+"""An environment of robots that act in turns."""
 
 
 def in_turns(parallel_env: Callable[Parameters, MappingEnv[Any]]) -> Callable[Parameters, TurnEnv]:
