@@ -67,6 +67,7 @@ class Value(DeterministicMixin, Scores):
 
 
 torch.manual_seed(0)
+torch.set_num_threads(1)
 robots = env.possible_agents
 nothing = {robot: {} for robot in robots}  # skrl 2.1 takes an empty dict for one by robot
 settings = IPPO_CFG(

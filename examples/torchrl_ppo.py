@@ -6,7 +6,7 @@ pip install "coopmap[rl]" torchrl
 import warnings
 
 import torch
-from tensordict.nn import TensorDictModule
+from tensordict.nn import InteractionType, TensorDictModule
 from torch import nn
 from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.modules import MaskedCategorical, ProbabilisticActor
@@ -19,6 +19,7 @@ N_SCANS, N_EPISODES, ITERATIONS, EPOCHS, GAMMA = 8, 8, 4, 4, 0.9
 
 warnings.filterwarnings("ignore", message="PettingZoo in TorchRL is tested using")
 torch.manual_seed(0)
+torch.set_num_threads(1)
 env = PettingZooWrapper(
     planar_v1.parallel_env(action_mode="candidates", reward="coverage", max_scans=N_SCANS)
 )
@@ -45,6 +46,7 @@ actor = ProbabilisticActor(
     in_keys={"logits": ("robot", "logits"), "mask": ("robot", "action_mask")},
     out_keys=[env.action_key],
     distribution_class=MaskedCategorical,
+    default_interaction_type=InteractionType.RANDOM,
     return_log_prob=True,
     log_prob_key=("robot", "log_prob"),
 )

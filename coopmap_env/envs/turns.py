@@ -16,7 +16,8 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from coopmap_env.envs.mapping_env import MappingEnv
 
 Parameters = ParamSpec("Parameters")
-TurnEnv: TypeAlias = AECEnv[str, Any, Any]
+TurnEnv: TypeAlias = "AECEnv[str, Any, Any]"
+"""An environment of robots that act in turns."""
 
 
 def in_turns(parallel_env: Callable[Parameters, MappingEnv[Any]]) -> Callable[Parameters, TurnEnv]:
