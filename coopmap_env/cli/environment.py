@@ -12,6 +12,7 @@ from coopmap_env.envs.registration import FAMILIES
 
 if TYPE_CHECKING:  # what makes an environment takes longer to load than to refuse an option
     from coopmap_env.envs import MappingEnv
+    from coopmap_env.families import Family
 
 SCENES = {
     "planar": ("obstacles", "rooms", "corridors", "house"),
@@ -91,7 +92,7 @@ class EnvironmentOptions(TaskArguments):
             if self.env_name != "field" and getattr(self, name):
                 option = name.replace("_", "-")
                 raise ValueError(f"--{option} belongs to --env field, not to --env {self.env_name}")
-        arguments = {}
+        arguments: dict[str, Any] = {}
         for argument in fields(TaskArguments):
             value = getattr(self, argument.name)
             arguments[argument.name] = argument.default if value is None else value
@@ -151,10 +152,10 @@ class EnvironmentOptions(TaskArguments):
             needed.append("maps")
         return needed
 
-    def _family(self) -> Any:
+    def _family(self) -> Family:
         from coopmap_env import families
 
-        return families.get(self.family)
+        return families.get(str(self.family))
 
     def _family_kwargs(self) -> dict[str, Any]:
         """Arguments of the family, and those that it leaves free."""

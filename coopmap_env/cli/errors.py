@@ -28,7 +28,8 @@ def errors_as_lines(prog: str = "coopmap") -> Iterator[None]:
     def show(message: Any, *_: Any) -> None:
         log(f"{prog}: warning: {_joined(message)}")
 
-    before, warnings.showwarning = warnings.showwarning, show
+    before = warnings.showwarning
+    warnings.showwarning = show  # type: ignore[assignment]
     try:
         yield
     except BrokenPipeError:  # the reader of our output has ended, as `head` does

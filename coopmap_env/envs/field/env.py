@@ -99,7 +99,7 @@ class FieldEnv(MappingEnv[FieldBelief], EzPickle):
     _observer: FieldObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        check_keywords("coopmap_env.field_v1", kwargs, FieldArguments)
+        check_keywords("field_v1", kwargs, FieldArguments)
         arguments = FieldArguments(*args, **kwargs)
         EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)

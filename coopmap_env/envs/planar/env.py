@@ -57,7 +57,7 @@ class PlanarEnv(MappingEnv[PlanarBelief], EzPickle):
     _observer: PlanarObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        check_keywords("coopmap_env.planar_v1", kwargs, PlanarArguments)
+        check_keywords("planar_v1", kwargs, PlanarArguments)
         arguments = PlanarArguments(*args, **kwargs)
         EzPickle.__init__(self, **vars(arguments))
         super().__init__(arguments)
