@@ -12,6 +12,7 @@ from coopmap_env.envs.registration import FAMILIES
 
 if TYPE_CHECKING:  # what makes an environment takes longer to load than to refuse an option
     from coopmap_env.envs import MappingEnv
+    from coopmap_env.families import Family
 
 SCENES = {
     "planar": ("obstacles", "rooms", "corridors", "house"),
@@ -151,11 +152,10 @@ class EnvironmentOptions(TaskArguments):
             needed.append("maps")
         return needed
 
-    def _family(self) -> Any:
+    def _family(self) -> Family:
         from coopmap_env import families
 
-        assert self.family is not None
-        return families.get(self.family)
+        return families.get(str(self.family))
 
     def _family_kwargs(self) -> dict[str, Any]:
         """Arguments of the family, and those that it leaves free."""

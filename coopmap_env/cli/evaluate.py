@@ -113,17 +113,17 @@ class Evaluate(EnvironmentOptions):
             results = evaluation.with_efficiencies(
                 results, seeds, arguments, self.out / "bounds", self.settings(), self.workers
             )
-        described: dict[str, Any] = {
+        played = {
             "id": env.metadata["name"],
             **arguments,
             "settings": settings_to_dict(env.settings),
         }
         summary = {
             "version": __version__,
-            "env": described,
+            "env": played,
             "policies": evaluation.summarize(results, names[0]),
         }
-        run = SavedRun(described, results)
+        run = SavedRun(played, results)
         save_run(run, self.out)
         write_report(run, self.out, f"{env.metadata['name']}, split {self.split}")
         write_episodes(results, self.out / "episodes.csv")

@@ -48,9 +48,9 @@ def mount_from_json(fields: Mapping[str, Any]) -> Mount:
         given = MountFields(**fields)
     except TypeError as error:
         raise ValueError(f"mount: {error}") from error
-    settings: dict[str, Any] = (
-        {"T_link_camera": Pose(np.zeros(3), R_OPTICAL_CAMERA)} if given.optical_frame else {}
-    )
+    settings: dict[str, Any] = {}
+    if given.optical_frame:
+        settings["T_link_camera"] = Pose(np.zeros(3), R_OPTICAL_CAMERA)
     return mount_from_urdf(
         given.urdf,
         given.joints,

@@ -217,7 +217,7 @@ def test_names_of_no_policy_file_are_told_apart(tmp_path):
     for spec in ("learned:model=nobody", "learned:model=3", f"learned:model={'x' * 5000}"):
         with pytest.raises(ValueError, match=r"model .* is neither a file nor one of the pretrain"):
             make_policy(spec)
-    with pytest.raises(ValueError, match="unexpected keyword argument 'path'"):
+    with pytest.raises(ValueError, match="learned has no argument 'path'; it takes model"):
         make_policy("learned:path=policy.safetensors")
     for seed in ("True", "1.0", "7", "first", "[0]"):
         with pytest.raises(ValueError, match=r"trained with the seeds \[0, 1, 2\], got "):

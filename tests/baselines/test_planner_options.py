@@ -49,7 +49,7 @@ def test_what_is_no_name_of_a_policy_is_refused():
 
 def test_options_that_a_policy_does_not_have_are_refused_by_its_name():
     for options in ({"seed": 1}, {"search": 3, "prior": 0.5}):
-        with pytest.raises(ValueError, match=r"policy 'rating_function': .*unexpected keyword"):
+        with pytest.raises(ValueError, match="rating_function has no argument"):
             make("rating_function", **options)
 
 

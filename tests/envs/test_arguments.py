@@ -1,4 +1,6 @@
 import inspect
+import re
+from functools import partial
 from typing import get_args, get_type_hints
 
 import pytest
@@ -35,6 +37,15 @@ def test_environments_show_the_signature_of_their_arguments(constructor, argumen
 def test_the_documented_constructors_are_the_classes_themselves():
     assert planar_v1.parallel_env is PlanarEnv
     assert planar_v1.team_env is PlanarTeamEnv
+
+
+@pytest.mark.parametrize(
+    "constructor", [planar_v1.parallel_env, planar_v1.team_env, partial(planar_v1.vector_env, 2)]
+)
+def test_an_unknown_argument_is_answered_by_the_nearest_and_all_of_them(constructor):
+    wanted = "planar_v1 has no argument 'robots'; did you mean 'n_robots'? It takes n_robots, "
+    with pytest.raises(TypeError, match=re.escape(wanted)):
+        constructor(robots=3)
 
 
 def test_arguments_may_be_given_in_their_order():

@@ -180,7 +180,7 @@ def test_options_of_a_spec_are_numbers_or_words():
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("raster:speed=3", "unexpected keyword argument 'speed'"),
+        ("raster:speed=3", "raster has no argument 'speed'; it takes none"),
         ("rating_function:search", "written key=value, got 'search'"),
         ("rating_function:search=0", "got 0"),
     ],

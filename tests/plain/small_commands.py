@@ -124,7 +124,7 @@ def reproduce(out):
             ),
             (
                 coopmap_env.studies.commands.reproduce,
-                {"missing_extras_hint": lambda: "nothing: it is left out here"},
+                {"missing_extras": lambda extras: {"field": ["it is left out here"]}},
             ),
         ],
     )

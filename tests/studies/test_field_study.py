@@ -5,7 +5,7 @@ import json
 import pytest
 
 from coopmap_env.cli import main
-from coopmap_env.studies.commands.reproduce import missing_extras_hint
+from coopmap_env.core.extras import EXTRAS, missing_extras
 from coopmap_env.studies.field import study as field_study
 from coopmap_env.studies.field.report import (
     TABLE_SCORES,
@@ -59,7 +59,7 @@ def test_all_parts_are_written(study, tmp_path):
 
 
 def test_no_extra_is_missing_in_the_development_environment():
-    assert missing_extras_hint() == ""
+    assert missing_extras(EXTRAS) == {}
 
 
 def test_the_replay_command_writes_a_page(tmp_path):

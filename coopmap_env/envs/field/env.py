@@ -97,7 +97,7 @@ class FieldEnv(MappingEnv[FieldBelief]):
     _observer: FieldObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        check_keywords("coopmap_env.field_v1", kwargs, FieldArguments)
+        check_keywords("field_v1", kwargs, FieldArguments)
         arguments = FieldArguments(*args, **kwargs)
         super().__init__(arguments)
         if arguments.n_robots > MAX_VEHICLES:

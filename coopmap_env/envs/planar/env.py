@@ -58,7 +58,7 @@ class PlanarEnv(MappingEnv[PlanarBelief]):
     _observer: PlanarObserver
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        check_keywords("coopmap_env.planar_v1", kwargs, PlanarArguments)
+        check_keywords("planar_v1", kwargs, PlanarArguments)
         arguments = PlanarArguments(*args, **kwargs)
         super().__init__(arguments)
         self.scene = scene = make_planar_scene(arguments.scene)
