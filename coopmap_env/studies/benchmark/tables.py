@@ -104,7 +104,7 @@ EFFICIENCY_TEXT = (
 
 
 def benchmark_text(summary: dict[str, Any]) -> str:
-    """Tables and verdicts in Markdown, for the terminal and the README.
+    """Tables and verdicts in Markdown, for the terminal and the documentation.
 
     The verdicts are those on the strongest planner of all families; the report has the others too.
     """
