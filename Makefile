@@ -7,7 +7,7 @@ BIN := .venv/bin
 OUT ?= results/section3
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 NEVER_IMPORTED := /(tests?|_inductor|torch/testing|sqlalchemy|debugpy|fontTools|pygments|setuptools)/
-PACKAGE_FOLDERS := $(shell find coopmap_env baselines agents -type d -not -name __pycache__)
+PACKAGE_FOLDERS := $(shell find coopmap coopmap_env baselines agents -type d -not -name __pycache__)
 
 SEEDS := 0 1 2
 # How each policy that ships is trained, beside its seed.
