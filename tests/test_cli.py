@@ -111,6 +111,7 @@ def choices_of(hint):
 def test_options_have_the_choices_of_the_environment_arguments(arguments):
     found, expected = get_type_hints(EnvironmentOptions), get_type_hints(arguments)
     others = {"split", "render_mode", "settings", "scene", "mount", "report_shown"}
+    others.add("max_cycles")  # PettingZoo's name for max_scans
     numbers = {"n_robots", "max_scans"}  # None is the default
     for name in set(expected) - others - numbers:
         assert choices_of(found[name]) == choices_of(expected[name])
