@@ -64,7 +64,7 @@ def run_jobs(
         Jobs at a time, each in a process of its own; 1 runs them in this process unless the backend
         is Ray.
     progress : bool
-        Show a bar (extra ``cli``).
+        Show a bar.
     is_valid : callable
         Whether a stored result can be used; the other ones count as missing.
     backend : {"processes", "ray"}

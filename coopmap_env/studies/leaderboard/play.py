@@ -93,7 +93,7 @@ def submit(
     salt : Salt, optional
         Of private worlds.
     progress : bool
-        Show a bar (extra ``cli``).
+        Show a bar.
 
     Raises
     ------

@@ -84,7 +84,7 @@ def score_file(
     workers : int
         Episodes at a time; the result does not depend on it.
     progress : bool
-        Show a bar (extra ``cli``).
+        Show a bar.
     replays : Path, optional
         Folder in which finished replays are kept, with their efficiencies. They count again as long
         as the episode's record, the modules of coopmap, the versions of libraries and the folder of

@@ -102,7 +102,7 @@ def run_killian(stride: int = 1, progress: bool = False) -> KillianResult:
         Use every `stride`-th scan; 6 is quick and leaves no gap in a corridor. The constants are
         tuned for stride 1: scores of another stride do not compare the maps fairly.
     progress : bool
-        Show a progress bar (extra ``cli``).
+        Show a progress bar.
 
     Raises
     ------

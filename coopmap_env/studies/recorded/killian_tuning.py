@@ -35,7 +35,7 @@ def tune_killian_models(
     stride : int
         Use every `stride`-th scan.
     progress : bool
-        Show progress bars (extra ``cli``).
+        Show progress bars.
 
     Returns
     -------

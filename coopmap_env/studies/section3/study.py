@@ -151,7 +151,7 @@ def run_section3(
     log : callable
         Receives a line of progress.
     progress : bool
-        Show progress bars (extra ``cli``).
+        Show progress bars.
     """
     scene = section3_scene()
     scene_fields = {"name": scene.name, **settings_to_dict(scene)}

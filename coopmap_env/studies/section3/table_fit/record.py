@@ -87,7 +87,7 @@ def fit_table(
     log : callable
         Receives lines of progress.
     progress : bool
-        Show progress bars (extra ``cli``).
+        Show progress bars.
 
     Returns
     -------
