@@ -153,7 +153,9 @@ class MapTrainingConfig(MapTrainingOptions):
     network: MapNetworkSettings
 
     def __post_init__(self) -> None:
-        self._fill_in(USUAL_TRAININGS[checked_value("env_name", self.env_name, EnvName)])
+        self._fill_in(
+            USUAL_TRAININGS[checked_value("MapTrainingConfig.env_name", self.env_name, EnvName)]
+        )
         super().__post_init__()
         if not self.families and not self.scenes:
             raise ValueError("a map network needs families or scenes to learn from, got none")

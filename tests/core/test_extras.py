@@ -18,7 +18,7 @@ def some_missing(monkeypatch):
 def test_extras_are_those_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     declared = set(project["optional-dependencies"])
-    assert declared - {"cli", "notebooks", "all", "dev"} == set(EXTRAS)
+    assert declared - {"cli", "docs", "notebooks", "all", "dev"} == set(EXTRAS)
 
 
 def test_missing_modules_are_found_without_importing_them(some_missing):

@@ -30,7 +30,8 @@ def settings_classes():
     found, checked = [Settings], []
     for kind in found:
         found += kind.__subclasses__()
-        if kind.__module__.startswith("coopmap_") and not issubclass(kind, TaskArguments):
+        is_command = issubclass(kind, TaskArguments) or hasattr(kind, "run")
+        if kind.__module__.startswith("coopmap_") and not is_command:
             checked.append(kind)
     return [kind for kind in checked if fields(kind) and not required(kind)]
 

@@ -2,6 +2,7 @@
 
 from plain.small_worlds import SETTINGS
 
+from coopmap_env.envs import registration
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.families import FAMILIES, Family, worlds
 from coopmap_env.families.freeze import hashes_of
@@ -31,5 +32,6 @@ def with_small_families(monkeypatch, small_families=SMALL_FAMILIES):
     frozen = {}
     for family in small_families:
         monkeypatch.setitem(FAMILIES, family.name, family)
+        monkeypatch.setitem(registration.FAMILIES, family.name, family.env_name.capitalize())
         frozen[family.name] = hashes_of(family, {"test": N_FROZEN})
     monkeypatch.setattr(worlds, "frozen_hashes", frozen.__getitem__)
