@@ -109,7 +109,7 @@ planners: setup
 # The project's own entries on the leaderboard, as far as they are missing, and its page.
 leaderboard: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m coopmap_env.studies.leaderboard docs/leaderboard
-	$(BIN)/coopmap score docs/leaderboard --page docs/leaderboard/index.html
+	$(BIN)/coopmap score docs/leaderboard --page docs/leaderboard/index.html --tables docs/leaderboard/tables.md
 
 # Speed of both engines of training, and their scores after equally long trainings.
 engines: setup
