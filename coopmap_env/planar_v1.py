@@ -34,8 +34,8 @@ Entries of ``infos[agent]``, numbers, after a reset and after each step:
 key                    content
 =====================  =============================================================================
 ``reward_rating``,     every reward term, of the step (this and the next seven are 0 after a
-``reward_information`` reset); ``reward_shown`` only if it is paid or reported
-``reward_coverage``
+``reward_coverage``    reset), ``reward_information`` too; ``reward_shown`` only if it is paid or
+                       reported
 ``rejected_reason``    why the pose was rejected and the camera stayed, a `RejectedReason`; 0 if it
                        was not. `MappingEnv.explain` says it in words
 ``collided``           whether the camera collided with an obstacle that is mapped as free
