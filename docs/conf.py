@@ -21,7 +21,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
 ]
-exclude_patterns = ["leaderboard"]
+exclude_patterns = ["leaderboard/*.json.gz"]
 # Docstrings name code in single backticks: where it is documented, they become links.
 default_role = "py:obj"
 smartquotes = False  # many quotes are code
