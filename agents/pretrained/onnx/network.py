@@ -2,62 +2,26 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopmap_agents.model_files import OnnxFile, read_onnx
-from coopmap_agents.onnx.session import OnnxSession
+from coopmap_agents.onnx_model import OnnxModel
 from coopmap_agents.pretrained.metadata import PolicyMetadata
 from coopmap_agents.pretrained.onnx.file_kind import POLICIES
 
-PolicyFile = OnnxFile[PolicyMetadata]
 
+class OnnxNetwork(OnnxModel[PolicyMetadata]):
+    """A network of a file of `save_policy`; see `LearnedPolicy` for what it decides."""
 
-class OnnxNetwork:
-    """A network of an ONNX file; see `LearnedPolicy` for what it decides.
-
-    Parameters
-    ----------
-    file : OnnxFile
-        From `read_onnx`.
-
-    Raises
-    ------
-    ImportError
-        With the pip command, if ONNX Runtime is not installed.
-    """
-
-    def __init__(self, file: PolicyFile) -> None:
-        self._file = file
-        self._session = OnnxSession(file.content, file.path)
-
-    @classmethod
-    def from_path(cls, path: str | os.PathLike[str]) -> OnnxNetwork:
-        """The network of a file of `save_policy`.
-
-        Raises
-        ------
-        FileError
-            As `read_onnx`, or if ONNX Runtime refuses the file.
-        """
-        return cls(read_onnx(path, POLICIES))
-
-    def __reduce__(self) -> tuple[type[OnnxNetwork], tuple[PolicyFile]]:
-        """A session cannot be sent to another process, its file can."""
-        return OnnxNetwork, (self._file,)
+    KIND = POLICIES
 
     @property
     def observation_shapes(self) -> dict[str, tuple[int, ...]]:
         """Shape of each entry of the observations in training."""
         return self._file.metadata.shapes()
-
-    def weights(self) -> list[NDArray[np.float32]]:
-        """Weights of the actor, in the order of torch."""
-        return list(self._file.weights.values())
 
     def decide(self, rows: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
         """The most probable actions for the observations of n robots.
