@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from math import prod
 from typing import Any, ClassVar, Generic
 
@@ -96,7 +97,7 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
         """Whether it keeps what scans truly show; see the argument `report_shown`."""
         return self._reports_shown
 
-    @property
+    @cached_property
     def info_types(self) -> InfoTypes:
         """Types of the entries of infos; vector environments make arrays of them."""
         names = [name for name in REWARD_TERMS if self.reports_shown or name not in TRUE_TERMS]
@@ -219,8 +220,8 @@ class MappingEnv(ParallelEnv[str, Observation, Any], ABC, Generic[BeliefT]):
 
         A pose that is infeasible on the known map does not move the camera: it scans from where it
         is, and ``infos[agent]["rejected_reason"]`` is why, a `RejectedReason`. Where the map is
-        wrong, the robot
-        collides with what is there and is stopped: ``infos[agent]["collided"]`` is true.
+        wrong, the robot collides with what is there and is stopped: ``infos[agent]["collided"]`` is
+        true.
 
         Raises
         ------
