@@ -49,6 +49,6 @@ class Report:
         runs = {str(folder): load_run(folder) for folder in self.runs}
         joined, notes = join_runs(runs), differences(runs)
         write_report(joined, self.out, f"{', '.join(runs)}", notes)
-        print("\n".join(table_lines(joined.evaluations)))
+        print("\n".join(table_lines(joined)))
         for note in notes:
             log(f"note: {note}")

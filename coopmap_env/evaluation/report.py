@@ -14,10 +14,9 @@ import numpy as np
 
 from coopmap_env.core.extras import import_optional, missing_extras
 from coopmap_env.core.files import write_atomically
-from coopmap_env.evaluation.comparison import Evaluation
 from coopmap_env.evaluation.figures import COLORS, import_pyplot, plot_curves, save_figure
 from coopmap_env.evaluation.saved_run import SavedRun
-from coopmap_env.evaluation.summary import summarize
+from coopmap_env.evaluation.tables import format_interval, markdown_table
 
 REPORT_FILE, FIGURE_FILE = "report.md", "figure.png"
 SHARED = ("id", "scene", "n_robots", "max_scans", "max_time", "split", "mount")
@@ -80,21 +79,17 @@ def differences(runs: Mapping[str, SavedRun]) -> list[str]:
     return notes
 
 
-def table_lines(evaluations: Mapping[str, Evaluation]) -> list[str]:
+def table_lines(run: SavedRun) -> list[str]:
     """The table as Markdown, which terminals show too: means over the worlds [95 % intervals]."""
-    scored = summarize(dict(evaluations), None)
-    tables = {name: evaluation.table for name, evaluation in evaluations.items()}
+    tables = {name: evaluation.table for name, evaluation in run.evaluations.items()}
     columns = [
         column for column in COLUMNS if all(column.score in table for table in tables.values())
     ]
     rows = [["policy", "worlds", *(column.title for column in columns)]]
     for name, table in tables.items():
-        cells = [_cell(scored[name].get(c.score), table[c.score], c) for c in columns]
+        cells = [_cell(run.summary[name].get(c.score), table[c.score], c) for c in columns]
         rows.append([name, str(len(table["seed"])), *cells])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [" | ".join(map(str.ljust, row, widths)) for row in rows]
-    lines.insert(1, "-|-".join("-" * width for width in widths))
-    return [f"| {line} |" if k != 1 else f"|-{line}-|" for k, line in enumerate(lines)]
+    return markdown_table(rows, padded=True).splitlines()
 
 
 def write_report(run: SavedRun, folder: Path, title: str, notes: Sequence[str] = ()) -> list[Path]:
@@ -115,7 +110,7 @@ def write_report(run: SavedRun, folder: Path, title: str, notes: Sequence[str] =
     """
     paths = [folder / REPORT_FILE]
     lines = [f"# {title}", "", "Means over the worlds [95 % bootstrap intervals].", ""]
-    lines += table_lines(run.evaluations)
+    lines += table_lines(run)
     if notes:
         lines += ["", *(f"- {note}" for note in notes)]
     if not missing_extras(["report"]):
@@ -137,14 +132,13 @@ def draw_costs(run: SavedRun, path: Path) -> None:
     label = "% of visible surface covered" if has_surface else "% of world observed"
     figure, axes = import_pyplot().subplots(1, 3, figsize=(15, 4.4), sharey=True)
     plot_curves(axes[0], run.evaluations, run.n_robots, score, label)
-    summary = summarize(run.evaluations, None)
     for axis, cost, text in (
         (axes[1], TIME, "time of a decision of one robot, ms"),
         (axes[2], MOTION, "motion of the team"),
     ):
         for k, (name, evaluation) in enumerate(run.evaluations.items()):
             x, y = (
-                _with_bars(summary[name].get(key), evaluation.table[key], scale)
+                _with_bars(run.summary[name].get(key), evaluation.table[key], scale)
                 for key, scale in ((cost, 1.0), (score, 100.0))
             )
             axis.errorbar(
@@ -172,11 +166,7 @@ def _cell(interval: dict[str, Any] | None, values: Any, column: Column) -> str:
     """A mean with its interval; the mean alone where one world has no interval."""
     if interval is None:
         return f"{column.scale * np.nanmean(values):.{column.digits}f}"
-    mean, low, high = (
-        f"{column.scale * interval['mean'][key]:.{column.digits}f}"
-        for key in ("estimate", "low", "high")
-    )
-    return f"{mean} [{low}, {high}]"
+    return format_interval(interval["mean"], column.scale, column.digits)
 
 
 def _with_bars(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from coopmap_env.core.version import __version__
 from coopmap_env.evaluation.comparison import Evaluation
 from coopmap_env.evaluation.episode import episode_from_dict
 from coopmap_env.evaluation.stored_episode import is_episode
+from coopmap_env.evaluation.summary import summarize
 
 RUN_FILE = "run.json"
 """In the folder of a run."""
@@ -31,6 +33,11 @@ class SavedRun:
     def n_robots(self) -> int:
         """Robots of the team."""
         return int(self.env["n_robots"])
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """Scores of each policy with intervals; see `summarize`."""
+        return summarize(self.evaluations, None)
 
 
 def save_run(run: SavedRun, folder: Path) -> None:

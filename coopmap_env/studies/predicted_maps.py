@@ -25,9 +25,9 @@ from coopmap_env.core.progress import log
 from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, compare, with_efficiencies
 from coopmap_env.evaluation.statistics import bootstrap_mean, bootstrap_paired_difference
+from coopmap_env.evaluation.tables import format_interval, markdown_table
 from coopmap_env.families import get
 from coopmap_env.simulation.scenes import SPLITS
-from coopmap_env.studies.common.pages import format_interval
 
 PREDICTIVE = {
     "predicted map": "predictive",
@@ -100,8 +100,7 @@ def table_text(played: Mapping[str, Mapping[str, Evaluation]]) -> str:
 
     The last column compares with the strongest opponent by the efficiency at the end.
     """
-    titles = ["condition", "policy", *SCORES.values(), "against the strongest planner, points"]
-    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
+    rows = [["condition", "policy", *SCORES.values(), "against the strongest planner, points"]]
     for condition, evaluations in played.items():
         seen = "" if CONDITIONS[condition].is_of_training else " (not trained on)"
         ends = {name: own.table["efficiency"] for name, own in evaluations.items()}
@@ -116,8 +115,8 @@ def table_text(played: Mapping[str, Mapping[str, Evaluation]]) -> str:
             if name in PREDICTIVE:
                 difference = bootstrap_paired_difference(ends[name], ends[strongest], rng)
                 versus = f"{format_interval(difference, 100, 1, sign='+')} ({strongest})"
-            lines.append(f"| {' | '.join([condition + seen, name, *cells, versus])} |")
-    return "\n".join(lines)
+            rows.append([condition + seen, name, *cells, versus])
+    return markdown_table(rows)
 
 
 def page_text(table: str, split: str, n_worlds: int) -> str:

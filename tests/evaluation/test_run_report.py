@@ -57,7 +57,7 @@ def test_a_folder_without_a_run_says_who_writes_one(tmp_path):
 
 
 def test_the_table_has_means_with_intervals(run):
-    head, line, raster, random = table_lines(run.evaluations)
+    head, line, raster, random = table_lines(run)
     assert head.startswith("| policy | worlds | observed, %")
     assert set(line) == {"|", "-"}
     assert raster.startswith("| raster | 3      | 20.00 [20.00, 20.00]")
@@ -66,7 +66,7 @@ def test_the_table_has_means_with_intervals(run):
 
 
 def test_a_single_world_has_no_interval():
-    _, _, row = table_lines({"raster": evaluation(0.0, seeds=[0])})
+    _, _, row = table_lines(SavedRun(ENV, {"raster": evaluation(0.0, seeds=[0])}))
     assert "| 20.00 " in row
     assert "[" not in row
 
@@ -92,7 +92,7 @@ def test_the_report_has_the_table_the_notes_and_the_figure(run, tmp_path):
     assert [path.name for path in paths] == ["report.md", "figure.png"]
     text = (tmp_path / "report.md").read_text()
     assert text.startswith("# a title\n")
-    assert "\n".join(table_lines(run.evaluations)) in text
+    assert "\n".join(table_lines(run)) in text
     assert "- a note\n" in text
     assert "](figure.png)" in text
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from coopmap_env.evaluation.tables import format_interval, markdown_table
 from coopmap_env.studies.benchmark.families import SEARCH_POSES
 from coopmap_env.studies.benchmark.figures import methods_with_baseline
 from coopmap_env.studies.benchmark.verdicts import (
@@ -13,7 +14,6 @@ from coopmap_env.studies.benchmark.verdicts import (
     actions_text,
     headlines,
 )
-from coopmap_env.studies.common.pages import format_interval
 
 Table = list[list[str]]
 """Rows of cells; the first one is the header."""
@@ -109,23 +109,23 @@ def benchmark_text(summary: dict[str, Any]) -> str:
     The verdicts are those on the strongest planner of all families; the report has the others too.
     """
     parts = [f"Note: {note}." for note in summary["notes"]]
-    parts += [caption(part) + "\n\n" + _markdown(main_table(part)) for part in summary["main"]]
+    parts += [caption(part) + "\n\n" + markdown_table(main_table(part)) for part in summary["main"]]
     if summary["verdicts"]:
         parts.append("\n".join(f"- {line}" for line in headlines(summary)))
         strongest = [verdict for verdict in summary["verdicts"] if verdict["is_strongest"]]
-        parts.append(_markdown(verdict_table(strongest)))
+        parts.append(markdown_table(verdict_table(strongest)))
     for sweep in summary["sweeps"]:
         parts.append(
             f"Learned policies minus planners at equal motion, {ENV_LABELS[sweep['env_name']]}, "
             f"{sweep['worlds']} worlds; {training_text(sweep)} have chosen the planners:\n\n"
-            + _markdown(equal_motion_table(sweep))
+            + markdown_table(equal_motion_table(sweep))
         )
     if summary["generalization"]:
         parts.append(
             "Ratio of the area under the coverage curve to that of the planner with the same "
             "actions that was strongest under the first condition on training worlds "
             f"({training_texts(summary['generalization'])}):\n\n"
-            + _markdown(generalization_table(summary["generalization"]))
+            + markdown_table(generalization_table(summary["generalization"]))
         )
     return "\n\n".join(parts) + "\n"
 
@@ -287,9 +287,3 @@ def _table(part: dict[str, Any], columns: tuple[Column, ...]) -> Table:
         name = f"{label} ({runs} training runs)" if runs > 1 else label
         rows.append([name, *(column.cell(method) for column in columns)])
     return rows
-
-
-def _markdown(table: Table) -> str:
-    lines = [f"| {' | '.join(row)} |" for row in table]
-    lines.insert(1, "|" + "---|" * len(table[0]))
-    return "\n".join(lines)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from coopmap_env.evaluation.statistics import Interval
+from coopmap_env.evaluation.tables import format_interval
 from coopmap_env.studies.benchmark.families import SEARCH_POSES
 from coopmap_env.studies.benchmark.methods import (
     ALL_PLANNERS,
@@ -15,7 +16,6 @@ from coopmap_env.studies.benchmark.methods import (
     POSE_MODE,
     verdict_scores,
 )
-from coopmap_env.studies.common.pages import format_interval
 
 SCORE_TEXTS = {
     "coverage_auc": ("area under the coverage curve", 100.0, "points"),

@@ -18,6 +18,7 @@ from coopmap_env.evaluation.bounds import (
     scans_in_time,
 )
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
+from coopmap_env.evaluation.tables import markdown_table
 from coopmap_env.studies.clairvoyant.gap import split_gap
 from coopmap_env.studies.clairvoyant.policy import (
     ClairvoyantGreedy,
@@ -133,9 +134,9 @@ def _ends(worlds: Sequence[Played], name: str) -> NDArray[np.int64]:
 
 def table_lines(table: Mapping[str, Mapping[str, Interval]]) -> list[str]:
     """The table as Markdown."""
-    lines = [f"| policy | {' | '.join(COLUMNS)} |", "|---" * (len(COLUMNS) + 1) + "|"]
+    digits = [".1f", *[".3f"] * (len(COLUMNS) - 2), ".0f"]
+    rows = [["policy", *COLUMNS]]
     for name, row in table.items():
-        digits = [".1f", *[".3f"] * (len(COLUMNS) - 2), ".0f"]
         cells = [f"{row[column]:{own}}" for column, own in zip(COLUMNS, digits, strict=True)]
-        lines.append(f"| {name} | {' | '.join(cells)} |")
-    return lines
+        rows.append([name, *cells])
+    return markdown_table(rows).splitlines()

@@ -1,45 +1,17 @@
-"""Report pages: HTML templates with their pictures inside, and intervals as text."""
+"""Report pages: HTML templates with their pictures inside."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from coopmap_env.core.extras import import_optional
-from coopmap_env.evaluation.statistics import Interval
+from coopmap_env.evaluation.tables import format_interval
 
 STUDIES = Path(__file__).parents[1]
 """Folder of the templates."""
-
-
-def format_interval(
-    values: Interval | Mapping[str, float],
-    scale: float = 1.0,
-    digits: int = 2,
-    bounds: bool = True,
-    sign: str = "",
-) -> str:
-    """An interval as text, such as "9.12 [8.90, 9.33]".
-
-    Parameters
-    ----------
-    values : Interval or mapping
-        An interval, or its JSON values "estimate", "low" and "high".
-    scale : float
-        Factor to the unit of the text, such as 100 for percent.
-    digits : int
-        After the decimal point.
-    bounds : bool
-        Whether to write the bounds after the estimate.
-    sign : str
-        "+" writes the sign of positive numbers too.
-    """
-    numbers = values.as_dict() if isinstance(values, Interval) else values
-    scaled = Interval(**{name: scale * number for name, number in numbers.items()})
-    spec = f"{sign}.{digits}f"
-    return format(scaled, spec) if bounds else format(scaled.estimate, spec)
 
 
 def render_template(template: str, image_folder: Path, **values: Any) -> str:

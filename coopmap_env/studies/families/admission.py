@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from coopmap_env.evaluation.statistics import Interval
-from coopmap_env.studies.common.pages import format_interval
+from coopmap_env.evaluation.tables import format_interval, markdown_table
 from coopmap_env.studies.families.table import Row, Table
 
 MOST_RANDOM, MOST_ONE_STEP, LEAST_BEYOND = 0.40, 0.75, 0.10
@@ -66,18 +66,17 @@ def _best(table: Table, kind: str) -> Row | None:
 
 def admission_text(admissions: Mapping[str, Admission]) -> str:
     """The rule applied to some families, in Markdown, percent and points."""
-    lines = [
-        "| family | random | one step | look-ahead | beyond one step | clairvoyant "
-        "| beyond one step | admitted |",
-        "|---|---|---|---|---|---|---|---|",
+    beyond = "beyond one step"
+    rows = [
+        ["family", "random", "one step", "look-ahead", beyond, "clairvoyant", beyond, "admitted"]
     ]
     for name, own in admissions.items():
         cells = [name, format_interval(own.random, 100, 1), _score_text(own, own.one_step)]
         for row in (own.look_ahead, own.clairvoyant):
             cells += [_score_text(own, row), _beyond(row)]
         cells.append("yes" if own.is_admitted else "no")
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+        rows.append(cells)
+    return markdown_table(rows)
 
 
 def _score_text(own: Admission, row: Row | None) -> str:

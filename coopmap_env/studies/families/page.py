@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from coopmap_env.evaluation.tables import format_interval, markdown_table
 from coopmap_env.families import Family
-from coopmap_env.studies.common.pages import format_interval
 from coopmap_env.studies.families.table import SCANS, Row, Table
 
 
@@ -13,12 +13,10 @@ def table_text(table: Table) -> str:
     """The table in Markdown."""
     titles = ["policy", "kind", *(column.title for column in table.columns)]
     titles += ["decision, ms", "beyond one step, points"]
-    lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-    lines += [_line(table, row) for row in table.rows]
-    return "\n".join(lines)
+    return markdown_table([titles, *(_cells(table, row) for row in table.rows)])
 
 
-def _line(table: Table, row: Row) -> str:
+def _cells(table: Table, row: Row) -> list[str]:
     cells = [
         format_interval(
             row.scores[column.score], column.scale, column.digits, bounds=column is not SCANS
@@ -29,7 +27,7 @@ def _line(table: Table, row: Row) -> str:
     ]
     cells.append("" if row.decision_ms is None else f"{row.decision_ms:.1f}")
     beyond = "" if row.beyond is None else format_interval(row.beyond, 100, 1, sign="+")
-    return f"| {' | '.join([row.name, row.kind, *cells, beyond])} |"
+    return [row.name, row.kind, *cells, beyond]
 
 
 def page_text(

@@ -9,7 +9,8 @@ from urllib.parse import quote
 
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.version import __version__
-from coopmap_env.studies.common.pages import format_interval, render_template
+from coopmap_env.evaluation.tables import format_interval, markdown_table
+from coopmap_env.studies.common.pages import render_template
 from coopmap_env.studies.leaderboard.ranking import Ranking, rank
 from coopmap_env.studies.leaderboard.score import Scored, model_size_texts
 
@@ -56,7 +57,7 @@ def write_tables(path: Path, scored: Sequence[Scored]) -> None:
 def _markdown(ranking: Ranking) -> str:
     first, *others = (column.title for column in ranking.columns)
     titles = ["", "policy", "acts by", first, "behind, points", *others, "decision, ms (reported)"]
-    rows = [titles, ["---"] * len(titles)]
+    rows = [titles]
     for k, (one, behind) in enumerate(zip(ranking.entries, ranking.behind, strict=True)):
         scores = [
             format_interval(one.scores[score], scale, 1) if score in one.scores else "-"
@@ -65,8 +66,7 @@ def _markdown(ranking: Ranking) -> str:
         scores.insert(1, format_interval(behind, 100, 1) if k else "")
         policy, ms = one.submission["policy"], one.submission["reported"]["decision_ms"]
         rows.append([str(k + 1), f"`{policy}`", one.mode, *scores, f"{ms:.3g}"])
-    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    return f"## {ranking.title}\n\n{ranking.text}\n\n{table}"
+    return f"## {ranking.title}\n\n{ranking.text}\n\n{markdown_table(rows)}"
 
 
 def model_texts(one: Scored) -> list[str]:

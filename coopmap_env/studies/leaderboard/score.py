@@ -20,7 +20,7 @@ from coopmap_env.core.source_hash import source_hash
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Job, Result, run_jobs
 from coopmap_env.evaluation.comparison import EFFICIENCY_SCORES
 from coopmap_env.evaluation.statistics import Interval, bootstrap_mean
-from coopmap_env.studies.common.pages import format_interval
+from coopmap_env.evaluation.tables import format_interval
 from coopmap_env.studies.leaderboard.play import remembered_env
 from coopmap_env.studies.leaderboard.private_worlds import Salt, world_seed
 from coopmap_env.studies.leaderboard.replay import ReplayError, replay_episode

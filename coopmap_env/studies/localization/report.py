@@ -11,7 +11,8 @@ from coopmap_env.core.files import write_atomically
 from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.envs.field import FieldSettings
 from coopmap_env.evaluation.figures import save_frame
-from coopmap_env.studies.common.pages import format_interval, render_template
+from coopmap_env.evaluation.tables import format_interval
+from coopmap_env.studies.common.pages import render_template
 from coopmap_env.studies.localization.episodes import render_search
 from coopmap_env.studies.localization.estimator_comparison import N_FIDUCIALS
 from coopmap_env.studies.localization.figures import (

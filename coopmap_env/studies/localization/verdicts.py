@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from coopmap_env.studies.common.pages import format_interval
+from coopmap_env.evaluation.tables import format_interval
 
 ALL_SCANS_RATIO = 3.5
 """Goal: how many times smaller than the encoders' the median position error is, over all scans."""

@@ -17,7 +17,8 @@ from coopmap_env.core.version import __version__
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, summarize
 from coopmap_env.evaluation.figures import draw_coverage_curves, save_frame
 from coopmap_env.evaluation.statistics import bootstrap_mean
-from coopmap_env.studies.common.pages import format_interval, render_template
+from coopmap_env.evaluation.tables import format_interval
+from coopmap_env.studies.common.pages import render_template
 from coopmap_env.studies.field.report import TABLE_SCORES, field_summary, write_field_figures
 from coopmap_env.studies.field.study import FieldStudy
 from coopmap_env.studies.section3 import figures
