@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from coopmap_env.core.choices import unknown
 from coopmap_env.envs.arguments import TaskArguments
-from coopmap_env.envs.registration import FAMILIES
+from coopmap_env.envs.registration import family_env_name
 
 if TYPE_CHECKING:  # what makes an environment takes longer to load than to refuse an option
     from coopmap_env.envs import MappingEnv
@@ -114,9 +114,7 @@ class EnvironmentOptions(TaskArguments):
         """Kind of the environment: "planar" or "field"."""
         if self.family is None:
             return self.env or self.DEFAULT_ENV
-        if self.family not in FAMILIES:
-            raise ValueError(unknown("family", self.family, FAMILIES))
-        return FAMILIES[self.family].lower()
+        return family_env_name(self.family)
 
     def _mount(self) -> str | list[str] | dict[str, Any] | None:
         """The argument `mount`: names, or `MountFields` of a URDF."""
@@ -159,7 +157,6 @@ class EnvironmentOptions(TaskArguments):
 
     def _family_kwargs(self) -> dict[str, Any]:
         """Arguments of the family, and those that it leaves free."""
-        _ = self.env_name  # an unknown family is told before anything is loaded
         from coopmap_env.families import FREE_ARGUMENTS
 
         arguments = self._family().env_kwargs

@@ -5,6 +5,8 @@ from typing import Any
 import gymnasium
 import pettingzoo
 
+from coopmap_env.core.choices import unknown
+
 SEARCH_ARGUMENTS = {"initialization": "search", "motion_correction": "fiducials"}
 """The full method of the paper: robots find the target first, fiducials correct camera poses."""
 ENVS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -23,6 +25,19 @@ FAMILIES = {
     "time": "Field",
 }
 """Kind of world of each benchmark family; see `coopmap_env.families`, which this does not load."""
+
+
+def family_env_name(family: str) -> str:
+    """Kind of the environment of a family: "planar" or "field".
+
+    Raises
+    ------
+    ValueError
+        If there is no such family; with the choices.
+    """
+    if family not in FAMILIES:
+        raise ValueError(unknown("family", family, FAMILIES))
+    return FAMILIES[family].lower()
 
 
 def register_envs() -> None:

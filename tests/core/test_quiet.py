@@ -11,8 +11,8 @@ def test_what_libraries_print_is_dropped_and_the_stream_is_restored(capfd):
 
     with native_stderr_muted():
         os.write(2, b"noise")
-    os.write(2, b"told")
-    assert capfd.readouterr().err == "told"
+    os.write(2, b"printed")
+    assert capfd.readouterr().err == "printed"
 
 
 def test_errors_pass():

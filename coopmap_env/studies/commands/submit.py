@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from coopmap_env.cli.results import new_results_path
-from coopmap_env.core.choices import unknown
 from coopmap_env.core.progress import log
 from coopmap_env.envs.arguments import ActionModeName
-from coopmap_env.envs.registration import FAMILIES
+from coopmap_env.envs.registration import family_env_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,14 +48,12 @@ class Submit:
 
     def extras(self) -> list[str]:
         """Extras of the family."""
-        return ["field"] if FAMILIES.get(self.family) == "Field" else []
+        return ["field"] if family_env_name(self.family) == "field" else []
 
     def run(self) -> None:
         """Play all episodes and write the file."""
         from coopmap_env.evaluation import check_policy
 
-        if self.family not in FAMILIES:
-            raise ValueError(unknown("family", self.family, FAMILIES))
         check_policy(self.policy)
         from coopmap_env.studies.leaderboard.play import submit
         from coopmap_env.studies.leaderboard.private_worlds import read_salt
