@@ -426,6 +426,7 @@ def test_episodes_of_a_packed_submission_are_beside_it(tmp_path):
         ),
         (gzip.compress(b"{}" * 99)[:-12], "not a gzip file that can be read"),
     ],
+    ids=["empty", "text", "no UTF-8", "too large", "cut off"],  # packed bytes hold the time
 )
 def test_what_is_no_packed_submission_is_named(content, message, tmp_path, monkeypatch):
     monkeypatch.setenv("COOPMAP_MAX_BYTES", "100000")
