@@ -7,11 +7,11 @@ weights, as safetensors and as ONNX, and the record of the training as JSON.
 from __future__ import annotations
 
 from importlib.resources import files
-from numbers import Integral
 from pathlib import Path
 from typing import Literal
 
 from coopmap_agents.map_config import usual_environment
+from coopmap_agents.pretrained.library import training_seed
 
 DEFAULT_SEED = 0
 """Not the best one on validation worlds: these differ from seed to seed."""
@@ -43,14 +43,12 @@ def shipped_path(
     ValueError
         With the choices, if there is no network of this seed.
     """
-    chosen, seeds = DEFAULT_SEED if seed is None else seed, shipped_seeds(dimension)
-    is_integer = isinstance(chosen, Integral) and not isinstance(chosen, bool)
-    if not is_integer or chosen not in seeds:  # True and 1.0 equal 1
-        raise ValueError(
-            f"the networks of {usual_environment(dimension)} maps were trained with the seeds "
-            f"{seeds}, got {seed!r:.80}"
-        )
-    return network_file(dimension, int(chosen), file_format)
+    chosen = training_seed(
+        f"the networks of {usual_environment(dimension)} maps were",
+        DEFAULT_SEED if seed is None else seed,
+        shipped_seeds(dimension),
+    )
+    return network_file(dimension, chosen, file_format)
 
 
 def network_file(dimension: int, seed: int, file_format: FileFormat = "safetensors") -> Path:

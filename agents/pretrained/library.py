@@ -8,6 +8,7 @@ learning curves.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from importlib.resources import files
 from numbers import Integral
 from pathlib import Path
@@ -70,10 +71,30 @@ def pretrained_path(
     record = pretrained_record(name)
     if seed is None:
         seed = record["best_seed"]
+    seed = training_seed(f"{name} was", seed, record["seeds"])
+    return _folder() / name / f"seed_{seed}.{file_format}"
+
+
+def training_seed(what: str, seed: Any, seeds: Sequence[int]) -> int:
+    """A seed of trainings, as an integer.
+
+    Parameters
+    ----------
+    what : str
+        What was trained, with its verb, for the message.
+    seed
+    seeds : sequence of int
+        Of all trainings.
+
+    Raises
+    ------
+    ValueError
+        With the seeds, if it is none of them.
+    """
     is_integer = isinstance(seed, Integral) and not isinstance(seed, bool)  # True and 1.0 equal 1
-    if not is_integer or seed not in record["seeds"]:
-        raise ValueError(f"{name} was trained with the seeds {record['seeds']}, got {seed!r:.80}")
-    return _folder() / name / f"seed_{int(seed)}.{file_format}"
+    if not is_integer or seed not in seeds:
+        raise ValueError(f"{what} trained with the seeds {seeds}, got {seed!r:.80}")
+    return int(seed)
 
 
 def find_policy(model: Any, seed: int | None, file_format: FileFormat = "safetensors") -> Path:
