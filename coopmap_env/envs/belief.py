@@ -31,13 +31,6 @@ class Decoded(NamedTuple):
     """The requested pose."""
     rejected_reason: RejectedReason
     """Why the pose is infeasible, so that the camera stays; `NONE` if it is feasible."""
-    details: str = ""
-    """The same in words, with names and figures, where there are some."""
-
-    @property
-    def words(self) -> str:
-        """Why the pose is infeasible; empty if it is feasible."""
-        return self.details or self.rejected_reason.words
 
     @property
     def target(self) -> Any:

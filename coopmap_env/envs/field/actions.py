@@ -16,7 +16,6 @@ from coopmap_env.envs.actions import parse_pose_action
 from coopmap_env.envs.belief import Decoded
 from coopmap_env.envs.field._joint_space import JointSpace
 from coopmap_env.envs.field.belief import FieldBelief
-from coopmap_env.envs.reasons import RejectedReason
 
 
 class FieldPoseMode:
@@ -36,10 +35,7 @@ class FieldPoseMode:
         """The requested joints."""
         robot = belief.agents.index(agent)
         q = self._spaces[robot].denormalize(parse_pose_action(agent, action, self._names[robot]))
-        contact = belief.predicted_contact(robot, q)
-        if contact is None:
-            return Decoded(q, RejectedReason.NONE)
-        return Decoded(q, RejectedReason(RejectedReason.MASKED + contact.kind), str(contact))
+        return Decoded(q, belief.rejected_reason(robot, q))
 
     def encode(
         self, robot: int, pose: NDArray[np.float64], belief: FieldBelief

@@ -13,6 +13,7 @@ from coopmap_env.envs.belief import Belief
 from coopmap_env.envs.field._joint_space import JointSpace
 from coopmap_env.envs.field.reachability import MotionLimits, Reachability
 from coopmap_env.envs.field.team_state import Joints, TeamState
+from coopmap_env.envs.reasons import RejectedReason
 from coopmap_env.geometry import Pose, Spheres
 from coopmap_env.information import (
     CameraPoses,
@@ -24,7 +25,7 @@ from coopmap_env.information import (
     joint_distance,
 )
 from coopmap_env.mapping import OccupancyMap
-from coopmap_env.robots import PoseEstimate, PredictedContact, Vehicle, filter_robot_points
+from coopmap_env.robots import PoseEstimate, Vehicle, filter_robot_points
 from coopmap_env.sensing import PointCloud, RangeNoise
 
 
@@ -108,12 +109,15 @@ class FieldBelief(Belief):
 
     def infeasibility_reason(self, robot: int, q: Joints) -> str:
         """Why this pose is infeasible; empty if it is feasible."""
-        contact = self.predicted_contact(robot, q)
+        contact = self.reachability.predicted_contact(robot, q)
         return "" if contact is None else str(contact)
 
-    def predicted_contact(self, robot: int, q: Joints) -> PredictedContact | None:
-        """See `Reachability.predicted_contact`."""
-        return self.reachability.predicted_contact(robot, q)
+    def rejected_reason(self, robot: int, q: Joints) -> RejectedReason:
+        """The same as a code."""
+        contact = self.reachability.predicted_contact(robot, q)
+        if contact is None:
+            return RejectedReason.NONE
+        return RejectedReason(RejectedReason.MASKED + contact.kind)
 
     def feasible_poses(self, robot: int) -> Joints:
         """See `Reachability.feasible_poses`."""

@@ -171,10 +171,16 @@ class FieldEnv(MappingEnv[FieldBelief]):
     def _advance(self, actions: dict[str, Any]) -> TeamStep[FieldBelief]:
         belief, rng = self._belief, self._rngs.noise
         decoded = [self._actions.decode(agent, action, belief) for agent, action in actions.items()]
+        rejections = [
+            belief.infeasibility_reason(robot, one.pose)
+            if one.rejected_reason and one.pose is not None
+            else one.rejected_reason.words
+            for robot, one in enumerate(decoded)
+        ]
         move = self._move(belief, [one.target for one in decoded], rng)
         self._outcome_words = [
-            {"rejected_reason": one.words, "collided": name}
-            for one, name in zip(decoded, move.collided_with, strict=True)
+            {"rejected_reason": rejection, "collided": name}
+            for rejection, name in zip(rejections, move.collided_with, strict=True)
         ]
         rated = belief.rate_team(move.poses)
         fused = self._fuse_scans(belief.with_poses(move.poses), rng)
