@@ -158,12 +158,12 @@ class MapTrainingConfig(MapTrainingOptions):
         )
         super().__post_init__()
         if not self.families and not self.scenes:
-            raise ValueError("a map network needs families or scenes to learn from, got none")
+            raise ValueError("MapTrainingConfig needs families or scenes to learn from, got none")
         needed = USUAL_TRAININGS[self.env_name].network.dimension
         if self.network.dimension != needed:
             raise ValueError(
-                f"network.dimension must be {needed} for {self.env_name} maps, got "
-                f"{self.network.dimension}"
+                f"MapTrainingConfig.network.dimension must be {needed} for {self.env_name} maps, "
+                f"got {self.network.dimension}"
             )
 
     def _fill_in(self, usual: UsualMapTraining) -> None:
@@ -172,7 +172,7 @@ class MapTrainingConfig(MapTrainingOptions):
             given = {k: v for k, v in vars(network).items() if v is not None}
             object.__setattr__(self, "network", replace(usual.network, **given))
         for option in fields(self):
-            if getattr(self, option.name) is None:
+            if getattr(self, option.name) is None and hasattr(usual, option.name):
                 object.__setattr__(self, option.name, getattr(usual, option.name))
 
     @property

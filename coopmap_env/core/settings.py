@@ -195,11 +195,18 @@ def _to_number(value: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
 def _choice_check(choices: tuple[Any, ...]) -> Check:
     def convert(value: Any) -> Any:
         for choice in choices:
-            if issubclass(type(value), type(choice)) and value == choice:
+            if issubclass(type(value), type(choice)) and _is_equal(value, choice):
                 return choice
         raise _NotAcceptedError
 
     return convert, f"one of {', '.join(map(repr, choices))}"
+
+
+def _is_equal(value: Any, choice: Any) -> bool:
+    try:
+        return bool(value == choice)
+    except Exception:  # an odd subclass that cannot be compared
+        return False
 
 
 def _union_check(checks: list[Check]) -> Check:

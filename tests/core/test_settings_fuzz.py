@@ -24,7 +24,7 @@ WORD = re.compile(r"\w+")
 def settings_classes():
     """All classes of settings, but for those of the commands, which the environment checks."""
     names = [module.name for module in pkgutil.walk_packages(coopmap_env.__path__, "coopmap_env.")]
-    for name in (*names, "coopmap_agents.config"):
+    for name in (*names, "coopmap_agents.config", "coopmap_agents.map_config"):
         if not name.endswith("__main__"):
             importlib.import_module(name)
     found, checked = [Settings], []
