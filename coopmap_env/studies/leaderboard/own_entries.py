@@ -40,10 +40,13 @@ PLANNERS = {
     "frontier-nearest": Entry("frontier:utility=nearest+coordination=sequential"),
     "allocation": Entry("allocation"),
     "tour": Entry("tour"),
+}
+LOOKAHEAD = {
     "lookahead-one": Entry("lookahead:horizon=1"),
     "lookahead": Entry("lookahead"),
     "lookahead-joint": Entry("lookahead:coordination=joint"),
 }
+"""Planar: in the field, a decision takes them 10 s and more."""
 WEIGHING = {
     "lookahead-one-weighing": Entry("lookahead:horizon=1+motion_weight=0.015"),
     "lookahead-weighing": Entry("lookahead:motion_weight=0.02"),
@@ -83,7 +86,7 @@ def entries_of(family: Family) -> dict[str, Entry]:
     entries = {**PLANNERS, **LEARNED[family.env_name]}
     if family.env_name != "planar":
         return entries | SURFACE
-    entries |= MANY_POSES
+    entries |= LOOKAHEAD | MANY_POSES
     if "max_time" in family.budget:
         entries |= WEIGHING
     return entries

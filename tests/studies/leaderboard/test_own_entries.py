@@ -10,6 +10,7 @@ from coopmap_env.studies.leaderboard import __main__ as command
 from coopmap_env.studies.leaderboard import own_entries
 from coopmap_env.studies.leaderboard.own_entries import (
     LEARNED,
+    LOOKAHEAD,
     MANY_POSES,
     PLANNERS,
     SURFACE,
@@ -29,7 +30,7 @@ def small_families():
 
 
 def test_all_planners_can_be_made():
-    for entry in {**PLANNERS, **WEIGHING, **MANY_POSES, **SURFACE}.values():
+    for entry in {**PLANNERS, **LOOKAHEAD, **WEIGHING, **MANY_POSES, **SURFACE}.values():
         make_policy(entry.policy)
 
 
