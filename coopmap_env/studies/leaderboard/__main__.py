@@ -9,8 +9,6 @@ from coopmap_env import families
 from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.studies.leaderboard.own_entries import entries_of, play_missing
 
-PLANAR = [name for name, family in families.FAMILIES.items() if family.env_name == "planar"]
-
 
 def main(arguments: list[str] | None = None) -> None:
     """Play what is missing; `coopmap score` makes the page of it."""
@@ -22,8 +20,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("folder", type=Path, help="of the submissions")
     names = ", ".join(families.FAMILIES)
     parser.add_argument(
-        "--families", nargs="+", default=PLANAR, metavar="NAME",
-        help=f"of {names}; by default the planar ones",
+        "--families", nargs="+", default=list(families.FAMILIES), metavar="NAME",
+        help=f"of {names}; by default all of them",
     )  # fmt: skip
     parser.add_argument("--worlds", type=int, default=20, help="the first ones of the test split")
     parser.add_argument("--workers", type=int, default=1)
