@@ -6,6 +6,8 @@ TORCH ?= torch==2.13.0
 BIN := .venv/bin
 OUT ?= results/section3
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
+SITE = $(shell cd .venv && echo lib/python3.*/site-packages)
+BENCHMARL := benchmarl==1.5.2 torchrl==0.11.1 tensordict==0.11.0
 NEVER_IMPORTED := /(tests?|_inductor|torch/testing|sqlalchemy|debugpy|fontTools|pygments|setuptools)/
 LOADED_FROM_ELSEWHERE := <(script|img|iframe|source)[^>]* src="(https?:)?//|<link[^>]* href="(https?:)?//[^>]*stylesheet|stylesheet"[^>]* href="(https?:)?//|url\([^)]?(https?:)?//
 PACKAGE_FOLDERS := $(shell find coopmap coopmap_env baselines agents -type d -not -name __pycache__)
@@ -28,7 +30,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Plays an episode in each action mode and with planners, in the environments of some ids.
 PLAY := PYTHONPATH=tests $(BIN)/python -P -m plain.golden 1
 
-.PHONY: setup check kernels docs test speed reproduce policies $(POLICIES) map-networks planners leaderboard \
+.PHONY: setup check kernels docs benchmarl test speed reproduce policies $(POLICIES) map-networks planners leaderboard \
 	engines pictures clean
 
 setup: .venv/.package
@@ -73,7 +75,17 @@ test: setup
 	$(MAKE) --no-print-directory --jobs 2 check kernels
 	$(MAKE) --no-print-directory docs
 	$(BIN)/pytest --numprocesses auto --dist worksteal
+	$(MAKE) --no-print-directory benchmarl
 	$(MAKE) --no-print-directory speed
+
+# BenchMARL needs a TorchRL before 0.12: it has an environment of its own, on top of the other.
+benchmarl: setup
+	$(BIN)/python -m venv --without-pip .venv/benchmarl
+	echo "import site; site.addsitedir('$(CURDIR)/.venv/$(SITE)')" > .venv/benchmarl/$(SITE)/above.pth
+	test -d .venv/benchmarl/$(SITE)/benchmarl || $(BIN)/python -m pip install --quiet --no-compile \
+		--disable-pip-version-check --no-deps --target .venv/benchmarl/$(SITE) $(BENCHMARL)
+	.venv/benchmarl/bin/python -P -m pytest tests/agents/test_benchmarl.py \
+		'tests/test_examples.py::test_an_example_runs_without_a_warning[benchmarl_mappo]'
 
 # Steps of this version and of the last commit shared with main, in turns; it decides nothing.
 speed: setup

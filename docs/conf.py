@@ -37,6 +37,7 @@ autosummary_ignore_module_all = False
 toc_object_entries = False
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
+autodoc_mock_imports = ["benchmarl"]  # it needs another TorchRL than the rest
 python_use_unqualified_type_names = True
 
 html_theme = "furo"

@@ -17,9 +17,13 @@ NEEDS = {
     "torchrl_ppo": ("torchrl",),
     "skrl_ippo": ("skrl",),
     "maskable_ppo": ("sb3_contrib",),
+    "benchmarl_mappo": ("benchmarl",),
 }
 """Modules of the extras that an example uses."""
-ARGUMENTS = {"vector_ppo": ["--steps", "1"]}
+ARGUMENTS = {
+    "vector_ppo": ["--steps", "1"],
+    "benchmarl_mappo": ["--frames", "64", "--frames-per-batch", "64", "--worlds", "1"],
+}
 """For examples that take minutes without any."""
 
 

@@ -93,12 +93,11 @@ class ScoringNetwork(nn.Module):
         direct = RATING_GAIN * self.rating_weight * candidates[..., RATING_FEATURE_INDEX]
         return scores + direct, self.value(critic_input)
 
-    def values(
+    def critic_inputs(
         self, candidates: torch.Tensor, mask: torch.Tensor, context: torch.Tensor
     ) -> torch.Tensor:
-        """Values (n, 1) alone."""
-        values: torch.Tensor = self.value(self._encode(candidates, mask, context)[2])
-        return values
+        """What the value is a function of, (n, G + 2 H + S)."""
+        return self._encode(candidates, mask, context)[2]
 
     def _encode(
         self, candidates: torch.Tensor, mask: torch.Tensor, context: torch.Tensor
@@ -223,7 +222,16 @@ class CandidateScorer(ActorCriticPolicy):
 
     def predict_values(self, obs: Observations) -> torch.Tensor:  # type: ignore[override]
         """Values (n, 1) of n observations."""
-        return self.network.values(*self._inputs(obs))
+        return self.value_of(self.critic_inputs(obs))
+
+    def critic_inputs(self, obs: Observations) -> torch.Tensor:
+        """Inputs (n, k) of the critic's layers, of n observations."""
+        return self.network.critic_inputs(*self._inputs(obs))
+
+    def value_of(self, critic_inputs: torch.Tensor) -> torch.Tensor:
+        """Values (n, 1) of inputs (n, k) of the critic's layers."""
+        values: torch.Tensor = self.network.value(critic_inputs)
+        return values
 
     def obs_to_tensor(  # type: ignore[override]
         self, observation: dict[str, np.ndarray]

@@ -132,7 +132,8 @@ class ChannelsLast(nn.Module):
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         """Images (n, channels, height, width), unchanged in value."""
-        return images.contiguous(memory_format=torch.channels_last)
+        # `vmap` has no rule for `contiguous(memory_format=torch.channels_last)`
+        return images.permute(0, 2, 3, 1).contiguous().permute(0, 3, 1, 2)
 
 
 class ByteConv2d(nn.Conv2d):

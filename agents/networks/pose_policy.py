@@ -60,6 +60,17 @@ class PosePolicy(MultiInputActorCriticPolicy):
             self.features_extractor, self.net_arch
         )
 
+    def critic_inputs(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Inputs (n, k) of the critic's layers, of n observations."""
+        features = self.extract_features(obs)
+        assert isinstance(features, torch.Tensor)  # shared by actor and critic
+        return features
+
+    def value_of(self, critic_inputs: torch.Tensor) -> torch.Tensor:
+        """Values (n, 1) of inputs (n, k) of the critic's layers."""
+        values: torch.Tensor = self.value_net(self.mlp_extractor.forward_critic(critic_inputs))
+        return values
+
     def obs_to_tensor(  # type: ignore[override]
         self, observation: dict[str, np.ndarray]
     ) -> tuple[dict[str, torch.Tensor], bool]:

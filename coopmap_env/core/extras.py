@@ -22,6 +22,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "rl": ("torch", "safetensors"),
     "onnx": ("onnxruntime",),
     "ray": ("ray",),
+    "benchmarl": ("benchmarl",),
     "bench": ("mpe2", "psutil"),
     "tuning": ("optuna",),
 }

@@ -69,8 +69,8 @@ def test_what_is_missing_or_on_other_worlds_is_played(tmp_path, monkeypatch):
 
 def test_the_command_fills_a_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(own_entries, "PLANNERS", {"raster": Entry("raster")})
-    monkeypatch.setattr(own_entries, "WEIGHING", {})
-    monkeypatch.setattr(own_entries, "MANY_POSES", {})
+    for planners in ("LOOKAHEAD", "WEIGHING", "MANY_POSES"):
+        monkeypatch.setattr(own_entries, planners, {})
     monkeypatch.setattr(own_entries, "LEARNED", {"planar": {"other": Entry("random")}})
     command.main([str(tmp_path), "--families", "tiny", "hasty", "--worlds", "2"])
     names = [f"{family}_{name}" for family in ("hasty", "tiny") for name in ("other", "raster")]
