@@ -4,14 +4,16 @@
 
     python -m coopmap_agents.map_prediction.export results/map-planar/* results/map-field/*
 
-replaces the networks of the environments of these trainings by theirs, with their records, one for
-each seed, and writes the ONNX files of all networks that ship. See `make map-networks`.
+copies the networks of these trainings, with their records, one for each seed, and writes the ONNX
+files of all networks that ship. Those of other seeds stay if their settings are the same, and are
+removed otherwise. See `make map-networks`.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +23,7 @@ from coopmap_agents.map_prediction.model_file import convert_map_network, load_m
 from coopmap_agents.map_prediction.record import read_record
 from coopmap_agents.map_prediction.training import MODEL_FILE
 from coopmap_agents.record import RECORD_FILE
-from coopmap_env.core.files import FileError, read_bytes, write_atomically
+from coopmap_env.core.files import FileError, read_bytes, read_json, write_atomically
 from coopmap_env.core.settings import settings_from_dict, settings_to_dict
 
 
@@ -56,14 +58,12 @@ def export(folders: Sequence[Path] = ()) -> None:
         exported = [training for training in trainings if training.config.env_name == env_name]
         _check_same_config(exported)
         if exported:
-            for old in network_file(dimension, 0).parent.glob("seed_*"):
-                old.unlink()
+            _remove_others(dimension, exported[0].config)
         for training in exported:
             seed = training.config.seed
             write_atomically(network_file(dimension, seed), training.network)
             write_atomically(network_file(dimension, seed, "json"), training.record)
-        seeds = [training.config.seed for training in exported] or shipped_seeds(dimension)
-        for seed in seeds:
+        for seed in shipped_seeds(dimension):
             path = network_file(dimension, seed)
             convert_map_network(path, path.with_suffix(".onnx"))
 
@@ -80,6 +80,19 @@ def _read(folder: Path) -> _Training:
     return _Training(
         folder, config, read_bytes(folder / MODEL_FILE), read_bytes(folder / RECORD_FILE)
     )
+
+
+def _remove_others(dimension: int, config: MapTrainingConfig) -> None:
+    """Remove the networks that ship and were trained with other settings."""
+    for seed in shipped_seeds(dimension):
+        try:
+            record = read_json(network_file(dimension, seed, "json"))
+            settings = settings_from_dict(record["config"], MapTrainingConfig)
+        except (FileError, ValueError, LookupError, TypeError):
+            settings = None
+        if settings is None or replace(settings, seed=config.seed) != config:
+            for old in network_file(dimension, seed).parent.glob(f"seed_{seed}.*"):
+                old.unlink()
 
 
 def _check_same_config(trainings: Sequence[_Training]) -> None:

@@ -65,6 +65,17 @@ def test_trainings_replace_the_networks_of_their_environment(shipped, tmp_path):
     assert network_file(2, 2, "onnx").read_bytes() == (tmp_path / "map.onnx").read_bytes()
 
 
+def test_networks_of_other_seeds_stay_if_their_settings_are_the_same(shipped, tmp_path):
+    export.export([training(tmp_path / f"{k}", replace(CONFIG, seed=k)) for k in (0, 1)])
+    export.export([training(tmp_path / "2", replace(CONFIG, seed=2))])
+    assert shipped_seeds(2) == [0, 1, 2]
+    network_file(2, 1, "json").write_text('{"config": 3}')
+    export.export([training(tmp_path / "again", replace(CONFIG, seed=2))])
+    assert shipped_seeds(2) == [0, 2]
+    export.export([training(tmp_path / "other", replace(CONFIG, seed=3, episodes=7))])
+    assert shipped_seeds(2) == [3]
+
+
 def test_what_cannot_be_exported_is_named_and_nothing_is_replaced(shipped, tmp_path):
     first = training(tmp_path / "first")
     for name, config, steps, message in (
