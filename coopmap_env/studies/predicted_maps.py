@@ -11,7 +11,6 @@ differences world by world. What was interrupted goes on.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, compare, with_eff
 from coopmap_env.evaluation.statistics import bootstrap_mean, bootstrap_paired_difference
 from coopmap_env.evaluation.tables import format_interval, markdown_table
 from coopmap_env.families import get
-from coopmap_env.simulation.scenes import SPLITS
+from coopmap_env.studies.common.world_options import parse_world_options
 
 PREDICTIVE = {
     "predicted map": "predictive",
@@ -141,18 +140,11 @@ python -m coopmap_env.studies.predicted_maps \\
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Play all conditions, print the table, write the page."""
-    parser = argparse.ArgumentParser(
-        prog="python -m coopmap_env.studies.predicted_maps",
-        description="Planning on predicted maps beside planning without.",
+    options = parse_world_options(
+        "python -m coopmap_env.studies.predicted_maps",
+        "Planning on predicted maps beside planning without.",
+        arguments,
     )
-    parser.add_argument("--split", choices=SPLITS, default="test")
-    parser.add_argument("--worlds", type=int, default=20, help="two or more, from seed 0 on")
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--out", type=Path, required=True, help="folder of episodes and bounds")
-    parser.add_argument("--page", type=Path, help="file of the page")
-    options = parser.parse_args(arguments)
-    if options.worlds < 2:
-        parser.error(f"--worlds must be at least 2, got {options.worlds}")
     played = {
         name: play_condition(condition, options.split, options.worlds, options.out, options.workers)
         for name, condition in CONDITIONS.items()
