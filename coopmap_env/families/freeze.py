@@ -1,4 +1,8 @@
-"""`python -m coopmap_env.families.freeze`: write the hashes of all worlds of families.
+"""The hashes of all worlds of families.
+
+::
+
+    python -m coopmap_env.families.freeze coopmap_env/families/hashes NAME
 
 Only for a family that is new, or that gets a new version: a frozen world does not change.
 """
@@ -10,13 +14,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.core.files import write_atomically
+from coopmap_env.core.files import read_json, write_atomically
 from coopmap_env.core.progress import log
 from coopmap_env.families import FAMILIES, get
 from coopmap_env.families.family import Family
-from coopmap_env.families.worlds import N_WORLDS, definition_hash, world_hash
-
-FOLDER = Path(__file__).parent / "hashes"
+from coopmap_env.families.worlds import COLUMNS, DEFINITIONS, N_WORLDS, definition_hash, world_hash
 
 
 def hashes_of(family: Family, n_worlds: dict[str, int]) -> dict[str, Any]:
@@ -38,12 +40,18 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python -m coopmap_env.families.freeze", description="Hash the worlds of families."
     )
+    parser.add_argument("folder", type=Path, help="of the files, one for each family")
     parser.add_argument("names", nargs="*", default=sorted(FAMILIES), help="default: all")
-    parser.add_argument("--out", type=Path, default=FOLDER, help="folder of the files")
     options = parser.parse_args(arguments)
+    path = options.folder / DEFINITIONS
+    definitions = read_json(path) if path.exists() else {}
     for name in options.names:
-        text = json.dumps(hashes_of(get(name), N_WORLDS), indent=0) + "\n"
-        write_atomically(options.out / f"{name}.json", text)
+        hashes = hashes_of(get(name), N_WORLDS)
+        definitions[name] = hashes["definition"]
+        rows = [(split, seed, own) for split in N_WORLDS for seed, own in enumerate(hashes[split])]
+        text = "".join(f"{','.join(map(str, row))}\n" for row in [COLUMNS, *rows])
+        write_atomically(options.folder / f"{name}.csv", text)
+        write_atomically(options.folder / DEFINITIONS, json.dumps(definitions, indent=1) + "\n")
 
 
 if __name__ == "__main__":

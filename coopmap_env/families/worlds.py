@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 from functools import cache
@@ -17,6 +18,10 @@ from coopmap_env.families.family import Family
 
 N_WORLDS = {"train": 1_000, "validation": 200, "test": 200}
 """Worlds of each split that are frozen; their seeds count from 0."""
+COLUMNS = ("split", "seed", "world_hash")
+"""Of the files of hashes, one for each family; seeds of a split are in turn."""
+DEFINITIONS = "definitions.json"
+"""File beside them with the hash of each family's definition."""
 HASH_DIGITS = 16
 """Hexadecimal digits of a hash: 64 bits."""
 
@@ -51,10 +56,13 @@ def world_hash(env: MappingEnv[Any]) -> str:
 
 @cache
 def frozen_hashes(name: str) -> dict[str, Any]:
-    """The hashes of a family: ``definition``, and a list for each split."""
-    file = resources.files("coopmap_env.families") / "hashes" / f"{name}.json"
-    values: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    return values
+    """The hashes of a family: ``definition``, and a list for each split, in the order of seeds."""
+    folder = resources.files("coopmap_env.families") / "hashes"
+    definitions = json.loads((folder / DEFINITIONS).read_text(encoding="utf-8"))
+    hashes: dict[str, Any] = {"definition": definitions[name]}
+    for row in csv.DictReader((folder / f"{name}.csv").read_text(encoding="utf-8").splitlines()):
+        hashes.setdefault(row["split"], []).append(row["world_hash"])
+    return hashes
 
 
 def n_frozen(family: Family, split: str) -> int:
