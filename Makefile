@@ -110,7 +110,7 @@ map-networks: setup
 		OMP_NUM_THREADS=1 $(BIN)/coopmap train-map --env-name $$env --seed $$seed \
 			--out results/map-$$env/$$seed || exit 1; \
 	done; done
-	$(BIN)/python -m coopmap_agents.map_prediction.export \
+	$(BIN)/python -m coopmap_agents.map_prediction.export agents/map_prediction/models \
 		$(addprefix results/map-planar/,$(MAP_SEEDS)) $(addprefix results/map-field/,$(MAP_SEEDS))
 
 # The strongest planners by training worlds, which `coopmap compare` plays against.

@@ -2,11 +2,11 @@
 
 ::
 
-    python -m coopmap_agents.map_prediction.export results/map-planar/* results/map-field/*
+    python -m coopmap_agents.map_prediction.export agents/map_prediction/models results/map-planar/*
 
-copies the networks of these trainings, with their records, one for each seed, and writes the ONNX
-files of all networks that ship. Those of other seeds stay if their settings are the same, and are
-removed otherwise. See `make map-networks`.
+copies to the first folder the networks of these trainings, with their records, one for each seed,
+and writes the ONNX files of all networks that ship. Those of other seeds stay if their settings are
+the same, and are removed otherwise. See `make map-networks`.
 """
 
 from __future__ import annotations
@@ -36,11 +36,13 @@ class _Training(NamedTuple):
     record: bytes
 
 
-def export(folders: Sequence[Path] = ()) -> None:
+def export(models: Path, folders: Sequence[Path] = ()) -> None:
     """Copy the networks of finished trainings, and write the ONNX files of all that ship.
 
     Parameters
     ----------
+    models : Path
+        Folder of the networks, in the source: the installed files may be copies.
     folders : sequence of Path
         Of `run_map_training`. Those of one environment differ in the seed only.
 
@@ -58,13 +60,13 @@ def export(folders: Sequence[Path] = ()) -> None:
         exported = [training for training in trainings if training.config.env_name == env_name]
         _check_same_config(exported)
         if exported:
-            _remove_others(dimension, exported[0].config)
+            _remove_others(models, dimension, exported[0].config)
         for training in exported:
             seed = training.config.seed
-            write_atomically(network_file(dimension, seed), training.network)
-            write_atomically(network_file(dimension, seed, "json"), training.record)
-        for seed in shipped_seeds(dimension):
-            path = network_file(dimension, seed)
+            write_atomically(network_file(dimension, seed, models=models), training.network)
+            write_atomically(network_file(dimension, seed, "json", models), training.record)
+        for seed in shipped_seeds(dimension, models):
+            path = network_file(dimension, seed, models=models)
             convert_map_network(path, path.with_suffix(".onnx"))
 
 
@@ -82,16 +84,17 @@ def _read(folder: Path) -> _Training:
     )
 
 
-def _remove_others(dimension: int, config: MapTrainingConfig) -> None:
+def _remove_others(models: Path, dimension: int, config: MapTrainingConfig) -> None:
     """Remove the networks that ship and were trained with other settings."""
-    for seed in shipped_seeds(dimension):
+    for seed in shipped_seeds(dimension, models):
+        record_file = network_file(dimension, seed, "json", models)
         try:
-            record = read_json(network_file(dimension, seed, "json"))
+            record = read_json(record_file)
             settings = settings_from_dict(record["config"], MapTrainingConfig)
         except (FileError, ValueError, LookupError, TypeError):
             settings = None
         if settings is None or replace(settings, seed=config.seed) != config:
-            for old in network_file(dimension, seed).parent.glob(f"seed_{seed}.*"):
+            for old in record_file.parent.glob(f"seed_{seed}.*"):
                 old.unlink()
 
 
@@ -108,4 +111,7 @@ def _check_same_config(trainings: Sequence[_Training]) -> None:
 
 
 if __name__ == "__main__":
-    export([Path(argument) for argument in sys.argv[1:]])
+    if len(sys.argv) < 2 or not Path(sys.argv[1]).is_dir():
+        sys.exit("name the folder of the networks, agents/map_prediction/models, then trainings")
+    target, *trainings = map(Path, sys.argv[1:])
+    export(target, trainings)

@@ -19,9 +19,9 @@ DEFAULT_SEED = 0
 FileFormat = Literal["safetensors", "onnx", "json"]
 
 
-def shipped_seeds(dimension: int = 2) -> list[int]:
+def shipped_seeds(dimension: int = 2, models: Path | None = None) -> list[int]:
     """Training seeds of the networks that ship with coopmap for maps of 2 or 3 dimensions."""
-    paths = network_file(dimension, 0).parent.glob("seed_*.safetensors")
+    paths = network_file(dimension, 0, models=models).parent.glob("seed_*.safetensors")
     return sorted(int(path.stem.removeprefix("seed_")) for path in paths)
 
 
@@ -51,7 +51,20 @@ def shipped_path(
     return network_file(dimension, chosen, file_format)
 
 
-def network_file(dimension: int, seed: int, file_format: FileFormat = "safetensors") -> Path:
-    """Where a network that ships has its file; it may not be there."""
-    folder = files("coopmap_agents.map_prediction") / "models" / usual_environment(dimension)
-    return Path(str(folder / f"seed_{seed}.{file_format}"))
+def network_file(
+    dimension: int,
+    seed: int,
+    file_format: FileFormat = "safetensors",
+    models: Path | None = None,
+) -> Path:
+    """Where a network that ships has its file; it may not be there.
+
+    Parameters
+    ----------
+    dimension, seed, file_format
+        As in `shipped_path`.
+    models : Path, optional
+        The folder of all networks, by default that of the installed package.
+    """
+    folder = models or Path(str(files("coopmap_agents.map_prediction") / "models"))
+    return folder / usual_environment(dimension) / f"seed_{seed}.{file_format}"

@@ -25,7 +25,7 @@ def shipped(monkeypatch, tmp_path):
     def place(package):
         return tmp_path / "package"
 
-    monkeypatch.setattr(library, "files", place)
+    monkeypatch.setattr(library, "files", place)  # what is installed is what is exported to
     path = network_file(3, 0)
     path.parent.mkdir(parents=True)
     network_file(2, 0).parent.mkdir()
@@ -52,7 +52,7 @@ def training(folder, config=CONFIG, steps=2):
 
 def test_trainings_replace_the_networks_of_their_environment(shipped, tmp_path):
     folders = [training(tmp_path / f"{k}", replace(CONFIG, seed=k)) for k in (2, 0)]
-    export.export(folders)
+    export.export(shipped / "models", folders)
     names = sorted(str(path.relative_to(shipped / "models")) for path in shipped.rglob("seed_*"))
     assert names == [
         "field/seed_0.onnx", "field/seed_0.safetensors",
@@ -66,13 +66,17 @@ def test_trainings_replace_the_networks_of_their_environment(shipped, tmp_path):
 
 
 def test_networks_of_other_seeds_stay_if_their_settings_are_the_same(shipped, tmp_path):
-    export.export([training(tmp_path / f"{k}", replace(CONFIG, seed=k)) for k in (0, 1)])
-    export.export([training(tmp_path / "2", replace(CONFIG, seed=2))])
+    export.export(
+        shipped / "models", [training(tmp_path / f"{k}", replace(CONFIG, seed=k)) for k in (0, 1)]
+    )
+    export.export(shipped / "models", [training(tmp_path / "2", replace(CONFIG, seed=2))])
     assert shipped_seeds(2) == [0, 1, 2]
     network_file(2, 1, "json").write_text('{"config": 3}')
-    export.export([training(tmp_path / "again", replace(CONFIG, seed=2))])
+    export.export(shipped / "models", [training(tmp_path / "again", replace(CONFIG, seed=2))])
     assert shipped_seeds(2) == [0, 2]
-    export.export([training(tmp_path / "other", replace(CONFIG, seed=3, episodes=7))])
+    export.export(
+        shipped / "models", [training(tmp_path / "other", replace(CONFIG, seed=3, episodes=7))]
+    )
     assert shipped_seeds(2) == [3]
 
 
@@ -85,11 +89,11 @@ def test_what_cannot_be_exported_is_named_and_nothing_is_replaced(shipped, tmp_p
     ):
         other = training(tmp_path / name, config, steps)
         with pytest.raises(ValueError, match=message):
-            export.export([first, other])
+            export.export(shipped / "models", [first, other])
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileError, match=r"empty/training\.json: there is no such file"):
-        export.export([tmp_path / "empty"])
+        export.export(shipped / "models", [tmp_path / "empty"])
     (first / "map.safetensors").write_bytes(b"broken")
     with pytest.raises(FileError, match=r"map\.safetensors was not written by"):
-        export.export([first])
+        export.export(shipped / "models", [first])
     assert network_file(2, 7).read_bytes() == b"an older one"
