@@ -31,6 +31,8 @@ FREE: Color = (252, 252, 250)
 OCCUPIED: Color = (38, 40, 46)
 NEVER_SAMPLED: Color = (143, 160, 184)
 """Distinct from the gray of p = 1/2, and light enough for trails to show."""
+NEW_CELL_COLOR: Color = (255, 196, 61)
+"""Of cells that the last scans brought, in replays."""
 
 _BACKGROUND: Color = (238, 239, 242)
 _TEXT: Color = (45, 48, 56)
