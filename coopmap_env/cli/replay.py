@@ -37,8 +37,7 @@ class Replay(EnvironmentOptions):
     seed: int = 0
     """Seed of the world."""
     efficiency: bool = False
-    """Also show a bound of what any policy can show in the world, and the fraction of it that is
-    shown. It takes seconds. Planar only."""
+    """Compare with a bound of what any policy can show. It takes seconds. Planar only."""
 
     def extras(self) -> list[str]:
         """Extras that the page needs."""
