@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-ZOOM_RATIO = 1.5
+ZOOM_RATIO = 1.25
 """Cells become this much larger from one zoom to the next: few zooms, so that films rarely jump."""
 STEPS_PER_WINDOW = 8
 """A window moves by this fraction of its side, for the same reason."""
@@ -106,12 +106,13 @@ def explored_window(
     sides = np.array([whole.width, whole.height], dtype=np.float64)
     low = np.maximum(box[0] - margin, 0)
     high = np.minimum(box[1] + margin, whole.shape)
+    # a window that moves in steps is up to half a step off the middle, but not at a border
+    is_at_border = (low == 0) | (high == whole.shape)
+    usable = np.where(is_at_border, 1, 1 - 1 / STEPS_PER_WINDOW)
     scale = whole.scale
     for larger in _zooms(whole.scale):
         cells = sides / larger
-        # a window that moves in steps is up to half a step off the middle, on either side
-        fits = high - low <= np.where(cells < whole.shape, 1 - 1 / STEPS_PER_WINDOW, 1) * cells
-        if cells.max() < smallest or not fits.all():
+        if cells.max() < smallest or (high - low > usable * cells).any():
             break
         scale = larger
     cells = sides / scale
@@ -141,5 +142,5 @@ def _bounding_box(
 
 def _zooms(scale: int) -> list[int]:
     """Pixels of a cell, larger and larger."""
-    sizes = np.rint(scale * ZOOM_RATIO ** np.arange(1, 12)).astype(int)
+    sizes = np.rint(scale * ZOOM_RATIO ** np.arange(1, 24)).astype(int)
     return [int(size) for size in np.unique(sizes) if size > scale]
