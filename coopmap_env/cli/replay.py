@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -50,12 +50,14 @@ class Replay(EnvironmentOptions):
                 f"--efficiency needs bounds, which only planar worlds have, not {self.env_name}"
             )
         from coopmap_env.evaluation import make_policy
-        from coopmap_env.evaluation.replay import record_replay, write_replay
+        from coopmap_env.evaluation.replay import PlanarReplay, record_replay, write_replay
 
         policy = make_policy(self.policy)
         env = self.make_env(self.split, report_shown=self.efficiency)
         try:
             replay = record_replay(env, policy, self.seed, efficiency=self.efficiency)
+            if isinstance(replay, PlanarReplay):  # the field's page has no room for the policy
+                replay = replace(replay, title=f"{replay.title}: {self.policy}")
             write_replay(replay, self.out)
         finally:
             env.close()

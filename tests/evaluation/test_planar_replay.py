@@ -255,7 +255,7 @@ def test_the_command_writes_a_planar_page_without_any_extra(tmp_path, monkeypatc
     arguments = ["--env", "planar", "--policy", "random", "--max-scans", "2", "--efficiency"]
     assert main(["replay", *arguments, "--out", str(out)]) in (None, 0)
     data = data_of(out.read_text(encoding="utf-8"))
-    assert data["title"] == "obstacles, world 0 of test"
+    assert data["title"] == "obstacles, world 0 of test: random"
     assert len(data["frames"]) == len(data["bounds"]) == 3
     assert ReplayCommand(out=tmp_path, env="planar").extras() == []
 
