@@ -181,12 +181,12 @@ class EnvironmentOptions(TaskArguments):
             return None
         return get_env_spec(self.env_name).settings_class(physics=self.physics)
 
-    def make_env(self, split: str) -> MappingEnv[Any]:
-        """Make the environment of a split."""
+    def make_env(self, split: str, **arguments: Any) -> MappingEnv[Any]:
+        """Make the environment of a split, with further arguments that are no options."""
         from coopmap_env.evaluation import get_env_spec
 
         return get_env_spec(self.env_name).make(
-            **self.env_kwargs(), split=split, settings=self.settings()
+            **self.env_kwargs(), split=split, settings=self.settings(), **arguments
         )
 
 

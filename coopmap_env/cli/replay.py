@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -14,10 +14,11 @@ from coopmap_env.envs.arguments import SplitName
 
 @dataclass(frozen=True, kw_only=True)
 class Replay(EnvironmentOptions):
-    """Play one field episode and write it as one offline HTML page with a timeline.
+    """Play one episode and write it as one offline HTML page with a timeline.
 
     Such as:
-      coopmap replay
+      coopmap replay --env planar
+      coopmap replay --family crowded --policy frontier --efficiency --out results/crowded.html
       coopmap replay --policy random --scene rubble --n-robots 3 --seed 7 --out results/rubble.html
     """
 
@@ -26,32 +27,37 @@ class Replay(EnvironmentOptions):
 
     out: Path = field(default_factory=partial(new_results_path, "replay", ".html"))
     """The HTML file."""
-    env: Literal["field"] | None = None
-    """Only field episodes have a replay."""
+    env: Literal["planar", "field"] | None = None
+    """3-D (field; default) or 2-D (planar). The former needs the extras field and replay, the
+    latter none."""
     policy: str = "rating_function:search=100"
     """Name with options: name:key=value+key=value."""
     split: SplitName = "test"
     """Split of the world."""
     seed: int = 0
     """Seed of the world."""
+    efficiency: bool = False
+    """Compare with a bound of what any policy can show. It takes seconds. Planar only."""
 
     def extras(self) -> list[str]:
         """Extras that the page needs."""
-        return [*super().extras(), "replay"]
+        return [*super().extras(), *(["replay"] if self.env_name == "field" else [])]
 
     def run(self) -> None:
         """Play the episode and write the file."""
-        if self.env_name != "field":
+        if self.efficiency and self.env_name != "planar":
             raise ValueError(
-                f"only field episodes have a replay, and --family {self.family} is "
-                f"{self.env_name}: choose a family of field worlds"
+                f"--efficiency needs bounds, which only planar worlds have, not {self.env_name}"
             )
         from coopmap_env.evaluation import make_policy
-        from coopmap_env.evaluation.replay import record_replay, write_replay
+        from coopmap_env.evaluation.replay import PlanarReplay, record_replay, write_replay
 
         policy = make_policy(self.policy)
-        env = self.make_env(self.split)
+        env = self.make_env(self.split, report_shown=self.efficiency)
         try:
-            write_replay(record_replay(env, policy, self.seed), self.out)
+            replay = record_replay(env, policy, self.seed, efficiency=self.efficiency)
+            if isinstance(replay, PlanarReplay):  # the field's page has no room for the policy
+                replay = replace(replay, title=f"{replay.title}: {self.policy}")
+            write_replay(replay, self.out)
         finally:
             env.close()

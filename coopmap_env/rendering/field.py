@@ -18,7 +18,16 @@ from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.rendering._overlay import Overlay
 from coopmap_env.rendering._ray_tracing import FrustumTint, RayTracedScene
 from coopmap_env.rendering.meshes import exposed_faces
-from coopmap_env.rendering.panels import NEVER_SAMPLED, Color, robot_color, side_by_side
+from coopmap_env.rendering.panels import (
+    NEVER_SAMPLED,
+    PATH_MARK,
+    Color,
+    frustum_icon,
+    robot_color,
+    robot_marks,
+    side_by_side,
+    tint_icon,
+)
 from coopmap_env.rendering.view_camera import ViewCamera
 from coopmap_env.sensing import DepthCamera
 from coopmap_env.simulation.scenes.field import FieldWorld
@@ -56,6 +65,11 @@ LEGEND = (
     ([NEVER_SAMPLED], "never sampled"),
     ([SAMPLED_FLOOR_COLOR], "free"),
     (HEIGHT_COLORS, f"occupied, 0 to {MAX_COLOR_HEIGHT:g} m"),
+)
+CAMERA_MARKS = (
+    (frustum_icon, "camera"),
+    (tint_icon, "what it sees"),
+    PATH_MARK,
 )
 
 
@@ -157,7 +171,12 @@ def render_field(
         for tint in tints:
             overlay.draw_frustum(tint)
         panels.append(overlay.composite(image))
-    return side_by_side(panels[0], panels[1], LEGEND, caption)
+    n_robots = 1 + max(
+        [*(range(most) if numbers is None else numbers), *(unlocated or {})], default=-1
+    )
+    return side_by_side(
+        panels[0], panels[1], LEGEND, caption, [*robot_marks(n_robots), *CAMERA_MARKS]
+    )
 
 
 def height_colors(heights: ArrayLike) -> NDArray[np.float64]:

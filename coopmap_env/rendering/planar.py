@@ -11,13 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopmap_env.core.extras import import_optional
+from coopmap_env.rendering._planar_window import PlanarWindow, explored_window
 from coopmap_env.rendering.panels import (
     FREE,
     NEVER_SAMPLED,
     OCCUPIED,
+    PATH_MARK,
     Color,
     robot_color,
+    robot_marks,
     side_by_side,
+    wedge_icon,
 )
 
 if TYPE_CHECKING:
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
 
 _PANEL_PIXELS = 600
 LEGEND = (([NEVER_SAMPLED], "never sampled"), ([OCCUPIED], "occupied"), ([FREE], "free"))
+_INSET_FRACTION = 0.27  # of a panel's longer side
 _SMOOTHING = 2  # shapes are drawn this much larger, then averaged down
 
 
@@ -38,6 +43,7 @@ def render_team(
     depth_of_field: float,
     trails: Sequence[ArrayLike] = (),
     caption: str = "",
+    min_window: float | None = None,
 ) -> NDArray[np.uint8]:
     """Draw the truth and the team map side by side, both with the cameras.
 
@@ -59,11 +65,15 @@ def render_team(
         Visited positions of each robot in cells, oldest first.
     caption : str
         Line below the pictures.
+    min_window : float, optional
+        Show only the explored part of a map with more cells along its longer side than this: a
+        window of at least as many, with the whole map in a corner. The whole map by default.
 
     Returns
     -------
     ndarray of uint8 (height, width, 3)
-        RGB. Each panel is about 600 pixels, an integer number of pixels for every cell.
+        RGB. Each panel is about 600 pixels, an integer number of pixels for every cell. The shape
+        depends on that of the map and on the number of robots alone.
 
     Raises
     ------
@@ -77,38 +87,82 @@ def render_team(
     if poses.ndim != 2 or poses.shape[1] != 3:
         raise ValueError(f"poses must have shape (n, 3), got {poses.shape}")
     known = np.where(sampled, probability, 0.5)
+    visited = np.concatenate([poses[:, :2], *(np.reshape(trail, (-1, 2)) for trail in trails)])
+    window = PlanarWindow.whole(truth.shape, _PANEL_PIXELS)
+    if min_window is not None:
+        margin = depth_of_field / 2
+        window = explored_window(sampled, visited, margin, min_window, window)
+    corner = _emptiest_corner(sampled, window)
     panels = []
     for colors in (
         _shade(truth.astype(np.float64)),
         np.where(sampled[..., None], _shade(known), np.array(NEVER_SAMPLED, dtype=np.uint8)),
     ):
-        panel = _Panel(colors)
+        panel = _Panel(colors, window)
         for robot, pose in enumerate(poses):
             panel.draw_view(pose, field_of_view, depth_of_field, robot_color(robot))
         for robot, trail in enumerate(trails):
             panel.draw_trail(np.asarray(trail, dtype=np.float64), robot_color(robot))
         for robot, pose in enumerate(poses):
             panel.draw_camera(pose, robot_color(robot))
+        if not window.is_whole:
+            panel.draw_inset(colors, poses[:, :2], corner)
         panels.append(panel.image)
-    return side_by_side(panels[0], panels[1], LEGEND, caption)
+    marks = [
+        *robot_marks(max(len(poses), len(trails))),
+        (wedge_icon, "field of view"),
+        PATH_MARK,
+    ]
+    return side_by_side(panels[0], panels[1], LEGEND, caption, marks)
 
 
 class _Panel:
-    """One map as an image, and the marks on it; takes positions in cells."""
+    """A window of one map as an image, and the marks on it; takes positions in cells."""
 
-    def __init__(self, colors: NDArray[np.uint8]) -> None:
-        image_module = import_optional("PIL.Image", "render")
-        nx, ny = colors.shape[:2]
-        self.scale = max(1, round(_PANEL_PIXELS / max(nx, ny)))
-        self.ny = ny
-        rows = np.ascontiguousarray(colors.transpose(1, 0, 2)[::-1])
-        self.image: Image = image_module.fromarray(rows).resize(
-            (nx * self.scale, ny * self.scale), image_module.Resampling.NEAREST
+    def __init__(self, colors: NDArray[np.uint8], window: PlanarWindow) -> None:
+        self._window = window
+        self.image = _image_of(colors[window.cells]).resize(
+            window.resized, import_optional("PIL.Image", "render").Resampling.NEAREST
         )
+        left, top = window.cut
+        self.image = self.image.crop((left, top, left + window.width, top + window.height))
 
     def pixels(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Turn (k, 2) positions in cells to pixels, y down."""
-        return np.stack([positions[:, 0], self.ny - positions[:, 1]], axis=1) * self.scale
+        return self._window.pixels(positions)
+
+    def draw_inset(
+        self, colors: NDArray[np.uint8], positions: NDArray[np.float64], corner: tuple[int, int]
+    ) -> None:
+        """Put the whole map into a corner, with the window and the robots on it.
+
+        The corner is (0 or 1 to the right, 0 or 1 down).
+        """
+        window, (nx, ny) = self._window, colors.shape[:2]
+        factor = _inset_size(window, (nx, ny))[0] / nx
+        whole = _image_of(colors).resize(
+            _inset_size(window, (nx, ny)), import_optional("PIL.Image", "render").Resampling.BOX
+        )
+        draw = import_optional("PIL.ImageDraw", "render").Draw(whole)
+        x, y, width, height = (factor * value for value in window.extent)
+        draw.rectangle(
+            (x, factor * ny - y - height, x + width - 1, factor * ny - y - 1),
+            outline=(214, 39, 40), width=2,
+        )  # fmt: skip
+        for robot, (x, y) in enumerate(factor * positions):
+            down = factor * ny - y
+            box = (x - 3, down - 3, x + 3, down + 3)
+            draw.ellipse(box, fill=robot_color(robot), outline=(255, 255, 255))
+        right, down = corner
+        at = (
+            right * (window.width - whole.width - 4) + 2,
+            down * (window.height - whole.height - 4) + 2,
+        )
+        frame = import_optional("PIL.ImageDraw", "render").Draw(self.image)
+        edge = (at[0] - 2, at[1] - 2, at[0] + whole.width + 1, at[1] + whole.height + 1)
+        frame.rectangle(edge, fill=(255, 255, 255))
+        frame.rectangle(edge, outline=(60, 64, 72))
+        self.image.paste(whole, at)
 
     def draw_view(
         self, pose: NDArray[np.float64], field_of_view: float, depth_of_field: float, color: Color
@@ -176,6 +230,37 @@ class _Panel:
         local = [(float(x), float(y)) for x, y in (points - low) * _SMOOTHING]
         draw_mask(import_optional("PIL.ImageDraw", "render").Draw(mask), local)
         self.image.paste(color, (int(low[0]), int(low[1])), mask.reduce(_SMOOTHING))
+
+
+def _image_of(colors: NDArray[np.uint8]) -> "Image":
+    """Colours (nx, ny, 3) as an image, y up."""
+    rows = np.ascontiguousarray(colors.transpose(1, 0, 2)[::-1])
+    image: Image = import_optional("PIL.Image", "render").fromarray(rows)
+    return image
+
+
+def _inset_size(window: PlanarWindow, shape: tuple[int, int]) -> tuple[int, int]:
+    """Pixels of the whole map in a corner."""
+    factor = _INSET_FRACTION * max(window.width, window.height) / max(shape)
+    return max(round(factor * shape[0]), 1), max(round(factor * shape[1]), 1)
+
+
+def _emptiest_corner(sampled: NDArray[np.bool_], window: PlanarWindow) -> tuple[int, int]:
+    """The corner of a panel whose inset would hide the fewest sampled cells."""
+    x, y, width, height = window.extent
+    across, up = (
+        side / window.scale for side in _inset_size(window, (sampled.shape[0], sampled.shape[1]))
+    )
+    hidden = {}
+    for right, down in ((1, 0), (0, 0), (1, 1), (0, 1)):
+        low_x = x + right * (width - across)
+        low_y = y + (1 - down) * (height - up)
+        part = sampled[
+            max(int(low_x), 0) : int(np.ceil(low_x + across)),
+            max(int(low_y), 0) : int(np.ceil(low_y + up)),
+        ]
+        hidden[right, down] = int(part.sum())
+    return min(hidden, key=lambda corner: hidden[corner])
 
 
 def _disc(draw: "ImageDraw", center: tuple[float, float], radius: float, fill: int) -> None:

@@ -244,9 +244,9 @@ def picture(vehicle, **changes):
 
 
 def halves(frame):
-    """Split a picture into the panels of the truth and of the map, without the titles."""
+    """Split a picture into the panels of the truth and of the map, without what is around."""
     middle = frame.shape[1] // 2
-    return frame[36:-36, :middle], frame[36:-36, middle:]
+    return frame[36:-64, :middle], frame[36:-64, middle:]
 
 
 def like(panel, color, tolerance=0.06):
@@ -259,7 +259,7 @@ def like(panel, color, tolerance=0.06):
 def test_a_frame_shows_the_truth_at_the_left_and_the_map_at_the_right(vehicle):
     frame = picture(vehicle)
     assert frame.dtype == np.uint8
-    assert frame.shape == (508, 1248, 3)
+    assert frame.shape == (540, 1248, 3)
     np.testing.assert_array_equal(picture(vehicle), frame)
     left, right = halves(frame)
     assert like(left, (74, 84, 112)) > 1000
@@ -289,7 +289,7 @@ def test_trails_and_captions_are_drawn(vehicle):
     plain, drawn = picture(vehicle), picture(vehicle, trails=[trail], caption="scan 3 of 4 each")
     for before, after in zip(halves(plain), halves(drawn), strict=True):
         assert (before != after).any(axis=-1).sum() > 100
-    assert (plain[-30:] != drawn[-30:]).any()
+    assert (plain[-64:] != drawn[-64:]).any()
 
 
 def test_the_second_robot_keeps_its_colour_when_it_is_alone(vehicle):
@@ -304,6 +304,16 @@ def test_robots_that_are_not_located_are_in_the_truth_alone(vehicle):
     left, right = halves(picture(vehicle, robots=[], cameras=[], unlocated={1: triangles}))
     assert like(left, ROBOT_COLORS[1]) > 500
     assert like(right, ROBOT_COLORS[1]) == 0
+
+
+def test_the_legend_names_all_robots_located_or_not(vehicle):
+    triangles = robot_triangles(vehicle, vehicle.home)
+    both = picture(vehicle, numbers=[1], unlocated={0: triangles})
+    nobody = picture(vehicle, robots=[], cameras=[], numbers=[], unlocated={0: triangles})
+    assert both.shape == nobody.shape
+    for frame, shown in ((both, 2), (nobody, 1)):
+        found = [bool((frame[-28:] == color).all(axis=-1).any()) for color in ROBOT_COLORS[:3]]
+        assert found == [True] * shown + [False] * (3 - shown)
 
 
 def test_the_solids_of_a_world_have_the_colours_of_ground_target_and_others():

@@ -3,6 +3,7 @@ import pytest
 
 from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.envs.planar import PlanarTeamEnv as TeamEnv
+from coopmap_env.evaluation import make_policy, rollout
 from coopmap_env.simulation.scenes.planar import Obstacles
 
 pytest.importorskip("PIL")
@@ -24,6 +25,25 @@ def test_rgb_array_gives_a_picture_that_changes_with_a_scan(make):
     after = env.render()
     assert after.shape == before.shape
     assert (after != before).any()
+
+
+def test_a_large_map_is_shown_as_far_as_it_is_explored_in_pictures_of_one_shape():
+    env = PlanarEnv(render_mode="rgb_array", max_scans=12, n_robots=4)
+    frames = []
+    for _ in rollout(env, make_policy("random"), 0):
+        frames.append(env.render())
+    assert len({frame.shape for frame in frames}) == 1
+    red = [(frame == (214, 39, 40)).all(axis=-1) for frame in frames]
+    widths = [np.ptp(np.nonzero(mask[:, :600])[1]) + 1 for mask in red if mask.any()]
+    assert len(widths) > 1
+    assert widths == sorted(widths)
+    assert widths[0] < 70
+
+
+def test_a_small_map_is_shown_whole():
+    env = PlanarEnv(render_mode="rgb_array", scene=SMALL)
+    env.reset(seed=0)
+    assert not (env.render() == (214, 39, 40)).all(axis=-1).any()
 
 
 def test_the_picture_can_still_be_taken_after_the_end():

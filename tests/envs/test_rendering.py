@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from coopmap_env.rendering import ROBOT_COLORS, HumanWindow, render_team, robot_color
-from coopmap_env.rendering.panels import FREE, NEVER_SAMPLED, OCCUPIED
+from coopmap_env.rendering._planar_window import PlanarWindow, explored_window
+from coopmap_env.rendering.panels import FREE, NEVER_SAMPLED, OCCUPIED, robot_marks
 
 pytest.importorskip("PIL")
 pygame = pytest.importorskip("pygame")
@@ -24,9 +25,9 @@ def picture(nx=20, ny=20, **changes):
 
 
 def halves(frame):
-    """Split a picture into the one of the truth and the one of the map."""
+    """Split a picture, without the legend below, into those of the truth and of the map."""
     middle = frame.shape[1] // 2
-    return frame[:, :middle], frame[:, middle:]
+    return frame[:-28, :middle], frame[:-28, middle:]
 
 
 def center_of(frame, color):
@@ -46,7 +47,7 @@ def test_a_frame_is_an_rgb_image_of_two_panels_of_about_600_pixels():
     assert frame.dtype == np.uint8
     assert frame.ndim == 3
     assert frame.shape[2] == 3
-    assert 600 < frame.shape[0] < 700
+    assert 600 < frame.shape[0] < 720
     assert 1200 < frame.shape[1] < 1300
 
 
@@ -175,6 +176,137 @@ def test_maps_and_poses_of_the_wrong_shape_are_rejected():
         picture(sampled=np.zeros((20, 19), dtype=bool))
     with pytest.raises(ValueError, match=r"poses must have shape \(n, 3\), got \(2,\)"):
         picture(poses=[1.0, 2.0])
+
+
+def test_a_legend_names_the_robots_in_their_colours():
+    poses = [[3.0, 3.0, 0.0], [15.0, 15.0, 0.0], [9.0, 3.0, 0.0]]
+    frame, two = picture(poses=poses), picture(poses=poses[:2])
+    below = frame[36 + 600 + 36 :]
+    for color in ROBOT_COLORS[:3]:
+        assert center_of(below, color)[2] > 50
+    assert not (two[36 + 600 + 36 :] == ROBOT_COLORS[2]).all(axis=-1).any()
+
+
+def test_robots_that_share_a_colour_share_an_entry_of_the_legend():
+    assert [text for _, text in robot_marks(2)] == ["robot_0", "robot_1"]
+    labels = [text for _, text in robot_marks(13)]
+    assert labels[0] == "robots 0, 6, ..."
+    assert labels[1:] == [f"robots {k}, {k + 6}" for k in range(1, 6)]
+    assert [text for _, text in robot_marks(7)][:2] == ["robots 0, 6", "robot_1"]
+
+
+def test_a_legend_that_has_no_room_in_a_row_has_another():
+    poses = np.zeros((6, 3)) + 5.0
+    narrow = picture(30, 60, poses=poses).shape[0] - picture(30, 60).shape[0]
+    wide = picture(60, 60, poses=poses).shape[0] - picture(60, 60).shape[0]
+    assert wide == 0
+    assert 20 < narrow < 40
+
+
+def explored(nx, ny, part, n=200, visited=NOBODY[:, :2], **changes):
+    """The window of a map (n, n) of which nx times ny cells at a corner `part` are sampled."""
+    sampled = np.zeros((n, n), dtype=bool)
+    sampled[part[0] : part[0] + nx, part[1] : part[1] + ny] = True
+    arguments = {"margin": 10.0, "smallest": 60.0} | changes
+    return explored_window(sampled, visited, whole=PlanarWindow.whole((n, n), 600), **arguments)
+
+
+@pytest.mark.parametrize("part", [(0, 0), (90, 40), (170, 170), (0, 185)])
+@pytest.mark.parametrize("side", [3, 15])
+def test_a_window_has_all_that_is_explored_and_stays_on_the_map(part, side):
+    window = explored(side, side, part)
+    x, y, width, height = window.extent
+    assert not window.is_whole
+    assert (window.width, window.height) == (600, 600)
+    assert x >= 0
+    assert y >= 0
+    assert x + width <= 200 + 1e-9
+    assert y + height <= 200 + 1e-9
+    for low, start, extent in ((x, part[0], width), (y, part[1], height)):
+        assert low <= max(start - 10, 0) + 1e-9
+        assert low + extent >= min(start + side + 10, 200) - 1e-9
+    # of 4, 5, 6, 7, 9 and 11 pixels a cell, the most with which 60 cells fit
+    assert window.scale == 9
+
+
+def test_cells_become_smaller_as_more_is_explored():
+    scales = [explored(side, side, (0, 0)).scale for side in (10, 60, 100, 160, 200)]
+    assert scales == sorted(scales, reverse=True)
+    assert scales[0] == 9
+    assert scales[-1] == 3
+    assert explored(200, 200, (0, 0)).is_whole
+
+
+def test_a_window_holds_still_while_little_changes():
+    corners = {explored(20, 20, (90 + k, 90)).extent for k in range(8)}
+    assert len(corners) <= 2
+
+
+def test_a_small_map_is_shown_whole():
+    assert explored(5, 5, (0, 0), n=60).is_whole
+    assert explored(5, 5, (0, 0), smallest=200.1).is_whole
+
+
+def test_a_window_has_all_visited_positions():
+    far = np.array([[150.5, 20.5], [np.nan, np.nan]])
+    window = explored(20, 20, (90, 90), visited=far)
+    x, y, width, height = window.extent
+    assert x <= 90
+    assert x + width >= 150.5
+    assert y <= 20.5
+    assert y + height >= 110
+    nothing = PlanarWindow.whole((200, 200), 600)
+    empty = np.zeros((200, 200), dtype=bool)
+    assert explored_window(empty, NOBODY[:, :2], 10.0, 60.0, nothing) is nothing
+
+
+def zoomed(part=(20, 150), n=200, **changes):
+    """Render a world with one obstacle in the middle of the explored part."""
+    truth, sampled = np.zeros((2, n, n), dtype=bool)
+    x, y = part
+    sampled[x : x + 20, y : y + 20] = True
+    truth[x + 10, y + 10] = True
+    probability = np.where(truth, 1.0, 0.0)
+    maps = {"truth": truth, "probability": probability, "sampled": sampled}
+    return picture(n, n, **(maps | {"min_window": 60.0} | changes))
+
+
+def test_the_explored_part_of_a_large_map_is_shown_larger_in_both_panels():
+    for panel in halves(zoomed()):
+        rows, columns = np.nonzero((panel == OCCUPIED).all(axis=-1))
+        inside = (rows > 40) & (rows < 630)
+        assert np.ptp(rows[inside]) + 1 == np.ptp(columns[inside]) + 1 == 9
+    whole = halves(zoomed(min_window=None))[0]
+    rows, _ = np.nonzero((whole == OCCUPIED).all(axis=-1))
+    assert np.ptp(rows[(rows > 40) & (rows < 630)]) + 1 == 3
+
+
+def test_a_zoom_keeps_the_shape_of_the_picture():
+    assert zoomed().shape == zoomed(min_window=None).shape == zoomed((100, 100)).shape
+
+
+def test_marks_are_where_the_cells_are():
+    position = np.array([[30.5, 160.5]])  # the middle of the obstacle
+    frame = zoomed(poses=[[*position[0], 0.0]])
+    column, row, _ = center_of(halves(zoomed())[0][40:630], OCCUPIED)
+    columns, rows = changed(halves(frame)[0][40:630], halves(zoomed())[0][40:630])
+    near = (np.abs(columns - column) < 8) & (np.abs(rows - row) < 8)
+    assert near.sum() > 150
+
+
+def test_the_whole_map_is_in_a_corner_that_hides_little():
+    frame = zoomed()
+    red = (frame == (214, 39, 40)).all(axis=-1)
+    for panel in halves(red):
+        rows, columns = np.nonzero(panel)
+        # a third of 200 cells, 162 pixels wide
+        assert np.ptp(columns) + 1 == pytest.approx(162 / 3, abs=2)
+        assert np.ptp(rows) + 1 == pytest.approx(162 / 3, abs=2)
+        assert rows.min() < 200
+        assert columns.min() > 300
+    # where the part explored lies in the upper right corner of the map, the inset is elsewhere
+    moved = (zoomed((175, 175)) == (214, 39, 40)).all(axis=-1)
+    assert np.nonzero(halves(moved)[0])[1].min() < 200 or np.nonzero(moved)[0].min() > 400
 
 
 @pytest.fixture

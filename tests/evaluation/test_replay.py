@@ -1,14 +1,12 @@
 import json
-import os
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import find_browser
 
 from coopmap_env.envs.field import FieldEnv
 from coopmap_env.evaluation.replay import Frame, Replay, record_replay, write_replay
@@ -206,26 +204,12 @@ def test_writing_prints_nothing(replay, capsys):
     assert capsys.readouterr().out == ""
 
 
-def browser():
-    """Find a Chromium, or skip."""
-    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-    for name in names:
-        if found := shutil.which(name):
-            return found
-    # where Playwright keeps its own
-    default = Path.home() / ".cache" / "ms-playwright"
-    folder = Path(os.environ.get("PLAYWRIGHT_BROWSERS_PATH", default))
-    for found in sorted(folder.glob("chromium-*/chrome-linux*/chrome"), reverse=True):
-        return str(found)
-    pytest.skip(f"no browser: none of {', '.join(names)} is on the path, nor one of Playwright's")
-
-
 def opened(page, folder, milliseconds):
     """Open a page offline; returns a screenshot (400, 800, 3) and the document after a while."""
     image_module = pytest.importorskip("PIL.Image")
     picture = folder / "shot.png"
     command = [
-        browser(), "--headless=new", "--no-sandbox", "--disable-dev-shm-usage",
+        find_browser(), "--headless=new", "--no-sandbox", "--disable-dev-shm-usage",
         "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
         "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}",
         "--window-size=800,400", f"--virtual-time-budget={milliseconds}",

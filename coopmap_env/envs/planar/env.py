@@ -29,6 +29,8 @@ from coopmap_env.simulation.scenes.planar import PlanarWorld, make_planar_scene
 
 ONE_WORLD = np.zeros(1, dtype=np.int64)
 OBSTACLE = "an obstacle in a cell that is mapped as free"
+VIEWS_PER_WINDOW = 3
+"""Depths of field along the smallest window in which pictures show the explored part of a map."""
 NO_POSES = np.empty((1, 0, 3))
 NO_CHOICES = np.empty((1, 0), dtype=np.int64)
 
@@ -176,16 +178,18 @@ class PlanarEnv(MappingEnv[PlanarBelief]):
     def _render_frame(self) -> NDArray[np.uint8]:
         belief = self.belief()
         map_, grid, poses = belief.map, belief.map.grid, belief.camera_poses
+        depth_of_field = self.settings.camera.depth_of_field / grid.resolution
         return render_team(
             self.truth.occupied,
             map_.probability,
             map_.sampled,
             np.column_stack([grid.to_cell_units(poses[:, :2]), poses[:, 2]]),
             self.settings.camera.field_of_view,
-            self.settings.camera.depth_of_field / grid.resolution,
+            depth_of_field,
             [grid.to_cell_units(np.reshape(trail, (-1, 2))) for trail in self._trails],
             f"{self.scene.name}   scan {self._scans_done} of {self.max_scans} each   "
             f"observed {map_.observed_fraction:.1%}",
+            VIEWS_PER_WINDOW * depth_of_field,
         )
 
 

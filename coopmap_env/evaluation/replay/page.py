@@ -1,7 +1,8 @@
-"""A replay as one HTML page with a timeline: the 3-D scene by viser, the numbers as an overlay.
+"""A field replay as one HTML page with a timeline: the scene by viser, the numbers as an overlay.
 
 viser records what a server would send to its viewers. The page holds that recording and the viewer.
-The overlay reads the time of the timeline and shows the numbers at that time.
+The overlay reads the time of the timeline and shows the numbers at that time. Planar replays have
+a page of their own, `planar_page`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 
 from coopmap_env.core.extras import import_optional
 from coopmap_env.core.files import write_atomically
+from coopmap_env.evaluation.replay.planar_page import render_planar_page
+from coopmap_env.evaluation.replay.planar_recording import PlanarReplay
 from coopmap_env.evaluation.replay.recording import Frame, Replay
 from coopmap_env.mapping import VoxelGrid
 from coopmap_env.rendering import (
@@ -31,6 +34,7 @@ from coopmap_env.rendering import (
     robot_color,
     simplified_links,
 )
+from coopmap_env.rendering.panels import NEW_CELL_COLOR
 from coopmap_env.robots import R_OPTICAL_CAMERA
 
 OVERLAY_TEMPLATE = Path(__file__).with_name("overlay.html")
@@ -41,8 +45,6 @@ POSES_PER_MOTION = 16
 """Drawn positions of a mount between one pose and the next."""
 FRUSTUM_HEIGHT = 0.3
 """Height of a camera's drawn frustum, metres."""
-NEW_VOXEL_COLOR: Color = (255, 196, 61)
-"""Of voxels that became occupied with the last scans."""
 OBSTACLE_COLOR: Color = (150, 146, 140)
 VERTEX_TOLERANCE = 1e-4
 """Metres; corners of triangles that are closer to each other become one vertex."""
@@ -55,15 +57,20 @@ _CUBE_FACES = np.array([
 ])  # fmt: skip
 
 
-def write_replay(replay: Replay, path: Path) -> None:
+def write_replay(replay: Replay | PlanarReplay, path: Path) -> None:
     """Write one HTML page that works offline.
 
     Raises
     ------
     ImportError
-        If viser is not installed (extra "replay").
+        If viser is not installed (extra "replay"), which the field's page needs.
+    ValueError
+        If a planar map is too large for a page.
     """
-    write_atomically(Path(path), render_page(replay))
+    if isinstance(replay, PlanarReplay):
+        write_atomically(Path(path), render_planar_page(replay))
+    else:
+        write_atomically(Path(path), render_page(replay))
 
 
 def render_page(replay: Replay) -> str:
@@ -245,7 +252,7 @@ class _VoxelNodes:
         return self._scene.add_batched_meshes_simple(
             name, _CUBE_VERTICES * self._grid.resolution * 0.96, _CUBE_FACES,
             np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(cells), 4)), centers,
-            batched_colors=np.tile(np.array(NEW_VOXEL_COLOR, dtype=np.uint8), (len(cells), 1)),
+            batched_colors=np.tile(np.array(NEW_CELL_COLOR, dtype=np.uint8), (len(cells), 1)),
             lod="off", flat_shading=True,
         )  # fmt: skip
 
@@ -276,7 +283,7 @@ def _overlay(replay: Replay) -> str:
         "colors": [f"rgb{robot_color(k)}" for k in range(len(replay.vehicles))],
         "heights": [f"rgb{color}" for color in HEIGHT_COLORS],
         "max_height": MAX_COLOR_HEIGHT,
-        "new": f"rgb{NEW_VOXEL_COLOR}",
+        "new": f"rgb{NEW_CELL_COLOR}",
     }
     # within a script, "<" could end it ("</script>") or hide its end ("<!--<script>")
     text = json.dumps(data).replace("<", "\\u003c")

@@ -1,16 +1,21 @@
-"""Episodes of the field environment, recorded frame by frame."""
+"""Episodes recorded frame by frame: `record_replay` for both environments, and the field's frames.
+
+Those of the planar environment are in `planar_recording`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.envs.field import FieldEnv
+from coopmap_env.envs.planar import PlanarEnv
 from coopmap_env.evaluation.policy import Policy
+from coopmap_env.evaluation.replay.planar_recording import PlanarReplay, record_planar_replay
 from coopmap_env.evaluation.rollout import rollout
 from coopmap_env.geometry import Pose
 from coopmap_env.mapping import VoxelGrid
@@ -119,18 +124,50 @@ class Replay:
                 raise ValueError(f"frame {k}: voxel {frame.occupied[-1]} is outside of {self.grid}")
 
 
-def record_replay(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> Replay:
+@overload
+def record_replay(env: FieldEnv, policy: Policy, seed: int, title: str = "") -> Replay: ...
+
+
+@overload
+def record_replay(
+    env: PlanarEnv, policy: Policy, seed: int, title: str = "", efficiency: bool = False
+) -> PlanarReplay: ...
+
+
+def record_replay(
+    env: FieldEnv | PlanarEnv,
+    policy: Policy,
+    seed: int,
+    title: str = "",
+    efficiency: bool = False,
+) -> Replay | PlanarReplay:
     """Play one episode, as `run_episode` does, and record what can be drawn of it.
 
     Parameters
     ----------
-    env : FieldEnv
+    env : FieldEnv or PlanarEnv
     policy : Policy
     seed : int
         Seed of the world.
     title : str
         By default the scene, the seed and the split.
+    efficiency : bool
+        Also bound what can be shown in the world, which takes seconds. Planar only, of an
+        environment with ``report_shown=True``.
+
+    Raises
+    ------
+    ValueError
+        If an efficiency is asked for that the environment does not have.
     """
+    if isinstance(env, PlanarEnv):
+        return record_planar_replay(env, policy, seed, title, efficiency)
+    if efficiency:
+        raise ValueError("an efficiency needs bounds, which only planar worlds have")
+    return _record_field_replay(env, policy, seed, title)
+
+
+def _record_field_replay(env: FieldEnv, policy: Policy, seed: int, title: str) -> Replay:
     steps = rollout(env, policy, seed)
     robots = len(env.possible_agents)
     frames = [_make_frame(env, (0.0,) * robots, ("",) * robots)]
