@@ -137,6 +137,7 @@ def test_options_have_the_choices_of_the_environment_arguments(arguments):
         "submit",
         "score",
         "report",
+        "record",
         "warm-up",
     ],
 )

@@ -17,6 +17,7 @@ KILLED = -9
 LOCK_FILES = (LOCK_FILE, OWNER_FILE)
 EXTRAS = {
     "evaluate": (),
+    "record": ("h5py",),
     "compare": ("matplotlib", "jinja2", "torch"),
     "localization": ("pybullet", "small_gicp", "matplotlib", "jinja2"),
     "reproduce": ("matplotlib", "jinja2", "skimage", "rtbdata"),
@@ -79,6 +80,8 @@ def content(folder):
             header, *rows = (line.split(",") for line in path.read_text().splitlines())
             kept = [i for i, column in enumerate(header) if "_ms" not in column]
             found[name] = [[row[i] for i in kept] for row in rows]
+        elif path.suffix == ".hdf5":
+            found[name] = path.read_bytes()
         elif path.suffix == ".safetensors":
             found[name] = weights(path)
         elif path.is_file() and "tensorboard" not in name and path.name not in LOCK_FILES:

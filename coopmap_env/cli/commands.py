@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 ENTRY_POINT_GROUP = "coopmap.commands"
 BUILTIN_COMMANDS = {
     "evaluate": "coopmap_env.cli.evaluate:Evaluate",
+    "record": "coopmap_env.cli.record:Record",
     "replay": "coopmap_env.cli.replay:Replay",
     "report": "coopmap_env.cli.report:Report",
     "warm-up": "coopmap_env.cli.warm_up:WarmUp",

@@ -19,6 +19,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "paths": ("ompl",),
     "octomap": ("pyoctomap",),
     "replay": ("viser",),
+    "record": ("h5py",),
     "rl": ("torch", "safetensors"),
     "onnx": ("onnxruntime",),
     "ray": ("ray",),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import gymnasium
@@ -15,7 +15,7 @@ from coopmap_env.core.linear_algebra import total
 from coopmap_env.envs.actions import InvalidActionError, to_number_array
 from coopmap_env.envs.belief import Observation
 from coopmap_env.envs.mapping_env import MappingEnv
-from coopmap_env.envs.step_data import Infos
+from coopmap_env.envs.step_data import Infos, InfoTypes
 
 
 class TeamEnv(gymnasium.Env[Observation, Any]):
@@ -49,7 +49,7 @@ class TeamEnv(gymnasium.Env[Observation, Any]):
         """Start an episode; see `MappingEnv.reset`."""
         observations, infos = self.parallel.reset(seed=seed, options=options)
         super().reset(seed=None if seed is None else int(seed))  # after the check of the seed
-        return self._concatenate(observations), self._stack(infos)
+        return self._concatenate(observations), team_info(infos, self.parallel.info_types)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move and scan with all robots; see `MappingEnv.step`.
@@ -77,7 +77,7 @@ class TeamEnv(gymnasium.Env[Observation, Any]):
             total(rewards.values()),
             False,
             truncated,
-            self._stack(infos),
+            team_info(infos, self.parallel.info_types),
         )
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -106,16 +106,23 @@ class TeamEnv(gymnasium.Env[Observation, Any]):
         """See `MappingEnv.close`."""
         self.parallel.close()
 
-    def _concatenate(self, observations: dict[str, Observation]) -> Observation:
-        each = list(observations.values())
-        team = {key: np.concatenate([o[key] for o in each]) for key in each[0]}
+    def _concatenate(self, observations: Mapping[str, Observation]) -> Observation:
+        team = team_observation(observations)
         if "action_mask" in team:
             self._masks = team["action_mask"].astype(np.bool_)
         return team
 
-    def _stack(self, infos: Infos) -> dict[str, NDArray[Any]]:
-        types, each = self.parallel.info_types, infos.values()
-        return {key: np.array([info[key] for info in each], kind) for key, kind in types.items()}
+
+def team_observation(observations: Mapping[str, Observation]) -> Observation:
+    """The observation of a team: each entry of its robots', concatenated."""
+    each = list(observations.values())
+    return {key: np.concatenate([one[key] for one in each]) for key in each[0]}
+
+
+def team_info(infos: Infos, types: InfoTypes) -> dict[str, NDArray[Any]]:
+    """The info of a team: arrays (n_robots,) of the entries of its robots'."""
+    each = infos.values()
+    return {key: np.array([info[key] for info in each], kind) for key, kind in types.items()}
 
 
 def team_observation_space(robots: Sequence[spaces.Dict]) -> spaces.Dict:

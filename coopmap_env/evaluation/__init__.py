@@ -20,7 +20,13 @@ if TYPE_CHECKING:
         with_world_bounds,
         write_episodes,
     )
-    from coopmap_env.evaluation.env_specs import EnvSpec, get_env_spec, make_env, make_vector_env
+    from coopmap_env.evaluation.env_specs import (
+        EnvSpec,
+        get_env_spec,
+        make_env,
+        make_team_env,
+        make_vector_env,
+    )
     from coopmap_env.evaluation.episode import (
         Episode,
         EpisodeRecorder,
@@ -59,6 +65,7 @@ __all__ = [
     "make_env",
     "make_policy",
     "make_surface_evaluator",
+    "make_team_env",
     "make_vector_env",
     "policy_names",
     "policy_rng",

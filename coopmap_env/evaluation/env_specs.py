@@ -126,6 +126,14 @@ def make_env(
     return spec.make(**arguments, settings=_typed(settings, spec))
 
 
+def make_team_env(
+    env_name: str, arguments: dict[str, Any], settings: dict[str, Any] | None
+) -> TeamEnv:
+    """Make an environment of one controller for the whole team from JSON values; see `make_env`."""
+    spec = get_env_spec(env_name)
+    return spec.make_team(**arguments, settings=_typed(settings, spec))
+
+
 def make_vector_env(
     env_name: str,
     n_envs: int,

@@ -32,6 +32,8 @@ class Step(NamedTuple):
     """By robot, after this step."""
     decision_s: float
     """Time that the policy took for all robots, seconds."""
+    next_observations: Mapping[str, Observation]
+    """What came of it, by robot."""
 
 
 def policy_rng(seed: int) -> np.random.Generator:
@@ -93,7 +95,7 @@ def _steps(
             raise RuntimeError(f"{policy!r} changed the map; policies may only read it")
         before = observations
         observations, rewards, _, _, infos = env.step(actions)
-        yield Step(belief, before, actions, rewards, infos, decision_s)
+        yield Step(belief, before, actions, rewards, infos, decision_s, observations)
 
 
 def warm_up(env: MappingEnv[Any], *policies: Policy) -> None:

@@ -45,6 +45,10 @@ def evaluate(out):
     run("evaluate --policies random,raster --episodes 3 --max-scans 2 --workers 2", out)
 
 
+def record(out):
+    run("record --policy random --episodes 3 --max-scans 2 --workers 2", out)
+
+
 def compare(out):
     short = {"n_robots": 2, "max_scans": 2, "split": "test", "reward": "rating"}
     methods = tuple(
@@ -145,6 +149,7 @@ def train_with_rllib(out):
 
 COMMANDS = {
     "evaluate": evaluate,
+    "record": record,
     "compare": compare,
     "localization": study_localization,
     "reproduce": reproduce,
